@@ -1,0 +1,71 @@
+"""The errors of impactlaw: each says what was wrong, where, and what to do about it."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+
+class ImpactLawError(Exception):
+    """Base of every error raised on purpose by this package."""
+
+
+class InvalidCollisionError(ImpactLawError, ValueError):
+    """Mass matrix, Jacobian or velocity are not a collision: wrong shape, not finite, not positive definite."""
+
+
+class RestitutionError(ImpactLawError, ValueError):
+    """A restitution coefficient or matrix is not one: negative, above one, not finite, or of the wrong size."""
+
+
+class UnknownNameError(ImpactLawError, ValueError):
+    """A law, solver, scene or contact name that does not exist; the message names the nearest known ones."""
+
+    def __init__(self, kind: str, name: object, known: Iterable[str]):
+        known = sorted(known)
+        near = difflib.get_close_matches(str(name), known, n=3, cutoff=0.4)
+        hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"known: {', '.join(known)}"
+        super().__init__(f"unknown {kind} {str(name)!r}; {hint}")
+
+
+class UnsolvableLawError(ImpactLawError):
+    """The law has no solution: no velocity reaches the wanted contact velocities of these contacts at once.
+
+    Attributes:
+        contacts: labels of the contacts that conflict.
+        ray: a Farkas ray ``nu >= 0`` with ``J^T nu = 0`` and ``nu^T (gamma^h - gamma-) > 0``, shape (h,).
+    """
+
+    def __init__(self, contacts: Sequence[str], ray: np.ndarray):
+        super().__init__(
+            f"the law has no solution: contacts {', '.join(contacts)} ask for contact velocities that no motion "
+            "has together; give them equal restitution, or drop the redundant contact"
+        )
+        self.contacts = tuple(contacts)
+        self.ray = ray
+
+
+class SolverError(ImpactLawError):
+    """A solver stopped without an answer that its certificate confirms."""
+
+
+class InadmissibleImpactError(ImpactLawError):
+    """The law's outcome leaves the set of possible right-velocities: it would create energy."""
+
+
+class SceneError(ImpactLawError):
+    """A file is not a scene, or the scene holds something that rigid stepping does not cover."""
+
+
+class OverlapError(SceneError):
+    """Geoms overlap at the start of a step by more than the gap tolerance."""
+
+
+class DivergenceError(ImpactLawError):
+    """The simulation left the finite numbers."""
+
+
+class RecordingError(ImpactLawError):
+    """A recording cannot be written, or a file is not a recording of this package."""

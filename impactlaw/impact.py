@@ -1,0 +1,170 @@
+"""An impact: the outcome of a collision, its characteristic entities, and the checks that need only the outcome."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from impactlaw.collision import Collision
+from impactlaw.errors import InvalidCollisionError
+
+SIGNIFICANT = 1e-9
+"""Part of |v-| below which a velocity or a scaled impulse is rounding when signs are asked for."""
+
+
+@dataclass(frozen=True)
+class Violations:
+    """Distances, in the kinetic metric (sqrt(J)), from v+ to the three sets whose intersection is S(v-).
+
+    Attributes:
+        kinematic: to the tangent cone ``{v : J v >= 0}``; positive when contacts penetrate.
+        kinetic: to ``v- + M^-1 J^T Lambda, Lambda >= 0``; positive when contacts pull, or something else acted.
+        energetic: to the ball ``|v| <= |v-|``; positive when kinetic energy grew.
+        pre_speed: ``|v-|``, the scale that `is_admissible` compares with.
+    """
+
+    kinematic: float
+    kinetic: float
+    energetic: float
+    pre_speed: float
+
+    def is_admissible(self, tol: float = 1e-9) -> bool:
+        """Whether no violation exceeds ``tol`` times ``|v-|``."""
+        return max(self.kinematic, self.kinetic, self.energetic) <= tol * self.pre_speed
+
+
+@dataclass(frozen=True, eq=False)
+class Impact:
+    """Velocity after a collision and the impulse that leads there, ``M (v+ - v-) = J^T Lambda``.
+
+    All entities are those of Aeberhard and Glocker, "Perfect multi-contact collisions".
+
+    Attributes:
+        collision: what collided.
+        post_velocity: ``v+``, shape (nv,).
+        impulse: ``Lambda``, shape (h,), N s; the one of least Euclidean norm where contacts are redundant.
+        target_contact_velocity: ``gamma^h`` of the law that decided, shape (h,), m/s; None for an observed outcome.
+    """
+
+    collision: Collision
+    post_velocity: np.ndarray
+    impulse: np.ndarray
+    target_contact_velocity: np.ndarray | None = None
+
+    @classmethod
+    def observed(cls, collision: Collision, post_velocity: ArrayLike) -> Impact:
+        """Audit an outcome that came from anywhere: a measurement, another engine, MuJoCo itself.
+
+        The impulse is the one, of least norm, that comes nearest to the velocity jump in the kinetic metric,
+        ``min |v+ - v- - M^-1 J^T Lambda|, Lambda >= 0``; what is left over is ``violations.kinetic``.
+
+        Raises:
+            InvalidCollisionError: post_velocity has the wrong shape or entries that are not finite.
+        """
+        from impactlaw.solvers import nonnegative_combination
+
+        v = np.array(post_velocity, dtype=float)
+        if v.shape != collision.pre_velocity.shape or not np.isfinite(v).all():
+            raise InvalidCollisionError(
+                f"post_velocity must be finite with shape {collision.pre_velocity.shape}, got {v.shape}"
+            )
+        jump = collision.metric.whiten(v - collision.pre_velocity)
+        return cls(collision, v, nonnegative_combination(collision.whitened_jacobian, jump))
+
+    @cached_property
+    def whitened_jump(self) -> np.ndarray:
+        """``R^T (v+ - v-)``, shape (nv,)."""
+        return self.collision.metric.whiten(self.post_velocity - self.collision.pre_velocity)
+
+    @cached_property
+    def post_contact_velocity(self) -> np.ndarray:
+        """``gamma+ = J v+``, shape (h,), m/s."""
+        return self.collision.jacobian @ self.post_velocity
+
+    @cached_property
+    def mean_contact_velocity(self) -> np.ndarray:
+        """``(gamma- + gamma+) / 2``, shape (h,), m/s."""
+        return 0.5 * (self.collision.pre_contact_velocity + self.post_contact_velocity)
+
+    @cached_property
+    def intensity(self) -> float:
+        """``rho = |v+ - v-|`` in the kinetic metric, sqrt(J)."""
+        return float(np.linalg.norm(self.whitened_jump))
+
+    @cached_property
+    def induced_impulse(self) -> float:
+        """``|Lambda|_1``, N s: the impulse of the one-point collision on the induced contact."""
+        return float(np.abs(self.impulse).sum())
+
+    @cached_property
+    def topology(self) -> np.ndarray:
+        """``alpha = Lambda / |Lambda|_1``, shape (h,); zeros when nothing collided."""
+        total = self.induced_impulse
+        return self.impulse / total if total > 0 else np.zeros_like(self.impulse)
+
+    @cached_property
+    def induced_gradient(self) -> np.ndarray:
+        """``alpha^T J``, shape (nv,): gradient of the induced contact ``g_alpha = sum alpha_i g_i``."""
+        return self.topology @ self.collision.jacobian
+
+    @cached_property
+    def energy_change(self) -> float:
+        """``T+ - T-``, J; equals ``Lambda^T`` times the mean contact velocity when the impulses explain the jump."""
+        return float(self.whitened_jump @ (self.collision.whitened_velocity + 0.5 * self.whitened_jump))
+
+    @cached_property
+    def antidissipative(self) -> np.ndarray:
+        """Contacts that gave energy, ``Lambda_i gamma_bar_i > 0``, bool (h,); both factors must exceed rounding."""
+        scale = self.collision.gradient_norms
+        smallest = SIGNIFICANT * self.collision.pre_speed
+        return (self.impulse * scale > smallest) & (self.mean_contact_velocity > smallest * scale)
+
+    @property
+    def has_distant_effect(self) -> bool:
+        """Whether any contact is antidissipative: energy reached it from elsewhere."""
+        return bool(self.antidissipative.any())
+
+    @cached_property
+    def violations(self) -> Violations:
+        """How far v+ is outside of each of the three sets whose intersection is S(v-)."""
+        from impactlaw.solvers import nonnegative_combination
+
+        c = self.collision
+        Y, z = c.whitened_jacobian, c.whitened_velocity + self.whitened_jump
+        kinematic = 0.0
+        if (self.post_contact_velocity < 0).any():
+            kinematic = float(np.linalg.norm(nonnegative_combination(Y, -z) @ Y))
+        impulse = self.impulse
+        if (impulse < 0).any():
+            impulse = nonnegative_combination(Y, self.whitened_jump)
+        kinetic = float(np.linalg.norm(self.whitened_jump - impulse @ Y))
+        speeds = float(np.linalg.norm(z)) + c.pre_speed
+        energetic = max(0.0, 2.0 * self.energy_change / speeds) if speeds > 0 else 0.0
+        return Violations(kinematic, kinetic, energetic, c.pre_speed)
+
+    @cached_property
+    def residual(self) -> float:
+        """Certificate of the outcome, relative to ``|v-|``, from v+, Lambda and the collision alone.
+
+        The largest of ``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm) and, per contact, the negative part of
+        ``Lambda_i sqrt(G_ii)`` and, when a law decided, the natural map of its complementarity
+        ``0 <= Lambda_i  ⊥  gamma+_i - gamma^h_i >= 0``, ``min(Lambda_i sqrt(G_ii), (gamma+_i - gamma^h_i) / sqrt(G_ii))``.
+        """
+        c = self.collision
+        error = float(np.linalg.norm(self.whitened_jump - self.impulse @ c.whitened_jacobian))
+        scale = c.gradient_norms
+        scaled_impulse = self.impulse * scale
+        if self.target_contact_velocity is not None:
+            slack = self.post_contact_velocity - self.target_contact_velocity
+            moving = scale > 0
+            if not moving.all():
+                largest = np.abs(self.target_contact_velocity).max()
+                if (slack[~moving] < -1e-12 * largest).any():
+                    return np.inf
+            natural = np.minimum(scaled_impulse[moving], slack[moving] / scale[moving])
+            error = max(error, float(np.abs(natural).max(initial=0.0)))
+        error = max(error, float(-scaled_impulse.min(initial=0.0)))
+        return error / c.pre_speed if c.pre_speed > 0 else error

@@ -1,0 +1,24 @@
+"""The impact laws, one file each."""
+
+from impactlaw.laws.base import Law, RestitutionLaw, Target, energy_gain
+from impactlaw.laws.fremond import Fremond, Reversal
+from impactlaw.laws.linear_map import LinearMap
+from impactlaw.laws.maximal_dissipation import MaximalDissipation
+from impactlaw.laws.moreau import Moreau
+from impactlaw.laws.newton import Newton
+from impactlaw.laws.registry import LAWS, make_law
+
+__all__ = [
+    "LAWS",
+    "Fremond",
+    "Law",
+    "LinearMap",
+    "MaximalDissipation",
+    "Moreau",
+    "Newton",
+    "RestitutionLaw",
+    "Reversal",
+    "Target",
+    "energy_gain",
+    "make_law",
+]

@@ -1,0 +1,129 @@
+"""What a law is: the contact velocities it aims at, and the impulse that its complementarity then demands."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from impactlaw.collision import Collision
+from impactlaw.errors import RestitutionError
+from impactlaw.impact import Impact
+from impactlaw.solvers import Problem, solve
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """The contact velocities a law aims at.
+
+    Attributes:
+        contact_velocity: ``gamma^h``, shape (h,), m/s.
+        velocity: a velocity u with ``J u = gamma^h`` where the law knows one, shape (nv,).
+    """
+
+    contact_velocity: np.ndarray
+    velocity: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Law(ABC):
+    """An impact law ``0 <= Lambda  ⊥  gamma+ - gamma^h >= 0``, ``v+ = v- + M^-1 J^T Lambda``.
+
+    A law is a frozen dataclass with one method, `target`, which gives ``gamma^h``
+    (Aeberhard and Glocker, "Perfect multi-contact collisions", extended Newton impact law).
+    """
+
+    @abstractmethod
+    def target(self, collision: Collision) -> Target:
+        """Return ``gamma^h`` for this collision."""
+
+    def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
+        """Return the impact this law makes of the collision.
+
+        Args:
+            collision: what collides.
+            solver: a name from `impactlaw.solvers.SOLVERS`, or "auto".
+
+        Raises:
+            RestitutionError: the law's coefficients do not fit the number of contacts.
+            UnsolvableLawError: no velocity satisfies the law; the message names the contacts that conflict.
+            SolverError: no solver's answer passed its certificate.
+        """
+        target = self.target(collision)
+        wanted = np.asarray(target.contact_velocity, dtype=float)
+        preimage = None
+        if target.velocity is not None:
+            preimage = collision.metric.whiten(target.velocity - collision.pre_velocity)
+        Y = collision.whitened_jacobian
+        problem = Problem(Y, wanted - collision.pre_contact_velocity, preimage)
+        impulse = solve(problem, collision.labels, solver=solver)
+        post = collision.pre_velocity + collision.metric.unwhiten(impulse @ Y)
+        return Impact(collision, post, impulse, wanted)
+
+
+class RestitutionLaw(Law):
+    """A law with a restitution matrix: ``gamma^h = -E gamma-``."""
+
+    @abstractmethod
+    def restitution_matrix(self, collision: Collision) -> np.ndarray:
+        """Return ``E``, shape (h, h), for the contacts of this collision."""
+
+    def target(self, collision: Collision) -> Target:
+        """Return ``gamma^h = -E gamma-``."""
+        return Target(-self.restitution_matrix(collision) @ collision.pre_contact_velocity)
+
+
+def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:
+    """Largest factor by which ``E`` can change the energy of the contacts' motion, over every ``gamma-``.
+
+    With all contacts active, E is dissipative for every ``gamma-`` iff ``E^T G^-1 E <= G^-1``, that is iff this
+    number, the largest eigenvalue of ``G E^T G^-1 E``, is at most 1; an isometry (elastic law) has 1. With
+    redundant contacts the range of J takes the place of all ``gamma-``.
+
+    Raises:
+        RestitutionError: E has the wrong shape or entries that are not finite.
+    """
+    E = square_matrix(restitution_matrix)
+    if len(E) != len(collision.labels):
+        raise RestitutionError(f"restitution matrix is {E.shape} for {len(collision.labels)} contacts")
+    if len(E) == 0:
+        return 0.0
+    U, s, _ = np.linalg.svd(collision.whitened_jacobian, full_matrices=False)
+    rank = int(np.count_nonzero(s > 1e-11 * s[0])) if s[0] > 0 else 0
+    U, s = U[:, :rank], s[:rank]
+    return float(np.linalg.norm((U.T @ E @ (U * s)) / s[:, None], 2) ** 2) if rank else 0.0
+
+
+def coefficient(value: object, name: str = "restitution") -> float:
+    """Return ``value`` as a coefficient of restitution in [0, 1].
+
+    Raises:
+        RestitutionError: not a number, NaN, negative or above one.
+    """
+    try:
+        number = float(value)  # pyright: ignore[reportArgumentType]
+    except (TypeError, ValueError):
+        raise RestitutionError(f"{name} must be a number in [0, 1], got {value!r}") from None
+    if not 0.0 <= number <= 1.0:
+        raise RestitutionError(f"{name} must lie in [0, 1], got {number}")
+    return number
+
+
+def square_matrix(value: ArrayLike, name: str = "restitution matrix") -> np.ndarray:
+    """Return ``value`` as a read-only, finite, square array.
+
+    Raises:
+        RestitutionError: it is not one.
+    """
+    try:
+        matrix = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise RestitutionError(f"{name} must be a square array of numbers, got {value!r}") from None
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+        raise RestitutionError(f"{name} must be square, got shape {matrix.shape}")
+    if not np.isfinite(matrix).all():
+        raise RestitutionError(f"{name} has entries that are not finite")
+    matrix.flags.writeable = False
+    return matrix

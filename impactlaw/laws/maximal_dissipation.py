@@ -1,0 +1,23 @@
+"""The point of maximal dissipation, E = 0."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from impactlaw.collision import Collision
+from impactlaw.laws.base import RestitutionLaw, Target
+
+
+@dataclass(frozen=True)
+class MaximalDissipation(RestitutionLaw):
+    """``E = 0``: v+ is the point of S(v-) of least energy, the projection of v- onto the tangent cone."""
+
+    def restitution_matrix(self, collision: Collision) -> np.ndarray:
+        """Return zeros, shape (h, h)."""
+        return np.zeros((len(collision.labels),) * 2)
+
+    def target(self, collision: Collision) -> Target:
+        """Return ``gamma^h = 0``, the contact velocities of ``u = 0``."""
+        return Target(np.zeros(len(collision.labels)), np.zeros_like(collision.pre_velocity))

@@ -1,0 +1,76 @@
+"""Laws by name, for gym.make, the command line and sweeps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from impactlaw.errors import RestitutionError, UnknownNameError
+from impactlaw.laws.base import Law
+from impactlaw.laws.fremond import Fremond, Reversal
+from impactlaw.laws.maximal_dissipation import MaximalDissipation
+from impactlaw.laws.moreau import Moreau
+from impactlaw.laws.newton import Newton
+
+
+def _maximal_dissipation(restitution: Any) -> Law:
+    if restitution is not None and restitution != 0:
+        raise RestitutionError(f"law 'maximal-dissipation' has restitution 0, got {restitution!r}; leave it out")
+    return MaximalDissipation()
+
+
+def _moreau(restitution: Any) -> Law:
+    return Moreau(_required("moreau", restitution))
+
+
+def _newton(restitution: Any) -> Law:
+    return Newton(_required("newton", restitution))
+
+
+def _fremond(restitution: Any) -> Law:
+    if restitution is not None and not isinstance(restitution, Mapping) and np.ndim(restitution) == 0:
+        raise RestitutionError("law 'fremond' needs a restitution matrix; 'reversal' takes a single coefficient")
+    return Fremond(_required("fremond", restitution))
+
+
+def _reversal(restitution: Any) -> Law:
+    return Reversal() if restitution is None else Reversal(restitution)
+
+
+LAWS: dict[str, Callable[[Any], Law]] = {
+    "maximal-dissipation": _maximal_dissipation,
+    "moreau": _moreau,
+    "newton": _newton,
+    "fremond": _fremond,
+    "reversal": _reversal,
+}
+"""The registry: a new law is one file and one line here."""
+
+
+def make_law(name: str | Law, restitution: Any = None) -> Law:
+    """Return the law of that name.
+
+    Args:
+        name: "maximal-dissipation", "moreau", "newton", "fremond" or "reversal"; a `Law` is returned as it is.
+        restitution: what the law takes: a coefficient (moreau, reversal), one or several or keyed ones (newton),
+            a matrix or a keyed one (fremond), nothing (maximal-dissipation).
+
+    Raises:
+        UnknownNameError: no such law; the message names the nearest ones.
+        RestitutionError: the restitution is missing, superfluous or not in range.
+    """
+    if isinstance(name, Law):
+        if restitution is not None:
+            raise RestitutionError(f"{name!r} already has its restitution; leave restitution={restitution!r} out")
+        return name
+    if name not in LAWS:
+        raise UnknownNameError("law", name, LAWS)
+    return LAWS[name](restitution)
+
+
+def _required(name: str, restitution: Any) -> Any:
+    if restitution is None:
+        raise RestitutionError(f"law {name!r} needs a restitution")
+    return restitution

@@ -1,0 +1,78 @@
+"""The kinetic metric: norm and inner product of the mass matrix, ``<u, v> = u^T M v``."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import LinAlgError, cholesky, solve_triangular
+
+from impactlaw.errors import InvalidCollisionError
+
+_SYMMETRY = 1e-10  # relative asymmetry of M above which it is taken for a mistake, not for rounding
+
+
+class KineticMetric:
+    """The mass matrix and its factor ``M = R R^T``, which turns the kinetic metric into the Euclidean one.
+
+    ``whiten(v) = R^T v`` has ``|whiten(v)| = sqrt(v^T M v)``; gradients go the other way, so that
+    ``whiten_gradients(J) @ whiten(v) = J v`` and ``Y Y^T = J M^-1 J^T`` for ``Y = whiten_gradients(J)``.
+    Working with ``Y`` instead of ``G = Y Y^T`` keeps half of the digits that forming ``G`` would lose.
+
+    Args:
+        mass_matrix: symmetric positive definite, shape (nv, nv).
+
+    Raises:
+        InvalidCollisionError: not square, not finite, not symmetric or not positive definite.
+    """
+
+    def __init__(self, mass_matrix: ArrayLike):
+        M = np.array(mass_matrix, dtype=float)
+        if M.ndim != 2 or M.shape[0] != M.shape[1] or M.shape[0] == 0:
+            raise InvalidCollisionError(f"mass_matrix must be square and not empty, got shape {M.shape}")
+        if not np.isfinite(M).all():
+            raise InvalidCollisionError("mass_matrix has entries that are not finite")
+        diagonal = M.diagonal()
+        if (diagonal <= 0).any():
+            i = int(np.argmin(diagonal))
+            raise InvalidCollisionError(f"mass_matrix is not positive definite: entry ({i}, {i}) is {diagonal[i]}")
+        self._scale = None
+        self._factor = None
+        if np.count_nonzero(M) == len(M):
+            self._scale = np.sqrt(diagonal)
+        else:
+            self._factor = _factor(M)
+        M.flags.writeable = False
+        self.mass_matrix = M
+
+    def whiten(self, velocity: np.ndarray) -> np.ndarray:
+        """Return ``R^T v`` for one velocity (nv,) or several (n, nv)."""
+        if self._scale is not None:
+            return velocity * self._scale
+        return velocity @ self._factor
+
+    def unwhiten(self, z: np.ndarray) -> np.ndarray:
+        """Return ``R^-T z``, the inverse of `whiten`, for one vector (nv,) or several (n, nv)."""
+        if self._scale is not None:
+            return z / self._scale
+        return solve_triangular(self._factor, z.T, trans="T", lower=True, check_finite=False).T
+
+    def whiten_gradients(self, jacobian: np.ndarray) -> np.ndarray:
+        """Return ``J R^-T``, shape (h, nv)."""
+        if self._scale is not None:
+            return jacobian / self._scale
+        return solve_triangular(self._factor, jacobian.T, lower=True, check_finite=False).T
+
+    def norm(self, velocity: np.ndarray) -> float:
+        """Return ``sqrt(v^T M v)``."""
+        return float(np.linalg.norm(self.whiten(velocity)))
+
+
+def _factor(M: np.ndarray) -> np.ndarray:
+    scale = np.sqrt(M.diagonal())
+    if (np.abs(M - M.T) > _SYMMETRY * np.outer(scale, scale)).any():
+        i, j = np.unravel_index(np.argmax(np.abs(M - M.T)), M.shape)
+        raise InvalidCollisionError(f"mass_matrix is not symmetric: ({i}, {j}) and its mirror differ by {M[i, j] - M[j, i]:.3g}")
+    try:
+        return cholesky(M, lower=True, check_finite=False)
+    except LinAlgError as error:
+        raise InvalidCollisionError(f"mass_matrix is not positive definite ({error})") from None

@@ -1,0 +1,37 @@
+"""A dual active set (daqp) on the velocity form, for any bound, also one that no velocity reaches exactly."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlaw.solvers.base import Problem, Solution, Status
+
+_INFEASIBLE = -1  # daqp's exit flag
+
+
+def dual_active_set(problem: Problem) -> Solution:
+    """Solve ``min |z|^2 / 2, Y z >= c`` with rows of unit length and bounds of size one."""
+    import daqp
+
+    scale = np.where(problem.moving, problem.norms, 1.0)
+    Y = np.ascontiguousarray(problem.gradients / scale[:, None])
+    c = problem.bound / scale
+    size = float(np.abs(c).max(initial=0.0))
+    if size == 0.0:
+        return Solution(np.zeros_like(c))
+    h, nv = Y.shape
+    _, _, flag, info = daqp.solve(
+        np.eye(nv),
+        np.zeros(nv),
+        Y,
+        np.full(h, 1e30),
+        c / size,
+        np.zeros(h, dtype=np.int32),
+        primal_tol=1e-11,
+        dual_tol=1e-12,
+        iter_limit=100 * (h + nv),
+    )
+    impulse = np.maximum(0.0, -info["lam"]) * size / scale
+    if flag == _INFEASIBLE:
+        return Solution(impulse, Status.INFEASIBLE, info["iterations"])
+    return Solution(impulse, Status.SOLVED if flag > 0 else Status.STOPPED, info["iterations"])
