@@ -1,0 +1,172 @@
+"""Contacts, gap gradients and inertia out of MuJoCo: the one file that knows MuJoCo's array conventions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from impactlaw.collision import Collision
+from impactlaw.errors import SceneError
+from impactlaw.metric import KineticMetric
+
+GAP_TOLERANCE = 1e-9
+"""Gap, in m, up to which a contact counts as closed."""
+
+_OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
+_NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+_CCD_TOLERANCE = 1e-12  # MuJoCo's default of 1e-6 makes gaps of convex geoms noisier than the gap tolerance
+_CCD_ITERATIONS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Contacts between pairs of geoms, ordered by geom ids, so that a chain's contacts stand in the chain's order.
+
+    Attributes:
+        labels: ``"first/second"`` per contact: the names of the two geoms, or of their bodies where geoms have none.
+        geoms: geom ids, the lower one first, int (h, 2).
+        gap: signed distance, m, (h,); negative where geoms overlap.
+        position: midway between the two surfaces, world frame, m, (h, 3).
+        normal: unit vector from the first geom to the second, world frame, (h, 3).
+    """
+
+    labels: tuple[str, ...]
+    geoms: np.ndarray
+    gap: np.ndarray
+    position: np.ndarray
+    normal: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.gap)
+
+    def select(self, which: np.ndarray) -> Contacts:
+        """Return the contacts of a boolean mask or an index array."""
+        index = np.flatnonzero(which) if which.dtype == bool else which
+        return Contacts(
+            tuple(self.labels[i] for i in index),
+            self.geoms[index],
+            self.gap[index],
+            self.position[index],
+            self.normal[index],
+        )
+
+
+def read_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, within: float = GAP_TOLERANCE) -> Contacts:
+    """Return the contacts whose gap is at most ``within`` now; model and data are left as they are.
+
+    Args:
+        model: the compiled scene.
+        data: its state; only qpos and mocap poses are read, so that stale derived quantities do not matter.
+        within: largest gap reported, m. Geoms that overlap are reported whatever it is.
+
+    Raises:
+        SceneError: a contact that is not between two geoms (a flex).
+    """
+    return detect(model, _position_copy(model, data), within)
+
+
+def read_collision(model: mujoco.MjModel, data: mujoco.MjData) -> Collision:
+    """Return the closed contacts of now as a `Collision`; model and data are left as they are.
+
+    Raises:
+        SceneError: a contact that is not between two geoms (a flex).
+    """
+    scratch = _position_copy(model, data)
+    contacts = detect(model, scratch, GAP_TOLERANCE)
+    jacobian = gap_gradients(model, scratch, contacts)
+    metric = kinetic_metric(model, scratch)
+    return Collision(metric.mass_matrix, jacobian, data.qvel, labels=contacts.labels, metric=metric)
+
+
+def geom_names(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Return the name by which each geom appears in contact labels: its own, its body's, or ``geom<id>``."""
+    names = []
+    for geom in range(model.ngeom):
+        body = model.body(model.geom_bodyid[geom])
+        names.append(model.geom(geom).name or (body.name if body.id else "") or f"geom{geom}")
+    return tuple(names)
+
+
+def update_positions(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Bring frames, inertia and all that gap gradients need up to data.qpos."""
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_tendon(model, data)
+    mujoco.mj_makeM(model, data)
+
+
+def detect(model: mujoco.MjModel, data: mujoco.MjData, within: float, names: tuple[str, ...] | None = None) -> Contacts:
+    """Run MuJoCo's collision detection at the current frames and return what is closer than ``within``.
+
+    Replaces data.contact. Frames must be current (`update_positions`).
+    """
+    with _detection_options(model, within):
+        mujoco.mj_collision(model, data)
+    names = geom_names(model) if names is None else names
+    n = data.ncon
+    if n == 0:
+        return Contacts((), np.zeros((0, 2), int), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
+    found = data.contact
+    geoms = np.array(found.geom, dtype=int)
+    if (geoms < 0).any():
+        raise SceneError("a flex is in contact; rigid contacts are between geoms only")
+    normal = np.array(found.frame[:, :3])
+    swapped = geoms[:, 0] > geoms[:, 1]
+    geoms[swapped] = geoms[swapped, ::-1]
+    normal[swapped] *= -1.0
+    order = np.lexsort((geoms[:, 1], geoms[:, 0]))
+    order = order[np.asarray(found.dist)[order] <= within]
+    geoms = geoms[order]
+    labels = tuple(f"{names[a]}/{names[b]}" for a, b in geoms)
+    return Contacts(labels, geoms, found.dist[order], found.pos[order], normal[order])
+
+
+def gap_gradients(model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts) -> np.ndarray:
+    """Return ``J``, shape (h, nv): the velocity of the second body's point minus the first's, along the normal."""
+    J = np.zeros((len(contacts), model.nv))
+    point = np.zeros((3, model.nv))
+    weld = model.body_weldid
+    for row, geoms, position, normal in zip(J, contacts.geoms, contacts.position, contacts.normal, strict=True):
+        for sign, geom in ((-1.0, geoms[0]), (1.0, geoms[1])):
+            body = model.geom_bodyid[geom]
+            if weld[body] != 0:
+                mujoco.mj_jac(model, data, point, None, position, body)
+                row += sign * (normal @ point)
+    return J
+
+
+def kinetic_metric(model: mujoco.MjModel, data: mujoco.MjData) -> KineticMetric:
+    """Return the factored mass matrix at the current frames (`update_positions`)."""
+    M = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, M)
+    return KineticMetric(M)
+
+
+def _position_copy(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
+    scratch = mujoco.MjData(model)
+    scratch.qpos[:] = data.qpos
+    if model.nmocap:
+        scratch.mocap_pos[:] = data.mocap_pos
+        scratch.mocap_quat[:] = data.mocap_quat
+    update_positions(model, scratch)
+    return scratch
+
+
+@contextmanager
+def _detection_options(model: mujoco.MjModel, within: float) -> Iterator[None]:
+    """Report every pair closer than ``within``, whatever margins the scene has; the scene's options come back."""
+    opt = model.opt
+    kept = opt.enableflags, opt.disableflags, opt.o_margin, opt.ccd_tolerance, opt.ccd_iterations
+    opt.enableflags |= _OVERRIDE
+    opt.disableflags &= ~_NO_CONTACT
+    opt.o_margin = 2.0 * within  # MuJoCo compares with "<"; detect() selects
+    opt.ccd_tolerance = min(opt.ccd_tolerance, _CCD_TOLERANCE)
+    opt.ccd_iterations = max(opt.ccd_iterations, _CCD_ITERATIONS)
+    try:
+        yield
+    finally:
+        opt.enableflags, opt.disableflags, opt.o_margin, opt.ccd_tolerance, opt.ccd_iterations = kept

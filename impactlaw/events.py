@@ -1,0 +1,23 @@
+"""What a stepper reports of a collision."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from impactlaw.contacts import Contacts
+from impactlaw.impact import Impact
+
+
+@dataclass(frozen=True, eq=False)
+class ImpactEvent:
+    """One collision during a step.
+
+    Attributes:
+        time: simulation time of the collision, s.
+        contacts: the contacts that collided: labels, geoms, gaps, positions, normals.
+        impact: the outcome; ``impact.collision`` holds mass matrix, Jacobian and velocity before.
+    """
+
+    time: float
+    contacts: Contacts
+    impact: Impact

@@ -1,0 +1,127 @@
+"""MuJoCo's own integrator with contacts switched off, over any duration, and how far geoms travel meanwhile."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from impactlaw.errors import DivergenceError
+from impactlaw.scene import GeomPairs, thickness
+
+_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+_OFF = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+
+
+def save_state(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Return everything that the integrator starts from."""
+    state = np.empty(mujoco.mj_stateSize(model, _STATE))
+    mujoco.mj_getState(model, data, state, _STATE)
+    return state
+
+
+def restore_state(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -> None:
+    """Go back to what `save_state` returned."""
+    mujoco.mj_setState(model, data, state, _STATE)
+
+
+def advance(model: mujoco.MjModel, data: mujoco.MjData, duration: float) -> None:
+    """Integrate for ``duration`` s as `mj_step` does, without contacts.
+
+    Raises:
+        DivergenceError: position or velocity is not finite afterwards.
+    """
+    opt = model.opt
+    timestep, flags = opt.timestep, opt.disableflags
+    opt.timestep = duration
+    opt.disableflags = flags | _OFF
+    try:
+        mujoco.mj_step(model, data)
+    finally:
+        opt.timestep, opt.disableflags = timestep, flags
+    if not (np.isfinite(data.qvel).all() and np.isfinite(data.qpos).all()):
+        raise DivergenceError(
+            f"position or velocity is not finite at t = {data.time:.6g} s; use a smaller timestep, or check the "
+            "controls and the stiffness of the scene"
+        )
+
+
+def position_weight(model: mujoco.MjModel) -> float:
+    """How a constant acceleration a moves the position in one step: ``weight * a * dt^2`` (RK4 1/2, Euler 1)."""
+    return 0.5 if model.opt.integrator == _RK4 else 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Positions (ngeom, 3) and orientations (ngeom, 3, 3) of all geoms at one time."""
+
+    position: np.ndarray
+    rotation: np.ndarray
+
+    @classmethod
+    def of(cls, data: mujoco.MjData) -> Frames:
+        """Copy the frames of now."""
+        return cls(data.geom_xpos.copy(), data.geom_xmat.reshape(-1, 3, 3).copy())
+
+
+class Travel:
+    """How far geoms move in a flow, and how long a flow may be so that no body passes through another unseen.
+
+    A pair is safe when the sum of both travels is at most the pair's own thickness (the sum of the smallest
+    half-extents), or the distance between the two geoms at the start of the flow.
+    """
+
+    def __init__(self, model: mujoco.MjModel, pairs: GeomPairs):
+        self._model = model
+        thin = thickness(model)
+        self._radius = model.geom_rbound.copy()
+        self._lever = np.where(np.isfinite(thin), np.maximum(self._radius - thin, 0.0), 0.0)
+        finite = np.isfinite(thin[pairs.geoms]).all(axis=1)
+        self._pairs = pairs.geoms[finite]
+        self._thickness = thin[self._pairs].sum(axis=1)
+        self._thinnest = self._thickness.min(initial=np.inf)
+        self._spins = np.zeros(model.nv, dtype=bool)
+        for joint in range(model.njnt):
+            kind, dof = int(model.jnt_type[joint]), int(model.jnt_dofadr[joint])
+            if kind == int(mujoco.mjtJoint.mjJNT_FREE):
+                self._spins[dof + 3 : dof + 6] = True
+            elif kind == int(mujoco.mjtJoint.mjJNT_BALL):
+                self._spins[dof : dof + 3] = True
+            elif kind == int(mujoco.mjtJoint.mjJNT_HINGE):
+                self._spins[dof] = True
+        self._round = not self._lever[self._pairs].any()
+
+    def between(self, start: Frames, data: mujoco.MjData) -> np.ndarray:
+        """Return a bound on the travel of each geom's surface from the start to now, m, (ngeom,)."""
+        shift = np.linalg.norm(data.geom_xpos - start.position, axis=1)
+        turn = np.linalg.norm(data.geom_xmat.reshape(-1, 9) - start.rotation.reshape(-1, 9), axis=1)
+        return shift + self._lever * turn / np.sqrt(2.0)
+
+    def suspects(self, start: Frames, travel: np.ndarray) -> np.ndarray:
+        """Return the indices of pairs that may have passed through each other."""
+        if 2.0 * travel.max(initial=0.0) <= self._thinnest:
+            return np.zeros(0, dtype=int)
+        first, second = self._pairs.T
+        moved = travel[first] + travel[second]
+        apart = np.linalg.norm(start.position[first] - start.position[second], axis=1)
+        apart -= self._radius[first] + self._radius[second]
+        return np.flatnonzero((moved > self._thickness) & (apart <= moved))
+
+    def safe_fraction(self, data: mujoco.MjData, suspects: np.ndarray, travel: np.ndarray) -> float:
+        """Return the part of the flow after which no suspect can have passed through; data at the flow's start."""
+        fraction = 1.0
+        for k in suspects:
+            first, second = self._pairs[k]
+            moved = travel[first] + travel[second]
+            distance = mujoco.mj_geomDistance(self._model, data, first, second, moved, None)
+            fraction = min(fraction, max(self._thickness[k], distance) / moved)
+        return fraction
+
+    def longest_turn(self, data: mujoco.MjData) -> float:
+        """Return the duration, s, in which the fastest joint turns by one radian (orientations alias beyond it)."""
+        if self._round:
+            return np.inf
+        fastest = np.abs(data.qvel[self._spins]).max(initial=0.0)
+        return 1.0 / fastest if fastest > 0 else np.inf

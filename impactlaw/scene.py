@@ -1,0 +1,156 @@
+"""What a compiled scene says to the law layer: which geoms can meet, what is not covered, and its own restitution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from impactlaw.contacts import geom_names
+from impactlaw.errors import RestitutionError, SceneError, UnknownNameError
+from impactlaw.laws import Newton
+from impactlaw.laws.base import coefficient
+
+RESTITUTION = "restitution"
+"""``<custom><numeric name="restitution" data="0.5"/>`` is a scene's default coefficient;
+``<numeric name="restitution/geomA/geomB" data="0.9"/>`` is that of one pair, in either order."""
+
+
+@dataclass(frozen=True, eq=False)
+class GeomPairs:
+    """Pairs of geoms that MuJoCo's filters let collide.
+
+    Attributes:
+        geoms: geom ids, the lower one first, int (p, 2).
+        friction: whether contacts of the pair have friction, bool (p,).
+    """
+
+    geoms: np.ndarray
+    friction: np.ndarray
+
+
+def geom_pairs(model: mujoco.MjModel) -> GeomPairs:
+    """List the pairs of geoms that can collide, by MuJoCo's rules: explicit pairs, contype and conaffinity, welded and
+    parent-child bodies, excluded bodies.
+    """
+    first, second = np.triu_indices(model.ngeom, k=1)
+    contype, conaffinity = model.geom_contype, model.geom_conaffinity
+    allowed = (contype[first] & conaffinity[second]) | (contype[second] & conaffinity[first])
+    keep = np.flatnonzero(allowed)
+    first, second = first[keep], second[keep]
+    body1, body2 = model.geom_bodyid[first], model.geom_bodyid[second]
+    weld1, weld2 = model.body_weldid[body1], model.body_weldid[body2]
+    apart = weld1 != weld2
+    if not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT):
+        parent1 = model.body_weldid[model.body_parentid[weld1]]
+        parent2 = model.body_weldid[model.body_parentid[weld2]]
+        apart &= ~(((weld1 != 0) & (weld2 != 0)) & ((weld1 == parent2) | (weld2 == parent1)))
+    signature = (np.minimum(body1, body2) << 16) + np.maximum(body1, body2)
+    excluded = [((min(s >> 16, s & 0xFFFF)) << 16) + max(s >> 16, s & 0xFFFF) for s in map(int, model.exclude_signature)]
+    apart &= ~np.isin(signature, excluded)
+    first, second = first[apart], second[apart]
+    slides = _has_friction(model, first, second)
+    pairs = np.sort(np.column_stack([model.pair_geom1, model.pair_geom2]), axis=1).reshape(-1, 2)
+    explicit = (model.pair_dim > 1) & (model.pair_friction[:, :2].max(axis=1, initial=0.0) > 0)
+    geoms = np.concatenate([np.column_stack([first, second]), pairs]).astype(int)
+    return GeomPairs(geoms, np.concatenate([slides, explicit]))
+
+
+def _has_friction(model: mujoco.MjModel, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """MuJoCo's combination rule: the geom of higher priority decides, else the larger value of each."""
+    priority = model.geom_priority[first].astype(int) - model.geom_priority[second]
+    condim1, condim2 = model.geom_condim[first], model.geom_condim[second]
+    mu1, mu2 = model.geom_friction[first, 0], model.geom_friction[second, 0]
+    condim = np.where(priority > 0, condim1, np.where(priority < 0, condim2, np.maximum(condim1, condim2)))
+    mu = np.where(priority > 0, mu1, np.where(priority < 0, mu2, np.maximum(mu1, mu2)))
+    return (condim > 1) & (mu > 0)
+
+
+def check_rigid(model: mujoco.MjModel, pairs: GeomPairs, *, ignore_friction: bool) -> None:
+    """Refuse what frictionless rigid stepping would simulate wrongly.
+
+    Raises:
+        SceneError: friction (unless ignored), active equality constraints, colliding mocap bodies or flexes, adhesion.
+    """
+    names = geom_names(model)
+    if pairs.friction.any() and not ignore_friction:
+        a, b = pairs.geoms[np.argmax(pairs.friction)]
+        raise SceneError(
+            f"rigid stepping is frictionless, but the scene has friction ({names[a]}/{names[b]}, "
+            f'{np.count_nonzero(pairs.friction)} pairs); set condim="1" on the geoms, pass friction="ignore", '
+            'or use contact_model="soft"'
+        )
+    if model.neq and model.eq_active0.any():
+        name = model.equality(int(np.argmax(model.eq_active0))).name or "unnamed"
+        raise SceneError(
+            f"rigid stepping does not cover equality constraints ({name}): an impact would violate them; "
+            'remove them or use contact_model="soft"'
+        )
+    mocap = model.body_mocapid[model.body_rootid[model.geom_bodyid[pairs.geoms]]] >= 0
+    if mocap.any():
+        a = pairs.geoms[mocap][0]
+        raise SceneError(
+            f"rigid stepping does not cover moving surfaces: geom {names[a]} belongs to a mocap body and can collide; "
+            'make it a static body, or use contact_model="soft"'
+        )
+    if model.nflex:
+        raise SceneError('rigid stepping is between geoms only, but the scene has a flex; use contact_model="soft"')
+    adhesion = int(mujoco.mjtTrn.mjTRN_BODY)
+    if model.nu and (model.actuator_trntype == adhesion).any():
+        raise SceneError('rigid contacts do not pull, but the scene has an adhesion actuator; use contact_model="soft"')
+
+
+def thickness(model: mujoco.MjModel) -> np.ndarray:
+    """Smallest half-extent of each geom, m, (ngeom,); planes have no end."""
+    result = np.empty(model.ngeom)
+    for geom in range(model.ngeom):
+        kind, size = model.geom_type[geom], model.geom_size[geom]
+        if kind == int(mujoco.mjtGeom.mjGEOM_PLANE):
+            result[geom] = np.inf
+        elif kind in (int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)):
+            result[geom] = size[0]
+        elif kind == int(mujoco.mjtGeom.mjGEOM_CYLINDER):
+            result[geom] = min(size[:2])
+        else:
+            result[geom] = model.geom_aabb[geom, 3:].min()
+    return result
+
+
+def scene_law(model: mujoco.MjModel) -> Newton:
+    """Return the law that the scene itself carries: Newton, keyed by geom pairs.
+
+    Raises:
+        RestitutionError: the scene names no restitution, or a coefficient is not in [0, 1].
+        UnknownNameError: a pair names a geom that the scene does not have.
+    """
+    names = geom_names(model)
+    table: dict[str | tuple[str, str], float] = {}
+    default = None
+    for i in range(model.nnumeric):
+        numeric = model.numeric(i)
+        if numeric.name == RESTITUTION:
+            default = coefficient(numeric.data[0], "the scene's restitution")
+        elif numeric.name.startswith(f"{RESTITUTION}/"):
+            table[_split_pair(numeric.name, names)] = coefficient(numeric.data[0], numeric.name)
+    if default is None and not table:
+        raise RestitutionError(
+            'the scene carries no restitution; add <custom><numeric name="restitution" data="0.5"/></custom> or pass a law'
+        )
+    return Newton(table, default=default)
+
+
+def scene_number(model: mujoco.MjModel, name: str) -> float | None:
+    """Return the first value of ``<numeric name=...>`` in the scene's ``<custom>``, or None."""
+    index = mujoco.mj_name2id(model, int(mujoco.mjtObj.mjOBJ_NUMERIC), name)
+    return None if index < 0 else float(model.numeric(index).data[0])
+
+
+def _split_pair(name: str, names: tuple[str, ...]) -> tuple[str, str]:
+    """Split ``restitution/a/b`` where the geoms' own names may hold slashes."""
+    parts = name.split("/")[1:]
+    for cut in range(1, len(parts)):
+        pair = "/".join(parts[:cut]), "/".join(parts[cut:])
+        if pair[0] in names and pair[1] in names:
+            return pair
+    raise UnknownNameError("geom pair", "/".join(parts), {f"{a}/{b}" for a in names for b in names if a < b})
