@@ -30,10 +30,12 @@ from impactlaw.flow import Frames, Travel, advance, restore_state, save_state
 from impactlaw.impact import Impact
 from impactlaw.laws import Law, MaximalDissipation
 from impactlaw.location import Guess, locate, parabola, tangent
+from impactlaw.metric import KineticMetric
 from impactlaw.scene import check_rigid, geom_pairs
 from impactlaw.sustained import Matches, Start, hold, match
 
-_ROUNDING = 1e-12  # of a contact velocity, relative to the sum of the absolute values it is made of
+_ROUNDING = 1e-13  # of a contact velocity in the kinetic metric, relative to the velocity of the whole scene
+_STILL = 1e-6  # part of the gap tolerance that a velocity must cross in a timestep to be one
 _LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located
 
 
@@ -119,18 +121,21 @@ class RigidStepping:
 
     # -- 1: collisions ---------------------------------------------------------------------------------------------
 
-    def _rounding(self, data: mujoco.MjData, J: np.ndarray) -> np.ndarray:
-        return _ROUNDING * (np.abs(J) @ (np.abs(data.qvel) + self._model.opt.timestep * np.abs(data.qacc)))
+    def _rounding(self, metric: KineticMetric, J: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Contact velocities, m/s, (h,), below which there is no telling motion from rounding."""
+        lengths = np.linalg.norm(metric.whiten_gradients(J), axis=1)
+        still = _STILL * self._tolerance / self._model.opt.timestep
+        return np.maximum(_ROUNDING * metric.norm(velocity) * lengths, still)
 
     def _collide(self, data: mujoco.MjData, contacts: Contacts, events: list[ImpactEvent]) -> None:
         contacts = contacts.select(contacts.gap <= self._tolerance)
         if len(contacts) == 0:
             return
         J = gap_gradients(self._model, data, contacts)
-        rounding = self._rounding(data, J)
-        if not (J @ data.qvel < -rounding).any():
+        if not (J @ data.qvel < 0).any():
             return
         metric = kinetic_metric(self._model, data)
+        rounding = self._rounding(metric, J, data.qvel)
         while True:
             gamma = J @ data.qvel
             if not (gamma < -rounding).any():
@@ -166,7 +171,10 @@ class RigidStepping:
 
     def _start(self, data: mujoco.MjData, contacts: Contacts) -> Start:
         J = gap_gradients(self._model, data, contacts)
-        return Start(contacts, Frames.of(data), J, J @ data.qvel, self._rounding(data, J))
+        if len(contacts) == 0:
+            return Start(contacts, Frames.of(data), J, np.zeros(0), np.zeros(0))
+        rounding = self._rounding(kinetic_metric(self._model, data), J, data.qvel)
+        return Start(contacts, Frames.of(data), J, J @ data.qvel, rounding)
 
     def _fly(self, data: mujoco.MjData, start: Start, duration: float) -> Flight:
         state = save_state(self._model, data)
