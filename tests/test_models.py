@@ -1,0 +1,411 @@
+"""Every scene keeps the conventions, starts without overlap, has the closed-form answer of its comment."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from impactlaw.collision import Collision
+from impactlaw.errors import SceneError, UnknownNameError
+from impactlaw.laws import Fremond, MaximalDissipation, Moreau, Newton
+from impactlaw.models import SCENES, load, scene_names, scene_path
+from impactlaw.models.builder import chain, cradle, stack
+
+SWAP = np.array([[0.0, 1.0], [1.0, 0.0]])
+
+
+def chain_labels(n: int, first: int = 1) -> list[str]:
+    return [f"ball{i}/ball{i + 1}" for i in range(first, first + n - 1)]
+
+
+RACK_ROWS = [list(range(k * (k + 1) // 2 + 1, (k + 1) * (k + 2) // 2 + 1)) for k in range(5)]
+RACK_PAIRS = {(a, b) for row in RACK_ROWS for a, b in pairwise(row)} | {
+    (a, below[j + side]) for row, below in pairwise(RACK_ROWS) for j, a in enumerate(row) for side in (0, 1)
+}
+TOUCHING = {
+    "ball_chain": chain_labels(3),
+    "ball_stack": chain_labels(10),
+    "billiard_rack": [f"ball{a}/ball{b}" for a, b in sorted(RACK_PAIRS)],
+    "bouncing_ball": [],
+    "box_drop": [],
+    "falling_rod": [],
+    "newtons_cradle": chain_labels(5),
+    "rocking_block": ["floor/right"],
+    "wedge": ["floor/ball", "ramp/ball"],
+}
+
+
+def detect(model, data, within=1e-8):
+    """Frames, inertia and contacts up to ``within``, whatever margins the geoms have."""
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
+    model.opt.o_margin = within
+    mujoco.mj_fwdPosition(model, data)
+    return list(data.contact)
+
+
+def label(model, contact) -> str:
+    return f"{model.geom(contact.geom1).name}/{model.geom(contact.geom2).name}"
+
+
+def collision_at(name, qpos=None, qvel=None) -> Collision:
+    """The closed contacts of a scene as a collision, straight from MuJoCo's mass matrix and Jacobians."""
+    model, data = load(name)
+    data.qpos[:] = data.qpos if qpos is None else qpos
+    data.qvel[:] = data.qvel if qvel is None else qvel
+    contacts = detect(model, data, within=1e-9)
+    M = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, M)
+    J = np.zeros((len(contacts), model.nv))
+    for row, contact in zip(J, contacts, strict=True):
+        for sign, geom in ((-1, contact.geom1), (1, contact.geom2)):
+            point = np.zeros((3, model.nv))
+            mujoco.mj_jac(model, data, point, None, contact.pos, model.geom_bodyid[geom])
+            row += sign * contact.frame[:3] @ point
+    return Collision(M, J, data.qvel, labels=tuple(label(model, c) for c in contacts))
+
+
+def check(impact, *, velocity=None, gamma=None, impulse=None, energy=None):
+    if velocity is not None:
+        np.testing.assert_allclose(impact.post_velocity, velocity, atol=1e-12)
+    if gamma is not None:
+        np.testing.assert_allclose(impact.post_contact_velocity, gamma, atol=1e-12)
+    if impulse is not None:
+        np.testing.assert_allclose(impact.impulse, impulse, atol=1e-12)
+    if energy is not None:
+        kept = 1 + impact.energy_change / impact.collision.kinetic_energy
+        assert kept == pytest.approx(energy, abs=1e-12)
+
+
+# Conventions
+
+
+def test_the_scenes_are_the_nine():
+    assert set(scene_names()) == set(SCENES) == set(TOUCHING)
+    assert scene_names() == tuple(sorted(SCENES))
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_conventions(name):
+    model, data = load(name)
+    assert scene_path(name).read_text().startswith("<!--\n")
+    assert len(SCENES[name]) > 10
+    assert "\n" not in SCENES[name]
+    assert mujoco.mj_name2id(model, int(mujoco.mjtObj.mjOBJ_KEY), "start") >= 0
+    np.testing.assert_array_equal(data.qpos, model.key("start").qpos)
+    np.testing.assert_array_equal(data.qvel, model.key("start").qvel)
+    assert 0 <= model.numeric("restitution").data[0] <= 1
+    assert 0 < model.numeric("duration").data[0] <= 10
+    assert model.nlight >= 1
+    assert model.camera("main").id >= 0
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_only_what_is_needed(name):
+    model, _ = load(name)
+    collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    assert (model.geom_condim[collides] == 1).all()
+    assert model.nu == model.nsensor == model.ntex == model.neq == model.ntendon == model.nsite == 0
+    for kind, count in (("body", model.nbody), ("joint", model.njnt), ("geom", model.ngeom)):
+        assert all(getattr(model, kind)(i).name for i in range(count)), kind
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_restitution_names_existing_geoms(name):
+    model, _ = load(name)
+    for i in range(model.nnumeric):
+        key, *geoms = model.numeric(i).name.split("/")
+        if key == "restitution" and geoms:
+            assert len(geoms) == 2
+            assert all(model.geom(geom).id >= 0 for geom in geoms)
+            assert 0 <= model.numeric(i).data[0] <= 1
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_start_touches_without_overlap(name):
+    model, data = load(name)
+    contacts = detect(model, data)
+    assert sorted(label(model, c) for c in contacts) == sorted(TOUCHING[name])
+    assert all(abs(c.dist) < 1e-15 for c in contacts)
+    assert all(c.dim == 1 for c in contacts)
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_camera_sees_every_moving_body(name):
+    model, data = load(name)
+    mujoco.mj_forward(model, data)
+    camera = model.camera("main")
+    moving = model.geom_bodyid[model.body_dofnum[model.geom_bodyid] > 0]
+    view = (data.xipos[moving] - data.cam("main").xpos) @ data.cam("main").xmat.reshape(3, 3)
+    height = -view[:, 2] * np.tan(np.radians(camera.fovy[0]) / 2)
+    assert (view[:, 2] < 0).all()
+    assert (abs(view[:, 1]) < 0.95 * height).all()
+    assert (abs(view[:, 0]) < 0.95 * height * 4 / 3).all()
+
+
+# Closed forms
+
+
+def test_newtons_cradle():
+    c = collision_at("newtons_cradle")
+    assert c.labels == tuple(chain_labels(5))
+    np.testing.assert_allclose(c.pre_contact_velocity, [-1, 0, 0, 0], atol=1e-15)
+    check(Fremond.reversal().resolve(c), velocity=[0, 0, 0, 0, 1], energy=1)
+    check(MaximalDissipation().resolve(c), velocity=[0.2] * 5, energy=1 / 5)
+    check(Moreau(1).resolve(c), velocity=[-0.6, 0.4, 0.4, 0.4, 0.4], energy=1)
+    height = 2 * c.kinetic_energy / (2 * 9.81)
+    assert np.degrees(np.arccos(1 - height)) == pytest.approx(18.4, abs=0.05)
+
+
+def test_ball_chain():
+    c = collision_at("ball_chain")
+    np.testing.assert_allclose(c.delassus, [[2, -1], [-1, 2]], atol=1e-15)
+    check(MaximalDissipation().resolve(c), velocity=[1 / 3] * 3, impulse=[2 / 3, 1 / 3], energy=1 / 3)
+    check(Moreau(1).resolve(c), velocity=[-1 / 3, 2 / 3, 2 / 3], impulse=[4 / 3, 2 / 3], energy=1)
+    check(Fremond(SWAP).resolve(c), velocity=[0, 0, 1], impulse=[1, 1], energy=1)
+    mixed = Fremond(0.25 * np.eye(2) + 0.75 * SWAP).resolve(c)
+    check(mixed, velocity=[-1 / 12, 1 / 6, 11 / 12], impulse=[13 / 12, 11 / 12], energy=7 / 8)
+    np.testing.assert_allclose(mixed.topology, [13 / 24, 11 / 24], atol=1e-12)
+
+
+def test_bouncing_ball():
+    speed = np.sqrt(2 * 9.81)
+    impact = Newton(0.5).resolve(collision_at("bouncing_ball", qpos=[0], qvel=[-speed]))
+    check(impact, velocity=[speed / 2], energy=1 / 4)
+    assert impact.impulse[0] == pytest.approx(6.644170, abs=1e-6)
+
+
+def test_wedge():
+    c = collision_at("wedge")
+    np.testing.assert_allclose(c.jacobian, [[0, 1], [-0.8, 0.6]], atol=1e-15)
+    np.testing.assert_allclose(c.pre_contact_velocity, [-1, -1.2], atol=1e-15)
+    check(MaximalDissipation().resolve(c), velocity=[0, 0], impulse=[7 / 16, 15 / 16], energy=0)
+    check(Moreau(1).resolve(c), velocity=[-0.75, 1], impulse=[7 / 8, 15 / 8], energy=1)
+    swapped = Fremond(SWAP).resolve(c)
+    check(swapped, velocity=[-0.35, 1.2], impulse=[11 / 8, 11 / 8], energy=1)
+    np.testing.assert_array_equal(swapped.antidissipative, [True, False])
+    for wall, velocity, impulse in ((0, [0.75, 1], 2), (1, [-1.17, 0.44], 12 / 5)):
+        alone = Collision(c.mass_matrix, c.jacobian[[wall]], c.pre_velocity)
+        check(Moreau(1).resolve(alone), velocity=velocity, impulse=[impulse], energy=1)
+        assert (c.jacobian @ velocity > -1e-15).all()  # and so a corner of S
+
+
+def test_wedge_area_of_possible_right_velocities():
+    c = collision_at("wedge")
+    grid = np.linspace(-1.25, 1.25, 2001)
+    v = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
+    impulse = (v - c.pre_velocity) @ np.linalg.inv(c.jacobian)
+    inside = ((v @ c.jacobian.T >= 0) & (impulse >= 0)).all(axis=1) & (np.linalg.norm(v, axis=1) <= 1.25)
+    area = inside.sum() * (grid[1] - grid[0]) ** 2
+    assert area == pytest.approx(25 / 16 * np.arctan(4 / 3) + 77 / 600, abs=5e-3)
+    assert area == pytest.approx(1.577232, abs=5e-3)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+def test_rocking_block(e):
+    u, b, inertia = 1.0, 1 / 8, (0.25**2 + 1) / 12
+    c = collision_at("rocking_block", qpos=[0, 0], qvel=[-u / 2, -u / (2 * b)])
+    assert c.labels == ("floor/left", "floor/right")
+    np.testing.assert_allclose(c.pre_contact_velocity, [-u, 0], atol=1e-15)
+    impulse = u * (1 + e) * inertia / (inertia + b**2)
+    for law in (Moreau(e), Newton([e, 0.3])):
+        check(law.resolve(c), gamma=[e, 0.7 * (1 + e)], impulse=[impulse, 0], energy=0.49 if e == 0 else None)
+
+
+def test_rocking_block_comes_upright_with_the_stated_speed():
+    model, data = load("rocking_block")
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    mujoco.mj_forward(model, data)
+    start = data.energy[0]
+    upright = collision_at("rocking_block", qpos=[0, 0], qvel=[1 / 8, 1])
+    mujoco.mj_resetData(model, data)
+    mujoco.mj_forward(model, data)
+    assert np.sqrt((start - data.energy[0]) / upright.kinetic_energy) == pytest.approx(1.483425, abs=1e-6)
+
+
+def test_falling_rod():
+    c = collision_at("falling_rod", qpos=[0, 0], qvel=[-1, 0])
+    assert c.labels == ("floor/left", "floor/right")
+    np.testing.assert_allclose(c.delassus, [[4, -2], [-2, 4]], atol=1e-12)
+    check(Newton([1, 0]).resolve(c), velocity=[0.5, 0.5], gamma=[1, 0], impulse=[5 / 6, 2 / 3], energy=1 / 3)
+    check(MaximalDissipation().resolve(c), gamma=[0, 0], impulse=[0.5, 0.5], energy=0)
+    check(Moreau(1).resolve(c), gamma=[1, 1], impulse=[1, 1], energy=1)
+    bounce = collision_at("falling_rod", qpos=[0, 0], qvel=[-0.5, -0.5])
+    check(Newton([1, 0]).resolve(bounce), gamma=[1, 0], impulse=[2 / 3, 1 / 3], energy=1)
+
+
+def test_box_drop():
+    u = np.sqrt(2 * 9.81)
+    c = collision_at("box_drop", qpos=[0, 0, 0.125, 1, 0, 0, 0], qvel=[0, 0, -u, 0, 0, 0])
+    assert c.labels == ("floor/box",) * 4
+    assert np.linalg.matrix_rank(c.delassus) == 3
+    impact = Moreau(0.5).resolve(c)
+    check(impact, velocity=[0, 0, u / 2, 0, 0, 0], impulse=[1.5 * u / 4] * 4, energy=1 / 4)
+    assert impact.impulse[0] == pytest.approx(1.661043, abs=1e-6)
+
+
+def test_ball_stack():
+    u = np.sqrt(2 * 9.81 / 8)
+    c = collision_at("ball_stack", qpos=[0] * 10, qvel=[-u] * 10)
+    assert c.labels == ("floor/ball1", *chain_labels(10))
+    impact = Moreau(0.5).resolve(c)
+    check(impact, velocity=[u / 2] * 10, impulse=1.5 * u * np.arange(10, 0, -1), energy=1 / 4)
+    assert impact.impulse[0] == pytest.approx(23.490690, abs=1e-6)
+
+
+def test_billiard_rack_break():
+    qpos, qvel = np.zeros(32), np.zeros(32)
+    qpos[0], qvel[0] = 1.1875, 1.0
+    c = collision_at("billiard_rack", qpos, qvel)
+    assert c.labels == ("cue/ball1", *TOUCHING["billiard_rack"])
+    rows = [
+        [(8, 0)],
+        [(8, 0)],
+        [(5, -3), (5, 3)],
+        [(5, -3), (2, 0), (5, 3)],
+        [(5, -3), (2, 0), (2, 0), (5, 3)],
+        [(6, -2), (2, 0), (2, 0), (2, 0), (6, 2)],
+    ]
+    p = np.array([ball for row in rows for ball in row]) * [1, np.sqrt(3)] / 70
+    dissipated = MaximalDissipation().resolve(c)
+    check(dissipated, velocity=p.ravel(), energy=4 / 35)
+    assert dissipated.impulse[0] == pytest.approx(0.17 * 31 / 35, abs=1e-12)
+    e = 0.95
+    impact = Moreau(e).resolve(c)
+    check(impact, velocity=(1 + e) * p.ravel() - e * qvel, energy=e**2 + (1 - e**2) * 4 / 35)
+    assert impact.post_velocity[0] == pytest.approx(-0.727143, abs=1e-6)
+
+
+# Names and files
+
+
+def test_scene_path_takes_hyphens():
+    assert scene_path("newtons-cradle") == scene_path("newtons_cradle")
+    assert load("newtons-cradle")[0].nq == load(scene_path("newtons_cradle"))[0].nq == 5
+
+
+@pytest.mark.parametrize("name", ["newton_cradle", "nonsense", ""])
+def test_unknown_scene_names_the_nearest(name):
+    for call in (scene_path, load):
+        with pytest.raises(UnknownNameError, match="unknown scene") as error:
+            call(name)
+        assert "newtons_cradle" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("not xml", "parse error"),
+        ("", "empty file"),
+        ("<foo/>", "foo"),
+        ("<mujoco><foo/></mujoco>", "foo"),
+        ('<mujoco><worldbody><geom size="-1"/></worldbody></mujoco>', "size 0 must be positive"),
+        ('<mujoco><include file="nowhere.xml"/></mujoco>', "nowhere.xml"),
+    ],
+)
+def test_file_that_is_no_scene(tmp_path: Path, text: str, message: str):
+    path = tmp_path / "scene.xml"
+    path.write_text(text)
+    with pytest.raises(SceneError, match=message) as error:
+        load(path)
+    assert "\n" not in str(error.value)
+    assert str(path) in str(error.value)
+
+
+def test_missing_file_and_directory(tmp_path: Path):
+    for missing in (tmp_path / "no.xml", str(tmp_path / "no"), "no.xml", Path("no")):
+        with pytest.raises(SceneError, match="no such file"):
+            load(missing)
+    for folder in (tmp_path, str(tmp_path)):
+        with pytest.raises(SceneError, match="is a directory"):
+            load(folder)
+
+
+def test_load_without_start_keeps_the_default(tmp_path: Path):
+    path = tmp_path / "free.xml"
+    path.write_text(
+        '<mujoco><worldbody><body pos="0 0 3"><freejoint/><geom size="1"/></body></worldbody>'
+        '<keyframe><key name="other" qpos="0 0 9 1 0 0 0"/></keyframe></mujoco>'
+    )
+    for given in (path, str(path)):
+        np.testing.assert_array_equal(load(given)[1].qpos, [0, 0, 3, 1, 0, 0, 0])
+
+
+# Builder
+
+
+def box_labels(n: int) -> list[str]:
+    pairs = ["floor/box1", *(text.replace("ball", "box") for text in chain_labels(n))]
+    return [pair for pair in pairs for _ in range(4)]
+
+
+def started(spec: mujoco.MjSpec):
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("start").id)
+    return model, data
+
+
+@pytest.mark.parametrize("n", [1, 3, 10, 100])
+@pytest.mark.parametrize(
+    ("build", "labels"),
+    [
+        (chain, chain_labels),
+        (cradle, chain_labels),
+        (stack, lambda n: ["floor/ball1", *chain_labels(n)]),
+        (lambda n: stack(n, shape="box"), box_labels),
+    ],
+    ids=["chain", "cradle", "stack", "stack of boxes"],
+)
+def test_builder_touches_exactly(build, labels, n):
+    model, data = started(build(n))
+    contacts = detect(model, data)
+    assert [label(model, c) for c in sorted(contacts, key=lambda c: (c.geom1, c.geom2))] == labels(n)
+    assert all(c.dist == 0 and c.dim == 1 for c in contacts)
+    assert 0 <= model.numeric("restitution").data[0] <= 1
+
+
+@pytest.mark.parametrize("build", [chain, cradle, stack])
+def test_builder_with_inexact_radius_touches_within_the_tolerance(build):
+    model, data = started(build(100, radius=0.1))
+    contacts = detect(model, data)
+    assert len(contacts) == model.nbody - 1 - (build is not stack)
+    assert all(abs(c.dist) < 1e-12 for c in contacts)
+
+
+def test_builder_is_the_scene():
+    built = {"ball_chain": chain(3), "newtons_cradle": cradle(5), "ball_stack": stack(10, drop=0.125)}
+    for name, spec in built.items():
+        model, data = started(spec)
+        scene, scene_data = load(name)
+        assert model.opt.integrator == scene.opt.integrator
+        assert model.opt.timestep == scene.opt.timestep
+        for attribute in ("qpos", "qvel"):
+            np.testing.assert_array_equal(getattr(data, attribute), getattr(scene_data, attribute))
+        matrices = []
+        for m, d in ((model, data), (scene, scene_data)):
+            mujoco.mj_forward(m, d)
+            matrices.append(np.zeros((m.nv, m.nv)))
+            mujoco.mj_fullM(m, d, matrices[-1])
+        np.testing.assert_allclose(*matrices, rtol=1e-14)
+        np.testing.assert_allclose(model.opt.gravity, scene.opt.gravity)
+
+
+def test_builder_masses_and_launched():
+    model, data = started(chain(4, mass=[1, 2, 3, 4], launched=2, restitution=0.3))
+    np.testing.assert_array_equal(model.body_mass[1:], [1, 2, 3, 4])
+    np.testing.assert_array_equal(data.qvel, [1, 1, 0, 0])
+    assert model.numeric("restitution").data[0] == 0.3
+    np.testing.assert_array_equal(started(stack(3, mass=np.full(3, 2.0)))[0].body_mass[1:], [2, 2, 2])
+
+
+def test_builder_refuses_what_does_not_fit():
+    for call, message in (
+        (lambda: chain(0), "at least one"),
+        (lambda: chain(3, mass=[1, 2]), "masses"),
+        (lambda: cradle(3, launched=4), "cannot launch 4 of 3"),
+        (lambda: stack(3, shape="cone"), "cone"),
+    ):
+        with pytest.raises(SceneError, match=message):
+            call()
