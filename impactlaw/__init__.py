@@ -2,22 +2,29 @@
 
 from impactlaw.admissible import AdmissibleSet
 from impactlaw.collision import Collision
+from impactlaw.contacts import Contacts, read_contacts
 from impactlaw.errors import ImpactLawError
+from impactlaw.events import ImpactEvent
 from impactlaw.impact import Impact, Violations
 from impactlaw.laws import Fremond, Law, LinearMap, MaximalDissipation, Moreau, Newton, energy_gain, make_law
+from impactlaw.stepper import Stepper
 
 __all__ = [
     "AdmissibleSet",
     "Collision",
+    "Contacts",
     "Fremond",
     "Impact",
+    "ImpactEvent",
     "ImpactLawError",
     "Law",
     "LinearMap",
     "MaximalDissipation",
     "Moreau",
     "Newton",
+    "Stepper",
     "Violations",
     "energy_gain",
     "make_law",
+    "read_contacts",
 ]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from impactlaw.contacts import Contacts
 from impactlaw.impact import Impact
@@ -16,8 +18,10 @@ class ImpactEvent:
         time: simulation time of the collision, s.
         contacts: the contacts that collided: labels, geoms, gaps, positions, normals.
         impact: the outcome; ``impact.collision`` holds mass matrix, Jacobian and velocity before.
+        qpos: the configuration it happened at, (nq,).
     """
 
     time: float
     contacts: Contacts
     impact: Impact
+    qpos: np.ndarray = field(default_factory=lambda: np.zeros(0))

@@ -12,7 +12,6 @@ from impactlaw.scene import GeomPairs, thickness
 
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _OFF = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
 def save_state(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
@@ -46,11 +45,6 @@ def advance(model: mujoco.MjModel, data: mujoco.MjData, duration: float) -> None
             f"position or velocity is not finite at t = {data.time:.6g} s; use a smaller timestep, or check the "
             "controls and the stiffness of the scene"
         )
-
-
-def position_weight(model: mujoco.MjModel) -> float:
-    """How a constant acceleration a moves the position in one step: ``weight * a * dt^2`` (RK4 1/2, Euler 1)."""
-    return 0.5 if model.opt.integrator == _RK4 else 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,7 +35,7 @@ from impactlaw.scene import check_rigid, geom_pairs
 from impactlaw.sustained import Matches, Start, hold, match
 
 _ROUNDING = 1e-13  # of a contact velocity in the kinetic metric, relative to the velocity of the whole scene
-_STILL = 1e-6  # part of the gap tolerance that a velocity must cross in a timestep to be one
+_STILL = 1e-3  # part of the gap tolerance that a velocity must cross in a timestep to be one
 _LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located
 
 
@@ -147,7 +147,7 @@ class RigidStepping:
             collision = Collision(metric.mass_matrix, J[chosen], data.qvel, labels=taking_part.labels, metric=metric)
             impact = self._admissible(law.resolve(collision, solver=self._solver), data.time)
             data.qvel[:] = impact.post_velocity
-            events.append(ImpactEvent(data.time, taking_part, impact))
+            events.append(ImpactEvent(data.time, taking_part, impact, data.qpos.copy()))
             if law is not self._law:
                 return
 
@@ -223,16 +223,15 @@ class RigidStepping:
         tolerance = self._tolerance
         within = 4.0 * travel.max(initial=0.0) + 1e3 * tolerance
 
-        def matched(contacts: Contacts) -> Matches:
-            found = match(contacts, start, data, travel, duration, tolerance)
-            return Matches(found.start, contacts.gap <= tolerance) if hold_all else found
+        def look(upto: float) -> tuple[Contacts, Matches]:
+            contacts = self._detect(data, within)
+            return contacts, match(contacts, start, data, travel, duration, tolerance, upto)
 
-        contacts = self._detect(data, within)
-        matches = matched(contacts)
+        contacts, matches = look(tolerance)
+        if hold_all:
+            matches.sustained[:] = contacts.gap <= tolerance
         if matches.sustained.any():
-            contacts, matches = hold(
-                self._model, data, contacts, matches, start, duration, tolerance, within, matched
-            )
+            contacts, matches = hold(self._model, data, contacts, matches, start, tolerance, look)
         opened = ~matches.sustained
         return Flight(duration, contacts, matches, opened, float(contacts.gap[opened].min(initial=within)))
 

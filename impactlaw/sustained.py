@@ -4,29 +4,31 @@ A contact is sustained over a flow of duration tau if it was closed at the start
 separated so slowly that its rebound rises less than the gap tolerance, ``gamma^2 / (2 a) <= tolerance`` with a the
 closing acceleration that the flow shows. This is also what ends a Zeno sequence of ever smaller bounces.
 
-The flow itself knows no contact; afterwards position and velocity are brought back to the closed contacts
-(as in RATTLE). With b the integrator's position weight (1/2 for RK4, 1 for Euler):
+The flow itself knows no contact; afterwards position and velocity are brought back to the closed contacts:
 
-    position:  0 <= p  ⊥  gap >= 0,              q <- q + M^-1 J^T p,        Lambda = p / (b tau)
-    velocity:  0 <= nu ⊥  J (w + M^-1 J^T nu) >= 0,   w = v + M^-1 (J_start - J)^T Lambda / 2,   v <- w + M^-1 J^T nu
+    position:  min |d|,  gap(q + d) >= 0           (kinetic metric; Gauss-Newton on the gaps)
+    velocity:  0 <= nu  ⊥  J (w + M^-1 J^T nu) >= 0,   w = v + M^-1 (J_start - J)^T nu' / 2,   v <- w + M^-1 J^T nu
 
-The term with ``J_start - J`` gives half of the impulse the direction it had at the start of the flow, so that RK4
-keeps second order along curved surfaces; on flat ones it vanishes.
+where nu' solves the second line with w = v. The term with ``J_start - J`` gives half of the impulse the direction it
+had at the start of the flow (as in RATTLE), so that RK4 keeps second order along curved surfaces; on flat ones it
+vanishes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-from impactlaw.contacts import Contacts, detect, gap_gradients, kinetic_metric, update_positions
+from impactlaw.contacts import Contacts, gap_gradients, kinetic_metric, update_positions
 from impactlaw.errors import UnsolvableLawError
-from impactlaw.flow import Frames, position_weight
+from impactlaw.flow import Frames
 from impactlaw.solvers import Problem, solve
 
 _CORRECTIONS = 8  # position corrections at most; each gains digits, the curvature of the surfaces decides how many
+_LARGEST_TURN = 0.3  # rad in one flow
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,18 +64,19 @@ class Matches:
 
 
 def match(
-    contacts: Contacts, start: Start, data: mujoco.MjData, travel: np.ndarray, duration: float, tolerance: float
+    contacts: Contacts, start: Start, data: mujoco.MjData, travel: np.ndarray, duration: float, tolerance: float, upto: float
 ) -> Matches:
     """Compare contacts at the end of a flow with its start.
 
     The same contact is of the same two geoms and has moved, seen from one of them, no further than they have travelled.
+    Contacts with a gap above ``upto`` are left unmatched.
     """
     h = len(contacts)
     index, sustained = np.full(h, -1), np.zeros(h, dtype=bool)
     before = start.contacts
     if len(before) == 0:
         return Matches(index, sustained)
-    for i in np.flatnonzero(contacts.gap <= tolerance):
+    for i in np.flatnonzero(contacts.gap <= upto):
         same = np.flatnonzero((before.geoms == contacts.geoms[i]).all(axis=1))
         if len(same) == 0:
             continue
@@ -92,62 +95,75 @@ def hold(
     contacts: Contacts,
     matches: Matches,
     start: Start,
-    duration: float,
     tolerance: float,
-    within: float,
-    rematch,
+    look: Callable[[float], tuple[Contacts, Matches]],
 ) -> tuple[Contacts, Matches]:
     """Bring position and velocity back to the sustained contacts; data and its frames change.
 
     Args:
-        contacts: at the end of the flow.
+        model: the scene.
+        data: at the end of the flow, frames current.
+        contacts: there.
         matches: of these contacts.
         start: of the flow.
-        duration: of the flow, s.
         tolerance: gap tolerance, m.
-        within: detection distance, m.
-        rematch: function from contacts to `Matches`, for the contacts after a correction.
+        look: detects and matches the contacts of now, those up to a gap.
 
     Returns:
         The contacts after the correction, and their matches.
     """
-    correction = None
+    end = data.qpos.copy()
+    shift = np.zeros(model.nv)
+    deepest = float(-contacts.gap[matches.sustained].min(initial=0.0))
     for _ in range(_CORRECTIONS):
-        deepest = -contacts.gap[matches.sustained].min(initial=0.0)
-        if deepest <= 1e-2 * tolerance:
-            break
         near = matches.sustained | ((contacts.gap >= 0) & (contacts.gap <= 4.0 * deepest))
-        J = gap_gradients(model, data, contacts.select(near))
+        chosen = contacts.select(near)
+        J = gap_gradients(model, data, chosen)
         metric = kinetic_metric(model, data)
         Y = metric.whiten_gradients(J)
         try:
-            p = solve(Problem(Y, -contacts.gap[near]), contacts.select(near).labels)
+            p = solve(Problem(Y, J @ shift - chosen.gap), chosen.labels)
         except UnsolvableLawError:
             break  # squeezed between bodies that cannot give way: nothing to correct
-        if correction is None:
-            known = matches.start[near]
-            earlier = np.where(known[:, None] >= 0, start.jacobian[np.maximum(known, 0)], J)
-            half = 0.5 * p / (position_weight(model) * duration)
-            correction = metric.unwhiten(half @ metric.whiten_gradients(earlier - J))
-        qpos = data.qpos.copy()
-        mujoco.mj_integratePos(model, qpos, metric.unwhiten(p @ Y), 1.0)
+        pressed = p > 0
+        error = max(np.abs(chosen.gap[pressed]).max(initial=0.0), -chosen.gap.min(initial=0.0))
+        if error <= 1e-2 * tolerance:
+            break
+        shift = metric.unwhiten(p @ Y)
+        qpos = end.copy()
+        mujoco.mj_integratePos(model, qpos, shift, 1.0)
         data.qpos[:] = qpos
         update_positions(model, data)
         held = matches.start[matches.sustained & (matches.start >= 0)]
-        contacts = detect(model, data, within)
-        matches = rematch(contacts)
-        matches.sustained[np.isin(matches.start, held)] = True  # what the flow has decided stays decided
-    _hold_velocity(model, data, contacts.select(matches.sustained), correction)
+        contacts, matches = look(max(tolerance, deepest))
+        matches.sustained[:] = np.isin(matches.start, held)  # what the flow has decided stays decided
+    _hold_velocity(model, data, contacts, matches, start, tolerance)
     return contacts, matches
 
 
-def _hold_velocity(model: mujoco.MjModel, data: mujoco.MjData, held: Contacts, correction: np.ndarray | None) -> None:
-    w = data.qvel if correction is None else data.qvel + correction
-    J = gap_gradients(model, data, held)
+def _hold_velocity(
+    model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts, matches: Matches, start: Start, tolerance: float
+) -> None:
+    held = matches.sustained & (contacts.gap <= tolerance)
+    closed = contacts.select(held)
+    J = gap_gradients(model, data, closed)
     metric = kinetic_metric(model, data)
     Y = metric.whiten_gradients(J)
-    nu = solve(Problem(Y, -(J @ w), -metric.whiten(w)), held.labels)
-    data.qvel[:] = w + metric.unwhiten(nu @ Y)
+
+    def pressing(velocity: np.ndarray) -> np.ndarray:
+        return solve(Problem(Y, -(J @ velocity), -metric.whiten(velocity)), closed.labels)
+
+    velocity = data.qvel.copy()
+    nu = pressing(velocity)
+    known = matches.start[held]
+    turned = np.where(known[:, None] >= 0, start.jacobian[known] - J, 0.0)
+    change = np.linalg.norm(metric.whiten_gradients(turned), axis=1)
+    lengths = np.linalg.norm(Y, axis=1)
+    turned[change > _LARGEST_TURN * lengths] = 0.0  # another feature of the surface, not a curved one
+    if (change > 1e-12 * lengths).any():
+        velocity += metric.unwhiten(0.5 * nu @ metric.whiten_gradients(turned))
+        nu = pressing(velocity)
+    data.qvel[:] = velocity + metric.unwhiten(nu @ Y)
 
 
 def _moved(position: np.ndarray, geoms: np.ndarray, before: np.ndarray, frames: Frames, data: mujoco.MjData) -> np.ndarray:

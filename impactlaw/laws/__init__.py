@@ -6,9 +6,10 @@ from impactlaw.laws.linear_map import LinearMap
 from impactlaw.laws.maximal_dissipation import MaximalDissipation
 from impactlaw.laws.moreau import Moreau
 from impactlaw.laws.newton import Newton
-from impactlaw.laws.registry import LAWS, make_law
+from impactlaw.laws.registry import DESCRIPTIONS, LAWS, make_law
 
 __all__ = [
+    "DESCRIPTIONS",
     "LAWS",
     "Fremond",
     "Law",

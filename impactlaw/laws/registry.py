@@ -48,6 +48,15 @@ LAWS: dict[str, Callable[[Any], Law]] = {
 }
 """The registry: a new law is one file and one line here."""
 
+DESCRIPTIONS: dict[str, str] = {
+    "maximal-dissipation": "E = 0: the least kinetic energy that no penetration allows; takes no restitution",
+    "moreau": "E = e 1: one coefficient, the half-line from v- through the point of maximal dissipation",
+    "newton": "E = diag(e_1 .. e_h): one coefficient per contact, also keyed by contact label",
+    "fremond": "E full: any matrix, also keyed by pairs of contact labels",
+    "reversal": "E = e times the anti-identity along the contacts' order: Newton's cradle",
+}
+"""One line per law of the registry."""
+
 
 def make_law(name: str | Law, restitution: Any = None) -> Law:
     """Return the law of that name.

@@ -1,0 +1,145 @@
+"""The command line: compare, inspect, laws, scenes."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from impactlaw.errors import ImpactLawError, RecordingError, SceneError
+
+@dataclass(frozen=True)
+class Compare:
+    """Simulate a scene under impact laws and under MuJoCo's soft contacts, and put the outcomes side by side."""
+
+    scene: Annotated[str, tyro.conf.Positional] = "newtons_cradle"
+    """Name of a scene (see `impactlaw scenes`) or path of an MJCF file."""
+    laws: tuple[str, ...] | None = None
+    """Laws by name (see `impactlaw laws`); "scene" is what the MJCF itself carries. All of them if not given."""
+    restitution: float | None = None
+    """Coefficient of restitution; the scene's own, or 1, if not given."""
+    duration: float | None = None
+    """Simulated time, s; the scene's own, or 2, if not given."""
+    timestep: float | None = None
+    """Timestep, s; the scene's own if not given."""
+    out: Path | None = None
+    """Folder for table, picture and recordings; out/<scene> if not given."""
+    friction: Literal["refuse", "ignore"] = "refuse"
+    """What to do with a scene that has friction: rigid contacts have none."""
+
+    def __call__(self) -> None:
+        from impactlaw.compare import Comparison, compare, format_table
+
+        study = Comparison(
+            scene=self.scene,
+            laws=self.laws,
+            restitution=self.restitution,
+            duration=self.duration,
+            timestep=self.timestep,
+            friction=self.friction,
+        )
+        out = Path("out") / Path(self.scene).stem if self.out is None else self.out
+        with new_files_in(out) as folder:
+            table = compare(study, folder)
+            written = sorted(path.name for path in folder.iterdir())
+        print(format_table(table))
+        print(f"\nin {out}: {', '.join(written)}")
+
+
+@dataclass(frozen=True)
+class Inspect:
+    """Print the properties, contact pairs and collisions of a recording."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """A recording, run.rrd."""
+    csv: Path | None = None
+    """Also write the collisions to this file."""
+
+    def __call__(self) -> None:
+        from impactlaw.recording import describe, read_log
+
+        recording = read_log(self.file)
+        print(describe(recording))
+        if self.csv is not None:
+            try:
+                recording.collisions.to_csv(self.csv, index=False)
+            except OSError as error:
+                raise RecordingError(f"cannot write {self.csv}: {error.strerror}") from None
+
+
+@dataclass(frozen=True)
+class Laws:
+    """List the impact laws, one line each."""
+
+    def __call__(self) -> None:
+        from impactlaw.laws import DESCRIPTIONS
+
+        for name, text in DESCRIPTIONS.items():
+            print(f"{name:<21}{text}")
+
+
+@dataclass(frozen=True)
+class Scenes:
+    """List the scenes, one line each."""
+
+    def __call__(self) -> None:
+        from impactlaw.models import SCENES
+
+        for name, text in SCENES.items():
+            print(f"{name:<17}{text}")
+
+
+@contextmanager
+def new_files_in(folder: Path) -> Iterator[Path]:
+    """Give a temporary folder whose files move into ``folder`` at the end, or vanish if anything fails."""
+    try:
+        made = [p for p in (folder, *folder.parents) if not p.exists()]
+        folder.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=folder))
+    except OSError as error:
+        raise SceneError(f"cannot write into {folder}: {error.strerror}") from None
+    try:
+        yield temporary
+        for path in temporary.iterdir():
+            os.replace(path, folder / path.name)
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        for path in made:
+            path.rmdir()
+        raise
+    temporary.rmdir()
+
+
+Command = (
+    Annotated[Compare, tyro.conf.subcommand("compare")]
+    | Annotated[Inspect, tyro.conf.subcommand("inspect")]
+    | Annotated[Laws, tyro.conf.subcommand("laws")]
+    | Annotated[Scenes, tyro.conf.subcommand("scenes")]
+)
+
+
+def main() -> None:
+    """Run the command line; an `ImpactLawError` is one line on standard error and exit code 2."""
+    command = tyro.cli(
+        Command,  # pyright: ignore[reportArgumentType]
+        prog="impactlaw",
+        description="Exact, chosen multi-contact impact laws for MuJoCo scenes.",
+        config=(tyro.conf.OmitSubcommandPrefixes,),
+    )
+    try:
+        command()
+    except ImpactLawError as error:
+        print(f"impactlaw: {error}", file=sys.stderr)
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()
