@@ -32,7 +32,7 @@ from impactlaw.laws import Law, MaximalDissipation
 from impactlaw.location import Guess, locate, parabola, tangent
 from impactlaw.metric import KineticMetric
 from impactlaw.scene import check_rigid, geom_pairs
-from impactlaw.sustained import Matches, Start, hold, match
+from impactlaw.sustained import Matches, Start, hold, match, stays
 
 _ROUNDING = 1e-13  # of a contact velocity in the kinetic metric, relative to the velocity of the whole scene
 _STILL = 1e-3  # part of the gap tolerance that a velocity must cross in a timestep to be one
@@ -223,15 +223,15 @@ class RigidStepping:
         tolerance = self._tolerance
         within = 4.0 * travel.max(initial=0.0) + 1e3 * tolerance
 
-        def look(upto: float) -> tuple[Contacts, Matches]:
+        def look() -> tuple[Contacts, np.ndarray]:
             contacts = self._detect(data, within)
-            return contacts, match(contacts, start, data, travel, duration, tolerance, upto)
+            return contacts, match(contacts, start, data, travel, tolerance)
 
-        contacts, matches = look(tolerance)
-        if hold_all:
-            matches.sustained[:] = contacts.gap <= tolerance
-        if matches.sustained.any():
-            contacts, matches = hold(self._model, data, contacts, matches, start, tolerance, look)
+        contacts, known = look()
+        closed = contacts.gap <= tolerance
+        matches = Matches(known, closed if hold_all else stays(contacts.gap, known, start, duration, tolerance))
+        if (matches.sustained & closed).any():
+            contacts, matches = hold(self._model, data, contacts, matches, start, duration, tolerance, look)
         opened = ~matches.sustained
         return Flight(duration, contacts, matches, opened, float(contacts.gap[opened].min(initial=within)))
 

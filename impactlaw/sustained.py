@@ -2,7 +2,8 @@
 
 A contact is sustained over a flow of duration tau if it was closed at the start and either did not separate, or
 separated so slowly that its rebound rises less than the gap tolerance, ``gamma^2 / (2 a) <= tolerance`` with a the
-closing acceleration that the flow shows. This is also what ends a Zeno sequence of ever smaller bounces.
+closing acceleration that the flow shows. This is also what ends a Zeno sequence of ever smaller bounces. The
+acceleration of a contact is looked at again once those below it are held: in a stack that falls freely it is zero.
 
 The flow itself knows no contact; afterwards position and velocity are brought back to the closed contacts:
 
@@ -25,6 +26,7 @@ import numpy as np
 from impactlaw.contacts import Contacts, gap_gradients, kinetic_metric, update_positions
 from impactlaw.errors import UnsolvableLawError
 from impactlaw.flow import Frames
+from impactlaw.metric import KineticMetric
 from impactlaw.solvers import Problem, solve
 
 _CORRECTIONS = 8  # position corrections at most; each gains digits, the curvature of the surfaces decides how many
@@ -56,37 +58,42 @@ class Matches:
 
     Attributes:
         start: index of the same contact at the start, or -1, int (h,).
-        sustained: whether it stayed closed, bool (h,).
+        sustained: whether it stays closed, bool (h,).
     """
 
     start: np.ndarray
     sustained: np.ndarray
 
 
-def match(
-    contacts: Contacts, start: Start, data: mujoco.MjData, travel: np.ndarray, duration: float, tolerance: float, upto: float
-) -> Matches:
-    """Compare contacts at the end of a flow with its start.
+def match(contacts: Contacts, start: Start, data: mujoco.MjData, travel: np.ndarray, tolerance: float) -> np.ndarray:
+    """Return for each contact at the end of a flow the index of the same contact at its start, or -1, int (h,).
 
     The same contact is of the same two geoms and has moved, seen from one of them, no further than they have travelled.
-    Contacts with a gap above ``upto`` are left unmatched.
     """
-    h = len(contacts)
-    index, sustained = np.full(h, -1), np.zeros(h, dtype=bool)
+    index = np.full(len(contacts), -1)
     before = start.contacts
     if len(before) == 0:
-        return Matches(index, sustained)
-    for i in np.flatnonzero(contacts.gap <= upto):
-        same = np.flatnonzero((before.geoms == contacts.geoms[i]).all(axis=1))
-        if len(same) == 0:
-            continue
-        moved = _moved(contacts.position[i], contacts.geoms[i], before.position[same], start.frames, data)
-        nearest = int(np.argmin(moved))
-        if moved[nearest] > 2.0 * travel[contacts.geoms[i]].sum() + 1e3 * tolerance:
-            continue
-        s = index[i] = same[nearest]
-        sustained[i] = _stays(before.gap[s], contacts.gap[i], start.contact_velocity[s], start.rounding[s], duration, tolerance)
-    return Matches(index, sustained)
+        return index
+    for i in range(len(contacts)):
+        geoms = contacts.geoms[i]
+        same = np.flatnonzero((before.geoms == geoms).all(axis=1))
+        if len(same):
+            moved = _moved(contacts.position[i], geoms, before.position[same], start.frames, data)
+            nearest = int(np.argmin(moved))
+            if moved[nearest] <= 2.0 * travel[geoms].sum() + 1e3 * tolerance:
+                index[i] = same[nearest]
+    return index
+
+
+def stays(gap: np.ndarray, known: np.ndarray, start: Start, duration: float, tolerance: float) -> np.ndarray:
+    """Return which contacts are sustained if they end the flow with these gaps, bool (h,)."""
+    result = known >= 0
+    s = known[result]
+    velocity, gap0 = start.contact_velocity[s], start.contacts.gap[s]
+    closing = 2.0 * (gap0 + velocity * duration - gap[result])  # times duration^2
+    slow = (velocity <= start.rounding[s]) | ((velocity * duration) ** 2 <= 2.0 * closing * tolerance)
+    result[result] = (gap0 <= tolerance) & slow
+    return result
 
 
 def hold(
@@ -95,8 +102,9 @@ def hold(
     contacts: Contacts,
     matches: Matches,
     start: Start,
+    duration: float,
     tolerance: float,
-    look: Callable[[float], tuple[Contacts, Matches]],
+    look: Callable[[], tuple[Contacts, np.ndarray]],
 ) -> tuple[Contacts, Matches]:
     """Bring position and velocity back to the sustained contacts; data and its frames change.
 
@@ -106,39 +114,65 @@ def hold(
         contacts: there.
         matches: of these contacts.
         start: of the flow.
+        duration: of the flow, s.
         tolerance: gap tolerance, m.
-        look: detects and matches the contacts of now, those up to a gap.
+        look: detects the contacts of now, and matches them with the start.
 
     Returns:
         The contacts after the correction, and their matches.
     """
     end = data.qpos.copy()
     shift = np.zeros(model.nv)
-    deepest = float(-contacts.gap[matches.sustained].min(initial=0.0))
+    known, sustained = matches.start, matches.sustained.copy()
     for _ in range(_CORRECTIONS):
-        near = matches.sustained | ((contacts.gap >= 0) & (contacts.gap <= 4.0 * deepest))
-        chosen = contacts.select(near)
+        near = sustained | (known >= 0)
+        chosen, growing = contacts.select(near), sustained[near]
         J = gap_gradients(model, data, chosen)
         metric = kinetic_metric(model, data)
-        Y = metric.whiten_gradients(J)
         try:
-            p = solve(Problem(Y, J @ shift - chosen.gap), chosen.labels)
+            p, wanted = _position_impulse(metric, J, chosen, growing, shift, known[near], start, duration, tolerance)
         except UnsolvableLawError:
             break  # squeezed between bodies that cannot give way: nothing to correct
-        pressed = p > 0
-        error = max(np.abs(chosen.gap[pressed]).max(initial=0.0), -chosen.gap.min(initial=0.0))
+        sustained[near] = growing
+        pressed = np.flatnonzero(growing)[p > 0]
+        error = max(np.abs(chosen.gap[pressed]).max(initial=0.0), -chosen.gap[growing].min(initial=0.0))
         if error <= 1e-2 * tolerance:
             break
-        shift = metric.unwhiten(p @ Y)
+        shift = wanted
         qpos = end.copy()
         mujoco.mj_integratePos(model, qpos, shift, 1.0)
         data.qpos[:] = qpos
         update_positions(model, data)
-        held = matches.start[matches.sustained & (matches.start >= 0)]
-        contacts, matches = look(max(tolerance, deepest))
-        matches.sustained[:] = np.isin(matches.start, held)  # what the flow has decided stays decided
+        held = known[sustained & (known >= 0)]
+        contacts, known = look()
+        sustained = np.isin(known, held)  # what the flow has decided stays decided
+    matches = Matches(known, sustained)
     _hold_velocity(model, data, contacts, matches, start, tolerance)
     return contacts, matches
+
+
+def _position_impulse(
+    metric: KineticMetric,
+    J: np.ndarray,
+    contacts: Contacts,
+    sustained: np.ndarray,
+    shift: np.ndarray,
+    known: np.ndarray,
+    start: Start,
+    duration: float,
+    tolerance: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the impulse of the sustained contacts and the shift, (nv,), that opens them; ``sustained`` may grow."""
+    Y = metric.whiten_gradients(J)
+    while True:
+        rows = np.flatnonzero(sustained)
+        p = solve(Problem(Y[rows], J[rows] @ shift - contacts.gap[rows]), tuple(contacts.labels[i] for i in rows))
+        wanted = metric.unwhiten(p @ Y[rows])
+        gap = contacts.gap + J @ (wanted - shift)
+        more = stays(gap, known, start, duration, tolerance) & ~sustained
+        if not more.any():
+            return p, wanted
+        sustained |= more
 
 
 def _hold_velocity(
@@ -174,12 +208,3 @@ def _moved(position: np.ndarray, geoms: np.ndarray, before: np.ndarray, frames: 
         then = (before - frames.position[geom]) @ frames.rotation[geom]
         distances.append(np.linalg.norm(then - now, axis=1))
     return np.minimum(*distances)
-
-
-def _stays(gap0: float, gap1: float, velocity: float, rounding: float, duration: float, tolerance: float) -> bool:
-    if gap0 > tolerance:
-        return False
-    if velocity <= rounding:
-        return True
-    acceleration = 2.0 * (gap0 + velocity * duration - gap1) / duration**2
-    return velocity**2 <= 2.0 * acceleration * tolerance
