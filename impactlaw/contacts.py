@@ -18,6 +18,7 @@ GAP_TOLERANCE = 1e-9
 
 _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 _NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+_PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 _CCD_TOLERANCE = 1e-12  # MuJoCo's default of 1e-6 makes gaps of convex geoms noisier than the gap tolerance
 _CCD_ITERATIONS = 100
 
@@ -107,22 +108,46 @@ def detect(model: mujoco.MjModel, data: mujoco.MjData, within: float, names: tup
     with _detection_options(model, within):
         mujoco.mj_collision(model, data)
     names = geom_names(model) if names is None else names
-    n = data.ncon
-    if n == 0:
+    if data.ncon == 0:
         return Contacts((), np.zeros((0, 2), int), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
+    return _read(data, np.flatnonzero(data.contact.dist <= within), names)
+
+
+def active_contacts(model: mujoco.MjModel, data: mujoco.MjData, names: tuple[str, ...]) -> Contacts:
+    """Return the contacts that MuJoCo's constraint solver acts on now, as the position stage has found them."""
+    return _read(data, np.flatnonzero(data.contact.efc_address >= 0), names)
+
+
+def closing_speed(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """Return how fast the contacts that MuJoCo's solver acts on close at most, m/s; negative if all open.
+
+    The velocity stage must be current. With pyramidal cones the mean of a contact's first two rows is the normal.
+    """
+    contact = data.contact
+    rows = contact.efc_address[contact.efc_address >= 0]
+    if len(rows) == 0:
+        return -np.inf
+    velocity = data.efc_vel
+    normal = velocity[rows]
+    if model.opt.cone == _PYRAMIDAL:
+        paired = contact.dim[contact.efc_address >= 0] > 1
+        normal[paired] = 0.5 * (normal[paired] + velocity[rows[paired] + 1])
+    return float(-normal.min())
+
+
+def _read(data: mujoco.MjData, index: np.ndarray, names: tuple[str, ...]) -> Contacts:
     found = data.contact
-    geoms = np.array(found.geom, dtype=int)
+    geoms = np.array(found.geom[index], dtype=int)
     if (geoms < 0).any():
-        raise SceneError("a flex is in contact; rigid contacts are between geoms only")
-    normal = np.array(found.frame[:, :3])
+        raise SceneError("a flex is in contact; an impact law is for contacts between geoms only")
+    order = np.lexsort((geoms.max(axis=1, initial=0), geoms.min(axis=1, initial=np.iinfo(int).max)))
+    geoms, index = geoms[order], index[order]
+    normal = np.array(found.frame[index, :3])
     swapped = geoms[:, 0] > geoms[:, 1]
     geoms[swapped] = geoms[swapped, ::-1]
     normal[swapped] *= -1.0
-    order = np.lexsort((geoms[:, 1], geoms[:, 0]))
-    order = order[np.asarray(found.dist)[order] <= within]
-    geoms = geoms[order]
     labels = tuple(f"{names[a]}/{names[b]}" for a, b in geoms)
-    return Contacts(labels, geoms, found.dist[order], found.pos[order], normal[order])
+    return Contacts(labels, geoms, found.dist[index], found.pos[index], normal)
 
 
 def gap_gradients(model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts) -> np.ndarray:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import LinAlgError, cholesky, solve_triangular
+from scipy.linalg.blas import dtrsv
+from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from impactlaw.errors import InvalidCollisionError
 
 _SYMMETRY = 1e-10  # relative asymmetry of M above which it is taken for a mistake, not for rounding
+_ROW_BY_ROW = 1e5  # multiplications up to which rows are solved one by one: the BLAS starts threads for several at once,
+# which costs milliseconds where another process keeps the cores busy
 
 
 class KineticMetric:
@@ -54,17 +57,29 @@ class KineticMetric:
         """Return ``R^-T z``, the inverse of `whiten`, for one vector (nv,) or several (n, nv)."""
         if self._scale is not None:
             return z / self._scale
-        return solve_triangular(self._factor, z.T, trans="T", lower=True, check_finite=False).T
+        return _solve(self._factor, z, transposed=1)
 
     def whiten_gradients(self, jacobian: np.ndarray) -> np.ndarray:
         """Return ``J R^-T``, shape (h, nv)."""
         if self._scale is not None:
             return jacobian / self._scale
-        return solve_triangular(self._factor, jacobian.T, lower=True, check_finite=False).T
+        return _solve(self._factor, jacobian, transposed=0)
 
     def norm(self, velocity: np.ndarray) -> float:
         """Return ``sqrt(v^T M v)``."""
         return float(np.linalg.norm(self.whiten(velocity)))
+
+
+def _solve(factor: np.ndarray, rows: np.ndarray, *, transposed: int) -> np.ndarray:
+    """Solve ``R x = row`` (or ``R^T x = row``) for one row (nv,) or several (n, nv)."""
+    if rows.ndim == 1:
+        return dtrsv(factor, rows, lower=1, trans=transposed)
+    if rows.size * len(factor) > _ROW_BY_ROW:
+        return dtrtrs(factor, rows.T, lower=1, trans=transposed)[0].T
+    solved = np.empty_like(rows)
+    for i, row in enumerate(rows):
+        solved[i] = dtrsv(factor, row, lower=1, trans=transposed)
+    return solved
 
 
 def _factor(M: np.ndarray) -> np.ndarray:
@@ -72,7 +87,7 @@ def _factor(M: np.ndarray) -> np.ndarray:
     if (np.abs(M - M.T) > _SYMMETRY * np.outer(scale, scale)).any():
         i, j = np.unravel_index(np.argmax(np.abs(M - M.T)), M.shape)
         raise InvalidCollisionError(f"mass_matrix is not symmetric: ({i}, {j}) and its mirror differ by {M[i, j] - M[j, i]:.3g}")
-    try:
-        return cholesky(M, lower=True, check_finite=False)
-    except LinAlgError as error:
-        raise InvalidCollisionError(f"mass_matrix is not positive definite ({error})") from None
+    factor, failed = dpotrf(M, lower=1, clean=1)
+    if failed:
+        raise InvalidCollisionError(f"mass_matrix is not positive definite (leading minor {failed})")
+    return factor
