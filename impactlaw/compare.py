@@ -112,6 +112,8 @@ def format_table(table: pd.DataFrame) -> str:
     """Return the table for the screen: numbers short, long velocities cut, refusals below it."""
     shown = table.drop(columns="refused").copy()
     shown["v+"] = [_short(v) for v in table["v+"]]
+    shown["T+/T-"] = table["T+/T-"].astype(float).round(4) + 0.0
+    shown["antidissipative"] = [_first(labels) for labels in table["antidissipative"]]
     shown["events"] = ["" if pd.isna(n) else str(int(n)) for n in table["events"]]
     formats = {
         "T+/T-": "{:.4f}",
@@ -121,7 +123,7 @@ def format_table(table: pd.DataFrame) -> str:
         "us/step": "{:.0f}",
     }
     for column, pattern in formats.items():
-        shown[column] = ["" if pd.isna(x) else pattern.format(x) for x in table[column]]
+        shown[column] = ["" if pd.isna(x) else pattern.format(x) for x in shown[column]]
     text = shown.fillna("").to_string(index=False)
     for run, reason in zip(table["run"], table["refused"], strict=True):
         if reason:
@@ -134,6 +136,11 @@ def _short(values: list[float] | None) -> str:
         return ""
     moving = ", ".join(f"{0.0 if abs(v) < 5e-5 else v:.4g}" for v in values[:_WIDTH])
     return f"({moving}{', ...' if len(values) > _WIDTH else ''})"
+
+
+def _first(labels: str | None) -> str:
+    names = (labels or "").split()
+    return names[0] + (f" and {len(names) - 1} more" if len(names) > 1 else "") if names else ""
 
 
 def _positive(name: str, value: float) -> float:

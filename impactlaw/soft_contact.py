@@ -12,8 +12,9 @@ from impactlaw.contacts import detect, geom_names, update_positions
 from impactlaw.impact import Impact
 
 _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
-_STEPS_IN_CONTACT = 20  # timesteps one bounce of the tuned contact lasts; fewer and the integrator decides the outcome
-_LONGEST_CONTACT = 0.1  # s after which a soft collision that has not come apart is audited as it is
+_STEPS_IN_CONTACT = 10  # timesteps one bounce of the tuned contact lasts; fewer and the integrator decides the outcome
+_LONGEST_CONTACT = 0.1  # s after which a soft collision that has not come apart is audited as it is, if that is more
+_LONGEST_STEPS = 4 * _STEPS_IN_CONTACT  # than so many timesteps
 _IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # nearly one and constant, so that solref is a plain spring and damper
 
 
@@ -22,7 +23,7 @@ def tuned_contacts(model: mujoco.MjModel, restitution: float) -> mujoco.MjModel:
 
     MuJoCo's direct format ``solref = (-stiffness, -damping)`` makes a contact the oscillator
     ``r'' + b r' + k r = 0``, which bounces with ``e = exp(-pi zeta / sqrt(1 - zeta^2))``, ``b = 2 zeta sqrt(k)``. The
-    stiffness k lets half a period last 20 timesteps.
+    stiffness k lets half a period last 10 timesteps.
     """
     if restitution > 0:
         zeta = -math.log(restitution) / math.hypot(math.pi, math.log(restitution))
@@ -42,7 +43,7 @@ def soft_outcome(model: mujoco.MjModel, data: mujoco.MjData, impact: Impact) -> 
     """Let MuJoCo's contacts act on a collision that a law has resolved, and audit what comes out.
 
     The collision starts at data's configuration with the velocity before the impact, and has ended at the first step
-    after which no contact overlaps, or after 0.1 s. Whatever else acts meanwhile (gravity) is part of the outcome.
+    after which no contact overlaps, or after 0.1 s (40 timesteps if that is longer). Whatever else acts meanwhile (gravity) is part of the outcome.
 
     Args:
         model: the scene with the soft contacts wanted.
@@ -53,7 +54,7 @@ def soft_outcome(model: mujoco.MjModel, data: mujoco.MjData, impact: Impact) -> 
     scratch.qpos[:] = data.qpos
     scratch.qvel[:] = impact.collision.pre_velocity
     touched = False
-    for _ in range(max(1, math.ceil(_LONGEST_CONTACT / model.opt.timestep))):
+    for _ in range(max(_LONGEST_STEPS, math.ceil(_LONGEST_CONTACT / model.opt.timestep))):
         mujoco.mj_step(model, scratch)
         overlap = deepest_gap(model, scratch) < 0
         touched |= overlap
