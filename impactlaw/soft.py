@@ -33,6 +33,7 @@ class SoftStepping:
         self._collider = collider
         self._rest_speed = rest_speed
         self._names = geom_names(model)
+        self.unlocated = 0
 
     def step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
         """Advance by one timestep and return the collisions."""
@@ -100,6 +101,7 @@ class SoftStepping:
             qpos=data.qpos,
             events=events,
         )
+        self.unlocated += len(events) > self._collider.most
         if np.array_equal(velocity, data.qvel):
             return _VELOCITY
         data.qvel[:] = velocity

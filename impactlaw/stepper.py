@@ -6,30 +6,34 @@ from typing import Literal
 
 import mujoco
 
+from impactlaw.collide import Collider
 from impactlaw.contacts import GAP_TOLERANCE
-from impactlaw.errors import UnknownNameError
+from impactlaw.errors import SceneError, UnknownNameError
 from impactlaw.events import ImpactEvent
 from impactlaw.laws import Law
 from impactlaw.rigid import RigidStepping
 from impactlaw.scene import scene_law
+from impactlaw.soft import SoftStepping
 
 
 class Stepper:
-    """Advances a scene by its own timestep; MuJoCo does everything but contact, the law owns the contacts.
+    """Advances a scene by its own timestep under an impact law.
 
-    Each step locates the times at which gaps close, resolves every collision by the law, and keeps touching
-    contacts touching with the impulse of the same complementarity problem. See `impactlaw.rigid`.
+    With ``contact_model="rigid"`` MuJoCo does everything but contact and the law owns the contacts, without friction:
+    each step locates the times at which gaps close, resolves every collision by the law, and keeps touching contacts
+    touching (`impactlaw.rigid`). With ``contact_model="soft"`` MuJoCo keeps contact and friction, and the law takes over
+    collisions only; a step without one is `mj_step`, bit for bit (`impactlaw.soft`).
 
     Args:
         model: the compiled scene. Its options are read at every step, so they may be changed between steps.
         law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`impactlaw.scene`).
-        contact_model: "rigid".
-        friction: "refuse" scenes with friction, or "ignore" it.
+        contact_model: "rigid" or "soft".
+        friction: "refuse" scenes with friction, or "ignore" it (rigid).
         on_inadmissible: what to do with an outcome of the law outside of S(v-), that is one that would create
             energy or penetrate: "raise", "project" it onto S(v-), or "allow" it.
-        gap_tolerance: gap up to which a contact counts as closed, and largest penetration at an event, m.
-        max_events: collisions located in one step; what is left of a step with more is finished by time stepping
-            with E = 0.
+        gap_tolerance: gap up to which a contact counts as closed, and largest penetration at an event, m (rigid).
+        rest_speed: closing speed above which a soft contact collides, m/s (soft).
+        max_events: collisions of one step; what is left of a step with more is finished with E = 0.
         solver: a name from `impactlaw.solvers.SOLVERS`, or "auto".
 
     Attributes:
@@ -47,15 +51,16 @@ class Stepper:
         model: mujoco.MjModel,
         law: Law | Literal["scene"],
         *,
-        contact_model: Literal["rigid"] = "rigid",
+        contact_model: Literal["rigid", "soft"] = "rigid",
         friction: Literal["refuse", "ignore"] = "refuse",
         on_inadmissible: Literal["raise", "project", "allow"] = "raise",
         gap_tolerance: float = GAP_TOLERANCE,
+        rest_speed: float = 0.1,
         max_events: int = 100,
         solver: str = "auto",
     ):
         for kind, value, known in (
-            ("contact_model", contact_model, ("rigid",)),
+            ("contact_model", contact_model, ("rigid", "soft")),
             ("friction option", friction, ("refuse", "ignore")),
             ("on_inadmissible option", on_inadmissible, ("raise", "project", "allow")),
         ):
@@ -68,15 +73,20 @@ class Stepper:
         self.model = model
         self.law = law
         self.events: tuple[ImpactEvent, ...] = ()
-        self._stepping = RigidStepping(
-            model,
-            law,
-            ignore_friction=friction == "ignore",
-            on_inadmissible=on_inadmissible,
-            gap_tolerance=gap_tolerance,
-            max_events=max_events,
-            solver=solver,
-        )
+        if contact_model == "soft":
+            self._stepping = SoftStepping(
+                model, Collider(law, on_inadmissible, max_events, solver), rest_speed=rest_speed
+            )
+        else:
+            self._stepping = RigidStepping(
+                model,
+                law,
+                ignore_friction=friction == "ignore",
+                on_inadmissible=on_inadmissible,
+                gap_tolerance=gap_tolerance,
+                max_events=max_events,
+                solver=solver,
+            )
 
     @property
     def unlocated(self) -> int:
@@ -84,7 +94,9 @@ class Stepper:
         return self._stepping.unlocated
 
     def step(self, data: mujoco.MjData) -> None:
-        """Advance data by one ``model.opt.timestep``; frames and inertia are current afterwards.
+        """Advance data by one ``model.opt.timestep``.
+
+        Rigid steps leave frames and inertia current; soft ones leave them as `mj_step` does.
 
         Raises:
             OverlapError: geoms overlap at the start by more than the gap tolerance; names the pairs and depths.
@@ -93,3 +105,13 @@ class Stepper:
             DivergenceError: position or velocity is not finite.
         """
         self.events = self._stepping.step(data)
+
+    def finish_step(self, data: mujoco.MjData) -> None:
+        """Do what follows `mj_step1` in a soft step, as `mj_step2` does.
+
+        Raises:
+            SceneError: the contact model is not "soft".
+        """
+        if not isinstance(self._stepping, SoftStepping):
+            raise SceneError('only soft stepping can be cut in two halves; use step(), or contact_model="soft"')
+        self.events = self._stepping.finish(data)
