@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from impactlaw.collision import Collision
 from impactlaw.errors import InvalidCollisionError
+from impactlaw.solvers import ROUNDING, nonnegative_combination
 
 SIGNIFICANT = 1e-9
 """Part of |v-| below which a velocity or a scaled impulse is rounding when signs are asked for."""
@@ -64,8 +65,6 @@ class Impact:
         Raises:
             InvalidCollisionError: post_velocity has the wrong shape or entries that are not finite.
         """
-        from impactlaw.solvers import nonnegative_combination
-
         v = np.array(post_velocity, dtype=float)
         if v.shape != collision.pre_velocity.shape or not np.isfinite(v).all():
             raise InvalidCollisionError(
@@ -130,8 +129,6 @@ class Impact:
     @cached_property
     def violations(self) -> Violations:
         """How far v+ is outside of each of the three sets whose intersection is S(v-)."""
-        from impactlaw.solvers import nonnegative_combination
-
         c = self.collision
         Y, z = c.whitened_jacobian, c.whitened_velocity + self.whitened_jump
         kinematic = 0.0
@@ -147,16 +144,18 @@ class Impact:
 
     @cached_property
     def residual(self) -> float:
-        """Certificate of the outcome, relative to ``|v-|``, from v+, Lambda and the collision alone.
+        """Certificate, relative to the larger of ``|v-|`` and ``|v+|``, from v+, Lambda and the collision alone.
 
-        The largest of ``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm) and, per contact, the negative part of
-        ``Lambda_i sqrt(G_ii)`` and, when a law decided, the natural map of its complementarity
-        ``0 <= Lambda_i  ⊥  gamma+_i - gamma^h_i >= 0``, ``min(Lambda_i sqrt(G_ii), (gamma+_i - gamma^h_i) / sqrt(G_ii))``.
+        The largest of ``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm, beyond the rounding of Lambda itself) and, per
+        contact, the negative part of ``Lambda_i sqrt(G_ii)`` and, when a law decided, the natural map
+        ``min(Lambda_i sqrt(G_ii), (gamma+_i - gamma^h_i) / sqrt(G_ii))`` of its complementarity
+        ``0 <= Lambda_i  ⊥  gamma+_i - gamma^h_i >= 0``.
         """
         c = self.collision
-        error = float(np.linalg.norm(self.whitened_jump - self.impulse @ c.whitened_jacobian))
         scale = c.gradient_norms
         scaled_impulse = self.impulse * scale
+        error = float(np.linalg.norm(self.whitened_jump - self.impulse @ c.whitened_jacobian))
+        error = max(0.0, error - ROUNDING * float(np.abs(scaled_impulse).sum()))
         if self.target_contact_velocity is not None:
             slack = self.post_contact_velocity - self.target_contact_velocity
             moving = scale > 0
@@ -167,4 +166,5 @@ class Impact:
             natural = np.minimum(scaled_impulse[moving], slack[moving] / scale[moving])
             error = max(error, float(np.abs(natural).max(initial=0.0)))
         error = max(error, float(-scaled_impulse.min(initial=0.0)))
-        return error / c.pre_speed if c.pre_speed > 0 else error
+        speed = max(c.pre_speed, float(np.linalg.norm(c.whitened_velocity + self.whitened_jump)))
+        return error / speed if speed > 0 else error

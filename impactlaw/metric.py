@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg.blas import dtrsv
-from scipy.linalg.lapack import dpotrf, dtrtrs
+from scipy.linalg.blas import dtrsv  # pyright: ignore[reportAttributeAccessIssue]
+from scipy.linalg.lapack import dpotrf, dtrtrs  # pyright: ignore[reportAttributeAccessIssue]
 
 from impactlaw.errors import InvalidCollisionError
 
 _SYMMETRY = 1e-10  # relative asymmetry of M above which it is taken for a mistake, not for rounding
-_ROW_BY_ROW = 1e5  # multiplications up to which rows are solved one by one: the BLAS starts threads for several at once,
-# which costs milliseconds where another process keeps the cores busy
+_ROW_BY_ROW = 1e5
+"""Multiplications up to which rows are solved one by one: for several at once the BLAS starts threads, which costs
+milliseconds where another process keeps the cores busy."""
 
 
 class KineticMetric:
@@ -29,7 +30,10 @@ class KineticMetric:
     """
 
     def __init__(self, mass_matrix: ArrayLike):
-        M = np.array(mass_matrix, dtype=float)
+        try:
+            M = np.array(mass_matrix, dtype=float)
+        except (TypeError, ValueError) as error:
+            raise InvalidCollisionError(f"mass_matrix is not an array of numbers: {error}") from None
         if M.ndim != 2 or M.shape[0] != M.shape[1] or M.shape[0] == 0:
             raise InvalidCollisionError(f"mass_matrix must be square and not empty, got shape {M.shape}")
         if not np.isfinite(M).all():
@@ -39,7 +43,7 @@ class KineticMetric:
             i = int(np.argmin(diagonal))
             raise InvalidCollisionError(f"mass_matrix is not positive definite: entry ({i}, {i}) is {diagonal[i]}")
         self._scale = None
-        self._factor = None
+        self._factor = np.empty((0, 0))
         if np.count_nonzero(M) == len(M):
             self._scale = np.sqrt(diagonal)
         else:
@@ -86,7 +90,10 @@ def _factor(M: np.ndarray) -> np.ndarray:
     scale = np.sqrt(M.diagonal())
     if (np.abs(M - M.T) > _SYMMETRY * np.outer(scale, scale)).any():
         i, j = np.unravel_index(np.argmax(np.abs(M - M.T)), M.shape)
-        raise InvalidCollisionError(f"mass_matrix is not symmetric: ({i}, {j}) and its mirror differ by {M[i, j] - M[j, i]:.3g}")
+        difference = M[i, j] - M[j, i]
+        raise InvalidCollisionError(
+            f"mass_matrix is not symmetric: ({i}, {j}) and its mirror differ by {difference:.3g}"
+        )
     factor, failed = dpotrf(M, lower=1, clean=1)
     if failed:
         raise InvalidCollisionError(f"mass_matrix is not positive definite (leading minor {failed})")

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from impactlaw.collision import Collision
 from impactlaw.errors import RestitutionError
 from impactlaw.impact import Impact
-from impactlaw.solvers import Problem, solve
+from impactlaw.solvers import Problem, solve_with_jump
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +57,10 @@ class Law(ABC):
         if target.velocity is not None:
             preimage = collision.metric.whiten(target.velocity - collision.pre_velocity)
         Y = collision.whitened_jacobian
-        problem = Problem(Y, wanted - collision.pre_contact_velocity, preimage)
-        impulse = solve(problem, collision.labels, solver=solver)
-        post = collision.pre_velocity + collision.metric.unwhiten(impulse @ Y)
-        return Impact(collision, post, impulse, wanted)
+        problem = Problem(Y, wanted - collision.pre_contact_velocity, preimage, collision.pre_speed)
+        answer = solve_with_jump(problem, collision.labels, solver=solver)
+        post = collision.pre_velocity + collision.metric.unwhiten(answer.jump)
+        return Impact(collision, post, answer.impulse, wanted)
 
 
 class RestitutionLaw(Law):

@@ -55,7 +55,8 @@ class Fremond(RestitutionLaw):
     @property
     def contact_labels(self) -> frozenset[str]:
         """Labels the law was keyed with, in canonical order; empty if it was not."""
-        return frozenset(name for pair in self.matrix for name in pair) if isinstance(self.matrix, dict) else frozenset()
+        keys = self.matrix if isinstance(self.matrix, dict) else ()
+        return frozenset(name for pair in keys for name in pair)
 
     def restitution_matrix(self, collision: Collision) -> np.ndarray:
         """Return E for the contacts of this collision, shape (h, h).
@@ -67,8 +68,8 @@ class Fremond(RestitutionLaw):
         if isinstance(self.matrix, np.ndarray):
             if len(self.matrix) != h:
                 raise RestitutionError(
-                    f"restitution matrix is {self.matrix.shape} but {h} contacts collide ({', '.join(collision.labels)}); "
-                    "key it by contact labels so that it follows the contacts"
+                    f"restitution matrix is {self.matrix.shape} but {h} contacts collide "
+                    f"({', '.join(collision.labels)}); key it by contact labels so that it follows the contacts"
                 )
             return self.matrix
         table: dict[tuple[str, str], float] = self.matrix  # pyright: ignore[reportAssignmentType]

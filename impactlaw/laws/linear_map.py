@@ -38,6 +38,8 @@ class LinearMap(Law):
         """
         h = np.asarray(self.h)
         if len(h) != len(collision.pre_velocity):
-            raise RestitutionError(f"linear map is {h.shape} but the velocity has {len(collision.pre_velocity)} entries")
+            raise RestitutionError(
+                f"linear map is {h.shape} but the velocity has {len(collision.pre_velocity)} entries"
+            )
         u = h @ collision.pre_velocity
         return Target(collision.jacobian @ u, u)

@@ -40,7 +40,9 @@ class Newton(RestitutionLaw):
         elif np.ndim(value) == 1:
             value = tuple(coefficient(e, f"restitution of contact {i}") for i, e in enumerate(value))  # pyright: ignore[reportArgumentType]
         else:
-            raise RestitutionError(f"Newton takes one coefficient per contact, got shape {np.shape(value)}; see Fremond")
+            raise RestitutionError(
+                f"Newton takes one coefficient per contact, got shape {np.shape(value)}; see Fremond"
+            )
         object.__setattr__(self, "restitution", value)
         if self.default is not None:
             if not isinstance(value, dict):
@@ -50,7 +52,7 @@ class Newton(RestitutionLaw):
     @property
     def contact_labels(self) -> frozenset[str]:
         """Labels the law was keyed with, in canonical order; empty if it was not."""
-        return frozenset(self.restitution) if isinstance(self.restitution, dict) else frozenset()
+        return frozenset(self._table or ())
 
     def coefficients(self, collision: Collision) -> np.ndarray:
         """Return ``e_1 .. e_h`` for the contacts of this collision, shape (h,).
@@ -59,9 +61,9 @@ class Newton(RestitutionLaw):
             RestitutionError: as many coefficients as contacts are needed; or a contact is not named and no default set.
         """
         h = len(collision.labels)
-        value = self.restitution
-        if isinstance(value, dict):
-            return np.array([self._lookup(value, label) for label in collision.labels])
+        value, table = self.restitution, self._table
+        if table is not None:
+            return np.array([self._lookup(table, label) for label in collision.labels])
         if isinstance(value, tuple):
             if len(value) != h:
                 raise RestitutionError(
@@ -80,6 +82,10 @@ class Newton(RestitutionLaw):
         e = self.coefficients(collision)
         common = -e[0] * collision.pre_velocity if len(e) and (e == e[0]).all() else None
         return Target(-e * collision.pre_contact_velocity, common)
+
+    @property
+    def _table(self) -> dict[str, float] | None:
+        return self.restitution if isinstance(self.restitution, dict) else None  # pyright: ignore[reportReturnType]
 
     def _lookup(self, table: dict[str, float], label: str) -> float:
         e = table.get(canonical(label), self.default)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
-from functools import cached_property
-from typing import Protocol
+from math import sqrt
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -21,30 +21,35 @@ class Problem:
         bound: ``c = gamma^h - gamma-``, shape (h,).
         preimage: ``d`` with ``Y d = c`` where the law knows one, shape (nv,); then the jump is the projection of d
             onto the cone of the gradients, which always exists.
+        speed: ``|v-|`` where it is known, sqrt(J): c was computed from it and carries its rounding.
+        norms: lengths of the rows of Y, shape (h,).
+        lengths: the same to divide by: 1 for rows of zeros, shape (h,).
+        scale: largest of |v-|, |d| and ``|c_i| / |Y_i|``: a jump is called rounding in comparison with it, sqrt(J).
     """
 
     gradients: np.ndarray
     bound: np.ndarray
     preimage: np.ndarray | None = None
+    speed: float = 0.0
 
-    @cached_property
-    def norms(self) -> np.ndarray:
-        """Lengths of the rows of Y, shape (h,)."""
-        return np.sqrt(np.einsum("ij,ij->i", self.gradients, self.gradients))
+    norms: np.ndarray = field(init=False, repr=False)
+    lengths: np.ndarray = field(init=False, repr=False)
+    scale: float = field(init=False, repr=False)
 
-    @cached_property
-    def moving(self) -> np.ndarray:
-        """Contacts that any velocity can change at all (rows of Y that are not zero), bool (h,)."""
-        return self.norms > 0
+    def __post_init__(self):
+        norms = np.sqrt(np.vecdot(self.gradients, self.gradients))
+        lengths = norms if np.count_nonzero(norms) == len(norms) else np.where(norms > 0, norms, 1.0)
+        if self.preimage is not None:
+            wanted = sqrt(self.preimage.dot(self.preimage))
+        else:
+            wanted = float(np.abs(self.bound / lengths).max(initial=0.0))
+        object.__setattr__(self, "norms", norms)
+        object.__setattr__(self, "lengths", lengths)
+        object.__setattr__(self, "scale", max(self.speed, wanted))
 
     def slack(self, z: np.ndarray) -> np.ndarray:
         """``(Y z - c) / |Y_i|``, shape (h,), in sqrt(J); rows of zeros count as ``-c_i``."""
-        return (self.gradients @ z - self.bound) / np.where(self.moving, self.norms, 1.0)
-
-    def residual(self, impulse: np.ndarray) -> float:
-        """Natural map ``max |min(Lambda_i |Y_i|, slack_i)|`` at ``z = Y^T Lambda``, sqrt(J)."""
-        natural = np.minimum(impulse * self.norms, self.slack(impulse @ self.gradients))
-        return float(np.abs(natural[self.moving]).max(initial=0.0))
+        return (self.gradients.dot(z) - self.bound) / self.lengths
 
 
 class Status(StrEnum):
@@ -55,8 +60,7 @@ class Status(StrEnum):
     STOPPED = "stopped"
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(NamedTuple):
     """What a solver hands back; only the certificate decides whether it is an answer.
 
     Attributes:

@@ -11,5 +11,5 @@ def closed_form(problem: Problem) -> Solution:
     """Solve a problem of one contact exactly; any other is answered by ``Status.STOPPED``."""
     if len(problem.bound) != 1:
         return Solution(np.zeros_like(problem.bound), Status.STOPPED)
-    c, G = problem.bound[0], problem.norms[0] ** 2
-    return Solution(np.array([max(0.0, c / G) if G > 0 else 0.0]))
+    c, length = problem.bound[0], problem.lengths[0]
+    return Solution(np.array([max(0.0, c / length / length)]))

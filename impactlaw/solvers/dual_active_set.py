@@ -13,9 +13,9 @@ def dual_active_set(problem: Problem) -> Solution:
     """Solve ``min |z|^2 / 2, Y z >= c`` with rows of unit length and bounds of size one."""
     import daqp
 
-    scale = np.where(problem.moving, problem.norms, 1.0)
-    Y = np.ascontiguousarray(problem.gradients / scale[:, None])
-    c = problem.bound / scale
+    lengths = problem.lengths
+    Y = np.ascontiguousarray(problem.gradients / lengths[:, None])
+    c = problem.bound / lengths
     size = float(np.abs(c).max(initial=0.0))
     if size == 0.0:
         return Solution(np.zeros_like(c))
@@ -27,11 +27,11 @@ def dual_active_set(problem: Problem) -> Solution:
         np.full(h, 1e30),
         c / size,
         np.zeros(h, dtype=np.int32),
-        primal_tol=1e-11,
+        primal_tol=max(1e-11, 1e-12 * problem.scale / size),  # what is rounding of c cannot make it unsolvable
         dual_tol=1e-12,
         iter_limit=100 * (h + nv),
     )
-    impulse = np.maximum(0.0, -info["lam"]) * size / scale
+    impulse = np.maximum(0.0, -info["lam"]) * size / lengths
     if flag == _INFEASIBLE:
         return Solution(impulse, Status.INFEASIBLE, info["iterations"])
     return Solution(impulse, Status.SOLVED if flag > 0 else Status.STOPPED, info["iterations"])

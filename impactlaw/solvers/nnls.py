@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import lstsq
 from scipy.optimize import nnls as scipy_nnls
 
 from impactlaw.solvers.base import Problem, Solution, Status
+from impactlaw.solvers.least_squares import least_squares
 
-_IN_RANGE = 1e-12  # relative distance from the range of Y that counts as rounding
+_IN_RANGE = 1e-12  # distance from the range of Y, relative to the scale of the problem, that counts as rounding
 
 
 def nnls(problem: Problem) -> Solution:
@@ -19,18 +19,18 @@ def nnls(problem: Problem) -> Solution:
     """
     d = problem.preimage
     if d is None:
-        d = lstsq(problem.gradients, problem.bound, lapack_driver="gelsd", check_finite=False)[0]
-        error = np.abs(problem.gradients @ d - problem.bound)
-        if (error > _IN_RANGE * (np.abs(problem.bound) + problem.norms * np.linalg.norm(d))).any():
-            return Solution(np.zeros_like(problem.bound), Status.STOPPED)
-    return cone_projection(problem.gradients, d, problem.norms)
+        Y, c = problem.gradients / problem.lengths[:, None], problem.bound / problem.lengths
+        d = least_squares(Y, c)
+        if np.abs(Y @ d - c).max(initial=0.0) > _IN_RANGE * max(problem.scale, float(np.linalg.norm(d))):
+            return Solution(np.zeros_like(c), Status.STOPPED)
+    return cone_projection(problem, d)
 
 
-def cone_projection(gradients: np.ndarray, point: np.ndarray, norms: np.ndarray) -> Solution:
+def cone_projection(problem: Problem, point: np.ndarray) -> Solution:
     """``min |Y^T Lambda - point|, Lambda >= 0`` with the rows of Y scaled to unit length first."""
-    scale = np.where(norms > 0, norms, 1.0)
+    lengths = problem.lengths
     try:
-        scaled, _ = scipy_nnls((gradients / scale[:, None]).T, point)
+        scaled, _ = scipy_nnls(problem.gradients.T / lengths, point, maxiter=30 * len(lengths))
     except RuntimeError:  # scipy's way to say that the iteration limit was reached
-        return Solution(np.zeros(len(gradients)), Status.STOPPED)
-    return Solution(scaled / scale)
+        return Solution(np.zeros_like(problem.bound), Status.STOPPED)
+    return Solution(scaled / lengths)

@@ -3,148 +3,156 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import lstsq
-from scipy.optimize import nnls as _nnls
+from scipy.linalg import svd
 
 from impactlaw.errors import SolverError, UnknownNameError, UnsolvableLawError
+from impactlaw.solvers.answer import Answer, judge, polish
 from impactlaw.solvers.base import Problem, Solver, Status
 from impactlaw.solvers.closed_form import closed_form
 from impactlaw.solvers.dual_active_set import dual_active_set
+from impactlaw.solvers.farkas import farkas_ray
+from impactlaw.solvers.least_distance import least_distance
 from impactlaw.solvers.least_norm import least_norm
-from impactlaw.solvers.nnls import cone_projection, nnls
+from impactlaw.solvers.nnls import nnls
 
 SOLVERS: dict[str, Solver] = {
     "closed-form": closed_form,
     "nnls": nnls,
     "dual-active-set": dual_active_set,
+    "least-distance": least_distance,
 }
 """The registry: a new solver is one file and one line here."""
 
 CERTIFIED = 1e-9
-"""Residual, relative to the largest wanted velocity change, above which an answer is not one."""
-_POLISHED = 1e-13  # residual that needs no second look
-_TIGHT = 1e-9  # slack, relative to the jump, of a contact that may share the impulse
+"""Residual, relative to the velocities before and after, above which an answer is not one."""
+_GOOD = 1e-12  # relative residual that needs no other solver's opinion
+_TIGHT = 1e-9  # slack, relative to the scale of the problem, of a contact that may share the impulse
+_RANK = 1e-13  # relative singular value below which a direction of the gradients is rounding
 
 
 def solve(problem: Problem, labels: tuple[str, ...], *, solver: str = "auto") -> np.ndarray:
-    """Return the impulse of least norm that solves the problem, shape (h,).
+    """Return the impulse of least norm that solves the problem, shape (h,); see `solve_with_jump`."""
+    return solve_with_jump(problem, labels, solver=solver).impulse
+
+
+def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = "auto") -> Answer:
+    """Return the impulse of least norm that solves the problem, and its velocity jump.
 
     Args:
         problem: what to solve.
         labels: names of the contacts, for messages.
         solver: a name from `SOLVERS`, or "auto": closed form for one contact, NNLS where the law knows a velocity with
-            the wanted contact velocities, a dual active set otherwise, each the fallback of the other.
+            the wanted contact velocities, a dual active set otherwise, the others where an answer is not certified.
 
     Raises:
         UnknownNameError: no such solver.
         UnsolvableLawError: the problem has no solution.
         SolverError: no solver's answer passed the certificate.
     """
-    size = float(np.abs(problem.slack(np.zeros(problem.gradients.shape[1]))).max(initial=0.0))
-    if size == 0.0 or (problem.bound <= 0).all():
-        return np.zeros_like(problem.bound)
-    _refuse_fixed(problem, labels)
-    best, error, status = None, np.inf, Status.STOPPED
-    for name in _candidates(problem, solver):
-        solution = SOLVERS[name](problem)
-        status = solution.status
-        if status is Status.INFEASIBLE:
-            ray = farkas_ray(problem)
-            if ray is not None:
-                raise UnsolvableLawError([labels[i] for i in np.flatnonzero(ray)], ray)
-            continue
-        if status is Status.STOPPED and not solution.impulse.any():
-            continue
-        impulse, residual = _polish(problem, solution.impulse)
-        if residual < error:
-            best, error = impulse, residual
-        if error <= CERTIFIED * size:
-            break
-    if best is None or error > CERTIFIED * size:
-        ray = farkas_ray(problem)
-        if ray is not None:
-            raise UnsolvableLawError([labels[i] for i in np.flatnonzero(ray)], ray)
-        raise SolverError(
-            f"solver {solver!r} ended {status} with relative residual {error / size:.1e} on {len(labels)} contacts; "
-            "try another solver, or check the scene for contacts of very different scale"
-        )
-    return _share(problem, best, error, size)
+    if solver != "auto" and solver not in SOLVERS:
+        raise UnknownNameError("solver", solver, [*SOLVERS, "auto"])
+    c = problem.bound
+    if np.count_nonzero(c > 0) == 0:
+        return Answer(np.zeros_like(c), np.zeros(problem.gradients.shape[1]), -c / problem.lengths, 0.0)
+    if problem.lengths is not problem.norms:
+        return _solve_moving(problem, labels, solver)
+    answer = _attempt(problem, labels, solver)
+    if answer is None or answer.residual > CERTIFIED * problem.scale:
+        answer = _attempt_in_row_space(problem, labels, solver, answer)
+        if answer is None or answer.residual > CERTIFIED * max(problem.scale, float(np.linalg.norm(answer.jump))):
+            _refuse(problem, labels)
+            reached = "no answer" if answer is None else f"relative residual {answer.residual / problem.scale:.1e}"
+            raise SolverError(
+                f"solver {solver!r} reached {reached} on {len(labels)} contacts; "
+                "try another solver, or check the scene for contacts of very different scale"
+            )
+    return _share(problem, answer)
 
 
 def nonnegative_combination(gradients: np.ndarray, point: np.ndarray) -> np.ndarray:
     """Least-norm ``Lambda >= 0`` that minimises ``|Y^T Lambda - point|``, shape (h,)."""
-    if len(gradients) == 0:
-        return np.zeros(0)
-    problem = Problem(gradients, gradients @ point, point)
-    impulse = cone_projection(gradients, point, problem.norms).impulse
-    size = float(np.linalg.norm(point))
-    return _share(problem, impulse, problem.residual(impulse), size) if size > 0 else impulse
+    return solve(Problem(gradients, gradients.dot(point), point), ("",) * len(gradients))
 
 
-def farkas_ray(problem: Problem) -> np.ndarray | None:
-    """Return ``nu >= 0`` with ``Y^T nu = 0`` and ``c^T nu > 0``, a proof that ``Y z >= c`` has no solution, or None."""
-    scale = np.where(problem.moving, problem.norms, 1.0)
-    Y, c = problem.gradients / scale[:, None], problem.bound / scale
-    c = c / np.abs(c).max()
-    h = len(c)
-    nu, _ = _nnls(np.vstack([Y.T, c]), np.concatenate([np.zeros(Y.shape[1]), [1.0]]), maxiter=100 * h)
-    if not nu.any() or np.linalg.norm(nu @ Y) > 1e-9 * nu.sum() or nu @ c < 1e-7 * nu.sum():
-        return None
-    nu[nu < 1e-9 * nu.max()] = 0.0
-    return nu / scale
+def _attempt(problem: Problem, labels: tuple[str, ...], solver: str) -> Answer | None:
+    """Ask one solver after the other until an answer is good; return the best."""
+    best = None
+    for name in _candidates(problem, solver):
+        solution = SOLVERS[name](problem)
+        if solution.status is Status.INFEASIBLE:
+            _refuse(problem, labels)
+        if solution.status is not Status.SOLVED:
+            continue
+        answer = polish(problem, solution.impulse)
+        if best is None or answer.residual < best.residual:
+            best = answer
+        if best.residual <= _GOOD * problem.scale:
+            break
+    return best
+
+
+def _attempt_in_row_space(
+    problem: Problem, labels: tuple[str, ...], solver: str, known: Answer | None
+) -> Answer | None:
+    """Try without the directions in which the gradients are nothing but rounding; return what is better."""
+    _, singular, V = svd(problem.gradients / problem.lengths[:, None], full_matrices=False, check_finite=False)
+    rank = int(np.count_nonzero(singular > _RANK * singular[0]))
+    if rank == len(singular):
+        return known
+    V = V[:rank]
+    d = None if problem.preimage is None else V.dot(problem.preimage)
+    part = Problem(problem.gradients.dot(V.T), problem.bound, d, problem.speed)
+    answer = _attempt(part, labels, solver)
+    if answer is None:
+        return known
+    answer = judge(problem, answer.impulse, answer.jump.dot(V))
+    return answer if known is None or answer.residual < known.residual else known
 
 
 def _candidates(problem: Problem, solver: str) -> tuple[str, ...]:
     if solver != "auto":
-        if solver not in SOLVERS:
-            raise UnknownNameError("solver", solver, [*SOLVERS, "auto"])
         return (solver,)
     if len(problem.bound) == 1:
         return ("closed-form",)
-    return ("nnls", "dual-active-set") if problem.preimage is not None else ("dual-active-set", "nnls")
+    if problem.preimage is not None:
+        return ("nnls", "dual-active-set", "least-distance")
+    return ("dual-active-set", "least-distance", "nnls")
 
 
-def _refuse_fixed(problem: Problem, labels: tuple[str, ...]) -> None:
-    """A contact whose gradient is zero cannot change its velocity: wanting it to is a conflict of its own."""
-    wanted = ~problem.moving & (problem.bound > 0)
+def _solve_moving(problem: Problem, labels: tuple[str, ...], solver: str) -> Answer:
+    """Leave out contacts whose gradient is zero; wanting their velocity to change is a conflict of its own."""
+    moving = problem.norms > 0
+    wanted = ~moving & (problem.bound > 0)
     if wanted.any():
-        ray = wanted.astype(float)
-        raise UnsolvableLawError([labels[i] for i in np.flatnonzero(wanted)], ray)
+        raise UnsolvableLawError([labels[i] for i in np.flatnonzero(wanted)], wanted.astype(float))
+    part = Problem(problem.gradients[moving], problem.bound[moving], problem.preimage, problem.speed)
+    answer = solve_with_jump(part, tuple(np.array(labels)[moving]), solver=solver)
+    impulse, slack = np.zeros_like(problem.bound), -problem.bound
+    impulse[moving], slack[moving] = answer.impulse, answer.slack
+    return Answer(impulse, answer.jump, slack, answer.residual)
 
 
-def _polish(problem: Problem, impulse: np.ndarray) -> tuple[np.ndarray, float]:
-    """Solve once more on the contacts that carry an impulse, and keep what has the smaller residual."""
-    residual = problem.residual(impulse)
-    scaled = impulse * problem.norms
-    top = scaled.max(initial=0.0)
-    if residual <= _POLISHED * top:
-        return impulse, residual
-    active = scaled > 1e-10 * top
-    if not active.any():
-        return impulse, residual
-    scale = problem.norms[active]
-    Y = problem.gradients[active] / scale[:, None]
-    z = lstsq(Y, problem.bound[active] / scale, check_finite=False)[0]
-    better = np.zeros_like(impulse)
-    better[active] = lstsq(Y.T, z, check_finite=False)[0] / scale
-    for _ in range(2):
-        error = problem.bound[active] - problem.gradients[active] @ (better @ problem.gradients)
-        dz = lstsq(Y, error / scale, check_finite=False)[0]
-        better[active] += lstsq(Y.T, dz, check_finite=False)[0] / scale
-    better = np.maximum(better, 0.0)
-    polished = problem.residual(better)
-    return (better, polished) if polished < residual else (impulse, residual)
+def _refuse(problem: Problem, labels: tuple[str, ...]) -> None:
+    """Raise if there is a proof that no solution exists; with a preimage there always is one."""
+    if problem.preimage is not None:
+        return
+    ray = farkas_ray(problem)
+    if ray is not None:
+        raise UnsolvableLawError([labels[i] for i in np.flatnonzero(ray)], ray)
 
 
-def _share(problem: Problem, impulse: np.ndarray, residual: float, size: float) -> np.ndarray:
-    """Share the impulse among redundant contacts (least norm), unless that costs digits of the certificate."""
-    carries = impulse > 0
-    if not carries.any():
-        return impulse
-    tight = carries | (np.abs(problem.slack(impulse @ problem.gradients)) <= _TIGHT * size)
-    if np.count_nonzero(tight) < 2:
-        return impulse
-    shared = least_norm(problem.gradients, impulse, tight)
+def _share(problem: Problem, answer: Answer) -> Answer:
+    """Share the impulse among redundant contacts (least norm), unless that costs digits of the certificate.
+
+    The contacts that carry an impulse are independent, active-set solvers see to it, so that nothing is to share
+    unless one more contact is tight.
+    """
+    impulse = answer.impulse
+    tight = answer.slack <= _TIGHT * problem.scale
+    if np.count_nonzero(tight) <= np.count_nonzero(impulse):
+        return answer
+    shared = least_norm(problem.gradients, impulse, tight | (impulse > 0))
     if shared is impulse:
-        return impulse
-    return shared if problem.residual(shared) <= max(10 * residual, 1e-12 * size) else impulse
+        return answer
+    answer_shared = judge(problem, shared, answer.jump)
+    return answer_shared if answer_shared.residual <= max(10 * answer.residual, _GOOD * problem.scale) else answer

@@ -1,0 +1,60 @@
+"""An impulse with its velocity jump, its certificate, and the second look at the contacts that carry it."""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from impactlaw.solvers.base import Problem
+from impactlaw.solvers.least_squares import least_squares
+
+ROUNDING = 8 * float(np.finfo(float).eps)
+"""Part of the sum of ``Lambda_i |Y_i|`` that is lost when impulses that nearly cancel are rounded to doubles."""
+_POLISHED = 1e-14  # relative residual that needs no second look
+
+
+class Answer(NamedTuple):
+    """An impulse with its velocity jump, and how far the two are from the law.
+
+    Attributes:
+        impulse: ``Lambda``, shape (h,).
+        jump: ``z``, shape (nv,): ``Y^T Lambda`` but for the rounding of impulses that nearly cancel.
+        slack: ``(Y z - c) / |Y_i|``, shape (h,), sqrt(J).
+        residual: the larger of the length of the natural map ``min(Lambda_i |Y_i|, slack_i)`` and of
+            ``|z - Y^T Lambda|`` beyond that rounding, sqrt(J).
+    """
+
+    impulse: np.ndarray
+    jump: np.ndarray
+    slack: np.ndarray
+    residual: float
+
+
+def judge(problem: Problem, impulse: np.ndarray, jump: np.ndarray | None = None) -> Answer:
+    """Measure how far an impulse, and a jump where one was computed apart from it, are from the law."""
+    product = impulse.dot(problem.gradients)
+    scaled = impulse * problem.lengths
+    gap = 0.0
+    if jump is not None:
+        gap = float(np.linalg.norm(jump - product)) - ROUNDING * float(scaled.sum())
+        product = jump
+    slack = problem.slack(product)
+    natural = np.minimum(scaled, slack)
+    return Answer(impulse, product, slack, max(gap, sqrt(natural.dot(natural))))
+
+
+def polish(problem: Problem, impulse: np.ndarray) -> Answer:
+    """Solve once more on the contacts that carry an impulse, and keep what has the smaller residual."""
+    answer = judge(problem, impulse)
+    if answer.residual <= _POLISHED * problem.scale or not impulse.any():
+        return answer
+    active = impulse > 0
+    lengths = problem.lengths[active]
+    Y, c = problem.gradients[active] / lengths[:, None], problem.bound[active] / lengths
+    jump = least_squares(Y, c)
+    better = np.zeros_like(impulse)
+    better[active] = np.maximum(least_squares(Y.T, jump), 0.0) / lengths
+    polished = judge(problem, better, jump)
+    return polished if polished.residual < answer.residual else answer

@@ -1,0 +1,21 @@
+"""Linear least squares of least norm, by singular values: right for dependent gradients too."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.linalg import lstsq
+
+
+def least_squares(A: np.ndarray, b: np.ndarray, rank: float | None = None) -> np.ndarray:
+    """Return ``argmin |x|`` over the minimisers of ``|A x - b|``, with one step of iterative refinement.
+
+    Args:
+        A: shape (m, n).
+        b: shape (m,).
+        rank: relative singular value below which a direction counts as absent; rounding if None.
+    """
+    solve: Any = lstsq
+    x = solve(A, b, cond=rank, check_finite=False)[0]
+    return x + solve(A, b - A.dot(x), cond=rank, check_finite=False)[0]
