@@ -7,6 +7,7 @@ import math
 
 import mujoco
 import numpy as np
+from scipy.optimize import brentq
 
 from impactlaw.contacts import detect, geom_names, update_positions
 from impactlaw.impact import Impact
@@ -21,22 +22,32 @@ _IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # nearly one and constant, so th
 def tuned_contacts(model: mujoco.MjModel, restitution: float) -> mujoco.MjModel:
     """Return a copy of the model whose contacts are springs and dampers tuned to a coefficient of restitution.
 
-    MuJoCo's direct format ``solref = (-stiffness, -damping)`` makes a contact the oscillator
-    ``r'' + b r' + k r = 0``, which bounces with ``e = exp(-pi zeta / sqrt(1 - zeta^2))``, ``b = 2 zeta sqrt(k)``. The
-    stiffness k lets half a period last 10 timesteps.
+    MuJoCo's direct format ``solref = (-k, -b)`` makes a contact the oscillator ``r'' + b r' + k r = 0`` that pushes
+    but does not pull, ``b = 2 zeta sqrt(k)``. It lets go after the time ``t`` with the restitution ``e``:
+
+        zeta = sin(beta):  e = exp(-(pi - 2 beta) tan(beta)),   t sqrt(k) = (pi - 2 beta) / cos(beta)
+        zeta = cosh(s):    e = exp(-2 s / tanh(s)),             t sqrt(k) = 2 s / sinh(s)
+
+    (the second line for e below exp(-2); e below 0.01 is taken as 0.01). The stiffness k makes t ten timesteps.
     """
-    if restitution > 0:
-        zeta = -math.log(restitution) / math.hypot(math.pi, math.log(restitution))
-    else:
-        zeta = 1.0
-    damped = math.pi / (_STEPS_IN_CONTACT * model.opt.timestep)
-    stiffness = damped**2 / max(1.0 - zeta**2, 0.1)
+    zeta, time = _damping(max(restitution, 0.01))
+    frequency = time / (_STEPS_IN_CONTACT * model.opt.timestep)
     tuned = copy.deepcopy(model)
     tuned.opt.enableflags |= _OVERRIDE
     tuned.opt.o_margin = 0.0
-    tuned.opt.o_solref[:] = -stiffness, -2.0 * zeta * math.sqrt(stiffness)
+    tuned.opt.o_solref[:] = -(frequency**2), -2.0 * zeta * frequency
     tuned.opt.o_solimp[:] = _IMPEDANCE
     return tuned
+
+
+def _damping(restitution: float) -> tuple[float, float]:
+    """Return zeta, and the time in contact in units of the undamped oscillator's."""
+    wanted = -math.log(restitution)
+    if wanted < 2.0:
+        beta = brentq(lambda b: (math.pi - 2 * b) * math.tan(b) - wanted, 0.0, math.pi / 2 - 1e-9)
+        return math.sin(beta), (math.pi - 2 * beta) / math.cos(beta)
+    s = brentq(lambda s: 2 * s / math.tanh(s) - wanted, 1e-9, 10.0)
+    return math.cosh(s), 2 * s / math.sinh(s)
 
 
 def soft_outcome(model: mujoco.MjModel, data: mujoco.MjData, impact: Impact) -> Impact:

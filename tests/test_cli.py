@@ -1,0 +1,130 @@
+"""The command line: one clear line and exit code 2 for wrong input, and no half-written output."""
+
+import subprocess
+import sys
+
+import pytest
+
+from impactlaw.cli import Compare, Inspect, Laws, Scenes, main, new_files_in
+from impactlaw.errors import SceneError
+from impactlaw.laws import LAWS
+from impactlaw.models import SCENES
+
+SHORT = ("--duration", "0.02")
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Run the command line in this process, in an empty folder; returns exit code, output and error output."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["impactlaw", *arguments])
+        try:
+            main()
+            code = 0
+        except SystemExit as stop:
+            code = stop.code
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call
+
+
+def test_the_installed_command_runs(tmp_path):
+    command = [sys.executable, "-m", "impactlaw.cli", "compare", "wedge", "--restitution", "2"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+    assert (done.returncode, done.stderr) == (2, "impactlaw: restitution must lie in [0, 1], got 2.0\n")
+
+
+def test_compare_writes_into_out_and_prints_the_table(run, tmp_path):
+    code, out, err = run("compare", *SHORT)
+    assert code == 0, err
+    assert "(0, 0, 0, 0, 1)" in out
+    written = {path.name for path in (tmp_path / "out" / "newtons_cradle").iterdir()}
+    assert {"table.csv", "picture.png", "reversal.rrd", "mujoco.rrd"} <= written
+    assert not any(name.startswith(".") for name in written)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("compare", "nosuch"), "unknown scene"),
+        (("compare", "nosuch.xml"), "nosuch.xml"),
+        (("compare", "."), "directory"),
+        (("compare", "notes.xml"), "notes.xml"),
+        (("compare", "page.xml"), "page.xml"),
+        (("compare", "rough.xml"), "friction"),
+        (("compare", "deep.xml"), "overlap"),
+        (("compare", "--restitution", "-0.5"), "restitution"),
+        (("compare", "--restitution", "1.5"), "restitution"),
+        (("compare", "--restitution", "nan"), "restitution"),
+        (("compare", "--laws", "moro"), "'moreau'"),
+        (("compare", "--timestep", "0"), "timestep"),
+        (("compare", "--out", "notes.xml/sub"), "cannot write"),
+        (("inspect", "nosuch.rrd"), "nosuch.rrd"),
+        (("inspect", "notes.xml"), "notes.xml"),
+    ],
+)
+def test_wrong_input_is_one_line_and_exit_code_2(arguments, message, tmp_path, run):
+    (tmp_path / "notes.xml").write_text("these are notes")
+    (tmp_path / "page.xml").write_text("<html><body/></html>")
+    body = '<body pos="0 0 {height}"><freejoint/><geom name="ball" size=".1" condim="{condim}"/></body>'
+    plane = '<geom name="floor" type="plane" size="1 1 1" condim="1"/>'
+    for name, height, condim in (("rough", 1, 3), ("deep", 0.05, 1)):
+        scene = f"<mujoco><worldbody>{plane}{body.format(height=height, condim=condim)}</worldbody></mujoco>"
+        (tmp_path / f"{name}.xml").write_text(scene)
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    code, _, err = run(*arguments)
+    assert code == 2
+    assert message in err
+    assert len(err.strip().splitlines()) == 1, err
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_inspect_prints_the_collisions_and_writes_them_as_csv(run, tmp_path):
+    assert run("compare", "ball_chain", *SHORT)[0] == 0
+    code, out, err = run("inspect", "out/ball_chain/moreau.rrd", "--csv", "collisions.csv")
+    assert code == 0, err
+    assert "ball1/ball2" in out
+    assert "ball1/ball2" in (tmp_path / "collisions.csv").read_text()
+
+
+def test_laws_and_scenes_are_listed_one_line_each(capsys):
+    Laws()()
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(LAWS)
+    assert all(len(line.split()) > 3 for line in lines)
+    Scenes()()
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(SCENES)
+    assert all(len(line.split()) > 3 for line in lines)
+
+
+def test_interrupted_work_leaves_nothing_behind(tmp_path):
+    kept = tmp_path / "results"
+    with pytest.raises(KeyboardInterrupt), new_files_in(kept) as folder:
+        (folder / "table.csv").write_text("half")
+        raise KeyboardInterrupt
+    assert not kept.exists()
+
+
+def test_new_results_replace_old_ones_only_when_complete(tmp_path):
+    with new_files_in(tmp_path) as folder:
+        (folder / "table.csv").write_text("old")
+    with pytest.raises(RuntimeError), new_files_in(tmp_path) as folder:
+        (folder / "table.csv").write_text("half")
+        raise RuntimeError
+    assert [path.name for path in tmp_path.iterdir()] == ["table.csv"]
+    assert (tmp_path / "table.csv").read_text() == "old"
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SceneError, match="cannot write"), new_files_in(tmp_path / "file" / "out"):
+        pass
+
+
+def test_commands_are_values():
+    assert Compare(scene="wedge").scene == "wedge"
+    assert Inspect(file="run.rrd").csv is None
