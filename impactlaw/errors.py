@@ -69,3 +69,11 @@ class DivergenceError(ImpactLawError):
 
 class RecordingError(ImpactLawError):
     """A recording cannot be written, or a file is not a recording of this package."""
+
+
+class RenderError(ImpactLawError, RuntimeError):
+    """Nothing to draw with: no OpenGL library, or no display for a window."""
+
+
+class ActionError(ImpactLawError, ValueError):
+    """An action of the wrong shape, or with numbers that are not finite."""
