@@ -1,0 +1,1 @@
+"""Gymnasium environments in which the impact law decides, registered on import."""

@@ -1,0 +1,47 @@
+"""What an environment says in ``info`` about the collisions of a step: plain numbers, so that they vectorise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from impactlaw.events import ImpactEvent
+
+
+class ImpactTally:
+    """Sums up collisions for ``info``.
+
+    | key | meaning | type, unit |
+    |---|---|---|
+    | ``impact/count`` | collisions | int |
+    | ``impact/energy_change`` | sum of T+ - T- | float, J |
+    | ``impact/intensity`` | sum of \\|v+ - v-\\| in the kinetic metric | float, sqrt(J) |
+    | ``impact/distant`` | collisions with a distant effect (an antidissipative contact) | int |
+    | ``impact/inadmissible`` | collisions whose outcome by the law left S(v-), whatever was made of it | int |
+    | ``impact/diverged`` | 1 if the simulation left the finite numbers, which ends the episode | int |
+    """
+
+    def __init__(self) -> None:
+        self._count = self._distant = self._inadmissible = 0
+        self._energy_change = self._intensity = 0.0
+
+    def add(self, events: Iterable[ImpactEvent]) -> None:
+        """Take up the collisions of a timestep."""
+        for event in events:
+            impact = event.impact
+            self._count += 1
+            self._energy_change += impact.energy_change
+            self._intensity += impact.intensity
+            self._distant += impact.has_distant_effect
+            projected = impact.target_contact_velocity is None
+            self._inadmissible += projected or not impact.violations.is_admissible()
+
+    def info(self, *, diverged: bool = False) -> dict[str, int | float]:
+        """Return the entries of ``info``."""
+        return {
+            "impact/count": self._count,
+            "impact/energy_change": self._energy_change,
+            "impact/intensity": self._intensity,
+            "impact/distant": self._distant,
+            "impact/inadmissible": self._inadmissible,
+            "impact/diverged": int(diverged),
+        }
