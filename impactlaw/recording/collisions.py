@@ -1,0 +1,133 @@
+"""Collisions on their way into a recording: the record, the line in the log and the mark in the scene of each."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from impactlaw.recording.columns import Column, time_columns
+from impactlaw.recording.layout import COLLISION, COLLISION_COLUMNS, COLLISIONS, MARKS, PLOTTED
+
+if TYPE_CHECKING:
+    from impactlaw.events import ImpactEvent
+
+MARK_TIME = 0.05
+"""How long, in s of simulation time, the mark of a collision stays unless another one replaces it."""
+
+_NOWHERE = np.zeros((0, 3))
+
+
+def collision_record(event: ImpactEvent) -> dict[str, Any]:
+    """Return what is kept of a collision, by the names of the collision table."""
+    impact, contacts = event.impact, event.contacts
+    violations = impact.violations
+    return {
+        "time": float(event.time),
+        "contacts": list(contacts.labels),
+        "pre_contact_velocity": impact.collision.pre_contact_velocity.tolist(),
+        "post_contact_velocity": impact.post_contact_velocity.tolist(),
+        "impulse": impact.impulse.tolist(),
+        "topology": impact.topology.tolist(),
+        "antidissipative": impact.antidissipative.tolist(),
+        "position": np.asarray(contacts.position, dtype=float).tolist(),
+        "normal": np.asarray(contacts.normal, dtype=float).tolist(),
+        "intensity": impact.intensity,
+        "induced_impulse": impact.induced_impulse,
+        "kinetic_energy": impact.collision.kinetic_energy,
+        "energy_change": impact.energy_change,
+        "kinematic_violation": violations.kinematic,
+        "kinetic_violation": violations.kinetic,
+        "energetic_violation": violations.energetic,
+        "residual": float(impact.residual),
+    }
+
+
+class CollisionLog:
+    """Collisions since the last `send`.
+
+    Args:
+        law: the law's name, written to every record.
+        arrow_scale: length of the arrow of an impulse of 1 N s, m.
+        timestep: s.
+    """
+
+    def __init__(self, law: str, arrow_scale: float, timestep: float):
+        self._law = law
+        self._arrow_scale = arrow_scale
+        self._mark_steps = max(1, math.ceil(MARK_TIME / timestep))
+        self._count = 0
+        self._clear_at: tuple[float, int] | None = None
+        self._forget()
+
+    def add(self, event: ImpactEvent, clock: float, *, episode: int, step: int) -> None:
+        """Take a collision up; ``clock`` is its place on the timeline, s."""
+        record = collision_record(event) | {
+            "index": self._count,
+            "episode": episode,
+            "step": step,
+            "law": self._law,
+        }
+        self._count += 1
+        self._records.append(record)
+        self._clocks.append(clock)
+        admissible = event.impact.violations.is_admissible()
+        self._texts.append(_summary(record, admissible))
+        self._levels.append("INFO" if admissible else "WARN")
+        arrows = event.contacts.normal * (self._arrow_scale * event.impact.impulse)[:, None]
+        self._clear_marks(clock)
+        self._marks.append((clock, step, event.contacts.position, arrows))
+        self._clear_at = clock + MARK_TIME, step + self._mark_steps
+
+    def send(self, stream: Any, clock: float) -> None:
+        """Send what was added to a rerun stream; ``clock`` is where the timeline has got to, s."""
+        import rerun as rr
+
+        self._clear_marks(clock)
+        if self._marks:
+            clocks, steps, points, arrows = zip(*self._marks, strict=True)
+            lengths = [len(part) for part in points]
+            points = np.concatenate(points)
+            columns = [
+                *rr.Points3D.columns(positions=points).partition(lengths),
+                *rr.Arrows3D.columns(origins=points, vectors=np.concatenate(arrows)).partition(lengths),
+            ]
+            stream.send_columns(MARKS, time_columns(clocks, steps), columns, strict=True)
+        if self._records:
+            index = time_columns(self._clocks, [record["step"] for record in self._records])
+            columns = [
+                Column(f"{COLLISION}:{name}", kind, [record[name] for record in self._records])
+                for name, kind in COLLISION_COLUMNS.items()
+            ]
+            log = rr.TextLog.columns(text=self._texts, level=self._levels)
+            for name in PLOTTED:
+                values = rr.Scalars.columns(scalars=[record[name] for record in self._records])
+                stream.send_columns(f"{COLLISIONS}/{name}", index, values, strict=True)
+            stream.send_columns(COLLISIONS, index, [*columns, *log], strict=True)
+        self._forget()
+
+    def _clear_marks(self, clock: float) -> None:
+        if self._clear_at is not None and self._clear_at[0] < clock:
+            self._marks.append((*self._clear_at, _NOWHERE, _NOWHERE))
+            self._clear_at = None
+
+    def _forget(self) -> None:
+        self._records: list[dict[str, Any]] = []
+        self._clocks: list[float] = []
+        self._texts: list[str] = []
+        self._levels: list[str] = []
+        self._marks: list[tuple[float, int, np.ndarray, np.ndarray]] = []
+
+
+def _summary(record: dict[str, Any], admissible: bool) -> str:
+    contacts = Counter(record["contacts"])
+    names = ", ".join(f"{count} x {name}" if count > 1 else name for name, count in contacts.items())
+    text = (
+        f"{names}: impulse {record['induced_impulse']:.4g} N s, intensity {record['intensity']:.4g} sqrt(J), "
+        f"energy {record['energy_change']:+.4g} J"
+    )
+    if any(record["antidissipative"]):
+        text += ", distant effect"
+    return text if admissible else text + ", INADMISSIBLE"

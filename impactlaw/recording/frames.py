@@ -1,0 +1,126 @@
+"""Frames on their way into a recording: body poses, energies and closed contacts, one row per step."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+
+from impactlaw.contacts import GAP_TOLERANCE
+from impactlaw.recording.columns import Column, time_columns
+from impactlaw.recording.geometry import Group
+from impactlaw.recording.layout import CONTACTS, ENERGY, FRAME_TIME, FRAMES
+
+if TYPE_CHECKING:
+    from impactlaw.contacts import Contacts
+
+_NOWHERE = np.zeros((0, 3))
+
+
+class Frames:
+    """The frames since the last `send`.
+
+    Poses and energies are computed on a private copy of the state, so that they belong to the positions and
+    velocities of the same moment (MjData after ``mj_step`` holds poses and inertia of the moment before), and so
+    that the simulation's data stay as they are.
+
+    Args:
+        model: the compiled scene.
+        groups: what is drawn; the poses of the moving ones are recorded.
+        capacity: most frames between two `send`.
+    """
+
+    def __init__(self, model: mujoco.MjModel, groups: list[Group], capacity: int):
+        self._model = model
+        self._data = mujoco.MjData(model)
+        self._moving = [group for group in groups if not group.fixed]
+        self._bodies = np.concatenate([np.zeros(0, int), *(group.bodies for group in self._moving)]).astype(int)
+        self._time = np.zeros(capacity)
+        self._clock = np.zeros(capacity)
+        self._energy = np.zeros((capacity, 3))
+        self._position = np.zeros((capacity, len(self._bodies), 3), dtype=np.float32)
+        self._quaternion = np.zeros((capacity, len(self._bodies), 4), dtype=np.float32)
+        self._contacts: list[np.ndarray] = []
+
+    def __len__(self) -> int:
+        return len(self._contacts)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether there is no room for another frame."""
+        return len(self._contacts) == len(self._time)
+
+    def add(self, data: mujoco.MjData, clock: float, contacts: Contacts | None) -> None:
+        """Take a frame up; ``clock`` is its place on the timeline, s."""
+        own, i = self._data, len(self._contacts)
+        own.qpos[:] = data.qpos
+        own.qvel[:] = data.qvel
+        if self._model.nmocap:
+            own.mocap_pos[:] = data.mocap_pos
+            own.mocap_quat[:] = data.mocap_quat
+        self._update()
+        potential, kinetic = own.energy
+        self._time[i] = data.time
+        self._clock[i] = clock
+        self._energy[i] = kinetic, potential, kinetic + potential
+        self._position[i] = own.xpos[self._bodies]
+        self._quaternion[i] = own.xquat[self._bodies]
+        self._contacts.append(_closed_positions(data) if contacts is None else contacts.position)
+
+    def initial_pose(self, group: Group) -> Any:
+        """Return the poses of the group's bodies at the model's reference configuration, for rerun."""
+        import rerun as rr
+
+        data = mujoco.MjData(self._model)
+        mujoco.mj_kinematics(self._model, data)
+        return rr.InstancePoses3D(**_poses(data.xpos[group.bodies], data.xquat[group.bodies]))
+
+    def send(self, stream: Any, first_step: int) -> None:
+        """Send what was added to a rerun stream; times last, so that they vouch for the rest."""
+        import rerun as rr
+
+        n = len(self)
+        if n == 0:
+            return
+        index = time_columns(self._clock[:n], np.arange(first_step, first_step + n))
+        start = 0
+        for group in self._moving:
+            size = len(group.bodies)
+            part = np.s_[:n, start : start + size]
+            poses = rr.InstancePoses3D.columns(**_poses(self._position[part], self._quaternion[part]))
+            stream.send_columns(group.path, index, poses.partition(np.full(n, size)), strict=True)
+            start += size
+        points = rr.Points3D.columns(positions=np.concatenate(self._contacts))
+        lengths = [len(part) for part in self._contacts]
+        stream.send_columns(CONTACTS, index, points.partition(lengths), strict=True)
+        energies = rr.Scalars.columns(scalars=self._energy[:n].ravel()).partition(np.full(n, 3))
+        stream.send_columns(ENERGY, index, energies, strict=True)
+        stream.send_columns(FRAMES, index, [Column(FRAME_TIME, "float", self._time[:n])], strict=True)
+        self._contacts = []
+
+    def _update(self) -> None:
+        model, own = self._model, self._data
+        mujoco.mj_kinematics(model, own)
+        mujoco.mj_comPos(model, own)
+        if model.nflex:
+            mujoco.mj_flex(model, own)
+        if model.ntendon:
+            mujoco.mj_tendon(model, own)
+        mujoco.mj_makeM(model, own)
+        mujoco.mj_energyPos(model, own)
+        mujoco.mj_energyVel(model, own)
+
+
+def _closed_positions(data: mujoco.MjData) -> np.ndarray:
+    if data.ncon == 0:
+        return _NOWHERE
+    found = data.contact
+    return found.pos[found.dist <= GAP_TOLERANCE]
+
+
+def _poses(position: np.ndarray, quaternion: np.ndarray) -> dict[str, Any]:
+    return {
+        "translations": position.reshape(-1, 3),
+        "quaternions": quaternion.reshape(-1, 4)[:, [1, 2, 3, 0]],  # rerun has w last
+    }

@@ -1,0 +1,142 @@
+"""A model's geoms as rerun archetypes: one group, drawn by one entity, per kind of primitive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from impactlaw.contacts import geom_names
+from impactlaw.recording.layout import SCENE
+
+_PRIMITIVES = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
+_NO_RGBA = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)  # a geom with this colour shows its material's
+_INFINITE = 5.0  # half side of an infinite plane, in extents of the model
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Geoms that one entity draws, each placed by the pose of its body.
+
+    Attributes:
+        path: the entity.
+        bodies: body id of each geom.
+        archetype: what rerun draws, in the frames of the bodies.
+        fixed: whether the bodies never move.
+    """
+
+    path: str
+    bodies: np.ndarray
+    archetype: Any
+    fixed: bool
+
+
+def read_geometry(model: mujoco.MjModel) -> list[Group]:
+    """Return the geoms that MuJoCo shows by default (visible groups, not fully transparent), grouped for drawing."""
+    shown = np.array(mujoco.MjvOption().geomgroup, dtype=bool)
+    visible = shown[np.clip(model.geom_group, 0, len(shown) - 1)] & (colors(model)[:, 3] > 0)
+    moving = model.body_weldid[model.geom_bodyid] != 0
+    groups = []
+    for kind, name in enumerate(_PRIMITIVES):
+        for fixed in (True, False):
+            geoms = np.flatnonzero(visible & (model.geom_type == kind) & (moving != fixed))
+            path = f"{SCENE}/fixed/{name}" if fixed else f"{SCENE}/{name}"
+            if name in ("hfield", "mesh", "sdf"):  # rerun has one mesh per entity
+                parts = [(f"{path}/{geom}", np.array([geom]), _surface(model, geom)) for geom in geoms.tolist()]
+            else:
+                parts = [(path, geoms, _primitives(model, name, geoms))] if len(geoms) else []
+            groups += [Group(path, model.geom_bodyid[ids], archetype, fixed) for path, ids, archetype in parts]
+    return groups
+
+
+def colors(model: mujoco.MjModel) -> np.ndarray:
+    """Return the colour of each geom as MuJoCo shows it, RGBA in 0..255: its own, or else its material's."""
+    rgba = np.array(model.geom_rgba)
+    material = model.geom_matid
+    from_material = (material >= 0) & (rgba == _NO_RGBA).all(axis=1)
+    rgba[from_material] = model.mat_rgba[material[from_material]]
+    return np.rint(255 * np.clip(rgba, 0, 1)).astype(np.uint8)
+
+
+def body_names(model: mujoco.MjModel) -> list[str]:
+    """Return the name of each body, ``body<id>`` where it has none."""
+    return [model.body(i).name or f"body{i}" for i in range(model.nbody)]
+
+
+def _primitives(model: mujoco.MjModel, kind: str, geoms: np.ndarray) -> Any:
+    import rerun as rr
+
+    names = geom_names(model)
+    size, center = model.geom_size[geoms], model.geom_pos[geoms]
+    axis = np.array([_rotation(model.geom_quat[geom])[:, 2] for geom in geoms])
+    style: dict[str, Any] = {
+        "quaternions": model.geom_quat[geoms][:, [1, 2, 3, 0]],
+        "colors": colors(model)[geoms],
+        "fill_mode": rr.components.FillMode.Solid,
+        "labels": [names[geom] for geom in geoms],
+        "show_labels": False,
+    }
+    radius, half = size[:, 0], size[:, 1]
+    match kind:
+        case "sphere":
+            return rr.Ellipsoids3D(half_sizes=np.repeat(radius[:, None], 3, axis=1), centers=center, **style)
+        case "ellipsoid":
+            return rr.Ellipsoids3D(half_sizes=size, centers=center, **style)
+        case "capsule":  # rerun's begins at its origin
+            return rr.Capsules3D(lengths=2 * half, radii=radius, translations=center - half[:, None] * axis, **style)
+        case "cylinder":
+            return rr.Cylinders3D(lengths=2 * half, radii=radius, centers=center, **style)
+        case "box":
+            return rr.Boxes3D(half_sizes=size, centers=center, **style)
+        case _:  # a plane: a thin slab below it
+            sides = np.where(size[:, :2] > 0, size[:, :2], _INFINITE * model.stat.extent)
+            thickness = 1e-3 * model.stat.extent
+            half_sizes = np.column_stack([sides, np.full(len(geoms), thickness)])
+            return rr.Boxes3D(half_sizes=half_sizes, centers=center - thickness * axis, **style)
+
+
+def _surface(model: mujoco.MjModel, geom: int) -> Any:
+    import rerun as rr
+
+    shape = int(model.geom_dataid[geom])
+    if int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_HFIELD):
+        corners, normals = _height_field(model, shape)
+    else:
+        corners, normals = _mesh(model, shape)
+    rotation = _rotation(model.geom_quat[geom])
+    return rr.Mesh3D(
+        vertex_positions=corners @ rotation.T + model.geom_pos[geom],
+        vertex_normals=normals @ rotation.T,
+        albedo_factor=colors(model)[geom],
+    )
+
+
+def _mesh(model: mujoco.MjModel, mesh: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners of the triangles one after the other, and the normals that MuJoCo shades them with."""
+    start, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    corners = model.mesh_face[start : start + count].ravel() + model.mesh_vertadr[mesh]
+    normals = model.mesh_facenormal[start : start + count].ravel() + model.mesh_normaladr[mesh]
+    return model.mesh_vert[corners], model.mesh_normal[normals]
+
+
+def _height_field(model: mujoco.MjModel, field: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners of the triangles one after the other, and flat normals."""
+    rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
+    half_x, half_y, top, _ = model.hfield_size[field]
+    start = model.hfield_adr[field]
+    height = top * model.hfield_data[start : start + rows * columns].reshape(rows, columns)
+    x, y = np.meshgrid(np.linspace(-half_x, half_x, columns), np.linspace(-half_y, half_y, rows))
+    point = np.stack([x, y, height], axis=-1)
+    a, b, c, d = (part.reshape(-1, 3) for part in (point[:-1, :-1], point[:-1, 1:], point[1:, 1:], point[1:, :-1]))
+    triangles = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return triangles.reshape(-1, 3), np.repeat(normals, 3, axis=0)
+
+
+def _rotation(quaternion: np.ndarray) -> np.ndarray:
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)

@@ -1,0 +1,61 @@
+"""What a recording says about its run as a whole."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from impactlaw.recording.layout import FORMAT
+
+_PACKAGES = {"impactlaw": "impactlaw", "mujoco": "mujoco", "numpy": "numpy", "rerun": "rerun-sdk"}
+PROPERTY_NAMES = ("format", "scene", "law", "restitution", "timestep", "integrator", "seed", "versions")
+
+
+def run_properties(
+    model: mujoco.MjModel, *, law: Any, restitution: Any, scene: str | Path | None, seed: int | None
+) -> dict[str, Any]:
+    """Return the properties of a run, all of them values that JSON has."""
+    if restitution is None and law is not None and not isinstance(law, str):
+        restitution = next((getattr(law, name) for name in ("restitution", "matrix", "h") if hasattr(law, name)), None)
+    model_name = model.names[: model.names.index(b"\0")].decode()
+    return {
+        "format": FORMAT,
+        "scene": str(scene) if scene is not None else model_name,
+        "law": law_name(law),
+        "restitution": _plain(restitution),
+        "timestep": float(model.opt.timestep),
+        "integrator": mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_"),
+        "seed": _plain(seed),
+        "versions": {name: importlib.metadata.version(package) for name, package in _PACKAGES.items()},
+    }
+
+
+def law_name(law: Any) -> str | None:
+    """Return the law in one line: its repr, or the name it goes by."""
+    if law is None or isinstance(law, str):
+        return law
+    return " ".join(repr(law).split())
+
+
+def encode(value: Any) -> str:
+    """Return a property as JSON text; floats come back exactly."""
+    return json.dumps(value)
+
+
+def decode(text: str) -> Any:
+    """Return the property that `encode` made the text of."""
+    return json.loads(text)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key if isinstance(key, str) else ", ".join(map(str, key)): _plain(e) for key, e in value.items()}
+    if value is None or isinstance(value, str):
+        return value
+    return np.asarray(value).tolist()

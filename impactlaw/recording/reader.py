@@ -1,0 +1,175 @@
+"""Reading a recording back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from impactlaw.errors import RecordingError, UnknownNameError
+from impactlaw.recording import layout
+from impactlaw.recording.properties import PROPERTY_NAMES, decode
+from impactlaw.recording.rrd import Entity, read_entities
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Series = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class WorstViolation:
+    """The collision whose outcome lies farthest outside of S(v-).
+
+    Attributes:
+        index: row of the collision table.
+        time: when, s.
+        kind: "kinematic", "kinetic" or "energetic".
+        distance: in the kinetic metric, sqrt(J).
+        relative: the distance over ``|v-|``.
+    """
+
+    index: int
+    time: float
+    kind: str
+    distance: float
+    relative: float
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A run that was read back with `read_log`.
+
+    Attributes:
+        path: the file.
+        properties: scene, law, restitution, timestep, integrator, seed, versions.
+        collisions: one row per collision, in order; columns as in `impactlaw.recording.layout.COLLISION_COLUMNS`,
+            those with one value per contact hold lists.
+    """
+
+    path: Path
+    properties: dict[str, Any]
+    collisions: pd.DataFrame
+    _series: dict[str, Series] = field(repr=False)
+
+    @property
+    def series_names(self) -> tuple[str, ...]:
+        """Names that `series` takes."""
+        return tuple(self._series)
+
+    def series(self, name: str) -> Series:
+        """Return times, s, and values of a quantity over the run, float64.
+
+        ``energy/kinetic``, ``energy/potential``, ``energy/total`` (J), ``contacts/count`` and, for every moving body
+        with a visible geom, ``position/<body>`` (n, 3) and ``orientation/<body>`` (n, 4, w first; both recorded as
+        float32) have one value per step; ``collision/<column>`` has one per collision. Times are the simulation's
+        own, so that they start again with each episode.
+
+        Raises:
+            UnknownNameError: there is no such series; the message names the nearest ones.
+        """
+        if name not in self._series:
+            raise UnknownNameError("series", name, self._series)
+        return self._series[name]
+
+    def contact_summary(self) -> pd.DataFrame:
+        """Return one row per pair of geoms that collided.
+
+        Columns: ``collisions`` it took part in, ``total_impulse`` (N s), ``largest_approach_speed`` (m/s, 0 if it
+        never approached) and ``energy`` (J): the sum of ``Lambda_i gamma_bar_i``, negative when the pair dissipated.
+        """
+        import pandas as pd
+
+        counts = [len(labels) for labels in self.collisions["contacts"]]
+        names = ("contacts", "impulse", "pre_contact_velocity", "post_contact_velocity")
+        labels, impulse, before, after = ([x for cell in self.collisions[name] for x in cell] for name in names)
+        impulse, before, after = (np.array(values, dtype=float) for values in (impulse, before, after))
+        table = pd.DataFrame(
+            {
+                "contacts": labels,
+                "index": np.repeat(self.collisions["index"].to_numpy(), counts),
+                "impulse": impulse,
+                "approach": np.maximum(-before, 0.0) + 0.0,
+                "energy": impulse * 0.5 * (before + after),
+            }
+        )
+        return table.groupby("contacts", sort=False).agg(
+            collisions=("index", "nunique"),
+            total_impulse=("impulse", "sum"),
+            largest_approach_speed=("approach", "max"),
+            energy=("energy", "sum"),
+        )
+
+    def worst_violation(self) -> WorstViolation | None:
+        """Return the largest violation relative to ``|v-|``, or None if there was no collision."""
+        if self.collisions.empty:
+            return None
+        kinds = ("kinematic", "kinetic", "energetic")
+        distance = self.collisions[[f"{kind}_violation" for kind in kinds]].to_numpy()
+        speed = np.sqrt(2.0 * self.collisions["kinetic_energy"].to_numpy())[:, None]
+        relative = np.divide(distance, speed, out=np.where(distance > 0, np.inf, 0.0), where=speed > 0)
+        row, kind = (int(i) for i in np.unravel_index(np.argmax(relative), relative.shape))
+        time = float(self.collisions["time"].iloc[row])
+        return WorstViolation(row, time, kinds[kind], float(distance[row, kind]), float(relative[row, kind]))
+
+
+def read_log(path: str | Path) -> Recording:
+    """Read a recording; of one that was cut off, all that was written completely.
+
+    Raises:
+        RecordingError: there is no such file, or it is not a recording of this package.
+    """
+    path = Path(path)
+    entities = read_entities(path)
+    properties = _properties(path, entities)
+    collisions = _collision_table(entities.get(layout.COLLISIONS))
+    return Recording(path, properties, collisions, _frame_series(entities) | _collision_series(collisions))
+
+
+def _properties(path: Path, entities: dict[str, Entity]) -> dict[str, Any]:
+    entity = entities.get(f"__properties/{layout.PROPERTIES}")
+    if entity is None or "format" not in entity.static:
+        raise RecordingError(f"{path} is not a recording of a run: it has no properties")
+    properties = {name: decode(entity.static[name][0]) for name in PROPERTY_NAMES if name in entity.static}
+    found = properties.pop("format")
+    if found != layout.FORMAT:
+        raise RecordingError(f"{path} has format {found}, this version of impactlaw reads format {layout.FORMAT}")
+    return properties
+
+
+def _collision_table(entity: Entity | None) -> pd.DataFrame:
+    import pandas as pd
+
+    table = {}
+    for name, kind in layout.COLLISION_COLUMNS.items():
+        cells = [] if entity is None else entity.cells(f"{layout.COLLISION}:{name}")
+        values = cells if kind.endswith("s") else [cell[0] for cell in cells]
+        table[name] = pd.Series(values, dtype={"int": "int64", "float": "float64"}.get(kind, "object"))
+    return pd.DataFrame(table)
+
+
+def _frame_series(entities: dict[str, Entity]) -> dict[str, Series]:
+    if layout.FRAMES not in entities:
+        return {}
+    time = entities[layout.FRAMES].numbers(layout.FRAME_TIME)[:, 0]
+    n = len(time)  # of a run that was cut off, other entities may have more rows
+    energy = entities[layout.ENERGY].numbers("Scalars:scalars")[:n]
+    series = {f"energy/{name}": (time, energy[:, i]) for i, name in enumerate(layout.ENERGIES)}
+    series["contacts/count"] = (time, entities[layout.CONTACTS].counts("Points3D:positions")[:n].astype(float))
+    for path, entity in entities.items():
+        if path.startswith(f"{layout.SCENE}/") and len(entity.step):
+            bodies = entity.static[layout.GEOMETRY_BODIES]
+            position = entity.numbers("InstancePoses3D:translations")[:n].reshape(n, -1, 3)
+            quaternion = entity.numbers("InstancePoses3D:quaternions")[:n].reshape(n, -1, 4)
+            for i, body in enumerate(bodies):
+                series[f"position/{body}"] = (time, position[:, i])
+                series[f"orientation/{body}"] = (time, quaternion[:, i, [3, 0, 1, 2]])
+    return series
+
+
+def _collision_series(collisions: pd.DataFrame) -> dict[str, Series]:
+    time = collisions["time"].to_numpy()
+    numeric = [name for name, kind in layout.COLLISION_COLUMNS.items() if kind == "float" and name != "time"]
+    return {f"collision/{name}": (time, collisions[name].to_numpy()) for name in numeric}

@@ -1,0 +1,76 @@
+"""A recording as text."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from impactlaw.recording.reader import Recording
+
+_COLUMNS = ["time", "contacts", "induced_impulse", "intensity", "energy_change", "distant"]
+
+
+def describe(recording: Recording, *, limit: int = 50) -> str:
+    """Return what `impactlaw inspect` prints: properties, contact pairs, the worst violation and the collisions.
+
+    Args:
+        recording: from `read_log`.
+        limit: most collisions listed.
+    """
+    parts = [
+        _properties(recording),
+        _extent(recording),
+        "contacts\n" + _table(recording.contact_summary().reset_index()),
+        _violation(recording),
+        _collisions(recording.collisions, limit),
+    ]
+    if recording.collisions.empty:
+        parts[2:] = []
+    return "\n\n".join(parts)
+
+
+def _properties(recording: Recording) -> str:
+    values: dict[str, Any] = {"recording": recording.path} | recording.properties
+    versions = ", ".join(f"{name} {version}" for name, version in values.pop("versions").items())
+    values = {name: "-" if value is None or value == "" else value for name, value in values.items()}
+    return "\n".join(f"{name:<12}{value}" for name, value in (values | {"versions": versions}).items())
+
+
+def _extent(recording: Recording) -> str:
+    collisions = len(recording.collisions)
+    counted = f"{collisions} collision{'' if collisions == 1 else 's'}"
+    if "energy/total" not in recording.series_names:
+        return f"no complete steps, {counted}"
+    time, energy = recording.series("energy/total")
+    episodes = 1 + np.count_nonzero(np.diff(time) <= 0)
+    counted += f" in {episodes} episodes" if episodes > 1 else ""
+    return f"{len(time)} steps up to t = {time[-1]:.6g} s, {counted}; energy {energy[0]:.6g} J -> {energy[-1]:.6g} J"
+
+
+def _violation(recording: Recording) -> str:
+    worst = recording.worst_violation()
+    if worst is None or worst.distance == 0:
+        return "no violation: every outcome lies in S(v-)"
+    return (
+        f"worst violation: {worst.kind}, {worst.distance:.3g} sqrt(J), {worst.relative:.3g} of |v-|, "
+        f"in collision {worst.index} at t = {worst.time:.6g} s"
+    )
+
+
+def _collisions(collisions: pd.DataFrame, limit: int) -> str:
+    shown = collisions.head(limit)
+    shown = shown.assign(
+        contacts=shown["contacts"].map(", ".join),
+        distant=shown["antidissipative"].map(lambda given: "yes" if any(given) else ""),
+    )
+    text = "collisions\n" + _table(shown.loc[:, _COLUMNS], index=True)
+    left = len(collisions) - len(shown)
+    return text + (f"\n... and {left} more" if left else "")
+
+
+def _table(table: pd.DataFrame, *, index: bool = False) -> str:
+    return table.to_string(index=index, float_format=lambda x: f"{x:.6g}", max_colwidth=60)

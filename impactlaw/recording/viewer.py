@@ -1,0 +1,99 @@
+"""The rerun viewer: what it shows of a recording, and opening it on a run."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import sysconfig
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from impactlaw.errors import RecordingError
+from impactlaw.recording.layout import COLLISIONS, CONTACTS, ENERGY, MARKS, PLOTTED, SCENE, SIM_TIME
+
+_PORT = 9876
+_DISTANCE = 1.2  # of the eye, in extents of the model
+
+
+def blueprint(model: mujoco.MjModel) -> Any:
+    """Return the layout: the scene, as MuJoCo's viewer first shows it, beside energies, collisions and their log."""
+    import rerun.blueprint as rrb
+
+    azimuth, elevation = np.radians([model.vis.global_.azimuth, model.vis.global_.elevation])
+    forward = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    target = model.stat.center
+    eye = rrb.EyeControls3D(
+        position=target - _DISTANCE * model.stat.extent * np.array(forward), look_target=target, eye_up=[0, 0, 1]
+    )
+
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Spatial3DView(
+                name="scene",
+                origin="/",
+                contents=[f"+ {SCENE}/**", f"+ {CONTACTS}", f"+ {MARKS}"],
+                eye_controls=eye,
+                line_grid=False,
+            ),
+            rrb.Vertical(
+                rrb.TimeSeriesView(name="energy, J", origin="/", contents=[f"+ {ENERGY}"]),
+                rrb.TimeSeriesView(
+                    name="collisions", origin="/", contents=[f"+ {COLLISIONS}/{name}" for name in PLOTTED]
+                ),
+                rrb.TextLogView(
+                    name="collision log",
+                    origin="/",
+                    contents=[f"+ {COLLISIONS}"],
+                    columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]),
+                ),
+            ),
+            column_shares=[3, 2],
+        ),
+        rrb.TimePanel(timeline=SIM_TIME, state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        auto_views=False,
+    )
+
+
+def log_styles(stream: Any) -> None:
+    """Log, once, how energies, contacts and marks look."""
+    import rerun as rr
+
+    blue, orange, green, red = (77, 135, 214), (230, 145, 56), (120, 190, 110), (220, 60, 60)
+    kinetic = rr.SeriesLines(colors=[orange, blue, green], names=["kinetic", "potential", "total"])
+    stream.log(ENERGY, kinetic, static=True, strict=True)
+    names = {"intensity": "intensity, sqrt(J)", "energy_change": "energy change, J"}
+    for name, color in zip(PLOTTED, (orange, red), strict=True):
+        points = rr.SeriesPoints(colors=[color], names=[names[name]], marker_sizes=[4])
+        stream.log(f"{COLLISIONS}/{name}", points, static=True, strict=True)
+    small, large = rr.Radius.ui_points(3), rr.Radius.ui_points(5)
+    stream.log(CONTACTS, rr.Points3D.from_fields(radii=small, colors=green), static=True, strict=True)
+    stream.log(MARKS, rr.Points3D.from_fields(radii=large, colors=red), static=True, strict=True)
+    arrows = rr.Arrows3D.from_fields(radii=rr.Radius.ui_points(2), colors=red)
+    stream.log(MARKS, arrows, static=True, strict=True)
+
+
+def spawn_viewer() -> Any:
+    """Open the viewer in a window of its own, or take the one that is open, and return a sink that feeds it.
+
+    Raises:
+        RecordingError: there is no display, or no viewer.
+    """
+    import rerun as rr
+
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise RecordingError("there is no display to view the run on; record it and open the file where there is one")
+    places = os.pathsep.join([sysconfig.get_path("scripts"), os.environ.get("PATH", "")])
+    try:
+        rr.spawn(port=_PORT, connect=False, executable_path=shutil.which("rerun", path=places))
+    except RuntimeError as error:
+        raise RecordingError(f"the rerun viewer did not open: {_first_line(error)}") from None
+    return rr.GrpcSink(f"rerun+http://127.0.0.1:{_PORT}/proxy")
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0]
