@@ -88,12 +88,14 @@ def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:
     E = square_matrix(restitution_matrix)
     if len(E) != len(collision.labels):
         raise RestitutionError(f"restitution matrix is {E.shape} for {len(collision.labels)} contacts")
-    if len(E) == 0:
+    if not collision.gradient_norms.any():
         return 0.0
-    U, s, _ = np.linalg.svd(collision.whitened_jacobian, full_matrices=False)
-    rank = int(np.count_nonzero(s > 1e-11 * s[0])) if s[0] > 0 else 0
+    lengths = np.where(collision.gradient_norms > 0, collision.gradient_norms, 1.0)
+    U, s, _ = np.linalg.svd(collision.whitened_jacobian / lengths[:, None], full_matrices=False)
+    rank = int(np.count_nonzero(s > 1e-11 * s[0]))
     U, s = U[:, :rank], s[:rank]
-    return float(np.linalg.norm((U.T @ E @ (U * s)) / s[:, None], 2) ** 2) if rank else 0.0
+    scaled = E * (lengths / lengths[:, None])
+    return float(np.linalg.norm(U.T @ scaled @ (U * s) / s[:, None], 2) ** 2)
 
 
 def coefficient(value: object, name: str = "restitution") -> float:

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from impactlaw.collision import Collision
 from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import RestitutionLaw, coefficient, square_matrix
-from impactlaw.laws.labels import canonical
+from impactlaw.laws.labels import canonical, put
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class Fremond(RestitutionLaw):
             coefficient of each contact of that label with itself.
 
     Raises:
-        RestitutionError: not square, not finite, or a key is not a pair of contact labels.
+        RestitutionError: not square, not finite, a key is not a pair of contact labels, or one has two values.
     """
 
     matrix: ArrayLike | Mapping[tuple[str, str], float]
@@ -44,7 +44,7 @@ class Fremond(RestitutionLaw):
                 number = np.nan
             if not np.isfinite(number):
                 raise RestitutionError(f"entry {key} of the restitution matrix must be a finite number, got {value!r}")
-            table[canonical(key[0]), canonical(key[1])] = number
+            put(table, (canonical(key[0]), canonical(key[1])), number)
         object.__setattr__(self, "matrix", table)
 
     @staticmethod

@@ -22,6 +22,18 @@ def canonical(label: object) -> str:
     raise RestitutionError(f'a contact is named "first/second" or ("first", "second"), got {label!r}')
 
 
+def put(table: dict, key: object, value: float) -> None:
+    """Enter a value under a canonical key.
+
+    Raises:
+        RestitutionError: the key, perhaps in another order of its names, already has a different value.
+    """
+    if table.setdefault(key, value) != value:
+        raise RestitutionError(
+            f"{key} has two restitutions, {table[key]} and {value}; the order of names does not matter"
+        )
+
+
 def check_labels(used: object, known: tuple[str, ...]) -> None:
     """Compare the labels that a law uses with those a scene can have.
 

@@ -10,7 +10,7 @@ import numpy as np
 from impactlaw.collision import Collision
 from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import RestitutionLaw, Target, coefficient
-from impactlaw.laws.labels import canonical
+from impactlaw.laws.labels import canonical, put
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Newton(RestitutionLaw):
         default: coefficient of contacts that the mapping does not name; without it such a contact is an error.
 
     Raises:
-        RestitutionError: a coefficient is not in [0, 1], or a default is given without a mapping.
+        RestitutionError: a coefficient is not in [0, 1], a contact has two, or a default is given without a mapping.
     """
 
     restitution: float | Sequence[float] | Mapping[str | tuple[str, str], float]
@@ -34,15 +34,14 @@ class Newton(RestitutionLaw):
     def __post_init__(self):
         value = self.restitution
         if isinstance(value, Mapping):
-            value = {canonical(key): coefficient(e, f"restitution of {canonical(key)}") for key, e in value.items()}
-        elif np.ndim(value) == 0:
+            table: dict[str, float] = {}
+            for key, e in value.items():
+                put(table, canonical(key), coefficient(e, f"restitution of {canonical(key)}"))
+            value = table
+        elif isinstance(value, str) or not np.iterable(value):
             value = coefficient(value)
-        elif np.ndim(value) == 1:
-            value = tuple(coefficient(e, f"restitution of contact {i}") for i, e in enumerate(value))  # pyright: ignore[reportArgumentType]
         else:
-            raise RestitutionError(
-                f"Newton takes one coefficient per contact, got shape {np.shape(value)}; see Fremond"
-            )
+            value = tuple(coefficient(e, f"restitution of contact {i}") for i, e in enumerate(value))  # pyright: ignore[reportArgumentType]
         object.__setattr__(self, "restitution", value)
         if self.default is not None:
             if not isinstance(value, dict):

@@ -74,7 +74,7 @@ def make_law(name: str | Law, restitution: Any = None) -> Law:
         if restitution is not None:
             raise RestitutionError(f"{name!r} already has its restitution; leave restitution={restitution!r} out")
         return name
-    if name not in LAWS:
+    if not isinstance(name, str) or name not in LAWS:
         raise UnknownNameError("law", name, LAWS)
     return LAWS[name](restitution)
 

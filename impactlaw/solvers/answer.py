@@ -42,7 +42,7 @@ def judge(problem: Problem, impulse: np.ndarray, jump: np.ndarray | None = None)
         product = jump
     slack = problem.slack(product)
     natural = np.minimum(scaled, slack)
-    return Answer(impulse, product, slack, max(gap, sqrt(natural.dot(natural))))
+    return Answer(impulse, product, slack, max(sqrt(natural.dot(natural)), gap))  # NaN stays NaN
 
 
 def polish(problem: Problem, impulse: np.ndarray) -> Answer:

@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Problem:
     """``min |z|^2 / 2  subject to  Y z >= c``: the smallest velocity jump that reaches the wanted contact velocities.
 
@@ -43,9 +43,7 @@ class Problem:
             wanted = sqrt(self.preimage.dot(self.preimage))
         else:
             wanted = float(np.abs(self.bound / lengths).max(initial=0.0))
-        object.__setattr__(self, "norms", norms)
-        object.__setattr__(self, "lengths", lengths)
-        object.__setattr__(self, "scale", max(self.speed, wanted))
+        self.norms, self.lengths, self.scale = norms, lengths, max(self.speed, wanted)
 
     def slack(self, z: np.ndarray) -> np.ndarray:
         """``(Y z - c) / |Y_i|``, shape (h,), in sqrt(J); rows of zeros count as ``-c_i``."""

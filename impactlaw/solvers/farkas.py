@@ -11,6 +11,7 @@ from impactlaw.solvers.base import Problem
 _BALANCED = 1e-10  # relative length of the sum of gradients that counts as zero
 _CONFLICT = 1e-11  # relative conflict below which the wanted velocities agree
 _ROUNDING = 1e-12  # the same, relative to the scale of the problem
+_FAR = 1e3  # jumps so many times larger than the scale of the problem are what the proof leaves open at most
 
 
 def farkas_ray(problem: Problem) -> np.ndarray | None:
@@ -30,9 +31,11 @@ def farkas_ray(problem: Problem) -> np.ndarray | None:
         found, _ = nnls(np.vstack([Y.T, c]), wanted, maxiter=30 * len(c))
     except RuntimeError:
         return None
-    conflict = max(_CONFLICT, _ROUNDING * problem.scale / size)
+    scale = problem.scale / size
     for ray in (_vanishing(Y, c, found > 0), found):
-        if ray.any() and np.linalg.norm(ray @ Y) <= _BALANCED * ray.sum() and ray @ c > conflict * ray.sum():
+        unbalanced, conflict = float(np.linalg.norm(ray @ Y)), float(ray @ c)
+        agreed = max(_CONFLICT, _ROUNDING * scale) * float(ray.sum())
+        if conflict > max(agreed, _FAR * scale * unbalanced) and unbalanced <= _BALANCED * float(ray.sum()):
             ray = ray / lengths
             return ray / ray.max()
     return None
