@@ -34,6 +34,8 @@ class Compare:
     """Folder for table, picture and recordings; out/<scene> if not given."""
     friction: Literal["refuse", "ignore"] = "refuse"
     """What to do with a scene that has friction: rigid contacts have none."""
+    view: bool = False
+    """Open the rerun viewer on the runs as they happen; needs a display."""
 
     def __call__(self) -> None:
         from impactlaw.compare import Comparison, compare, format_table
@@ -45,6 +47,7 @@ class Compare:
             duration=self.duration,
             timestep=self.timestep,
             friction=self.friction,
+            view=self.view,
         )
         out = Path("out") / Path(self.scene).stem if self.out is None else self.out
         with new_files_in(out) as folder:

@@ -38,6 +38,7 @@ class Comparison:
     duration: float | None = None
     timestep: float | None = None
     friction: Literal["refuse", "ignore"] = "refuse"
+    view: bool = False
 
 
 def compare(study: Comparison, folder: Path) -> pd.DataFrame:
@@ -66,7 +67,7 @@ def compare(study: Comparison, folder: Path) -> pd.DataFrame:
 
         def record(run: str, law: Law | None, of: mujoco.MjModel) -> Recorder:
             path = folder / f"{run}.rrd"
-            return stack.enter_context(Recorder(of, path, law=law, scene=name))
+            return stack.enter_context(Recorder(of, path, law=law, scene=name, view=study.view))
 
         for run, law in laws.items():
             bar.set_description(run)
