@@ -77,3 +77,7 @@ class RenderError(ImpactLawError, RuntimeError):
 
 class ActionError(ImpactLawError, ValueError):
     """An action of the wrong shape, or with numbers that are not finite."""
+
+
+class WrapperError(ImpactLawError, TypeError):
+    """A law cannot be put on an environment: it does not step MuJoCo in a way that is known, or has a law already."""

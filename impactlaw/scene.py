@@ -9,8 +9,9 @@ import numpy as np
 
 from impactlaw.contacts import geom_names
 from impactlaw.errors import RestitutionError, SceneError, UnknownNameError
-from impactlaw.laws import Newton
+from impactlaw.laws import Law, Newton
 from impactlaw.laws.base import coefficient
+from impactlaw.laws.labels import check_labels
 
 RESTITUTION = "restitution"
 """``<custom><numeric name="restitution" data="0.5"/>`` is a scene's default coefficient;
@@ -138,6 +139,18 @@ def scene_law(model: mujoco.MjModel) -> Newton:
             'the scene carries no restitution; add <custom><numeric name="restitution" data="0.5"/></custom> or pass a law'
         )
     return Newton(table, default=default)
+
+
+def check_law(model: mujoco.MjModel, law: Law) -> None:
+    """Refuse a law that is keyed by contacts that the scene cannot have.
+
+    Raises:
+        UnknownNameError: no such contact; names the nearest ones.
+    """
+    used = getattr(law, "contact_labels", None)
+    if used:
+        names = geom_names(model)
+        check_labels(used, tuple(f"{names[a]}/{names[b]}" for a, b in geom_pairs(model).geoms))
 
 
 def scene_number(model: mujoco.MjModel, name: str) -> float | None:

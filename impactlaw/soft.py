@@ -2,7 +2,9 @@
 
 A collision is a contact that MuJoCo's solver acts on and that closes faster than ``rest_speed`` at the start of a
 step. The law then gives the velocity that MuJoCo integrates from. The law is frictionless: during the collision the
-tangential velocities change only as the normal impulses make them; friction acts before and after, as always.
+tangential velocities change only as the normal impulses make them; friction acts before and after, as always. Nor
+does the law know equality constraints, joint limits and tendons: MuJoCo's solver answers for those from the same step
+on.
 
 A step without a collision is `mj_step`, bit for bit. What MuJoCo's contacts do within a step is theirs: a contact that
 first touches inside of a step is seen at the start of the next one, and under RK4, whose stages look ahead, it may
@@ -20,9 +22,15 @@ from impactlaw.contacts import active_contacts, closing_speed, gap_gradients, ge
 from impactlaw.errors import DivergenceError
 from impactlaw.events import ImpactEvent
 
+REST_SPEED = 0.1
+"""Closing speed, m/s, above which a soft contact collides."""
+
 _RK4, _EULER = int(mujoco.mjtIntegrator.mjINT_RK4), int(mujoco.mjtIntegrator.mjINT_EULER)
 _POSITION, _VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
-_ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+_ENERGY, _COMPARE = int(mujoco.mjtEnableBit.mjENBL_ENERGY), int(mujoco.mjtEnableBit.mjENBL_FWDINV)
+_NO_RESET = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+_NOTHING: tuple[tuple[ImpactEvent, ...], int] = (), _VELOCITY
+_BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")]
 
 
 class SoftStepping:
@@ -36,38 +44,52 @@ class SoftStepping:
         self.unlocated = 0
 
     def step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
-        """Advance by one timestep and return the collisions."""
-        if get_mjcb_control() is None:
-            mj_step1(self._model, data)
-        else:
-            self._look(data)
-        return self.finish(data)
-
-    def finish(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
-        """Do what follows `mj_step1` in a step, and return the collisions.
+        """Advance by one timestep and return the collisions.
 
         Raises:
-            DivergenceError: MuJoCo found a state that is not finite, or huge, and has reset the simulation.
+            DivergenceError: MuJoCo met a state that is not finite, or huge; it resets the simulation then.
         """
         model = self._model
+        opt = model.opt
         time = data.time
-        events: list[ImpactEvent] = []
-        if data.ncon and data.efc_vel.min(initial=0.0) < -self._rest_speed:  # all rows, so a bound and cheap
-            stage = self._collide(data, events)
+        count = None if time >= opt.timestep and not opt.disableflags & _NO_RESET else _bad_states(data)
+        if get_mjcb_control() is None:
+            mj_step1(model, data)
         else:
-            stage = _VELOCITY
+            self._look(data)
+        events, stage = self._collide(data) if data.ncon else _NOTHING
         mj_forwardSkip(model, data, stage, 0)
         mj_checkAcc(model, data)
-        integrator = model.opt.integrator
+        if opt.enableflags & _COMPARE:
+            mujoco.mj_compareFwdInv(model, data)
+        integrator = opt.integrator
         if integrator == _RK4:
             mj_RungeKutta(model, data, 4)
         elif integrator == _EULER:
             mj_Euler(model, data)
         else:
             mj_implicit(model, data)
-        if data.time <= time:
-            raise DivergenceError(f"MuJoCo met a state that is not finite after t = {time:g} s and has reset the simulation")
-        return tuple(events)
+        if data.time <= time or count is not None:
+            _refuse_reset(data, time, count)
+        return events
+
+    def finish(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
+        """Do what follows `mj_step1` in a step, and return the collisions.
+
+        Without a collision this is `mj_step2`, bit for bit; but RK4, which `mj_step2` replaces by Euler, stays RK4.
+
+        Raises:
+            DivergenceError: MuJoCo met a state that is not finite, or huge; it resets the simulation then.
+        """
+        if self._model.opt.integrator == _RK4:
+            return self.step(data)
+        time, count = data.time, _bad_states(data)
+        events, stage = self._collide(data) if data.ncon else _NOTHING
+        if stage != _VELOCITY:
+            self._update_velocity(data)
+        mujoco.mj_step2(self._model, data)
+        _refuse_reset(data, time, count)
+        return events
 
     def _look(self, data: mujoco.MjData) -> None:
         """Do what `mj_step1` does, except for the control callback: `mj_forwardSkip` calls it."""
@@ -76,20 +98,30 @@ class SoftStepping:
         mujoco.mj_checkVel(model, data)
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_sensorPos(model, data)
-        energy = model.opt.enableflags & _ENERGY
-        if energy:
-            mujoco.mj_energyPos(model, data)
+        if not data.flg_energypos:
+            if model.opt.enableflags & _ENERGY:
+                mujoco.mj_energyPos(model, data)
+            else:
+                data.energy[:] = 0.0
+        self._update_velocity(data)
+
+    def _update_velocity(self, data: mujoco.MjData) -> None:
+        model = self._model
         mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_sensorVel(model, data)
-        if energy:
+        if model.opt.enableflags & _ENERGY and not data.flg_energyvel:
             mujoco.mj_energyVel(model, data)
 
-    def _collide(self, data: mujoco.MjData, events: list[ImpactEvent]) -> int:
-        """Resolve the collisions of now; return the last stage that is still current."""
-        if closing_speed(self._model, data) <= self._rest_speed:
-            return _VELOCITY
+    def _collide(self, data: mujoco.MjData) -> tuple[tuple[ImpactEvent, ...], int]:
+        """Resolve the collisions of now; return them and the last stage that is still current."""
+        rows = data.efc_vel
+        if not len(rows) or not rows.item(rows.argmin()) < -self._rest_speed:  # of all rows: a bound, and cheap
+            return _NOTHING
+        if closing_speed(self._model, data) <= self._rest_speed or not np.isfinite(data.qvel).all():
+            return _NOTHING
         contacts = active_contacts(self._model, data, self._names)
         h = len(contacts)
+        events: list[ImpactEvent] = []
         velocity = self._collider.collide(
             kinetic_metric(self._model, data),
             gap_gradients(self._model, data, contacts),
@@ -103,6 +135,17 @@ class SoftStepping:
         )
         self.unlocated += len(events) > self._collider.most
         if np.array_equal(velocity, data.qvel):
-            return _VELOCITY
+            return tuple(events), _VELOCITY
         data.qvel[:] = velocity
-        return _POSITION
+        return tuple(events), _POSITION
+
+
+def _refuse_reset(data: mujoco.MjData, time: float, count: int | None) -> None:
+    """Raise DivergenceError if MuJoCo has reset itself, which the time tells, or else the count of bad states."""
+    if data.time <= time or (count is not None and _bad_states(data) != count):
+        raise DivergenceError(f"MuJoCo met a state that is not finite, or huge, in the step after t = {time:g} s")
+
+
+def _bad_states(data: mujoco.MjData) -> int:
+    """Return how often MuJoCo has met positions, velocities or accelerations that are not finite, or huge."""
+    return int(data.warning.number[_BAD].sum())

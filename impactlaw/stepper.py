@@ -12,8 +12,8 @@ from impactlaw.errors import SceneError, UnknownNameError
 from impactlaw.events import ImpactEvent
 from impactlaw.laws import Law
 from impactlaw.rigid import RigidStepping
-from impactlaw.scene import scene_law
-from impactlaw.soft import SoftStepping
+from impactlaw.scene import check_law, scene_law
+from impactlaw.soft import REST_SPEED, SoftStepping
 
 
 class Stepper:
@@ -55,7 +55,7 @@ class Stepper:
         friction: Literal["refuse", "ignore"] = "refuse",
         on_inadmissible: Literal["raise", "project", "allow"] = "raise",
         gap_tolerance: float = GAP_TOLERANCE,
-        rest_speed: float = 0.1,
+        rest_speed: float = REST_SPEED,
         max_events: int = 100,
         solver: str = "auto",
     ):
@@ -70,6 +70,8 @@ class Stepper:
             law = scene_law(model)
         elif not isinstance(law, Law):
             raise UnknownNameError("law", law, ("scene", "a Law, see impactlaw.make_law"))
+        else:
+            check_law(model, law)
         self.model = model
         self.law = law
         self.events: tuple[ImpactEvent, ...] = ()
