@@ -65,7 +65,10 @@ class Impact:
         Raises:
             InvalidCollisionError: post_velocity has the wrong shape or entries that are not finite.
         """
-        v = np.array(post_velocity, dtype=float)
+        try:
+            v = np.array(post_velocity, dtype=float)
+        except (TypeError, ValueError) as error:
+            raise InvalidCollisionError(f"post_velocity is not an array of numbers: {error}") from None
         if v.shape != collision.pre_velocity.shape or not np.isfinite(v).all():
             raise InvalidCollisionError(
                 f"post_velocity must be finite with shape {collision.pre_velocity.shape}, got {v.shape}"

@@ -31,7 +31,7 @@ def dual_active_set(problem: Problem) -> Solution:
         dual_tol=1e-12,
         iter_limit=100 * (h + nv),
     )
-    impulse = np.maximum(0.0, -info["lam"]) * size / lengths
-    if flag == _INFEASIBLE:
-        return Solution(impulse, Status.INFEASIBLE, info["iterations"])
-    return Solution(impulse, Status.SOLVED if flag > 0 else Status.STOPPED, info["iterations"])
+    if flag <= 0:  # then the multipliers are whatever the memory held
+        status = Status.INFEASIBLE if flag == _INFEASIBLE else Status.STOPPED
+        return Solution(np.zeros_like(c), status, info["iterations"])
+    return Solution(np.maximum(0.0 - info["lam"], 0.0) * size / lengths, Status.SOLVED, info["iterations"])
