@@ -1,0 +1,513 @@
+"""The impact laws: exact answers, every law on every problem, restitution in all its spellings."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from problems import (
+    LAWS,
+    PROBLEMS,
+    SWAPPED,
+    Certificate,
+    balls,
+    box,
+    energy,
+    exact_velocity,
+    is_ray,
+    launched,
+    rod,
+    wanted,
+)
+from scipy.optimize import linprog
+
+from impactlaw import (
+    Collision,
+    Fremond,
+    ImpactLawError,
+    LinearMap,
+    MaximalDissipation,
+    Moreau,
+    Newton,
+    energy_gain,
+    make_law,
+)
+from impactlaw.errors import RestitutionError, UnknownNameError, UnsolvableLawError
+from impactlaw.laws import LAWS as REGISTRY
+from impactlaw.laws import Law
+from impactlaw.laws.labels import canonical, check_labels
+
+EXACT = {"rtol": 0, "atol": 1e-12}
+
+
+# --- exact answers ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("law", "velocity", "impulse", "topology", "ratio"),
+    [
+        (MaximalDissipation(), (1 / 3, 1 / 3, 1 / 3), (2 / 3, 1 / 3), (2 / 3, 1 / 3), 1 / 3),
+        (Moreau(1.0), (-1 / 3, 2 / 3, 2 / 3), (4 / 3, 2 / 3), (2 / 3, 1 / 3), 1.0),
+        (Fremond(SWAPPED), (0, 0, 1), (1, 1), (1 / 2, 1 / 2), 1.0),
+        (
+            Fremond(0.25 * np.eye(2) + 0.75 * SWAPPED),
+            (-1 / 12, 1 / 6, 11 / 12),
+            (13 / 12, 11 / 12),
+            (13 / 24, 11 / 24),
+            0.875,
+        ),
+    ],
+    ids=["E = 0", "E = 1", "swapped", "mixed"],
+)
+def test_three_balls(law, velocity, impulse, topology, ratio):
+    impact = law.resolve(launched(3, 1))
+    np.testing.assert_allclose(impact.post_velocity, velocity, **EXACT)
+    np.testing.assert_allclose(impact.impulse, impulse, **EXACT)
+    np.testing.assert_allclose(impact.topology, topology, **EXACT)
+    assert energy(impact.collision, impact.post_velocity) / 0.5 == pytest.approx(ratio, abs=1e-12)
+    assert impact.energy_change == pytest.approx(0.5 * (ratio - 1), abs=1e-12)
+
+
+@pytest.mark.parametrize(("n", "k"), [(n, k) for n in range(2, 13) for k in range(1, n)])
+def test_cradle(n, k):
+    c = launched(n, k)
+    reversal = Fremond.reversal().resolve(c)
+    np.testing.assert_allclose(reversal.post_velocity, c.pre_velocity[::-1], **EXACT)
+    np.testing.assert_allclose(
+        reversal.impulse, np.minimum(np.arange(1, n), [min(k, n - k, n - i) for i in range(1, n)]), **EXACT
+    )
+    assert reversal.energy_change == pytest.approx(0.0, abs=1e-12)
+    for e in (0.0, 0.4, 1.0):
+        expected = (1 + e) * k / n - e * c.pre_velocity
+        np.testing.assert_allclose(Moreau(e).resolve(c).post_velocity, expected, **EXACT)
+
+
+def test_rod_on_two_supports():
+    impact = Newton([1.0, 0.0]).resolve(rod())
+    np.testing.assert_allclose(impact.impulse, (5 / 6, 2 / 3), **EXACT)
+    np.testing.assert_allclose(impact.post_contact_velocity, (1, 0), **EXACT)
+    assert impact.energy_change / impact.collision.kinetic_energy == pytest.approx(-2 / 3, abs=1e-12)
+    assert not impact.has_distant_effect
+
+
+@pytest.mark.parametrize(("side", "e"), [(2, 0.0), (2, 0.5), (3, 0.5), (8, 1.0)])
+def test_flat_box_has_equal_impulses(side, e):
+    impact = Moreau(e).resolve(box(side))
+    np.testing.assert_allclose(impact.impulse, np.full(side**2, 2.0 * (1 + e) / side**2), **EXACT)
+    np.testing.assert_allclose(impact.post_velocity, [0.3, 0, e, 0, 0, 0], **EXACT)
+
+
+# --- every law on every problem --------------------------------------------------------------------------------------
+
+
+UNSOLVABLE = {
+    ("newton per contact", "ball between two walls"): ("0", "1"),
+    ("newton per contact", "rank deficient"): ("0", "3", "6", "7"),
+    ("fremond full", "ball between two walls"): ("0", "1"),
+    ("fremond full", "rank deficient"): ("0", "1", "5", "7"),
+}
+DIAGONAL = ["maximal dissipation", "moreau 0", "moreau 0.5", "moreau 1", "newton scalar", "newton per contact"]
+CLOSING = [name for name, make in PROBLEMS.items() if (make().pre_contact_velocity <= 0).all()]
+
+
+def solvable(law_names, problem_names):
+    pairs = [(law, problem) for law in law_names for problem in problem_names if (law, problem) not in UNSOLVABLE]
+    return pytest.mark.parametrize(("law_name", "problem_name"), pairs)
+
+
+def resolve(law_name, problem_name):
+    c = PROBLEMS[problem_name]()
+    law = LAWS[law_name](c)
+    return law, law.resolve(c)
+
+
+@pytest.mark.parametrize(("law_name", "problem_name"), [(law, problem) for law in LAWS for problem in PROBLEMS])
+def test_solvable_exactly_where_a_velocity_exists(law_name, problem_name):
+    """Against a linear program of its own for ``J v >= gamma^h``."""
+    c = PROBLEMS[problem_name]()
+    law = LAWS[law_name](c)
+    lengths = np.linalg.norm(c.jacobian, axis=1)
+    scale = np.where(lengths > 0, lengths, 1.0)
+    feasible = not c.labels or (
+        linprog(0 * c.pre_velocity, -c.jacobian / scale[:, None], -wanted(law, c) / scale, bounds=(None, None)).status
+        == 0
+    )
+    assert feasible == ((law_name, problem_name) not in UNSOLVABLE)
+
+
+@pytest.mark.parametrize(("law_name", "problem_name"), UNSOLVABLE)
+def test_unsolvable(law_name, problem_name):
+    with pytest.raises(UnsolvableLawError) as caught:
+        resolve(law_name, problem_name)
+    c = PROBLEMS[problem_name]()
+    assert is_ray(caught.value.ray, c, LAWS[law_name](c))
+    assert caught.value.contacts == UNSOLVABLE[law_name, problem_name]
+    assert f"contacts {', '.join(caught.value.contacts)} ask for" in str(caught.value)
+    assert caught.value.contacts == tuple(np.array(c.labels)[caught.value.ray > 0])
+
+
+@solvable(LAWS, PROBLEMS)
+def test_outcome(law_name, problem_name):
+    law, impact = resolve(law_name, problem_name)
+    c = impact.collision
+    certificate = Certificate(impact, law)
+    assert certificate.complementarity < 1e-9
+    assert certificate.momentum < 1e-9
+    assert impact.residual < 1e-9
+    assert (impact.impulse >= 0).all()
+
+    M, J, lam = c.mass_matrix, c.jacobian, impact.impulse
+    balance = M @ (impact.post_velocity - c.pre_velocity) - J.T @ lam
+    largest = np.abs(M) @ np.abs(impact.post_velocity) + np.abs(M) @ np.abs(c.pre_velocity) + np.abs(J).T @ lam
+    assert (np.abs(balance) <= 1e-9 * largest.max(initial=0.0)).all()
+
+    gained = energy(c, impact.post_velocity) - energy(c, c.pre_velocity)
+    rounding = 1e-9 * (energy(c, impact.post_velocity) + energy(c, c.pre_velocity))
+    assert impact.energy_change == pytest.approx(gained, abs=rounding)
+    assert lam @ impact.mean_contact_velocity == pytest.approx(gained, abs=rounding)
+
+    induced = impact.induced_impulse * np.linalg.solve(M, impact.induced_gradient)
+    np.testing.assert_allclose(c.pre_velocity + induced, impact.post_velocity, atol=1e-9 * np.abs(largest).max())
+    assert impact.topology.sum() == pytest.approx(1.0 if lam.any() else 0.0, abs=1e-12)
+    assert impact.induced_impulse == pytest.approx(lam.sum(), rel=1e-12)
+
+
+@solvable(DIAGONAL, CLOSING)
+def test_diagonal_law_on_closing_contacts_has_no_distant_effect_and_stays_admissible(law_name, problem_name):
+    _, impact = resolve(law_name, problem_name)
+    assert not impact.has_distant_effect
+    assert impact.violations.energetic <= 1e-14 * impact.collision.pre_speed
+    assert impact.violations.is_admissible()
+
+
+@solvable(LAWS, [name for name, make in PROBLEMS.items() if len(make().labels) <= 6])
+def test_velocity_agrees_with_rational_arithmetic(law_name, problem_name):
+    law, impact = resolve(law_name, problem_name)
+    c = impact.collision
+    L = np.linalg.cholesky(c.mass_matrix)
+    error = L.T @ (impact.post_velocity - exact_velocity(c, wanted(law, c)))
+    assert np.linalg.norm(error) <= 1e-9 * np.linalg.norm(L.T @ c.pre_velocity)
+
+
+def test_unsolvable_law_names_the_contacts_that_conflict():
+    """A ball between two walls must leave the first with 0.9, and may reach the second with at most 0.1."""
+    labels = ("ball/left", "ball/floor", "ball/right")
+    c = Collision(np.eye(2), [[1.0, 0.0], [0.0, 1.0], [-2.0, 0.0]], [-1.0, -1.0], labels=labels)
+    law = Newton({"ball/left": 0.9, "ball/right": 0.1}, default=0.5)
+    with pytest.raises(UnsolvableLawError, match="contacts ball/left, ball/right ask for") as caught:
+        law.resolve(c)
+    assert caught.value.contacts == ("ball/left", "ball/right")
+    np.testing.assert_allclose(caught.value.ray, [1.0, 0.0, 0.5], **EXACT)
+    assert isinstance(caught.value, ImpactLawError)
+    assert Newton({"ball/left": 0.1, "ball/right": 0.9}, default=0.5).resolve(c).residual < 1e-12
+
+
+def test_law_that_wants_to_move_a_contact_that_cannot_move():
+    c = Collision(np.eye(2), [[0.0, 0.0], [1.0, 0.0]], [-1.0, 2.0])
+    with pytest.raises(UnsolvableLawError) as caught:
+        Fremond([[0.0, 1.0], [0.0, 0.0]]).resolve(c)
+    assert caught.value.contacts == ("0",)
+
+
+# --- relations between laws ------------------------------------------------------------------------------------------
+
+
+def outcome(law, c):
+    impact = law.resolve(c)
+    return np.concatenate([impact.post_velocity, impact.impulse])
+
+
+@pytest.mark.parametrize("problem_name", ["three balls", "rod", "random dense", "rank deficient", "box on 64 points"])
+def test_one_law_in_several_forms(problem_name):
+    c = PROBLEMS[problem_name]()
+    h, nv = c.jacobian.shape
+    e = 0.37
+    for law in (Newton(e), Newton([e] * h), Fremond(e * np.eye(h)), LinearMap(-e * np.eye(nv))):
+        np.testing.assert_allclose(outcome(law, c), outcome(Moreau(e), c), atol=1e-10)
+    for law in (Moreau(0), Newton(0), Fremond(np.zeros((h, h))), LinearMap(np.zeros((nv, nv)))):
+        np.testing.assert_allclose(outcome(law, c), outcome(MaximalDissipation(), c), atol=1e-10)
+
+
+@pytest.mark.parametrize("problem_name", ["three balls", "rod", "random dense", "box on 64 points"])
+def test_diagonal_matrix_is_newton(problem_name):
+    c = PROBLEMS[problem_name]()
+    each = np.linspace(0.0, 1.0, len(c.labels))
+    np.testing.assert_allclose(outcome(Fremond(np.diag(each)), c), outcome(Newton(each.tolist()), c), atol=1e-10)
+
+
+def test_linear_map_reflects():
+    """h = reflection at the hyperplane of one contact is an elastic impact there."""
+    c = Collision(np.eye(3), [[0.0, 0.0, 1.0]], [1.0, 2.0, -3.0])
+    impact = LinearMap(np.diag([1.0, 1.0, -1.0])).resolve(c)
+    np.testing.assert_allclose(impact.post_velocity, [1.0, 2.0, 3.0], **EXACT)
+
+
+@settings(deadline=None, derandomize=True, max_examples=200)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    e=st.floats(0.0, 1.0),
+    factor=st.floats(1e-6, 1e6),
+)
+def test_units_and_coordinates_do_not_matter(seed, e, factor):
+    """Scaled masses, gaps and velocities, other coordinates, and the contacts in another order."""
+    rng = np.random.default_rng(seed)
+    h, nv = int(rng.integers(1, 6)), int(rng.integers(6, 9))
+    A, J, v = rng.normal(size=(nv, nv)), rng.normal(size=(h, nv)), rng.normal(size=nv)
+    M = A @ A.T + np.eye(nv)
+    law = Moreau(e)
+    post, lam = (i := law.resolve(Collision(M, J, v))).post_velocity, i.impulse
+    close = {"rtol": 1e-9, "atol": 1e-10}
+
+    heavier = law.resolve(Collision(factor * M, J, v))
+    np.testing.assert_allclose(heavier.post_velocity, post, **close)
+    np.testing.assert_allclose(heavier.impulse / factor, lam, **close)
+    faster = law.resolve(Collision(M, J, factor * v))
+    np.testing.assert_allclose(faster.post_velocity / factor, post, **close)
+    gaps = factor ** rng.uniform(-1, 1, h)
+    rescaled = law.resolve(Collision(M, J * gaps[:, None], v))
+    np.testing.assert_allclose(rescaled.post_velocity, post, **close)
+    np.testing.assert_allclose(rescaled.impulse * gaps, lam, **close)
+    T = np.linalg.qr(rng.normal(size=(nv, nv)))[0] * np.exp(rng.normal(size=nv))
+    other = law.resolve(Collision(T.T @ M @ T, J @ T, np.linalg.solve(T, v)))
+    np.testing.assert_allclose(T @ other.post_velocity, post, rtol=1e-7, atol=1e-8)
+    order = rng.permutation(h)
+    shuffled = law.resolve(Collision(M, J[order], v))
+    np.testing.assert_allclose(shuffled.impulse, lam[order], **close)
+
+
+# --- energy ----------------------------------------------------------------------------------------------------------
+
+
+def all_active(rng, E, c):
+    """The collision with a gamma- for which E gives every contact an impulse: Lambda = -G^-1 (1 + E) gamma- > 0."""
+    h = len(c.labels)
+    gamma = -np.linalg.solve(np.eye(h) + E, c.delassus @ rng.uniform(0.1, 1.0, h))
+    return Collision(c.mass_matrix, c.jacobian, np.linalg.pinv(c.jacobian) @ gamma)
+
+
+def random_contacts(rng):
+    h = int(rng.integers(1, 7))
+    nv = h + int(rng.integers(0, 3))
+    A = rng.normal(size=(nv, nv))
+    return Collision(A @ A.T + 0.1 * np.eye(nv), rng.normal(size=(h, nv)), np.zeros(nv))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_isometry_is_elastic(seed):
+    rng = np.random.default_rng([21, seed])
+    c = random_contacts(rng)
+    d, V = np.linalg.eigh(c.delassus)
+    root = (V * np.sqrt(d)) @ V.T
+    Q = np.linalg.qr(rng.normal(size=root.shape))[0]
+    Q[:, 0] *= np.linalg.det(Q)  # a rotation: a reflection would leave some gamma- as it is
+    E = root @ Q @ np.linalg.inv(root)
+    assert energy_gain(c, E) == pytest.approx(1.0, rel=1e-8)
+    c = all_active(rng, E, c)
+    impact = Fremond(E).resolve(c)
+    assert (impact.impulse > 0).all()
+    assert impact.energy_change == pytest.approx(0.0, abs=1e-8 * c.kinetic_energy)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_energy_gain_decides_whether_a_matrix_dissipates(seed):
+    """E^T G^-1 E <= G^-1 iff energy_gain <= 1, and no collision with all contacts active gains more than it says."""
+    rng = np.random.default_rng([22, seed])
+    c = random_contacts(rng)
+    h = len(c.labels)
+    E = rng.normal(size=(h, h)) * rng.uniform(0.1, 1.0) / np.sqrt(h)
+    inverse = np.linalg.inv(c.delassus)
+    gain = energy_gain(c, E)
+    assert gain == pytest.approx(np.linalg.eigvals(c.delassus @ E.T @ inverse @ E).real.max(), rel=1e-7)
+    smallest = np.linalg.eigvalsh(inverse - E.T @ inverse @ E).min()
+    assert (gain <= 1) == (smallest >= 0)
+    c = all_active(rng, E, c)
+    impact = Fremond(E).resolve(c)
+    before, after = (
+        0.5 * g @ inverse @ g for g in (impact.collision.pre_contact_velocity, impact.post_contact_velocity)
+    )
+    assert after <= gain * before * (1 + 1e-7)
+    assert impact.energy_change == pytest.approx(after - before, abs=1e-7 * before)
+
+
+def test_energy_gain_of_named_matrices():
+    c = launched(3, 1)
+    assert energy_gain(c, SWAPPED) == pytest.approx(1.0, abs=1e-12)
+    assert energy_gain(c, 0.6 * np.eye(2)) == pytest.approx(0.36, abs=1e-12)
+    assert energy_gain(c, [[0.0, 2.0], [0.0, 0.0]]) == pytest.approx(16 / 3, abs=1e-12)  # G = [[2, -1], [-1, 2]]
+    assert energy_gain(box(), 0.5 * np.eye(4)) == pytest.approx(0.25, abs=1e-12)
+    assert energy_gain(PROBLEMS["no contact"](), np.zeros((0, 0))) == 0.0
+    assert energy_gain(Collision(np.eye(1), [[0.0]], [1.0]), [[1.0]]) == 0.0
+    unequal = balls([1e-6, 1e6, 1e-6], [0.0, 0.0, 0.0])
+    scaled = Collision(unequal.mass_matrix, np.diag([1e3, 1e-3]) @ unequal.jacobian, [0.0, 0.0, 0.0])
+    assert energy_gain(scaled, 0.5 * np.eye(2)) == pytest.approx(0.25, abs=1e-9)
+    with pytest.raises(RestitutionError, match=r"\(3, 3\) for 2 contacts"):
+        energy_gain(c, np.eye(3))
+
+
+# --- restitution and its spellings -----------------------------------------------------------------------------------
+
+
+LABELLED = ("ball1/floor", "ball1/ball2", "ball2/wall")
+
+
+def labelled():
+    return Collision(np.eye(3), np.eye(3), [-1.0, -2.0, -4.0], labels=LABELLED)
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"ball1/floor": 0.5, "ball1/ball2": 0.25, "ball2/wall": 0.125},
+        {"floor/ball1": 0.5, "ball2/ball1": 0.25, "wall/ball2": 0.125},
+        {("floor", "ball1"): 0.5, ("ball1", "ball2"): 0.25, ("ball2", "wall"): 0.125},
+        {("wall", "ball2"): 0.125, "ball1/floor": 0.5, ("ball2", "ball1"): 0.25, "ball3/floor": 1.0},
+    ],
+)
+def test_newton_by_label(keys):
+    law = Newton(keys)
+    np.testing.assert_allclose(law.coefficients(labelled()), [0.5, 0.25, 0.125])
+    np.testing.assert_allclose(law.resolve(labelled()).post_velocity, [0.5, 0.5, 0.5], **EXACT)
+    assert law.contact_labels == {canonical(key) for key in keys}
+
+
+def test_newton_by_label_with_default_and_without():
+    law = Newton({("ball1", "floor"): 0.9}, default=0.5)
+    np.testing.assert_allclose(law.coefficients(labelled()), [0.9, 0.5, 0.5])
+    with pytest.raises(RestitutionError, match="no restitution for contact ball1/ball2, and no default"):
+        Newton({("ball1", "floor"): 0.9}).resolve(labelled())
+
+
+def test_fremond_by_label():
+    law = Fremond({("floor/ball1", "ball2/ball1"): 0.5, ("ball2/wall", "wall/ball2"): 1.0, ("a/b", "ball1/floor"): 9.0})
+    expected = [[0.0, 0.5, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    np.testing.assert_array_equal(law.restitution_matrix(labelled()), expected)
+    assert law.contact_labels == {"ball1/floor", "ball1/ball2", "ball2/wall", "a/b"}
+    part = Collision(np.eye(3), np.eye(3)[[2, 1]], [-1.0, -2.0, -4.0], labels=("wall/ball2", "ball1/ball2"))
+    np.testing.assert_array_equal(law.restitution_matrix(part), [[1.0, 0.0], [0.0, 0.0]])
+
+
+def test_fremond_keyed_cradle_survives_another_order_of_the_contacts():
+    pairs = [("b1/b2", "b3/b4"), ("b2/b3", "b3/b2"), ("b3/b4", "b2/b1")]
+    law = Fremond(dict.fromkeys(pairs, 1.0))
+    c = launched(4, 1)
+    for order in ([0, 1, 2], [2, 0, 1], [1, 0, 2]):
+        labels = np.array(["b1/b2", "b2/b3", "b3/b4"])[order]
+        shuffled = Collision(c.mass_matrix, c.jacobian[order], c.pre_velocity, labels=tuple(labels))
+        np.testing.assert_allclose(law.resolve(shuffled).post_velocity, [0, 0, 0, 1], **EXACT)
+
+
+def test_several_contacts_of_one_label_keep_to_themselves():
+    """(i, i) is each contact with itself, not with another one of the same two geoms."""
+    c = Collision(np.eye(2), np.eye(2), [-1.0, -2.0], labels=("box/floor", "box/floor"))
+    np.testing.assert_array_equal(Fremond({("box/floor", "box/floor"): 0.5}).restitution_matrix(c), 0.5 * np.eye(2))
+
+
+def test_reversal_of_separate_chains_reverses_each():
+    J = np.zeros((4, 7))
+    J[:2, :3], J[2:, 3:] = np.diff(np.eye(3), axis=0), np.diff(np.eye(4), axis=0)[:2]
+    c = Collision(np.eye(7), J, [1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 5.0])
+    impact = Fremond.reversal().resolve(c)
+    np.testing.assert_allclose(impact.post_velocity, [0, 0, 1, 0, 0, 2, 5], **EXACT)
+    half = Fremond.reversal(0.5).restitution_matrix(c)
+    np.testing.assert_array_equal(half, 0.5 * np.kron(np.eye(2), SWAPPED))
+
+
+@pytest.mark.parametrize(
+    ("name", "restitution", "expected"),
+    [
+        ("maximal-dissipation", None, MaximalDissipation()),
+        ("maximal-dissipation", 0, MaximalDissipation()),
+        ("moreau", 0.8, Moreau(0.8)),
+        ("moreau", "0.8", Moreau(0.8)),
+        ("newton", 0.3, Newton(0.3)),
+        ("newton", [0.2, 0.9], Newton([0.2, 0.9])),
+        ("newton", {"b/a": 0.2}, Newton({("a", "b"): 0.2})),
+        ("reversal", None, Fremond.reversal()),
+        ("reversal", 0.9, Fremond.reversal(0.9)),
+        (Moreau(0.5), None, Moreau(0.5)),
+    ],
+)
+def test_make_law(name, restitution, expected):
+    assert make_law(name, restitution) == expected
+
+
+def test_make_fremond():
+    np.testing.assert_array_equal(make_law("fremond", SWAPPED).restitution_matrix(launched(3, 1)), SWAPPED)
+    assert make_law("fremond", {("a/b", "c/b"): 1.0}).contact_labels == {"a/b", "b/c"}
+
+
+def test_every_registered_law_can_be_made():
+    restitution = {"moreau": 0.5, "newton": 0.5, "fremond": np.eye(2)}
+    for name in REGISTRY:
+        law = make_law(name, restitution.get(name))
+        assert isinstance(law, Law)
+        assert law.resolve(launched(3, 1)).residual < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("moro", "'moro'; did you mean 'moreau'"), ("newtons", "did you mean 'newton'"), ("xyz", "known: fremond, ")],
+)
+def test_unknown_law(name, message):
+    with pytest.raises(UnknownNameError, match=message):
+        make_law(name, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Moreau(-0.1), r"must lie in \[0, 1\], got -0.1"),
+        (lambda: Moreau(1.0000001), r"must lie in \[0, 1\]"),
+        (lambda: Moreau(np.nan), r"must lie in \[0, 1\], got nan"),
+        (lambda: Moreau("bouncy"), "must be a number"),
+        (lambda: Moreau([0.5, 0.5]), "must be a number"),
+        (lambda: Newton(2.0), r"must lie in \[0, 1\]"),
+        (lambda: Newton([0.5, -1.0]), "restitution of contact 1 must lie in"),
+        (lambda: Newton([0.5, np.nan]), "restitution of contact 1 must lie in"),
+        (lambda: Newton({"b/a": 7}), "restitution of a/b must lie in"),
+        (lambda: Newton({"a/b": 0.5}, default=np.inf), "default restitution must lie in"),
+        (lambda: Newton(0.5, default=0.5), "default is for a mapping"),
+        (lambda: Newton({("a", "b", "c"): 0.5}), "a contact is named"),
+        (lambda: Newton({3: 0.5}), "a contact is named"),
+        (lambda: Newton({"a/b": 0.5, "b/a": 0.6}), "a/b has two restitutions, 0.5 and 0.6"),
+        (lambda: Newton(np.eye(2)), "restitution of contact 0 must be a number"),
+        (lambda: Newton([[0.5], [0.1, 0.2]]), "must be a number"),
+        (lambda: Fremond(np.ones((2, 3))), r"must be square, got shape \(2, 3\)"),
+        (lambda: Fremond(0.5), "must be square"),
+        (lambda: Fremond([[1.0, np.nan], [0.0, 1.0]]), "not finite"),
+        (lambda: Fremond([["x"]]), "must be a square array of numbers"),
+        (lambda: Fremond({"a/b": 1.0}), "a key of Fremond is a pair of contact labels"),
+        (lambda: Fremond({("a/b", "b/c"): np.inf}), "must be a finite number"),
+        (lambda: Fremond({("a/b", 1): 1.0}), "a contact is named"),
+        (lambda: Fremond({("a/b", "c/d"): 1.0, ("b/a", "c/d"): 2.0}), "has two restitutions, 1.0 and 2.0"),
+        (lambda: Fremond.reversal(1.5), r"must lie in \[0, 1\]"),
+        (lambda: LinearMap(np.ones((2, 3))), "linear map must be square"),
+        (lambda: LinearMap([[np.inf]]), "linear map has entries that are not finite"),
+        (lambda: make_law("moreau"), "law 'moreau' needs a restitution"),
+        (lambda: make_law("newton"), "law 'newton' needs a restitution"),
+        (lambda: make_law("fremond"), "law 'fremond' needs a restitution"),
+        (lambda: make_law("fremond", 0.5), "needs a restitution matrix"),
+        (lambda: make_law("maximal-dissipation", 0.5), "has restitution 0"),
+        (lambda: make_law(Moreau(0.5), 0.5), "already has its restitution"),
+        (lambda: Newton([0.5]).resolve(launched(3, 1)), r"1 coefficients but 2 contacts collide \(0, 1\); key them"),
+        (lambda: Fremond(np.eye(3)).resolve(launched(3, 1)), r"\(3, 3\) but 2 contacts collide \(0, 1\); key it"),
+        (lambda: LinearMap(np.eye(2)).resolve(launched(3, 1)), r"\(2, 2\) but the velocity has 3 entries"),
+    ],
+)
+def test_wrong_restitution(make, message):
+    with pytest.raises(RestitutionError, match=message):
+        make()
+
+
+def test_labels_of_a_law_are_checked_against_those_of_a_scene():
+    check_labels(Newton({"floor/ball1": 0.5}).contact_labels, LABELLED)
+    with pytest.raises(UnknownNameError, match="unknown contact 'ball1/flor'; did you mean 'ball1/floor'"):
+        check_labels(Newton({("ball1", "flor"): 0.5}).contact_labels, LABELLED)
+
+
+def test_laws_do_not_change():
+    matrix = np.eye(2)
+    law = Fremond(matrix)
+    matrix[0, 1] = 5.0
+    np.testing.assert_array_equal(law.restitution_matrix(launched(3, 1)), np.eye(2))
+    with pytest.raises(AttributeError):
+        Moreau(0.5).restitution = 0.7  # pyright: ignore[reportAttributeAccessIssue]
