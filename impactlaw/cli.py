@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import sys
 import tempfile
@@ -15,6 +14,7 @@ from typing import Annotated, Literal
 import tyro
 
 from impactlaw.errors import ImpactLawError, RecordingError, SceneError
+
 
 @dataclass(frozen=True)
 class Compare:
@@ -38,6 +38,7 @@ class Compare:
     """Open the rerun viewer on the runs as they happen; needs a display."""
 
     def __call__(self) -> None:
+        """Simulate, write the files and print the table."""
         from impactlaw.compare import Comparison, compare, format_table
 
         study = Comparison(
@@ -67,6 +68,7 @@ class Inspect:
     """Also write the collisions to this file."""
 
     def __call__(self) -> None:
+        """Read the recording and print it."""
         from impactlaw.recording import describe, read_log
 
         recording = read_log(self.file)
@@ -83,6 +85,7 @@ class Laws:
     """List the impact laws, one line each."""
 
     def __call__(self) -> None:
+        """Print the laws."""
         from impactlaw.laws import DESCRIPTIONS
 
         for name, text in DESCRIPTIONS.items():
@@ -94,6 +97,7 @@ class Scenes:
     """List the scenes, one line each."""
 
     def __call__(self) -> None:
+        """Print the scenes."""
         from impactlaw.models import SCENES
 
         for name, text in SCENES.items():
@@ -112,7 +116,7 @@ def new_files_in(folder: Path) -> Iterator[Path]:
     try:
         yield temporary
         for path in temporary.iterdir():
-            os.replace(path, folder / path.name)
+            path.replace(folder / path.name)
     except BaseException:
         shutil.rmtree(temporary, ignore_errors=True)
         for path in made:

@@ -69,7 +69,13 @@ def draw_admissible_set(axes: Any, collision: Collision, runs: Sequence[Run]) ->
     axes.plot(*before, "k*", markersize=11, label="v-")
     for marker, run in zip("osD^vP*Xphd<>", runs, strict=False):
         if run.first is not None:
-            axes.plot(*(plane @ collision.metric.whiten(run.first.post_velocity)), marker, markersize=7, label=run.name, alpha=0.8)
+            axes.plot(
+                *(plane @ collision.metric.whiten(run.first.post_velocity)),
+                marker,
+                markersize=7,
+                label=run.name,
+                alpha=0.8,
+            )
     axes.set_aspect("equal")
     axes.set_title("S(v-) in the kinetic metric, sqrt(J)", fontsize=10)
     axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(0.0, -0.05), ncols=3)

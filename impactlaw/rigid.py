@@ -2,9 +2,7 @@
 
 One step of duration h, from a state in which no gap is below minus the tolerance:
 
-1. Closed contacts (gap <= tolerance) that approach collide: the law gives v+, again and again until none approaches.
-   Only contacts with ``gamma- <= 0`` take part, since a law is a map from -T_C; one that separates and is driven
-   closed by the others collides next, at the same time.
+1. Closed contacts (gap <= tolerance) that approach collide (`collide.Collider`).
 2. MuJoCo's integrator advances what remains of the step without contacts. The flow is shortened where bodies travel
    further than they are thick (`flow.Travel`).
 3. Contacts that stay closed are held closed (`sustained`).
@@ -20,15 +18,12 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
-from impactlaw.collision import Collision
+from impactlaw.collide import Collider
 from impactlaw.contacts import Contacts, detect, gap_gradients, geom_names, kinetic_metric, update_positions
-from impactlaw.errors import InadmissibleImpactError, OverlapError
+from impactlaw.errors import OverlapError
 from impactlaw.events import ImpactEvent
 from impactlaw.flow import Frames, Travel, advance, restore_state, save_state
-from impactlaw.impact import Impact
-from impactlaw.laws import Law, MaximalDissipation
 from impactlaw.location import Guess, locate, parabola, tangent
 from impactlaw.metric import KineticMetric
 from impactlaw.scene import check_rigid, geom_pairs
@@ -56,22 +51,16 @@ class RigidStepping:
     def __init__(
         self,
         model: mujoco.MjModel,
-        law: Law,
+        collider: Collider,
         *,
         ignore_friction: bool,
-        on_inadmissible: str,
         gap_tolerance: float,
-        max_events: int,
-        solver: str,
     ):
         pairs = geom_pairs(model)
         check_rigid(model, pairs, ignore_friction=ignore_friction)
         self._model = model
-        self._law = law
-        self._on_inadmissible = on_inadmissible
+        self._collider = collider
         self._tolerance = gap_tolerance
-        self._max_events = max_events
-        self._solver = solver
         self._names = geom_names(model)
         self._travel = Travel(model, pairs)
         self._left_at = np.full(model.nq, np.nan)
@@ -94,7 +83,7 @@ class RigidStepping:
                 break
             start = self._start(data, contacts)
             flights += 1
-            if max(len(events), flights) > self._max_events:
+            if max(len(events), flights) > self._collider.most:
                 self.unlocated += 1
                 flight = self._try(data, start, remaining, hold_all=True)
             else:
@@ -136,35 +125,16 @@ class RigidStepping:
             return
         metric = kinetic_metric(self._model, data)
         rounding = self._rounding(metric, J, data.qvel)
-        while True:
-            gamma = J @ data.qvel
-            if not (gamma < -rounding).any():
-                return
-            law = self._law if len(events) < self._max_events else MaximalDissipation()
-            closing = gamma <= rounding if law is self._law else np.ones(len(gamma), dtype=bool)
-            chosen = _reached(metric.whiten_gradients(J), np.flatnonzero(closing), gamma < -rounding)
-            taking_part = contacts.select(chosen)
-            collision = Collision(metric.mass_matrix, J[chosen], data.qvel, labels=taking_part.labels, metric=metric)
-            impact = self._admissible(law.resolve(collision, solver=self._solver), data.time)
-            data.qvel[:] = impact.post_velocity
-            events.append(ImpactEvent(data.time, taking_part, impact, data.qpos.copy()))
-            if law is not self._law:
-                return
-
-    def _admissible(self, impact: Impact, time: float) -> Impact:
-        if self._on_inadmissible == "allow":
-            return impact
-        v = impact.violations
-        if v.is_admissible():
-            return impact
-        collision = impact.collision
-        if self._on_inadmissible == "project":
-            return Impact.observed(collision, collision.admissible_set.project(impact.post_velocity))
-        raise InadmissibleImpactError(
-            f"{self._law!r} leaves the set of possible velocities at t = {time:.6g} s for contacts "
-            f"{', '.join(collision.labels)}: energy ratio T+/T- = {1 + impact.energy_change / collision.kinetic_energy:.6g}, "
-            f"violations kinematic {v.kinematic:.2g}, energetic {v.energetic:.2g} sqrt(J); choose a dissipative law, or "
-            'on_inadmissible="project" or "allow"'
+        data.qvel[:] = self._collider.collide(
+            metric,
+            J,
+            contacts,
+            data.qvel.copy(),
+            approach=rounding,
+            rounding=rounding,
+            time=data.time,
+            qpos=data.qpos,
+            events=events,
         )
 
     # -- 2 to 4: flow ----------------------------------------------------------------------------------------------
@@ -196,7 +166,9 @@ class RigidStepping:
             tolerance=self._tolerance,
         )
 
-    def _try_safely(self, data: mujoco.MjData, state: np.ndarray, start: Start, duration: float) -> tuple[Flight, float]:
+    def _try_safely(
+        self, data: mujoco.MjData, state: np.ndarray, start: Start, duration: float
+    ) -> tuple[Flight, float]:
         while True:
             advance(self._model, data, duration)
             update_positions(self._model, data)
@@ -244,14 +216,3 @@ class RigidStepping:
             return parabola(gap0, velocity0, gap, end.duration, self._tolerance)
         J = gap_gradients(self._model, data, end.contacts.select(np.array([deepest])))
         return tangent(gap, float((J @ data.qvel)[0]), end.duration, self._tolerance)
-
-
-def _reached(gradients: np.ndarray, candidates: np.ndarray, approaching: np.ndarray) -> np.ndarray:
-    """Return the candidates that an impulse of an approaching contact can reach through others, as indices."""
-    if approaching[candidates].all():
-        return candidates
-    Y = gradients[candidates]
-    norms = np.linalg.norm(Y, axis=1)
-    coupled = np.abs(Y @ Y.T) > 1e-12 * np.outer(norms, norms)
-    _, member = connected_components(coupled, directed=False)
-    return candidates[np.isin(member, member[approaching[candidates]])]

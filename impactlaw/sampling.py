@@ -58,7 +58,9 @@ def _inner_simplex(body: CappedPolyhedron, rng: np.random.Generator) -> tuple[np
     return np.mean(points, axis=0), np.reshape(edges, (-1, r))
 
 
-def _chord(x: np.ndarray, step: np.ndarray, A: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _chord(
+    x: np.ndarray, step: np.ndarray, A: np.ndarray, b: np.ndarray, c: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the smallest and largest t, each (n,), for which ``x + t step`` keeps ``A x >= b`` and stays in the ball."""
     slack = np.maximum(x @ A.T - b, 0.0)
     rate = step @ A.T

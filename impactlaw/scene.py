@@ -32,8 +32,9 @@ class GeomPairs:
 
 
 def geom_pairs(model: mujoco.MjModel) -> GeomPairs:
-    """List the pairs of geoms that can collide, by MuJoCo's rules: explicit pairs, contype and conaffinity, welded and
-    parent-child bodies, excluded bodies.
+    """List the pairs of geoms that can collide.
+
+    MuJoCo's rules: explicit pairs, contype and conaffinity, welded and parent-child bodies, excluded bodies.
     """
     first, second = np.triu_indices(model.ngeom, k=1)
     contype, conaffinity = model.geom_contype, model.geom_conaffinity
@@ -48,7 +49,9 @@ def geom_pairs(model: mujoco.MjModel) -> GeomPairs:
         parent2 = model.body_weldid[model.body_parentid[weld2]]
         apart &= ~(((weld1 != 0) & (weld2 != 0)) & ((weld1 == parent2) | (weld2 == parent1)))
     signature = (np.minimum(body1, body2) << 16) + np.maximum(body1, body2)
-    excluded = [((min(s >> 16, s & 0xFFFF)) << 16) + max(s >> 16, s & 0xFFFF) for s in map(int, model.exclude_signature)]
+    excluded = [
+        ((min(s >> 16, s & 0xFFFF)) << 16) + max(s >> 16, s & 0xFFFF) for s in map(int, model.exclude_signature)
+    ]
     apart &= ~np.isin(signature, excluded)
     first, second = first[apart], second[apart]
     slides = _has_friction(model, first, second)
@@ -136,7 +139,8 @@ def scene_law(model: mujoco.MjModel) -> Newton:
             table[_split_pair(numeric.name, names)] = coefficient(numeric.data[0], numeric.name)
     if default is None and not table:
         raise RestitutionError(
-            'the scene carries no restitution; add <custom><numeric name="restitution" data="0.5"/></custom> or pass a law'
+            'the scene carries no restitution; add <custom><numeric name="restitution" data="0.5"/></custom> '
+            "or pass a law"
         )
     return Newton(table, default=default)
 

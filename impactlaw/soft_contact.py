@@ -7,7 +7,7 @@ import math
 
 import mujoco
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from impactlaw.contacts import detect, geom_names, update_positions
 from impactlaw.impact import Impact
@@ -44,9 +44,9 @@ def _damping(restitution: float) -> tuple[float, float]:
     """Return zeta, and the time in contact in units of the undamped oscillator's."""
     wanted = -math.log(restitution)
     if wanted < 2.0:
-        beta = brentq(lambda b: (math.pi - 2 * b) * math.tan(b) - wanted, 0.0, math.pi / 2 - 1e-9)
+        beta = root_scalar(lambda b: (math.pi - 2 * b) * math.tan(b) - wanted, bracket=(0.0, math.pi / 2 - 1e-9)).root
         return math.sin(beta), (math.pi - 2 * beta) / math.cos(beta)
-    s = brentq(lambda s: 2 * s / math.tanh(s) - wanted, 1e-9, 10.0)
+    s = root_scalar(lambda s: 2 * s / math.tanh(s) - wanted, bracket=(1e-9, 10.0)).root
     return math.cosh(s), 2 * s / math.sinh(s)
 
 
@@ -54,7 +54,8 @@ def soft_outcome(model: mujoco.MjModel, data: mujoco.MjData, impact: Impact) -> 
     """Let MuJoCo's contacts act on a collision that a law has resolved, and audit what comes out.
 
     The collision starts at data's configuration with the velocity before the impact, and has ended at the first step
-    after which no contact overlaps, or after 0.1 s (40 timesteps if that is longer). Whatever else acts meanwhile (gravity) is part of the outcome.
+    after which no contact overlaps, or after 0.1 s (40 timesteps if that is longer). Whatever else acts
+    meanwhile (gravity) is part of the outcome.
 
     Args:
         model: the scene with the soft contacts wanted.

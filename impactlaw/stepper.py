@@ -21,8 +21,8 @@ class Stepper:
 
     With ``contact_model="rigid"`` MuJoCo does everything but contact and the law owns the contacts, without friction:
     each step locates the times at which gaps close, resolves every collision by the law, and keeps touching contacts
-    touching (`impactlaw.rigid`). With ``contact_model="soft"`` MuJoCo keeps contact and friction, and the law takes over
-    collisions only; a step without one is `mj_step`, bit for bit (`impactlaw.soft`).
+    touching (`impactlaw.rigid`). With ``contact_model="soft"`` MuJoCo keeps contact and friction, and the law takes
+    over collisions only; a step without one is `mj_step`, bit for bit (`impactlaw.soft`).
 
     Args:
         model: the compiled scene. Its options are read at every step, so they may be changed between steps.
@@ -75,19 +75,13 @@ class Stepper:
         self.model = model
         self.law = law
         self.events: tuple[ImpactEvent, ...] = ()
+        collider = Collider(law, on_inadmissible, max_events, solver)
+        self._stepping: RigidStepping | SoftStepping
         if contact_model == "soft":
-            self._stepping = SoftStepping(
-                model, Collider(law, on_inadmissible, max_events, solver), rest_speed=rest_speed
-            )
+            self._stepping = SoftStepping(model, collider, rest_speed=rest_speed)
         else:
             self._stepping = RigidStepping(
-                model,
-                law,
-                ignore_friction=friction == "ignore",
-                on_inadmissible=on_inadmissible,
-                gap_tolerance=gap_tolerance,
-                max_events=max_events,
-                solver=solver,
+                model, collider, ignore_friction=friction == "ignore", gap_tolerance=gap_tolerance
             )
 
     @property

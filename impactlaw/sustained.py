@@ -200,7 +200,9 @@ def _hold_velocity(
     data.qvel[:] = velocity + metric.unwhiten(nu @ Y)
 
 
-def _moved(position: np.ndarray, geoms: np.ndarray, before: np.ndarray, frames: Frames, data: mujoco.MjData) -> np.ndarray:
+def _moved(
+    position: np.ndarray, geoms: np.ndarray, before: np.ndarray, frames: Frames, data: mujoco.MjData
+) -> np.ndarray:
     """Distances of one contact point from earlier ones, seen from the geom for which they are smaller, (n,)."""
     distances = []
     for geom in geoms:
