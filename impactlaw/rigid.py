@@ -67,7 +67,15 @@ class RigidStepping:
         self.unlocated = 0
 
     def step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
-        """Advance by one timestep and return the collisions."""
+        """Advance by one timestep and return the collisions; an error leaves data as it was."""
+        state = save_state(self._model, data)
+        try:
+            return self._step(data)
+        except BaseException:
+            restore_state(self._model, data, state)
+            raise
+
+    def _step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
         model = self._model
         timestep = remaining = model.opt.timestep
         end = data.time + timestep

@@ -92,7 +92,8 @@ class Stepper:
     def step(self, data: mujoco.MjData) -> None:
         """Advance data by one ``model.opt.timestep``.
 
-        Rigid steps leave frames and inertia current; soft ones leave them as `mj_step` does.
+        Rigid steps leave frames and inertia current; soft ones leave them as `mj_step` does. A rigid step that raises
+        leaves the state as it was before the step.
 
         Raises:
             OverlapError: geoms overlap at the start by more than the gap tolerance; names the pairs and depths.
