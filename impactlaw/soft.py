@@ -6,16 +6,29 @@ tangential velocities change only as the normal impulses make them; friction act
 does the law know equality constraints, joint limits and tendons: MuJoCo's solver answers for those from the same step
 on.
 
-A step without a collision is `mj_step`, bit for bit. What MuJoCo's contacts do within a step is theirs: a contact that
-first touches inside of a step is seen at the start of the next one, and under RK4, whose stages look ahead, it may
-have been slowed by up to one step of soft force by then.
+A step without a collision is `mj_step`, bit for bit. What MuJoCo's contacts do between collisions is theirs, and a
+contact that first touches inside of a step is seen at its end, up to one step too deep.
+
+RK4's stages look ahead: they feel a contact before it is there, and would take up to half of the speed that the law is
+to reverse. Where the last stage has met new contacts, the step is tried again with Euler, whose forces are those of
+its start; if there is a collision at the end of that, the law resolves it there, and that is the step.
 """
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
-from mujoco import get_mjcb_control, mj_checkAcc, mj_Euler, mj_forwardSkip, mj_implicit, mj_RungeKutta, mj_step1
+from mujoco import (
+    get_mjcb_control,
+    mj_checkAcc,
+    mj_Euler,
+    mj_forwardSkip,
+    mj_getState,
+    mj_implicit,
+    mj_RungeKutta,
+    mj_step,
+    mj_step1,
+)
 
 from impactlaw.collide import Collider
 from impactlaw.contacts import active_contacts, closing_speed, gap_gradients, geom_names, kinetic_metric
@@ -28,6 +41,7 @@ REST_SPEED = 0.1
 _RK4, _EULER = int(mujoco.mjtIntegrator.mjINT_RK4), int(mujoco.mjtIntegrator.mjINT_EULER)
 _POSITION, _VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
 _ENERGY, _COMPARE = int(mujoco.mjtEnableBit.mjENBL_ENERGY), int(mujoco.mjtEnableBit.mjENBL_FWDINV)
+_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _NO_RESET = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
 _NOTHING: tuple[tuple[ImpactEvent, ...], int] = (), _VELOCITY
 _BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")]
@@ -41,6 +55,9 @@ class SoftStepping:
         self._collider = collider
         self._rest_speed = rest_speed
         self._names = geom_names(model)
+        self._before = np.empty(mujoco.mj_stateSize(model, _STATE))
+        self._trial: mujoco.MjData | None = None
+        self._left_at = np.nan
         self.unlocated = 0
 
     def step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
@@ -53,24 +70,16 @@ class SoftStepping:
         opt = model.opt
         time = data.time
         count = None if time >= opt.timestep and not opt.disableflags & _NO_RESET else _bad_states(data)
-        if get_mjcb_control() is None:
-            mj_step1(model, data)
-        else:
-            self._look(data)
-        events, stage = self._collide(data) if data.ncon else _NOTHING
-        mj_forwardSkip(model, data, stage, 0)
-        mj_checkAcc(model, data)
-        if opt.enableflags & _COMPARE:
-            mujoco.mj_compareFwdInv(model, data)
         integrator = opt.integrator
-        if integrator == _RK4:
-            mj_RungeKutta(model, data, 4)
-        elif integrator == _EULER:
-            mj_Euler(model, data)
-        else:
-            mj_implicit(model, data)
+        if integrator != _RK4 or data.ncon or time != self._left_at or get_mjcb_control() is not None:
+            events = self._step_from_start(data, integrator)
+        else:  # the last stage of the step before has met no contact, so there is none at the start of this one
+            mj_getState(model, data, self._before, _STATE)
+            mj_step(model, data)
+            events = self._collide_at_end(data) if data.ncon else ()
         if data.time <= time or count is not None:
             _refuse_reset(data, time, count)
+        self._left_at = data.time
         return events
 
     def finish(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
@@ -89,6 +98,30 @@ class SoftStepping:
             self._update_velocity(data)
         mujoco.mj_step2(self._model, data)
         _refuse_reset(data, time, count)
+        return events
+
+    def _step_from_start(self, data: mujoco.MjData, integrator: int) -> tuple[ImpactEvent, ...]:
+        """Do what `mj_step` does, with the law before the forces."""
+        model = self._model
+        if get_mjcb_control() is None:
+            mj_step1(model, data)
+        else:
+            self._look(data)
+        contacts = data.ncon
+        events, stage = self._collide(data) if contacts else _NOTHING
+        mj_forwardSkip(model, data, stage, 0)
+        mj_checkAcc(model, data)
+        if model.opt.enableflags & _COMPARE:
+            mujoco.mj_compareFwdInv(model, data)
+        if integrator == _RK4:
+            mj_getState(model, data, self._before, _STATE)
+            mj_RungeKutta(model, data, 4)
+            if data.ncon > contacts:
+                events += self._collide_at_end(data)
+        elif integrator == _EULER:
+            mj_Euler(model, data)
+        else:
+            mj_implicit(model, data)
         return events
 
     def _look(self, data: mujoco.MjData) -> None:
@@ -138,6 +171,35 @@ class SoftStepping:
             return tuple(events), _VELOCITY
         data.qvel[:] = velocity
         return tuple(events), _POSITION
+
+    def _collide_at_end(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
+        """Take an RK4 step again without its looking ahead, if that ends in a collision that the law changes."""
+        if self._trial is None:
+            self._trial = mujoco.MjData(self._model)
+        model, trial = self._model, self._trial
+        mujoco.mj_setState(model, trial, self._before, _STATE)
+        velocity = trial.qvel.copy()
+        if not self._closes(data, velocity):
+            return ()
+        for stage in (mujoco.mj_fwdPosition, mujoco.mj_fwdVelocity, mujoco.mj_fwdActuation):
+            stage(model, trial)  # not mj_forward: the control callback has been called
+        mujoco.mj_fwdAcceleration(model, trial)
+        mujoco.mj_fwdConstraint(model, trial)
+        mj_Euler(model, trial)
+        mujoco.mj_fwdPosition(model, trial)
+        mujoco.mj_fwdVelocity(model, trial)
+        events, stage = self._collide(trial) if trial.ncon else _NOTHING
+        if stage == _VELOCITY:
+            return ()
+        mj_getState(model, trial, self._before, _STATE)
+        mujoco.mj_setState(model, data, self._before, _STATE)
+        return events
+
+    def _closes(self, data: mujoco.MjData, velocity: np.ndarray) -> bool:
+        """Whether a contact of now would close fast at another velocity, (nv,)."""
+        contacts = active_contacts(self._model, data, self._names)
+        speeds = gap_gradients(self._model, data, contacts) @ velocity
+        return bool((speeds < -self._rest_speed).any())
 
 
 def _refuse_reset(data: mujoco.MjData, time: float, count: int | None) -> None:

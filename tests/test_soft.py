@@ -1,0 +1,404 @@
+"""Soft stepping: `mj_step` bit for bit without a collision, the law exactly at a collision, divergence seen."""
+
+import itertools
+
+import mujoco
+import numpy as np
+import pytest
+
+from impactlaw import LinearMap, MaximalDissipation, Moreau, Newton, Stepper
+from impactlaw.errors import DivergenceError, SceneError, UnknownNameError
+
+INTEGRATORS = ("Euler", "implicit", "implicitfast", "RK4")
+VARIANTS = list(itertools.product(INTEGRATORS, ("PGS", "CG", "Newton"), ("pyramidal", "elliptic"), ("dense", "sparse")))
+
+MACHINE = """
+<mujoco>
+  <option timestep="0.004" integrator="{integrator}" solver="{solver}" cone="{cone}" jacobian="{jacobian}">
+    <flag energy="enable"/>
+  </option>
+  <default><geom friction="0.6 0.01 0.001" condim="4" density="800"/></default>
+  <worldbody>
+    <geom name="floor" type="plane" size="5 5 .1"/>
+    <body name="box" pos="0 0 0.25"><freejoint/><geom type="box" size=".1 .15 .05"/><site name="corner" pos=".1 .1 0"/></body>
+    <body name="ball" pos=".02 .01 0.45"><freejoint/><geom type="sphere" size=".08" condim="1"/></body>
+    <body name="capsule" pos=".5 0 .3" euler="0 70 0"><freejoint/><geom type="capsule" size=".05 .15" condim="6"/></body>
+    <body name="arm" pos="-.6 0 .5">
+      <joint name="shoulder" axis="0 1 0" limited="true" range="-15 15" damping="0.1"/>
+      <geom type="capsule" fromto="0 0 0 .3 0 0" size=".03"/>
+      <body name="fore" pos=".3 0 0">
+        <joint name="elbow" axis="0 1 0" damping="0.05" frictionloss="0.02"/>
+        <geom type="capsule" fromto="0 0 0 .2 0 0" size=".03"/><site name="hand" pos=".2 0 0"/>
+      </body>
+    </body>
+    <body name="twin" pos="-.6 .4 .5"><joint name="twin" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".03"/></body>
+    <site name="hook" pos="-.2 0 .9"/>
+  </worldbody>
+  <tendon>
+    <spatial name="string" limited="true" range="0 .55" stiffness="3"><site site="hook"/><site site="hand"/></spatial>
+    <fixed name="pair"><joint joint="shoulder" coef="1"/><joint joint="elbow" coef="-.5"/></fixed>
+  </tendon>
+  <equality><joint joint1="shoulder" joint2="twin"/></equality>
+  <actuator>
+    <motor name="drive" joint="shoulder" gear="3"/>
+    <general joint="elbow" dyntype="filter" dynprm=".05" gainprm="2"/>
+    <position tendon="pair" kp="4"/>
+  </actuator>
+  <sensor>
+    <accelerometer site="corner"/><gyro site="corner"/><force site="hand"/><torque site="hand"/><touch site="corner"/>
+    <framelinvel objtype="body" objname="ball"/><tendonpos tendon="string"/><subtreeangmom body="arm"/>
+    <actuatorfrc actuator="drive"/><clock/><e_kinetic/>
+  </sensor>
+</mujoco>
+"""
+BALL = """
+<mujoco>
+  <option timestep="0.001" integrator="{integrator}"><flag energy="enable"/></option>
+  <worldbody>
+    <geom name="floor" type="plane" size="1 1 .1"/>
+    <body name="ball" pos="0 0 .5"><joint name="z" type="slide" axis="0 0 1"/><geom name="ball" type="sphere" size=".1" mass="1"/></body>
+  </worldbody>
+  <sensor><jointvel joint="z"/></sensor>
+</mujoco>
+"""
+HEAP = """
+<mujoco>
+  <option timestep="0.002" integrator="{integrator}"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="5 5 .1"/>
+    <body pos="0 0 .4" euler="20 30 0"><freejoint/><geom type="box" size=".1 .15 .05"/></body>
+    <body pos=".05 0 .7" euler="50 10 0"><freejoint/><geom type="capsule" size=".05 .1"/></body>
+    <body pos="0 .1 1.0"><freejoint/><geom type="sphere" size=".08" density="200"/></body>
+    <body pos="-.05 0 1.3" euler="0 45 0"><freejoint/><geom type="cylinder" size=".08 .06"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def build(xml, **options):
+    model = mujoco.MjModel.from_xml_string(xml.format(**options))
+    return model, mujoco.MjData(model)
+
+
+def machine(integrator="Euler", solver="Newton", cone="pyramidal", jacobian="dense"):
+    return build(MACHINE, integrator=integrator, solver=solver, cone=cone, jacobian=jacobian)
+
+
+# what a step computes; MuJoCo's other arrays are scratch, partly never written
+FIELDS = """
+qpos qvel act act_dot ctrl qacc qacc_warmstart qacc_smooth qfrc_applied qfrc_actuator qfrc_passive qfrc_bias qfrc_smooth
+qfrc_constraint actuator_force actuator_length actuator_velocity sensordata energy xpos xquat xmat xipos cdof cvel cacc
+cfrc_int cfrc_ext subtree_com ten_length ten_velocity M qLD efc_type efc_pos efc_vel efc_aref efc_b efc_force efc_state
+solver_fwdinv solver_niter
+""".split()
+
+
+def assert_same(data, reference):
+    """Bit for bit."""
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(data, name), getattr(reference, name), err_msg=name)
+    for name in ("dist", "pos", "frame", "geom", "efc_address"):
+        np.testing.assert_array_equal(getattr(data.contact, name), getattr(reference.contact, name), err_msg=name)
+    np.testing.assert_array_equal(data.warning.number, reference.warning.number)
+    assert data.time == reference.time
+    assert data.ncon == reference.ncon
+
+
+def drive(model, data, step, i):
+    data.ctrl[:] = np.sin(0.05 * i + np.arange(model.nu))
+    step()
+    mujoco.mj_rnePostConstraint(model, data)
+
+
+@pytest.fixture
+def quiet(tmp_path, monkeypatch):
+    """MuJoCo writes its warnings into a file where it runs."""
+    monkeypatch.chdir(tmp_path)
+
+
+# -- without a collision -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("integrator", "solver", "cone", "jacobian"), VARIANTS)
+def test_a_step_without_collision_is_mj_step(integrator, solver, cone, jacobian):
+    model, data = machine(integrator, solver, cone, jacobian)
+    reference = mujoco.MjData(model)
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft", rest_speed=1e9)
+    kinds = set()
+    for i in range(250):
+        drive(model, data, lambda: stepper.step(data), i)
+        drive(model, reference, lambda: mujoco.mj_step(model, reference), i)
+        assert stepper.events == ()
+        kinds |= set(data.efc_type)
+        assert_same(data, reference)
+    constraint = mujoco.mjtConstraint
+    contact = constraint.mjCNSTR_CONTACT_PYRAMIDAL if cone == "pyramidal" else constraint.mjCNSTR_CONTACT_ELLIPTIC
+    wanted = (constraint.mjCNSTR_EQUALITY, constraint.mjCNSTR_LIMIT_JOINT, constraint.mjCNSTR_LIMIT_TENDON, contact)
+    assert {int(kind) for kind in (*wanted, constraint.mjCNSTR_FRICTION_DOF)} <= kinds
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_sliding_fast_is_no_collision(integrator):
+    """Rows of a pyramidal cone mix in tangential speed; only the normal speed counts."""
+    model, data = machine(integrator)
+    data.joint(model.body("box").jntadr[0]).qpos[2] = 0.0499
+    data.joint(model.body("box").jntadr[0]).qvel[:2] = 3.0, 1.0
+    data.qpos[9] = data.qpos[16] = 2.0
+    reference = mujoco.MjData(model)
+    reference.qpos[:], reference.qvel[:] = data.qpos, data.qvel
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft")
+    fastest = 0.0
+    for i in range(20):
+        drive(model, data, lambda: stepper.step(data), i)
+        drive(model, reference, lambda: mujoco.mj_step(model, reference), i)
+        fastest = min(fastest, data.efc_vel.min(initial=0.0))
+        assert stepper.events == ()
+        assert_same(data, reference)
+    assert fastest < -0.5
+
+
+@pytest.mark.parametrize(("integrator", "solver", "cone", "jacobian"), VARIANTS)
+def test_a_law_that_changes_nothing_changes_nothing(integrator, solver, cone, jacobian):
+    model, data = machine(integrator, solver, cone, jacobian)
+    reference = mujoco.MjData(model)
+    stepper = Stepper(model, LinearMap(np.eye(model.nv)), contact_model="soft", on_inadmissible="allow")
+    collisions = 0
+    for i in range(150):
+        drive(model, data, lambda: stepper.step(data), i)
+        drive(model, reference, lambda: mujoco.mj_step(model, reference), i)
+        collisions += len(stepper.events)
+        assert_same(data, reference)
+    assert collisions > 10
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS[:3])
+def test_the_second_half_of_a_step_is_mj_step2(integrator):
+    model, data = machine(integrator)
+    reference = mujoco.MjData(model)
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft", rest_speed=1e9)
+    for i in range(150):
+        drive(model, data, lambda: (mujoco.mj_step1(model, data), stepper.finish_step(data)), i)
+        drive(model, reference, lambda: (mujoco.mj_step1(model, reference), mujoco.mj_step2(model, reference)), i)
+        assert_same(data, reference)
+    assert data.ncon > 0
+
+
+def test_the_second_half_of_a_step_stays_rk4():
+    model, data = machine("RK4")
+    reference = mujoco.MjData(model)
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft", rest_speed=1e9)
+    for i in range(50):
+        drive(model, data, lambda: (mujoco.mj_step1(model, data), stepper.finish_step(data)), i)
+        drive(model, reference, lambda: mujoco.mj_step(model, reference), i)
+        for name in ("qpos", "qvel", "act", "qacc_warmstart"):
+            np.testing.assert_array_equal(getattr(data, name), getattr(reference, name), err_msg=name)
+
+
+def test_rigid_steps_have_no_halves():
+    model, data = build(BALL.replace("geom name", 'geom condim="1" name'), integrator="Euler")
+    with pytest.raises(SceneError, match="soft"):
+        Stepper(model, Moreau(0.5)).finish_step(data)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("law", [None, "identity"])
+def test_the_control_callback_is_called_as_by_mj_step(integrator, law):
+    model, data = machine(integrator)
+    reference = mujoco.MjData(model)
+    law, rest = (Moreau(0.5), 1e9) if law is None else (LinearMap(np.eye(model.nv)), 0.1)
+    stepper = Stepper(model, law, contact_model="soft", rest_speed=rest, on_inadmissible="allow")
+    calls = {"n": 0}
+
+    def control(m, d):
+        calls["n"] += 1
+        d.ctrl[:] = -0.2 * d.qvel[: m.nu] + d.time
+
+    counts = []
+    mujoco.set_mjcb_control(control)
+    try:
+        for step in (lambda: stepper.step(data), lambda: mujoco.mj_step(model, reference)):
+            calls["n"] = 0
+            for _ in range(120):
+                step()
+            counts.append(calls["n"])
+        assert_same(data, reference)
+        assert counts[0] == counts[1] == 120 * (4 if integrator == "RK4" else 1)
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+        stepper.step(data), mujoco.mj_step(model, reference)
+        assert_same(data, reference)
+    finally:
+        mujoco.set_mjcb_control(None)
+
+
+@pytest.mark.parametrize("callback", [None, lambda m, d: None])
+def test_flags_energy_and_inverse_comparison(callback):
+    model, data = machine()
+    reference = mujoco.MjData(model)
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft", rest_speed=1e9)
+    mujoco.set_mjcb_control(callback)
+    try:
+        for flags in (0, int(mujoco.mjtEnableBit.mjENBL_FWDINV), int(mujoco.mjtEnableBit.mjENBL_ENERGY)):
+            model.opt.enableflags = flags
+            for _ in range(40):
+                for d, step in ((data, stepper.step), (reference, lambda d: mujoco.mj_step(model, d))):
+                    mujoco.mj_energyPos(model, d)  # somebody looked; MuJoCo clears it where the flag is off
+                    step(d)
+                assert_same(data, reference)
+            if flags == int(mujoco.mjtEnableBit.mjENBL_FWDINV):
+                assert data.solver_fwdinv.any()
+    finally:
+        mujoco.set_mjcb_control(None)
+
+
+# -- with a collision ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("e", [0.0, 0.5, 0.9, 1.0])
+def test_bouncing_ball(integrator, e):
+    """Every collision gives e times the speed, and MuJoCo goes on from there."""
+    model, data = build(BALL, integrator=integrator)
+    stepper = Stepper(model, Moreau(e), contact_model="soft")
+    speeds = []
+    for _ in range(1500):
+        stepper.step(data)
+        for event in stepper.events:
+            pre, post = event.impact.collision.pre_velocity[0], event.impact.post_velocity[0]
+            assert event.contacts.labels == ("floor/ball",)
+            assert post == pytest.approx(-e * pre, rel=1e-15, abs=1e-15)
+            assert event.impact.violations.is_admissible()
+            if event.time < data.time:  # velocity stage and sensors are those of the velocity after the collision
+                assert data.sensordata[0] == post
+                assert data.energy[1] == pytest.approx(0.5 * post**2, rel=1e-14)
+            else:
+                assert integrator == "RK4"
+                assert data.qvel[0] == post
+            speeds.append(-pre)
+    assert len(speeds) >= (1 if e == 0 else 2)
+    assert speeds[0] == pytest.approx(np.sqrt(2 * 9.81 * 0.4), rel=0.005)
+    if e > 0:
+        assert speeds[1] == pytest.approx(e * speeds[0], rel=0.02)
+
+
+@pytest.mark.parametrize("timestep", [0.002, 0.005, 0.01])
+@pytest.mark.parametrize("e", [0.5, 1.0])
+def test_rk4_does_not_look_ahead_into_a_collision(timestep, e):
+    """Soft force of RK4's later stages would make e = 1 an effective 0.6 at 5 ms."""
+    model, data = build(BALL, integrator="RK4")
+    model.opt.timestep = timestep
+    stepper = Stepper(model, Moreau(e), contact_model="soft")
+    while not stepper.events:
+        stepper.step(data)
+    before, after = stepper.events[0].impact.collision.pre_velocity[0], []
+    assert before == pytest.approx(-np.sqrt(2 * 9.81 * (0.4 - data.qpos[0] - 0.4)), rel=0.01)
+    for _ in range(5):
+        stepper.step(data)
+        assert stepper.events == ()
+        after.append(data.qvel[0] + 9.81 * timestep * (len(after) + 1))
+    assert after[-1] == pytest.approx(-e * before, rel=0.03)
+
+
+def test_a_meeting_in_free_space():
+    """Nothing but the law acts between two balls: e = 1 exchanges their velocities."""
+    xml = """<mujoco><option gravity="0 0 0" timestep="0.001"/><worldbody>
+      <body name="a" pos="0 0 0"><joint type="slide" axis="1 0 0"/><geom type="sphere" size=".1" mass="1"/></body>
+      <body name="b" pos=".201 0 0"><joint type="slide" axis="1 0 0"/><geom type="sphere" size=".1" mass="1"/></body>
+    </worldbody></mujoco>"""
+    model, data = build(xml)
+    data.qvel[:] = 2.0, 0.0
+    stepper = Stepper(model, Moreau(1.0), contact_model="soft")
+    events = []
+    for _ in range(20):
+        stepper.step(data)
+        events += stepper.events
+    assert len(events) == 1
+    assert events[0].contacts.labels == ("a/b",)
+    np.testing.assert_allclose(events[0].impact.post_velocity, (0.0, 2.0), atol=1e-14)
+    np.testing.assert_allclose(data.qvel, (0.0, 2.0), atol=0.05)
+
+
+def test_a_box_that_falls_flat_collides_once_with_four_contacts():
+    model, data = build(
+        """<mujoco><option timestep="0.001"/><worldbody><geom type="plane" size="1 1 1"/>
+        <body name="box" pos="0 0 .2"><freejoint/><geom type="box" size=".1 .1 .05"/></body></worldbody></mujoco>"""
+    )
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft")
+    while not stepper.events:
+        stepper.step(data)
+    (event,) = stepper.events
+    impulse = event.impact.impulse
+    np.testing.assert_allclose(impulse, np.full(4, impulse.mean()), rtol=1e-9)
+    np.testing.assert_allclose(event.impact.post_velocity, -0.5 * event.impact.collision.pre_velocity, atol=1e-12)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("law", [MaximalDissipation(), Moreau(0.5), Moreau(0.9), Newton(0.7)], ids=repr)
+def test_every_collision_of_a_heap_is_admissible(integrator, law):
+    model, data = build(HEAP, integrator=integrator)
+    stepper = Stepper(model, law, contact_model="soft")
+    events = []
+    for _ in range(600):
+        stepper.step(data)
+        events += stepper.events
+    assert len(events) > 10
+    for event in events:
+        assert event.impact.violations.is_admissible()
+        assert event.impact.residual < 1e-9
+        assert event.impact.collision.pre_contact_velocity.max() < 1e-12
+        assert event.impact.collision.pre_contact_velocity.min() < -0.1
+    assert np.isfinite(data.qpos).all()
+
+
+@pytest.mark.parametrize("contact_model", ["rigid", "soft"])
+def test_a_law_for_the_wrong_contacts(contact_model):
+    model, _ = build(BALL.replace("geom name", 'geom condim="1" name'), integrator="Euler")
+    with pytest.raises(UnknownNameError, match=r"'ball/flor'.*'floor/ball'"):
+        Stepper(model, Newton({("ball", "flor"): 0.5}), contact_model=contact_model)
+    Stepper(model, Newton({("ball", "floor"): 0.5}), contact_model=contact_model)
+
+
+# -- divergence ----------------------------------------------------------------------------------------------------
+
+
+def break_qpos(data):
+    data.qpos[0] = np.nan
+
+
+def break_qvel(data):
+    data.qvel[0] = -np.inf
+
+
+def break_qacc(data):
+    data.qfrc_applied[0] = 1e300
+
+
+@pytest.mark.usefixtures("quiet")
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("break_it", [break_qpos, break_qvel, break_qacc])
+@pytest.mark.parametrize("steps", [0, 1, 50])
+@pytest.mark.parametrize("autoreset", [True, False])
+def test_divergence_is_seen(integrator, break_it, steps, autoreset):
+    model, data = build(BALL, integrator=integrator)
+    if not autoreset:
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft")
+    for _ in range(2):  # again after a reset
+        mujoco.mj_resetData(model, data)
+        for _ in range(steps):
+            stepper.step(data)
+        break_it(data)
+        with pytest.raises(DivergenceError, match="not finite"):
+            stepper.step(data)
+
+
+@pytest.mark.usefixtures("quiet")
+@pytest.mark.parametrize("steps", [0, 50])
+def test_divergence_is_seen_in_the_second_half(steps):
+    model, data = build(BALL, integrator="Euler")
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft")
+    for _ in range(steps):
+        stepper.step(data)
+    mujoco.mj_step1(model, data)
+    break_qacc(data)
+    with pytest.raises(DivergenceError, match="not finite"):
+        stepper.finish_step(data)
