@@ -1,1 +1,24 @@
 """Gymnasium environments in which the impact law decides, registered on import."""
+
+import gymnasium
+
+from impactlaw.envs.base import ImpactEnv
+from impactlaw.envs.juggler import Juggler
+from impactlaw.envs.newtons_cradle import NewtonsCradle
+from impactlaw.envs.rendering import choose_backend
+from impactlaw.envs.rocking_block import RockingBlock
+
+__all__ = ["ImpactEnv", "Juggler", "NewtonsCradle", "RockingBlock"]
+
+for _entry_point, _steps, _solved in (
+    (NewtonsCradle, 300, 0.95),
+    (Juggler, 1000, 800.0),
+    (RockingBlock, 250, 200.0),
+):
+    gymnasium.register(
+        f"impactlaw/{_entry_point.__name__}-v0",
+        entry_point=f"{_entry_point.__module__}:{_entry_point.__name__}",
+        max_episode_steps=_steps,
+        reward_threshold=_solved,
+    )
+choose_backend()

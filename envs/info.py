@@ -8,13 +8,13 @@ from impactlaw.events import ImpactEvent
 
 
 class ImpactTally:
-    """Sums up collisions for ``info``.
+    r"""Sums up collisions for ``info``.
 
     | key | meaning | type, unit |
     |---|---|---|
     | ``impact/count`` | collisions | int |
     | ``impact/energy_change`` | sum of T+ - T- | float, J |
-    | ``impact/intensity`` | sum of \\|v+ - v-\\| in the kinetic metric | float, sqrt(J) |
+    | ``impact/intensity`` | sum of \|v+ - v-\| in the kinetic metric | float, sqrt(J) |
     | ``impact/distant`` | collisions with a distant effect (an antidissipative contact) | int |
     | ``impact/inadmissible`` | collisions whose outcome by the law left S(v-), whatever was made of it | int |
     | ``impact/diverged`` | 1 if the simulation left the finite numbers, which ends the episode | int |

@@ -31,8 +31,10 @@ TOUCHING = {
     "bouncing_ball": [],
     "box_drop": [],
     "falling_rod": [],
+    "juggler": [],
     "newtons_cradle": chain_labels(5),
     "rocking_block": ["floor/right"],
+    "rocking_platform": ["left/platform", "right/platform"],
     "wedge": ["floor/ball", "ramp/ball"],
 }
 
@@ -81,7 +83,7 @@ def check(impact, *, velocity=None, gamma=None, impulse=None, energy=None):
 # Conventions
 
 
-def test_the_scenes_are_the_nine():
+def test_the_scenes_are_these():
     assert set(scene_names()) == set(SCENES) == set(TOUCHING)
     assert scene_names() == tuple(sorted(SCENES))
 
@@ -222,6 +224,27 @@ def test_rocking_block_comes_upright_with_the_stated_speed():
     mujoco.mj_resetData(model, data)
     mujoco.mj_forward(model, data)
     assert np.sqrt((start - data.energy[0]) / upright.kinetic_energy) == pytest.approx(1.483425, abs=1e-6)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.8, 1.0])
+def test_juggler(e):
+    u = np.sqrt(2 * 9.81 * 0.75)
+    assert u == pytest.approx(3.836014, abs=1e-6)
+    impact = Newton(e).resolve(collision_at("juggler", qpos=[0, 0], qvel=[0, -u]))
+    velocity = [-(1 + e) / 8 * u, (7 * (1 + e) / 8 - 1) * u]
+    check(impact, velocity=velocity, impulse=[7 * (1 + e) * u / 64], energy=(1 + 7 * e**2) / 8)
+    w = (16 / (7 * (1 + e)) - 1) * u
+    kept = Newton(e).resolve(collision_at("juggler", qpos=[0, 0], qvel=[w, -u]))
+    assert kept.post_velocity[1] == pytest.approx(u, abs=1e-12)
+
+
+def test_rocking_platform():
+    u, r = 1.0, 2 / 3
+    c = collision_at("rocking_platform", qpos=[0, 0, 0], qvel=[0, -u / 2, -4 * u])
+    np.testing.assert_allclose(c.pre_contact_velocity, [-u, 0], atol=1e-15)
+    for e in (0.0, 0.5, 1.0):
+        check(Moreau(e).resolve(c), gamma=[u * e, u * (1 + e) * r], impulse=[u * (1 + e) * 5 / 6, 0])
+    check(Fremond.reversal().resolve(c), gamma=[0, u], impulse=[u / 2, u / 2], energy=1)
 
 
 def test_falling_rod():

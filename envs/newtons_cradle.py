@@ -1,0 +1,96 @@
+"""Newton's cradle: pull the first ball so that the last one reaches a height."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from impactlaw.envs.base import ImpactEnv
+from impactlaw.envs.scenery import add_actuator, add_mark
+
+PULL = 6.0
+"""Largest torque of the string that pulls the first ball, N m; it holds the ball at 38 degrees."""
+LENGTH = 1.0
+"""Of the pendulums, m."""
+CLOSE = 0.95
+"""Closeness of the last ball's apex to the target with which an episode ends."""
+
+
+class NewtonsCradle(ImpactEnv):
+    r"""Pull the first of five hanging balls away from the others and let go, so that the last one reaches a height.
+
+    The string only pulls, so that nothing but collisions brings the last ball up.
+
+    Observation, `Box(12)`:
+
+    | index | meaning | unit | range |
+    |---|---|---|---|
+    | 0-4 | angle of ball 1 .. 5, 0 when it hangs, positive away from ball 1's side | rad | -2 .. 2 |
+    | 5-9 | its angular velocity | rad/s | -10 .. 10 |
+    | 10 | target: rise of the last ball | m | 0.02 .. 0.12 |
+    | 11 | closeness of its best apex so far | 1 | 0 .. 1 |
+
+    Action, `Box(1)`:
+
+    | index | meaning | unit | range |
+    |---|---|---|---|
+    | 0 | pull on ball 1, away from the others, as a part of 6 N m; below 0 the string is slack | 1 | -1 .. 1 |
+
+    Reward: what the closeness of the best apex gained. An apex is where the last ball turns back, its closeness
+    ``max(0, 1 - |rise - target| / target)``, so that the return is at most 1.
+
+    End: terminated when the closeness reaches 0.95, or when a ball rises above its hinge's height (its strings would go
+    slack); truncated after 300 steps (6 s).
+
+    Start: the balls hang in touch, at rest. The target is drawn from 0.02 .. 0.12 m.
+
+    What the law changes: how much of ball 1 arrives at ball 5. With "reversal" (the default; e = 1 is the real cradle)
+    ball 5 rises as high as ball 1 was pulled. With "moreau" e = 1 it gets 0.4 of the speed, 0.16 of the height; with
+    "maximal-dissipation" all five balls go on together, with 1/5 of the speed and 1/25 of the height, and the target
+    takes several pulls.
+    """
+
+    SCENE: ClassVar[str] = "newtons_cradle"
+    LAW: ClassVar[str] = "reversal"
+    FRAME_SKIP: ClassVar[int] = 4
+    OBSERVATION: ClassVar = ((5, -2.0, 2.0), (5, -10.0, 10.0), (1, 0.02, 0.12), (1, 0.0, 1.0))
+    ACTION: ClassVar = ((1, -1.0, 1.0),)
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Add the string, and a mark at the target."""
+        add_actuator(spec, "swing1", -PULL, (0.0, 1.0))
+        add_mark(spec, "target", 0.125)
+
+    def start(self) -> None:
+        """Draw the target."""
+        self._target = float(self.np_random.uniform(0.02, 0.12))
+        self._best = self._gained = 0.0
+        self._speed = 0.0
+        angle = np.arccos(1.0 - self._target / LENGTH)
+        hang = LENGTH * np.array([np.sin(angle), 0.0, -np.cos(angle)])
+        self.data.mocap_pos[0] = self.model.body("ball5").pos + hang
+        self.data.qvel[:] = 0.0
+
+    def act(self, action: np.ndarray) -> None:
+        """Pull."""
+        self.data.ctrl[:] = action
+        self._gained = 0.0
+
+    def watch(self) -> None:
+        """Take the apexes of the last ball down."""
+        before, self._speed = self._speed, float(self.data.qvel[4])
+        if before > 0 >= self._speed:
+            rise = LENGTH * (1.0 - np.cos(self.data.qpos[4]))
+            closeness = max(0.0, 1.0 - abs(rise - self._target) / self._target)
+            self._gained += max(0.0, closeness - self._best)
+            self._best = max(self._best, closeness)
+
+    def observe(self) -> np.ndarray:
+        """Return angles, angular velocities, target and closeness."""
+        return np.concatenate([self.data.qpos, self.data.qvel, [self._target, self._best]])
+
+    def judge(self) -> tuple[float, bool]:
+        """Reward what came closer."""
+        return self._gained, self._best >= CLOSE or np.abs(self.data.qpos).max() > np.pi / 2

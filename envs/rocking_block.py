@@ -1,0 +1,101 @@
+"""Rocking block: tilt the ground so that a block that rocks on two feet does not topple."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from impactlaw.envs.base import ImpactEnv
+from impactlaw.envs.scenery import add_actuator
+
+TORQUE = 60.0
+"""Largest torque on the platform, N m; against its spring it tilts the platform by 0.25 rad."""
+TOPPLED = 0.5
+"""Angle of the block, rad, from which it counts as toppled: twice the one beyond which it falls by itself."""
+HALF_WIDTH, HALF_HEIGHT = 0.125, 0.5
+"""Of the block, between its feet and up to its centre, m."""
+
+
+class RockingBlock(ImpactEnv):
+    r"""Tilt the ground so that a slender block, which has started to rock, does not topple.
+
+    Contacts have no friction, so ground that moves sideways would slide away below the feet. Instead the block is
+    guided at its centre - it moves up and down and turns - and the ground is a platform that tilts: its reaction leans
+    over with it and turns the block, as the reaction of ground that moves sideways would. The platform turns about the
+    line below the block, on a spring of 240 N m/rad with 16 N m s/rad.
+
+    Observation, `Box(6)`:
+
+    | index | meaning | unit | range |
+    |---|---|---|---|
+    | 0 | tilt of the platform, positive to the right | rad | -1 .. 1 |
+    | 1 | rise of the block's centre | m | -0.5 .. 0.5 |
+    | 2 | angle of the block, positive to the right | rad | -1 .. 1 |
+    | 3 | angular velocity of the platform | rad/s | -20 .. 20 |
+    | 4 | velocity of the block's centre, positive upwards | m/s | -10 .. 10 |
+    | 5 | angular velocity of the block | rad/s | -20 .. 20 |
+
+    Action, `Box(1)`:
+
+    | index | meaning | unit | range |
+    |---|---|---|---|
+    | 0 | torque on the platform, as a part of 60 N m | 1 | -1 .. 1 |
+
+    Reward: ``1 - |angle| / 0.5`` every step, 1 for a block that stands upright.
+
+    End: terminated when the block has toppled, beyond 0.5 rad; truncated after 250 steps (5 s).
+
+    Start: the block stands on one foot, the left or the right one, tilted by 0.05 .. 0.1 rad and turning outwards with
+    1.1 to 1.4 times the energy that it takes to topple.
+
+    What the law changes: what is left of the rocking at each change of foot. With e = 0 ("moreau" 0, the default) the
+    block changes feet without bouncing and loses half of its energy; with "moreau" e > 0 both feet leave the ground and
+    the block hops; "reversal" exchanges the feet and keeps the rocking, so that a block that was saved comes back
+    on the other side as fast as before.
+    """
+
+    SCENE: ClassVar[str] = "rocking_platform"
+    LAW: ClassVar[str] = "moreau"
+    FRAME_SKIP: ClassVar[int] = 4
+    OBSERVATION: ClassVar = (
+        (1, -1.0, 1.0),
+        (1, -0.5, 0.5),
+        (1, -1.0, 1.0),
+        (1, -20.0, 20.0),
+        (1, -10.0, 10.0),
+        (1, -20.0, 20.0),
+    )
+    ACTION: ClassVar = ((1, -1.0, 1.0),)
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Add the drive of the platform."""
+        add_actuator(spec, "tilt", TORQUE, (-1.0, 1.0))
+
+    def start(self) -> None:
+        """Put the block on one foot, on its way to topple."""
+        side = self.np_random.choice([-1.0, 1.0])
+        angle, excess = self.np_random.uniform(0.05, 0.1), self.np_random.uniform(1.1, 1.4)
+        b, h = HALF_WIDTH, HALF_HEIGHT
+        body = self.model.body("block").id
+        mass, inertia = self.model.body_mass[body], self.model.body_inertia[body, 1]
+        rise = b * np.sin(angle) + h * (np.cos(angle) - 1.0)
+        slope = b * np.cos(angle) - h * np.sin(angle)
+        missing = mass * -self.model.opt.gravity[2] * (excess * (np.hypot(b, h) - h) - rise)
+        spin = np.sqrt(2.0 * missing / (inertia + mass * slope**2))
+        self.data.qpos[:] = 0.0, rise, side * angle
+        self.data.qvel[:] = 0.0, slope * spin, side * spin
+
+    def act(self, action: np.ndarray) -> None:
+        """Turn the platform."""
+        self.data.ctrl[:] = action
+
+    def observe(self) -> np.ndarray:
+        """Return positions and velocities."""
+        return np.concatenate([self.data.qpos, self.data.qvel])
+
+    def judge(self) -> tuple[float, bool]:
+        """Reward a block that stands upright."""
+        angle = abs(float(self.data.qpos[2]))
+        return max(0.0, 1.0 - angle / TOPPLED), angle > TOPPLED
