@@ -140,7 +140,7 @@ class Impact:
         impulse = self.impulse
         if (impulse < 0).any():
             impulse = nonnegative_combination(Y, self.whitened_jump)
-        kinetic = float(np.linalg.norm(self.whitened_jump - impulse @ Y))
+        kinetic = self._imbalance(impulse)
         speeds = float(np.linalg.norm(z)) + c.pre_speed
         energetic = max(0.0, 2.0 * self.energy_change / speeds) if speeds > 0 else 0.0
         return Violations(kinematic, kinetic, energetic, c.pre_speed)
@@ -157,8 +157,7 @@ class Impact:
         c = self.collision
         scale = c.gradient_norms
         scaled_impulse = self.impulse * scale
-        error = float(np.linalg.norm(self.whitened_jump - self.impulse @ c.whitened_jacobian))
-        error = max(0.0, error - ROUNDING * float(np.abs(scaled_impulse).sum()))
+        error = self._imbalance(self.impulse)
         if self.target_contact_velocity is not None:
             slack = self.post_contact_velocity - self.target_contact_velocity
             moving = scale > 0
@@ -171,3 +170,9 @@ class Impact:
         error = max(error, float(-scaled_impulse.min(initial=0.0)))
         speed = max(c.pre_speed, float(np.linalg.norm(c.whitened_velocity + self.whitened_jump)))
         return error / speed if speed > 0 else error
+
+    def _imbalance(self, impulse: np.ndarray) -> float:
+        """``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm), beyond what rounding Lambda to doubles makes of it."""
+        c = self.collision
+        gap = float(np.linalg.norm(self.whitened_jump - impulse @ c.whitened_jacobian))
+        return max(0.0, gap - ROUNDING * float(np.abs(impulse) @ c.gradient_norms))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -42,7 +42,8 @@ def judge(problem: Problem, impulse: np.ndarray, jump: np.ndarray | None = None)
         product = jump
     slack = problem.slack(product)
     natural = np.minimum(scaled, slack)
-    return Answer(impulse, product, slack, max(sqrt(natural.dot(natural)), gap))  # NaN stays NaN
+    residual = max(sqrt(natural.dot(natural)), gap)
+    return Answer(impulse, product, slack, residual if residual >= 0 else inf)  # infinite where it is not a number
 
 
 def polish(problem: Problem, impulse: np.ndarray) -> Answer:

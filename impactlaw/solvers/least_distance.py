@@ -35,7 +35,7 @@ def least_distance(problem: Problem) -> Solution:
         left = 1.0 - u.dot(c) / t  # of the law's own row; |residual|^2 where u is exact
         if left < 1e-6:  # |z| exceeds t a thousandfold
             if t >= farthest:
-                return Solution(u / lengths, Status.INFEASIBLE, done)
+                return Solution(np.zeros(h), Status.INFEASIBLE, done)
             t = min(1e3 * t, farthest)
             continue
         far = t * float(np.linalg.norm(z)) / left

@@ -57,13 +57,14 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
     if problem.lengths is not problem.norms:
         return _solve_moving(problem, labels, solver)
     answer = _attempt(problem, labels, solver)
-    if not answer.residual <= CERTIFIED * problem.scale:
+    if answer is None or answer.residual > CERTIFIED * problem.scale:
         answer = _better(answer, _attempt_within_rounding(problem, labels, solver))
-        if not answer.residual <= CERTIFIED * max(problem.scale, float(np.linalg.norm(answer.jump))):
+        if answer is None or answer.residual > CERTIFIED * max(problem.scale, float(np.linalg.norm(answer.jump))):
             _refuse(problem, labels)
+            reached = "no answer" if answer is None else f"relative residual {answer.residual / problem.scale:.1e}"
             raise SolverError(
-                f"solver {solver!r} reached relative residual {answer.residual / problem.scale:.1e} on {len(labels)} "
-                "contacts; try another solver, or check the scene for contacts of very different scale"
+                f"solver {solver!r} reached {reached} on {len(labels)} contacts; "
+                "try another solver, or check the scene for contacts of very different scale"
             )
     return _share(problem, answer)
 
@@ -73,21 +74,22 @@ def nonnegative_combination(gradients: np.ndarray, point: np.ndarray) -> np.ndar
     return solve(Problem(gradients, gradients.dot(point), point), ("",) * len(gradients))
 
 
-def _attempt(problem: Problem, labels: tuple[str, ...], solver: str) -> Answer:
-    """Ask one solver after the other until an answer is good; return the best, whatever its solver says of it."""
+def _attempt(problem: Problem, labels: tuple[str, ...], solver: str) -> Answer | None:
+    """Ask one solver after the other until an answer is good; return the best."""
     best = None
     for name in _candidates(problem, solver):
         solution = SOLVERS[name](problem)
         if solution.status is Status.INFEASIBLE:
             _refuse(problem, labels)
-        best = _better(polish(problem, solution.impulse), best)
-        if best.residual <= _GOOD * problem.scale:
+        if solution.status is not Status.SOLVED:
+            continue
+        best = _better(best, polish(problem, solution.impulse))
+        if best is not None and best.residual <= _GOOD * problem.scale:
             break
-    assert best is not None
     return best
 
 
-def _attempt_within_rounding(problem: Problem, labels: tuple[str, ...], solver: str) -> Answer:
+def _attempt_within_rounding(problem: Problem, labels: tuple[str, ...], solver: str) -> Answer | None:
     """Try without directions in which the gradients are nothing but rounding, and with bounds lowered by theirs."""
     _, singular, V = svd(problem.gradients / problem.lengths[:, None], full_matrices=False, check_finite=False)
     V = V[: int(np.count_nonzero(singular > _RANK * singular[0]))]
@@ -96,11 +98,15 @@ def _attempt_within_rounding(problem: Problem, labels: tuple[str, ...], solver: 
         c = c - _GOOD * problem.scale * problem.lengths
     part = Problem(problem.gradients.dot(V.T), c, None if d is None else V.dot(d), problem.scale)
     answer = _attempt(part, labels, solver)
-    return judge(problem, answer.impulse, answer.jump.dot(V))
+    if answer is not None:
+        answer = judge(problem, answer.impulse, answer.jump.dot(V))
+    return answer if solver != "auto" else _better(answer, judge(problem, np.zeros_like(c)))
 
 
-def _better(answer: Answer, other: Answer | None) -> Answer:
-    return other if other is not None and not answer.residual <= other.residual else answer
+def _better(one: Answer | None, other: Answer | None) -> Answer | None:
+    if one is None or other is None:
+        return other if one is None else one
+    return one if one.residual <= other.residual else other
 
 
 def _candidates(problem: Problem, solver: str) -> tuple[str, ...]:
