@@ -5,7 +5,6 @@ from fractions import Fraction
 from itertools import chain, combinations
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.optimize import nnls
 
 from impactlaw import Collision, Fremond, Impact, Law, LinearMap, MaximalDissipation, Moreau, Newton
@@ -170,6 +169,15 @@ def wanted(law: Law, c: Collision) -> np.ndarray:
     return -law.restitution_matrix(c) @ c.pre_contact_velocity
 
 
+def whitened_gradients(c: Collision) -> np.ndarray:
+    """``Y = J L^-T``, ``M = L L^T``, by forward substitution."""
+    L = np.linalg.cholesky(c.mass_matrix)
+    X = np.zeros_like(c.jacobian.T)
+    for i, row in enumerate(L):
+        X[i] = (c.jacobian.T[i] - row[:i] @ X[:i]) / row[i]
+    return X.T
+
+
 class Certificate:
     """How far an impact is from its law, each relative to the larger of |v-| and |v+| in the kinetic metric.
 
@@ -181,7 +189,7 @@ class Certificate:
     def __init__(self, impact: Impact, law: Law):
         c = impact.collision
         L = np.linalg.cholesky(c.mass_matrix)
-        Y = solve_triangular(L, c.jacobian.T, lower=True).T
+        Y = whitened_gradients(c)
         lengths = np.linalg.norm(Y, axis=1)
         moves = lengths > 0
         jump = L.T @ (impact.post_velocity - c.pre_velocity)
@@ -199,7 +207,7 @@ def energy(c: Collision, v: np.ndarray) -> float:
 
 def is_ray(nu: np.ndarray, c: Collision, law: Law, tol: float = 1e-9) -> bool:
     """Whether nu proves that ``J v >= gamma^h`` has no solution: nu >= 0, J^T nu = 0, nu^T (gamma^h - gamma-) > 0."""
-    Y = solve_triangular(np.linalg.cholesky(c.mass_matrix), c.jacobian.T, lower=True).T
+    Y = whitened_gradients(c)
     balanced = np.linalg.norm(nu @ Y) <= tol * np.sum(nu * np.linalg.norm(Y, axis=1))
     return bool((nu >= 0).all() and nu.any() and balanced and nu @ (wanted(law, c) - c.pre_contact_velocity) > 0)
 

@@ -1,0 +1,343 @@
+"""The solvers: certified answers on random problems of every kind, each solver by name, proofs of unsolvability."""
+
+import warnings
+
+import numpy as np
+import pytest
+from problems import (
+    LAWS,
+    PROBLEMS,
+    Certificate,
+    balls,
+    exact_velocity,
+    is_ray,
+    launched,
+    random_collision,
+    wanted,
+    whitened_gradients,
+)
+
+from impactlaw import Collision, Fremond, Impact, LinearMap, MaximalDissipation, Moreau, Newton
+from impactlaw.errors import SolverError, UnknownNameError, UnsolvableLawError
+from impactlaw.solvers import (
+    SOLVERS,
+    Problem,
+    Solution,
+    Status,
+    farkas_ray,
+    nonnegative_combination,
+    solve,
+    solve_with_jump,
+)
+
+BATCHES = range(10)
+BATCH = 200  # random collisions per batch, for each kind of law
+
+
+def batch(seed):
+    for i in range(BATCH):
+        rng = np.random.default_rng([41, seed, i])
+        yield rng, random_collision(rng)
+
+
+def assert_certified(impact, law):
+    certificate = Certificate(impact, law)
+    assert certificate.complementarity < 1e-9
+    assert certificate.momentum < 1e-9
+    assert impact.residual < 1e-9
+    assert (impact.impulse >= 0).all()
+
+
+# --- random problems -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", BATCHES)
+def test_moreau_is_a_half_line(seed):
+    """v+ = (1 + e) p - e v-, p the point of maximal dissipation; both certified, neither adds energy.
+
+    To 1e-9, and to what rounding of the gradients does to v+ where those that carry impulses are nearly dependent.
+    """
+    tolerances = []
+    for rng, c in batch(seed):
+        e = rng.uniform()
+        p, impact = MaximalDissipation().resolve(c), Moreau(e).resolve(c)
+        assert_certified(p, MaximalDissipation())
+        assert_certified(impact, Moreau(e))
+        expected = (1 + e) * p.post_velocity - e * c.pre_velocity
+        carrying = (whitened_gradients(c) / c.gradient_norms[:, None])[impact.impulse > 0]
+        singular = np.linalg.svd(carrying, compute_uv=False)
+        independence = singular[singular > 1e-15 * singular.max(initial=0.0)].min(initial=1.0)
+        tolerances.append(1e-9 + 1e-14 / independence)
+        assert c.metric.norm(impact.post_velocity - expected) <= tolerances[-1] * c.pre_speed
+        assert impact.energy_change <= 1e-9 * c.pre_speed**2
+    assert np.quantile(tolerances, 0.8) < 1e-6
+
+
+@pytest.mark.parametrize("kind", ["newton", "fremond"])
+@pytest.mark.parametrize("seed", BATCHES)
+def test_general_restitution_is_certified_or_proved_unsolvable(seed, kind):
+    unsolvable = 0
+    for rng, c in batch(seed):
+        h = len(c.labels)
+        law = Newton(rng.uniform(size=h).tolist()) if kind == "newton" else Fremond(rng.normal(size=(h, h)))
+        try:
+            impact = law.resolve(c)
+        except UnsolvableLawError as error:
+            unsolvable += 1
+            proof = error
+        else:
+            assert_certified(impact, law)
+            if kind == "newton" and (c.pre_contact_velocity <= 0).all():
+                assert not impact.has_distant_effect
+                assert impact.violations.energetic <= 1e-9 * c.pre_speed
+            continue
+        assert is_ray(proof.ray, c, law)
+        assert proof.contacts == tuple(np.array(c.labels)[proof.ray > 0])
+    assert 0 < unsolvable < BATCH / 2
+
+
+@pytest.mark.parametrize("seed", BATCHES)
+def test_linear_map(seed):
+    for rng, c in batch(seed):
+        nv = len(c.pre_velocity)
+        law = LinearMap(rng.normal(size=(nv, nv)))
+        assert_certified(law.resolve(c), law)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_velocity_of_random_laws_agrees_with_rational_arithmetic(seed):
+    """Independent gradients, masses over twelve orders of magnitude, four contacts."""
+    rng = np.random.default_rng([42, seed])
+    c = Collision(np.diag(10.0 ** rng.uniform(-6, 6, 6)), rng.normal(size=(4, 6)), rng.normal(size=6))
+    for law in (Moreau(rng.uniform()), Newton(rng.uniform(size=4).tolist()), Fremond(rng.normal(size=(4, 4)))):
+        impact = law.resolve(c)
+        exact = exact_velocity(c, wanted(law, c))
+        assert c.metric.norm(impact.post_velocity - exact) <= 1e-9 * max(c.pre_speed, c.metric.norm(exact))
+
+
+@pytest.mark.parametrize("slow", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("law_name", LAWS)
+def test_slow_contact_of_a_fast_system(law_name, slow):
+    """A box slides fast and settles slowly: what it settles with is resolved to its own digits."""
+    c = PROBLEMS["box on its corners"]()
+    slid = Collision(c.mass_matrix, c.jacobian, [1.0, 0.0, -slow, 0.0, 0.0, 0.0])
+    law = LAWS[law_name](slid)
+    impact = law.resolve(slid)
+    assert_certified(impact, law)
+    if law_name != "linear map":
+        alone = Collision(c.mass_matrix, c.jacobian, [0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
+        settled = law.resolve(alone).post_velocity
+        np.testing.assert_allclose(impact.post_velocity[2:], slow * settled[2:], rtol=0, atol=1e-6 * slow + 1e-14)
+
+
+def test_conflict_within_rounding_is_no_conflict():
+    """Two copies of one gradient and its opposite, closing with the rounding of a speed of 1 only."""
+    c = Collision(np.eye(2), [[0.0, 1.0], [0.0, 1.0], [0.0, -1.0]], [1.0, -1e-16])
+    law = Newton([1.0, 0.2, 0.0])
+    assert_certified(law.resolve(c), law)
+    with pytest.raises(UnsolvableLawError):
+        law.resolve(Collision(c.mass_matrix, c.jacobian, [1.0, -1e-6]))
+
+
+@pytest.mark.parametrize("angle", [1e-2, 1e-5, 1e-8])
+def test_jammed_wedge(angle):
+    """Impulses of 1/angle that nearly cancel: v+ keeps its digits although Lambda cannot be rounded that finely."""
+    c = Collision(np.eye(2), [[1.0, angle], [-1.0, angle]], [0.0, -1.0])
+    impact = Moreau(0.5).resolve(c)
+    np.testing.assert_allclose(impact.post_velocity, [0.0, 0.5], atol=1e-12)
+    np.testing.assert_allclose(impact.impulse * angle, [0.75, 0.75], rtol=1e-9)
+    assert impact.residual < 1e-9
+
+
+# --- each solver by name ---------------------------------------------------------------------------------------------
+
+
+NOT_OF_A_VELOCITY = [
+    "box on its corners",
+    "box on 64 points",
+    "tilted box",
+    "duplicated contacts",
+    "nearly parallel contacts",
+]
+
+
+def refuses(solver, law_name, problem_name, collides):
+    """Closed form: more than one contact. NNLS: wanted contact velocities that no velocity has. The dual active set:
+    gradients so dependent, 1e-6, that it sees no solution."""
+    if solver == "closed-form":
+        return collides and problem_name not in ["one contact", "contact that cannot move"]
+    if solver == "nnls":
+        return law_name == "fremond full" and problem_name in NOT_OF_A_VELOCITY
+    return solver == "dual-active-set" and problem_name == "heavy ball hits light ones" and law_name != "linear map"
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("problem_name", [name for name in PROBLEMS if name != "ball between two walls"])
+@pytest.mark.parametrize("law_name", ["moreau 0.5", "newton scalar", "fremond full", "linear map"])
+def test_every_solver_agrees_with_auto_or_says_that_it_cannot(solver, problem_name, law_name):
+    c = PROBLEMS[problem_name]()
+    law = LAWS[law_name](c)
+    if (law_name, problem_name) == ("fremond full", "rank deficient"):
+        with pytest.raises(UnsolvableLawError):
+            law.resolve(c, solver=solver)
+        return
+    auto = law.resolve(c)
+    if refuses(solver, law_name, problem_name, collides=auto.impulse.any()):
+        with pytest.raises(SolverError, match=rf"solver '{solver}' reached no answer on \d+ contacts"):
+            law.resolve(c, solver=solver)
+        return
+    forced = law.resolve(c, solver=solver)
+    assert_certified(forced, law)
+    speed = max(c.pre_speed, c.metric.norm(auto.post_velocity))
+    assert c.metric.norm(forced.post_velocity - auto.post_velocity) <= 1e-8 * speed
+
+
+@pytest.mark.parametrize("solver", [*SOLVERS, "auto"])
+def test_one_contact(solver):
+    impact = Moreau(0.25).resolve(PROBLEMS["one contact"](), solver=solver)
+    np.testing.assert_allclose(impact.post_velocity, [0.75], rtol=1e-14)
+    np.testing.assert_allclose(impact.impulse, [7.5], rtol=1e-14)
+
+
+@pytest.mark.parametrize("c", [launched(3, 1), launched(2, 1), PROBLEMS["no contact"]()])
+def test_unknown_solver(c):
+    with pytest.raises(UnknownNameError, match="unknown solver 'nnsl'; did you mean 'nnls'"):
+        Moreau(0.5).resolve(c, solver="nnsl")
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_solvers_never_raise(solver):
+    """Unsolvable, empty, not closing, zero: a status, not an exception or a warning."""
+    opposite = np.array([[1.0, 0.0], [-1.0, 0.0]])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        unsolvable = SOLVERS[solver](Problem(opposite, np.array([1.0, 0.0])))
+        assert unsolvable.status is not Status.SOLVED
+        assert not unsolvable.impulse.any()
+        assert SOLVERS[solver](Problem(opposite, np.array([-1.0, -2.0]))).impulse.tolist() == [0.0, 0.0]
+        assert SOLVERS[solver](Problem(np.eye(1), np.array([0.0]))).impulse.tolist() == [0.0]
+
+
+# --- the certificate decides -----------------------------------------------------------------------------------------
+
+
+def wrong(problem: Problem) -> Solution:
+    return Solution(np.full(len(problem.bound), 0.1))
+
+
+def not_a_number(problem: Problem) -> Solution:
+    return Solution(np.full(len(problem.bound), np.nan))
+
+
+def gives_up(problem: Problem) -> Solution:
+    return Solution(np.zeros(len(problem.bound)), Status.STOPPED)
+
+
+def calls_it_infeasible(problem: Problem) -> Solution:
+    return Solution(np.zeros(len(problem.bound)), Status.INFEASIBLE)
+
+
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
+@pytest.mark.parametrize("bad", [not_a_number, gives_up, calls_it_infeasible])
+def test_no_wrong_answer_passes(monkeypatch, bad):
+    """A solver that fails is refused by name, and replaced in "auto"."""
+    c = launched(5, 2)
+    law = Newton([0.1, 0.2, 0.3, 0.4])
+    right = law.resolve(c)
+    monkeypatch.setitem(SOLVERS, "dual-active-set", bad)
+    with pytest.raises(SolverError, match="'dual-active-set' reached"):
+        law.resolve(c, solver="dual-active-set")
+    np.testing.assert_allclose(law.resolve(c).post_velocity, right.post_velocity, atol=1e-12)
+
+
+def test_a_wrong_active_set_is_refused(monkeypatch):
+    """The second look corrects impulses on the contacts a solver names, not which contacts those are."""
+    c = launched(3, 1)
+    law = Fremond(np.array([[0.0, 1.0], [1.0, 0.0]]))
+    monkeypatch.setitem(SOLVERS, "nnls", lambda problem: Solution(np.array([1.0, 0.0])))
+    with pytest.raises(SolverError):
+        law.resolve(c, solver="nnls")
+    monkeypatch.setitem(SOLVERS, "nnls", wrong)
+    np.testing.assert_allclose(law.resolve(c, solver="nnls").post_velocity, [0, 0, 1], atol=1e-12)
+
+
+def test_a_law_that_knows_a_velocity_is_never_called_unsolvable(monkeypatch):
+    c = launched(5, 2)
+    for name in SOLVERS:
+        monkeypatch.setitem(SOLVERS, name, calls_it_infeasible)
+    with pytest.raises(SolverError):
+        Moreau(0.5).resolve(c)
+
+
+# --- the parts -------------------------------------------------------------------------------------------------------
+
+
+def test_solve_needs_no_law():
+    Y, d = np.array([[1.0, 0.0], [0.6, 0.8]]), np.array([2.0, 1.0])
+    labels = ("a", "b")
+    np.testing.assert_allclose(solve(Problem(Y, Y @ d, d), labels) @ Y, d, atol=1e-14)
+    np.testing.assert_allclose(solve(Problem(Y, Y @ d), labels) @ Y, d, atol=1e-14)
+    answer = solve_with_jump(Problem(Y, Y @ d), labels)
+    np.testing.assert_allclose(answer.jump, d, atol=1e-14)
+    np.testing.assert_allclose(answer.slack, [0.0, 0.0], atol=1e-14)
+    assert answer.residual < 1e-14
+
+
+def test_rows_of_zeros_are_left_out():
+    Y = np.array([[0.0, 0.0], [3.0, 4.0], [0.0, 0.0]])
+    answer = solve_with_jump(Problem(Y, np.array([-1.0, 25.0, 0.0])), ("a", "b", "c"))
+    np.testing.assert_allclose(answer.impulse, [0.0, 1.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(answer.slack, [1.0, 0.0, 0.0], atol=1e-15)
+    with pytest.raises(UnsolvableLawError, match="contacts c ask"):
+        solve(Problem(Y, np.array([-1.0, 25.0, 1.0])), ("a", "b", "c"))
+
+
+def test_farkas_ray_names_only_what_conflicts():
+    Y = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, -1.0], [0.5, 0.1]])
+    ray = farkas_ray(Problem(Y, np.array([1.0, 1.0, -1.0, 0.1])))
+    assert ray is not None
+    np.testing.assert_allclose(ray, [1.0, 1.0, 1.0, 0.0], atol=1e-14)
+    assert farkas_ray(Problem(Y, np.array([1.0, 1.0, -2.0, 0.1]))) is None
+    assert farkas_ray(Problem(Y, -np.ones(4))) is None
+
+
+def test_small_conflicts_are_conflicts():
+    """1e-9 of the velocities is seen, 1e-14 is rounding."""
+    Y = np.array([[1.0, 0.0], [-1.0, 0.0]])
+    with pytest.raises(UnsolvableLawError):
+        solve(Problem(Y, np.array([1.0, -1.0 + 1e-9])), ("a", "b"))
+    impulse = solve(Problem(Y, np.array([1.0, -1.0 + 1e-14])), ("a", "b"))
+    np.testing.assert_allclose(impulse @ Y, [1.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_nonnegative_combination_is_the_projection(seed):
+    """Nearest in the cone: the rest is orthogonal to it and points out of it."""
+    rng = np.random.default_rng([43, seed])
+    Y, point = rng.normal(size=(6, 4)), rng.normal(size=4)
+    lam = nonnegative_combination(Y, point)
+    rest = point - lam @ Y
+    assert (lam >= 0).all()
+    assert (Y @ rest <= 1e-12).all()
+    assert abs(rest @ (lam @ Y)) < 1e-12
+
+
+def test_nonnegative_combination_of_nothing():
+    assert nonnegative_combination(np.zeros((0, 3)), np.ones(3)).shape == (0,)
+    assert nonnegative_combination(np.zeros((2, 3)), np.ones(3)).tolist() == [0.0, 0.0]
+    assert nonnegative_combination(np.eye(3), np.zeros(3)).tolist() == [0.0, 0.0, 0.0]
+
+
+def test_long_chain_of_very_different_masses():
+    """256 balls with masses over twelve orders of magnitude."""
+    rng = np.random.default_rng(44)
+    c = balls(10.0 ** rng.uniform(-6, 6, 257), rng.normal(size=257))
+    for law in (Moreau(0.9), Newton(rng.uniform(size=256).tolist()), Fremond.reversal()):
+        assert_certified(law.resolve(c), law)
+
+
+def test_impulse_of_an_impact_is_not_shared_with_another():
+    c = launched(3, 1)
+    first, second = Moreau(0.5).resolve(c), Moreau(0.5).resolve(c)
+    assert not np.shares_memory(first.impulse, second.impulse)
+    assert isinstance(first, Impact)
