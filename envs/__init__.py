@@ -3,16 +3,19 @@
 import gymnasium
 
 from impactlaw.envs.base import ImpactEnv
+from impactlaw.envs.billiards import Billiards
 from impactlaw.envs.juggler import Juggler
 from impactlaw.envs.newtons_cradle import NewtonsCradle
 from impactlaw.envs.rendering import choose_backend
 from impactlaw.envs.rocking_block import RockingBlock
+from impactlaw.envs.wrapper import ImpactLaw, put_law
 
-__all__ = ["ImpactEnv", "Juggler", "NewtonsCradle", "RockingBlock"]
+__all__ = ["Billiards", "ImpactEnv", "ImpactLaw", "Juggler", "NewtonsCradle", "RockingBlock", "put_law"]
 
 for _entry_point, _steps, _solved in (
     (NewtonsCradle, 300, 0.95),
     (Juggler, 1000, 800.0),
+    (Billiards, None, 3.0),
     (RockingBlock, 250, 200.0),
 ):
     gymnasium.register(

@@ -9,10 +9,13 @@ import of `impactlaw.envs`, sets it to the library that is there; processes star
 
 from __future__ import annotations
 
+import atexit
 import ctypes.util
+import importlib
 import os
 import sys
 import warnings
+import weakref
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -24,21 +27,18 @@ if TYPE_CHECKING:
     from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 
 _HEADLESS = {"egl": "EGL", "osmesa": "OSMesa"}  # value of MUJOCO_GL: library, in the order of preference
+_PACKAGES = "without a display install the Debian package libegl1 or libosmesa6"
 
 
 def has_display() -> bool:
-    """Whether a window can open."""
+    """Whether there seems to be a display on which a window can open."""
     return not sys.platform.startswith("linux") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def choose_backend() -> None:
     """Set MUJOCO_GL to an OpenGL library that needs no display, if it is not set and there is none."""
-    if "MUJOCO_GL" in os.environ or has_display():
-        return
-    for backend, library in _HEADLESS.items():
-        if ctypes.util.find_library(library):
-            os.environ["MUJOCO_GL"] = backend
-            return
+    if "MUJOCO_GL" not in os.environ and not has_display():
+        _go_headless()
 
 
 class Pictures:
@@ -64,8 +64,11 @@ class Pictures:
             RenderError: there is no OpenGL library, or no display.
         """
         if self._renderer is None:
-            self._renderer = self._open(mode)
-        return self._renderer.render(mode)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # GLFW says again, several times, what the error says
+                self._renderer = self._open(mode)
+        picture = self._renderer.render(mode)
+        return picture if isinstance(picture, np.ndarray) else None
 
     def close(self) -> None:
         """Close the window, if there is one, and free what the drawing needs."""
@@ -76,25 +79,53 @@ class Pictures:
     def _open(self, mode: str) -> MujocoRenderer:
         from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 
-        backend = os.environ.get("MUJOCO_GL", "")
-        if not (backend or has_display()):
-            raise RenderError(
-                "nothing to draw with: no display, no EGL, no OSMesa; install the Debian package libegl1 or libosmesa6"
-            )
+        _require_opengl(mode)
         model, (width, height) = self._model, self.size
         model.vis.quality.shadowsize = 0
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
-        renderer = MujocoRenderer(model, self._data, width=width, height=height, camera_name="main")
+        camera = {"type": int(mujoco.mjtCamera.mjCAMERA_FIXED), "fixedcamid": model.camera("main").id}
+        renderer = MujocoRenderer(model, self._data, camera, width, height, camera_name="main")
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # GLFW says again, several times, what the error below says
-                renderer.render(mode)
-        except (mujoco.FatalError, RuntimeError, ImportError, AttributeError, OSError, TypeError) as error:
-            raise RenderError(_reason(error, backend)) from None
+            renderer.render(mode)
+        except (mujoco.FatalError, RuntimeError) as error:
+            raise RenderError(_cannot_draw(error)) from None
+        atexit.register(_close, weakref.ref(self))  # before OpenGL itself ends, which was registered earlier
         return renderer
 
 
-def _reason(error: Exception, backend: str) -> str:
-    tried = f"MUJOCO_GL={backend}" if backend else "GLFW"
+def _require_opengl(mode: str) -> None:
+    """Raise RenderError here where gymnasium's viewers would end the process or leave half of themselves behind."""
+    backend = os.environ.get("MUJOCO_GL", "").lower()
+    if mode == "human" or not backend:
+        import glfw
+
+        if glfw.init():
+            return
+        if mode == "human":
+            raise RenderError("cannot open a window on this display")
+        backend = _go_headless()
+        if not backend:
+            raise RenderError(f"nothing to draw with: no display, no EGL and no OSMesa; {_PACKAGES}")
+    try:
+        importlib.import_module(f"mujoco.{backend}").GLContext(1, 1).free()
+    except Exception as error:  # whatever PyOpenGL stumbles over
+        raise RenderError(_cannot_draw(error)) from None
+
+
+def _go_headless() -> str:
+    for backend, library in _HEADLESS.items():
+        if ctypes.util.find_library(library):
+            os.environ["MUJOCO_GL"] = backend
+            return backend
+    return ""
+
+
+def _cannot_draw(error: Exception) -> str:
     text = str(error).strip().partition("\n")[0]
-    return f"cannot draw with {tried} ({text}); without a display install the Debian package libegl1 or libosmesa6"
+    return f"cannot draw with MUJOCO_GL={os.environ.get('MUJOCO_GL', 'glfw')} ({text}); {_PACKAGES}"
+
+
+def _close(pictures: weakref.ref[Pictures]) -> None:
+    left_open = pictures()
+    if left_open is not None:
+        left_open.close()

@@ -1,0 +1,119 @@
+"""Billiards: aim the cue ball at the rack and break it."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from impactlaw.envs.base import ImpactEnv
+
+BALLS = 16
+"""The cue ball and fifteen others."""
+DURATION = 1.5
+"""Of a shot, s."""
+WIDEST_AIM = 0.35
+"""Largest angle of the shot to the table's long axis, rad."""
+SPEED = (1.0, 4.0)
+"""Of the cue ball, m/s."""
+POCKETS = tuple((x, y, 0.07 if x == 0 else 0.1) for x in (-1.25, 0.0, 1.25) for y in (-0.625, 0.625))
+"""Places on the cushions' edge and radii, m."""
+TRAY = -0.9
+"""Where potted balls lie in a row, before the long side of the table, m."""
+
+
+class Billiards(ImpactEnv):
+    r"""Aim the cue ball at fifteen racked balls, once, and pot as many of them as possible in 1.5 s.
+
+    The balls slide without friction and do not roll. A ball whose centre comes within a pocket's radius (0.1 m in the
+    corners, 0.07 m at the sides) is potted and lies beside the table from then on.
+
+    Observation, `Box(81)`:
+
+    | index | meaning | unit | range |
+    |---|---|---|---|
+    | 0-31 | x and y of the cue ball, of ball 1, .. of ball 15; x along the table, towards the rack | m | -2 .. 2 |
+    | 32-63 | their velocities in x and y | m/s | -4 .. 4 |
+    | 64-79 | whether they are potted | 1 | 0 .. 1 |
+    | 80 | time left | s | 0 .. 1.5 |
+
+    Action, `Box(2)`, which makes the shot in the first step of an episode and does nothing afterwards:
+
+    | index | meaning | unit | range |
+    |---|---|---|---|
+    | 0 | angle of the shot to the x axis, as a part of 0.35 rad, positive towards positive y | 1 | -1 .. 1 |
+    | 1 | speed of the cue ball: -1 is 1 m/s, 1 is 4 m/s | 1 | -1 .. 1 |
+
+    Reward: 1 for every ball that is potted, -1 for the cue ball.
+
+    End: terminated after 1.5 s (30 steps).
+
+    Start: the racked balls touch; the cue ball lies 1.2 m before them, up to 0.2 m to either side.
+
+    What the law changes: where the balls go after the break, a collision with 31 contacts. By Moreau's law each ball
+    leaves with ``(1 + e) p``, p the point of maximal dissipation, so that e changes the speed of a ball and not its
+    direction: hit full, three balls on either side set out in a row for a corner. With e = 0.95 (the default) four of
+    the six get there in time, with e = 0 none; "reversal" sends other balls, elsewhere. Later collisions are chaotic.
+    """
+
+    SCENE: ClassVar[str] = "billiard_rack"
+    LAW: ClassVar[str] = "moreau"
+    FRAME_SKIP: ClassVar[int] = 5
+    OBSERVATION: ClassVar = (
+        (2 * BALLS, -2.0, 2.0),
+        (2 * BALLS, -4.0, 4.0),
+        (BALLS, 0.0, 1.0),
+        (1, 0.0, DURATION),
+    )
+    ACTION: ClassVar = ((2, -1.0, 1.0),)
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Add the pockets; between collisions balls fly straight, so that 10 ms are exact."""
+        spec.option.timestep = 0.01
+        for i, (x, y, radius) in enumerate(POCKETS):
+            pocket = spec.worldbody.add_geom(
+                name=f"pocket{i + 1}", type=mujoco.mjtGeom.mjGEOM_CYLINDER, pos=[x, y, -0.03], size=[radius, 0.001, 0.0]
+            )
+            pocket.rgba = [0.05, 0.05, 0.05, 1.0]
+            pocket.contype = pocket.conaffinity = 0
+
+    def start(self) -> None:
+        """Lay the cue ball down."""
+        self._origin = self.model.body_pos[1:, :2].copy()
+        self._potted = np.zeros(BALLS, dtype=bool)
+        self._gained = 0.0
+        self.data.qvel[:] = 0.0
+        self.data.joint("cue_y").qpos = self.np_random.uniform(-0.2, 0.2)
+
+    def act(self, action: np.ndarray) -> None:
+        """Shoot, if nothing has been shot yet."""
+        self._gained = 0.0
+        if self.data.time == 0.0:
+            angle = WIDEST_AIM * action[0]
+            speed = SPEED[0] + (SPEED[1] - SPEED[0]) * 0.5 * (1.0 + action[1])
+            self.data.qvel[:2] = speed * np.cos(angle), speed * np.sin(angle)
+
+    def watch(self) -> None:
+        """Take potted balls off the table."""
+        centers, radii = np.array(POCKETS)[:, :2], np.array(POCKETS)[:, 2]
+        distance = np.linalg.norm(self._positions()[:, None] - centers, axis=2)
+        fallen = (distance < radii).any(axis=1) & ~self._potted
+        self._potted |= fallen
+        self._gained += np.count_nonzero(fallen[1:]) - float(fallen[0])
+        for ball in np.flatnonzero(fallen):
+            place = np.array([0.075 * (ball - 7.5), TRAY])
+            self.data.qpos[2 * ball : 2 * ball + 2] = place - self._origin[ball]
+            self.data.qvel[2 * ball : 2 * ball + 2] = 0.0
+
+    def observe(self) -> np.ndarray:
+        """Return positions, velocities, what is potted, and the time left."""
+        left = DURATION - self.data.time
+        return np.concatenate([self._positions().ravel(), self.data.qvel, self._potted, [left]])
+
+    def judge(self) -> tuple[float, bool]:
+        """Reward what was potted."""
+        return self._gained, self.data.time >= DURATION - 1e-9
+
+    def _positions(self) -> np.ndarray:
+        return self._origin + self.data.qpos.reshape(-1, 2)
