@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 _EVALUATIONS = 100  # of which a smooth gap takes two or three and a jump in the gap about fifty
+_EXACT = 8  # evaluations after which a gap within the tolerance is good enough: gaps of convex geoms are noisy
 
 
 class HasGap(Protocol):
@@ -73,28 +74,29 @@ def locate(fly: Callable[[float], F], end: F, duration: float, guess: Guess, *, 
         The last flight flown. A gap that jumps from open to closed (a new contact point on an edge) has no zero; then
         it is the earliest flight after the jump.
     """
-    low, gap_low, seen = guess.open_time, guess.open_gap, False
+    low, gap_low, opened = guess.open_time, guess.open_gap, False
     high, gap_high = duration, end.gap
     time = guess.time
-    for _ in range(_EVALUATIONS):
+    for evaluation in range(_EVALUATIONS):
         if not low < time < high:
             time = 0.5 * (low + high)
         if not low < time < high:
-            if seen or low == 0.0:
-                break
-            low, gap_low, seen = 0.0, tolerance, True  # the gap was not open where it was believed to be
-            continue
+            break
         flight = fly(time)
-        if abs(flight.gap) <= target:
+        if abs(flight.gap) <= (target if evaluation < _EXACT else tolerance):
             return flight
         if flight.gap > 0:
-            gap_high *= 0.5 if seen and low > 0 and flight.gap > 0.5 * gap_low else 1.0
-            low, gap_low, seen = time, flight.gap, True
+            gap_high *= 0.5 if opened and flight.gap > 0.5 * gap_low else 1.0
+            low, gap_low, opened = time, flight.gap, True
         else:
             gap_low *= 0.5 if flight.gap < 0.5 * gap_high else 1.0
             high, gap_high = time, flight.gap
         time = low + (high - low) * gap_low / (gap_low - gap_high)
+        if not opened and evaluation >= _EXACT:  # it may not be open anywhere: go towards the start in long strides
+            low, time = 0.0, 0.1 * high
+            if evaluation >= 2 * _EXACT:
+                break
     last = fly(high)
-    if last.gap < -tolerance and seen and abs(gap_low) <= tolerance:
+    if last.gap < -tolerance and opened and gap_low <= tolerance:
         return fly(low)
     return last

@@ -247,7 +247,8 @@ def test_options_may_change_between_steps():
 
 def test_a_motor_pushes_a_block_against_a_wall_and_it_stays():
     world = """<geom name="wall" type="box" size=".1 1 1" pos="1 0 0" condim="1"/>
-        <body><joint name="x" type="slide" axis="1 0 0"/><geom name="block" type="box" size=".1 .1 .1" condim="1" mass="1"/></body>"""
+        <body><joint name="x" type="slide" axis="1 0 0"/>
+        <geom name="block" type="box" size=".1 .1 .1" condim="1" mass="1"/></body>"""
     rest = '<actuator><motor joint="x"/></actuator>'
     for integrator in ("Euler", "implicitfast", "RK4"):
         model, data = compiled(world, f'timestep="0.01" integrator="{integrator}"', rest)
