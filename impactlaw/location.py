@@ -53,12 +53,6 @@ def parabola(gap0: float, velocity0: float, gap1: float, duration: float, tolera
     return Guess(time, 0.0, max(gap0, tolerance))
 
 
-def tangent(gap1: float, velocity1: float, duration: float, tolerance: float) -> Guess:
-    """Guess from gap and gap velocity at the end, for a contact that was not seen at the start."""
-    time = duration - gap1 / velocity1 if velocity1 < 0 else 0.5 * duration
-    return Guess(time, 0.0, max(-gap1, tolerance))
-
-
 def locate(fly: Callable[[float], F], end: F, duration: float, guess: Guess, *, target: float, tolerance: float) -> F:
     """Return the flight at whose end the smallest gap is zero.
 
@@ -85,17 +79,21 @@ def locate(fly: Callable[[float], F], end: F, duration: float, guess: Guess, *, 
         flight = fly(time)
         if abs(flight.gap) <= (target if evaluation < _EXACT else tolerance):
             return flight
+        before = high, gap_high
         if flight.gap > 0:
             gap_high *= 0.5 if opened and flight.gap > 0.5 * gap_low else 1.0
             low, gap_low, opened = time, flight.gap, True
         else:
-            gap_low *= 0.5 if flight.gap < 0.5 * gap_high else 1.0
+            gap_low *= 0.5 if opened and flight.gap < 0.5 * gap_high else 1.0
             high, gap_high = time, flight.gap
-        time = low + (high - low) * gap_low / (gap_low - gap_high)
-        if not opened and evaluation >= _EXACT:  # it may not be open anywhere: go towards the start in long strides
+        if opened:
+            time = low + (high - low) * gap_low / (gap_low - gap_high)
+        elif evaluation < _EXACT:  # not seen open yet: the secant through the last two times it was closed
+            time = high - gap_high * (before[0] - high) / (before[1] - gap_high) if before[1] != gap_high else low
+        elif evaluation < 2 * _EXACT:  # it may not be open anywhere: go towards the start in long strides
             low, time = 0.0, 0.1 * high
-            if evaluation >= 2 * _EXACT:
-                break
+        else:
+            break
     last = fly(high)
     if last.gap < -tolerance and opened and gap_low <= tolerance:
         return fly(low)

@@ -24,7 +24,7 @@ from impactlaw.contacts import Contacts, detect, gap_gradients, geom_names, kine
 from impactlaw.errors import OverlapError
 from impactlaw.events import ImpactEvent
 from impactlaw.flow import Frames, Travel, advance, restore_state, save_state
-from impactlaw.location import Guess, locate, parabola, tangent
+from impactlaw.location import Guess, locate, parabola
 from impactlaw.metric import KineticMetric
 from impactlaw.scene import check_rigid, geom_pairs
 from impactlaw.sustained import Matches, Start, hold, match, stays
@@ -150,9 +150,9 @@ class RigidStepping:
     def _start(self, data: mujoco.MjData, contacts: Contacts) -> Start:
         J = gap_gradients(self._model, data, contacts)
         if len(contacts) == 0:
-            return Start(contacts, Frames.of(data), J, np.zeros(0), np.zeros(0))
+            return Start(contacts, Frames.of(data), J, np.zeros(0), np.zeros(0), data.qvel.copy())
         rounding = self._rounding(kinetic_metric(self._model, data), J, data.qvel)
-        return Start(contacts, Frames.of(data), J, J @ data.qvel, rounding)
+        return Start(contacts, Frames.of(data), J, J @ data.qvel, rounding, data.qvel.copy())
 
     def _fly(self, data: mujoco.MjData, start: Start, duration: float) -> Flight:
         state = save_state(self._model, data)
@@ -222,5 +222,8 @@ class RigidStepping:
         if before >= 0:
             gap0, velocity0 = float(start.contacts.gap[before]), float(start.contact_velocity[before])
             return parabola(gap0, velocity0, gap, end.duration, self._tolerance)
-        J = gap_gradients(self._model, data, end.contacts.select(np.array([deepest])))
-        return tangent(gap, float((J @ data.qvel)[0]), end.duration, self._tolerance)
+        # not seen at the start: take the gap there from the contact velocities of both ends
+        J = gap_gradients(self._model, data, end.contacts.select(np.array([deepest])))[0]
+        velocity0, velocity1 = float(J @ start.velocity), float(J @ data.qvel)
+        gap0 = gap - 0.5 * (velocity0 + velocity1) * end.duration
+        return parabola(max(gap0, self._tolerance), velocity0, gap, end.duration, self._tolerance)

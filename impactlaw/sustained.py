@@ -43,6 +43,7 @@ class Start:
         jacobian: gap gradients, shape (h, nv).
         contact_velocity: ``gamma``, m/s, (h,).
         rounding: size of the rounding errors of gamma, m/s, (h,).
+        velocity: qvel, (nv,).
     """
 
     contacts: Contacts
@@ -50,6 +51,7 @@ class Start:
     jacobian: np.ndarray
     contact_velocity: np.ndarray
     rounding: np.ndarray
+    velocity: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
