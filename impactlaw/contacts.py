@@ -4,23 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import mujoco
 import numpy as np
 
 from impactlaw.collision import Collision
 from impactlaw.errors import SceneError
+from impactlaw.geoms import SKIN, several_contacts, touching_distance
 from impactlaw.metric import KineticMetric
 
 GAP_TOLERANCE = 1e-9
 """Gap, in m, up to which a contact counts as closed."""
 
 _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
+_SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 _NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+_SINGLE = int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
+_FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 _CCD_TOLERANCE = 1e-12  # MuJoCo's default of 1e-6 makes gaps of convex geoms noisier than the gap tolerance
 _CCD_ITERATIONS = 100
+_PARALLEL = 0.99  # cosine of an angle within which MuJoCo takes two faces for parallel
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +36,7 @@ class Contacts:
     Attributes:
         labels: ``"first/second"`` per contact: the names of the two geoms, or of their bodies where geoms have none.
         geoms: geom ids, the lower one first, int (h, 2).
-        gap: signed distance, m, (h,); negative where geoms overlap.
+        gap: signed distance, less the `SKIN` where there is one, m, (h,).
         position: midway between the two surfaces, world frame, m, (h, 3).
         normal: unit vector from the first geom to the second, world frame, (h, 3).
     """
@@ -54,6 +60,38 @@ class Contacts:
             self.position[index],
             self.normal[index],
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """Contacts with all that an impulse on them needs, at one configuration.
+
+    Attributes:
+        contacts: the contacts.
+        jacobian: gap gradients ``J``, (h, nv).
+        mass_matrix: ``M``, (nv, nv).
+    """
+
+    contacts: Contacts
+    jacobian: np.ndarray
+    mass_matrix: np.ndarray
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts) -> Touch:
+        """Compute gap gradients and mass matrix at the current frames (`update_positions`)."""
+        M = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, M)
+        return cls(contacts, gap_gradients(model, data, contacts), M)
+
+    @cached_property
+    def metric(self) -> KineticMetric:
+        """The factored mass matrix."""
+        return KineticMetric(self.mass_matrix)
+
+    @cached_property
+    def gradients(self) -> np.ndarray:
+        """``Y``, the gap gradients where the kinetic metric is Euclidean, (h, nv)."""
+        return self.metric.whiten_gradients(self.jacobian)
 
 
 def read_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, within: float = GAP_TOLERANCE) -> Contacts:
@@ -101,16 +139,25 @@ def update_positions(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def detect(model: mujoco.MjModel, data: mujoco.MjData, within: float, names: tuple[str, ...] | None = None) -> Contacts:
-    """Run MuJoCo's collision detection at the current frames and return what is closer than ``within``.
+    """Run MuJoCo's collision detection at the current frames and return the contacts with a gap of at most ``within``.
 
     Replaces data.contact. Frames must be current (`update_positions`).
+
+    Raises:
+        SceneError: a flex is in contact, or there are more contacts than MuJoCo reports.
     """
-    with _detection_options(model, within):
-        mujoco.mj_collision(model, data)
     names = geom_names(model) if names is None else names
-    if data.ncon == 0:
-        return Contacts((), np.zeros((0, 2), int), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
-    return _read(data, np.flatnonzero(data.contact.dist <= within), names)
+    with _detection_options(model, within + SKIN) as several:
+        found = _collide(model, data, names)
+        faced = several_contacts(model, found.geoms) if several else np.zeros(0)
+        if faced.any():
+            model.opt.disableflags &= ~_SINGLE
+            found = _complete(_collide(model, data, names), found.select(faced))
+    if len(found) == 0:
+        return found
+    gap = found.gap - touching_distance(model, found.geoms)
+    near = np.flatnonzero(gap <= within)
+    return replace(found, gap=gap).select(near)
 
 
 def active_contacts(model: mujoco.MjModel, data: mujoco.MjData, names: tuple[str, ...]) -> Contacts:
@@ -135,12 +182,49 @@ def closing_speed(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     return float(-normal.min())
 
 
+def _collide(model: mujoco.MjModel, data: mujoco.MjData, names: tuple[str, ...]) -> Contacts:
+    warning = data.warning[_FULL]
+    before = warning.number
+    mujoco.mj_collision(model, data)
+    if warning.number != before:
+        raise SceneError(
+            f'MuJoCo has no room for more than {data.ncon} contacts; give the scene a larger <size memory="..."/>'
+        )
+    return _read(data, np.arange(data.ncon), names)
+
+
+def _complete(several: Contacts, nearest: Contacts) -> Contacts:
+    """Give contacts between faces the direction of the shortest distance, and add the nearest contact if it is missing.
+
+    Where MuJoCo looks for several contacts, it takes faces within some degrees for parallel and the normal of one of
+    them for that of the contacts; and the contacts it chooses need not include the nearest.
+    """
+    gap, normal = several.gap.copy(), several.normal.copy()
+    kept = np.ones(len(nearest), dtype=bool)
+    for i, pair in enumerate(nearest.geoms):
+        same = np.flatnonzero((several.geoms == pair).all(axis=1))
+        cosine = normal[same] @ nearest.normal[i]
+        parallel = same[cosine > _PARALLEL]
+        gap[parallel] /= cosine[cosine > _PARALLEL]
+        normal[parallel] = nearest.normal[i]
+        kept[i] = gap[same].min(initial=np.inf) > nearest.gap[i] + GAP_TOLERANCE
+    several, missing = replace(several, gap=gap, normal=normal), nearest.select(kept)
+    if len(missing) == 0:
+        return several
+    fields = ("geoms", "gap", "position", "normal")
+    parts = [np.concatenate([getattr(several, name), getattr(missing, name)]) for name in fields]
+    both = Contacts(several.labels + missing.labels, *parts)
+    return both.select(np.lexsort((both.geoms[:, 1], both.geoms[:, 0])))
+
+
 def _read(data: mujoco.MjData, index: np.ndarray, names: tuple[str, ...]) -> Contacts:
+    if len(index) == 0:
+        return Contacts((), np.zeros((0, 2), int), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
     found = data.contact
     geoms = np.array(found.geom[index], dtype=int)
     if (geoms < 0).any():
         raise SceneError("a flex is in contact; an impact law is for contacts between geoms only")
-    order = np.lexsort((geoms.max(axis=1, initial=0), geoms.min(axis=1, initial=np.iinfo(int).max)))
+    order = np.lexsort((geoms.max(axis=1), geoms.min(axis=1)))
     geoms, index = geoms[order], index[order]
     normal = np.array(found.frame[index, :3])
     swapped = geoms[:, 0] > geoms[:, 1]
@@ -182,16 +266,19 @@ def _position_copy(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
 
 
 @contextmanager
-def _detection_options(model: mujoco.MjModel, within: float) -> Iterator[None]:
-    """Report every pair closer than ``within``, whatever margins the scene has; the scene's options come back."""
+def _detection_options(model: mujoco.MjModel, within: float) -> Iterator[bool]:
+    """Report the nearest contact of every pair closer than ``within``, whatever margins the scene has.
+
+    The scene's options come back afterwards. Yields whether the scene wants several contacts where faces meet.
+    """
     opt = model.opt
     kept = opt.enableflags, opt.disableflags, opt.o_margin, opt.ccd_tolerance, opt.ccd_iterations
-    opt.enableflags |= _OVERRIDE
-    opt.disableflags &= ~_NO_CONTACT
+    opt.enableflags = (opt.enableflags | _OVERRIDE) & ~_SLEEP
+    opt.disableflags = (opt.disableflags | _SINGLE) & ~_NO_CONTACT
     opt.o_margin = 2.0 * within  # MuJoCo compares with "<"; detect() selects
     opt.ccd_tolerance = min(opt.ccd_tolerance, _CCD_TOLERANCE)
     opt.ccd_iterations = max(opt.ccd_iterations, _CCD_ITERATIONS)
     try:
-        yield
+        yield not kept[1] & _SINGLE
     finally:
         opt.enableflags, opt.disableflags, opt.o_margin, opt.ccd_tolerance, opt.ccd_iterations = kept

@@ -7,11 +7,14 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from impactlaw.errors import DivergenceError
+from impactlaw.errors import DivergenceError, SceneError
 from impactlaw.scene import GeomPairs, thickness
 
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _OFF = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+_SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+_HUGE = mujoco.mjMAXVAL  # MuJoCo takes larger numbers for a mistake
+_INPUT = ("qpos", "qvel", "act", "ctrl", "qfrc_applied", "xfrc_applied")
 
 
 def save_state(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
@@ -26,24 +29,39 @@ def restore_state(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray)
     mujoco.mj_setState(model, data, state, _STATE)
 
 
+def check_input(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Refuse what MuJoCo would reset or ignore in silence.
+
+    Raises:
+        DivergenceError: a position, velocity, activation, control or applied force is not finite, or huge.
+    """
+    for name in _INPUT:
+        values = getattr(data, name)
+        if values.size and not np.abs(values).max() <= _HUGE:
+            raise DivergenceError(f"{name} is not finite, or huge, at t = {data.time:.6g} s")
+    if not model.opt.timestep > 0:
+        raise SceneError(f"the timestep must be positive, got {model.opt.timestep:g} s")
+
+
 def advance(model: mujoco.MjModel, data: mujoco.MjData, duration: float) -> None:
     """Integrate for ``duration`` s as `mj_step` does, without contacts.
 
     Raises:
-        DivergenceError: position or velocity is not finite afterwards.
+        DivergenceError: position or velocity is not finite afterwards, or huge.
     """
     opt = model.opt
-    timestep, flags = opt.timestep, opt.disableflags
+    kept = opt.timestep, opt.disableflags, opt.enableflags
     opt.timestep = duration
-    opt.disableflags = flags | _OFF
+    opt.disableflags |= _OFF
+    opt.enableflags &= ~_SLEEP
     try:
         mujoco.mj_step(model, data)
     finally:
-        opt.timestep, opt.disableflags = timestep, flags
-    if not (np.isfinite(data.qvel).all() and np.isfinite(data.qpos).all()):
+        opt.timestep, opt.disableflags, opt.enableflags = kept
+    if not (np.abs(data.qvel).max(initial=0.0) <= _HUGE and np.abs(data.qpos).max(initial=0.0) <= _HUGE):
         raise DivergenceError(
-            f"position or velocity is not finite at t = {data.time:.6g} s; use a smaller timestep, or check the "
-            "controls and the stiffness of the scene"
+            f"position or velocity is not finite, or huge, at t = {data.time:.6g} s; use a smaller timestep, or check "
+            "the controls and the stiffness of the scene"
         )
 
 

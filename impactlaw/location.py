@@ -1,4 +1,4 @@
-"""The time at which a gap closes: a first guess from a parabola, then a bracketed secant (Illinois)."""
+"""The time at which a gap closes: a guess from a parabola, a bracketed secant (Illinois), and in the end bisection."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
-_EVALUATIONS = 100  # of which a smooth gap takes two or three and a jump in the gap about fifty
-_EXACT = 8  # evaluations after which a gap within the tolerance is good enough: gaps of convex geoms are noisy
+_EVALUATIONS = 100
+_PATIENCE = 8  # evaluations of the secant, of which a smooth gap takes two to four
 
 
 class HasGap(Protocol):
@@ -47,13 +47,24 @@ def parabola(gap0: float, velocity0: float, gap1: float, duration: float, tolera
     root = math.sqrt(max(0.0, velocity0**2 + 2.0 * a * gap0))
     if velocity0 > 0 and a > 0:
         top = velocity0 / a
-        opens = gap0 <= tolerance
-        return Guess((velocity0 + root) / a, top if opens else 0.0, 0.5 * velocity0 * top + gap0 if opens else gap0)
+        height = 0.5 * velocity0 * top + gap0
+        if gap0 <= tolerance < height:
+            return Guess((velocity0 + root) / a, top, height)
+        return Guess((velocity0 + root) / a, 0.0, max(gap0, tolerance))
     time = 2.0 * gap0 / (root - velocity0) if root > velocity0 else 0.5 * duration
     return Guess(time, 0.0, max(gap0, tolerance))
 
 
-def locate(fly: Callable[[float], F], end: F, duration: float, guess: Guess, *, target: float, tolerance: float) -> F:
+def locate(
+    fly: Callable[[float], F],
+    end: F,
+    duration: float,
+    guess: Guess,
+    *,
+    target: float,
+    tolerance: float,
+    shortest: float,
+) -> F:
     """Return the flight at whose end the smallest gap is zero.
 
     Args:
@@ -62,39 +73,32 @@ def locate(fly: Callable[[float], F], end: F, duration: float, guess: Guess, *, 
         duration: of that flight, s.
         guess: where to look first.
         target: size of the gap at which the search ends, m.
-        tolerance: size of the gap that is good enough where the target cannot be met in floating point, m.
+        tolerance: size of the gap that is good enough for the bisection, m.
+        shortest: time in which nothing moves as far as the tolerance, s.
 
     Returns:
         The last flight flown. A gap that jumps from open to closed (a new contact point on an edge) has no zero; then
         it is the earliest flight after the jump.
     """
-    low, gap_low, opened = guess.open_time, guess.open_gap, False
+    low, gap_low, seen = guess.open_time, guess.open_gap, False
     high, gap_high = duration, end.gap
     time = guess.time
     for evaluation in range(_EVALUATIONS):
-        if not low < time < high:
+        if evaluation >= _PATIENCE or not low < time < high:
             time = 0.5 * (low + high)
-        if not low < time < high:
-            break
+        if high - low <= shortest or not low < time < high:
+            if seen or low == 0.0:
+                break
+            low, gap_low, seen = 0.0, tolerance, True  # the gap was not open where it was believed to be
+            continue
         flight = fly(time)
-        if abs(flight.gap) <= (target if evaluation < _EXACT else tolerance):
+        if abs(flight.gap) <= (target if evaluation < _PATIENCE else tolerance):
             return flight
-        before = high, gap_high
         if flight.gap > 0:
-            gap_high *= 0.5 if opened and flight.gap > 0.5 * gap_low else 1.0
-            low, gap_low, opened = time, flight.gap, True
+            gap_high *= 0.5 if seen and low > 0 and flight.gap > 0.5 * gap_low else 1.0
+            low, gap_low, seen = time, flight.gap, True
         else:
-            gap_low *= 0.5 if opened and flight.gap < 0.5 * gap_high else 1.0
+            gap_low *= 0.5 if flight.gap < 0.5 * gap_high else 1.0
             high, gap_high = time, flight.gap
-        if opened:
-            time = low + (high - low) * gap_low / (gap_low - gap_high)
-        elif evaluation < _EXACT:  # not seen open yet: the secant through the last two times it was closed
-            time = high - gap_high * (before[0] - high) / (before[1] - gap_high) if before[1] != gap_high else low
-        elif evaluation < 2 * _EXACT:  # it may not be open anywhere: go towards the start in long strides
-            low, time = 0.0, 0.1 * high
-        else:
-            break
-    last = fly(high)
-    if last.gap < -tolerance and opened and gap_low <= tolerance:
-        return fly(low)
-    return last
+        time = low + (high - low) * gap_low / (gap_low - gap_high)
+    return fly(high)

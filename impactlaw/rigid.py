@@ -2,14 +2,15 @@
 
 One step of duration h, from a state in which no gap is below minus the tolerance:
 
-1. Closed contacts (gap <= tolerance) that approach collide (`collide.Collider`).
+1. Closed contacts (gap <= tolerance) that approach collide: the law gives v+, again and again until none approaches
+   (`collide.Collider`).
 2. MuJoCo's integrator advances what remains of the step without contacts. The flow is shortened where bodies travel
    further than they are thick (`flow.Travel`).
 3. Contacts that stay closed are held closed (`sustained`).
 4. If another gap fell below minus the tolerance, the flow is repeated up to the time at which it closes, found by a
    bracketed secant on the smallest gap; then again from 1.
-5. More than max_events collisions in one step: E = 0 on every closed contact, and one flow for the rest of the step
-   at the end of which every closed contact is held (time stepping, Moreau and Jean).
+5. More than max_events collisions, or flows ended by a closing gap, in one step: E = 0 on every closed contact, and
+   flows for the rest of the step at whose end every closed contact is held (time stepping, Moreau and Jean).
 """
 
 from __future__ import annotations
@@ -20,42 +21,51 @@ import mujoco
 import numpy as np
 
 from impactlaw.collide import Collider
-from impactlaw.contacts import Contacts, detect, gap_gradients, geom_names, kinetic_metric, update_positions
-from impactlaw.errors import OverlapError
+from impactlaw.contacts import (
+    Contacts,
+    Touch,
+    detect,
+    geom_names,
+    update_positions,
+)
+from impactlaw.errors import OverlapError, SceneError
 from impactlaw.events import ImpactEvent
-from impactlaw.flow import Frames, Travel, advance, restore_state, save_state
+from impactlaw.flow import Frames, Travel, advance, check_input, restore_state, save_state
+from impactlaw.geoms import touching_distance, vague_contacts
 from impactlaw.location import Guess, locate, parabola
-from impactlaw.metric import KineticMetric
 from impactlaw.scene import check_rigid, geom_pairs
-from impactlaw.sustained import Matches, Start, hold, match, stays
+from impactlaw.sustained import Arrival, Flow, Start, hold, match, stays
 
 _ROUNDING = 1e-13  # of a contact velocity in the kinetic metric, relative to the velocity of the whole scene
 _STILL = 1e-3  # part of the gap tolerance that a velocity must cross in a timestep to be one
 _LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located
+_SMOOTH = 0.35, 0.15  # part of its depth that a smooth gap has reached after half of the flow: a quarter, nearly
+_NEAR = 1e3  # gap tolerances within which contacts are looked for
 
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """A flow that has been tried: its duration, the contacts at its end, and those that were not there before."""
+    """A flow that has been tried: the contacts at its end, and the smallest gap among those that are not held.
 
-    duration: float
-    contacts: Contacts
-    matches: Matches
-    opened: np.ndarray  # contacts that are not held, bool (h,)
-    gap: float  # smallest gap among them, m
+    Attributes:
+        flow: what has been tried.
+        arrival: the contacts at its end.
+        gap: smallest gap among those that are not held, m. A contact that was deeper at the start counts as touching.
+        deepest: index of that contact, -1 where none is near.
+    """
+
+    flow: Flow
+    arrival: Arrival
+    gap: float
+    deepest: int
 
 
 class RigidStepping:
     """The algorithm behind ``Stepper(contact_model="rigid")``; see there for the options."""
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        collider: Collider,
-        *,
-        ignore_friction: bool,
-        gap_tolerance: float,
-    ):
+    def __init__(self, model: mujoco.MjModel, collider: Collider, *, ignore_friction: bool, gap_tolerance: float):
+        if not 0 < gap_tolerance < np.inf:
+            raise SceneError(f"gap_tolerance must be a positive length, got {gap_tolerance}")
         pairs = geom_pairs(model)
         check_rigid(model, pairs, ignore_friction=ignore_friction)
         self._model = model
@@ -67,76 +77,73 @@ class RigidStepping:
         self.unlocated = 0
 
     def step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
-        """Advance by one timestep and return the collisions; an error leaves data as it was."""
+        """Advance by one timestep and return the collisions; data is back where it was if an error is raised."""
+        check_input(self._model, data)
         state = save_state(self._model, data)
         try:
-            return self._step(data)
+            events = self._step(data)
         except BaseException:
             restore_state(self._model, data, state)
+            update_positions(self._model, data)
             raise
+        self._left_at = data.qpos.copy()
+        return events
 
     def _step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
-        model = self._model
-        timestep = remaining = model.opt.timestep
+        timestep = remaining = self._model.opt.timestep
         end = data.time + timestep
-        update_positions(model, data)
-        contacts = self._detect(data, 1e3 * self._tolerance)
+        update_positions(self._model, data)
+        touch = self._touch(data)
         if not np.array_equal(data.qpos, self._left_at):
-            self._refuse_overlap(contacts)
+            self._refuse_overlap(touch.contacts)
         events: list[ImpactEvent] = []
-        flights = 0
+        closings = 0
         while True:
-            self._collide(data, contacts, events)
+            self._collide(data, touch, events)
             if remaining <= 1e-12 * timestep:
                 break
-            start = self._start(data, contacts)
-            flights += 1
-            if max(len(events), flights) > self._collider.most:
-                self.unlocated += 1
-                flight = self._try(data, start, remaining, hold_all=True)
-            else:
-                flight = self._fly(data, start, remaining)
-            contacts = flight.contacts
-            remaining -= flight.duration
+            hold_all = max(len(events), closings) > self._collider.most
+            flight, closed = self._fly(data, self._start(data, touch), remaining, hold_all=hold_all)
+            closings += closed
+            touch = flight.arrival.touch
+            remaining -= flight.flow.duration
             data.time = end - remaining
         data.time = end
-        self._left_at = data.qpos.copy()
+        self.unlocated += max(len(events), closings) > self._collider.most
         return tuple(events)
 
-    def _detect(self, data: mujoco.MjData, within: float) -> Contacts:
-        return detect(self._model, data, within, self._names)
+    def _touch(self, data: mujoco.MjData) -> Touch:
+        contacts = detect(self._model, data, _NEAR * self._tolerance, self._names)
+        return Touch.of(self._model, data, contacts)
 
     def _refuse_overlap(self, contacts: Contacts) -> None:
-        deep = np.flatnonzero(contacts.gap < -self._tolerance)
+        depth = -(contacts.gap + touching_distance(self._model, contacts.geoms))
+        deep = np.flatnonzero(depth > self._tolerance)
         if len(deep):
-            deep = deep[np.argsort(contacts.gap[deep])]
-            named = ", ".join(f"{contacts.labels[i]} by {-contacts.gap[i]:.3g} m" for i in deep[:5])
+            deep = deep[np.argsort(-depth[deep])]
+            named = ", ".join(f"{contacts.labels[i]} by {depth[i]:.3g} m" for i in deep[:5])
             raise OverlapError(
-                f"geoms overlap at the start of a step: {named}; move them apart (a gap down to -{self._tolerance:g} m "
+                f"geoms overlap at the start of a step: {named}; move them apart (up to {self._tolerance:g} m "
                 "counts as touching)"
             )
 
     # -- 1: collisions ---------------------------------------------------------------------------------------------
 
-    def _rounding(self, metric: KineticMetric, J: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    def _rounding(self, touch: Touch, velocity: np.ndarray) -> np.ndarray:
         """Contact velocities, m/s, (h,), below which there is no telling motion from rounding."""
-        lengths = np.linalg.norm(metric.whiten_gradients(J), axis=1)
         still = _STILL * self._tolerance / self._model.opt.timestep
-        return np.maximum(_ROUNDING * metric.norm(velocity) * lengths, still)
+        lengths = np.linalg.norm(touch.gradients, axis=1)
+        return np.maximum(_ROUNDING * touch.metric.norm(velocity) * lengths, still)
 
-    def _collide(self, data: mujoco.MjData, contacts: Contacts, events: list[ImpactEvent]) -> None:
-        contacts = contacts.select(contacts.gap <= self._tolerance)
-        if len(contacts) == 0:
+    def _collide(self, data: mujoco.MjData, touch: Touch, events: list[ImpactEvent]) -> None:
+        closed = np.flatnonzero(touch.contacts.gap <= self._tolerance)
+        if len(closed) == 0 or not (touch.jacobian[closed] @ data.qvel < 0).any():
             return
-        J = gap_gradients(self._model, data, contacts)
-        if not (J @ data.qvel < 0).any():
-            return
-        metric = kinetic_metric(self._model, data)
-        rounding = self._rounding(metric, J, data.qvel)
+        rounding = self._rounding(touch, data.qvel)[closed]
         data.qvel[:] = self._collider.collide(
-            metric,
-            J,
-            contacts,
+            touch.metric,
+            touch.jacobian[closed],
+            touch.contacts.select(closed),
             data.qvel.copy(),
             approach=rounding,
             rounding=rounding,
@@ -147,83 +154,127 @@ class RigidStepping:
 
     # -- 2 to 4: flow ----------------------------------------------------------------------------------------------
 
-    def _start(self, data: mujoco.MjData, contacts: Contacts) -> Start:
-        J = gap_gradients(self._model, data, contacts)
-        if len(contacts) == 0:
-            return Start(contacts, Frames.of(data), J, np.zeros(0), np.zeros(0), data.qvel.copy())
-        rounding = self._rounding(kinetic_metric(self._model, data), J, data.qvel)
-        return Start(contacts, Frames.of(data), J, J @ data.qvel, rounding, data.qvel.copy())
+    def _start(self, data: mujoco.MjData, touch: Touch) -> Start:
+        velocity = data.qvel.copy()
+        if len(touch.contacts) == 0:
+            return Start(touch, Frames.of(data), velocity, np.zeros(0), np.zeros(0))
+        return Start(touch, Frames.of(data), velocity, touch.jacobian @ velocity, self._rounding(touch, velocity))
 
-    def _fly(self, data: mujoco.MjData, start: Start, duration: float) -> Flight:
+    def _fly(self, data: mujoco.MjData, start: Start, duration: float, *, hold_all: bool) -> tuple[Flight, bool]:
+        """Advance by at most ``duration``; return where that led, and whether a closing gap ended it."""
         state = save_state(self._model, data)
         duration = min(duration, self._travel.longest_turn(data))
-        flight, duration = self._try_safely(data, state, start, duration)
-        if flight.gap >= -self._tolerance:
-            return flight
+        flight = self._try_safely(data, state, start, duration, hold_all=hold_all)
+        if hold_all or flight.gap >= -self._tolerance:
+            return flight, False
 
-        def fly(time: float) -> Flight:
+        def fly(time: float, *, smooth: bool = False) -> Flight:
             restore_state(self._model, data, state)
-            return self._try(data, start, time)
+            return self._try(data, start, time, reach=reach, smooth=smooth)
 
-        return locate(
+        tried, reach = flight.flow, 4.0 * abs(flight.gap) + _NEAR * self._tolerance
+        guess = self._guess(data, flight)
+        if self._may_be_smooth(flight):
+            half = fly(0.5 * tried.duration)
+            if _SMOOTH[0] * flight.gap <= half.gap <= _SMOOTH[1] * flight.gap:
+                held = fly(tried.duration, smooth=True)
+                if held.gap >= -self._tolerance:
+                    return held, False
+        located = locate(
             fly,
             flight,
-            duration,
-            self._guess(data, start, flight),
+            tried.duration,
+            guess,
             target=_LOCATED * self._tolerance,
             tolerance=self._tolerance,
+            shortest=tried.duration * self._tolerance / max(tried.travel.max(), self._tolerance),
         )
+        return located, True
+
+    def _may_be_smooth(self, end: Flight) -> bool:
+        """Return whether the deepest contact may continue a sustained one that was somewhere else in common faces."""
+        start, touch = end.flow.start, end.arrival.touch
+        pair = touch.contacts.geoms[[end.deepest]]
+        if end.arrival.known[end.deepest] >= 0 or not vague_contacts(self._model, pair)[0]:
+            return False
+        held = (start.gap <= self._tolerance) & (start.contact_velocity <= start.rounding)
+        return bool((start.touch.contacts.geoms[held] == pair).all(axis=1).any())
 
     def _try_safely(
-        self, data: mujoco.MjData, state: np.ndarray, start: Start, duration: float
-    ) -> tuple[Flight, float]:
+        self, data: mujoco.MjData, state: np.ndarray, start: Start, duration: float, *, hold_all: bool
+    ) -> Flight:
         while True:
             advance(self._model, data, duration)
             update_positions(self._model, data)
             travel = self._travel.between(start.frames, data)
             suspects = self._travel.suspects(start.frames, travel)
             if len(suspects) == 0:
-                return self._arrive(data, start, duration, travel), duration
+                return self._arrive(data, Flow(start, duration, travel, self._tolerance, hold_all))
             restore_state(self._model, data, state)
             update_positions(self._model, data)
             fraction = self._travel.safe_fraction(data, suspects, travel)
             if fraction >= 1.0:
-                return self._try(data, start, duration), duration
+                return self._try(data, start, duration, hold_all=hold_all)
             duration *= 0.9 * fraction
 
-    def _try(self, data: mujoco.MjData, start: Start, duration: float, *, hold_all: bool = False) -> Flight:
+    def _try(
+        self,
+        data: mujoco.MjData,
+        start: Start,
+        duration: float,
+        *,
+        hold_all: bool = False,
+        smooth: bool = False,
+        reach: float = 0.0,
+    ) -> Flight:
         advance(self._model, data, duration)
         update_positions(self._model, data)
-        return self._arrive(data, start, duration, self._travel.between(start.frames, data), hold_all=hold_all)
+        travel = self._travel.between(start.frames, data)
+        return self._arrive(data, Flow(start, duration, travel, self._tolerance, hold_all, smooth), reach)
 
-    def _arrive(
-        self, data: mujoco.MjData, start: Start, duration: float, travel: np.ndarray, *, hold_all: bool = False
-    ) -> Flight:
-        """Look at the contacts where the flow has led, and hold those that stay closed."""
-        tolerance = self._tolerance
-        within = 4.0 * travel.max(initial=0.0) + 1e3 * tolerance
+    def _arrive(self, data: mujoco.MjData, flow: Flow, reach: float = 0.0) -> Flight:
+        """Look at the contacts where the flow has led, and hold those that stay closed.
 
-        def look() -> tuple[Contacts, np.ndarray]:
-            contacts = self._detect(data, within)
-            return contacts, match(contacts, start, data, travel, tolerance)
+        Args:
+            data: at the end of the flow.
+            flow: what led there.
+            reach: distance to look further if nothing is near, m.
+        """
 
-        contacts, known = look()
-        closed = contacts.gap <= tolerance
-        matches = Matches(known, closed if hold_all else stays(contacts.gap, known, start, duration, tolerance))
-        if (matches.sustained & closed).any():
-            contacts, matches = hold(self._model, data, contacts, matches, start, duration, tolerance, look)
-        opened = ~matches.sustained
-        return Flight(duration, contacts, matches, opened, float(contacts.gap[opened].min(initial=within)))
+        def look() -> tuple[Touch, np.ndarray]:
+            touch = self._touch(data)
+            return touch, match(self._model, data, touch.contacts, flow)
 
-    def _guess(self, data: mujoco.MjData, start: Start, end: Flight) -> Guess:
-        """Guess when the deepest contact that is not held has closed."""
-        deepest = int(np.argmin(np.where(end.opened, end.contacts.gap, np.inf)))
-        gap, before = float(end.contacts.gap[deepest]), end.matches.start[deepest]
+        touch, known = look()
+        gap = touch.contacts.gap
+        arrival = Arrival(touch, known, stays(gap, known, flow))
+        if (arrival.sustained & (gap <= self._tolerance)).any():
+            arrival = hold(self._model, data, arrival, flow, look)
+        smallest, deepest = self._smallest_gap(data, arrival, flow, reach)
+        return Flight(flow, arrival, smallest, deepest)
+
+    def _smallest_gap(self, data: mujoco.MjData, arrival: Arrival, flow: Flow, reach: float) -> tuple[float, int]:
+        near = _NEAR * self._tolerance
+        opened = np.flatnonzero(~arrival.sustained)
+        if len(opened) == 0:
+            if reach <= near:
+                return near, -1
+            gap = detect(self._model, data, reach, self._names).gap
+            return float(gap[gap > near].min(initial=reach)), -1
+        known = arrival.known[opened]
+        before = np.where(known >= 0, flow.start.gap[known], 0.0) if len(flow.start.gap) else np.zeros(len(opened))
+        clear = arrival.touch.contacts.gap[opened] - np.where(before < -self._tolerance, before, 0.0)
+        least = int(np.argmin(clear))
+        return float(clear[least]), int(opened[least])
+
+    def _guess(self, data: mujoco.MjData, end: Flight) -> Guess:
+        """Guess when the deepest contact that is not held has closed, from its velocities at both ends of the flow."""
+        start, duration = end.flow.start, end.flow.duration
+        before = end.arrival.known[end.deepest]
         if before >= 0:
-            gap0, velocity0 = float(start.contacts.gap[before]), float(start.contact_velocity[before])
-            return parabola(gap0, velocity0, gap, end.duration, self._tolerance)
-        # not seen at the start: take the gap there from the contact velocities of both ends
-        J = gap_gradients(self._model, data, end.contacts.select(np.array([deepest])))[0]
-        velocity0, velocity1 = float(J @ start.velocity), float(J @ data.qvel)
-        gap0 = gap - 0.5 * (velocity0 + velocity1) * end.duration
-        return parabola(max(gap0, self._tolerance), velocity0, gap, end.duration, self._tolerance)
+            gap, velocity = float(start.gap[before]), float(start.contact_velocity[before])
+        else:
+            gradient = end.arrival.touch.jacobian[end.deepest]
+            velocity = float(gradient @ start.velocity)
+            gap = end.gap - 0.5 * (velocity + float(gradient @ data.qvel)) * duration
+        return parabola(max(gap, 0.0), velocity, end.gap, duration, self._tolerance)

@@ -23,14 +23,17 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from impactlaw.contacts import Contacts, gap_gradients, kinetic_metric, update_positions
+from impactlaw.contacts import Contacts, Touch, gap_gradients, update_positions
 from impactlaw.errors import UnsolvableLawError
 from impactlaw.flow import Frames
-from impactlaw.metric import KineticMetric
+from impactlaw.geoms import one_contact, vague_contacts
 from impactlaw.solvers import Problem, solve
 
-_CORRECTIONS = 8  # position corrections at most; each gains digits, the curvature of the surfaces decides how many
+_CORRECTIONS = 20  # position corrections at most
+_SMOOTH_CORRECTIONS = 3  # that smooth surfaces need; each gains digits, their curvature decides how many
+_CORRECTED = 1e-2  # part of the gap tolerance to which positions are corrected
 _LARGEST_TURN = 0.3  # rad in one flow
+_SAME_POINT = 1e3  # gap tolerances that a contact point may move more than the geoms
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,177 +41,207 @@ class Start:
     """The contacts at the start of a flow, after every collision there is resolved.
 
     Attributes:
-        contacts: those that were detected, open ones included.
+        touch: the contacts that were detected, open ones included.
         frames: of all geoms.
-        jacobian: gap gradients, shape (h, nv).
+        velocity: qvel, (nv,).
         contact_velocity: ``gamma``, m/s, (h,).
         rounding: size of the rounding errors of gamma, m/s, (h,).
-        velocity: qvel, (nv,).
     """
 
-    contacts: Contacts
+    touch: Touch
     frames: Frames
-    jacobian: np.ndarray
+    velocity: np.ndarray
     contact_velocity: np.ndarray
     rounding: np.ndarray
-    velocity: np.ndarray
+
+    @property
+    def gap(self) -> np.ndarray:
+        """Gaps, m, (h,)."""
+        return self.touch.contacts.gap
 
 
 @dataclass(frozen=True, eq=False)
-class Matches:
-    """Which contact at the end of a flow is which one of its start.
+class Flow:
+    """A flow that has been tried.
 
     Attributes:
-        start: index of the same contact at the start, or -1, int (h,).
-        sustained: whether it stays closed, bool (h,).
+        start: where it began.
+        duration: s.
+        travel: a bound on the travel of each geom, m, (ngeom,).
+        tolerance: gap up to which a contact is closed, m.
+        hold_all: whether every contact that is closed at its end is held there (time stepping).
+        smooth: whether it is known that contacts between faces have moved smoothly, however far.
     """
 
-    start: np.ndarray
+    start: Start
+    duration: float
+    travel: np.ndarray
+    tolerance: float
+    hold_all: bool = False
+    smooth: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Arrival:
+    """The contacts at the end of a flow.
+
+    Attributes:
+        touch: those contacts.
+        known: index of the same contact at the start, or -1, int (h,).
+        sustained: which ones stay closed, bool (h,).
+    """
+
+    touch: Touch
+    known: np.ndarray
     sustained: np.ndarray
 
 
-def match(contacts: Contacts, start: Start, data: mujoco.MjData, travel: np.ndarray, tolerance: float) -> np.ndarray:
+def match(model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts, flow: Flow) -> np.ndarray:
     """Return for each contact at the end of a flow the index of the same contact at its start, or -1, int (h,).
 
     The same contact is of the same two geoms and has moved, seen from one of them, no further than they have travelled.
+    If the two never have more than one contact, it is the same one anyway. If they touch somewhere in common faces, it
+    continues the nearest contact that was closed if, at the start, it approached no faster than the flow has changed
+    its velocity (an impact so slow is over within the flow), or if the flow is known to be smooth.
     """
+    start = flow.start
+    before = start.touch.contacts
     index = np.full(len(contacts), -1)
-    before = start.contacts
-    if len(before) == 0:
+    if len(before) == 0 or len(contacts) == 0:
         return index
-    for i in range(len(contacts)):
-        geoms = contacts.geoms[i]
-        same = np.flatnonzero((before.geoms == geoms).all(axis=1))
-        if len(same):
-            moved = _moved(contacts.position[i], geoms, before.position[same], start.frames, data)
-            nearest = int(np.argmin(moved))
-            if moved[nearest] <= 2.0 * travel[geoms].sum() + 1e3 * tolerance:
-                index[i] = same[nearest]
+    other = (contacts.geoms[:, None] != before.geoms).any(axis=2)
+    moved = np.where(other, np.inf, _moved(contacts, before, start.frames, data))
+    nearest = moved.argmin(axis=1)
+    least = moved[np.arange(len(contacts)), nearest]
+    near = least <= 2.0 * flow.travel[contacts.geoms].sum(axis=1) + _SAME_POINT * flow.tolerance
+    near |= np.isfinite(least) & one_contact(model, contacts.geoms)
+    index[near] = nearest[near]
+    moved[:, (start.gap > flow.tolerance) | (start.contact_velocity > start.rounding)] = np.inf
+    vague = np.flatnonzero(~near & np.isfinite(moved).any(axis=1) & vague_contacts(model, contacts.geoms))
+    if len(vague) and not flow.smooth:
+        J = gap_gradients(model, data, contacts.select(vague))
+        velocity, change = J @ start.velocity, J @ (data.qvel - start.velocity)
+        vague = vague[-velocity <= np.abs(change) + start.rounding.max()]
+    index[vague] = moved[vague].argmin(axis=1)
     return index
 
 
-def stays(gap: np.ndarray, known: np.ndarray, start: Start, duration: float, tolerance: float) -> np.ndarray:
+def stays(gap: np.ndarray, known: np.ndarray, flow: Flow) -> np.ndarray:
     """Return which contacts are sustained if they end the flow with these gaps, bool (h,)."""
+    if flow.hold_all:
+        return gap <= flow.tolerance
     result = known >= 0
-    s = known[result]
-    velocity, gap0 = start.contact_velocity[s], start.contacts.gap[s]
-    closing = 2.0 * (gap0 + velocity * duration - gap[result])  # times duration^2
-    slow = (velocity <= start.rounding[s]) | ((velocity * duration) ** 2 <= 2.0 * closing * tolerance)
-    result[result] = (gap0 <= tolerance) & slow
+    s, start, tau = known[result], flow.start, flow.duration
+    velocity, gap0 = start.contact_velocity[s], start.gap[s]
+    closing = 2.0 * (gap0 + velocity * tau - gap[result])  # times tau^2
+    slow = (velocity <= start.rounding[s]) | ((velocity * tau) ** 2 <= 2.0 * closing * flow.tolerance)
+    result[result] = (gap0 <= flow.tolerance) & slow
     return result
 
 
 def hold(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    contacts: Contacts,
-    matches: Matches,
-    start: Start,
-    duration: float,
-    tolerance: float,
-    look: Callable[[], tuple[Contacts, np.ndarray]],
-) -> tuple[Contacts, Matches]:
+    arrival: Arrival,
+    flow: Flow,
+    look: Callable[[], tuple[Touch, np.ndarray]],
+) -> Arrival:
     """Bring position and velocity back to the sustained contacts; data and its frames change.
 
     Args:
         model: the scene.
         data: at the end of the flow, frames current.
-        contacts: there.
-        matches: of these contacts.
-        start: of the flow.
-        duration: of the flow, s.
-        tolerance: gap tolerance, m.
+        arrival: the contacts there.
+        flow: what led there.
         look: detects the contacts of now, and matches them with the start.
 
     Returns:
-        The contacts after the correction, and their matches.
+        The contacts after the correction.
     """
     end = data.qpos.copy()
     shift = np.zeros(model.nv)
-    known, sustained = matches.start, matches.sustained.copy()
-    for _ in range(_CORRECTIONS):
-        near = sustained | (known >= 0)
-        chosen, growing = contacts.select(near), sustained[near]
-        J = gap_gradients(model, data, chosen)
-        metric = kinetic_metric(model, data)
+    cuts = np.zeros((0, model.nv)), np.zeros(0)
+    for correction in range(_CORRECTIONS):
+        touch, known, sustained = arrival.touch, arrival.known, arrival.sustained
         try:
-            p, wanted = _position_impulse(metric, J, chosen, growing, shift, known[near], start, duration, tolerance)
+            sustained, pressed, wanted = _position_impulse(arrival, shift, flow, cuts)
         except UnsolvableLawError:
             break  # squeezed between bodies that cannot give way: nothing to correct
-        sustained[near] = growing
-        pressed = np.flatnonzero(growing)[p > 0]
-        error = max(np.abs(chosen.gap[pressed]).max(initial=0.0), -chosen.gap[growing].min(initial=0.0))
-        if error <= 1e-2 * tolerance:
+        if not pressed.any() and not shift.any():
+            arrival = Arrival(touch, known, sustained)
             break
+        if correction >= _SMOOTH_CORRECTIONS:  # the contacts jump between points of a face: keep them all
+            rows = touch.gradients[sustained], touch.jacobian[sustained] @ shift - touch.contacts.gap[sustained]
+            cuts = np.vstack([cuts[0], rows[0]]), np.concatenate([cuts[1], rows[1]])
         shift = wanted
         qpos = end.copy()
         mujoco.mj_integratePos(model, qpos, shift, 1.0)
         data.qpos[:] = qpos
         update_positions(model, data)
-        held = known[sustained & (known >= 0)]
-        contacts, known = look()
+        held, pressing = known[sustained & (known >= 0)], known[pressed & (known >= 0)]
+        touch, known = look()
         sustained = np.isin(known, held)  # what the flow has decided stays decided
-    matches = Matches(known, sustained)
-    _hold_velocity(model, data, contacts, matches, start, tolerance)
-    return contacts, matches
+        arrival = Arrival(touch, known, sustained)
+        gap = touch.contacts.gap
+        error = max(np.abs(gap[np.isin(known, pressing)]).max(initial=0.0), -gap[sustained].min(initial=0.0))
+        if error <= _CORRECTED * flow.tolerance and not (stays(gap, known, flow) & ~sustained).any():
+            break
+    _hold_velocity(data, arrival, flow)
+    return arrival
 
 
 def _position_impulse(
-    metric: KineticMetric,
-    J: np.ndarray,
-    contacts: Contacts,
-    sustained: np.ndarray,
-    shift: np.ndarray,
-    known: np.ndarray,
-    start: Start,
-    duration: float,
-    tolerance: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the impulse of the sustained contacts and the shift, (nv,), that opens them; ``sustained`` may grow."""
-    Y = metric.whiten_gradients(J)
+    arrival: Arrival, shift: np.ndarray, flow: Flow, cuts: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return which contacts are sustained, which of them press, and the shift, (nv,), that opens them.
+
+    The cuts are gradients and least shifts along them of contacts that were seen there before.
+    """
+    touch, sustained = arrival.touch, arrival.sustained.copy()
+    gap, J, Y = touch.contacts.gap, touch.jacobian, touch.gradients
     while True:
         rows = np.flatnonzero(sustained)
-        p = solve(Problem(Y[rows], J[rows] @ shift - contacts.gap[rows]), tuple(contacts.labels[i] for i in rows))
-        wanted = metric.unwhiten(p @ Y[rows])
-        gap = contacts.gap + J @ (wanted - shift)
-        more = stays(gap, known, start, duration, tolerance) & ~sustained
+        gradients = np.vstack([Y[rows], cuts[0]])
+        least = np.concatenate([J[rows] @ shift - gap[rows], cuts[1]])
+        p = solve(Problem(gradients, least), tuple(map(str, range(len(least)))))
+        wanted = touch.metric.unwhiten(p @ gradients)
+        more = stays(gap + J @ (wanted - shift), arrival.known, flow) & ~sustained
         if not more.any():
-            return p, wanted
+            pressed = np.zeros(len(gap), dtype=bool)
+            pressed[rows[p[: len(rows)] > 0]] = True
+            return sustained, pressed, wanted
         sustained |= more
 
 
-def _hold_velocity(
-    model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts, matches: Matches, start: Start, tolerance: float
-) -> None:
-    held = matches.sustained & (contacts.gap <= tolerance)
-    closed = contacts.select(held)
-    J = gap_gradients(model, data, closed)
-    metric = kinetic_metric(model, data)
-    Y = metric.whiten_gradients(J)
+def _hold_velocity(data: mujoco.MjData, arrival: Arrival, flow: Flow) -> None:
+    touch, start = arrival.touch, flow.start
+    held = np.flatnonzero(arrival.sustained & (touch.contacts.gap <= flow.tolerance))
+    J, Y, metric = touch.jacobian[held], touch.gradients[held], touch.metric
+    labels = tuple(touch.contacts.labels[i] for i in held)
 
     def pressing(velocity: np.ndarray) -> np.ndarray:
-        return solve(Problem(Y, -(J @ velocity), -metric.whiten(velocity)), closed.labels)
+        return solve(Problem(Y, -(J @ velocity), -metric.whiten(velocity)), labels)
 
     velocity = data.qvel.copy()
     nu = pressing(velocity)
-    known = matches.start[held]
-    turned = np.where(known[:, None] >= 0, start.jacobian[known] - J, 0.0)
-    change = np.linalg.norm(metric.whiten_gradients(turned), axis=1)
-    lengths = np.linalg.norm(Y, axis=1)
+    if not nu.any():
+        return
+    known = arrival.known[held]
+    turned = metric.whiten_gradients(np.where(known[:, None] >= 0, start.touch.jacobian[known] - J, 0.0))
+    change, lengths = np.linalg.norm(turned, axis=1), np.linalg.norm(Y, axis=1)
     turned[change > _LARGEST_TURN * lengths] = 0.0  # another feature of the surface, not a curved one
     if (change > 1e-12 * lengths).any():
-        velocity += metric.unwhiten(0.5 * nu @ metric.whiten_gradients(turned))
+        velocity += metric.unwhiten(0.5 * nu @ turned)
         nu = pressing(velocity)
     data.qvel[:] = velocity + metric.unwhiten(nu @ Y)
 
 
-def _moved(
-    position: np.ndarray, geoms: np.ndarray, before: np.ndarray, frames: Frames, data: mujoco.MjData
-) -> np.ndarray:
-    """Distances of one contact point from earlier ones, seen from the geom for which they are smaller, (n,)."""
+def _moved(contacts: Contacts, before: Contacts, frames: Frames, data: mujoco.MjData) -> np.ndarray:
+    """Distances of contact points from earlier ones, seen from that of the two geoms for which they are smaller."""
     distances = []
-    for geom in geoms:
-        now = data.geom_xmat[geom].reshape(3, 3).T @ (position - data.geom_xpos[geom])
-        then = (before - frames.position[geom]) @ frames.rotation[geom]
-        distances.append(np.linalg.norm(then - now, axis=1))
+    for geom, geom_before in zip(contacts.geoms.T, before.geoms.T, strict=True):
+        turn = data.geom_xmat[geom].reshape(-1, 3, 3)
+        now = np.einsum("hij,hi->hj", turn, contacts.position - data.geom_xpos[geom])
+        then = np.einsum("hij,hi->hj", frames.rotation[geom_before], before.position - frames.position[geom_before])
+        distances.append(np.linalg.norm(now[:, None] - then, axis=2))
     return np.minimum(*distances)
