@@ -20,9 +20,13 @@ MACHINE = """
   <default><geom friction="0.6 0.01 0.001" condim="4" density="800"/></default>
   <worldbody>
     <geom name="floor" type="plane" size="5 5 .1"/>
-    <body name="box" pos="0 0 0.25"><freejoint/><geom type="box" size=".1 .15 .05"/><site name="corner" pos=".1 .1 0"/></body>
+    <body name="box" pos="0 0 0.25"><freejoint/>
+      <geom type="box" size=".1 .15 .05"/><site name="corner" pos=".1 .1 0"/>
+    </body>
     <body name="ball" pos=".02 .01 0.45"><freejoint/><geom type="sphere" size=".08" condim="1"/></body>
-    <body name="capsule" pos=".5 0 .3" euler="0 70 0"><freejoint/><geom type="capsule" size=".05 .15" condim="6"/></body>
+    <body name="capsule" pos=".5 0 .3" euler="0 70 0"><freejoint/>
+      <geom type="capsule" size=".05 .15" condim="6"/>
+    </body>
     <body name="arm" pos="-.6 0 .5">
       <joint name="shoulder" axis="0 1 0" limited="true" range="-15 15" damping="0.1"/>
       <geom type="capsule" fromto="0 0 0 .3 0 0" size=".03"/>
@@ -31,7 +35,9 @@ MACHINE = """
         <geom type="capsule" fromto="0 0 0 .2 0 0" size=".03"/><site name="hand" pos=".2 0 0"/>
       </body>
     </body>
-    <body name="twin" pos="-.6 .4 .5"><joint name="twin" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".03"/></body>
+    <body name="twin" pos="-.6 .4 .5">
+      <joint name="twin" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".03"/>
+    </body>
     <site name="hook" pos="-.2 0 .9"/>
   </worldbody>
   <tendon>
@@ -56,7 +62,9 @@ BALL = """
   <option timestep="0.001" integrator="{integrator}"><flag energy="enable"/></option>
   <worldbody>
     <geom name="floor" type="plane" size="1 1 .1"/>
-    <body name="ball" pos="0 0 .5"><joint name="z" type="slide" axis="0 0 1"/><geom name="ball" type="sphere" size=".1" mass="1"/></body>
+    <body name="ball" pos="0 0 .5">
+      <joint name="z" type="slide" axis="0 0 1"/><geom name="ball" type="sphere" size=".1" mass="1"/>
+    </body>
   </worldbody>
   <sensor><jointvel joint="z"/></sensor>
 </mujoco>
@@ -85,17 +93,17 @@ def machine(integrator="Euler", solver="Newton", cone="pyramidal", jacobian="den
 
 
 # what a step computes; MuJoCo's other arrays are scratch, partly never written
-FIELDS = """
-qpos qvel act act_dot ctrl qacc qacc_warmstart qacc_smooth qfrc_applied qfrc_actuator qfrc_passive qfrc_bias qfrc_smooth
-qfrc_constraint actuator_force actuator_length actuator_velocity sensordata energy xpos xquat xmat xipos cdof cvel cacc
-cfrc_int cfrc_ext subtree_com ten_length ten_velocity M qLD efc_type efc_pos efc_vel efc_aref efc_b efc_force efc_state
-solver_fwdinv solver_niter
-""".split()
+FIELDS = (
+    "qpos qvel act act_dot ctrl qacc qacc_warmstart qacc_smooth qfrc_applied qfrc_actuator qfrc_passive qfrc_bias "
+    "qfrc_smooth qfrc_constraint actuator_force actuator_length actuator_velocity sensordata energy xpos xquat "
+    "xmat xipos cdof cvel cacc cfrc_int cfrc_ext subtree_com ten_length ten_velocity M qLD efc_type efc_pos "
+    "efc_vel efc_aref efc_b efc_force efc_state solver_fwdinv solver_niter"
+)
 
 
 def assert_same(data, reference):
     """Bit for bit."""
-    for name in FIELDS:
+    for name in FIELDS.split():
         np.testing.assert_array_equal(getattr(data, name), getattr(reference, name), err_msg=name)
     for name in ("dist", "pos", "frame", "geom", "efc_address"):
         np.testing.assert_array_equal(getattr(data.contact, name), getattr(reference.contact, name), err_msg=name)
@@ -108,12 +116,6 @@ def drive(model, data, step, i):
     data.ctrl[:] = np.sin(0.05 * i + np.arange(model.nu))
     step()
     mujoco.mj_rnePostConstraint(model, data)
-
-
-@pytest.fixture
-def quiet(tmp_path, monkeypatch):
-    """MuJoCo writes its warnings into a file where it runs."""
-    monkeypatch.chdir(tmp_path)
 
 
 # -- without a collision -------------------------------------------------------------------------------------------

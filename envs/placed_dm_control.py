@@ -1,0 +1,85 @@
+"""A law in dm_control's `Physics.step`."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any
+
+import mujoco
+from dm_control.mujoco.engine import Physics
+from dm_control.rl.control import PhysicsError
+
+from impactlaw.envs.placed import LawOptions, PlacedLaw, RunLog
+from impactlaw.errors import DivergenceError, WrapperError
+
+_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+
+
+class OnDmControl(PlacedLaw):
+    """A law on a dm_control environment, suite or composer; wrappers around it do not matter.
+
+    A composer environment makes its physics anew at every reset, so the law is put into each of them. A state that is
+    not finite is dm_control's own `PhysicsError`, as without the law.
+    """
+
+    method = "step"
+
+    def __init__(self, env: Any, options: LawOptions, log: RunLog | None):
+        physics = getattr(env, "physics", None)
+        if not isinstance(physics, Physics):
+            raise WrapperError(f"{type(env).__name__} does not step MuJoCo: it has no dm_control Physics")
+        if physics.__class__.step is not Physics.step:
+            raise WrapperError(f"{physics.__class__.__name__} steps MuJoCo in a way of its own (step is overridden)")
+        super().__init__(options, log)
+        self._physics: Any = physics
+        self._removed = False
+        self._install(physics.model.ptr)
+        self._composer = hasattr(env, "add_extra_hook")
+        if self._composer:
+            env.add_extra_hook("after_compile", self._after_compile)
+            env.add_extra_hook("before_step", self._before_step)
+
+    def remove(self) -> None:
+        """Let the environment step as it did before, and end the recording."""
+        with contextlib.suppress(ReferenceError):  # a composer environment that was closed has no physics
+            super().remove()
+        self._removed = True
+
+    def _target(self) -> Any:
+        return self._physics
+
+    def _after_compile(self, physics: Any, _random_state: Any) -> None:
+        if not self._removed:
+            self._physics = physics
+            self._install(physics.model.ptr)
+
+    def _before_step(self, *_: Any) -> None:
+        if not self._removed:
+            self.clear()
+
+    def _simulate(self, nstep: int = 1) -> None:
+        if not self._composer:  # which steps its physics once per environment step
+            self.clear()
+        physics = self._physics
+        try:  # check_invalid_state raises PhysicsError, or warns where the task asked for that
+            with physics.check_invalid_state(), contextlib.suppress(DivergenceError):
+                self._step(nstep)
+        except PhysicsError:
+            self.diverged = self.diverged or _has_bad_state(physics)
+            raise
+
+    def _step(self, nstep: int) -> None:
+        """Step as `Physics.step` does: with ``legacy_step`` from half of a step to half of a step, except for RK4."""
+        physics = self._physics
+        model, data = physics.model.ptr, physics.data.ptr
+        if not physics.legacy_step:
+            self._advance(model, data, nstep)
+            return
+        half = self._options.contact_model == "soft" and model.opt.integrator != _RK4
+        self._advance(model, data, nstep, half=half)
+        mujoco.mj_step1(model, data)
+
+
+def _has_bad_state(physics: Any) -> bool:
+    bad = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")]
+    return bool(physics.data.ptr.warning.number[bad].any())

@@ -1,0 +1,105 @@
+"""A law in the environments of gymnasium and gymnasium-robotics, and the way to the place where one is stepped."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+
+from impactlaw.envs.base import ImpactEnv
+from impactlaw.envs.placed import LawOptions, PlacedLaw, RunLog, name_of
+from impactlaw.errors import WrapperError
+
+
+class _OnEnv(PlacedLaw):
+    """An environment with ``model`` and ``data``."""
+
+    def __init__(self, env: Any, options: LawOptions, log: RunLog | None):
+        super().__init__(options, log)
+        self._env = env
+        self._install(env.model)
+
+    def _target(self) -> Any:
+        return self._env
+
+
+class OnGymnasium(_OnEnv):
+    """Gymnasium's MujocoEnv."""
+
+    method = "_step_mujoco_simulation"
+
+    def _simulate(self, ctrl: np.ndarray, n_frames: int) -> None:
+        env = self._env
+        env.data.ctrl[:] = ctrl
+        self._advance(env.model, env.data, n_frames)
+        self._refuse_bad_state(env.data)
+        mujoco.mj_rnePostConstraint(env.model, env.data)
+
+
+class OnRobotics(_OnEnv):
+    """The robot environments of gymnasium-robotics."""
+
+    method = "_mujoco_step"
+
+    def _simulate(self, action: np.ndarray) -> None:
+        env = self._env
+        self._advance(env.model, env.data, env.n_substeps)
+        self._refuse_bad_state(env.data)
+
+
+_KNOWN = (
+    ("gymnasium.envs.mujoco.mujoco_env", "MujocoEnv", OnGymnasium),
+    ("gymnasium_robotics.envs.robot_env", "MujocoRobotEnv", OnRobotics),
+)
+
+
+def place(env: gymnasium.Env, options: LawOptions, log: RunLog | None, *, replace: bool = False) -> PlacedLaw:
+    """Put a law into a gymnasium environment, or into the one that it holds, as mazes do.
+
+    Args:
+        env: wrapped or not.
+        options: the law.
+        log: where to record.
+        replace: take off the law that is there, as in a copy.
+
+    Raises:
+        WrapperError: the environment does not step MuJoCo in a known way, or has a law already.
+    """
+    base: Any = env.unwrapped
+    held = [value.unwrapped for value in vars(base).values() if isinstance(value, gymnasium.Env)]
+    for target in (base, *held):
+        kind = _kind(target)
+        if kind is not None:
+            if replace:
+                _lift(target, kind.method)
+            return kind(target, options, log)
+    inner: Any = getattr(base, "_env", None)
+    if "dm_control.mujoco.engine" in sys.modules and hasattr(inner, "physics"):
+        from impactlaw.envs.placed_dm_control import OnDmControl
+
+        if replace:
+            _lift(inner.physics, OnDmControl.method)
+        return OnDmControl(inner, options, log)
+    raise WrapperError(
+        f"{name_of(base)} does not step MuJoCo in a way that is known: not a MujocoEnv of gymnasium, nor a robot of "
+        "gymnasium-robotics, nor dm_control through shimmy"
+        + ("; an environment of impactlaw takes its law as an argument" if isinstance(base, ImpactEnv) else "")
+    )
+
+
+def _kind(target: Any) -> type[OnGymnasium | OnRobotics] | None:
+    for module, name, kind in _KNOWN:
+        known = getattr(sys.modules.get(module), name, None)  # who has such an environment has imported its module
+        if known is not None and isinstance(target, known):
+            if getattr(type(target), kind.method) is not getattr(known, kind.method):
+                raise WrapperError(f"{name_of(target)} steps MuJoCo in a way of its own ({kind.method} is overridden)")
+            return kind
+    return None
+
+
+def _lift(target: Any, method: str) -> None:
+    if isinstance(getattr(vars(target).get(method), "__self__", None), PlacedLaw):
+        delattr(target, method)

@@ -1,0 +1,137 @@
+"""Laws in bare dm_control environments, suite and composer, and in their copies through shimmy."""
+
+import copy
+import pickle
+
+import dm_env
+import gymnasium
+import numpy as np
+import pytest
+from dm_control import suite
+from dm_control.rl.control import PhysicsError
+from wrapped import NOTHING_HAPPENED, SUITE, assert_plain, drop, flat, shimmy, split_info, theirs
+
+from impactlaw import LinearMap
+from impactlaw.envs import ImpactLaw, put_law
+from impactlaw.errors import WrapperError
+
+pytestmark = theirs
+
+
+@pytest.mark.parametrize("legacy_step", [True, False])
+@pytest.mark.parametrize("task", SUITE, ids="-".join)
+def test_a_law_that_changes_nothing_in_bare_dm_control(task, legacy_step):
+    envs = [suite.load(*task, task_kwargs={"random": 3}, environment_kwargs={"legacy_step": legacy_step}) for _ in "ab"]
+    nv = envs[0].physics.model.nv
+    placed = put_law(envs[0], LinearMap(np.eye(nv)), on_inadmissible="allow")
+    spec, rng = envs[0].action_spec(), np.random.default_rng(0)
+    collisions = 0
+    for _ in range(1001):  # an episode and the reset after it
+        action = rng.uniform(spec.minimum, spec.maximum)
+        got, wanted = (env.step(action) for env in envs)
+        assert got.step_type == wanted.step_type
+        assert (got.reward, got.discount) == (wanted.reward, wanted.discount)
+        np.testing.assert_array_equal(flat(got), flat(wanted))
+        for field in ("qpos", "qvel", "act", "sensordata", "xpos", "cvel", "qacc_warmstart", "time"):
+            a, b = (getattr(env.physics.data, field) for env in envs)
+            np.testing.assert_array_equal(a, b, err_msg=field)
+        collisions += placed.info()["impact/count"]
+    assert collisions > 0 or task[0] == "ball_in_cup"
+    assert_plain(placed.info())
+
+
+@pytest.mark.usefixtures("quiet")
+def test_divergence_of_bare_dm_control_is_its_own_error():
+    env = suite.load("walker", "walk")
+    placed = put_law(env, "moreau", 0.5)
+    env.reset()
+    with env.physics.suppress_physics_errors():
+        env.physics.data.qvel[0] = np.nan
+        env.step(np.zeros(6))
+    assert placed.diverged
+    env.reset()
+    env.physics.data.qvel[0] = np.nan
+    with pytest.raises(PhysicsError):
+        env.step(np.zeros(6))
+    assert placed.info()["impact/diverged"] == 1
+
+
+class Catch(dm_env.Environment):
+    reset = step = observation_spec = action_spec = lambda self, *_: None
+
+
+def test_what_is_no_dm_control_environment():
+    with pytest.raises(WrapperError, match="no physics"):
+        put_law(Catch(), "moreau", 0.5)
+    with pytest.raises(WrapperError, match=r"use impactlaw\.envs\.ImpactLaw"):
+        put_law(gymnasium.make("Hopper-v5"), "moreau", 0.5)
+
+
+def test_composer_is_followed_from_model_to_model():
+    env, bare = drop(), drop()
+    placed = put_law(env, "moreau", 0.9)
+    rebounds, sizes = [], set()
+    for _ in range(3):
+        env.reset()
+        bare.reset()
+        sizes.add(float(env.physics.model.geom_size[1, 0]))
+        seen, most = [], [-9.0, -9.0]
+        for _ in range(50):
+            env.step([])
+            bare.step([])
+            seen += placed.events
+            assert placed.info()["impact/count"] == len(placed.events)
+            most = [max(m, e.physics.data.qvel[2]) for m, e in zip(most, (env, bare), strict=True)]
+        assert len(seen) >= 1
+        assert seen[0].contacts.labels == ("ground/ball",)
+        assert seen[0].impact.post_contact_velocity[0] == pytest.approx(
+            -0.9 * seen[0].impact.collision.pre_contact_velocity[0]
+        )
+        rebounds.append(most)
+    assert len(sizes) == 3
+    assert all(with_law > 1.5 > without for with_law, without in rebounds)
+    placed.remove()
+    for task in (env, bare):
+        task.random_state.seed(7)
+        task.reset()
+    for _ in range(50):
+        assert env.step([]).reward == bare.step([]).reward
+    assert placed.events == ()
+
+
+def test_composer_through_shimmy():
+    env = ImpactLaw(shimmy().DmControlCompatibilityV0(drop()), "moreau", 0.9)
+    count = 0
+    for _ in range(2):
+        _, info = env.reset()
+        assert split_info(info)[1] == NOTHING_HAPPENED
+        over = False
+        while not over:
+            *_, terminated, truncated, info = env.step(np.zeros(0))
+            count += info["impact/count"]
+            over = terminated or truncated
+    assert count >= 2
+    env.remove()
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_of_dm_control_through_shimmy_keeps_the_law(duplicate):
+    env = ImpactLaw(shimmy().DmControlCompatibilityV0(suite.load("hopper", "hop")), "moreau", 0.5)
+    twin = duplicate(env)
+    counts = []
+    for one in (env, twin):
+        one.reset(seed=0)
+        one.action_space.seed(0)
+        counts.append([one.step(one.action_space.sample())[4]["impact/count"] for _ in range(60)])
+    assert counts[0] == counts[1]
+    assert sum(counts[0]) > 0
+
+
+def test_bare_dm_control_gets_its_law_taken_off():
+    envs = [suite.load("hopper", "hop", task_kwargs={"random": 1}) for _ in "ab"]
+    put_law(envs[0], "moreau", 0.9).remove()
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        action = rng.uniform(-1, 1, 4)
+        got, wanted = (env.step(action) for env in envs)
+        np.testing.assert_array_equal(flat(got), flat(wanted))
