@@ -39,7 +39,8 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         contact_model: "rigid", or "soft" for MuJoCo's contacts between collisions.
         frame_skip: timesteps per step; the environment's own number if not given.
         render_mode: "rgb_array", "human" or None.
-        log: file to record every timestep to (`impactlaw.recording`), from the first reset on until `close`.
+        log: file to record every timestep to (`impactlaw.recording`), from the first reset on until `close`; one
+            environment writes to a file, so vectorised ones need one each.
         width: of pictures, pixels.
         height: of pictures, pixels.
 
@@ -130,7 +131,7 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         mujoco.mj_forward(self.model, self.data)
         if self._log is not None and self._recorder is None:
             scene = self.spec.id if self.spec is not None else self.SCENE
-            self._recorder = Recorder(self.model, self._log, law=self.law, scene=scene, seed=seed)
+            self._recorder = Recorder(self.model, self._log, law=self.law, scene=scene, seed=self.np_random_seed)
         if self._recorder is not None:
             self._recorder.step(self.data)
         if self.render_mode == "human":

@@ -10,7 +10,7 @@ import numpy as np
 from impactlaw.envs.base import ImpactEnv
 from impactlaw.envs.scenery import add_actuator, add_mark
 
-FORCE = 60.0
+FORCE = 100.0
 """Largest force on the paddle, N."""
 STROKE = 0.25
 """Of the paddle, m, up and down."""
@@ -37,7 +37,7 @@ class Juggler(ImpactEnv):
 
     | index | meaning | unit | range |
     |---|---|---|---|
-    | 0 | force on the paddle, as a part of 60 N | 1 | -1 .. 1 |
+    | 0 | force on the paddle, as a part of 100 N | 1 | -1 .. 1 |
 
     Reward: ``max(0, 1 - |H - target| / target)`` every step, where ``H = height + velocity^2 / (2 g)`` is where the
     ball's energy carries it: during a flight the height of its apex, for a ball that lies still nearly 0.
