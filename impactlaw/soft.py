@@ -73,7 +73,7 @@ class SoftStepping:
         integrator = opt.integrator
         if integrator != _RK4 or data.ncon or time != self._left_at or get_mjcb_control() is not None:
             events = self._step_from_start(data, integrator)
-        else:  # the last stage of the step before has met no contact, so there is none at the start of this one
+        else:  # the last stage of the step before, or mj_forward, has met no contact, so there is none at the start
             mj_getState(model, data, self._before, _STATE)
             mj_step(model, data)
             events = self._collide_at_end(data) if data.ncon else ()
@@ -181,10 +181,7 @@ class SoftStepping:
         velocity = trial.qvel.copy()
         if not self._closes(data, velocity):
             return ()
-        for stage in (mujoco.mj_fwdPosition, mujoco.mj_fwdVelocity, mujoco.mj_fwdActuation):
-            stage(model, trial)  # not mj_forward: the control callback has been called
-        mujoco.mj_fwdAcceleration(model, trial)
-        mujoco.mj_fwdConstraint(model, trial)
+        _update(model, trial)
         mj_Euler(model, trial)
         mujoco.mj_fwdPosition(model, trial)
         mujoco.mj_fwdVelocity(model, trial)
@@ -193,6 +190,7 @@ class SoftStepping:
             return ()
         mj_getState(model, trial, self._before, _STATE)
         mujoco.mj_setState(model, data, self._before, _STATE)
+        _update(model, data)  # as after mj_step, which leaves what its last stage has met at the end of the step
         return events
 
     def _closes(self, data: mujoco.MjData, velocity: np.ndarray) -> bool:
@@ -200,6 +198,15 @@ class SoftStepping:
         contacts = active_contacts(self._model, data, self._names)
         speeds = gap_gradients(self._model, data, contacts) @ velocity
         return bool((speeds < -self._rest_speed).any())
+
+
+def _update(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Do what `mj_forward` does, except for sensors, energies and the control callback."""
+    mujoco.mj_fwdPosition(model, data)
+    mujoco.mj_fwdVelocity(model, data)
+    mujoco.mj_fwdActuation(model, data)
+    mujoco.mj_fwdAcceleration(model, data)
+    mujoco.mj_fwdConstraint(model, data)
 
 
 def _refuse_reset(data: mujoco.MjData, time: float, count: int | None) -> None:

@@ -72,8 +72,8 @@ def _time_pair(bare: Callable[[], None], soft: Callable[[], None], *, soft_first
     middle = time.perf_counter()
     second()
     end = time.perf_counter()
-    times = 1e6 * (middle - start), 1e6 * (end - middle)
-    return times[::-1] if soft_first else times
+    of_first, of_second = 1e6 * (middle - start), 1e6 * (end - middle)
+    return (of_second, of_first) if soft_first else (of_first, of_second)
 
 
 def _row(

@@ -99,6 +99,20 @@ def test_composer_is_followed_from_model_to_model():
     assert placed.events == ()
 
 
+def test_rigid_contacts():
+    env = drop(condim=1)
+    placed = put_law(env, "moreau", 1.0, contact_model="rigid")
+    env.reset()
+    radius, heights = env.physics.model.geom_size[1, 0], []
+    for _ in range(49):
+        env.step([])
+        heights.append(env.physics.data.qpos[2])
+        assert env.physics.data.xpos[-1, 2] == heights[-1]  # legacy_step: everything is current
+    assert min(heights) > radius - 1e-9
+    assert max(heights[20:]) == pytest.approx(0.4, abs=0.01)
+    placed.remove()
+
+
 def test_composer_through_shimmy():
     env = ImpactLaw(shimmy().DmControlCompatibilityV0(drop()), "moreau", 0.9)
     count = 0

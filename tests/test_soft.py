@@ -69,6 +69,7 @@ BALL = """
   <sensor><jointvel joint="z"/></sensor>
 </mujoco>
 """
+RESTING = '<body pos=".5 0 .0999"><joint type="slide" axis="0 0 1"/><geom type="sphere" size=".1"/></body>'
 HEAP = """
 <mujoco>
   <option timestep="0.002" integrator="{integrator}"/>
@@ -275,6 +276,7 @@ def test_bouncing_ball(integrator, e):
             else:
                 assert integrator == "RK4"
                 assert data.qvel[0] == post
+                assert data.xpos[1, 2] == data.qpos[0] + 0.5
             speeds.append(-pre)
     assert len(speeds) >= (1 if e == 0 else 2)
     assert speeds[0] == pytest.approx(np.sqrt(2 * 9.81 * 0.4), rel=0.005)
@@ -284,9 +286,10 @@ def test_bouncing_ball(integrator, e):
 
 @pytest.mark.parametrize("timestep", [0.002, 0.005, 0.01])
 @pytest.mark.parametrize("e", [0.5, 1.0])
-def test_rk4_does_not_look_ahead_into_a_collision(timestep, e):
+@pytest.mark.parametrize("beside", ["", RESTING], ids=["alone", "beside a contact"])
+def test_rk4_does_not_look_ahead_into_a_collision(timestep, e, beside):
     """Soft force of RK4's later stages would make e = 1 an effective 0.6 at 5 ms."""
-    model, data = build(BALL, integrator="RK4")
+    model, data = build(BALL.replace("</worldbody>", beside + "</worldbody>"), integrator="RK4")
     model.opt.timestep = timestep
     stepper = Stepper(model, Moreau(e), contact_model="soft")
     while not stepper.events:

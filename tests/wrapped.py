@@ -87,12 +87,13 @@ class Falling(MujocoEnv):
 
     metadata: ClassVar = {"render_modes": [], "render_fps": 500}
 
-    def __init__(self):
+    def __init__(self, condim=3):
+        self._xml = BALL.replace("<geom", f'<geom condim="{condim}"')
         space = gymnasium.spaces.Box(-np.inf, np.inf, (7,), np.float64)
         super().__init__("hopper.xml", 1, space)
 
     def _initialize_simulation(self):
-        model = mujoco.MjModel.from_xml_string(BALL)
+        model = mujoco.MjModel.from_xml_string(self._xml)
         return model, mujoco.MjData(model)
 
     def _set_action_space(self):
@@ -110,13 +111,13 @@ class Falling(MujocoEnv):
 class Drop(composer.Task):
     """A ball of another size in every episode."""
 
-    def __init__(self):
+    def __init__(self, condim=3):
         self._arena = composer.Arena()
         world = self._arena.mjcf_model.worldbody
-        world.add("geom", name="ground", type="plane", size=(2, 2, 0.1))
+        world.add("geom", name="ground", type="plane", size=(2, 2, 0.1), condim=condim)
         body = world.add("body", name="ball", pos=(0, 0, 0.4))
         body.add("freejoint")
-        self._geom = body.add("geom", name="ball", type="sphere", size=(0.1,))
+        self._geom = body.add("geom", name="ball", type="sphere", size=(0.1,), condim=condim)
         self.set_timesteps(control_timestep=0.02, physics_timestep=0.002)
 
     @property
@@ -130,5 +131,5 @@ class Drop(composer.Task):
         return float(physics.data.qpos[2])
 
 
-def drop(seed=0):
-    return composer.Environment(Drop(), time_limit=1.0, random_state=seed)
+def drop(seed=0, condim=3):
+    return composer.Environment(Drop(condim), time_limit=1.0, random_state=seed)
