@@ -14,7 +14,7 @@ def test_controllers_solve_their_task_under_their_law_only(name):
     threshold = gymnasium.spec(name).reward_threshold
     assert min(scores[tuned]) >= threshold
     assert np.mean(scores[other]) < threshold
-    assert max(scores[other]) < 0.95 * min(scores[tuned])
+    assert np.mean(scores[other]) < 0.9 * min(scores[tuned])
 
 
 def test_study_has_a_row_per_law():
