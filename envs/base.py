@@ -29,7 +29,7 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     A subclass names its scene and default law, may `edit` the scene, and says how an episode starts, what an action
     does, what is observed, and what the outcome is worth. Collisions are resolved by the law; an outcome that it would
     put outside of the set of possible velocities is projected onto it and counted in ``info`` (`ImpactTally`).
-    Observations beyond their space are clipped to it. If the simulation leaves the finite numbers, the episode ends
+    Observations beyond their space are clipped to it. If the simulation leaves the finite numbers, the episode is truncated
     where the step began and ``info["impact/diverged"]`` is 1.
 
     Args:
@@ -152,7 +152,7 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         except DivergenceError:
             restore_state(self.model, self.data, before)
             mujoco.mj_forward(self.model, self.data)
-            return self._observation(), 0.0, True, False, tally.info(diverged=True)
+            return self._observation(), 0.0, False, True, tally.info(diverged=True)
         reward, terminated = self.judge()
         if self.render_mode == "human":
             self.render()

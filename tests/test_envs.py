@@ -242,7 +242,7 @@ def test_divergence_ends_the_episode_where_the_step_began(name):
     env.model.opt.gravity[:] = np.nan
     observation, reward, terminated, truncated, info = env.step(np.zeros(env.action_space.shape))
     np.testing.assert_array_equal(observation, before)
-    assert (reward, terminated, truncated, info["impact/diverged"]) == (0.0, True, False, 1)
+    assert (reward, terminated, truncated, info["impact/diverged"]) == (0.0, False, True, 1)
     env.model.opt.gravity[:] = 0
     observation, info = env.reset(seed=0)
     assert info["impact/diverged"] == 0
