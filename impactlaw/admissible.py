@@ -12,13 +12,13 @@ from scipy.linalg import orth
 
 from impactlaw.capped_polyhedron import CappedPolyhedron
 from impactlaw.collision import Collision
-from impactlaw.cone import cone_facets, nearest_in_cone
-from impactlaw.errors import InvalidCollisionError
+from impactlaw.cone import RANK, cone_facets, nearest_in_cone
+from impactlaw.errors import InvalidCollisionError, SolverError
 from impactlaw.impact import Impact
 from impactlaw.sampling import uniform_samples
 
 _POINT = 1e-12  # part of |v-| below which the smallest possible jump is rounding
-_RANK = 1e-11  # relative singular value below which gradients of unit length count as dependent
+_CERTIFIED = 1e-7  # violation of the point of maximal dissipation, relative to |v-|, above which it is not one
 _ON = 1e-11  # slack, relative to the smallest jump, that counts as zero
 
 
@@ -30,9 +30,12 @@ class AdmissibleSet:
     and never empty: it holds the point p of maximal dissipation, the point of least energy. It is ``{v-}`` when
     nothing approaches, ``gamma- >= 0``.
 
-    `contains` and the least intensity work for any collision. The rest needs the facets of the cone of the gradients,
-    which are listed per group of contacts that depend on each other, and raises `EnumerationError` where a group is so
-    redundant at so high a rank that there are too many (`impactlaw.cone.MAX_FACETS`). Results are accurate to rounding of v-.
+    `contains` works for any collision. The rest needs the facets of the cone of the gradients, which are listed per
+    group of contacts that depend on each other, and raises `EnumerationError` where a group is so redundant at so high
+    a rank that there are too many (`impactlaw.cone.MAX_FACETS`): 16 contacts of rank 12 are still listed.
+
+    Results are accurate to rounding, relative to ``|v-|``, times the condition number of the gradients of unit length.
+    Where that leaves no digits, because gradients depend on each other all but exactly, `SolverError` is raised.
 
     Attributes:
         collision: ``M``, ``J`` and ``v-``.
@@ -112,12 +115,12 @@ class AdmissibleSet:
         """Return the least and the largest ``rho = |v - v-|`` over v in S, sqrt(J).
 
         Let p be the projection of v- onto the tangent cone (maximal dissipation) and ``k = v - v- = M^-1 J^T Lambda``.
-        Every v in the tangent cone has ``|v - v-| >= |p - v-|``, and p is in S: the least is ``|p - v-|``.
+        Every v in the tangent cone has ``|v - v-| >= |p - v-|``, and p is in S, so the least is ``|p - v-|``.
         ``p - v-`` is also the projection of ``-v-`` onto the cone of the gradients, so ``<-v-, k> <= |p - v-| |k|``.
         With ``|v|^2 = |v-|^2 + 2 <v-, k> + |k|^2 <= |v-|^2`` this gives ``|k| <= 2 |p - v-|``, with equality only for
-        Moreau's elastic ``2 p - v-``. That is in S iff ``2 J p - gamma- >= 0``, as always when ``gamma- <= 0``, and then
-        the range is ``(|p - v-|, 2 |p - v-|)``. Otherwise some contact separates before the impact and the elastic
-        outcome would penetrate there; the largest is then found by a search through the faces of S.
+        Moreau's elastic ``2 p - v-``. That is in S iff ``2 J p - gamma- >= 0``, as always when ``gamma- <= 0``; then
+        the range is ``(|p - v-|, 2 |p - v-|)``. Otherwise a contact separates before the impact that the elastic
+        outcome would make penetrate, and the largest is found by a search through the faces of S.
 
         Raises:
             EnumerationError: too many faces; only with a contact that separates before the impact.
@@ -131,11 +134,10 @@ class AdmissibleSet:
 
     @cached_property
     def _least_jump(self) -> np.ndarray:
-        """``R^T (p - v-)``, shape (nv,): what v- loses in the span of the contacts that carry the impulse to p."""
-        z = self.collision.whitened_velocity
-        Y = self._unit_gradients
-        carrying = Y[nearest_in_cone(Y, -z) > 0]
-        span = orth(carrying.T, rcond=_RANK)
+        """``R^T (p - v-)`` in the basis, shape (r,): minus the part of v- in the span of the contacts with impulse."""
+        z = self._basis @ self.collision.whitened_velocity
+        Y = self._unit_gradients @ self._basis.T
+        span = orth(Y[nearest_in_cone(Y, -z) > 0].T, rcond=RANK)
         return -span @ (span.T @ z)
 
     @cached_property
@@ -154,7 +156,7 @@ class AdmissibleSet:
     def _basis(self) -> np.ndarray:
         """Orthonormal rows that span the gradients, shape (r, nv)."""
         _, s, V = np.linalg.svd(self._unit_gradients, full_matrices=False)
-        return V[s > _RANK * s.max(initial=0.0)]
+        return V[s > RANK * s.max(initial=0.0)]
 
     @cached_property
     def _body(self) -> CappedPolyhedron | None:
@@ -164,6 +166,11 @@ class AdmissibleSet:
         through 0. A contact with ``gamma- > 2 |p - v-|`` (in units of its gradient) stays open anyway.
         """
         c = self.collision
+        if not self.contains(self._velocity_after(self._least_jump @ self._basis), _CERTIFIED):
+            worst = np.linalg.svd(self._unit_gradients, compute_uv=False).min()
+            raise SolverError(
+                f"the gradients of {len(c.labels)} contacts depend on each other but for {worst:.1e}: leave one out"
+            )
         if self._least <= _POINT * c.pre_speed:
             return None
         moving = c.gradient_norms > 0
@@ -175,7 +182,7 @@ class AdmissibleSet:
             np.vstack([Y[near], F]),
             np.concatenate([b[near], np.zeros(len(F))]),
             -(self._basis @ c.whitened_velocity) / self._least,
-            self._basis @ self._least_jump / self._least,
+            self._least_jump / self._least,
         )
 
     def _velocity(self, values: ArrayLike, name: str) -> np.ndarray:

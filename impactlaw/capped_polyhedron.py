@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-from math import comb
+from math import comb, sqrt
 
 import numpy as np
 
-from impactlaw.cone import EnumerationError, nearest_in_cone
+from impactlaw.cone import RANK, EnumerationError, nearest_in_cone
 from impactlaw.errors import SolverError
 
 MAX_FACES = 100_000
 """Most sets of constraints that `CappedPolyhedron.farthest` looks at."""
 _ROUNDING = 1e-15
-_ON = 1e-11  # slack, or part of a unit vector, that counts as zero
-_RANK = 1e-10  # relative singular value below which constraints count as dependent
-_OPTIMAL = 1e-13
-_ROUNDING_SLACK = 1e-11
+_ZERO = 1e-13  # part of a vector, relative to it, that counts as rounding
+_TIGHT = 1e-11  # slack that counts as none
+_NEAR = 1e-9  # slack of a computed corner that may be one
 _STEPS = 200
-_NEAR = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +37,7 @@ class CappedPolyhedron:
     inside: np.ndarray
 
     def excess(self, x: np.ndarray) -> np.ndarray:
-        """Return ``|x - center|^2 - |center|^2``, negative in the ball, for one point (r,) or several (n, r)."""
+        """Return ``|x - center|^2 - |center|^2``, negative in the ball, of one point (r,) or several (n, r)."""
         return np.einsum("...i,...i", x, x - 2.0 * self.center)
 
     def has(self, x: np.ndarray, tol: float = 0.0) -> np.ndarray:
@@ -50,8 +48,11 @@ class CappedPolyhedron:
     def nearest(self, y: np.ndarray) -> np.ndarray:
         """Return the point of the set nearest to y, shape (r,).
 
-        With the ball's multiplier ``beta >= 0``, ``y - x + beta (center - x)`` is normal to the polyhedron at x: then x
-        is the polyhedron's point nearest to ``(y + beta center) / (1 + beta)``, which lies between y and the center.
+        With the ball's multiplier ``beta >= 0``, ``y - x + beta (center - x)`` is normal to the polyhedron at x. So x
+        is the polyhedron's point nearest to ``(y + beta center) / (1 + beta)``, between y and the center.
+
+        Raises:
+            SolverError: the iteration did not end.
         """
         if self.has(y):
             return y
@@ -65,39 +66,48 @@ class CappedPolyhedron:
     def extreme(self, direction: np.ndarray) -> np.ndarray:
         """Return a point x of the set with the largest ``direction^T x``, shape (r,); direction has length one.
 
-        With the ball's multiplier ``beta > 0``, ``direction - beta (x - center)`` is normal to the polyhedron at x: then
-        x is the polyhedron's point nearest to ``center + direction / beta``. The limit ``beta = 0`` gives a maximiser
-        over the whole polyhedron.
+        With the ball's multiplier ``beta > 0``, ``direction - beta (x - center)`` is normal to the polyhedron at x.
+        So x is the polyhedron's point nearest to ``center + direction / beta``. The limit ``beta = 0`` gives a
+        maximiser over the whole polyhedron.
+
+        Raises:
+            SolverError: the iteration did not end.
         """
         return self._last_in_ball(self.center, direction, 0.0, np.inf)
 
     def farthest(self) -> np.ndarray:
         """Return a point of the set farthest from the origin, shape (r,), by looking at every face.
 
-        ``|x|^2`` is convex, so the point is a vertex, or on the sphere, where ``|x|^2 = 2 center^T x`` is linear and has
-        two stationary points per face (or is constant, and then any point on the sphere will do).
+        ``|x|^2`` is convex, so the point is a vertex, or on the sphere, where ``|x|^2 = 2 center^T x`` is linear and
+        has two stationary points per face (or is constant there, and then any point will do).
 
         Raises:
             EnumerationError: more than `MAX_FACES` sets of constraints.
+            SolverError: the iteration did not end.
         """
-        used = [i for i, (n, b) in enumerate(zip(self.normals, self.offsets)) if n @ self.extreme(-n) <= b + _NEAR]
-        m, r = len(used), len(self.center)
-        if sum(comb(m, k) for k in range(r + 1)) > MAX_FACES:
-            raise EnumerationError(f"{m} constraints in {r} dimensions have too many faces to look at each")
-        flats = (np.array(list(combinations(used, k)), dtype=int).reshape(comb(m, k), k) for k in range(r + 1))
-        points = np.vstack([self._stationary(rows) for rows in flats])
-        points = points[self.has(points, _NEAR)]
+        r, met, count = len(self.center), [], 0
+        for i, normal in enumerate(self.normals):
+            if normal @ self.extreme(-normal) <= self.offsets[i] + _NEAR:
+                met.append(i)
+                count = sum(comb(len(met), k) for k in range(r + 1))
+            if count > MAX_FACES:
+                raise EnumerationError(f"the farthest point of a set in {r} dimensions with more than {count} faces")
         best = self.inside
+        points = np.vstack([self._stationary(np.array([*combinations(met, k)], dtype=int)) for k in range(1, r + 1)])
+        points = np.vstack([points, 2.0 * self.center])
+        points = points[self.has(points, _NEAR)]
         for x in points[np.argsort(-np.linalg.norm(points, axis=1))]:
-            if np.linalg.norm(x) <= (1.0 + _ON) * np.linalg.norm(best):
+            if np.linalg.norm(x) <= (1.0 + _TIGHT) * np.linalg.norm(best):
                 break
             best = max(best, self.nearest(x), key=np.linalg.norm)
         return best
 
     def _stationary(self, rows: np.ndarray) -> np.ndarray:
-        """On the flats ``A[rows] x = b[rows]``: the point nearest to 0, and the extremes of ``center^T x`` on the sphere."""
+        """On each flat ``A[rows] x = b[rows]``: the point nearest to 0, and on the sphere the extremes of |x|."""
+        if len(rows) == 0:
+            return np.zeros((0, len(self.center)))
         A, b = self.normals[rows], self.offsets[rows]
-        inverse = np.linalg.pinv(A, rcond=_RANK)
+        inverse = np.linalg.pinv(A, rcond=RANK)
 
         def within(v: np.ndarray) -> np.ndarray:
             return v - np.einsum("nij,nj->ni", inverse, A @ v)
@@ -105,11 +115,11 @@ class CappedPolyhedron:
         foot = np.einsum("nij,nj->ni", inverse, b)
         along = within(self.center)
         reach = np.linalg.norm(along, axis=1)
-        constant = reach <= _ON * np.linalg.norm(self.center)
+        constant = reach <= _TIGHT * np.linalg.norm(self.center)
         along[constant] = within(np.cos(np.arange(1.0, 1.0 + len(self.center))))[constant]
         reach[constant] = 0.0
-        length = np.linalg.norm(along, axis=1)
-        along = np.divide(along, length[:, None], out=np.zeros_like(along), where=length[:, None] > _ON)
+        length = np.linalg.norm(along, axis=1, keepdims=True)
+        along = np.divide(along, length, out=np.zeros_like(along), where=length > _TIGHT)
         # foot + s along is on the sphere where s^2 - 2 reach s = depth
         depth = -self.excess(foot)
         s = reach + np.sqrt(np.maximum(reach**2 + depth, 0.0))
@@ -136,38 +146,40 @@ class CappedPolyhedron:
                 high = t
             if high - low <= _ROUNDING * max(1.0, abs(low), abs(t)) or low > unit / _ROUNDING:
                 return best
-            speed = (x - self.center) @ along
-            root = np.sqrt(max(speed**2 - excess * (along @ along), 0.0))
+            speed = float((x - self.center) @ along)
+            root = sqrt(max(speed**2 - excess * float(along @ along), 0.0))
             t = t - excess / (speed + root) if speed + root > 0 else high
             if not low < t < high or step % 3 == 2:
                 t = 0.5 * (low + high) if np.isfinite(high) else 16.0 * max(low, unit)
-        raise SolverError(f"no multiplier of the energy in {_STEPS} steps, between {low} and {high}")
+        raise SolverError(f"the multiplier of the energy was not found in {_STEPS} steps, between {low} and {high}")
 
     def _on_polyhedron(
         self, base: np.ndarray, t: float, ray: np.ndarray, start: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the polyhedron's point x nearest to ``y = base + t ray``, and its derivative by t.
 
-        A primal active set from a feasible start: y - x projected onto the tangent cone at x (NNLS, so degenerate
-        corners do no harm) tells which tight constraints to keep, then x goes towards the nearest point on their
-        flat, and keeps each constraint that it meets.
+        A primal active set from a feasible start: the projection of y - x onto the tangent cone at x tells which tight
+        constraints to keep (so degenerate corners do no harm), then x goes towards the point nearest to y on their
+        flat, and keeps each constraint that it meets. The end is where that brings x no nearer to y.
         """
         A, b, x = self.normals, self.offsets, start
         for _ in range(20 * sum(A.shape)):
             active = self._pushing(x, base + t * ray - x)[0]
-            before, step = x, 0.0
-            while step < 1.0:
+            before = x
+            while True:
                 flat = _Flat(A[active], b[active])
                 along = flat.within(ray)
                 move = flat.within(base - x) + t * along
                 rate = A @ move
-                meets = rate < -_OPTIMAL * np.linalg.norm(move)
+                meets = rate < -_ZERO * np.linalg.norm(move)
                 meets[active] = False
                 room = np.maximum(A @ x - b, 0.0)
                 steps = np.divide(room, -rate, out=np.ones_like(rate), where=meets)
                 first = int(np.argmin(steps))
                 step = min(1.0, steps[first])
                 x = flat.onto(x + step * move)
+                if step == 1.0:
+                    break
                 active = np.append(active, first)
             moved, middle = x - before, 0.5 * (x + before)
             gain = moved @ (base - middle) + t * (moved @ ray)
@@ -175,32 +187,34 @@ class CappedPolyhedron:
             length = np.linalg.norm(moved)
             if length <= _ROUNDING * (1.0 + np.linalg.norm(x)) or gain <= 4.0 * _ROUNDING * size * length:
                 return x, along
-        raise SolverError(f"no nearest point found on {len(b)} constraints")
+        raise SolverError(f"the nearest point was not found on {len(b)} constraints")
 
     def _pushing(self, x: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the constraints that hold x against the pull, and the part of the pull that they leave."""
-        tight = np.flatnonzero(self.normals @ x - self.offsets <= _ROUNDING_SLACK)
+        tight = np.flatnonzero(self.normals @ x - self.offsets <= _TIGHT)
         push = nearest_in_cone(self.normals[tight], -pull)
         return tight[push > 0], pull + push @ self.normals[tight]
 
     def _is_last(self, x: np.ndarray, ray: np.ndarray) -> bool:
         """Whether no point of the polyhedron is farther along the ray than x."""
-        return bool(np.linalg.norm(self._pushing(x, ray)[1]) <= _ON)
+        return bool(np.linalg.norm(self._pushing(x, ray)[1]) <= _TIGHT)
 
 
 class _Flat:
-    """``{x : A x = b}`` for unit rows A."""
+    """The affine subspace ``{x : A x = b}``, for unit rows A."""
 
     def __init__(self, A: np.ndarray, b: np.ndarray):
         U, s, V = np.linalg.svd(A, full_matrices=False)
-        keep = s > _RANK * s.max(initial=0.0)
+        keep = s > RANK * s.max(initial=0.0)
         self.A, self.b, self.rows = A, b, V[keep]
         self.inverse = V[keep].T @ (U[:, keep] / s[keep]).T
 
     def onto(self, x: np.ndarray) -> np.ndarray:
+        """Return the nearest point of the flat."""
         return x + self.inverse @ (self.b - self.A @ x)
 
     def within(self, v: np.ndarray) -> np.ndarray:
+        """Return the part of a vector along the flat, zero where it is rounding."""
         w = v - (v @ self.rows.T) @ self.rows
-        w -= (w @ self.rows.T) @ self.rows
-        return np.where(np.linalg.norm(w) > _OPTIMAL * np.linalg.norm(v), w, 0.0)
+        w -= (w @ self.rows.T) @ self.rows  # a second time for what rounding left in the first
+        return np.where(np.linalg.norm(w) > _ZERO * np.linalg.norm(v), w, 0.0)

@@ -6,6 +6,7 @@ from math import comb
 
 import numpy as np
 from scipy.linalg import qr, solve
+from scipy.optimize import nnls
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull
 
@@ -13,9 +14,10 @@ from impactlaw.errors import ImpactLawError, SolverError
 
 MAX_FACETS = 20_000
 """Most facets that a group of dependent gradients may have (upper bound theorem) before they are not listed."""
+RANK = 1e-10
+"""Relative singular value below which gradients of unit length count as dependent; rounding over this is 1e-6."""
 _ZERO = 1e-11  # coefficient of unit gradients, or offset of a facet, that counts as rounding
-_ROUNDING = 2e-15  # pull on a generator, relative to the point, that counts as zero
-_RANK = 1e-11  # relative singular value below which generators count as dependent
+_ROUNDING = 4e-15  # pull on a generator, relative to the point, that counts as zero
 
 
 class EnumerationError(ImpactLawError):
@@ -26,48 +28,57 @@ def nearest_in_cone(generators: np.ndarray, point: np.ndarray) -> np.ndarray:
     """Return ``Lambda >= 0`` that minimises ``|Y^T Lambda - point|``, shape (h,), for unit rows Y.
 
     Lawson and Hanson's active set: let in the generator that the remainder pulls on most, then take out those that
-    would become negative. scipy 1.17's `nnls` is the same method but returns wrong answers where a generator depends
-    on those that are in, as opposing contacts do (https://github.com/scipy/scipy/pull/26180).
+    would become negative. `scipy.optimize.nnls` is the same method in C, but up to scipy 1.17 it can return a wrong
+    answer where a generator depends on those that are in, as opposing contacts do
+    (https://github.com/scipy/scipy/pull/26180); so it only gives the start.
 
     Raises:
         SolverError: not finished after ten changes per generator.
     """
-    h, scale = len(generators), float(np.linalg.norm(point))
-    weights, used, refused = np.zeros(h), np.zeros(h, dtype=bool), np.zeros(h, dtype=bool)
+    h, enough = len(generators), _ROUNDING * float(np.linalg.norm(point))
     if h == 0:
-        return weights
-    for _ in range(10 * h):
-        rest = point - weights @ generators
-        pull = generators @ rest
-        pull[used | refused] = -np.inf
+        return np.zeros(0)
+    try:
+        start = nnls(generators.T, point)[0]
+    except RuntimeError:  # not finished
+        start = np.zeros(h)
+    weights, rest = _without_negative(generators, point, start, start > 0)
+    seen, refused = {(weights > 0).tobytes()}, np.zeros(h, dtype=bool)
+    for _ in range(10 * h + 1):
+        pull = np.where((weights > 0) | refused, -np.inf, generators @ rest)
         new = int(np.argmax(pull))
-        if pull[new] <= _ROUNDING * scale:
+        if pull[new] <= enough:
             return weights
-        better = _let_in(generators, point, weights, new)
-        step = (better - weights) @ generators
-        noise = _ROUNDING * (scale + weights.sum() + better.sum())
-        if step @ (rest - 0.5 * step) > noise * np.linalg.norm(step):
-            weights, used = better, better > 0
-            refused[:] = False
-        else:
+        used = weights > 0
+        used[new] = True
+        better, remainder = _without_negative(generators, point, weights, used)
+        key = (better > 0).tobytes()
+        if key in seen:  # only rounding leads back to contacts that were in together before
             refused[new] = True
+            continue
+        seen.add(key)
+        refused[:] = False
+        weights, rest = better, remainder
     raise SolverError(f"no nearest point found in the cone of {h} gradients")
 
 
-def _let_in(generators: np.ndarray, point: np.ndarray, weights: np.ndarray, new: int) -> np.ndarray:
-    """Return the weights after generator ``new`` was let in and those that would become negative were taken out."""
-    used = weights > 0
-    used[new] = True
+def _without_negative(
+    generators: np.ndarray, point: np.ndarray, weights: np.ndarray, used: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Fit the used generators, taking out those that would become negative; return the weights and what they leave."""
     while True:
-        wanted = np.zeros_like(weights)
-        wanted[used] = np.linalg.lstsq(generators[used].T, point, rcond=_RANK)[0]
+        V, s, U = np.linalg.svd(generators[used].T, full_matrices=False)
+        keep = s > RANK * s.max(initial=0.0)
+        V, wanted = V[:, keep], np.zeros_like(weights)
+        wanted[used] = ((point @ V) / s[keep]) @ U[keep]
         out = used & (wanted <= 0.0)
         if not out.any():
-            return wanted
+            rest = point - V @ (V.T @ point)
+            return wanted, rest - V @ (V.T @ rest)
         steps = np.full(len(weights), np.inf)
         steps[out] = weights[out] / np.maximum(weights[out] - wanted[out], np.finfo(float).tiny)
         weights = np.where(used, weights + steps.min() * (wanted - weights), 0.0)
-        used &= steps > steps.min()
+        used = used & (steps > steps.min())
 
 
 def cone_facets(generators: np.ndarray) -> np.ndarray:
@@ -84,7 +95,7 @@ def cone_facets(generators: np.ndarray) -> np.ndarray:
         EnumerationError: a group may have more than `MAX_FACETS` facets.
     """
     r = generators.shape[1]
-    order = qr(generators.T, mode="r", pivoting=True)[1]
+    *_, order = qr(generators.T, mode="r", pivoting=True)
     basis = generators[order[:r]]
     coefficients = solve(basis.T, generators[order[r:]].T, check_finite=False)
     coefficients[np.abs(coefficients) < _ZERO] = 0.0
