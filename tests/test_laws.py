@@ -188,6 +188,20 @@ def test_velocity_agrees_with_rational_arithmetic(law_name, problem_name):
     assert np.linalg.norm(error) <= 1e-9 * np.linalg.norm(L.T @ c.pre_velocity)
 
 
+@pytest.mark.parametrize("problem_name", PROBLEMS)
+@pytest.mark.parametrize("law_name", LAWS)
+def test_target(law_name, problem_name):
+    """gamma^h by definition, and the velocity that a law knows for it has it."""
+    c = PROBLEMS[problem_name]()
+    law = LAWS[law_name](c)
+    target = law.target(c)
+    np.testing.assert_allclose(target.contact_velocity, wanted(law, c), rtol=1e-13, atol=1e-13)
+    if target.velocity is not None:
+        np.testing.assert_allclose(c.jacobian @ target.velocity, target.contact_velocity, rtol=1e-13, atol=1e-13)
+    if law_name in {"maximal dissipation", "moreau 0.5", "newton scalar", "linear map"} and c.labels:
+        assert target.velocity is not None
+
+
 def test_unsolvable_law_names_the_contacts_that_conflict():
     """A ball between two walls must leave the first with 0.9, and may reach the second with at most 0.1."""
     labels = ("ball/left", "ball/floor", "ball/right")

@@ -41,5 +41,7 @@ def least_distance(problem: Problem) -> Solution:
         far = t * float(np.linalg.norm(z)) / left
         if 0.1 * t < far < 10.0 * t:
             return Solution(u * (t / left) / lengths, Status.SOLVED, done)
+        if far == 0.0:
+            break
         t = far
     return Solution(np.zeros(h), Status.STOPPED, _PASSES)

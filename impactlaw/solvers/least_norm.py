@@ -11,7 +11,7 @@ from impactlaw.solvers.least_distance import least_distance
 from impactlaw.solvers.least_squares import least_squares
 
 _RANK = 1e-11  # relative singular value below which gradients of unit length count as dependent
-_ZERO = 1e-14  # part of the largest impulse below which one is rounding
+_ZERO = 1e-12  # part of the largest impulse below which one is rounding
 
 
 def least_norm(gradients: np.ndarray, impulse: np.ndarray, tight: np.ndarray) -> np.ndarray:
@@ -37,7 +37,7 @@ def least_norm(gradients: np.ndarray, impulse: np.ndarray, tight: np.ndarray) ->
         return impulse
     shared = np.linalg.norm(still, axis=1) > _RANK  # the impulse of any other contact is the only one
     N = qr(still / lengths[:, None], mode="economic", check_finite=False)[0][shared]
-    part = x[shared] - N.dot(x[shared].dot(N))
+    part = least_squares(Y[shared].T, x[shared].dot(Y[shared]), _RANK)
     part[np.abs(part) < _ZERO * np.abs(part).max()] = 0.0
     if part.min() < 0:
         carrying = _carrying(Problem(N, -part))

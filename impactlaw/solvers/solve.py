@@ -27,7 +27,7 @@ CERTIFIED = 1e-9
 """Residual, relative to the velocities before and after, above which an answer is not one."""
 _GOOD = 1e-12  # relative residual that needs no other solver's opinion
 _TIGHT = 1e-9  # slack, relative to the scale of the problem, of a contact that may share the impulse
-_RANK = 1e-13  # relative singular value below which a direction of the gradients is rounding
+_RANKS = (1e-13, 1e-11, 1e-9)  # relative singular values below which a direction of the gradients may be rounding
 
 
 def solve(problem: Problem, labels: tuple[str, ...], *, solver: str = "auto") -> np.ndarray:
@@ -56,9 +56,11 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
         return Answer(np.zeros_like(c), np.zeros(problem.gradients.shape[1]), -c / problem.lengths, 0.0)
     if problem.lengths is not problem.norms:
         return _solve_moving(problem, labels, solver)
-    answer = _attempt(problem, labels, solver)
+    answer = _attempt(problem, solver, labels)
     if answer is None or answer.residual > CERTIFIED * problem.scale:
-        answer = _better(answer, _attempt_within_rounding(problem, labels, solver))
+        answer = _better(answer, _attempt_in_row_space(problem, solver))
+        if solver == "auto":  # what nobody can solve may be rounding
+            answer = _better(answer, judge(problem, np.zeros_like(c)))
         if answer is None or answer.residual > CERTIFIED * max(problem.scale, float(np.linalg.norm(answer.jump))):
             _refuse(problem, labels)
             reached = "no answer" if answer is None else f"relative residual {answer.residual / problem.scale:.1e}"
@@ -74,12 +76,12 @@ def nonnegative_combination(gradients: np.ndarray, point: np.ndarray) -> np.ndar
     return solve(Problem(gradients, gradients.dot(point), point), ("",) * len(gradients))
 
 
-def _attempt(problem: Problem, labels: tuple[str, ...], solver: str) -> Answer | None:
-    """Ask one solver after the other until an answer is good; return the best."""
+def _attempt(problem: Problem, solver: str, labels: tuple[str, ...] | None) -> Answer | None:
+    """Ask one solver after the other until an answer is good; return the best. Labels given, refuse the unsolvable."""
     best = None
     for name in _candidates(problem, solver):
         solution = SOLVERS[name](problem)
-        if solution.status is Status.INFEASIBLE:
+        if solution.status is Status.INFEASIBLE and labels is not None:
             _refuse(problem, labels)
         if solution.status is not Status.SOLVED:
             continue
@@ -89,18 +91,19 @@ def _attempt(problem: Problem, labels: tuple[str, ...], solver: str) -> Answer |
     return best
 
 
-def _attempt_within_rounding(problem: Problem, labels: tuple[str, ...], solver: str) -> Answer | None:
-    """Try without directions in which the gradients are nothing but rounding, and with bounds lowered by theirs."""
+def _attempt_in_row_space(problem: Problem, solver: str) -> Answer | None:
+    """Try without directions in which the gradients are nothing but rounding, or almost; return the best."""
+    best = None
     _, singular, V = svd(problem.gradients / problem.lengths[:, None], full_matrices=False, check_finite=False)
-    V = V[: int(np.count_nonzero(singular > _RANK * singular[0]))]
-    d, c = problem.preimage, problem.bound
-    if d is None:
-        c = c - _GOOD * problem.scale * problem.lengths
-    part = Problem(problem.gradients.dot(V.T), c, None if d is None else V.dot(d), problem.scale)
-    answer = _attempt(part, labels, solver)
-    if answer is not None:
-        answer = judge(problem, answer.impulse, answer.jump.dot(V))
-    return answer if solver != "auto" else _better(answer, judge(problem, np.zeros_like(c)))
+    ranks = {int(np.count_nonzero(singular > small * singular[0])) for small in _RANKS}
+    for rank in sorted(ranks - {len(singular)}, reverse=True):
+        basis = V[:rank]
+        d = None if problem.preimage is None else basis.dot(problem.preimage)
+        part = Problem(problem.gradients.dot(basis.T), problem.bound, d, problem.scale)
+        answer = _attempt(part, solver, None)
+        if answer is not None:
+            best = _better(best, judge(problem, answer.impulse, answer.jump.dot(basis)))
+    return best
 
 
 def _better(one: Answer | None, other: Answer | None) -> Answer | None:
