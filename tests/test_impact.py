@@ -254,7 +254,7 @@ def test_least_norm_of_random_redundant_contacts(seed):
     np.testing.assert_allclose(impact.impulse @ J, jump, atol=1e-10)
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", [*range(40), 135, 282, 357, 422])
 def test_least_norm_of_duplicates_of_random_scale(seed):
     """Twenty contacts with up to five gradients, some of them once, rows and masses over six orders of magnitude."""
     rng = np.random.default_rng([34, seed])
