@@ -29,8 +29,8 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     A subclass names its scene and default law, may `edit` the scene, and says how an episode starts, what an action
     does, what is observed, and what the outcome is worth. Collisions are resolved by the law; an outcome that it would
     put outside of the set of possible velocities is projected onto it and counted in ``info`` (`ImpactTally`).
-    Observations beyond their space are clipped to it. If the simulation leaves the finite numbers, the episode is truncated
-    where the step began and ``info["impact/diverged"]`` is 1.
+    Observations beyond their space are clipped to it. If the simulation leaves the finite numbers, the episode is
+    truncated where the step began and ``info["impact/diverged"]`` is 1.
 
     Args:
         law: name of a law (`impactlaw.make_law`), "scene" for what the MJCF itself carries, or a `Law`; the
