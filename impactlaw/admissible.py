@@ -18,7 +18,7 @@ from impactlaw.impact import Impact
 from impactlaw.sampling import uniform_samples
 
 _POINT = 1e-12  # part of |v-| below which the smallest possible jump is rounding
-_CERTIFIED = 1e-7  # violation of the point of maximal dissipation, relative to |v-|, above which it is not one
+_CERTIFIED = 1e-7  # violation, relative to |v-|, of a result that is not one
 _ON = 1e-11  # slack, relative to the smallest jump, that counts as zero
 
 
@@ -58,8 +58,7 @@ class AdmissibleSet:
             InvalidCollisionError: v has the wrong shape or entries that are not finite.
             EnumerationError: too many facets.
         """
-        jump = self._jump(v)
-        return float(np.linalg.norm(jump - self._nearest_jump(jump)))
+        return self.collision.metric.norm(self._velocity(v, "v") - self.project(v))
 
     def project(self, v: ArrayLike) -> np.ndarray:
         """Return the point of S nearest to v in the kinetic metric, shape (nv,); a member is its own.
@@ -68,7 +67,11 @@ class AdmissibleSet:
             InvalidCollisionError: v has the wrong shape or entries that are not finite.
             EnumerationError: too many facets.
         """
-        return self._velocity_after(self._nearest_jump(self._jump(v)))
+        c, v = self.collision, self._velocity(v, "v")
+        if self._body is None:
+            return c.pre_velocity.copy()
+        x = self._basis @ c.metric.whiten(v - c.pre_velocity) / self._least
+        return self._velocity_at(self._least * self._body.nearest(x))
 
     def support(self, direction: ArrayLike) -> float:
         """Return ``max <direction, v>`` over v in S, with ``<u, v> = u^T M v``; J when the direction is a velocity.
@@ -87,7 +90,9 @@ class AdmissibleSet:
         length = float(np.linalg.norm(along))
         if self._body is None or length == 0.0:
             return start
-        return start + self._least * float(along @ self._body.extreme(along / length))
+        jump = self._least * self._body.extreme(along / length)
+        self._velocity_at(jump)  # for its certificate
+        return start + float(along @ jump)
 
     def sample(self, n: int, rng: np.random.Generator | int) -> np.ndarray:
         """Return n independent velocities, uniform in S, shape (n, nv).
@@ -108,8 +113,7 @@ class AdmissibleSet:
             raise InvalidCollisionError(f"n must be 0 or more, got {n}")
         if self._body is None:
             return np.tile(self.collision.pre_velocity, (n, 1))
-        x = uniform_samples(self._body, n, np.random.default_rng(rng))
-        return self._velocity_after(self._least * x @ self._basis)
+        return self._velocity_at(self._least * uniform_samples(self._body, n, np.random.default_rng(rng)))
 
     def intensity_range(self) -> tuple[float, float]:
         """Return the least and the largest ``rho = |v - v-|`` over v in S, sqrt(J).
@@ -166,11 +170,7 @@ class AdmissibleSet:
         through 0. A contact with ``gamma- > 2 |p - v-|`` (in units of its gradient) stays open anyway.
         """
         c = self.collision
-        if not self.contains(self._velocity_after(self._least_jump @ self._basis), _CERTIFIED):
-            worst = np.linalg.svd(self._unit_gradients, compute_uv=False).min()
-            raise SolverError(
-                f"the gradients of {len(c.labels)} contacts depend on each other but for {worst:.1e}: leave one out"
-            )
+        self._velocity_at(self._least_jump)  # for its certificate
         if self._least <= _POINT * c.pre_speed:
             return None
         moving = c.gradient_norms > 0
@@ -191,13 +191,13 @@ class AdmissibleSet:
             raise InvalidCollisionError(f"{name} must be finite with shape {shape}, got {v}")
         return v
 
-    def _jump(self, v: ArrayLike) -> np.ndarray:
-        return self.collision.metric.whiten(self._velocity(v, "v") - self.collision.pre_velocity)
-
-    def _nearest_jump(self, jump: np.ndarray) -> np.ndarray:
-        if self._body is None:
-            return np.zeros_like(jump)
-        return self._least * self._body.nearest(self._basis @ jump / self._least) @ self._basis
-
-    def _velocity_after(self, jump: np.ndarray) -> np.ndarray:
-        return self.collision.pre_velocity + self.collision.metric.unwhiten(jump)
+    def _velocity_at(self, jump: np.ndarray) -> np.ndarray:
+        """Return the velocity, or velocities, with this jump in the basis, (r,) or (n, r); certifies up to eight."""
+        c = self.collision
+        v = c.pre_velocity + c.metric.unwhiten(jump @ self._basis)
+        if not all(self.contains(one, _CERTIFIED) for one in np.atleast_2d(v)[:8]):
+            raise SolverError(
+                f"S is lost to rounding: gradients of these {len(c.labels)} contacts depend on each other all but "
+                "exactly; leave redundant contacts out"
+            )
+        return v
