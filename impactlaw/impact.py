@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from impactlaw.collision import Collision
 from impactlaw.errors import InvalidCollisionError
-from impactlaw.solvers import ROUNDING, nonnegative_combination
+from impactlaw.solvers import beyond_rounding, nonnegative_combination
 
 SIGNIFICANT = 1e-9
 """Part of |v-| below which a velocity or a scaled impulse is rounding when signs are asked for."""
@@ -168,11 +168,16 @@ class Impact:
             natural = np.minimum(scaled_impulse[moving], slack[moving] / scale[moving])
             error = max(error, float(np.abs(natural).max(initial=0.0)))
         error = max(error, float(-scaled_impulse.min(initial=0.0)))
-        speed = max(c.pre_speed, float(np.linalg.norm(c.whitened_velocity + self.whitened_jump)))
-        return error / speed if speed > 0 else error
+        return error / self._speed if self._speed > 0 else error
+
+    @cached_property
+    def _speed(self) -> float:
+        """The larger of ``|v-|`` and ``|v+|``, sqrt(J)."""
+        c = self.collision
+        return max(c.pre_speed, float(np.linalg.norm(c.whitened_velocity + self.whitened_jump)))
 
     def _imbalance(self, impulse: np.ndarray) -> float:
         """``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm), beyond what rounding Lambda to doubles makes of it."""
         c = self.collision
         gap = float(np.linalg.norm(self.whitened_jump - impulse @ c.whitened_jacobian))
-        return max(0.0, gap - ROUNDING * float(np.abs(impulse) @ c.gradient_norms))
+        return beyond_rounding(gap, float(np.abs(impulse) @ c.gradient_norms), self._speed)

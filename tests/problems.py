@@ -136,9 +136,9 @@ def random_collision(rng: np.random.Generator, most: int = 64) -> Collision:
         nv = h + 1
         J = np.diff(np.eye(nv), axis=0)
     elif shape == 4:
-        J = rng.normal(size=(1, nv)) + 10.0 ** rng.uniform(-12, 0) * rng.normal(size=(h, nv))
-        if rng.uniform() < 0.5:
-            J *= rng.choice([-1.0, 1.0], size=(h, 1))
+        opposite = rng.uniform() < 0.5
+        J = rng.normal(size=(1, nv)) + 10.0 ** rng.uniform(-8 if opposite else -12, 0) * rng.normal(size=(h, nv))
+        J *= rng.choice([-1.0, 1.0], size=(h, 1)) if opposite else 1.0
     else:
         J = rng.normal(size=(h, nv))
         J *= np.sign(J[:, :1])
@@ -182,7 +182,9 @@ class Certificate:
     """How far an impact is from its law, each relative to the larger of |v-| and |v+| in the kinetic metric.
 
     Attributes:
-        momentum: of ``M (v+ - v-) - J^T Lambda``, less 1e-14 of the sum of the impulses' own lengths.
+        momentum: of ``M (v+ - v-) - J^T Lambda``, less what rounding to doubles makes of it: that of the impulses, of
+            the sum of their lengths; that of M, of the jump: v+ from a factor of M solves a problem with another M,
+            and the difference counts in the dual kinetic norm by the condition number.
         complementarity: of ``min(Lambda_i |g_i|, (gamma+_i - gamma^h_i) / |g_i|)``, the largest.
     """
 
@@ -194,7 +196,9 @@ class Certificate:
         moves = lengths > 0
         jump = L.T @ (impact.post_velocity - c.pre_velocity)
         speed = max(np.linalg.norm(L.T @ c.pre_velocity), np.linalg.norm(L.T @ impact.post_velocity), 1e-300)
-        error = np.linalg.norm(jump - Y.T @ impact.impulse) - 1e-14 * np.sum(impact.impulse * lengths)
+        condition = np.finfo(float).eps * np.linalg.cond(c.mass_matrix) if np.count_nonzero(L) > len(L) else 0.0
+        rounding = 1e-14 * np.sum(impact.impulse * lengths) + condition * np.linalg.norm(jump)
+        error = np.linalg.norm(jump - Y.T @ impact.impulse) - rounding
         self.momentum = max(0.0, error) / speed
         slack = (c.jacobian @ impact.post_velocity - wanted(law, c))[moves] / lengths[moves]
         natural = np.minimum((impact.impulse * lengths)[moves], slack)

@@ -160,6 +160,22 @@ def test_jammed_wedge(angle):
     assert impact.residual < 1e-9
 
 
+@pytest.mark.parametrize("exponent", range(-17, -7))
+def test_jammed_beyond_double_precision_is_certified_or_refused(exponent):
+    """Opposite gradients to within rounding: impulses of any size cancel, and no answer may be made up."""
+    for i in range(30):
+        rng = np.random.default_rng([46, -exponent, i])
+        h, nv = int(rng.integers(2, 30)), int(rng.integers(2, 15))
+        J = rng.normal(size=(1, nv)) + 10.0**exponent * rng.normal(size=(h, nv))
+        c = Collision(np.eye(nv), J * rng.choice([-1.0, 1.0], size=(h, 1)), rng.normal(size=nv))
+        law = Moreau(rng.uniform())
+        try:
+            impact = law.resolve(c)
+        except SolverError:
+            continue
+        assert_certified(impact, law)
+
+
 # --- each solver by name ---------------------------------------------------------------------------------------------
 
 

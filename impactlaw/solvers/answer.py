@@ -10,8 +10,8 @@ import numpy as np
 from impactlaw.solvers.base import Problem
 from impactlaw.solvers.least_squares import least_squares
 
-ROUNDING = 8 * float(np.finfo(float).eps)
-"""Part of the sum of ``Lambda_i |Y_i|`` that is lost when impulses that nearly cancel are rounded to doubles."""
+_ROUNDING = 8 * float(np.finfo(float).eps)
+_JAMMED = 1e-2  # part of the speed above which the rounding of impulses makes them meaningless
 _POLISHED = 1e-14  # relative residual that needs no second look
 
 
@@ -32,13 +32,25 @@ class Answer(NamedTuple):
     residual: float
 
 
+def beyond_rounding(gap: float, impulses: float, speed: float) -> float:
+    """Return how much of ``|z - Y^T Lambda|`` is not the rounding of Lambda to doubles.
+
+    Args:
+        gap: ``|z - Y^T Lambda|``, sqrt(J).
+        impulses: sum of ``Lambda_i |Y_i|``, sqrt(J): many times the speed where contacts jam and nearly cancel.
+        speed: the larger of |v-| and |v+|; rounding beyond a hundredth of it is no excuse.
+    """
+    return max(0.0, gap - min(_ROUNDING * impulses, _JAMMED * speed))
+
+
 def judge(problem: Problem, impulse: np.ndarray, jump: np.ndarray | None = None) -> Answer:
     """Measure how far an impulse, and a jump where one was computed apart from it, are from the law."""
     product = impulse.dot(problem.gradients)
     scaled = impulse * problem.lengths
     gap = 0.0
     if jump is not None:
-        gap = float(np.linalg.norm(jump - product)) - ROUNDING * float(scaled.sum())
+        gap = float(np.linalg.norm(jump - product))
+        gap = beyond_rounding(gap, float(scaled.sum()), 0.5 * problem.speed_at(jump))
         product = jump
     slack = problem.slack(product)
     natural = np.minimum(scaled, slack)

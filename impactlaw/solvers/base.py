@@ -45,6 +45,12 @@ class Problem:
             wanted = float(np.abs(self.bound / lengths).max(initial=0.0))
         self.norms, self.lengths, self.scale = norms, lengths, max(self.speed, wanted)
 
+    def speed_at(self, jump: np.ndarray) -> float:
+        """What errors are compared with: where |v-| is known, never more than the larger of |v-| and |v+|."""
+        if self.speed > 0:
+            return max(self.speed, 0.5 * sqrt(jump.dot(jump)))
+        return max(self.scale, sqrt(jump.dot(jump)))
+
     def slack(self, z: np.ndarray) -> np.ndarray:
         """``(Y z - c) / |Y_i|``, shape (h,), in sqrt(J); rows of zeros count as ``-c_i``."""
         return (self.gradients.dot(z) - self.bound) / self.lengths

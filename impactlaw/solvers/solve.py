@@ -57,17 +57,18 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
     if problem.lengths is not problem.norms:
         return _solve_moving(problem, labels, solver)
     answer = _attempt(problem, solver, labels)
-    if answer is None or answer.residual > CERTIFIED * problem.scale:
+    if not _certified(problem, answer):
         answer = _better(answer, _attempt_in_row_space(problem, solver))
         if solver == "auto":  # what nobody can solve may be rounding
             answer = _better(answer, judge(problem, np.zeros_like(c)))
-        if answer is None or answer.residual > CERTIFIED * max(problem.scale, float(np.linalg.norm(answer.jump))):
+        if answer is None or not _certified(problem, answer):
             _refuse(problem, labels)
             reached = "no answer" if answer is None else f"relative residual {answer.residual / problem.scale:.1e}"
             raise SolverError(
                 f"solver {solver!r} reached {reached} on {len(labels)} contacts; "
-                "try another solver, or check the scene for contacts of very different scale"
+                "try another solver, or check the scene for contacts of very different scale, or opposite to each other"
             )
+    assert answer is not None
     return _share(problem, answer)
 
 
@@ -104,6 +105,10 @@ def _attempt_in_row_space(problem: Problem, solver: str) -> Answer | None:
         if answer is not None:
             best = _better(best, judge(problem, answer.impulse, answer.jump.dot(basis)))
     return best
+
+
+def _certified(problem: Problem, answer: Answer | None) -> bool:
+    return answer is not None and answer.residual <= CERTIFIED * problem.speed_at(answer.jump)
 
 
 def _better(one: Answer | None, other: Answer | None) -> Answer | None:
