@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
 from impactlaw.collision import Collision
 from impactlaw.errors import SceneError
-from impactlaw.geoms import SKIN, several_contacts, touching_distance
 from impactlaw.metric import KineticMetric
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 GAP_TOLERANCE = 1e-9
 """Gap, in m, up to which a contact counts as closed."""
 
-_OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
-_SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-_NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-_SINGLE = int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
 _FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
-_CCD_TOLERANCE = 1e-12  # MuJoCo's default of 1e-6 makes gaps of convex geoms noisier than the gap tolerance
-_CCD_ITERATIONS = 100
-_PARALLEL = 0.99  # cosine of an angle within which MuJoCo takes two faces for parallel
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,38 +55,6 @@ class Contacts:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Touch:
-    """Contacts with all that an impulse on them needs, at one configuration.
-
-    Attributes:
-        contacts: the contacts.
-        jacobian: gap gradients ``J``, (h, nv).
-        mass_matrix: ``M``, (nv, nv).
-    """
-
-    contacts: Contacts
-    jacobian: np.ndarray
-    mass_matrix: np.ndarray
-
-    @classmethod
-    def of(cls, model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts) -> Touch:
-        """Compute gap gradients and mass matrix at the current frames (`update_positions`)."""
-        M = np.zeros((model.nv, model.nv))
-        mujoco.mj_fullM(model, data, M)
-        return cls(contacts, gap_gradients(model, data, contacts), M)
-
-    @cached_property
-    def metric(self) -> KineticMetric:
-        """The factored mass matrix."""
-        return KineticMetric(self.mass_matrix)
-
-    @cached_property
-    def gradients(self) -> np.ndarray:
-        """``Y``, the gap gradients where the kinetic metric is Euclidean, (h, nv)."""
-        return self.metric.whiten_gradients(self.jacobian)
-
-
 def read_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, within: float = GAP_TOLERANCE) -> Contacts:
     """Return the contacts whose gap is at most ``within`` now; model and data are left as they are.
 
@@ -105,7 +66,9 @@ def read_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, within: float =
     Raises:
         SceneError: a contact that is not between two geoms (a flex).
     """
-    return detect(model, _position_copy(model, data), within)
+    from impactlaw.detection import Detector
+
+    return Detector(model).near(_position_copy(model, data), within)
 
 
 def read_collision(model: mujoco.MjModel, data: mujoco.MjData) -> Collision:
@@ -114,8 +77,10 @@ def read_collision(model: mujoco.MjModel, data: mujoco.MjData) -> Collision:
     Raises:
         SceneError: a contact that is not between two geoms (a flex).
     """
+    from impactlaw.detection import Detector
+
     scratch = _position_copy(model, data)
-    contacts = detect(model, scratch, GAP_TOLERANCE)
+    contacts = Detector(model).near(scratch, GAP_TOLERANCE)
     jacobian = gap_gradients(model, scratch, contacts)
     metric = kinetic_metric(model, scratch)
     return Collision(metric.mass_matrix, jacobian, data.qvel, labels=contacts.labels, metric=metric)
@@ -134,30 +99,9 @@ def update_positions(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Bring frames, inertia and all that gap gradients need up to data.qpos."""
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    mujoco.mj_tendon(model, data)
+    if model.ntendon:
+        mujoco.mj_tendon(model, data)
     mujoco.mj_makeM(model, data)
-
-
-def detect(model: mujoco.MjModel, data: mujoco.MjData, within: float, names: tuple[str, ...] | None = None) -> Contacts:
-    """Run MuJoCo's collision detection at the current frames and return the contacts with a gap of at most ``within``.
-
-    Replaces data.contact. Frames must be current (`update_positions`).
-
-    Raises:
-        SceneError: a flex is in contact, or there are more contacts than MuJoCo reports.
-    """
-    names = geom_names(model) if names is None else names
-    with _detection_options(model, within + SKIN) as several:
-        found = _collide(model, data, names)
-        faced = several_contacts(model, found.geoms) if several else np.zeros(0)
-        if faced.any():
-            model.opt.disableflags &= ~_SINGLE
-            found = _complete(_collide(model, data, names), found.select(faced))
-    if len(found) == 0:
-        return found
-    gap = found.gap - touching_distance(model, found.geoms)
-    near = np.flatnonzero(gap <= within)
-    return replace(found, gap=gap).select(near)
 
 
 def active_contacts(model: mujoco.MjModel, data: mujoco.MjData, names: tuple[str, ...]) -> Contacts:
@@ -182,56 +126,68 @@ def closing_speed(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     return float(-normal.min())
 
 
-def _collide(model: mujoco.MjModel, data: mujoco.MjData, names: tuple[str, ...]) -> Contacts:
-    warning = data.warning[_FULL]
-    before = warning.number
+def collide(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Run MuJoCo's collision detection at the current frames (`update_positions`); replaces data.contact.
+
+    Raises:
+        SceneError: there are more contacts than MuJoCo has room for.
+    """
+    numbers = data.warning.number
+    before = numbers[_FULL]
     mujoco.mj_collision(model, data)
-    if warning.number != before:
+    if numbers[_FULL] != before:
         raise SceneError(
             f'MuJoCo has no room for more than {data.ncon} contacts; give the scene a larger <size memory="..."/>'
         )
-    return _read(data, np.arange(data.ncon), names)
 
 
-def _complete(several: Contacts, nearest: Contacts) -> Contacts:
-    """Give contacts between faces the direction of the shortest distance, and add the nearest contact if it is missing.
+def sorted_geoms(geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return pairs of geom ids with the lower one first, in order, the indices that sort, and which pairs are swapped.
 
-    Where MuJoCo looks for several contacts, it takes faces within some degrees for parallel and the normal of one of
-    them for that of the contacts; and the contacts it chooses need not include the nearest.
+    Raises:
+        SceneError: a flex is in contact.
     """
-    gap, normal = several.gap.copy(), several.normal.copy()
-    kept = np.ones(len(nearest), dtype=bool)
-    for i, pair in enumerate(nearest.geoms):
-        same = np.flatnonzero((several.geoms == pair).all(axis=1))
-        cosine = normal[same] @ nearest.normal[i]
-        parallel = same[cosine > _PARALLEL]
-        gap[parallel] /= cosine[cosine > _PARALLEL]
-        normal[parallel] = nearest.normal[i]
-        kept[i] = gap[same].min(initial=np.inf) > nearest.gap[i] + GAP_TOLERANCE
-    several, missing = replace(several, gap=gap, normal=normal), nearest.select(kept)
-    if len(missing) == 0:
-        return several
-    fields = ("geoms", "gap", "position", "normal")
-    parts = [np.concatenate([getattr(several, name), getattr(missing, name)]) for name in fields]
-    both = Contacts(several.labels + missing.labels, *parts)
-    return both.select(np.lexsort((both.geoms[:, 1], both.geoms[:, 0])))
-
-
-def _read(data: mujoco.MjData, index: np.ndarray, names: tuple[str, ...]) -> Contacts:
-    if len(index) == 0:
-        return Contacts((), np.zeros((0, 2), int), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
-    found = data.contact
-    geoms = np.array(found.geom[index], dtype=int)
     if (geoms < 0).any():
         raise SceneError("a flex is in contact; an impact law is for contacts between geoms only")
     order = np.lexsort((geoms.max(axis=1), geoms.min(axis=1)))
-    geoms, index = geoms[order], index[order]
-    normal = np.array(found.frame[index, :3])
+    geoms = np.array(geoms[order], dtype=int)
     swapped = geoms[:, 0] > geoms[:, 1]
     geoms[swapped] = geoms[swapped, ::-1]
+    return geoms, order, swapped
+
+
+def contact_labels(geoms: np.ndarray, names: Sequence[str]) -> tuple[str, ...]:
+    """Return ``"first/second"`` for each pair of geom ids."""
+    return tuple(f"{names[a]}/{names[b]}" for a, b in geoms)
+
+
+def _read(data: mujoco.MjData, index: np.ndarray, names: tuple[str, ...]) -> Contacts:
+    found = data.contact
+    geoms, order, swapped = sorted_geoms(found.geom[index])
+    index = index[order]
+    normal = found.frame[index, :3]
     normal[swapped] *= -1.0
-    labels = tuple(f"{names[a]}/{names[b]}" for a, b in geoms)
-    return Contacts(labels, geoms, found.dist[index], found.pos[index], normal)
+    return Contacts(contact_labels(geoms, names), geoms, found.dist[index], found.pos[index], normal)
+
+
+def contact_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
+    """Return the gap gradients of data.contact, in its order, as MuJoCo's constraint rows have them, (h, nv).
+
+    Other rows must be off and the Jacobian dense (`impactlaw.options`). None if MuJoCo makes no row for a contact.
+    """
+    contact = data.contact
+    dim = contact.dim
+    friction = dim.copy() if np.count_nonzero(dim == 1) < len(dim) else None
+    if friction is not None:
+        dim[:] = 1  # a frictionless contact has one row
+    contact.exclude[:] = 0  # contacts in a detection gap too
+    mujoco.mj_makeConstraint(model, data)
+    rows = data.efc_J.reshape(-1, model.nv).copy() if data.nefc == len(dim) else None
+    contact.efc_address[:] = -1
+    data.nefc = 0
+    if friction is not None:
+        dim[:] = friction
+    return rows
 
 
 def gap_gradients(model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts) -> np.ndarray:
@@ -263,22 +219,3 @@ def _position_copy(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
         scratch.mocap_quat[:] = data.mocap_quat
     update_positions(model, scratch)
     return scratch
-
-
-@contextmanager
-def _detection_options(model: mujoco.MjModel, within: float) -> Iterator[bool]:
-    """Report the nearest contact of every pair closer than ``within``, whatever margins the scene has.
-
-    The scene's options come back afterwards. Yields whether the scene wants several contacts where faces meet.
-    """
-    opt = model.opt
-    kept = opt.enableflags, opt.disableflags, opt.o_margin, opt.ccd_tolerance, opt.ccd_iterations
-    opt.enableflags = (opt.enableflags | _OVERRIDE) & ~_SLEEP
-    opt.disableflags = (opt.disableflags | _SINGLE) & ~_NO_CONTACT
-    opt.o_margin = 2.0 * within  # MuJoCo compares with "<"; detect() selects
-    opt.ccd_tolerance = min(opt.ccd_tolerance, _CCD_TOLERANCE)
-    opt.ccd_iterations = max(opt.ccd_iterations, _CCD_ITERATIONS)
-    try:
-        yield not kept[1] & _SINGLE
-    finally:
-        opt.enableflags, opt.disableflags, opt.o_margin, opt.ccd_tolerance, opt.ccd_iterations = kept

@@ -8,11 +8,12 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import DivergenceError, SceneError
+from impactlaw.options import BorrowedOptions
 from impactlaw.scene import GeomPairs, thickness
 
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
-_OFF = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-_SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+_FREE, _BALL, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{name}")) for name in ("FREE", "BALL", "SLIDE"))
+_FAR = 1e100  # m: how far a slide may carry what hangs on it
 _HUGE = mujoco.mjMAXVAL  # MuJoCo takes larger numbers for a mistake
 _INPUT = ("qpos", "qvel", "act", "ctrl", "qfrc_applied", "xfrc_applied")
 
@@ -29,36 +30,37 @@ def restore_state(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray)
     mujoco.mj_setState(model, data, state, _STATE)
 
 
-def check_input(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+def check_input(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -> None:
     """Refuse what MuJoCo would reset or ignore in silence.
+
+    Args:
+        model: the scene.
+        data: its state.
+        state: the same, saved: one look at all of it, of which most steps need no more.
 
     Raises:
         DivergenceError: a position, velocity, activation, control or applied force is not finite, or huge.
+        SceneError: the timestep is not positive.
     """
-    for name in _INPUT:
-        values = getattr(data, name)
-        if values.size and not np.abs(values).max() <= _HUGE:
-            raise DivergenceError(f"{name} is not finite, or huge, at t = {data.time:.6g} s")
+    if not state.dot(state) <= _HUGE**2:
+        for name in _INPUT:
+            values = getattr(data, name)
+            if values.size and not np.abs(values).max() <= _HUGE:
+                raise DivergenceError(f"{name} is not finite, or huge, at t = {data.time:.6g} s")
     if not model.opt.timestep > 0:
         raise SceneError(f"the timestep must be positive, got {model.opt.timestep:g} s")
 
 
-def advance(model: mujoco.MjModel, data: mujoco.MjData, duration: float) -> None:
+def advance(model: mujoco.MjModel, data: mujoco.MjData, options: BorrowedOptions, duration: float) -> None:
     """Integrate for ``duration`` s as `mj_step` does, without contacts.
 
     Raises:
         DivergenceError: position or velocity is not finite afterwards, or huge.
     """
-    opt = model.opt
-    kept = opt.timestep, opt.disableflags, opt.enableflags
-    opt.timestep = duration
-    opt.disableflags |= _OFF
-    opt.enableflags &= ~_SLEEP
-    try:
-        mujoco.mj_step(model, data)
-    finally:
-        opt.timestep, opt.disableflags, opt.enableflags = kept
-    if not (np.abs(data.qvel).max(initial=0.0) <= _HUGE and np.abs(data.qpos).max(initial=0.0) <= _HUGE):
+    options.flow(duration)
+    mujoco.mj_step(model, data)
+    qvel, qpos = data.qvel, data.qpos
+    if not (qvel.dot(qvel) <= _HUGE**2 and qpos.dot(qpos) <= _HUGE**2):
         raise DivergenceError(
             f"position or velocity is not finite, or huge, at t = {data.time:.6g} s; use a smaller timestep, or check "
             "the controls and the stiffness of the scene"
@@ -104,6 +106,40 @@ class Travel:
             elif kind == int(mujoco.mjtJoint.mjJNT_HINGE):
                 self._spins[dof] = True
         self._round = not self._lever[self._pairs].any()
+        self._reach, self._short = self._reaches(), 0.5 * self._thinnest
+        if not self._round:
+            self._short = min(self._short, 1.0)
+            self._reach[self._spins] = np.maximum(self._reach[self._spins], self._short)
+
+    def speed(self, velocity: np.ndarray) -> float:
+        """Return a bound on the speed of every point of every geom that counts, m/s."""
+        return self._reach.dot(np.abs(velocity)) if len(self._pairs) else 0.0
+
+    def is_short(self, distance: float) -> bool:
+        """Return whether nothing passes through another body, or aliases in orientation, within this distance, m."""
+        return distance <= self._short
+
+    def _reaches(self) -> np.ndarray:
+        """Return how far a joint's motion can move a point of a geom, m per m or per rad, (nv,)."""
+        model = self._model
+        reach = np.zeros(model.nv)
+        for geom in np.unique(self._pairs):
+            arm, body = model.geom_rbound[geom] + np.linalg.norm(model.geom_pos[geom]), model.geom_bodyid[geom]
+            while body:
+                first, count = model.body_jntadr[body], model.body_jntnum[body]
+                for joint in reversed(range(first, first + count)):
+                    kind, dof = int(model.jnt_type[joint]), int(model.jnt_dofadr[joint])
+                    offset = float(np.linalg.norm(model.jnt_pos[joint]))
+                    size = {_FREE: 6, _BALL: 3}.get(kind, 1)
+                    turn = slice(dof + 3 if kind == _FREE else dof, dof + size)
+                    if kind in (_FREE, _SLIDE):
+                        reach[dof : dof + size] = np.maximum(reach[dof : dof + size], 1.0)
+                    if kind != _SLIDE:
+                        reach[turn] = np.maximum(reach[turn], arm + offset)
+                    arm += _FAR if kind == _SLIDE else 2.0 * offset
+                arm += np.linalg.norm(model.body_pos[body])
+                body = model.body_parentid[body]
+        return reach
 
     def between(self, start: Frames, data: mujoco.MjData) -> np.ndarray:
         """Return a bound on the travel of each geom's surface from the start to now, m, (ngeom,)."""

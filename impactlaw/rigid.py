@@ -15,36 +15,29 @@ One step of duration h, from a state in which no gap is below minus the toleranc
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from impactlaw.collide import Collider
-from impactlaw.contacts import (
-    Contacts,
-    Touch,
-    detect,
-    geom_names,
-    update_positions,
-)
+from impactlaw.contacts import Contacts, kinetic_metric, update_positions
+from impactlaw.detection import Detector
 from impactlaw.errors import OverlapError, SceneError
 from impactlaw.events import ImpactEvent
-from impactlaw.flow import Frames, Travel, advance, check_input, restore_state, save_state
-from impactlaw.geoms import touching_distance, vague_contacts
+from impactlaw.flow import Travel, advance, check_input, restore_state, save_state
+from impactlaw.geoms import touching_distance
 from impactlaw.location import Guess, locate, parabola
 from impactlaw.scene import check_rigid, geom_pairs
 from impactlaw.sustained import Arrival, Flow, Start, hold, match, stays
+from impactlaw.touch import Touch, look
 
-_ROUNDING = 1e-13  # of a contact velocity in the kinetic metric, relative to the velocity of the whole scene
-_STILL = 1e-3  # part of the gap tolerance that a velocity must cross in a timestep to be one
 _LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located
 _SMOOTH = 0.35, 0.15  # part of its depth that a smooth gap has reached after half of the flow: a quarter, nearly
 _NEAR = 1e3  # gap tolerances within which contacts are looked for
 
 
-@dataclass(frozen=True, eq=False)
-class Flight:
+class Flight(NamedTuple):
     """A flow that has been tried: the contacts at its end, and the smallest gap among those that are not held.
 
     Attributes:
@@ -71,50 +64,69 @@ class RigidStepping:
         self._model = model
         self._collider = collider
         self._tolerance = gap_tolerance
-        self._names = geom_names(model)
+        self._near = _NEAR * gap_tolerance
+        self._detector = Detector(model)
+        self._options = self._detector.options
         self._travel = Travel(model, pairs)
-        self._left_at = np.full(model.nq, np.nan)
+        self._left: tuple[bytes, bytes, float] = b"", b"", 0.0
+        self._next: Start | None = None
         self.unlocated = 0
 
     def step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
         """Advance by one timestep and return the collisions; data is back where it was if an error is raised."""
-        check_input(self._model, data)
         state = save_state(self._model, data)
+        check_input(self._model, data, state)
         try:
-            events = self._step(data)
+            with self._options:
+                return self._step(data)
         except BaseException:
             restore_state(self._model, data, state)
             update_positions(self._model, data)
             raise
-        self._left_at = data.qpos.copy()
-        return events
 
     def _step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
-        timestep = remaining = self._model.opt.timestep
+        timestep = remaining = self._options.timestep
         end = data.time + timestep
-        update_positions(self._model, data)
-        touch = self._touch(data)
-        if not np.array_equal(data.qpos, self._left_at):
-            self._refuse_overlap(touch.contacts)
+        start = self._begin(data)
         events: list[ImpactEvent] = []
         closings = 0
         while True:
-            self._collide(data, touch, events)
+            if np.count_nonzero(start.approaching):
+                start = self._collide(data, start.touch, events)
             if remaining <= 1e-12 * timestep:
                 break
             hold_all = max(len(events), closings) > self._collider.most
-            flight, closed = self._fly(data, self._start(data, touch), remaining, hold_all=hold_all)
+            flight, closed = self._fly(data, start, remaining, hold_all=hold_all)
             closings += closed
-            touch = flight.arrival.touch
+            start = self._start(data, flight.arrival.touch)
             remaining -= flight.flow.duration
             data.time = end - remaining
         data.time = end
         self.unlocated += max(len(events), closings) > self._collider.most
+        self._left, self._next = (data.qpos.tobytes(), data.qvel.tobytes(), timestep), start
         return tuple(events)
 
-    def _touch(self, data: mujoco.MjData) -> Touch:
-        contacts = detect(self._model, data, _NEAR * self._tolerance, self._names)
-        return Touch.of(self._model, data, contacts)
+    def _begin(self, data: mujoco.MjData) -> Start:
+        """Return the contacts of now: those that the last step has left, if nothing has changed since."""
+        qpos, qvel, timestep = self._left
+        same = qpos == data.qpos.tobytes()
+        if same and qvel == data.qvel.tobytes() and timestep == self._options.timestep and self._next is not None:
+            if np.count_nonzero(self._next.approaching):
+                update_positions(self._model, data)
+            return self._next
+        update_positions(self._model, data)
+        touch = self._look(data)
+        if not same:
+            self._refuse_overlap(touch.contacts)
+        return self._start(data, touch)
+
+    def _look(self, data: mujoco.MjData) -> Touch:
+        return look(self._model, data, self._detector, self._near)
+
+    def _start(self, data: mujoco.MjData, touch: Touch) -> Start:
+        return Start.of(
+            self._model, data, touch, self._travel, tolerance=self._tolerance, timestep=self._options.timestep
+        )
 
     def _refuse_overlap(self, contacts: Contacts) -> None:
         depth = -(contacts.gap + touching_distance(self._model, contacts.geoms))
@@ -129,41 +141,31 @@ class RigidStepping:
 
     # -- 1: collisions ---------------------------------------------------------------------------------------------
 
-    def _rounding(self, touch: Touch, velocity: np.ndarray) -> np.ndarray:
-        """Contact velocities, m/s, (h,), below which there is no telling motion from rounding."""
-        still = _STILL * self._tolerance / self._model.opt.timestep
-        lengths = np.linalg.norm(touch.gradients, axis=1)
-        return np.maximum(_ROUNDING * touch.metric.norm(velocity) * lengths, still)
-
-    def _collide(self, data: mujoco.MjData, touch: Touch, events: list[ImpactEvent]) -> None:
-        closed = np.flatnonzero(touch.contacts.gap <= self._tolerance)
-        if len(closed) == 0 or not (touch.jacobian[closed] @ data.qvel < 0).any():
-            return
-        rounding = self._rounding(touch, data.qvel)[closed]
+    def _collide(self, data: mujoco.MjData, touch: Touch, events: list[ImpactEvent]) -> Start:
+        """Resolve the collisions of now; frames and inertia of data are those of the touch."""
+        start = self._start(data, touch)
+        closed = np.flatnonzero(start.closed)
+        rounding = start.rounding[closed]
         data.qvel[:] = self._collider.collide(
-            touch.metric,
+            kinetic_metric(self._model, data),
             touch.jacobian[closed],
             touch.contacts.select(closed),
-            data.qvel.copy(),
+            start.velocity,
             approach=rounding,
             rounding=rounding,
             time=data.time,
             qpos=data.qpos,
             events=events,
         )
+        return self._start(data, touch)
 
     # -- 2 to 4: flow ----------------------------------------------------------------------------------------------
-
-    def _start(self, data: mujoco.MjData, touch: Touch) -> Start:
-        velocity = data.qvel.copy()
-        if len(touch.contacts) == 0:
-            return Start(touch, Frames.of(data), velocity, np.zeros(0), np.zeros(0))
-        return Start(touch, Frames.of(data), velocity, touch.jacobian @ velocity, self._rounding(touch, velocity))
 
     def _fly(self, data: mujoco.MjData, start: Start, duration: float, *, hold_all: bool) -> tuple[Flight, bool]:
         """Advance by at most ``duration``; return where that led, and whether a closing gap ended it."""
         state = save_state(self._model, data)
-        duration = min(duration, self._travel.longest_turn(data))
+        if not self._travel.is_short(start.speed * duration):
+            duration = min(duration, self._travel.longest_turn(data))
         flight = self._try_safely(data, state, start, duration, hold_all=hold_all)
         if hold_all or flight.gap >= -self._tolerance:
             return flight, False
@@ -172,7 +174,8 @@ class RigidStepping:
             restore_state(self._model, data, state)
             return self._try(data, start, time, reach=reach, smooth=smooth)
 
-        tried, reach = flight.flow, 4.0 * abs(flight.gap) + _NEAR * self._tolerance
+        tried, reach = flight.flow, 4.0 * abs(flight.gap) + self._near
+        longest = self._travel.between(start.touch.frames, data).max()
         guess = self._guess(data, flight)
         if self._may_be_smooth(flight):
             half = fly(0.5 * tried.duration)
@@ -187,29 +190,30 @@ class RigidStepping:
             guess,
             target=_LOCATED * self._tolerance,
             tolerance=self._tolerance,
-            shortest=tried.duration * self._tolerance / max(tried.travel.max(), self._tolerance),
+            shortest=tried.duration * self._tolerance / max(longest, self._tolerance),
         )
         return located, True
 
     def _may_be_smooth(self, end: Flight) -> bool:
         """Return whether the deepest contact may continue a sustained one that was somewhere else in common faces."""
         start, touch = end.flow.start, end.arrival.touch
-        pair = touch.contacts.geoms[[end.deepest]]
-        if end.arrival.known[end.deepest] >= 0 or not vague_contacts(self._model, pair)[0]:
+        if end.arrival.known[end.deepest] >= 0 or not touch.pattern.vague[end.deepest]:
             return False
-        held = (start.gap <= self._tolerance) & (start.contact_velocity <= start.rounding)
-        return bool((start.touch.contacts.geoms[held] == pair).all(axis=1).any())
+        held = start.closed & (start.contact_velocity <= start.rounding)
+        return bool((start.touch.pattern.key[held] == touch.pattern.key[end.deepest]).any())
 
     def _try_safely(
         self, data: mujoco.MjData, state: np.ndarray, start: Start, duration: float, *, hold_all: bool
     ) -> Flight:
         while True:
-            advance(self._model, data, duration)
+            advance(self._model, data, self._options, duration)
             update_positions(self._model, data)
-            travel = self._travel.between(start.frames, data)
-            suspects = self._travel.suspects(start.frames, travel)
+            if self._travel.is_short((start.speed + self._travel.speed(data.qvel)) * duration):
+                return self._arrive(data, Flow(start, duration, self._tolerance, self._travel, hold_all))
+            travel = self._travel.between(start.touch.frames, data)
+            suspects = self._travel.suspects(start.touch.frames, travel)
             if len(suspects) == 0:
-                return self._arrive(data, Flow(start, duration, travel, self._tolerance, hold_all))
+                return self._arrive(data, Flow(start, duration, self._tolerance, self._travel, hold_all))
             restore_state(self._model, data, state)
             update_positions(self._model, data)
             fraction = self._travel.safe_fraction(data, suspects, travel)
@@ -227,10 +231,9 @@ class RigidStepping:
         smooth: bool = False,
         reach: float = 0.0,
     ) -> Flight:
-        advance(self._model, data, duration)
+        advance(self._model, data, self._options, duration)
         update_positions(self._model, data)
-        travel = self._travel.between(start.frames, data)
-        return self._arrive(data, Flow(start, duration, travel, self._tolerance, hold_all, smooth), reach)
+        return self._arrive(data, Flow(start, duration, self._tolerance, self._travel, hold_all, smooth), reach)
 
     def _arrive(self, data: mujoco.MjData, flow: Flow, reach: float = 0.0) -> Flight:
         """Look at the contacts where the flow has led, and hold those that stay closed.
@@ -241,31 +244,38 @@ class RigidStepping:
             reach: distance to look further if nothing is near, m.
         """
 
-        def look() -> tuple[Touch, np.ndarray]:
-            touch = self._touch(data)
-            return touch, match(self._model, data, touch.contacts, flow)
+        def look_again() -> tuple[Touch, np.ndarray]:
+            touch = self._look(data)
+            return touch, match(self._model, data, touch, flow)
 
-        touch, known = look()
+        touch, known = look_again()
+        if not touch.pattern:
+            return Flight(flow, Arrival(touch, known, known), self._further(data, reach), -1)
         gap = touch.contacts.gap
         arrival = Arrival(touch, known, stays(gap, known, flow))
-        if (arrival.sustained & (gap <= self._tolerance)).any():
-            arrival = hold(self._model, data, arrival, flow, look)
+        if np.count_nonzero(arrival.sustained & (gap <= self._tolerance)):
+            arrival = hold(self._model, data, arrival, flow, look_again)
         smallest, deepest = self._smallest_gap(data, arrival, flow, reach)
         return Flight(flow, arrival, smallest, deepest)
 
     def _smallest_gap(self, data: mujoco.MjData, arrival: Arrival, flow: Flow, reach: float) -> tuple[float, int]:
-        near = _NEAR * self._tolerance
         opened = np.flatnonzero(~arrival.sustained)
         if len(opened) == 0:
-            if reach <= near:
-                return near, -1
-            gap = detect(self._model, data, reach, self._names).gap
-            return float(gap[gap > near].min(initial=reach)), -1
-        known = arrival.known[opened]
-        before = np.where(known >= 0, flow.start.gap[known], 0.0) if len(flow.start.gap) else np.zeros(len(opened))
-        clear = arrival.touch.contacts.gap[opened] - np.where(before < -self._tolerance, before, 0.0)
-        least = int(np.argmin(clear))
+            return self._further(data, reach), -1
+        clear = arrival.touch.contacts.gap[opened]
+        if len(flow.start.gap):
+            known = arrival.known[opened]
+            before = np.where(known >= 0, flow.start.gap[known], 0.0)
+            clear = clear - np.where(before < -self._tolerance, before, 0.0)
+        least = int(clear.argmin())
         return float(clear[least]), int(opened[least])
+
+    def _further(self, data: mujoco.MjData, reach: float) -> float:
+        """Return the smallest gap, up to ``reach``, of contacts that are not near."""
+        if reach <= self._near:
+            return self._near
+        _, contacts = self._detector.find(data, reach)
+        return float(contacts.gap[contacts.gap > self._near].min(initial=reach))
 
     def _guess(self, data: mujoco.MjData, end: Flight) -> Guess:
         """Guess when the deepest contact that is not held has closed, from its velocities at both ends of the flow."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
+from impactlaw.detection import Detector
 from impactlaw.errors import InadmissibleImpactError, UnsolvableLawError
 from impactlaw.events import ImpactEvent
 from impactlaw.flow import restore_state, save_state
@@ -66,8 +67,11 @@ class _Trajectory:
     potential: list[float] = field(default_factory=list)
     deepest: float = 0.0
 
+    def __post_init__(self):
+        self._detector = Detector(self.model)
+
     def add(self, data: mujoco.MjData) -> None:
-        self.deepest = min(self.deepest, deepest_gap(self.model, data))
+        self.deepest = min(self.deepest, deepest_gap(self.model, data, self._detector))
         mujoco.mj_energyPos(self.model, data)
         mujoco.mj_energyVel(self.model, data)
         self.times.append(data.time)

@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 from scipy.optimize import root_scalar
 
-from impactlaw.contacts import detect, geom_names, update_positions
+from impactlaw.contacts import update_positions
+from impactlaw.detection import Detector
 from impactlaw.impact import Impact
 
 _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
@@ -65,17 +66,17 @@ def soft_outcome(model: mujoco.MjModel, data: mujoco.MjData, impact: Impact) -> 
     scratch = mujoco.MjData(model)
     scratch.qpos[:] = data.qpos
     scratch.qvel[:] = impact.collision.pre_velocity
-    touched = False
+    touched, detector = False, Detector(model)
     for _ in range(max(_LONGEST_STEPS, math.ceil(_LONGEST_CONTACT / model.opt.timestep))):
         mujoco.mj_step(model, scratch)
-        overlap = deepest_gap(model, scratch) < 0
+        overlap = deepest_gap(model, scratch, detector) < 0
         touched |= overlap
         if touched and not overlap:
             break
     return Impact.observed(impact.collision, np.array(scratch.qvel))
 
 
-def deepest_gap(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+def deepest_gap(model: mujoco.MjModel, data: mujoco.MjData, detector: Detector) -> float:
     """Return the smallest gap of now where geoms overlap, else 0, m. Frames and contacts of data are renewed."""
     update_positions(model, data)
-    return float(detect(model, data, 0.0, geom_names(model)).gap.min(initial=0.0))
+    return float(detector.near(data, 0.0).gap.min(initial=0.0))

@@ -18,71 +18,104 @@ vanishes.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from impactlaw.contacts import Contacts, Touch, gap_gradients, update_positions
+from impactlaw.contacts import Contacts, gap_gradients, update_positions
 from impactlaw.errors import UnsolvableLawError
-from impactlaw.flow import Frames
-from impactlaw.geoms import one_contact, vague_contacts
+from impactlaw.flow import Frames, Travel
 from impactlaw.solvers import Problem, solve
+from impactlaw.touch import Touch, jump, kinetic_norm, whiten, whiten_gradients
 
 _CORRECTIONS = 20  # position corrections at most
 _SMOOTH_CORRECTIONS = 3  # that smooth surfaces need; each gains digits, their curvature decides how many
 _CORRECTED = 1e-2  # part of the gap tolerance to which positions are corrected
 _LARGEST_TURN = 0.3  # rad in one flow
 _SAME_POINT = 1e3  # gap tolerances that a contact point may move more than the geoms
+_ROUNDING = 1e-13  # of a contact velocity in the kinetic metric, relative to the velocity of the whole scene
+_STILL = 1e-3  # part of the gap tolerance that a velocity must cross in a timestep to be one
+_NONE = np.zeros(0, dtype=bool)
 
 
-@dataclass(frozen=True, eq=False)
-class Start:
-    """The contacts at the start of a flow, after every collision there is resolved.
+class Start(NamedTuple):
+    """The contacts at the start of a flow.
 
     Attributes:
         touch: the contacts that were detected, open ones included.
-        frames: of all geoms.
         velocity: qvel, (nv,).
         contact_velocity: ``gamma``, m/s, (h,).
-        rounding: size of the rounding errors of gamma, m/s, (h,).
+        rounding: contact velocities, m/s, (h,), below which there is no telling motion from rounding.
+        closed: whose gap is at most the tolerance, bool (h,).
+        speed: bound on the speed of every geom that counts (`Travel.speed`), m/s.
     """
 
     touch: Touch
-    frames: Frames
     velocity: np.ndarray
     contact_velocity: np.ndarray
     rounding: np.ndarray
+    closed: np.ndarray
+    speed: float
+
+    @classmethod
+    def of(
+        cls,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        touch: Touch,
+        travel: Travel,
+        *,
+        tolerance: float,
+        timestep: float,
+    ) -> Start:
+        """Read the velocities of now; inertia must be that of the touch."""
+        velocity = data.qvel.copy()
+        speed = travel.speed(velocity)
+        if not touch.pattern:
+            return cls(touch, velocity, touch.lengths, touch.lengths, _NONE, speed)
+        rounding = _ROUNDING * kinetic_norm(model, data, velocity) * touch.lengths
+        return cls(
+            touch,
+            velocity,
+            touch.jacobian.dot(velocity),
+            np.maximum(rounding, _STILL * tolerance / timestep),
+            touch.contacts.gap <= tolerance,
+            speed,
+        )
 
     @property
     def gap(self) -> np.ndarray:
         """Gaps, m, (h,)."""
         return self.touch.contacts.gap
 
+    @property
+    def approaching(self) -> np.ndarray:
+        """Closed contacts that collide, bool (h,)."""
+        return self.closed & (self.contact_velocity < -self.rounding)
 
-@dataclass(frozen=True, eq=False)
-class Flow:
+
+class Flow(NamedTuple):
     """A flow that has been tried.
 
     Attributes:
         start: where it began.
         duration: s.
-        travel: a bound on the travel of each geom, m, (ngeom,).
         tolerance: gap up to which a contact is closed, m.
+        travel: measures how far geoms have moved.
         hold_all: whether every contact that is closed at its end is held there (time stepping).
         smooth: whether it is known that contacts between faces have moved smoothly, however far.
     """
 
     start: Start
     duration: float
-    travel: np.ndarray
     tolerance: float
+    travel: Travel
     hold_all: bool = False
     smooth: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class Arrival:
+class Arrival(NamedTuple):
     """The contacts at the end of a flow.
 
     Attributes:
@@ -96,7 +129,7 @@ class Arrival:
     sustained: np.ndarray
 
 
-def match(model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts, flow: Flow) -> np.ndarray:
+def match(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, flow: Flow) -> np.ndarray:
     """Return for each contact at the end of a flow the index of the same contact at its start, or -1, int (h,).
 
     The same contact is of the same two geoms and has moved, seen from one of them, no further than they have travelled.
@@ -104,20 +137,35 @@ def match(model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts, flow: 
     continues the nearest contact that was closed if, at the start, it approached no faster than the flow has changed
     its velocity (an impact so slow is over within the flow), or if the flow is known to be smooth.
     """
-    start = flow.start
+    before, now = flow.start.touch.pattern, touch.pattern
+    if not before or not now:
+        return np.full(len(now), -1)
+    if before.all_single and now.all_single:
+        if before is now:
+            return np.arange(len(now))
+        index = np.minimum(np.searchsorted(before.key, now.key), len(before) - 1)
+        return np.where(before.key[index] == now.key, index, -1)
+    if before is now:
+        moved = np.abs(touch.contacts.position - flow.start.touch.contacts.position).max()
+        if moved <= _SAME_POINT * flow.tolerance:
+            return np.arange(len(now))
+    return _match_points(model, data, touch, flow)
+
+
+def _match_points(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, flow: Flow) -> np.ndarray:
+    start, contacts = flow.start, touch.contacts
     before = start.touch.contacts
     index = np.full(len(contacts), -1)
-    if len(before) == 0 or len(contacts) == 0:
-        return index
-    other = (contacts.geoms[:, None] != before.geoms).any(axis=2)
-    moved = np.where(other, np.inf, _moved(contacts, before, start.frames, data))
+    other = touch.pattern.key[:, None] != start.touch.pattern.key
+    moved = np.where(other, np.inf, _moved(contacts, before, start.touch.frames, data))
     nearest = moved.argmin(axis=1)
     least = moved[np.arange(len(contacts)), nearest]
-    near = least <= 2.0 * flow.travel[contacts.geoms].sum(axis=1) + _SAME_POINT * flow.tolerance
-    near |= np.isfinite(least) & one_contact(model, contacts.geoms)
+    travel = flow.travel.between(start.touch.frames, data)
+    near = least <= 2.0 * travel[contacts.geoms].sum(axis=1) + _SAME_POINT * flow.tolerance
+    near |= np.isfinite(least) & touch.pattern.single
     index[near] = nearest[near]
-    moved[:, (start.gap > flow.tolerance) | (start.contact_velocity > start.rounding)] = np.inf
-    vague = np.flatnonzero(~near & np.isfinite(moved).any(axis=1) & vague_contacts(model, contacts.geoms))
+    moved[:, ~start.closed | (start.contact_velocity > start.rounding)] = np.inf
+    vague = np.flatnonzero(~near & np.isfinite(moved).any(axis=1) & touch.pattern.vague)
     if len(vague) and not flow.smooth:
         J = gap_gradients(model, data, contacts.select(vague))
         velocity, change = J @ start.velocity, J @ (data.qvel - start.velocity)
@@ -130,13 +178,17 @@ def stays(gap: np.ndarray, known: np.ndarray, flow: Flow) -> np.ndarray:
     """Return which contacts are sustained if they end the flow with these gaps, bool (h,)."""
     if flow.hold_all:
         return gap <= flow.tolerance
-    result = known >= 0
-    s, start, tau = known[result], flow.start, flow.duration
-    velocity, gap0 = start.contact_velocity[s], start.gap[s]
-    closing = 2.0 * (gap0 + velocity * tau - gap[result])  # times tau^2
-    slow = (velocity <= start.rounding[s]) | ((velocity * tau) ** 2 <= 2.0 * closing * flow.tolerance)
-    result[result] = (gap0 <= flow.tolerance) & slow
-    return result
+    start, tau = flow.start, flow.duration
+    closed = start.closed
+    if not np.count_nonzero(closed):
+        return np.zeros(len(known), dtype=bool)
+    velocity = start.contact_velocity[known]
+    slow = velocity <= start.rounding[known]
+    held = (known >= 0) & closed[known]
+    if np.count_nonzero(held & slow) == np.count_nonzero(held):
+        return held
+    closing = 2.0 * (start.gap[known] + velocity * tau - gap)  # times tau^2
+    return held & (slow | ((velocity * tau) ** 2 <= 2.0 * closing * flow.tolerance))
 
 
 def hold(
@@ -144,7 +196,7 @@ def hold(
     data: mujoco.MjData,
     arrival: Arrival,
     flow: Flow,
-    look: Callable[[], tuple[Touch, np.ndarray]],
+    look_again: Callable[[], tuple[Touch, np.ndarray]],
 ) -> Arrival:
     """Bring position and velocity back to the sustained contacts; data and its frames change.
 
@@ -153,25 +205,38 @@ def hold(
         data: at the end of the flow, frames current.
         arrival: the contacts there.
         flow: what led there.
-        look: detects the contacts of now, and matches them with the start.
+        look_again: detects the contacts of now, and matches them with the start.
 
     Returns:
         The contacts after the correction.
     """
+    gap = arrival.touch.contacts.gap
+    if gap[arrival.sustained].min() < -_CORRECTED * flow.tolerance:
+        arrival = _hold_position(model, data, arrival, flow, look_again)
+    _hold_velocity(model, data, arrival, flow)
+    return arrival
+
+
+def _hold_position(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    arrival: Arrival,
+    flow: Flow,
+    look_again: Callable[[], tuple[Touch, np.ndarray]],
+) -> Arrival:
     end = data.qpos.copy()
     shift = np.zeros(model.nv)
     cuts = np.zeros((0, model.nv)), np.zeros(0)
     for correction in range(_CORRECTIONS):
-        touch, known, sustained = arrival.touch, arrival.known, arrival.sustained
+        touch, known, sustained = arrival
         try:
-            sustained, pressed, wanted = _position_impulse(arrival, shift, flow, cuts)
+            sustained, pressed, wanted = _position_impulse(model, data, arrival, shift, flow, cuts)
         except UnsolvableLawError:
             break  # squeezed between bodies that cannot give way: nothing to correct
-        if not pressed.any() and not shift.any():
-            arrival = Arrival(touch, known, sustained)
-            break
+        if not np.count_nonzero(pressed) and not shift.any():
+            return Arrival(touch, known, sustained)
         if correction >= _SMOOTH_CORRECTIONS:  # the contacts jump between points of a face: keep them all
-            rows = touch.gradients[sustained], touch.jacobian[sustained] @ shift - touch.contacts.gap[sustained]
+            rows = touch.jacobian[sustained], touch.jacobian[sustained] @ shift - touch.contacts.gap[sustained]
             cuts = np.vstack([cuts[0], rows[0]]), np.concatenate([cuts[1], rows[1]])
         shift = wanted
         qpos = end.copy()
@@ -179,61 +244,76 @@ def hold(
         data.qpos[:] = qpos
         update_positions(model, data)
         held, pressing = known[sustained & (known >= 0)], known[pressed & (known >= 0)]
-        touch, known = look()
-        sustained = np.isin(known, held)  # what the flow has decided stays decided
+        touch, known = look_again()
+        sustained = _among(known, held)  # what the flow has decided stays decided
         arrival = Arrival(touch, known, sustained)
         gap = touch.contacts.gap
-        error = max(np.abs(gap[np.isin(known, pressing)]).max(initial=0.0), -gap[sustained].min(initial=0.0))
-        if error <= _CORRECTED * flow.tolerance and not (stays(gap, known, flow) & ~sustained).any():
+        error = max(np.abs(gap[_among(known, pressing)]).max(initial=0.0), -gap[sustained].min(initial=0.0))
+        if error <= _CORRECTED * flow.tolerance and not np.count_nonzero(stays(gap, known, flow) & ~sustained):
             break
-    _hold_velocity(data, arrival, flow)
     return arrival
 
 
+def _among(known: np.ndarray, some: np.ndarray) -> np.ndarray:
+    return (known[:, None] == some).any(axis=1)
+
+
 def _position_impulse(
-    arrival: Arrival, shift: np.ndarray, flow: Flow, cuts: tuple[np.ndarray, np.ndarray]
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    arrival: Arrival,
+    shift: np.ndarray,
+    flow: Flow,
+    cuts: tuple[np.ndarray, np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return which contacts are sustained, which of them press, and the shift, (nv,), that opens them.
 
     The cuts are gradients and least shifts along them of contacts that were seen there before.
     """
-    touch, sustained = arrival.touch, arrival.sustained.copy()
-    gap, J, Y = touch.contacts.gap, touch.jacobian, touch.gradients
+    touch, sustained = arrival.touch, arrival.sustained
+    gap, J = touch.contacts.gap, touch.jacobian
     while True:
         rows = np.flatnonzero(sustained)
-        gradients = np.vstack([Y[rows], cuts[0]])
-        least = np.concatenate([J[rows] @ shift - gap[rows], cuts[1]])
-        p = solve(Problem(gradients, least), tuple(map(str, range(len(least)))))
-        wanted = touch.metric.unwhiten(p @ gradients)
-        more = stays(gap + J @ (wanted - shift), arrival.known, flow) & ~sustained
-        if not more.any():
+        gradients, least, Y = J[rows], J[rows].dot(shift) - gap[rows], touch.gradients[rows]
+        if len(cuts[1]):
+            gradients, least = np.vstack([gradients, cuts[0]]), np.concatenate([least, cuts[1]])
+            Y = np.vstack([Y, whiten_gradients(model, data, cuts[0])])
+        p = solve(Problem(Y, least), tuple(map(str, range(len(least)))))
+        wanted = jump(model, data, gradients, p)
+        more = stays(gap + J.dot(wanted - shift), arrival.known, flow) & ~sustained
+        if not np.count_nonzero(more):
             pressed = np.zeros(len(gap), dtype=bool)
             pressed[rows[p[: len(rows)] > 0]] = True
             return sustained, pressed, wanted
-        sustained |= more
+        sustained = sustained | more
 
 
-def _hold_velocity(data: mujoco.MjData, arrival: Arrival, flow: Flow) -> None:
+def _hold_velocity(model: mujoco.MjModel, data: mujoco.MjData, arrival: Arrival, flow: Flow) -> None:
     touch, start = arrival.touch, flow.start
     held = np.flatnonzero(arrival.sustained & (touch.contacts.gap <= flow.tolerance))
-    J, Y, metric = touch.jacobian[held], touch.gradients[held], touch.metric
+    J, Y = touch.jacobian[held], touch.gradients[held]
+    velocity = data.qvel.copy()
+    rounding = _ROUNDING * kinetic_norm(model, data, velocity) * touch.lengths[held]
+    if not np.count_nonzero(J.dot(velocity) < -rounding):
+        return
     labels = tuple(touch.contacts.labels[i] for i in held)
 
     def pressing(velocity: np.ndarray) -> np.ndarray:
-        return solve(Problem(Y, -(J @ velocity), -metric.whiten(velocity)), labels)
+        return solve(Problem(Y, -J.dot(velocity), -whiten(model, data, velocity)), labels)
 
-    velocity = data.qvel.copy()
     nu = pressing(velocity)
     if not nu.any():
         return
     known = arrival.known[held]
-    turned = metric.whiten_gradients(np.where(known[:, None] >= 0, start.touch.jacobian[known] - J, 0.0))
-    change, lengths = np.linalg.norm(turned, axis=1), np.linalg.norm(Y, axis=1)
-    turned[change > _LARGEST_TURN * lengths] = 0.0  # another feature of the surface, not a curved one
-    if (change > 1e-12 * lengths).any():
-        velocity += metric.unwhiten(0.5 * nu @ turned)
-        nu = pressing(velocity)
-    data.qvel[:] = velocity + metric.unwhiten(nu @ Y)
+    difference = np.where(known[:, None] >= 0, start.touch.jacobian[known] - J, 0.0) if start.touch.pattern else J - J
+    if difference.any():
+        turned = whiten_gradients(model, data, difference)
+        change, lengths = np.sqrt(np.vecdot(turned, turned)), touch.lengths[held]
+        difference[change > _LARGEST_TURN * lengths] = 0.0  # another feature of the surface, not a curved one
+        if (change > 1e-12 * lengths).any():
+            velocity += jump(model, data, difference, 0.5 * nu)
+            nu = pressing(velocity)
+    data.qvel[:] = velocity + jump(model, data, J, nu)
 
 
 def _moved(contacts: Contacts, before: Contacts, frames: Frames, data: mujoco.MjData) -> np.ndarray:

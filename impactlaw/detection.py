@@ -1,0 +1,170 @@
+"""Which contacts are near: MuJoCo's collision detection, with what depends on the geoms alone computed once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from impactlaw.contacts import GAP_TOLERANCE, Contacts, collide, contact_labels, geom_names, sorted_geoms
+from impactlaw.geoms import (
+    SKIN,
+    has_convex,
+    has_faces,
+    one_contact,
+    several_contacts,
+    touching_distance,
+    vague_contacts,
+)
+from impactlaw.options import BorrowedOptions
+
+_PARALLEL = 0.99  # cosine of an angle within which MuJoCo takes two faces for parallel
+_REMEMBERED = 256  # patterns; a pile has many
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """What the geoms of a sequence of contacts say, whatever their configuration is.
+
+    Attributes:
+        labels: as in `Contacts`.
+        geoms: as in `Contacts`, int (h, 2).
+        key: one number per pair of geoms, ascending, (h,).
+        single: which contacts are of pairs that never have more than one, bool (h,).
+        all_single: whether all are.
+        vague: which contacts may be anywhere in common faces, bool (h,).
+        skin: distance at which the geoms touch, m, (h,); None if 0 for all.
+        several: whether MuJoCo is to look for several contacts of a pair.
+        order: indices that bring MuJoCo's contacts into order; None if they are in it.
+        sign: -1 where MuJoCo has the higher geom id first, else 1, (h, 1); None if 1 for all.
+    """
+
+    labels: tuple[str, ...]
+    geoms: np.ndarray
+    key: np.ndarray
+    single: np.ndarray
+    all_single: bool
+    vague: np.ndarray
+    skin: np.ndarray | None
+    several: bool
+    order: np.ndarray | None
+    sign: np.ndarray | None
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+
+class Detector:
+    """Finds the contacts of one scene.
+
+    Args:
+        model: the scene.
+
+    Attributes:
+        names: of all geoms, as in contact labels.
+        options: to be entered (``with``) around every use of `find`.
+    """
+
+    def __init__(self, model: mujoco.MjModel):
+        self._model = model
+        self.names = geom_names(model)
+        self.options = BorrowedOptions(model, convex=has_convex(model))
+        self._faces = has_faces(model)
+        self._patterns: dict[bytes, Pattern] = {}
+        nothing = np.zeros((0, 2), int)
+        self.empty = self._pattern(nothing), Contacts((), nothing, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
+
+    def near(self, data: mujoco.MjData, within: float) -> Contacts:
+        """Return the contacts with a gap of at most ``within``, m. Frames must be current; replaces data.contact.
+
+        Raises:
+            SceneError: a flex is in contact, or there are more contacts than MuJoCo reports.
+        """
+        with self.options:
+            _, contacts = self.find(data, 2.0 * within + SKIN)  # MuJoCo compares with "<"
+        return contacts.select(np.flatnonzero(contacts.gap <= within))
+
+    def find(self, data: mujoco.MjData, within: float) -> tuple[Pattern, Contacts]:
+        """Return all contacts with a gap below ``within``, m, and perhaps more; see `near`."""
+        self.options.look(within + SKIN)
+        collide(self._model, data)
+        if data.ncon == 0:
+            return self.empty
+        pattern, contacts = self._read(data)
+        if pattern.several and self.options.several:
+            nearest = contacts.select(several_contacts(self._model, pattern.geoms))
+            self.options.look_for_several()
+            collide(self._model, data)
+            pattern, several = self._read(data)
+            contacts = _complete(several, nearest)
+            if len(contacts) > len(several):
+                pattern = self._pattern(contacts.geoms.astype(np.int32))
+        if pattern.skin is not None:
+            contacts = replace(contacts, gap=contacts.gap - pattern.skin)
+        return pattern, contacts
+
+    def _read(self, data: mujoco.MjData) -> tuple[Pattern, Contacts]:
+        found = data.contact
+        pattern = self._pattern(found.geom)
+        order = pattern.order
+        if order is None:
+            gap, position, normal = found.dist.copy(), found.pos.copy(), found.frame[:, :3].copy()
+        else:
+            gap, position, normal = found.dist[order], found.pos[order], found.frame[order, :3]
+        if pattern.sign is not None:
+            normal *= pattern.sign
+        return pattern, Contacts(pattern.labels, pattern.geoms, gap, position, normal)
+
+    def _pattern(self, geoms: np.ndarray) -> Pattern:
+        """Return what geom ids in MuJoCo's order say."""
+        seen = geoms.tobytes()
+        pattern = self._patterns.get(seen)
+        if pattern is None:
+            if len(self._patterns) >= _REMEMBERED:
+                self._patterns.clear()
+            pattern = self._patterns[seen] = self._learn(geoms)
+        return pattern
+
+    def _learn(self, found: np.ndarray) -> Pattern:
+        model = self._model
+        geoms, order, swapped = sorted_geoms(found)
+        key = geoms[:, 0] * model.ngeom + geoms[:, 1]
+        single = one_contact(model, geoms)
+        skin = touching_distance(model, geoms)
+        return Pattern(
+            labels=contact_labels(geoms, self.names),
+            geoms=geoms,
+            key=key,
+            single=single,
+            all_single=bool(single.all()) and len(np.unique(key)) == len(key),
+            vague=vague_contacts(model, geoms),
+            skin=skin if skin.any() else None,
+            several=self._faces and bool(several_contacts(model, geoms).any()),
+            order=None if np.array_equal(order, np.arange(len(order))) else order,
+            sign=np.where(swapped, -1.0, 1.0)[:, None] if swapped.any() else None,
+        )
+
+
+def _complete(several: Contacts, nearest: Contacts) -> Contacts:
+    """Give contacts between faces the direction of the shortest distance, and add the nearest contact if it is missing.
+
+    Where MuJoCo looks for several contacts, it takes faces within some degrees for parallel and the normal of one of
+    them for that of the contacts; and the contacts it chooses need not include the nearest.
+    """
+    gap, normal = several.gap.copy(), several.normal.copy()
+    kept = np.ones(len(nearest), dtype=bool)
+    for i, pair in enumerate(nearest.geoms):
+        same = np.flatnonzero((several.geoms == pair).all(axis=1))
+        cosine = normal[same] @ nearest.normal[i]
+        parallel = same[cosine > _PARALLEL]
+        gap[parallel] /= cosine[cosine > _PARALLEL]
+        normal[parallel] = nearest.normal[i]
+        kept[i] = gap[same].min(initial=np.inf) > nearest.gap[i] + GAP_TOLERANCE
+    several, missing = replace(several, gap=gap, normal=normal), nearest.select(kept)
+    if len(missing) == 0:
+        return several
+    fields = ("geoms", "gap", "position", "normal")
+    parts = [np.concatenate([getattr(several, name), getattr(missing, name)]) for name in fields]
+    both = Contacts(several.labels + missing.labels, *parts)
+    return both.select(np.lexsort((both.geoms[:, 1], both.geoms[:, 0])))

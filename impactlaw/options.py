@@ -1,0 +1,80 @@
+"""The options of a scene that stepping changes for a moment: contacts off to flow, nothing but contacts on to look."""
+
+from __future__ import annotations
+
+from types import TracebackType
+
+import mujoco
+
+_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+_FLOW_OFF = _CONTACT | int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+_LOOK_ON = _CONTACT | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+_SINGLE = int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
+_OTHER_ROWS = (
+    int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
+    | int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS)
+    | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+)
+_OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
+_SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+_DENSE = int(mujoco.mjtJacobian.mjJAC_DENSE)
+_CCD_TOLERANCE = 1e-12  # MuJoCo's default of 1e-6 makes gaps of convex geoms noisier than the gap tolerance
+_CCD_ITERATIONS = 100
+
+
+class BorrowedOptions:
+    """Changes ``model.opt`` within a ``with`` block: what the user has set is read at its start and back at its end.
+
+    Args:
+        model: the scene.
+        convex: whether pairs of geoms are measured by MuJoCo's general convex collider, which then is to be exact.
+    """
+
+    def __init__(self, model: mujoco.MjModel, *, convex: bool):
+        self._model = model
+        self._convex = convex
+
+    def __enter__(self) -> BorrowedOptions:
+        opt = self._opt = self._model.opt
+        self.timestep = opt.timestep
+        disabled, enabled = opt.disableflags, opt.enableflags
+        self._kept = disabled, enabled, opt.o_margin, opt.jacobian
+        self.several = not disabled & _SINGLE
+        self._flow = disabled | _FLOW_OFF, enabled & ~_SLEEP
+        self._look = (disabled | _SINGLE | _OTHER_ROWS) & ~_LOOK_ON, (enabled | _OVERRIDE) & ~_SLEEP
+        if self._convex:
+            self._kept_ccd = opt.ccd_tolerance, opt.ccd_iterations
+            opt.ccd_tolerance = min(opt.ccd_tolerance, _CCD_TOLERANCE)
+            opt.ccd_iterations = max(opt.ccd_iterations, _CCD_ITERATIONS)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        opt = self._opt
+        opt.timestep = self.timestep
+        opt.disableflags, opt.enableflags, opt.o_margin, opt.jacobian = self._kept
+        if self._convex:
+            opt.ccd_tolerance, opt.ccd_iterations = self._kept_ccd
+        del self._opt  # neither copied nor pickled
+
+    def flow(self, duration: float) -> None:
+        """Let a step take ``duration`` s, without contacts."""
+        opt = self._opt
+        opt.timestep = duration
+        opt.disableflags, opt.enableflags = self._flow
+        opt.jacobian = self._kept[3]
+
+    def look(self, within: float) -> None:
+        """Let collision detection report the nearest contact of every pair closer than ``within`` m.
+
+        Whatever margins the scene has. Constraint rows made meanwhile are those of contacts.
+        """
+        opt = self._opt
+        opt.disableflags, opt.enableflags = self._look
+        opt.o_margin = within
+        opt.jacobian = _DENSE
+
+    def look_for_several(self) -> None:
+        """Let collision detection report several contacts of faces that meet."""
+        self._opt.disableflags &= ~_SINGLE
