@@ -175,18 +175,17 @@ def contact_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | Non
 
     Other rows must be off and the Jacobian dense (`impactlaw.options`). None if MuJoCo makes no row for a contact.
     """
-    contact = data.contact
-    dim = contact.dim
-    friction = dim.copy() if np.count_nonzero(dim == 1) < len(dim) else None
-    if friction is not None:
-        dim[:] = 1  # a frictionless contact has one row
-    contact.exclude[:] = 0  # contacts in a detection gap too
+    contact, h = data.contact, data.ncon
     mujoco.mj_makeConstraint(model, data)
-    rows = data.efc_J.reshape(-1, model.nv).copy() if data.nefc == len(dim) else None
-    contact.efc_address[:] = -1
+    if data.nefc != h:
+        dim = contact.dim.copy()
+        contact.dim[:] = 1  # a frictionless contact has one row
+        contact.exclude[:] = 0  # one within a detection gap too
+        mujoco.mj_makeConstraint(model, data)
+        contact.dim[:] = dim
+    rows = data.efc_J.reshape(h, -1).copy() if data.nefc == h else None
+    contact.efc_address[:] = -1  # there are no forces yet
     data.nefc = 0
-    if friction is not None:
-        dim[:] = friction
     return rows
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -18,9 +18,14 @@ _HUGE = mujoco.mjMAXVAL  # MuJoCo takes larger numbers for a mistake
 _INPUT = ("qpos", "qvel", "act", "ctrl", "qfrc_applied", "xfrc_applied")
 
 
-def save_state(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    """Return everything that the integrator starts from."""
-    state = np.empty(mujoco.mj_stateSize(model, _STATE))
+def empty_state(model: mujoco.MjModel) -> np.ndarray:
+    """Return room for a state."""
+    return np.empty(mujoco.mj_stateSize(model, _STATE))
+
+
+def save_state(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray | None = None) -> np.ndarray:
+    """Return everything that the integrator starts from, in the given array if there is one."""
+    state = empty_state(model) if state is None else state
     mujoco.mj_getState(model, data, state, _STATE)
     return state
 
@@ -55,21 +60,20 @@ def advance(model: mujoco.MjModel, data: mujoco.MjData, options: BorrowedOptions
     """Integrate for ``duration`` s as `mj_step` does, without contacts.
 
     Raises:
-        DivergenceError: position or velocity is not finite afterwards, or huge.
+        DivergenceError: the velocity is not finite afterwards, or huge.
     """
     options.flow(duration)
     mujoco.mj_step(model, data)
-    qvel, qpos = data.qvel, data.qpos
-    if not (qvel.dot(qvel) <= _HUGE**2 and qpos.dot(qpos) <= _HUGE**2):
+    qvel = data.qvel
+    if not qvel.dot(qvel) <= _HUGE**2:
         raise DivergenceError(
-            f"position or velocity is not finite, or huge, at t = {data.time:.6g} s; use a smaller timestep, or check "
+            f"the velocity is not finite, or huge, at t = {data.time:.6g} s; use a smaller timestep, or check "
             "the controls and the stiffness of the scene"
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Frames:
-    """Positions (ngeom, 3) and orientations (ngeom, 3, 3) of all geoms at one time."""
+class Frames(NamedTuple):
+    """Positions (ngeom, 3) and orientations (ngeom, 9) of all geoms at one time."""
 
     position: np.ndarray
     rotation: np.ndarray
@@ -77,7 +81,7 @@ class Frames:
     @classmethod
     def of(cls, data: mujoco.MjData) -> Frames:
         """Copy the frames of now."""
-        return cls(data.geom_xpos.copy(), data.geom_xmat.reshape(-1, 3, 3).copy())
+        return cls(data.geom_xpos.copy(), data.geom_xmat.copy())
 
 
 class Travel:
@@ -106,6 +110,7 @@ class Travel:
             elif kind == int(mujoco.mjtJoint.mjJNT_HINGE):
                 self._spins[dof] = True
         self._round = not self._lever[self._pairs].any()
+        self._passable = len(self._pairs) > 0
         self._reach, self._short = self._reaches(), 0.5 * self._thinnest
         if not self._round:
             self._short = min(self._short, 1.0)
@@ -113,7 +118,7 @@ class Travel:
 
     def speed(self, velocity: np.ndarray) -> float:
         """Return a bound on the speed of every point of every geom that counts, m/s."""
-        return self._reach.dot(np.abs(velocity)) if len(self._pairs) else 0.0
+        return self._reach.dot(np.abs(velocity)) if self._passable else 0.0
 
     def is_short(self, distance: float) -> bool:
         """Return whether nothing passes through another body, or aliases in orientation, within this distance, m."""
@@ -144,7 +149,7 @@ class Travel:
     def between(self, start: Frames, data: mujoco.MjData) -> np.ndarray:
         """Return a bound on the travel of each geom's surface from the start to now, m, (ngeom,)."""
         shift = np.linalg.norm(data.geom_xpos - start.position, axis=1)
-        turn = np.linalg.norm(data.geom_xmat.reshape(-1, 9) - start.rotation.reshape(-1, 9), axis=1)
+        turn = np.linalg.norm(data.geom_xmat - start.rotation, axis=1)
         return shift + self._lever * turn / np.sqrt(2.0)
 
     def suspects(self, start: Frames, travel: np.ndarray) -> np.ndarray:

@@ -17,7 +17,8 @@ _OTHER_ROWS = (
 )
 _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 _SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-_DENSE = int(mujoco.mjtJacobian.mjJAC_DENSE)
+_DENSE, _AUTO = int(mujoco.mjtJacobian.mjJAC_DENSE), int(mujoco.mjtJacobian.mjJAC_AUTO)
+_LARGE = 60  # degrees of freedom from which MuJoCo's own choice of Jacobian is a sparse one
 _CCD_TOLERANCE = 1e-12  # MuJoCo's default of 1e-6 makes gaps of convex geoms noisier than the gap tolerance
 _CCD_ITERATIONS = 100
 
@@ -37,9 +38,10 @@ class BorrowedOptions:
     def __enter__(self) -> BorrowedOptions:
         opt = self._opt = self._model.opt
         self.timestep = opt.timestep
-        disabled, enabled = opt.disableflags, opt.enableflags
-        self._kept = disabled, enabled, opt.o_margin, opt.jacobian
+        disabled, enabled, jacobian = opt.disableflags, opt.enableflags, opt.jacobian
+        self._kept = disabled, enabled, opt.o_margin, jacobian
         self.several = not disabled & _SINGLE
+        self._sparse = jacobian != _DENSE and (jacobian != _AUTO or self._model.nv >= _LARGE)
         self._flow = disabled | _FLOW_OFF, enabled & ~_SLEEP
         self._look = (disabled | _SINGLE | _OTHER_ROWS) & ~_LOOK_ON, (enabled | _OVERRIDE) & ~_SLEEP
         if self._convex:
@@ -63,17 +65,19 @@ class BorrowedOptions:
         opt = self._opt
         opt.timestep = duration
         opt.disableflags, opt.enableflags = self._flow
-        opt.jacobian = self._kept[3]
+        if self._sparse:
+            opt.jacobian = self._kept[3]
 
     def look(self, within: float) -> None:
         """Let collision detection report the nearest contact of every pair closer than ``within`` m.
 
-        Whatever margins the scene has. Constraint rows made meanwhile are those of contacts.
+        Whatever margins the scene has. Constraint rows made meanwhile are those of contacts, and dense.
         """
         opt = self._opt
         opt.disableflags, opt.enableflags = self._look
         opt.o_margin = within
-        opt.jacobian = _DENSE
+        if self._sparse:
+            opt.jacobian = _DENSE
 
     def look_for_several(self) -> None:
         """Let collision detection report several contacts of faces that meet."""

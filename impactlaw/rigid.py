@@ -25,12 +25,12 @@ from impactlaw.contacts import Contacts, kinetic_metric, update_positions
 from impactlaw.detection import Detector
 from impactlaw.errors import OverlapError, SceneError
 from impactlaw.events import ImpactEvent
-from impactlaw.flow import Travel, advance, check_input, restore_state, save_state
+from impactlaw.flow import Travel, advance, check_input, empty_state, restore_state, save_state
 from impactlaw.geoms import touching_distance
 from impactlaw.location import Guess, locate, parabola
 from impactlaw.scene import check_rigid, geom_pairs
-from impactlaw.sustained import Arrival, Flow, Start, hold, match, stays
-from impactlaw.touch import Touch, look
+from impactlaw.sustained import Arrival, Flow, Moment, hold, match, stays
+from impactlaw.touch import look
 
 _LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located
 _SMOOTH = 0.35, 0.15  # part of its depth that a smooth gap has reached after half of the flow: a quarter, nearly
@@ -68,13 +68,14 @@ class RigidStepping:
         self._detector = Detector(model)
         self._options = self._detector.options
         self._travel = Travel(model, pairs)
+        self._before, self._state = empty_state(model), empty_state(model)
         self._left: tuple[bytes, bytes, float] = b"", b"", 0.0
-        self._next: Start | None = None
+        self._next: Moment | None = None
         self.unlocated = 0
 
     def step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
         """Advance by one timestep and return the collisions; data is back where it was if an error is raised."""
-        state = save_state(self._model, data)
+        state = save_state(self._model, data, self._before)
         check_input(self._model, data, state)
         try:
             with self._options:
@@ -91,14 +92,14 @@ class RigidStepping:
         events: list[ImpactEvent] = []
         closings = 0
         while True:
-            if np.count_nonzero(start.approaching):
-                start = self._collide(data, start.touch, events)
+            if start.collides:
+                start = self._collide(data, start, events)
             if remaining <= 1e-12 * timestep:
                 break
             hold_all = max(len(events), closings) > self._collider.most
             flight, closed = self._fly(data, start, remaining, hold_all=hold_all)
             closings += closed
-            start = self._start(data, flight.arrival.touch)
+            start = flight.arrival.now
             remaining -= flight.flow.duration
             data.time = end - remaining
         data.time = end
@@ -106,27 +107,23 @@ class RigidStepping:
         self._left, self._next = (data.qpos.tobytes(), data.qvel.tobytes(), timestep), start
         return tuple(events)
 
-    def _begin(self, data: mujoco.MjData) -> Start:
+    def _begin(self, data: mujoco.MjData) -> Moment:
         """Return the contacts of now: those that the last step has left, if nothing has changed since."""
         qpos, qvel, timestep = self._left
         same = qpos == data.qpos.tobytes()
         if same and qvel == data.qvel.tobytes() and timestep == self._options.timestep and self._next is not None:
-            if np.count_nonzero(self._next.approaching):
+            if self._next.collides:
                 update_positions(self._model, data)
             return self._next
         update_positions(self._model, data)
-        touch = self._look(data)
+        start = self._look(data)
         if not same:
-            self._refuse_overlap(touch.contacts)
-        return self._start(data, touch)
+            self._refuse_overlap(start.touch.contacts)
+        return start
 
-    def _look(self, data: mujoco.MjData) -> Touch:
-        return look(self._model, data, self._detector, self._near)
-
-    def _start(self, data: mujoco.MjData, touch: Touch) -> Start:
-        return Start.of(
-            self._model, data, touch, self._travel, tolerance=self._tolerance, timestep=self._options.timestep
-        )
+    def _look(self, data: mujoco.MjData) -> Moment:
+        touch = look(self._model, data, self._detector, self._near)
+        return Moment.of(self._model, data, touch, tolerance=self._tolerance, timestep=self._options.timestep)
 
     def _refuse_overlap(self, contacts: Contacts) -> None:
         depth = -(contacts.gap + touching_distance(self._model, contacts.geoms))
@@ -141,15 +138,14 @@ class RigidStepping:
 
     # -- 1: collisions ---------------------------------------------------------------------------------------------
 
-    def _collide(self, data: mujoco.MjData, touch: Touch, events: list[ImpactEvent]) -> Start:
-        """Resolve the collisions of now; frames and inertia of data are those of the touch."""
-        start = self._start(data, touch)
+    def _collide(self, data: mujoco.MjData, start: Moment, events: list[ImpactEvent]) -> Moment:
+        """Resolve the collisions of now; frames and inertia of data are those of the start."""
         closed = np.flatnonzero(start.closed)
         rounding = start.rounding[closed]
         data.qvel[:] = self._collider.collide(
             kinetic_metric(self._model, data),
-            touch.jacobian[closed],
-            touch.contacts.select(closed),
+            start.touch.jacobian[closed],
+            start.touch.contacts.select(closed),
             start.velocity,
             approach=rounding,
             rounding=rounding,
@@ -157,15 +153,13 @@ class RigidStepping:
             qpos=data.qpos,
             events=events,
         )
-        return self._start(data, touch)
+        return start.moving(self._model, data)
 
     # -- 2 to 4: flow ----------------------------------------------------------------------------------------------
 
-    def _fly(self, data: mujoco.MjData, start: Start, duration: float, *, hold_all: bool) -> tuple[Flight, bool]:
+    def _fly(self, data: mujoco.MjData, start: Moment, duration: float, *, hold_all: bool) -> tuple[Flight, bool]:
         """Advance by at most ``duration``; return where that led, and whether a closing gap ended it."""
-        state = save_state(self._model, data)
-        if not self._travel.is_short(start.speed * duration):
-            duration = min(duration, self._travel.longest_turn(data))
+        state = save_state(self._model, data, self._state)
         flight = self._try_safely(data, state, start, duration, hold_all=hold_all)
         if hold_all or flight.gap >= -self._tolerance:
             return flight, False
@@ -196,19 +190,22 @@ class RigidStepping:
 
     def _may_be_smooth(self, end: Flight) -> bool:
         """Return whether the deepest contact may continue a sustained one that was somewhere else in common faces."""
-        start, touch = end.flow.start, end.arrival.touch
+        start, touch = end.flow.start, end.arrival.now.touch
         if end.arrival.known[end.deepest] >= 0 or not touch.pattern.vague[end.deepest]:
             return False
         held = start.closed & (start.contact_velocity <= start.rounding)
         return bool((start.touch.pattern.key[held] == touch.pattern.key[end.deepest]).any())
 
     def _try_safely(
-        self, data: mujoco.MjData, state: np.ndarray, start: Start, duration: float, *, hold_all: bool
+        self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool
     ) -> Flight:
+        speed = self._travel.speed(start.velocity)
+        if not self._travel.is_short(speed * duration):
+            duration = min(duration, self._travel.longest_turn(data))
         while True:
             advance(self._model, data, self._options, duration)
             update_positions(self._model, data)
-            if self._travel.is_short((start.speed + self._travel.speed(data.qvel)) * duration):
+            if self._travel.is_short((speed + self._travel.speed(data.qvel)) * duration):
                 return self._arrive(data, Flow(start, duration, self._tolerance, self._travel, hold_all))
             travel = self._travel.between(start.touch.frames, data)
             suspects = self._travel.suspects(start.touch.frames, travel)
@@ -224,7 +221,7 @@ class RigidStepping:
     def _try(
         self,
         data: mujoco.MjData,
-        start: Start,
+        start: Moment,
         duration: float,
         *,
         hold_all: bool = False,
@@ -244,25 +241,24 @@ class RigidStepping:
             reach: distance to look further if nothing is near, m.
         """
 
-        def look_again() -> tuple[Touch, np.ndarray]:
-            touch = self._look(data)
-            return touch, match(self._model, data, touch, flow)
+        def look_again() -> tuple[Moment, np.ndarray]:
+            now = self._look(data)
+            return now, match(self._model, data, now.touch, flow)
 
-        touch, known = look_again()
-        if not touch.pattern:
-            return Flight(flow, Arrival(touch, known, known), self._further(data, reach), -1)
-        gap = touch.contacts.gap
-        arrival = Arrival(touch, known, stays(gap, known, flow))
-        if np.count_nonzero(arrival.sustained & (gap <= self._tolerance)):
+        now, known = look_again()
+        if not now.touch.pattern:
+            return Flight(flow, Arrival(now, known, known), self._further(data, reach), -1)
+        arrival = Arrival(now, known, stays(now.gap, known, flow))
+        if np.count_nonzero(arrival.sustained & now.closed):
             arrival = hold(self._model, data, arrival, flow, look_again)
         smallest, deepest = self._smallest_gap(data, arrival, flow, reach)
         return Flight(flow, arrival, smallest, deepest)
 
     def _smallest_gap(self, data: mujoco.MjData, arrival: Arrival, flow: Flow, reach: float) -> tuple[float, int]:
-        opened = np.flatnonzero(~arrival.sustained)
-        if len(opened) == 0:
+        if np.count_nonzero(arrival.sustained) == len(arrival.sustained):
             return self._further(data, reach), -1
-        clear = arrival.touch.contacts.gap[opened]
+        opened = np.flatnonzero(~arrival.sustained)
+        clear = arrival.now.gap[opened]
         if len(flow.start.gap):
             known = arrival.known[opened]
             before = np.where(known >= 0, flow.start.gap[known], 0.0)
@@ -284,7 +280,7 @@ class RigidStepping:
         if before >= 0:
             gap, velocity = float(start.gap[before]), float(start.contact_velocity[before])
         else:
-            gradient = end.arrival.touch.jacobian[end.deepest]
+            gradient = end.arrival.now.touch.jacobian[end.deepest]
             velocity = float(gradient @ start.velocity)
             gap = end.gap - 0.5 * (velocity + float(gradient @ data.qvel)) * duration
         return parabola(max(gap, 0.0), velocity, end.gap, duration, self._tolerance)

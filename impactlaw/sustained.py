@@ -36,53 +36,38 @@ _LARGEST_TURN = 0.3  # rad in one flow
 _SAME_POINT = 1e3  # gap tolerances that a contact point may move more than the geoms
 _ROUNDING = 1e-13  # of a contact velocity in the kinetic metric, relative to the velocity of the whole scene
 _STILL = 1e-3  # part of the gap tolerance that a velocity must cross in a timestep to be one
-_NONE = np.zeros(0, dtype=bool)
 
 
-class Start(NamedTuple):
-    """The contacts at the start of a flow.
+class Moment(NamedTuple):
+    """Contacts at one time, and how they move.
 
     Attributes:
         touch: the contacts that were detected, open ones included.
+        closed: whose gap is at most the tolerance, bool (h,).
+        still: contact velocity that crosses next to nothing in a timestep, m/s.
         velocity: qvel, (nv,).
         contact_velocity: ``gamma``, m/s, (h,).
-        rounding: contact velocities, m/s, (h,), below which there is no telling motion from rounding.
-        closed: whose gap is at most the tolerance, bool (h,).
-        speed: bound on the speed of every geom that counts (`Travel.speed`), m/s.
+        noise: size of the rounding errors of gamma, m/s, (h,).
     """
 
     touch: Touch
+    closed: np.ndarray
+    still: float
     velocity: np.ndarray
     contact_velocity: np.ndarray
-    rounding: np.ndarray
-    closed: np.ndarray
-    speed: float
+    noise: np.ndarray
 
     @classmethod
     def of(
-        cls,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        touch: Touch,
-        travel: Travel,
-        *,
-        tolerance: float,
-        timestep: float,
-    ) -> Start:
+        cls, model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, *, tolerance: float, timestep: float
+    ) -> Moment:
         """Read the velocities of now; inertia must be that of the touch."""
-        velocity = data.qvel.copy()
-        speed = travel.speed(velocity)
-        if not touch.pattern:
-            return cls(touch, velocity, touch.lengths, touch.lengths, _NONE, speed)
-        rounding = _ROUNDING * kinetic_norm(model, data, velocity) * touch.lengths
-        return cls(
-            touch,
-            velocity,
-            touch.jacobian.dot(velocity),
-            np.maximum(rounding, _STILL * tolerance / timestep),
-            touch.contacts.gap <= tolerance,
-            speed,
-        )
+        closed = touch.contacts.gap <= tolerance
+        return cls(touch, closed, _STILL * tolerance / timestep, *_motion(model, data, touch))
+
+    def moving(self, model: mujoco.MjModel, data: mujoco.MjData) -> Moment:
+        """Return the same contacts with the velocities of now."""
+        return Moment(self.touch, self.closed, self.still, *_motion(model, data, self.touch))
 
     @property
     def gap(self) -> np.ndarray:
@@ -90,9 +75,23 @@ class Start(NamedTuple):
         return self.touch.contacts.gap
 
     @property
-    def approaching(self) -> np.ndarray:
-        """Closed contacts that collide, bool (h,)."""
-        return self.closed & (self.contact_velocity < -self.rounding)
+    def rounding(self) -> np.ndarray:
+        """Contact velocities below which there is no telling motion from rounding, m/s, (h,)."""
+        return np.maximum(self.noise, self.still)
+
+    @property
+    def collides(self) -> bool:
+        """Whether a closed contact approaches."""
+        fast = self.closed & (self.contact_velocity < -self.still)
+        return bool(np.count_nonzero(fast)) and bool(np.any(self.contact_velocity[fast] < -self.noise[fast]))
+
+
+def _motion(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    velocity = data.qvel.copy()
+    if not touch.pattern:
+        return velocity, touch.lengths, touch.lengths
+    noise = (_ROUNDING * kinetic_norm(model, data, velocity)) * touch.lengths
+    return velocity, touch.jacobian.dot(velocity), noise
 
 
 class Flow(NamedTuple):
@@ -107,7 +106,7 @@ class Flow(NamedTuple):
         smooth: whether it is known that contacts between faces have moved smoothly, however far.
     """
 
-    start: Start
+    start: Moment
     duration: float
     tolerance: float
     travel: Travel
@@ -119,12 +118,12 @@ class Arrival(NamedTuple):
     """The contacts at the end of a flow.
 
     Attributes:
-        touch: those contacts.
+        now: those contacts, and how they move now.
         known: index of the same contact at the start, or -1, int (h,).
         sustained: which ones stay closed, bool (h,).
     """
 
-    touch: Touch
+    now: Moment
     known: np.ndarray
     sustained: np.ndarray
 
@@ -196,7 +195,7 @@ def hold(
     data: mujoco.MjData,
     arrival: Arrival,
     flow: Flow,
-    look_again: Callable[[], tuple[Touch, np.ndarray]],
+    look_again: Callable[[], tuple[Moment, np.ndarray]],
 ) -> Arrival:
     """Bring position and velocity back to the sustained contacts; data and its frames change.
 
@@ -210,10 +209,12 @@ def hold(
     Returns:
         The contacts after the correction.
     """
-    gap = arrival.touch.contacts.gap
-    if gap[arrival.sustained].min() < -_CORRECTED * flow.tolerance:
+    if np.count_nonzero(arrival.sustained & (arrival.now.gap < -_CORRECTED * flow.tolerance)):
         arrival = _hold_position(model, data, arrival, flow, look_again)
-    _hold_velocity(model, data, arrival, flow)
+    now, known, sustained = arrival
+    if np.count_nonzero(sustained & now.closed & (now.contact_velocity < -now.noise)):
+        _hold_velocity(model, data, arrival, flow)
+        return Arrival(now.moving(model, data), known, sustained)
     return arrival
 
 
@@ -222,19 +223,20 @@ def _hold_position(
     data: mujoco.MjData,
     arrival: Arrival,
     flow: Flow,
-    look_again: Callable[[], tuple[Touch, np.ndarray]],
+    look_again: Callable[[], tuple[Moment, np.ndarray]],
 ) -> Arrival:
     end = data.qpos.copy()
     shift = np.zeros(model.nv)
     cuts = np.zeros((0, model.nv)), np.zeros(0)
     for correction in range(_CORRECTIONS):
-        touch, known, sustained = arrival
+        now, known, sustained = arrival
+        touch = now.touch
         try:
             sustained, pressed, wanted = _position_impulse(model, data, arrival, shift, flow, cuts)
         except UnsolvableLawError:
             break  # squeezed between bodies that cannot give way: nothing to correct
         if not np.count_nonzero(pressed) and not shift.any():
-            return Arrival(touch, known, sustained)
+            return Arrival(now, known, sustained)
         if correction >= _SMOOTH_CORRECTIONS:  # the contacts jump between points of a face: keep them all
             rows = touch.jacobian[sustained], touch.jacobian[sustained] @ shift - touch.contacts.gap[sustained]
             cuts = np.vstack([cuts[0], rows[0]]), np.concatenate([cuts[1], rows[1]])
@@ -244,10 +246,10 @@ def _hold_position(
         data.qpos[:] = qpos
         update_positions(model, data)
         held, pressing = known[sustained & (known >= 0)], known[pressed & (known >= 0)]
-        touch, known = look_again()
+        now, known = look_again()
         sustained = _among(known, held)  # what the flow has decided stays decided
-        arrival = Arrival(touch, known, sustained)
-        gap = touch.contacts.gap
+        arrival = Arrival(now, known, sustained)
+        gap = now.gap
         error = max(np.abs(gap[_among(known, pressing)]).max(initial=0.0), -gap[sustained].min(initial=0.0))
         if error <= _CORRECTED * flow.tolerance and not np.count_nonzero(stays(gap, known, flow) & ~sustained):
             break
@@ -270,7 +272,7 @@ def _position_impulse(
 
     The cuts are gradients and least shifts along them of contacts that were seen there before.
     """
-    touch, sustained = arrival.touch, arrival.sustained
+    touch, sustained = arrival.now.touch, arrival.sustained
     gap, J = touch.contacts.gap, touch.jacobian
     while True:
         rows = np.flatnonzero(sustained)
@@ -289,13 +291,10 @@ def _position_impulse(
 
 
 def _hold_velocity(model: mujoco.MjModel, data: mujoco.MjData, arrival: Arrival, flow: Flow) -> None:
-    touch, start = arrival.touch, flow.start
-    held = np.flatnonzero(arrival.sustained & (touch.contacts.gap <= flow.tolerance))
+    touch, start = arrival.now.touch, flow.start.touch
+    held = np.flatnonzero(arrival.sustained & arrival.now.closed)
     J, Y = touch.jacobian[held], touch.gradients[held]
     velocity = data.qvel.copy()
-    rounding = _ROUNDING * kinetic_norm(model, data, velocity) * touch.lengths[held]
-    if not np.count_nonzero(J.dot(velocity) < -rounding):
-        return
     labels = tuple(touch.contacts.labels[i] for i in held)
 
     def pressing(velocity: np.ndarray) -> np.ndarray:
@@ -305,7 +304,7 @@ def _hold_velocity(model: mujoco.MjModel, data: mujoco.MjData, arrival: Arrival,
     if not nu.any():
         return
     known = arrival.known[held]
-    difference = np.where(known[:, None] >= 0, start.touch.jacobian[known] - J, 0.0) if start.touch.pattern else J - J
+    difference = np.where(known[:, None] >= 0, start.jacobian[known] - J, 0.0) if start.pattern else J - J
     if difference.any():
         turned = whiten_gradients(model, data, difference)
         change, lengths = np.sqrt(np.vecdot(turned, turned)), touch.lengths[held]
@@ -322,6 +321,8 @@ def _moved(contacts: Contacts, before: Contacts, frames: Frames, data: mujoco.Mj
     for geom, geom_before in zip(contacts.geoms.T, before.geoms.T, strict=True):
         turn = data.geom_xmat[geom].reshape(-1, 3, 3)
         now = np.einsum("hij,hi->hj", turn, contacts.position - data.geom_xpos[geom])
-        then = np.einsum("hij,hi->hj", frames.rotation[geom_before], before.position - frames.position[geom_before])
+        then = np.einsum(
+            "hij,hi->hj", frames.rotation[geom_before].reshape(-1, 3, 3), before.position - frames.position[geom_before]
+        )
         distances.append(np.linalg.norm(now[:, None] - then, axis=2))
     return np.minimum(*distances)
