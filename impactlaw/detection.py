@@ -36,6 +36,8 @@ class Pattern:
         vague: which contacts may be anywhere in common faces, bool (h,).
         skin: distance at which the geoms touch, m, (h,); None if 0 for all.
         several: whether MuJoCo is to look for several contacts of a pair.
+        index: 0, 1, .., (h,).
+        ones: 1, 1, .., (h,).
         order: indices that bring MuJoCo's contacts into order; None if they are in it.
         sign: -1 where MuJoCo has the higher geom id first, else 1, (h, 1); None if 1 for all.
     """
@@ -48,6 +50,8 @@ class Pattern:
     vague: np.ndarray
     skin: np.ndarray | None
     several: bool
+    index: np.ndarray
+    ones: np.ndarray
     order: np.ndarray | None
     sign: np.ndarray | None
 
@@ -141,6 +145,8 @@ class Detector:
             vague=vague_contacts(model, geoms),
             skin=skin if skin.any() else None,
             several=self._faces and bool(several_contacts(model, geoms).any()),
+            index=np.arange(len(key)),
+            ones=np.ones(len(key)),
             order=None if np.array_equal(order, np.arange(len(order))) else order,
             sign=np.where(swapped, -1.0, 1.0)[:, None] if swapped.any() else None,
         )

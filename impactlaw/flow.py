@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import NamedTuple
 
 import mujoco
@@ -115,14 +116,18 @@ class Travel:
         if not self._round:
             self._short = min(self._short, 1.0)
             self._reach[self._spins] = np.maximum(self._reach[self._spins], self._short)
+        self._farthest = float(np.linalg.norm(self._reach))
 
-    def speed(self, velocity: np.ndarray) -> float:
-        """Return a bound on the speed of every point of every geom that counts, m/s."""
-        return self._reach.dot(np.abs(velocity)) if self._passable else 0.0
+    def is_short(self, before: np.ndarray, after: np.ndarray, duration: float) -> bool:
+        """Return whether nothing can have passed through another body, or turned so far that orientations alias.
 
-    def is_short(self, distance: float) -> bool:
-        """Return whether nothing passes through another body, or aliases in orientation, within this distance, m."""
-        return distance <= self._short
+        A bound from the velocities, (nv,), at both ends of a flow; where it fails, `between` tells more.
+        """
+        if not self._passable:
+            return True
+        if self._farthest * (sqrt(before.dot(before)) + sqrt(after.dot(after))) * duration <= self._short:
+            return True
+        return self._reach.dot(np.abs(before) + np.abs(after)) * duration <= self._short
 
     def _reaches(self) -> np.ndarray:
         """Return how far a joint's motion can move a point of a geom, m per m or per rad, (nv,)."""
@@ -172,9 +177,9 @@ class Travel:
             fraction = min(fraction, max(self._thickness[k], distance) / moved)
         return fraction
 
-    def longest_turn(self, data: mujoco.MjData) -> float:
+    def longest_turn(self, velocity: np.ndarray) -> float:
         """Return the duration, s, in which the fastest joint turns by one radian (orientations alias beyond it)."""
         if self._round:
             return np.inf
-        fastest = np.abs(data.qvel[self._spins]).max(initial=0.0)
+        fastest = np.abs(velocity[self._spins]).max(initial=0.0)
         return 1.0 / fastest if fastest > 0 else np.inf

@@ -34,14 +34,16 @@ class BorrowedOptions:
     def __init__(self, model: mujoco.MjModel, *, convex: bool):
         self._model = model
         self._convex = convex
+        self._large = model.nv >= _LARGE
 
     def __enter__(self) -> BorrowedOptions:
         opt = self._opt = self._model.opt
         self.timestep = opt.timestep
-        disabled, enabled, jacobian = opt.disableflags, opt.enableflags, opt.jacobian
-        self._kept = disabled, enabled, opt.o_margin, jacobian
+        disabled, enabled = opt.disableflags, opt.enableflags
+        self._kept = disabled, enabled, opt.o_margin
         self.several = not disabled & _SINGLE
-        self._sparse = jacobian != _DENSE and (jacobian != _AUTO or self._model.nv >= _LARGE)
+        self._jacobian = opt.jacobian
+        self._sparse = self._large if self._jacobian == _AUTO else self._jacobian != _DENSE
         self._flow = disabled | _FLOW_OFF, enabled & ~_SLEEP
         self._look = (disabled | _SINGLE | _OTHER_ROWS) & ~_LOOK_ON, (enabled | _OVERRIDE) & ~_SLEEP
         if self._convex:
@@ -55,7 +57,9 @@ class BorrowedOptions:
     ) -> None:
         opt = self._opt
         opt.timestep = self.timestep
-        opt.disableflags, opt.enableflags, opt.o_margin, opt.jacobian = self._kept
+        opt.disableflags, opt.enableflags, opt.o_margin = self._kept
+        if self._sparse:
+            opt.jacobian = self._jacobian
         if self._convex:
             opt.ccd_tolerance, opt.ccd_iterations = self._kept_ccd
         del self._opt  # neither copied nor pickled
@@ -63,10 +67,11 @@ class BorrowedOptions:
     def flow(self, duration: float) -> None:
         """Let a step take ``duration`` s, without contacts."""
         opt = self._opt
-        opt.timestep = duration
+        if duration != opt.timestep:
+            opt.timestep = duration
         opt.disableflags, opt.enableflags = self._flow
         if self._sparse:
-            opt.jacobian = self._kept[3]
+            opt.jacobian = self._jacobian
 
     def look(self, within: float) -> None:
         """Let collision detection report the nearest contact of every pair closer than ``within`` m.

@@ -88,38 +88,52 @@ class RigidStepping:
     def _step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
         timestep = remaining = self._options.timestep
         end = data.time + timestep
-        start = self._begin(data)
+        if self._next is None and self._left[0] == data.qpos.tobytes() and self._glide(data, timestep):
+            self._left = data.qpos.tobytes(), b"", timestep
+            return ()
         events: list[ImpactEvent] = []
+        start = self._begin(data, events)
         closings = 0
-        while True:
-            if start.collides:
-                start = self._collide(data, start, events)
-            if remaining <= 1e-12 * timestep:
-                break
+        while remaining > 1e-12 * timestep:
             hold_all = max(len(events), closings) > self._collider.most
-            flight, closed = self._fly(data, start, remaining, hold_all=hold_all)
+            changed = events or remaining < timestep
+            state = save_state(self._model, data, self._state) if changed else self._before
+            flight, closed = self._fly(data, state, start, remaining, hold_all=hold_all)
             closings += closed
-            start = flight.arrival.now
             remaining -= flight.flow.duration
             data.time = end - remaining
+            start = flight.arrival.now
+            if start.collides:
+                start = self._collide(data, start, events)
         data.time = end
         self.unlocated += max(len(events), closings) > self._collider.most
-        self._left, self._next = (data.qpos.tobytes(), data.qvel.tobytes(), timestep), start
+        self._left = data.qpos.tobytes(), data.qvel.tobytes(), timestep
+        self._next = start if start.touch.pattern else None
         return tuple(events)
 
-    def _begin(self, data: mujoco.MjData) -> Moment:
-        """Return the contacts of now: those that the last step has left, if nothing has changed since."""
+    def _glide(self, data: mujoco.MjData, duration: float) -> bool:
+        """Advance by the whole step if no contact is near at its end; nothing is near now."""
+        before = data.qvel.copy()
+        advance(self._model, data, self._options, duration)
+        update_positions(self._model, data)
+        if self._travel.is_short(before, data.qvel, duration):
+            pattern, _ = self._detector.find(data, self._near)
+            if not pattern:
+                return True
+        restore_state(self._model, data, self._before)
+        return False
+
+    def _begin(self, data: mujoco.MjData, events: list[ImpactEvent]) -> Moment:
+        """Return the contacts of now, after collisions: those that the last step has left, if nothing has changed."""
         qpos, qvel, timestep = self._left
         same = qpos == data.qpos.tobytes()
         if same and qvel == data.qvel.tobytes() and timestep == self._options.timestep and self._next is not None:
-            if self._next.collides:
-                update_positions(self._model, data)
             return self._next
         update_positions(self._model, data)
         start = self._look(data)
         if not same:
             self._refuse_overlap(start.touch.contacts)
-        return start
+        return self._collide(data, start, events) if start.collides else start
 
     def _look(self, data: mujoco.MjData) -> Moment:
         touch = look(self._model, data, self._detector, self._near)
@@ -157,9 +171,10 @@ class RigidStepping:
 
     # -- 2 to 4: flow ----------------------------------------------------------------------------------------------
 
-    def _fly(self, data: mujoco.MjData, start: Moment, duration: float, *, hold_all: bool) -> tuple[Flight, bool]:
-        """Advance by at most ``duration``; return where that led, and whether a closing gap ended it."""
-        state = save_state(self._model, data, self._state)
+    def _fly(
+        self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool
+    ) -> tuple[Flight, bool]:
+        """Advance from a saved state by at most ``duration``; return where that led, and whether a gap closed there."""
         flight = self._try_safely(data, state, start, duration, hold_all=hold_all)
         if hold_all or flight.gap >= -self._tolerance:
             return flight, False
@@ -199,14 +214,16 @@ class RigidStepping:
     def _try_safely(
         self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool
     ) -> Flight:
-        speed = self._travel.speed(start.velocity)
-        if not self._travel.is_short(speed * duration):
-            duration = min(duration, self._travel.longest_turn(data))
         while True:
             advance(self._model, data, self._options, duration)
             update_positions(self._model, data)
-            if self._travel.is_short((speed + self._travel.speed(data.qvel)) * duration):
+            if self._travel.is_short(start.velocity, data.qvel, duration):
                 return self._arrive(data, Flow(start, duration, self._tolerance, self._travel, hold_all))
+            longest = self._travel.longest_turn(start.velocity)
+            if duration > longest:
+                restore_state(self._model, data, state)
+                duration = longest
+                continue
             travel = self._travel.between(start.touch.frames, data)
             suspects = self._travel.suspects(start.touch.frames, travel)
             if len(suspects) == 0:
@@ -248,6 +265,13 @@ class RigidStepping:
         now, known = look_again()
         if not now.touch.pattern:
             return Flight(flow, Arrival(now, known, known), self._further(data, reach), -1)
+        if (
+            now.quiet
+            and flow.start.quiet
+            and now.touch.pattern is flow.start.touch.pattern
+            and now.touch.pattern.all_single
+        ):
+            return Flight(flow, Arrival(now, known, now.closed), self._further(data, reach), -1)
         arrival = Arrival(now, known, stays(now.gap, known, flow))
         if np.count_nonzero(arrival.sustained & now.closed):
             arrival = hold(self._model, data, arrival, flow, look_again)

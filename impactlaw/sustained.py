@@ -35,6 +35,7 @@ _CORRECTED = 1e-2  # part of the gap tolerance to which positions are corrected
 _LARGEST_TURN = 0.3  # rad in one flow
 _SAME_POINT = 1e3  # gap tolerances that a contact point may move more than the geoms
 _ROUNDING = 1e-13  # of a contact velocity in the kinetic metric, relative to the velocity of the whole scene
+_SILENT = 0.1  # part of that velocity which is rounding whatever the scene's own velocity is
 _STILL = 1e-3  # part of the gap tolerance that a velocity must cross in a timestep to be one
 
 
@@ -48,6 +49,7 @@ class Moment(NamedTuple):
         velocity: qvel, (nv,).
         contact_velocity: ``gamma``, m/s, (h,).
         noise: size of the rounding errors of gamma, m/s, (h,).
+        quiet: whether all contacts are closed, and neither move nor need a correction of position.
     """
 
     touch: Touch
@@ -56,18 +58,24 @@ class Moment(NamedTuple):
     velocity: np.ndarray
     contact_velocity: np.ndarray
     noise: np.ndarray
+    quiet: bool
 
     @classmethod
     def of(
         cls, model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, *, tolerance: float, timestep: float
     ) -> Moment:
         """Read the velocities of now; inertia must be that of the touch."""
-        closed = touch.contacts.gap <= tolerance
-        return cls(touch, closed, _STILL * tolerance / timestep, *_motion(model, data, touch))
+        gap = touch.contacts.gap
+        closed = gap <= tolerance
+        still = _STILL * tolerance / timestep
+        velocity, gamma, noise, silent = _motion(model, data, touch, _SILENT * still)
+        quiet = silent and np.count_nonzero(closed & (gap >= -_CORRECTED * tolerance)) == len(gap)
+        return cls(touch, closed, still, velocity, gamma, noise, quiet)
 
     def moving(self, model: mujoco.MjModel, data: mujoco.MjData) -> Moment:
         """Return the same contacts with the velocities of now."""
-        return Moment(self.touch, self.closed, self.still, *_motion(model, data, self.touch))
+        velocity, gamma, noise, _ = _motion(model, data, self.touch, _SILENT * self.still)
+        return Moment(self.touch, self.closed, self.still, velocity, gamma, noise, False)
 
     @property
     def gap(self) -> np.ndarray:
@@ -86,12 +94,16 @@ class Moment(NamedTuple):
         return bool(np.count_nonzero(fast)) and bool(np.any(self.contact_velocity[fast] < -self.noise[fast]))
 
 
-def _motion(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _motion(
+    model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, silent: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+    """Return v, gamma, its noise, and whether gamma is all noise."""
     velocity = data.qvel.copy()
-    if not touch.pattern:
-        return velocity, touch.lengths, touch.lengths
-    noise = (_ROUNDING * kinetic_norm(model, data, velocity)) * touch.lengths
-    return velocity, touch.jacobian.dot(velocity), noise
+    gamma = touch.jacobian.dot(velocity)
+    if not np.count_nonzero(np.abs(gamma) > silent):
+        return velocity, gamma, silent * touch.pattern.ones, True
+    _, lengths = touch.whitened(model, data)
+    return velocity, gamma, (_ROUNDING * kinetic_norm(model, data, velocity)) * lengths, False
 
 
 class Flow(NamedTuple):
@@ -141,13 +153,13 @@ def match(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, flow: Flow) 
         return np.full(len(now), -1)
     if before.all_single and now.all_single:
         if before is now:
-            return np.arange(len(now))
+            return now.index
         index = np.minimum(np.searchsorted(before.key, now.key), len(before) - 1)
         return np.where(before.key[index] == now.key, index, -1)
     if before is now:
         moved = np.abs(touch.contacts.position - flow.start.touch.contacts.position).max()
         if moved <= _SAME_POINT * flow.tolerance:
-            return np.arange(len(now))
+            return now.index
     return _match_points(model, data, touch, flow)
 
 
@@ -276,7 +288,7 @@ def _position_impulse(
     gap, J = touch.contacts.gap, touch.jacobian
     while True:
         rows = np.flatnonzero(sustained)
-        gradients, least, Y = J[rows], J[rows].dot(shift) - gap[rows], touch.gradients[rows]
+        gradients, least, Y = J[rows], J[rows].dot(shift) - gap[rows], touch.whitened(model, data)[0][rows]
         if len(cuts[1]):
             gradients, least = np.vstack([gradients, cuts[0]]), np.concatenate([least, cuts[1]])
             Y = np.vstack([Y, whiten_gradients(model, data, cuts[0])])
@@ -293,7 +305,8 @@ def _position_impulse(
 def _hold_velocity(model: mujoco.MjModel, data: mujoco.MjData, arrival: Arrival, flow: Flow) -> None:
     touch, start = arrival.now.touch, flow.start.touch
     held = np.flatnonzero(arrival.sustained & arrival.now.closed)
-    J, Y = touch.jacobian[held], touch.gradients[held]
+    Y, lengths = touch.whitened(model, data)
+    J, Y, lengths = touch.jacobian[held], Y[held], lengths[held]
     velocity = data.qvel.copy()
     labels = tuple(touch.contacts.labels[i] for i in held)
 
@@ -307,7 +320,7 @@ def _hold_velocity(model: mujoco.MjModel, data: mujoco.MjData, arrival: Arrival,
     difference = np.where(known[:, None] >= 0, start.jacobian[known] - J, 0.0) if start.pattern else J - J
     if difference.any():
         turned = whiten_gradients(model, data, difference)
-        change, lengths = np.sqrt(np.vecdot(turned, turned)), touch.lengths[held]
+        change = np.sqrt(np.vecdot(turned, turned))
         difference[change > _LARGEST_TURN * lengths] = 0.0  # another feature of the surface, not a curved one
         if (change > 1e-12 * lengths).any():
             velocity += jump(model, data, difference, 0.5 * nu)

@@ -2,13 +2,12 @@
 
 MuJoCo factors ``M = L^T D L``, so that here ``R^T = D^1/2 L``: ``|R^T v|`` is the kinetic metric, and
 ``Y = J R^-T`` has ``Y Y^T = G`` (`impactlaw.metric`). All functions want current frames and inertia
-(`impactlaw.contacts.update_positions`); those that use the factor want a `look` before them.
+(`impactlaw.contacts.update_positions`); those that use the factor want `Touch.whitened` before them.
 """
 
 from __future__ import annotations
 
 from math import sqrt
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -18,40 +17,46 @@ from impactlaw.detection import Detector, Pattern
 from impactlaw.flow import Frames
 
 
-class Touch(NamedTuple):
+class Touch:
     """Contacts near each other or closed, at one configuration.
 
     Attributes:
         pattern: what their geoms say.
         contacts: the contacts.
         jacobian: gap gradients ``J``, (h, nv).
-        gradients: ``Y``, the same where the kinetic metric is Euclidean, (h, nv).
-        lengths: of the rows of Y, (h,).
         frames: of all geoms.
     """
 
-    pattern: Pattern
-    contacts: Contacts
-    jacobian: np.ndarray
-    gradients: np.ndarray
-    lengths: np.ndarray
-    frames: Frames
+    def __init__(self, pattern: Pattern, contacts: Contacts, jacobian: np.ndarray, frames: Frames):
+        self.pattern = pattern
+        self.contacts = contacts
+        self.jacobian = jacobian
+        self.frames = frames
+        self._whitened: tuple[np.ndarray, np.ndarray] | None = None
+
+    def whitened(self, model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+        """Return ``Y``, the gradients where the kinetic metric is Euclidean, (h, nv), and their lengths, (h,).
+
+        Computed when first asked for, which must be before data leaves the configuration of this touch.
+        """
+        if self._whitened is None:
+            mujoco.mj_factorM(model, data)
+            Y = whiten_gradients(model, data, self.jacobian)
+            self._whitened = Y, np.sqrt(np.vecdot(Y, Y))
+        return self._whitened
 
 
 def look(model: mujoco.MjModel, data: mujoco.MjData, detector: Detector, within: float) -> Touch:
-    """Return the contacts nearer than ``within``, m, and perhaps more; factors the inertia where there are any."""
+    """Return the contacts nearer than ``within``, m, and perhaps more, at the current frames."""
     pattern, contacts = detector.find(data, within)
     if not pattern:
-        none = np.zeros((0, model.nv))
-        return Touch(pattern, contacts, none, none, np.zeros(0), Frames.of(data))
+        return Touch(pattern, contacts, np.zeros((0, model.nv)), Frames.of(data))
     J = None if pattern.several else contact_rows(model, data)
     if J is None:
         J = gap_gradients(model, data, contacts)
     elif pattern.order is not None:
         J = J[pattern.order]
-    mujoco.mj_factorM(model, data)
-    Y = whiten_gradients(model, data, J)
-    return Touch(pattern, contacts, J, Y, np.sqrt(np.vecdot(Y, Y)), Frames.of(data))
+    return Touch(pattern, contacts, J, Frames.of(data))
 
 
 def whiten_gradients(model: mujoco.MjModel, data: mujoco.MjData, jacobian: np.ndarray) -> np.ndarray:
