@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import orth
 
+from impactlaw import deferred
 from impactlaw.capped_polyhedron import CappedPolyhedron
 from impactlaw.collision import Collision
 from impactlaw.cone import RANK, cone_facets, nearest_in_cone
@@ -141,7 +141,7 @@ class AdmissibleSet:
         """``R^T (p - v-)`` in the basis, shape (r,): minus the part of v- in the span of the contacts with impulse."""
         z = self._basis @ self.collision.whitened_velocity
         Y = self._unit_gradients @ self._basis.T
-        span = orth(Y[nearest_in_cone(Y, -z) > 0].T, rcond=RANK)
+        span = deferred.orth(Y[nearest_in_cone(Y, -z) > 0].T, rcond=RANK)
         return -span @ (span.T @ z)
 
     @cached_property

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError
-from impactlaw.metric import KineticMetric
+from impactlaw.metric import KineticMetric, finite_array
 
 if TYPE_CHECKING:
     import mujoco
@@ -45,8 +45,8 @@ class Collision:
     def __post_init__(self):
         metric = self.metric if self.metric is not None else KineticMetric(self.mass_matrix)
         nv = len(metric.mass_matrix)
-        velocity = _read_only(self.pre_velocity, "pre_velocity")
-        jacobian = _read_only(self.jacobian, "jacobian")
+        velocity = finite_array(self.pre_velocity, "pre_velocity")
+        jacobian = finite_array(self.jacobian, "jacobian")
         if velocity.shape != (nv,):
             raise InvalidCollisionError(f"pre_velocity must have shape ({nv},) like mass_matrix, got {velocity.shape}")
         if jacobian.ndim != 2 or jacobian.shape[1] != nv:
@@ -54,14 +54,9 @@ class Collision:
         labels = tuple(self.labels) or tuple(map(str, range(len(jacobian))))
         if len(labels) != len(jacobian):
             raise InvalidCollisionError(f"{len(labels)} labels for {len(jacobian)} contacts")
-        for name, value in (
-            ("mass_matrix", metric.mass_matrix),
-            ("metric", metric),
-            ("jacobian", jacobian),
-            ("pre_velocity", velocity),
-            ("labels", labels),
-        ):
-            object.__setattr__(self, name, value)
+        self.__dict__.update(
+            mass_matrix=metric.mass_matrix, metric=metric, jacobian=jacobian, pre_velocity=velocity, labels=labels
+        )
 
     @classmethod
     def from_mujoco(cls, model: mujoco.MjModel, data: mujoco.MjData) -> Collision:
@@ -87,7 +82,7 @@ class Collision:
     @cached_property
     def gradient_norms(self) -> np.ndarray:
         """``sqrt(G_ii)``, the length of each gap gradient in the kinetic metric, shape (h,), 1/sqrt(kg)."""
-        return np.sqrt(np.einsum("ij,ij->i", self.whitened_jacobian, self.whitened_jacobian))
+        return np.sqrt(np.vecdot(self.whitened_jacobian, self.whitened_jacobian))
 
     @cached_property
     def delassus(self) -> np.ndarray:
@@ -97,12 +92,12 @@ class Collision:
     @cached_property
     def pre_contact_velocity(self) -> np.ndarray:
         """``gamma- = J v-``, shape (h,), m/s."""
-        return self.jacobian @ self.pre_velocity
+        return self.jacobian.dot(self.pre_velocity)
 
     @cached_property
     def pre_speed(self) -> float:
         """``|v-|`` in the kinetic metric, sqrt(J)."""
-        return float(np.linalg.norm(self.whitened_velocity))
+        return sqrt(self.whitened_velocity.dot(self.whitened_velocity))
 
     @cached_property
     def kinetic_energy(self) -> float:
@@ -115,14 +110,3 @@ class Collision:
         from impactlaw.admissible import AdmissibleSet
 
         return AdmissibleSet(self)
-
-
-def _read_only(values: ArrayLike, name: str) -> np.ndarray:
-    try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InvalidCollisionError(f"{name} is not an array of numbers: {error}") from None
-    if not np.isfinite(array).all():
-        raise InvalidCollisionError(f"{name} has entries that are not finite")
-    array.flags.writeable = False
-    return array

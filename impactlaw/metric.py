@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg.blas import dtrsv  # pyright: ignore[reportAttributeAccessIssue]
-from scipy.linalg.lapack import dpotrf, dtrtrs  # pyright: ignore[reportAttributeAccessIssue]
 
+from impactlaw import deferred
 from impactlaw.errors import InvalidCollisionError
 
 _SYMMETRY = 1e-10  # relative asymmetry of M above which it is taken for a mistake, not for rounding
@@ -30,16 +31,11 @@ class KineticMetric:
     """
 
     def __init__(self, mass_matrix: ArrayLike):
-        try:
-            M = np.array(mass_matrix, dtype=float)
-        except (TypeError, ValueError) as error:
-            raise InvalidCollisionError(f"mass_matrix is not an array of numbers: {error}") from None
+        M = finite_array(mass_matrix, "mass_matrix")
         if M.ndim != 2 or M.shape[0] != M.shape[1] or M.shape[0] == 0:
             raise InvalidCollisionError(f"mass_matrix must be square and not empty, got shape {M.shape}")
-        if not np.isfinite(M).all():
-            raise InvalidCollisionError("mass_matrix has entries that are not finite")
         diagonal = M.diagonal()
-        if (diagonal <= 0).any():
+        if min(diagonal.tolist()) <= 0:
             i = int(np.argmin(diagonal))
             raise InvalidCollisionError(f"mass_matrix is not positive definite: entry ({i}, {i}) is {diagonal[i]}")
         self._scale = None
@@ -48,14 +44,13 @@ class KineticMetric:
             self._scale = np.sqrt(diagonal)
         else:
             self._factor = _factor(M)
-        M.flags.writeable = False
         self.mass_matrix = M
 
     def whiten(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``R^T v`` for one velocity (nv,) or several (n, nv)."""
         if self._scale is not None:
             return velocity * self._scale
-        return velocity @ self._factor
+        return velocity.dot(self._factor)
 
     def unwhiten(self, z: np.ndarray) -> np.ndarray:
         """Return ``R^-T z``, the inverse of `whiten`, for one vector (nv,) or several (n, nv)."""
@@ -71,30 +66,47 @@ class KineticMetric:
 
     def norm(self, velocity: np.ndarray) -> float:
         """Return ``sqrt(v^T M v)``."""
-        return float(np.linalg.norm(self.whiten(velocity)))
+        z = self.whiten(velocity)
+        return sqrt(z.dot(z))
+
+
+def finite_array(values: ArrayLike, name: str) -> np.ndarray:
+    """Return a read-only copy, in double precision.
+
+    Raises:
+        InvalidCollisionError: not numbers, or not all of them finite.
+    """
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InvalidCollisionError(f"{name} is not an array of numbers: {error}") from None
+    if np.count_nonzero(np.isfinite(array)) != array.size:
+        raise InvalidCollisionError(f"{name} has entries that are not finite")
+    array.flags.writeable = False
+    return array
 
 
 def _solve(factor: np.ndarray, rows: np.ndarray, *, transposed: int) -> np.ndarray:
     """Solve ``R x = row`` (or ``R^T x = row``) for one row (nv,) or several (n, nv)."""
     if rows.ndim == 1:
-        return dtrsv(factor, rows, lower=1, trans=transposed)
+        return deferred.dtrsv(factor, rows, lower=1, trans=transposed)
     if rows.size * len(factor) > _ROW_BY_ROW:
-        return dtrtrs(factor, rows.T, lower=1, trans=transposed)[0].T
+        return deferred.dtrtrs(factor, rows.T, lower=1, trans=transposed)[0].T
     solved = np.empty_like(rows)
     for i, row in enumerate(rows):
-        solved[i] = dtrsv(factor, row, lower=1, trans=transposed)
+        solved[i] = deferred.dtrsv(factor, row, lower=1, trans=transposed)
     return solved
 
 
 def _factor(M: np.ndarray) -> np.ndarray:
     scale = np.sqrt(M.diagonal())
-    if (np.abs(M - M.T) > _SYMMETRY * np.outer(scale, scale)).any():
+    if not np.array_equal(M, M.T) and (np.abs(M - M.T) > _SYMMETRY * np.outer(scale, scale)).any():
         i, j = np.unravel_index(np.argmax(np.abs(M - M.T)), M.shape)
         difference = M[i, j] - M[j, i]
         raise InvalidCollisionError(
             f"mass_matrix is not symmetric: ({i}, {j}) and its mirror differ by {difference:.3g}"
         )
-    factor, failed = dpotrf(M, lower=1, clean=1)
+    factor, failed = deferred.dpotrf(M, lower=1, clean=1)
     if failed:
         raise InvalidCollisionError(f"mass_matrix is not positive definite (leading minor {failed})")
     return factor

@@ -10,6 +10,7 @@ from problems import (
     PROBLEMS,
     Certificate,
     balls,
+    box,
     exact_velocity,
     is_ray,
     launched,
@@ -303,9 +304,9 @@ def test_a_law_that_knows_a_velocity_is_never_called_unsolvable(monkeypatch):
     for name in SOLVERS:
         monkeypatch.setitem(SOLVERS, name, calls_it_infeasible)
     with pytest.raises(SolverError, match="'auto' reached relative residual"):
-        Moreau(0.5).resolve(launched(5, 2))
+        Moreau(0.5).resolve(box())
     with pytest.raises(UnsolvableLawError):
-        Newton([0.1, 0.2, 0.3, 0.4]).resolve(launched(5, 2))
+        Newton([0.1, 0.2, 0.3, 0.4]).resolve(box())
 
 
 # --- the parts -------------------------------------------------------------------------------------------------------

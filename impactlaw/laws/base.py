@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,17 +15,18 @@ from impactlaw.impact import Impact
 from impactlaw.solvers import Problem, solve_with_jump
 
 
-@dataclass(frozen=True, eq=False)
-class Target:
+class Target(NamedTuple):
     """The contact velocities a law aims at.
 
     Attributes:
         contact_velocity: ``gamma^h``, shape (h,), m/s.
         velocity: a velocity u with ``J u = gamma^h`` where the law knows one, shape (nv,).
+        coefficient: e where that velocity is ``-e v-``; then ``velocity`` may be left out.
     """
 
     contact_velocity: np.ndarray
     velocity: np.ndarray | None = None
+    coefficient: float | None = None
 
 
 @dataclass(frozen=True)
@@ -51,13 +53,18 @@ class Law(ABC):
             UnsolvableLawError: no velocity satisfies the law; the message names the contacts that conflict.
             SolverError: no solver's answer passed its certificate.
         """
-        target = self.target(collision)
-        wanted = np.asarray(target.contact_velocity, dtype=float)
+        wanted, velocity, coefficient = self.target(collision)
         preimage = None
-        if target.velocity is not None:
-            preimage = collision.metric.whiten(target.velocity - collision.pre_velocity)
-        Y = collision.whitened_jacobian
-        problem = Problem(Y, wanted - collision.pre_contact_velocity, preimage, collision.pre_speed)
+        if coefficient is not None:
+            bound = -(1.0 + coefficient) * collision.pre_contact_velocity
+            preimage = -(1.0 + coefficient) * collision.whitened_velocity
+        else:
+            wanted = np.asarray(wanted, dtype=float)
+            bound = wanted - collision.pre_contact_velocity
+            if velocity is not None:
+                preimage = collision.metric.whiten(velocity - collision.pre_velocity)
+        Y, norms = collision.whitened_jacobian, collision.gradient_norms
+        problem = Problem(Y, bound, preimage, collision.pre_speed, norms=norms)
         answer = solve_with_jump(problem, collision.labels, solver=solver)
         post = collision.pre_velocity + collision.metric.unwhiten(answer.jump)
         return Impact(collision, post, answer.impulse, wanted)

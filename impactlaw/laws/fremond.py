@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse.csgraph import connected_components
 
+from impactlaw import deferred
 from impactlaw.collision import Collision
 from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import RestitutionLaw, coefficient, square_matrix
@@ -109,7 +109,7 @@ class Reversal(RestitutionLaw):
             return E
         scale = collision.gradient_norms
         coupled = np.abs(collision.delassus) > 1e-12 * np.outer(scale, scale)
-        blocks, member = connected_components(coupled, directed=False)
+        blocks, member = deferred.connected_components(coupled, directed=False)
         for block in range(blocks):
             contacts = np.flatnonzero(member == block)
             E[contacts, contacts[::-1]] = self.restitution

@@ -20,4 +20,4 @@ class MaximalDissipation(RestitutionLaw):
 
     def target(self, collision: Collision) -> Target:
         """Return ``gamma^h = 0``, the contact velocities of ``u = 0``."""
-        return Target(np.zeros(len(collision.labels)), np.zeros_like(collision.pre_velocity))
+        return Target(np.zeros(len(collision.labels)), coefficient=0.0)

@@ -32,4 +32,4 @@ class Moreau(RestitutionLaw):
 
     def target(self, collision: Collision) -> Target:
         """Return ``gamma^h = -e gamma-``, the contact velocities of ``u = -e v-``."""
-        return Target(-self.restitution * collision.pre_contact_velocity, -self.restitution * collision.pre_velocity)
+        return Target(-self.restitution * collision.pre_contact_velocity, coefficient=self.restitution)

@@ -79,8 +79,8 @@ class Newton(RestitutionLaw):
     def target(self, collision: Collision) -> Target:
         """Return ``gamma^h_i = -e_i gamma-_i``; equal coefficients also give the velocity ``-e v-``."""
         e = self.coefficients(collision)
-        common = -e[0] * collision.pre_velocity if len(e) and (e == e[0]).all() else None
-        return Target(-e * collision.pre_contact_velocity, common)
+        common = float(e[0]) if len(e) and (e == e[0]).all() else None
+        return Target(-e * collision.pre_contact_velocity, coefficient=common)
 
     @property
     def _table(self) -> dict[str, float] | None:

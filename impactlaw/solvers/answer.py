@@ -12,7 +12,8 @@ from impactlaw.solvers.least_squares import least_squares
 
 _ROUNDING = 8 * float(np.finfo(float).eps)
 _JAMMED = 1e-2  # part of the speed above which the rounding of impulses makes them meaningless
-_POLISHED = 1e-14  # relative residual that needs no second look
+POLISHED = 1e-14
+"""Relative residual that needs no second look."""
 
 
 class Answer(NamedTuple):
@@ -52,7 +53,7 @@ def judge(problem: Problem, impulse: np.ndarray, jump: np.ndarray | None = None)
         gap = float(np.linalg.norm(jump - product))
         gap = beyond_rounding(gap, float(scaled.sum()), 0.5 * problem.speed_at(jump))
         product = jump
-    slack = problem.slack(product)
+    slack = (problem.gradients.dot(product) - problem.bound) / problem.lengths
     natural = np.minimum(scaled, slack)
     residual = max(sqrt(natural.dot(natural)), gap)
     return Answer(impulse, product, slack, residual if residual >= 0 else inf)  # infinite where it is not a number
@@ -61,7 +62,7 @@ def judge(problem: Problem, impulse: np.ndarray, jump: np.ndarray | None = None)
 def polish(problem: Problem, impulse: np.ndarray) -> Answer:
     """Solve once more on the contacts that carry an impulse, and keep what has the smaller residual."""
     answer = judge(problem, impulse)
-    if answer.residual <= _POLISHED * problem.scale or not impulse.any():
+    if answer.residual <= POLISHED * problem.scale or not np.count_nonzero(impulse):
         return answer
     active = impulse > 0
     lengths = problem.lengths[active]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from enum import StrEnum
 from math import sqrt
 from typing import NamedTuple, Protocol
@@ -10,40 +9,47 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 
-@dataclass(eq=False)
 class Problem:
     """``min |z|^2 / 2  subject to  Y z >= c``: the smallest velocity jump that reaches the wanted contact velocities.
 
     Its optimality conditions are the impact law: ``z = Y^T Lambda`` and ``0 <= Lambda  ⊥  Y z - c >= 0``.
 
-    Attributes:
+    Args:
         gradients: ``Y``, the gap gradients where the kinetic metric is Euclidean, shape (h, nv).
         bound: ``c = gamma^h - gamma-``, shape (h,).
         preimage: ``d`` with ``Y d = c`` where the law knows one, shape (nv,); then the jump is the projection of d
             onto the cone of the gradients, which always exists.
         speed: ``|v-|`` where it is known, sqrt(J): c was computed from it and carries its rounding.
-        norms: lengths of the rows of Y, shape (h,).
-        lengths: the same to divide by: 1 for rows of zeros, shape (h,).
+        norms: lengths of the rows of Y, shape (h,), where they are known.
+
+    Attributes:
+        lengths: the norms, to divide by: 1 for rows of zeros, shape (h,).
         scale: largest of |v-|, |d| and ``|c_i| / |Y_i|``: a jump is called rounding in comparison with it, sqrt(J).
     """
 
-    gradients: np.ndarray
-    bound: np.ndarray
-    preimage: np.ndarray | None = None
-    speed: float = 0.0
+    __slots__ = ("bound", "gradients", "lengths", "norms", "preimage", "scale", "speed")
 
-    norms: np.ndarray = field(init=False, repr=False)
-    lengths: np.ndarray = field(init=False, repr=False)
-    scale: float = field(init=False, repr=False)
+    norms: np.ndarray
+    lengths: np.ndarray
+    scale: float
 
-    def __post_init__(self):
-        norms = np.sqrt(np.vecdot(self.gradients, self.gradients))
-        lengths = norms if np.count_nonzero(norms) == len(norms) else np.where(norms > 0, norms, 1.0)
-        if self.preimage is not None:
-            wanted = sqrt(self.preimage.dot(self.preimage))
+    def __init__(
+        self,
+        gradients: np.ndarray,
+        bound: np.ndarray,
+        preimage: np.ndarray | None = None,
+        speed: float = 0.0,
+        *,
+        norms: np.ndarray | None = None,
+    ):
+        self.gradients, self.bound, self.preimage, self.speed = gradients, bound, preimage, speed
+        self.norms = known = np.sqrt(np.vecdot(gradients, gradients)) if norms is None else norms
+        self.lengths = known if np.count_nonzero(known) == len(known) else np.where(known > 0, known, 1.0)
+        if preimage is not None:
+            wanted = sqrt(preimage.dot(preimage))
         else:
-            wanted = float(np.abs(self.bound / lengths).max(initial=0.0))
-        self.norms, self.lengths, self.scale = norms, lengths, max(self.speed, wanted)
+            wanted = float(np.abs(bound / self.lengths).max(initial=0.0))
+        self.scale = speed if speed > wanted else wanted
 
     def speed_at(self, jump: np.ndarray) -> float:
         """What errors are compared with: where |v-| is known, never more than the larger of |v-| and |v+|."""

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import svd
-from scipy.optimize import nnls
 
+from impactlaw import deferred
 from impactlaw.solvers.base import Problem
 
 _BALANCED = 1e-10  # relative length of the sum of gradients that counts as zero
@@ -28,7 +27,7 @@ def farkas_ray(problem: Problem) -> np.ndarray | None:
     wanted = np.zeros(Y.shape[1] + 1)
     wanted[-1] = 1.0
     try:
-        found, _ = nnls(np.vstack([Y.T, c]), wanted, maxiter=30 * len(c))
+        found, _ = deferred.nnls(np.vstack([Y.T, c]), wanted, maxiter=30 * len(c))
     except RuntimeError:
         return None
     scale = problem.scale / size
@@ -45,7 +44,7 @@ def _vanishing(Y: np.ndarray, c: np.ndarray, support: np.ndarray) -> np.ndarray:
     """Return the combination of these gradients that vanishes (NNLS leaves one at most); zeros if it is no ray."""
     ray = np.zeros(len(c))
     if support.any():
-        nu = svd(Y[support].T, check_finite=False)[2][-1]
+        nu = deferred.svd(Y[support].T, check_finite=False)[2][-1]
         nu = nu if nu @ c[support] > 0 else -nu
         nu[np.abs(nu) < 1e-12 * np.abs(nu).max()] = 0.0
         if nu.min() >= 0:

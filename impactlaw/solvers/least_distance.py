@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import nnls as scipy_nnls
 
+from impactlaw import deferred
 from impactlaw.solvers.base import Problem, Solution, Status
 
 _FAR = 1e9  # a jump so many times larger than the velocities that ask for it is no solution
@@ -28,7 +28,7 @@ def least_distance(problem: Problem) -> Solution:
     farthest = _FAR * problem.scale
     for done in range(1, _PASSES + 1):
         try:
-            u, _ = scipy_nnls(np.vstack([Y.T, c / t]), wanted, maxiter=30 * h)
+            u, _ = deferred.nnls(np.vstack([Y.T, c / t]), wanted, maxiter=30 * h)
         except RuntimeError:
             return Solution(np.zeros(h), Status.STOPPED, done)
         z = u.dot(Y)

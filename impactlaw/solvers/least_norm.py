@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import qr, svd
 
+from impactlaw import deferred
 from impactlaw.solvers.base import Problem, Status
 from impactlaw.solvers.dual_active_set import dual_active_set
 from impactlaw.solvers.least_distance import least_distance
@@ -31,12 +31,12 @@ def least_norm(gradients: np.ndarray, impulse: np.ndarray, tight: np.ndarray) ->
     face = np.flatnonzero(tight)
     Y, x = gradients[face], impulse[face]
     lengths = np.sqrt(np.vecdot(Y, Y))
-    U, singular, _ = svd(Y / lengths[:, None], check_finite=False, lapack_driver="gesvd")
+    U, singular, _ = deferred.svd(Y / lengths[:, None], check_finite=False, lapack_driver="gesvd")
     still = U[:, int(np.count_nonzero(singular > _RANK * singular[0])) :]
     if still.shape[1] == 0:
         return impulse
     shared = np.linalg.norm(still, axis=1) > _RANK  # the impulse of any other contact is the only one
-    N = qr(still / lengths[:, None], mode="economic", check_finite=False)[0][shared]
+    N = deferred.qr(still / lengths[:, None], mode="economic", check_finite=False)[0][shared]
     part = least_squares(Y[shared].T, x[shared].dot(Y[shared]), _RANK)
     part[np.abs(part) < _ZERO * np.abs(part).max()] = 0.0
     if part.min() < 0:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from scipy.linalg import lstsq
+
+from impactlaw import deferred
 
 
 def least_squares(A: np.ndarray, b: np.ndarray, rank: float | None = None) -> np.ndarray:
@@ -16,6 +15,5 @@ def least_squares(A: np.ndarray, b: np.ndarray, rank: float | None = None) -> np
         b: shape (m,).
         rank: relative singular value below which a direction counts as absent; rounding if None.
     """
-    solve: Any = lstsq
-    x = solve(A, b, cond=rank, check_finite=False)[0]
-    return x + solve(A, b - A.dot(x), cond=rank, check_finite=False)[0]
+    x = deferred.lstsq(A, b, cond=rank, check_finite=False)[0]
+    return x + deferred.lstsq(A, b - A.dot(x), cond=rank, check_finite=False)[0]

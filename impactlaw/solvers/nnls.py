@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import nnls as scipy_nnls
 
+from impactlaw import deferred
 from impactlaw.solvers.base import Problem, Solution, Status
 from impactlaw.solvers.least_squares import least_squares
 
 _IN_RANGE = 1e-12  # distance from the range of Y, relative to the scale of the problem, that counts as rounding
+_BALANCED = 4.0  # ratio of lengths up to which scaling changes nothing
 
 
 def nnls(problem: Problem) -> Solution:
@@ -27,10 +28,13 @@ def nnls(problem: Problem) -> Solution:
 
 
 def cone_projection(problem: Problem, point: np.ndarray) -> Solution:
-    """``min |Y^T Lambda - point|, Lambda >= 0`` with the rows of Y scaled to unit length first."""
+    """``min |Y^T Lambda - point|, Lambda >= 0``; rows of Y of very different length are scaled to unit length first."""
     lengths = problem.lengths
+    values = lengths.tolist()
+    balanced = max(values, default=1.0) <= _BALANCED * min(values, default=1.0)
+    columns = problem.gradients.T if balanced else problem.gradients.T / lengths
     try:
-        scaled, _ = scipy_nnls(problem.gradients.T / lengths, point, maxiter=30 * len(lengths))
+        impulse, _ = deferred.nnls(columns, point, maxiter=30 * len(values))
     except RuntimeError:  # scipy's way to say that the iteration limit was reached
         return Solution(np.zeros_like(problem.bound), Status.STOPPED)
-    return Solution(scaled / lengths)
+    return Solution(impulse if balanced else impulse / lengths)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import svd
 
+from impactlaw import deferred
 from impactlaw.errors import SolverError, UnknownNameError, UnsolvableLawError
-from impactlaw.solvers.answer import Answer, judge, polish
+from impactlaw.solvers.answer import POLISHED, Answer, judge, polish
 from impactlaw.solvers.base import Problem, Solver, Status
 from impactlaw.solvers.closed_form import closed_form
 from impactlaw.solvers.dual_active_set import dual_active_set
 from impactlaw.solvers.farkas import farkas_ray
+from impactlaw.solvers.guess import guess
 from impactlaw.solvers.least_distance import least_distance
 from impactlaw.solvers.least_norm import least_norm
 from impactlaw.solvers.nnls import nnls
@@ -52,10 +53,16 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
     if solver != "auto" and solver not in SOLVERS:
         raise UnknownNameError("solver", solver, [*SOLVERS, "auto"])
     c = problem.bound
-    if np.count_nonzero(c > 0) == 0:
+    if max(c.tolist(), default=0.0) <= 0.0:
         return Answer(np.zeros_like(c), np.zeros(problem.gradients.shape[1]), -c / problem.lengths, 0.0)
     if problem.lengths is not problem.norms:
         return _solve_moving(problem, labels, solver)
+    if solver == "auto":
+        impulse = guess(problem)
+        if impulse is not None:
+            answer = judge(problem, impulse)
+            if answer.residual <= POLISHED * problem.scale:
+                return _share(problem, answer)
     answer = _attempt(problem, solver, labels)
     if not _certified(problem, answer):
         answer = _better(answer, _attempt_in_row_space(problem, solver))
@@ -95,7 +102,7 @@ def _attempt(problem: Problem, solver: str, labels: tuple[str, ...] | None) -> A
 def _attempt_in_row_space(problem: Problem, solver: str) -> Answer | None:
     """Try without directions in which the gradients are nothing but rounding, or almost; return the best."""
     best = None
-    _, singular, V = svd(problem.gradients / problem.lengths[:, None], full_matrices=False, check_finite=False)
+    _, singular, V = deferred.svd(problem.gradients / problem.lengths[:, None], full_matrices=False, check_finite=False)
     ranks = {int(np.count_nonzero(singular > small * singular[0])) for small in _RANKS}
     for rank in sorted(ranks - {len(singular)}, reverse=True):
         basis = V[:rank]
@@ -108,7 +115,10 @@ def _attempt_in_row_space(problem: Problem, solver: str) -> Answer | None:
 
 
 def _certified(problem: Problem, answer: Answer | None) -> bool:
-    return answer is not None and answer.residual <= CERTIFIED * problem.speed_at(answer.jump)
+    if answer is None:
+        return False
+    limit, residual = CERTIFIED * problem.speed, answer.residual
+    return residual <= limit or residual <= CERTIFIED * problem.speed_at(answer.jump)
 
 
 def _better(one: Answer | None, other: Answer | None) -> Answer | None:
@@ -156,6 +166,8 @@ def _share(problem: Problem, answer: Answer) -> Answer:
     unless one more contact is tight.
     """
     impulse = answer.impulse
+    if min((impulse + answer.slack).tolist()) > _TIGHT * problem.scale:  # one or the other
+        return answer
     tight = answer.slack <= _TIGHT * problem.scale
     if np.count_nonzero(tight) <= np.count_nonzero(impulse):
         return answer

@@ -1,0 +1,28 @@
+"""What this package takes from scipy, each imported when it is first used: ``import impactlaw`` does not wait for it.
+
+``deferred.nnls`` is ``scipy.optimize.nnls``; after its first use it is an attribute like any other.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+_HOMES = {
+    "scipy.linalg": ("lstsq", "orth", "qr", "solve", "svd"),
+    "scipy.linalg.blas": ("dtrsv",),
+    "scipy.linalg.lapack": ("dgttrf", "dgttrs", "dpbtrf", "dpbtrs", "dposv", "dpotrf", "dpttrf", "dpttrs", "dtrtrs"),
+    "scipy.optimize": ("nnls", "root_scalar"),
+    "scipy.sparse": ("block_diag", "coo_array", "csc_array", "csr_array", "issparse"),
+    "scipy.sparse.csgraph": ("connected_components", "reverse_cuthill_mckee"),
+    "scipy.spatial": ("ConvexHull",),
+}
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a routine and keep it here."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = routine = getattr(import_module(_HOME[name]), name)
+    return routine
