@@ -112,7 +112,7 @@ class Travel:
                 self._spins[dof] = True
         self._round = not self._lever[self._pairs].any()
         self._passable = len(self._pairs) > 0
-        self._reach, self._short = self._reaches(), 0.5 * self._thinnest
+        self._reach, self._short = self._reaches(pairs.geoms[np.isfinite(thin[pairs.geoms])]), 0.5 * self._thinnest
         if not self._round:
             self._short = min(self._short, 1.0)
             self._reach[self._spins] = np.maximum(self._reach[self._spins], self._short)
@@ -125,15 +125,19 @@ class Travel:
         """
         if not self._passable:
             return True
-        if self._farthest * (sqrt(before.dot(before)) + sqrt(after.dot(after))) * duration <= self._short:
+        if self.reach(before, after, duration) <= self._short:
             return True
         return self._reach.dot(np.abs(before) + np.abs(after)) * duration <= self._short
 
-    def _reaches(self) -> np.ndarray:
+    def reach(self, before: np.ndarray, after: np.ndarray, duration: float) -> float:
+        """Return a distance, m, that no point of a geom can have moved further than; see `is_short`."""
+        return self._farthest * (sqrt(before.dot(before)) + sqrt(after.dot(after))) * duration
+
+    def _reaches(self, geoms: np.ndarray) -> np.ndarray:
         """Return how far a joint's motion can move a point of a geom, m per m or per rad, (nv,)."""
         model = self._model
         reach = np.zeros(model.nv)
-        for geom in np.unique(self._pairs):
+        for geom in np.unique(geoms):
             arm, body = model.geom_rbound[geom] + np.linalg.norm(model.geom_pos[geom]), model.geom_bodyid[geom]
             while body:
                 first, count = model.body_jntadr[body], model.body_jntnum[body]

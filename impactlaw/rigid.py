@@ -28,8 +28,9 @@ from impactlaw.events import ImpactEvent
 from impactlaw.flow import Travel, advance, check_input, empty_state, restore_state, save_state
 from impactlaw.geoms import touching_distance
 from impactlaw.location import Guess, locate, parabola
+from impactlaw.moment import Arrival, Flow, Moment, match
 from impactlaw.scene import check_rigid, geom_pairs
-from impactlaw.sustained import Arrival, Flow, Moment, hold, match, stays
+from impactlaw.sustained import hold, stays
 from impactlaw.touch import look
 
 _LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located

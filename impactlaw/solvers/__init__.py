@@ -2,6 +2,7 @@
 
 from impactlaw.solvers.answer import Answer, beyond_rounding
 from impactlaw.solvers.base import Problem, Solution, Solver, Status
+from impactlaw.solvers.expected import with_active
 from impactlaw.solvers.farkas import farkas_ray
 from impactlaw.solvers.solve import SOLVERS, nonnegative_combination, solve, solve_with_jump
 
@@ -17,4 +18,5 @@ __all__ = [
     "nonnegative_combination",
     "solve",
     "solve_with_jump",
+    "with_active",
 ]

@@ -36,7 +36,7 @@ def solve(problem: Problem, labels: tuple[str, ...], *, solver: str = "auto") ->
     return solve_with_jump(problem, labels, solver=solver).impulse
 
 
-def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = "auto") -> Answer:
+def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = "auto", share: bool = True) -> Answer:
     """Return the impulse of least norm that solves the problem, and its velocity jump.
 
     Args:
@@ -44,6 +44,8 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
         labels: names of the contacts, for messages.
         solver: a name from `SOLVERS`, or "auto": closed form for one contact, NNLS where the law knows a velocity with
             the wanted contact velocities, a dual active set otherwise, the others where an answer is not certified.
+        share: whether redundant contacts share the impulse; if not, it is any that solves the problem. The jump is
+            the same.
 
     Raises:
         UnknownNameError: no such solver.
@@ -56,13 +58,13 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
     if max(c.tolist(), default=0.0) <= 0.0:
         return Answer(np.zeros_like(c), np.zeros(problem.gradients.shape[1]), -c / problem.lengths, 0.0)
     if problem.lengths is not problem.norms:
-        return _solve_moving(problem, labels, solver)
+        return _solve_moving(problem, labels, solver, share)
     if solver == "auto":
         impulse = guess(problem)
         if impulse is not None:
             answer = judge(problem, impulse)
             if answer.residual <= POLISHED * problem.scale:
-                return _share(problem, answer)
+                return _share(problem, answer) if share else answer
     answer = _attempt(problem, solver, labels)
     if not _certified(problem, answer):
         answer = _better(answer, _attempt_in_row_space(problem, solver))
@@ -76,7 +78,7 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
                 "try another solver, or check the scene for contacts of very different scale, or opposite to each other"
             )
     assert answer is not None
-    return _share(problem, answer)
+    return _share(problem, answer) if share else answer
 
 
 def nonnegative_combination(gradients: np.ndarray, point: np.ndarray) -> np.ndarray:
@@ -137,14 +139,14 @@ def _candidates(problem: Problem, solver: str) -> tuple[str, ...]:
     return ("dual-active-set", "least-distance", "nnls")
 
 
-def _solve_moving(problem: Problem, labels: tuple[str, ...], solver: str) -> Answer:
+def _solve_moving(problem: Problem, labels: tuple[str, ...], solver: str, share: bool) -> Answer:
     """Leave out contacts whose gradient is zero; wanting their velocity to change is a conflict of its own."""
     moving = problem.norms > 0
     wanted = ~moving & (problem.bound > 0)
     if wanted.any():
         raise UnsolvableLawError([labels[i] for i in np.flatnonzero(wanted)], wanted.astype(float))
     part = Problem(problem.gradients[moving], problem.bound[moving], problem.preimage, problem.speed)
-    answer = solve_with_jump(part, tuple(np.array(labels)[moving]), solver=solver)
+    answer = solve_with_jump(part, tuple(np.array(labels)[moving]), solver=solver, share=share)
     impulse, slack = np.zeros_like(problem.bound), -problem.bound
     impulse[moving], slack[moving] = answer.impulse, answer.slack
     return Answer(impulse, answer.jump, slack, answer.residual)

@@ -1,0 +1,184 @@
+"""Contacts at one time and how they move; a flow from one such moment to the next; which contacts are the same."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from impactlaw.contacts import Contacts, gap_gradients
+from impactlaw.flow import Frames, Travel
+from impactlaw.touch import Touch, kinetic_norm
+
+CORRECTED = 1e-2
+"""Part of the gap tolerance to which positions are corrected."""
+
+_SAME_POINT = 1e3  # gap tolerances that a contact point may move more than the geoms
+_ROUNDING = 1e-13  # of a contact velocity in the kinetic metric, relative to the velocity of the whole scene
+_SILENT = 0.1  # part of that velocity which is rounding whatever the scene's own velocity is
+_STILL = 1e-3  # part of the gap tolerance that a velocity must cross in a timestep to be one
+
+
+class Moment(NamedTuple):
+    """Contacts at one time, and how they move.
+
+    Attributes:
+        touch: the contacts that were detected, open ones included.
+        closed: whose gap is at most the tolerance, bool (h,).
+        still: contact velocity that crosses next to nothing in a timestep, m/s.
+        velocity: qvel, (nv,).
+        contact_velocity: ``gamma``, m/s, (h,).
+        noise: size of the rounding errors of gamma, m/s, (h,).
+        quiet: whether all contacts are closed, and neither move nor need a correction of position.
+        pressed: contacts that the last flow had to hold, bool (h,); None if there were none.
+    """
+
+    touch: Touch
+    closed: np.ndarray
+    still: float
+    velocity: np.ndarray
+    contact_velocity: np.ndarray
+    noise: np.ndarray
+    quiet: bool
+    pressed: np.ndarray | None = None
+
+    @classmethod
+    def of(
+        cls, model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, *, tolerance: float, timestep: float
+    ) -> Moment:
+        """Read the velocities of now; inertia must be that of the touch."""
+        gap = touch.contacts.gap
+        closed = gap <= tolerance
+        still = _STILL * tolerance / timestep
+        velocity, gamma, noise, silent = _motion(model, data, touch, _SILENT * still)
+        quiet = silent and np.count_nonzero(closed & (gap >= -CORRECTED * tolerance)) == len(gap)
+        return cls(touch, closed, still, velocity, gamma, noise, quiet)
+
+    def moving(self, model: mujoco.MjModel, data: mujoco.MjData, pressed: np.ndarray | None = None) -> Moment:
+        """Return the same contacts with the velocities of now."""
+        velocity, gamma, noise, _ = _motion(model, data, self.touch, _SILENT * self.still)
+        return Moment(self.touch, self.closed, self.still, velocity, gamma, noise, False, pressed)
+
+    @property
+    def gap(self) -> np.ndarray:
+        """Gaps, m, (h,)."""
+        return self.touch.contacts.gap
+
+    @property
+    def rounding(self) -> np.ndarray:
+        """Contact velocities below which there is no telling motion from rounding, m/s, (h,)."""
+        return np.maximum(self.noise, self.still)
+
+    @property
+    def collides(self) -> bool:
+        """Whether a closed contact approaches."""
+        fast = self.closed & (self.contact_velocity < -self.still)
+        return bool(np.count_nonzero(fast)) and bool(np.any(self.contact_velocity[fast] < -self.noise[fast]))
+
+
+def _motion(
+    model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, silent: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+    """Return v, gamma, its noise, and whether gamma is all noise."""
+    velocity = data.qvel.copy()
+    gamma = touch.jacobian.dot(velocity)
+    if not np.count_nonzero(np.abs(gamma) > silent):
+        return velocity, gamma, silent * touch.pattern.ones, True
+    _, lengths = touch.whitened(model, data)
+    return velocity, gamma, (_ROUNDING * kinetic_norm(model, data, velocity)) * lengths, False
+
+
+class Flow(NamedTuple):
+    """A flow that has been tried.
+
+    Attributes:
+        start: where it began.
+        duration: s.
+        tolerance: gap up to which a contact is closed, m.
+        travel: measures how far geoms have moved.
+        hold_all: whether every contact that is closed at its end is held there (time stepping).
+        smooth: whether it is known that contacts between faces have moved smoothly, however far.
+    """
+
+    start: Moment
+    duration: float
+    tolerance: float
+    travel: Travel
+    hold_all: bool = False
+    smooth: bool = False
+
+
+class Arrival(NamedTuple):
+    """The contacts at the end of a flow.
+
+    Attributes:
+        now: those contacts, and how they move now.
+        known: index of the same contact at the start, or -1, int (h,).
+        sustained: which ones stay closed, bool (h,).
+    """
+
+    now: Moment
+    known: np.ndarray
+    sustained: np.ndarray
+
+
+def match(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, flow: Flow) -> np.ndarray:
+    """Return for each contact at the end of a flow the index of the same contact at its start, or -1, int (h,).
+
+    The same contact is of the same two geoms and has moved, seen from one of them, no further than they have travelled.
+    If the two never have more than one contact, it is the same one anyway. If they touch somewhere in common faces, it
+    continues the nearest contact that was closed if, at the start, it approached no faster than the flow has changed
+    its velocity (an impact so slow is over within the flow), or if the flow is known to be smooth.
+    """
+    before, now = flow.start.touch.pattern, touch.pattern
+    if not before or not now:
+        return np.full(len(now), -1)
+    if before.all_single and now.all_single:
+        if before is now:
+            return now.index
+        index = np.minimum(np.searchsorted(before.key, now.key), len(before) - 1)
+        return np.where(before.key[index] == now.key, index, -1)
+    if before is now:
+        moved = touch.contacts.position - flow.start.touch.contacts.position
+        first = moved[0]
+        same = _SAME_POINT * flow.tolerance
+        reached = flow.travel.reach(flow.start.velocity, data.qvel, flow.duration) + same
+        if first.dot(first) <= reached * reached and np.abs(moved - first).max() <= same:  # all by the same translation
+            return now.index
+    return _match_points(model, data, touch, flow)
+
+
+def _match_points(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, flow: Flow) -> np.ndarray:
+    start, contacts = flow.start, touch.contacts
+    before = start.touch.contacts
+    index = np.full(len(contacts), -1)
+    other = touch.pattern.key[:, None] != start.touch.pattern.key
+    moved = np.where(other, np.inf, _moved(contacts, before, start.touch.frames, data))
+    nearest = moved.argmin(axis=1)
+    least = moved[np.arange(len(contacts)), nearest]
+    travel = flow.travel.between(start.touch.frames, data)
+    near = least <= 2.0 * travel[contacts.geoms].sum(axis=1) + _SAME_POINT * flow.tolerance
+    near |= np.isfinite(least) & touch.pattern.single
+    index[near] = nearest[near]
+    moved[:, ~start.closed | (start.contact_velocity > start.rounding)] = np.inf
+    vague = np.flatnonzero(~near & np.isfinite(moved).any(axis=1) & touch.pattern.vague)
+    if len(vague) and not flow.smooth:
+        J = gap_gradients(model, data, contacts.select(vague))
+        velocity, change = J @ start.velocity, J @ (data.qvel - start.velocity)
+        vague = vague[-velocity <= np.abs(change) + start.rounding.max()]
+    index[vague] = moved[vague].argmin(axis=1)
+    return index
+
+
+def _moved(contacts: Contacts, before: Contacts, frames: Frames, data: mujoco.MjData) -> np.ndarray:
+    """Distances of contact points from earlier ones, seen from that of the two geoms for which they are smaller."""
+    distances = []
+    for geom, geom_before in zip(contacts.geoms.T, before.geoms.T, strict=True):
+        turn = data.geom_xmat[geom].reshape(-1, 3, 3)
+        now = np.einsum("hij,hi->hj", turn, contacts.position - data.geom_xpos[geom])
+        then = np.einsum(
+            "hij,hi->hj", frames.rotation[geom_before].reshape(-1, 3, 3), before.position - frames.position[geom_before]
+        )
+        distances.append(np.linalg.norm(now[:, None] - then, axis=2))
+    return np.minimum(*distances)
