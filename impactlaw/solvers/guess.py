@@ -20,6 +20,8 @@ def guess(problem: Problem) -> np.ndarray | None:
     """
     Y, c = problem.gradients, problem.bound
     G = Y.dot(Y.T)
+    if len(c) == 2:
+        return _active_set(G.tolist(), c.tolist(), [0, 1])
     factor, impulse, failed = deferred.dposv(G, c)
     if failed:
         return None
