@@ -1,0 +1,122 @@
+"""Study "work-precision": what error costs how much run time, of the solvers and of stepping.
+
+Writes tables (CSV) and pictures into a folder, prints measured orders beside the expected ones, and how much smaller
+the error of rigid stepping with located impacts is than that of MuJoCo's best soft contact at equal run time.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import machine
+import pandas as pd
+import tyro
+import work_precision_solvers as solvers
+import work_precision_stepping as stepping
+from tqdm import tqdm
+from work_precision_pictures import draw_compact, draw_solvers, draw_stepping
+from work_precision_results import advantage, orders
+from work_precision_solvers import SolverStudy
+from work_precision_stepping import SteppingStudy
+
+QUICK_STEPPING = SteppingStudy(
+    scenes=("bouncing ball", "cradle, Moreau", "falling rod"),
+    timesteps=(10**-1.5, 1e-2, 10**-2.5),
+    methods=(
+        "rigid located RK4",
+        "rigid located Euler",
+        "rigid time stepping",
+        "soft layer RK4",
+        "MuJoCo default RK4",
+        "MuJoCo tuned 30 RK4",
+        "MuJoCo tuned 100 Euler",
+    ),
+)
+QUICK_SOLVERS = SolverStudy(contacts=(1, 4, 16), chains=(32,), conditions=(1.0, 1e12), problems=1, seconds=0.002)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkPrecision:
+    """Run the study; see the columns of the tables in work_precision_solvers.py and work_precision_stepping.py."""
+
+    quick: bool = False
+    """Few scenes, sizes and timesteps, in seconds instead of minutes."""
+    out: Path = Path("out/work_precision")
+    """Folder for tables and pictures."""
+    picture: Path | None = None
+    """Also draw the small picture of bouncing ball and cradle into this file."""
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """The tables of one run of the study.
+
+    Attributes:
+        solvers: see `work_precision_solvers.run`.
+        stepping: see `work_precision_stepping.run`.
+        orders: see `work_precision_results.orders`.
+        advantage: see `work_precision_results.advantage`.
+    """
+
+    solvers: pd.DataFrame
+    stepping: pd.DataFrame
+    orders: pd.DataFrame
+    advantage: pd.DataFrame
+
+
+def run(study: WorkPrecision) -> Results:
+    """Return all tables; shows a progress bar where there is a terminal."""
+    of_solvers = QUICK_SOLVERS if study.quick else SolverStudy()
+    of_stepping = QUICK_STEPPING if study.quick else SteppingStudy()
+    total = len(list(solvers.kinds(of_solvers))) + len(list(stepping.cells(of_stepping)))
+    with tqdm(total=total, disable=None, unit="run") as bar:
+
+        def progress(what: str) -> None:
+            bar.set_description(what)
+            bar.update()
+
+        solved = solvers.run(of_solvers, progress)
+        stepped = stepping.run(of_stepping, progress)
+    return Results(solved, stepped, orders(stepped), advantage(stepped))
+
+
+def write(results: Results, study: WorkPrecision) -> None:
+    """Write every table as CSV, the machine as JSON beside them, and the pictures."""
+    study.out.mkdir(parents=True, exist_ok=True)
+    for name in ("solvers", "stepping", "orders", "advantage"):
+        getattr(results, name).to_csv(study.out / f"{name}.csv", index=False)
+    (study.out / "machine.json").write_text(json.dumps(machine.describe(), indent=2) + "\n")
+    footer = machine.one_line()
+    draw_stepping(results.stepping, study.out / "stepping.png", footer)
+    for family in ("dense", "chain"):
+        draw_solvers(results.solvers, family, study.out / f"solvers_{family}.png", footer)
+    draw_compact(results.stepping, study.picture or study.out / "compact.png", footer)
+
+
+def show(results: Results) -> str:
+    """Return the tables that fit on a screen."""
+    number: Any = "{:.3g}".format
+    kept = ["family", "contacts", "condition", "solver", "data", "solved", "seconds", "residual", "energy_error"]
+    parts = (
+        ("Solvers, errors and time per impact", results.solvers[kept]),
+        ("Orders in the timestep (expected 0: exact where the error is rounding, else not convergent)", results.orders),
+        ("Error of MuJoCo's best soft contact over that of rigid stepping, at equal run time", results.advantage),
+    )
+    texts = [f"{title}\n{table.to_string(index=False, float_format=number, na_rep='')}" for title, table in parts]
+    return "\n\n".join([*texts, machine.one_line()])
+
+
+def main() -> None:
+    """Run the study from the command line."""
+    study = tyro.cli(WorkPrecision, description=__doc__)
+    results = run(study)
+    write(results, study)
+    print(show(results))
+    print(f"in {study.out}: {', '.join(sorted(path.name for path in study.out.iterdir()))}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,159 @@
+"""Pictures of work and precision on log-log axes: run time to the right, error upwards; the lower left is better."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from work_precision_results import envelope, where
+from work_precision_stepping import LOCATED, TUNED
+
+STYLES = {
+    LOCATED: ("#0072B2", "o", "-"),
+    "rigid located Euler": ("#56B4E9", "s", "-"),
+    "rigid time stepping": ("#009E73", "D", "-"),
+    "soft layer": ("#E69F00", "^", "--"),
+    TUNED: ("#D55E00", "v", "-"),
+    "MuJoCo default": ("#000000", "x", ":"),
+}
+"""Colour (distinguishable by the colour-blind), marker and line of each family of methods."""
+_SOLVERS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
+_LEAST = 1e-17  # errors of exactly zero are drawn here
+
+
+def draw_stepping(table: pd.DataFrame, path: Path, footer: str) -> None:
+    """Draw one panel per scene: every family of methods as the envelope of its runs, the runs themselves faintly."""
+    scenes = list(dict.fromkeys(table.scene))
+    columns = min(3, len(scenes))
+    rows = -(-len(scenes) // columns)
+    figure = _figure((4.4 * columns, 3.3 * rows + 1.1))
+    figure.suptitle("Error of the trajectory against run time of the simulation, timesteps 0.1 s to 0.0001 s and less")
+    axes = figure.subplots(rows, columns, sharey=True, squeeze=False)
+    for axis, scene in zip(axes.flat, scenes, strict=False):
+        _draw_scene(axis, where(table, table.scene == scene))
+        axis.set_title(scene, loc="left", fontsize=11)
+    for axis in axes.flat[len(scenes) :]:
+        axis.set_visible(False)
+    for axis in axes[:, 0]:
+        axis.set_ylabel("distance from the reference's\ngraph in (t, q), scaled")
+    for axis in axes[-1]:
+        axis.set_xlabel("run time, s")
+    handles, labels = axes.flat[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False)
+    _finish(figure, path, footer, dpi=110)
+
+
+def draw_compact(table: pd.DataFrame, path: Path, footer: str) -> None:
+    """Draw bouncing ball and cradle side by side, lines labelled directly: the picture of the README."""
+    scenes = [scene for scene in ("bouncing ball", "cradle, reversal", "cradle, Moreau") if scene in set(table.scene)]
+    scenes = [scenes[0], scenes[-1]] if len(scenes) > 1 else scenes
+    figure = _figure((10.0, 4.3))
+    figure.suptitle("Error of the trajectory against run time of the simulation", fontsize=12)
+    axes = figure.subplots(1, len(scenes), sharey=True, squeeze=False)
+    for axis, scene in zip(axes.flat, scenes, strict=True):
+        group = where(table, table.scene == scene)
+        _draw_scene(axis, group)
+        _label(axis, group)
+        axis.set_title(scene, loc="left", fontsize=11)
+        axis.set_xlabel("run time, s")
+    axes[0, 0].set_ylabel("distance from the exact graph\nin (t, q), scaled")
+    _finish(figure, path, footer, dpi=100)
+
+
+def _draw_scene(axis: Any, table: pd.DataFrame) -> None:
+    for family, (color, marker, line) in STYLES.items():
+        runs = where(table, (table.family == family) & np.isfinite(table.error))
+        if len(runs) == 0:
+            continue
+        best = envelope(runs) if runs.method.nunique() > 1 else runs.sort_values("seconds")
+        axis.loglog(runs.seconds, runs.error.clip(_LEAST), marker, color=color, markersize=3, alpha=0.3)
+        axis.loglog(best.seconds, best.error.clip(_LEAST), line, marker=marker, color=color, markersize=5, label=family)
+    axis.set_ylim(1e-17, 10)
+    axis.set_yticks(10.0 ** np.arange(-16, 1, 4))
+    axis.grid(alpha=0.3)
+
+
+def _label(axis: Any, table: pd.DataFrame) -> None:
+    """Write the family's name beside the end of its line, moved apart vertically where names would overlap."""
+    ends = []
+    for family, (color, _, _) in STYLES.items():
+        runs = where(table, (table.family == family) & np.isfinite(table.error))
+        if len(runs):
+            last = (envelope(runs) if runs.method.nunique() > 1 else runs.sort_values("seconds")).iloc[-1]
+            ends.append([family, color, last.seconds, max(last.error, _LEAST)])
+    low, high = axis.get_xlim()
+    axis.set_xlim(low, high * (high / low) ** 0.45)
+    ends.sort(key=lambda end: -end[3])
+    below = np.inf
+    for family, color, seconds, error in ends:
+        height = min(error, below / 10)
+        axis.annotate(
+            family,
+            (seconds, error),
+            (high * 1.3, height),
+            color=color,
+            fontsize=8.5,
+            va="center",
+            arrowprops={"arrowstyle": "-", "color": color, "alpha": 0.35, "linewidth": 0.8},
+        )
+        below = height
+
+
+def draw_solvers(table: pd.DataFrame, family: str, path: Path, footer: str) -> None:
+    """Draw one column per size; residual above, error of energy below; a line joins a solver's condition numbers."""
+    chosen = where(table, (table.family == family) & (table.contacts > 1))
+    sizes = sorted(set(chosen.contacts))
+    figure = _figure((3.6 * len(sizes) + 0.4, 6.6))
+    of = "Y, random" if family == "dense" else "the mass matrix, chain of balls"
+    figure.suptitle(
+        f"Error against time per impact, h contacts at once\ncondition of {of}: 1 (small marker) to 1e12 (large)",
+        fontsize=11,
+    )
+    axes = figure.subplots(2, len(sizes), sharex="col", sharey=True, squeeze=False)
+    names = list(dict.fromkeys(chosen.solver + np.where(chosen.data == "sparse", ", sparse", "")))
+    for column, h in enumerate(sizes):
+        for row, quantity in enumerate(("residual", "energy_error")):
+            axis = axes[row, column]
+            _draw_size(axis, where(chosen, chosen.contacts == h), names, quantity)
+            axis.set_ylim(_LEAST / 3, 10)
+            axis.grid(alpha=0.3)
+        middle = np.log10(where(chosen, chosen.contacts == h).seconds)
+        axes[0, column].set_xlim(10 ** np.floor(middle.min() - 0.3), 10 ** np.ceil(middle.max() + 0.3))
+        axes[0, column].set_title(f"h = {h}", loc="left")
+        axes[1, column].set_xlabel("time per impact, s")
+    axes[0, 0].set_ylabel("residual, relative")
+    axes[1, 0].set_ylabel("energy error, part of T-")
+    handles = [
+        figure.axes[0].plot([], [], "o-", color=_SOLVERS[i % len(_SOLVERS)], label=name)[0]
+        for i, name in enumerate(names)
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
+    _finish(figure, path, footer, dpi=110)
+
+
+def _draw_size(axis: Any, table: pd.DataFrame, names: list[str], quantity: str) -> None:
+    for i, name in enumerate(names):
+        own = where(table, (table.solver + np.where(table.data == "sparse", ", sparse", "")) == name)
+        own = where(own, np.isfinite(own[quantity])).sort_values("condition")
+        color = _SOLVERS[i % len(_SOLVERS)]
+        axis.loglog(own.seconds, own[quantity].clip(_LEAST), "-", color=color, linewidth=1, alpha=0.6)
+        sizes = 12 + 5 * np.log10(own.condition)
+        axis.scatter(own.seconds, own[quantity].clip(_LEAST), s=sizes, color=color, zorder=3)
+
+
+def _figure(size: tuple[float, float]) -> Any:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _finish(figure: Any, path: Path, footer: str, *, dpi: int) -> None:
+    height = 0.18 / figure.get_figheight()
+    figure.get_layout_engine().set(rect=(0, height, 1, 1 - height))
+    figure.text(0.995, 0.3 * height, footer, fontsize=6.5, color="0.35", ha="right")
+    figure.savefig(path, dpi=dpi)
