@@ -1,4 +1,4 @@
-"""The command line: compare, inspect, laws, scenes."""
+"""The command line: compare, inspect, plan, laws, scenes."""
 
 from __future__ import annotations
 
@@ -104,6 +104,30 @@ class Scenes:
             print(f"{name:<17}{text}")
 
 
+@dataclass(frozen=True)
+class Plan:
+    """Print what a step of a scene does, what it leaves out, and why."""
+
+    scene: Annotated[str, tyro.conf.Positional]
+    """Name of a scene (see `impactlaw scenes`) or path of an MJCF file."""
+    contact_model: Literal["rigid", "soft"] = "rigid"
+    """Who owns sustained contact: the law layer, or MuJoCo."""
+    friction: Literal["refuse", "ignore"] = "refuse"
+    """What to do with a scene that has friction: rigid contacts have none."""
+
+    def __call__(self) -> None:
+        """Print the plan."""
+        from impactlaw.models import load
+        from impactlaw.plan import format_plan, make_plan
+        from impactlaw.scene import check_rigid
+
+        model, _ = load(self.scene)
+        plan = make_plan(model, self.contact_model)
+        if self.contact_model == "rigid":
+            check_rigid(model, plan.pairs, ignore_friction=self.friction == "ignore")
+        print(format_plan(plan))
+
+
 @contextmanager
 def new_files_in(folder: Path) -> Iterator[Path]:
     """Give a temporary folder whose files move into ``folder`` at the end, or vanish if anything fails."""
@@ -128,6 +152,7 @@ def new_files_in(folder: Path) -> Iterator[Path]:
 Command = (
     Annotated[Compare, tyro.conf.subcommand("compare")]
     | Annotated[Inspect, tyro.conf.subcommand("inspect")]
+    | Annotated[Plan, tyro.conf.subcommand("plan")]
     | Annotated[Laws, tyro.conf.subcommand("laws")]
     | Annotated[Scenes, tyro.conf.subcommand("scenes")]
 )

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 GAP_TOLERANCE = 1e-9
 """Gap, in m, up to which a contact counts as closed."""
 
+_SAME_INERTIA = 1e-14  # relative difference of mass matrices that is rounding where bodies only turn
 _FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 
@@ -203,10 +204,12 @@ def gap_gradients(model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts
     return J
 
 
-def kinetic_metric(model: mujoco.MjModel, data: mujoco.MjData) -> KineticMetric:
-    """Return the factored mass matrix at the current frames (`update_positions`)."""
+def kinetic_metric(model: mujoco.MjModel, data: mujoco.MjData, *, known: KineticMetric | None = None) -> KineticMetric:
+    """Return the factored mass matrix at the current frames (`update_positions`); the known one if it is the same."""
     M = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, M)
+    if known is not None and np.allclose(M, known.mass_matrix, rtol=_SAME_INERTIA, atol=0.0):
+        return known
     return KineticMetric(M)
 
 

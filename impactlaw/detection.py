@@ -10,8 +10,6 @@ import numpy as np
 from impactlaw.contacts import GAP_TOLERANCE, Contacts, collide, contact_labels, geom_names, sorted_geoms
 from impactlaw.geoms import (
     SKIN,
-    has_convex,
-    has_faces,
     one_contact,
     several_contacts,
     touching_distance,
@@ -64,17 +62,19 @@ class Detector:
 
     Args:
         model: the scene.
+        convex: whether some pairs are measured by MuJoCo's general convex collider.
+        faces: whether MuJoCo is to look for several contacts between faces where it can.
 
     Attributes:
         names: of all geoms, as in contact labels.
         options: to be entered (``with``) around every use of `find`.
     """
 
-    def __init__(self, model: mujoco.MjModel):
+    def __init__(self, model: mujoco.MjModel, *, convex: bool = True, faces: bool = True):
         self._model = model
         self.names = geom_names(model)
-        self.options = BorrowedOptions(model, convex=has_convex(model))
-        self._faces = has_faces(model)
+        self.options = BorrowedOptions(model, convex=convex)
+        self._faces = faces
         self._patterns: dict[bytes, Pattern] = {}
         nothing = np.zeros((0, 2), int)
         self.empty = self._pattern(nothing), Contacts((), nothing, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))

@@ -90,9 +90,15 @@ class Travel:
 
     A pair is safe when the sum of both travels is at most the pair's own thickness (the sum of the smallest
     half-extents), or the distance between the two geoms at the start of the flow.
+
+    Args:
+        model: the scene.
+        pairs: geoms that can meet.
+        passing: whether any of them can pass through another.
+        turning: whether rotation counts there.
     """
 
-    def __init__(self, model: mujoco.MjModel, pairs: GeomPairs):
+    def __init__(self, model: mujoco.MjModel, pairs: GeomPairs, *, passing: bool, turning: bool):
         self._model = model
         thin = thickness(model)
         self._radius = model.geom_rbound.copy()
@@ -110,8 +116,8 @@ class Travel:
                 self._spins[dof : dof + 3] = True
             elif kind == int(mujoco.mjtJoint.mjJNT_HINGE):
                 self._spins[dof] = True
-        self._round = not self._lever[self._pairs].any()
-        self._passable = len(self._pairs) > 0
+        self._round = not turning
+        self._passable = passing
         self._reach, self._short = self._reaches(pairs.geoms[np.isfinite(thin[pairs.geoms])]), 0.5 * self._thinnest
         if not self._round:
             self._short = min(self._short, 1.0)

@@ -29,16 +29,6 @@ _MANIFOLD = _kinds("CYLINDER", "MESH")
 _VAGUE = _MANIFOLD | _PIECES
 
 
-def has_convex(model: mujoco.MjModel) -> bool:
-    """Return whether a geom of the scene may be measured by MuJoCo's general convex collider."""
-    return bool((~(_EXACT | _BOX)[model.geom_type]).any())
-
-
-def has_faces(model: mujoco.MjModel) -> bool:
-    """Return whether MuJoCo may look for several contacts between faces (``multiccd``) of two geoms of the scene."""
-    return bool(_MANIFOLD[model.geom_type].any())
-
-
 def touching_distance(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
     """Return the distance at which pairs of geoms touch, 0 or `SKIN`, m, (n,); takes geom ids, (n, 2)."""
     kind = model.geom_type[geoms]

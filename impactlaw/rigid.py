@@ -28,8 +28,10 @@ from impactlaw.events import ImpactEvent
 from impactlaw.flow import Travel, advance, check_input, empty_state, restore_state, save_state
 from impactlaw.geoms import touching_distance
 from impactlaw.location import Guess, locate, parabola
+from impactlaw.metric import KineticMetric
 from impactlaw.moment import Arrival, Flow, Moment, match
-from impactlaw.scene import check_rigid, geom_pairs
+from impactlaw.plan import Plan
+from impactlaw.scene import check_rigid
 from impactlaw.sustained import hold, stays
 from impactlaw.touch import look
 
@@ -57,21 +59,24 @@ class Flight(NamedTuple):
 class RigidStepping:
     """The algorithm behind ``Stepper(contact_model="rigid")``; see there for the options."""
 
-    def __init__(self, model: mujoco.MjModel, collider: Collider, *, ignore_friction: bool, gap_tolerance: float):
+    def __init__(
+        self, model: mujoco.MjModel, collider: Collider, plan: Plan, *, ignore_friction: bool, gap_tolerance: float
+    ):
         if not 0 < gap_tolerance < np.inf:
             raise SceneError(f"gap_tolerance must be a positive length, got {gap_tolerance}")
-        pairs = geom_pairs(model)
-        check_rigid(model, pairs, ignore_friction=ignore_friction)
+        check_rigid(model, plan.pairs, ignore_friction=ignore_friction)
         self._model = model
+        self._plan = plan
         self._collider = collider
         self._tolerance = gap_tolerance
         self._near = _NEAR * gap_tolerance
-        self._detector = Detector(model)
+        self._detector = Detector(model, convex=plan.convex, faces=plan.faces)
         self._options = self._detector.options
-        self._travel = Travel(model, pairs)
+        self._travel = Travel(model, plan.pairs, passing=plan.passing, turning=plan.turning)
         self._before, self._state = empty_state(model), empty_state(model)
         self._left: tuple[bytes, bytes, float] = b"", b"", 0.0
         self._next: Moment | None = None
+        self._metric: KineticMetric | None = None
         self.unlocated = 0
 
     def step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
@@ -89,6 +94,10 @@ class RigidStepping:
     def _step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
         timestep = remaining = self._options.timestep
         end = data.time + timestep
+        if not self._plan.detection:
+            advance(self._model, data, self._options, timestep)
+            update_positions(self._model, data)
+            return ()
         if self._next is None and self._left[0] == data.qpos.tobytes() and self._glide(data, timestep):
             self._left = data.qpos.tobytes(), b"", timestep
             return ()
@@ -158,7 +167,7 @@ class RigidStepping:
         closed = np.flatnonzero(start.closed)
         rounding = start.rounding[closed]
         data.qvel[:] = self._collider.collide(
-            kinetic_metric(self._model, data),
+            self._metric_at(data),
             start.touch.jacobian[closed],
             start.touch.contacts.select(closed),
             start.velocity,
@@ -169,6 +178,14 @@ class RigidStepping:
             events=events,
         )
         return start.moving(self._model, data)
+
+    def _metric_at(self, data: mujoco.MjData) -> KineticMetric:
+        """Return the kinetic metric of now: the last one where inertia is constant, unless somebody has changed it."""
+        if self._plan.inertia or self._metric is None:
+            self._metric = kinetic_metric(self._model, data)
+        else:
+            self._metric = kinetic_metric(self._model, data, known=self._metric)
+        return self._metric
 
     # -- 2 to 4: flow ----------------------------------------------------------------------------------------------
 

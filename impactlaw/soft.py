@@ -34,6 +34,7 @@ from impactlaw.collide import Collider
 from impactlaw.contacts import active_contacts, closing_speed, gap_gradients, geom_names, kinetic_metric
 from impactlaw.errors import DivergenceError
 from impactlaw.events import ImpactEvent
+from impactlaw.plan import Plan
 
 REST_SPEED = 0.1
 """Closing speed, m/s, above which a soft contact collides."""
@@ -50,8 +51,9 @@ _BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS"
 class SoftStepping:
     """The algorithm behind ``Stepper(contact_model="soft")``; see there for the options."""
 
-    def __init__(self, model: mujoco.MjModel, collider: Collider, *, rest_speed: float):
+    def __init__(self, model: mujoco.MjModel, collider: Collider, plan: Plan, *, rest_speed: float):
         self._model = model
+        self._plan = plan
         self._collider = collider
         self._rest_speed = rest_speed
         self._names = geom_names(model)
@@ -71,7 +73,10 @@ class SoftStepping:
         time = data.time
         count = None if time >= opt.timestep and not opt.disableflags & _NO_RESET else _bad_states(data)
         integrator = opt.integrator
-        if integrator != _RK4 or data.ncon or time != self._left_at or get_mjcb_control() is not None:
+        if not self._plan.detection:
+            mj_step(model, data)
+            events = ()
+        elif integrator != _RK4 or data.ncon or time != self._left_at or get_mjcb_control() is not None:
             events = self._step_from_start(data, integrator)
         else:  # the last stage of the step before, or mj_forward, has met no contact, so there is none at the start
             mj_getState(model, data, self._before, _STATE)

@@ -11,6 +11,7 @@ from impactlaw.contacts import GAP_TOLERANCE
 from impactlaw.errors import SceneError, UnknownNameError
 from impactlaw.events import ImpactEvent
 from impactlaw.laws import Law
+from impactlaw.plan import make_plan
 from impactlaw.rigid import RigidStepping
 from impactlaw.scene import check_law, scene_law
 from impactlaw.soft import REST_SPEED, SoftStepping
@@ -38,6 +39,7 @@ class Stepper:
 
     Attributes:
         events: the collisions of the last step, in order.
+        plan: what a step does in this scene and what it leaves out (`impactlaw.plan`).
         unlocated: steps so far that had more than max_events collisions.
 
     Raises:
@@ -75,13 +77,14 @@ class Stepper:
         self.model = model
         self.law = law
         self.events: tuple[ImpactEvent, ...] = ()
+        self.plan = make_plan(model, contact_model)
         collider = Collider(law, on_inadmissible, max_events, solver)
         self._stepping: RigidStepping | SoftStepping
         if contact_model == "soft":
-            self._stepping = SoftStepping(model, collider, rest_speed=rest_speed)
+            self._stepping = SoftStepping(model, collider, self.plan, rest_speed=rest_speed)
         else:
             self._stepping = RigidStepping(
-                model, collider, ignore_friction=friction == "ignore", gap_tolerance=gap_tolerance
+                model, collider, self.plan, ignore_friction=friction == "ignore", gap_tolerance=gap_tolerance
             )
 
     @property

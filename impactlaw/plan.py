@@ -1,0 +1,220 @@
+"""What stepping a scene takes, read off the compiled model: parts that some scenes need, and whether this one does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+
+import mujoco
+import numpy as np
+
+from impactlaw.contacts import geom_names
+from impactlaw.geoms import one_contact, several_contacts, touching_distance
+from impactlaw.scene import GeomPairs, geom_pairs, thickness
+
+_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+_HINGE, _SLIDE, _FREE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{name}")) for name in ("HINGE", "SLIDE", "FREE"))
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part of a step.
+
+    Attributes:
+        name: what it does.
+        runs: whether it runs in this scene.
+        why: the fact about the scene that decides.
+    """
+
+    name: str
+    runs: bool
+    why: str
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Which parts of stepping a scene needs. What is False is left out.
+
+    Attributes:
+        contact_model: "rigid" or "soft".
+        detection: collision detection: some geoms can meet.
+        convex: exact settings of MuJoCo's general convex collider: some pairs are measured by it.
+        faces: a second detection for several contacts between faces of cylinders and meshes.
+        points: matching contact points from flow to flow: some pairs have several contacts.
+        passing: the check that no body passes through another: some bodies meet others that are not planes.
+        turning: the same check's bound on rotation: some of those are not round.
+        inertia: a new factor of the mass matrix at every collision: it depends on the configuration.
+        pairs: geoms that can meet.
+        parts: the same for people to read, with reasons.
+    """
+
+    contact_model: Literal["rigid", "soft"]
+    detection: bool
+    convex: bool
+    faces: bool
+    points: bool
+    passing: bool
+    turning: bool
+    inertia: bool
+    pairs: GeomPairs = field(repr=False, compare=False)
+    parts: tuple[Part, ...] = field(repr=False, compare=False)
+
+
+def make_plan(model: mujoco.MjModel, contact_model: Literal["rigid", "soft"] = "rigid") -> Plan:
+    """Derive from the compiled model what steps of it take."""
+    pairs = geom_pairs(model)
+    geoms = pairs.geoms
+    thin = thickness(model)
+    solid = geoms[np.isfinite(thin[geoms]).all(axis=1)]
+    several = ~one_contact(model, geoms)
+    rigid = contact_model == "rigid"
+    flags = {
+        "detection": len(geoms) > 0 or (not rigid and model.nflex > 0),
+        "convex": rigid and bool((touching_distance(model, geoms) > 0).any()),
+        "faces": rigid and bool(several_contacts(model, geoms).any()),
+        "points": rigid and bool(several.any()),
+        "passing": rigid and len(solid) > 0,
+        "turning": rigid and bool((model.geom_rbound[solid] > thin[solid]).any()),
+        "inertia": len(geoms) > 0 and not has_constant_inertia(model),
+    }
+    reasons = _Reasons(model, pairs, flags)
+    parts = tuple(reasons.rigid() if rigid else reasons.soft())
+    return Plan(contact_model=contact_model, **flags, pairs=pairs, parts=parts)
+
+
+def format_plan(plan: Plan) -> str:
+    """Return the plan as lines of text, what runs first."""
+    width = max(len(part.name) for part in plan.parts)
+    parts = sorted(plan.parts, key=lambda part: not part.runs)
+    return "\n".join(f"{'runs    ' if part.runs else 'left out'}  {part.name:<{width}}  {part.why}" for part in parts)
+
+
+@dataclass(frozen=True)
+class _Reasons:
+    """Puts into words why a part runs or is left out."""
+
+    model: mujoco.MjModel
+    pairs: GeomPairs
+    flags: dict[str, bool]
+
+    def rigid(self) -> Iterator[Part]:
+        geoms, names = self.pairs.geoms, geom_names(self.model)
+
+        def first(chosen: np.ndarray) -> str:
+            a, b = geoms[int(np.argmax(chosen))]
+            return f"{int(np.count_nonzero(chosen))} of {len(geoms)} pairs, {names[a]}/{names[b]} among them"
+
+        yield self._detection()
+        stages = "the integrator has one stage" if self.model.opt.integrator != _RK4 else "once, at the end of a flow"
+        yield Part("collision detection at every stage of the integrator", False, stages)
+        yield self._part(
+            "convex",
+            "exact settings for general convex shapes",
+            lambda: first(touching_distance(self.model, geoms) > 0),
+            "distances of all pairs have closed forms",
+        )
+        yield self._part(
+            "faces",
+            "second detection, for several contacts between faces",
+            lambda: first(several_contacts(self.model, geoms)),
+            "no cylinder or mesh meets a face",
+        )
+        yield self._part(
+            "points",
+            "matching of contact points from flow to flow",
+            lambda: first(~one_contact(self.model, geoms)),
+            "no pair has more than one contact",
+        )
+        thin = thickness(self.model)[geoms].sum(axis=1)
+        yield self._part(
+            "passing",
+            "check that nothing passes through another body",
+            lambda: f"the thinnest pair measures {2 * thin.min():.3g} m",
+            "bodies meet planes only",
+        )
+        yield self._part(
+            "turning",
+            "bound on rotation within a flow",
+            lambda: "some of these bodies are not round",
+            "bodies that meet others are round",
+        )
+        yield self._solver()
+        yield self._part(
+            "inertia",
+            "new factor of the mass matrix at every collision",
+            lambda: "the mass matrix depends on the configuration",
+            "the mass matrix is constant: factored once",
+        )
+        yield from self._mujoco()
+        friction = int(np.count_nonzero(self.pairs.friction))
+        yield Part("friction", False, f"ignored on {friction} pairs" if friction else "no pair has friction")
+        yield Part("moving surfaces", False, "no mocap body collides")
+        yield Part("copies for events and logs", False, "made when something collides")
+
+    def soft(self) -> Iterator[Part]:
+        yield self._detection()
+        rk4 = self.model.opt.integrator == _RK4
+        yield Part(
+            "second look at the end of a step that met new contacts",
+            rk4 and self.flags["detection"],
+            "RK4's stages look ahead" if rk4 else "the integrator evaluates forces at the start of the step only",
+        )
+        yield self._solver()
+        yield from self._mujoco()
+        yield Part("sustained contact and friction", False, "MuJoCo's own")
+
+    def _part(self, flag: str, name: str, why: Callable[[], str], why_not: str) -> Part:
+        runs = self.flags[flag]
+        return Part(name, runs, why() if runs else why_not if self.flags["detection"] else "no two geoms can meet")
+
+    def _detection(self) -> Part:
+        n = len(self.pairs.geoms)
+        if self.flags["detection"] and not n:
+            return Part("collision detection", True, "a flex can collide")
+        why = f"{n} pair{'s' if n > 1 else ''} of geoms can meet" if n else "no two geoms can meet"
+        return Part("collision detection", n > 0, why)
+
+    def _solver(self) -> Part:
+        name = "solver for several contacts at once"
+        geoms = self.pairs.geoms
+        if len(geoms) == 1 and one_contact(self.model, geoms)[0]:
+            return Part(name, False, "at most one contact: closed form")
+        return Part(name, len(geoms) > 0, "more than one contact can collide" if len(geoms) else "no contact")
+
+    def _mujoco(self) -> Iterator[Part]:
+        m = self.model
+        limits = int(np.count_nonzero(m.jnt_limited)) + int(np.count_nonzero(m.tendon_limited))
+        for name, n, what in (
+            ("joint and tendon limits", limits, "limits, MuJoCo's soft ones"),
+            ("equality constraints", int(np.count_nonzero(m.eq_active0)), "active, MuJoCo's soft ones"),
+            ("tendons", int(m.ntendon), "tendons"),
+            ("actuators", int(m.nu), "actuators"),
+        ):
+            yield Part(name, n > 0, f"{n} {what}" if n else "none")
+
+
+def has_constant_inertia(model: mujoco.MjModel) -> bool:
+    """Return whether the mass matrix is the same in every configuration.
+
+    So it is where each tree of bodies has slides only, or one joint, which is a hinge, or free with the center of mass
+    in the origin of its body.
+    """
+    if model.ntendon and model.tendon_armature.any():
+        return False
+    root = model.body_rootid[model.jnt_bodyid]
+    for tree in np.unique(root):
+        kinds = model.jnt_type[root == tree]
+        alone = len(kinds) == 1
+        centered = alone and kinds[0] == _FREE and _is_centered(model, tree)
+        if not ((kinds == _SLIDE).all() or (alone and kinds[0] == _HINGE) or centered):
+            return False
+    return True
+
+
+def _is_centered(model: mujoco.MjModel, root: int) -> bool:
+    """Return whether the center of mass of a tree without inner joints is the origin of its root."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    return bool(np.abs(data.subtree_com[root] - data.xpos[root]).max() <= 1e-15 + 1e-12 * model.stat.extent)
