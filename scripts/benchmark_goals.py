@@ -1,0 +1,85 @@
+"""The acceptance lines: each goal the project has set itself, the number measured, and whether it is met."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from benchmark_steps import ALL, FINE
+
+LAW_RATIO, LAW_CONTACTS = 3.0, 16
+STEP_RATIO = 4.0
+IMPORT_SECONDS = 0.3
+_SMALL = ("cradle 5", "cradle 5, Euler", "box_drop", "box_drop, Euler", "box at rest", "box at rest, Euler")
+
+
+@dataclass(frozen=True)
+class Goal:
+    """One line: what was asked for, what was measured, whether that is enough."""
+
+    goal: str
+    measured: str
+    met: bool
+
+    def __str__(self) -> str:
+        return f"{'met' if self.met else 'NOT MET':8}{self.goal}: {self.measured}"
+
+
+def goals(tables: dict[str, pd.DataFrame]) -> list[Goal]:
+    """Return the lines that these tables can answer."""
+    answers = {"laws": _law_goals, "steps": _step_goals, "import": _import_goal}
+    return [goal for name, answer in answers.items() if name in tables for goal in answer(tables[name])]
+
+
+def as_table(lines: list[Goal]) -> pd.DataFrame:
+    """Return one row per goal."""
+    return pd.DataFrame([vars(line) for line in lines])
+
+
+def _law_goals(table: pd.DataFrame) -> Iterator[Goal]:
+    chosen = [row for row in _rows(table) if row["solver"] == "auto" and row["h"] <= LAW_CONTACTS]
+    for kind in _distinct(chosen, "kind"):
+        for column, what in (("law_ratio", "solver's certificate"), ("audited_ratio", "independent certificate too")):
+            rows = [row for row in chosen if row["kind"] == kind]
+            worst = max(rows, key=lambda row: row[column])
+            largest = {h: max(row[column] for row in rows if row["h"] == h) for h in _distinct(rows, "h")}
+            measured = f"at most {worst[column]:.1f} (h = {worst['h']}, {worst['law']}); "
+            measured += ", ".join(f"h = {h}: {ratio:.1f}" for h, ratio in largest.items())
+            name = f"law <= {LAW_RATIO:g} x nnls, h <= {LAW_CONTACTS}, {kind} contacts, {what}"
+            yield Goal(name, measured, worst[column] <= LAW_RATIO)
+
+
+def _step_goals(table: pd.DataFrame) -> Iterator[Goal]:
+    rigid = [row for row in _rows(table) if row["contact_model"] == "rigid" and row["outcome"] == FINE]
+    for phase in ("flight", "contact", ALL):
+        rows = [row for row in rigid if row["integrator"] == "RK4" and row["phase"] == phase]
+        rows.sort(key=lambda row: row["ratio"])
+        if rows:
+            measured = ", ".join(f"{row['scene']} {row['ratio']:.2f}" for row in rows)
+            yield Goal(f"rigid step < mj_step, RK4, {phase} (medians)", measured, rows[-1]["ratio"] < 1.0)
+    for scene in _SMALL:
+        rows = [row for row in rigid if row["scene"] == scene]
+        if rows:
+            shown = ", ".join(f"{row['phase']} {row['ratio']:.1f}" for row in rows)
+            whole = next(row for row in rows if row["phase"] == ALL)
+            worst = max(row["ratio"] for row in rows if row["phase"] != "collision")
+            measured = f"{rows[0]['integrator']}, medians {shown}; mean of all {whole['mean_ratio']:.1f}"
+            yield Goal(f"rigid step <= {STEP_RATIO:g} x mj_step, {scene}", measured, worst <= STEP_RATIO)
+
+
+def _import_goal(table: pd.DataFrame) -> Iterator[Goal]:
+    added, mujoco = (table[name].to_numpy(dtype=float) for name in ("added_s", "mujoco_s"))
+    median = float(np.median(added))
+    measured = f"median {median:.3f} s, least {added.min():.3f} s, beside {np.median(mujoco):.3f} s"
+    yield Goal(f"import impactlaw adds <= {IMPORT_SECONDS:g} s to import mujoco", measured, median <= IMPORT_SECONDS)
+
+
+def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+    return [dict(zip(table.columns, values, strict=True)) for values in table.to_numpy(dtype=object)]
+
+
+def _distinct(rows: list[dict[str, Any]], column: str) -> list[Any]:
+    return list(dict.fromkeys(row[column] for row in rows))

@@ -1,0 +1,72 @@
+"""Timing of several calls against each other in one process: in turns, so that what slows one slows all."""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+MICRO = 1e6
+
+
+@dataclass(frozen=True)
+class Timed:
+    """Seconds per call, one value per round.
+
+    Attributes:
+        seconds: of each subject, name -> (rounds,).
+    """
+
+    seconds: dict[str, np.ndarray]
+
+    def microseconds(self, name: str) -> float:
+        """Return the median over the rounds."""
+        return MICRO * float(np.median(self.seconds[name]))
+
+    def ratio(self, name: str, to: str) -> float:
+        """Return the median, over the rounds, of the quotient of two subjects' times."""
+        return float(np.median(self.seconds[name] / self.seconds[to]))
+
+
+def in_turns(
+    subjects: Mapping[str, Callable[[], Sequence[Callable[[], object]]]], *, seconds: float, fewest: int = 5
+) -> Timed:
+    """Time the subjects in turns, in alternating order, until the time is up.
+
+    Args:
+        subjects: name -> a function that prepares one round, untimed, and returns the calls of the round.
+        seconds: wall-clock time to spend, preparation included.
+        fewest: rounds that are taken whatever they cost, after one that is not counted.
+    """
+    names = list(subjects)
+    taken: dict[str, list[float]] = {name: [] for name in names}
+    start = time.perf_counter()
+    done = -1
+    while done < fewest or time.perf_counter() - start < seconds:
+        for name in names if done % 2 else names[::-1]:
+            calls = subjects[name]()
+            with no_collection():
+                before = time.perf_counter()
+                for call in calls:
+                    call()
+                spent = time.perf_counter() - before
+            if done >= 0:
+                taken[name].append(spent / len(calls))
+        done += 1
+    return Timed({name: np.array(values) for name, values in taken.items()})
+
+
+@contextmanager
+def no_collection() -> Iterator[None]:
+    """Keep Python's garbage collector out of what is timed, as timeit does."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
