@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from impactlaw.collision import Collision
 from impactlaw.contacts import Contacts
@@ -112,5 +111,8 @@ def _reached(gradients: np.ndarray, candidates: np.ndarray, approaching: np.ndar
     Y = gradients[candidates]
     norms = np.linalg.norm(Y, axis=1)
     coupled = np.abs(Y @ Y.T) > 1e-12 * np.outer(norms, norms)
-    _, member = connected_components(coupled, directed=False)
-    return candidates[np.isin(member, member[approaching[candidates]])]
+    reached = approaching[candidates]
+    count = 0
+    while count < (count := int(np.count_nonzero(reached))):
+        reached = reached | coupled[reached].any(axis=0)
+    return candidates[reached]

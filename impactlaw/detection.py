@@ -31,6 +31,7 @@ class Pattern:
         key: one number per pair of geoms, ascending, (h,).
         single: which contacts are of pairs that never have more than one, bool (h,).
         all_single: whether all are.
+        distinct: whether no two contacts are of the same pair.
         vague: which contacts may be anywhere in common faces, bool (h,).
         skin: distance at which the geoms touch, m, (h,); None if 0 for all.
         several: whether MuJoCo is to look for several contacts of a pair.
@@ -45,6 +46,7 @@ class Pattern:
     key: np.ndarray
     single: np.ndarray
     all_single: bool
+    distinct: bool
     vague: np.ndarray
     skin: np.ndarray | None
     several: bool
@@ -135,13 +137,15 @@ class Detector:
         geoms, order, swapped = sorted_geoms(found)
         key = geoms[:, 0] * model.ngeom + geoms[:, 1]
         single = one_contact(model, geoms)
+        distinct = len(np.unique(key)) == len(key)
         skin = touching_distance(model, geoms)
         return Pattern(
             labels=contact_labels(geoms, self.names),
             geoms=geoms,
             key=key,
             single=single,
-            all_single=bool(single.all()) and len(np.unique(key)) == len(key),
+            all_single=bool(single.all()) and distinct,
+            distinct=distinct,
             vague=vague_contacts(model, geoms),
             skin=skin if skin.any() else None,
             several=self._faces and bool(several_contacts(model, geoms).any()),

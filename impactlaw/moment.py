@@ -146,6 +146,14 @@ def match(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, flow: Flow) 
         reached = flow.travel.reach(flow.start.velocity, data.qvel, flow.duration) + same
         if first.dot(first) <= reached * reached and np.abs(moved - first).max() <= same:  # all by the same translation
             return now.index
+    if before.distinct and now.distinct:
+        index = np.minimum(np.searchsorted(before.key, now.key), len(before) - 1)
+        same = before.key[index] == now.key
+        moved = touch.contacts.position - flow.start.touch.contacts.position[index]
+        travel = flow.travel.between(flow.start.touch.frames, data)[now.geoms].sum(axis=1)
+        allowed = travel + _SAME_POINT * flow.tolerance
+        if np.count_nonzero(same & (np.vecdot(moved, moved) > allowed * allowed)) == 0:
+            return np.where(same, index, -1)
     return _match_points(model, data, touch, flow)
 
 

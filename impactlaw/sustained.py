@@ -110,7 +110,7 @@ def _hold_position(
         data.qpos[:] = qpos
         update_positions(model, data)
         before, (now, known) = known, look_again()
-        if known is not before:
+        if known is not before and not np.array_equal(known, before):
             pressed = _among(known, before[pressed])
             sustained = _among(known, before[sustained])  # what the flow has decided stays decided
         arrival = Arrival(now, known, sustained)
