@@ -208,7 +208,7 @@ def kinetic_metric(model: mujoco.MjModel, data: mujoco.MjData, *, known: Kinetic
     """Return the factored mass matrix at the current frames (`update_positions`); the known one if it is the same."""
     M = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, M)
-    if known is not None and np.allclose(M, known.mass_matrix, rtol=_SAME_INERTIA, atol=0.0):
+    if known is not None and not np.count_nonzero(np.abs(M - known.mass_matrix) > _SAME_INERTIA * np.abs(M)):
         return known
     return KineticMetric(M)
 
