@@ -141,10 +141,8 @@ def match(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, flow: Flow) 
         return np.where(before.key[index] == now.key, index, -1)
     if before is now:
         moved = touch.contacts.position - flow.start.touch.contacts.position
-        first = moved[0]
         same = _SAME_POINT * flow.tolerance
-        reached = flow.travel.reach(flow.start.velocity, data.qvel, flow.duration) + same
-        if first.dot(first) <= reached * reached and np.abs(moved - first).max() <= same:  # all by the same translation
+        if np.abs(moved - moved[0]).max() <= same and _translates(data, touch, flow, moved[0], same):
             return now.index
     if before.distinct and now.distinct:
         index = np.minimum(np.searchsorted(before.key, now.key), len(before) - 1)
@@ -155,6 +153,13 @@ def match(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, flow: Flow) 
         if np.count_nonzero(same & (np.vecdot(moved, moved) > allowed * allowed)) == 0:
             return np.where(same, index, -1)
     return _match_points(model, data, touch, flow)
+
+
+def _translates(data: mujoco.MjData, touch: Touch, flow: Flow, moved: np.ndarray, same: float) -> bool:
+    """Return whether the first contact point has moved as one of its geoms has, or not at all."""
+    geoms = touch.contacts.geoms[0]
+    off = moved - (data.geom_xpos[geoms] - flow.start.touch.frames.position[geoms])
+    return bool(min(np.abs(off).max(axis=1).tolist()) <= same)
 
 
 def _match_points(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, flow: Flow) -> np.ndarray:

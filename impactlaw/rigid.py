@@ -31,7 +31,7 @@ from impactlaw.location import Guess, locate, parabola
 from impactlaw.metric import KineticMetric
 from impactlaw.moment import Arrival, Flow, Moment, match
 from impactlaw.plan import Plan
-from impactlaw.scene import check_rigid
+from impactlaw.scene import check_resolved, check_rigid
 from impactlaw.sustained import hold, stays
 from impactlaw.touch import look
 
@@ -64,6 +64,7 @@ class RigidStepping:
     ):
         if not 0 < gap_tolerance < np.inf:
             raise SceneError(f"gap_tolerance must be a positive length, got {gap_tolerance}")
+        check_resolved(model, gap_tolerance)
         check_rigid(model, plan.pairs, ignore_friction=ignore_friction)
         self._model = model
         self._plan = plan
@@ -145,8 +146,8 @@ class RigidStepping:
             self._refuse_overlap(start.touch.contacts)
         return self._collide(data, start, events) if start.collides else start
 
-    def _look(self, data: mujoco.MjData) -> Moment:
-        touch = look(self._model, data, self._detector, self._near)
+    def _look(self, data: mujoco.MjData, within: float = 0.0) -> Moment:
+        touch = look(self._model, data, self._detector, max(self._near, within))
         return Moment.of(self._model, data, touch, tolerance=self._tolerance, timestep=self._options.timestep)
 
     def _refuse_overlap(self, contacts: Contacts) -> None:
@@ -210,6 +211,7 @@ class RigidStepping:
                 held = fly(tried.duration, smooth=True)
                 if held.gap >= -self._tolerance:
                     return held, False
+        shortest = tried.duration * self._tolerance / max(longest, self._tolerance)
         located = locate(
             fly,
             flight,
@@ -217,9 +219,20 @@ class RigidStepping:
             guess,
             target=_LOCATED * self._tolerance,
             tolerance=self._tolerance,
-            shortest=tried.duration * self._tolerance / max(longest, self._tolerance),
+            shortest=shortest,
         )
+        if self._was_closed(located) and located.flow.duration > 2.0 * shortest:
+            # at rest over shorter flows (`sustained.stays`), not over longer ones: it rests up to there
+            held = fly(located.flow.duration - 2.0 * shortest)
+            return (held, True) if held.gap >= -self._tolerance else (fly(located.flow.duration), True)
         return located, True
+
+    def _was_closed(self, end: Flight) -> bool:
+        """Return whether the deepest contact penetrates and was closed, and no deeper, at the start of the flow."""
+        if end.gap >= -self._tolerance:
+            return False
+        start, before = end.flow.start, end.arrival.known[end.deepest]
+        return bool(before >= 0 and abs(start.gap[before]) <= self._tolerance)
 
     def _may_be_smooth(self, end: Flight) -> bool:
         """Return whether the deepest contact may continue a sustained one that was somewhere else in common faces."""
@@ -276,11 +289,11 @@ class RigidStepping:
             reach: distance to look further if nothing is near, m.
         """
 
-        def look_again() -> tuple[Moment, np.ndarray]:
-            now = self._look(data)
+        def look_again(within: float) -> tuple[Moment, np.ndarray]:
+            now = self._look(data, within)
             return now, match(self._model, data, now.touch, flow)
 
-        now, known = look_again()
+        now, known = look_again(0.0)
         if not now.touch.pattern:
             return Flight(flow, Arrival(now, known, known), self._further(data, reach), -1)
         if (

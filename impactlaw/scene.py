@@ -17,6 +17,8 @@ RESTITUTION = "restitution"
 """``<custom><numeric name="restitution" data="0.5"/>`` is a scene's default coefficient;
 ``<numeric name="restitution/geomA/geomB" data="0.9"/>`` is that of one pair, in either order."""
 
+_RESOLVED = 1e-15  # part of the size of the scene that gaps are rounded to
+
 
 @dataclass(frozen=True, eq=False)
 class GeomPairs:
@@ -69,6 +71,20 @@ def _has_friction(model: mujoco.MjModel, first: np.ndarray, second: np.ndarray) 
     condim = np.where(priority > 0, condim1, np.where(priority < 0, condim2, np.maximum(condim1, condim2)))
     mu = np.where(priority > 0, mu1, np.where(priority < 0, mu2, np.maximum(mu1, mu2)))
     return (condim > 1) & (mu > 0)
+
+
+def check_resolved(model: mujoco.MjModel, gap_tolerance: float) -> None:
+    """Refuse a gap tolerance that positions cannot resolve: contacts would open and close by rounding.
+
+    Raises:
+        SceneError: the tolerance is below the rounding of the largest size or distance in the scene.
+    """
+    extent = max(np.abs(model.body_pos).max(), model.geom_rbound.max(initial=0.0))
+    if gap_tolerance < _RESOLVED * extent:
+        raise SceneError(
+            f"a gap tolerance of {gap_tolerance:g} m is below the rounding of positions in a scene of {extent:.2g} m; "
+            f"pass gap_tolerance={1e-9 * extent:.0e}, or at least {_RESOLVED * extent:.0e}"
+        )
 
 
 def check_rigid(model: mujoco.MjModel, pairs: GeomPairs, *, ignore_friction: bool) -> None:

@@ -55,7 +55,7 @@ def hold(
     data: mujoco.MjData,
     arrival: Arrival,
     flow: Flow,
-    look_again: Callable[[], tuple[Moment, np.ndarray]],
+    look_again: Callable[[float], tuple[Moment, np.ndarray]],
 ) -> Arrival:
     """Bring position and velocity back to the sustained contacts; data and its frames change.
 
@@ -64,7 +64,7 @@ def hold(
         data: at the end of the flow, frames current.
         arrival: the contacts there.
         flow: what led there.
-        look_again: detects the contacts of now, and matches them with the start.
+        look_again: detects the contacts of now up to a gap at least, m, and matches them with the start.
 
     Returns:
         The contacts after the correction.
@@ -87,10 +87,10 @@ def _hold_position(
     arrival: Arrival,
     flow: Flow,
     guess: np.ndarray | None,
-    look_again: Callable[[], tuple[Moment, np.ndarray]],
+    look_again: Callable[[float], tuple[Moment, np.ndarray]],
 ) -> tuple[Arrival, np.ndarray | None]:
     """Return the contacts where those that are sustained do not overlap, and which of them press."""
-    end = data.qpos.copy()
+    end, end_gap = data.qpos.copy(), arrival.now.gap[arrival.sustained]
     shift, pressed = np.zeros(model.nv), guess
     cuts = np.zeros((0, model.nv)), np.zeros(0)
     for correction in range(_CORRECTIONS):
@@ -109,8 +109,10 @@ def _hold_position(
         mujoco.mj_integratePos(model, qpos, shift, 1.0)
         data.qpos[:] = qpos
         update_positions(model, data)
-        before, (now, known) = known, look_again()
+        before, (now, known) = known, look_again(0.0)
         if known is not before and not np.array_equal(known, before):
+            if not np.isin(before[pressed & (before >= 0)], known).all():  # pushed out further than contacts are sought
+                now, known = look_again(float(-end_gap.min()))
             pressed = _among(known, before[pressed])
             sustained = _among(known, before[sustained])  # what the flow has decided stays decided
         arrival = Arrival(now, known, sustained)

@@ -1,0 +1,208 @@
+"""What the stability study says of a row: measurements, verdicts, and the certificate that it computes itself.
+
+A verdict never uses what the package says of its own result. From mass matrix, gap gradients, the velocities before and
+after, and the impulse, the study computes by itself, relative to the larger of |v-| and |v+| in the kinetic metric,
+
+    momentum         |R^-1 (M (v+ - v-) - J^T Lambda)|,  M = R R^T
+    complementarity  max |min(Lambda_i |g_i|, (gamma+_i - gamma^h_i) / |g_i|)|,  gamma^h = -E gamma-
+
+in extended precision. Rounding v+ and Lambda to doubles alone makes a momentum error of a few eps times ``sum Lambda_i
+|g_i|`` and, where M is no diagonal matrix, of cond(M) eps times the jump; as much is left out of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from fnmatch import fnmatch
+
+import numpy as np
+
+RIGHT, REFUSED, WRONG, HANGS, NAN, CRASHES = "right", "refused", "WRONG", "HANGS", "NaN", "CRASHES"
+EITHER = "right or refused"
+"""Expected of iterative solvers at the border of what they reach: an answer or a refusal, never a wrong answer."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What one run shows, by the study's own computation.
+
+    Attributes:
+        residual: the larger of momentum and complementarity error of the worst collision.
+        energy: energy error relative to the energy of the motion.
+        penetration: m/s relative to the speed (laws), or m beyond zero gap (stepping).
+        deviation: distance from the closed form, in the unit that the case names; 0 where there is none.
+        collisions: how many there were.
+        note: a fact that the table should show.
+    """
+
+    residual: float = 0.0
+    energy: float = 0.0
+    penetration: float = 0.0
+    deviation: float = 0.0
+    collisions: int = 0
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Largest measurements of a right result, in the units of `Measurement`."""
+
+    residual: float = 1e-9
+    energy: float = 1e-9
+    penetration: float = 1e-9
+    deviation: float = 1e-9
+
+
+@dataclass(frozen=True)
+class Expected:
+    """The verdict a row should have.
+
+    Attributes:
+        verdict: right, refused, or right or refused.
+        reason: why, where it is not right.
+        error: what the refusal must say, the type of the error at least.
+        law: pattern of the laws that it is stated for.
+        solver: pattern of the solvers that it is stated for.
+    """
+
+    verdict: str
+    reason: str
+    error: str = ""
+    law: str = "*"
+    solver: str = "*"
+
+    def fits(self, found: str, reason: str) -> bool:
+        """Return whether a verdict, with its reason, is the expected one."""
+        if self.verdict == EITHER and found == RIGHT:
+            return True
+        if found == REFUSED and self.verdict in (REFUSED, EITHER):
+            return self.error in reason
+        return found == self.verdict
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case of the study.
+
+    Attributes:
+        name: what the table shows.
+        kind: "law" or "stepping".
+        measure: runs it: law name, solver name, quick or not.
+        laws: names of the laws it is run under.
+        solvers: names of the solvers it is run with.
+        expected: verdicts other than right; the first whose patterns match a row holds.
+        limits: of a right result.
+        shortened: what the quick form leaves out.
+        budget: s that one row may take, in the full form.
+    """
+
+    name: str
+    kind: str
+    measure: Callable[[str, str, bool], Measurement] = field(repr=False)
+    laws: tuple[str, ...]
+    solvers: tuple[str, ...] = ("auto",)
+    expected: tuple[Expected, ...] = ()
+    limits: Limits = Limits()
+    shortened: str = ""
+    budget: float = 120.0
+
+    def expects(self, law: str, solver: str) -> Expected:
+        """Return the verdict expected of a row."""
+        for expected in self.expected:
+            if fnmatch(law, expected.law) and fnmatch(solver, expected.solver):
+                return expected
+        return Expected(RIGHT, "")
+
+
+class WrongRefusalError(Exception):
+    """The package refuses with a proof that proves nothing."""
+
+
+def verdict(measurement: Measurement, limits: Limits) -> tuple[str, str]:
+    """Return the verdict on a measurement, and what exceeds which limit."""
+    names = ("residual", "energy", "penetration", "deviation")
+    pairs = [(name, getattr(measurement, name), getattr(limits, name)) for name in names]
+    broken = [name for name, value, _ in pairs if not np.isfinite(value)]
+    if broken:
+        return NAN, f"{', '.join(broken)} not finite"
+    wrong = [f"{name} {value:.1e} > {limit:.1e}" for name, value, limit in pairs if value > limit]
+    return (WRONG, "; ".join(wrong)) if wrong else (RIGHT, "")
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """The study's own check of one collision.
+
+    Attributes:
+        residual: the larger of momentum and complementarity error, relative to the speed.
+        balance: ``|T+ - T- - Lambda^T (gamma- + gamma+) / 2|``, relative to the larger energy.
+        change: ``(T+ - T-) / max(T-, T+)``.
+        penetration: largest ``-gamma+_i / |g_i|``, relative to the speed.
+    """
+
+    residual: float
+    balance: float
+    change: float
+    penetration: float
+
+
+def certify(M, J, before, after, impulse, wanted, *, kind: type = np.longdouble) -> Certificate:
+    """Check one collision.
+
+    Args:
+        M: mass matrix, (nv, nv).
+        J: gap gradients, (h, nv).
+        before: ``v-``, (nv,).
+        after: ``v+``, (nv,).
+        impulse: ``Lambda``, (h,).
+        wanted: ``gamma^h``, (h,).
+        kind: of floating-point number to compute with.
+    """
+    M, J, before, after, impulse, wanted = (np.asarray(a, kind) for a in (M, J, before, after, impulse, wanted))
+    R = _cholesky(M)
+    Y = _forward(R, J.T).T
+    lengths = np.sqrt((Y * Y).sum(axis=1))
+    old, new = R.T @ before, R.T @ after
+    jump = new - old
+    size = float(max(np.sqrt(old @ old), np.sqrt(new @ new)))
+    if size == 0.0:
+        size = 1.0
+    diagonal = np.count_nonzero(M) == len(M)
+    eps = float(np.finfo(float).eps)
+    rounding = 0.0 if diagonal else eps * float(np.linalg.cond(M.astype(float))) * float(np.sqrt(jump @ jump))
+    rounding += 64 * eps * float(impulse @ lengths)
+    off = jump - Y.T @ impulse
+    momentum = max(0.0, float(np.sqrt(off @ off)) - rounding)
+    moves = lengths > 0
+    gamma = J @ after
+    slack = (gamma - wanted)[moves] / lengths[moves]
+    natural = np.abs(np.minimum((impulse * lengths)[moves], slack)).max(initial=0.0)
+    energy = float(max(old @ old, new @ new)) / 2 or 1.0
+    change = float(jump @ (old + jump / 2))
+    balance = change - float(impulse @ (J @ before + gamma) / 2)
+    return Certificate(
+        max(momentum, float(natural)) / size,
+        max(0.0, abs(balance) - rounding * size) / energy,
+        change / energy,
+        float((-gamma[moves] / lengths[moves]).max(initial=0.0)) / size,
+    )
+
+
+def _cholesky(M: np.ndarray) -> np.ndarray:
+    if np.count_nonzero(M) == len(M):
+        return np.diag(np.sqrt(np.diag(M)))
+    R = np.zeros_like(M)
+    for j in range(len(M)):
+        R[j:, j] = M[j:, j] - R[j:, :j] @ R[j, :j]
+        R[j:, j] /= np.sqrt(R[j, j])
+    return R
+
+
+def _forward(R: np.ndarray, B: np.ndarray) -> np.ndarray:
+    if np.count_nonzero(R) == len(R):
+        return B / np.diag(R)[:, None]
+    X = np.zeros_like(B)
+    for i, row in enumerate(R):
+        X[i] = (B[i] - row[:i] @ X[:i]) / row[i]
+    return X

@@ -1,0 +1,156 @@
+"""A scene that is stepped, and measured by MuJoCo's own means and the study's, not by the package's."""
+
+from __future__ import annotations
+
+import copy
+
+import mujoco
+import numpy as np
+from stability_verdicts import Measurement, certify
+
+from impactlaw import Fremond, ImpactEvent, Law, MaximalDissipation, Moreau, Newton, Stepper
+
+MOST = 100  # collisions of a step after which the stepper says that E = 0 ends it
+_EXTENDED = 64  # velocities up to which collisions are checked in extended precision; Python's is slow beyond
+
+
+def coefficient(law: str) -> float:
+    """Return e of a law by its name in the table."""
+    return 0.0 if law == "maximal-dissipation" else float(law.split()[-1])
+
+
+def law_of(law: str) -> Law:
+    """Return a law for any number of contacts by its name in the table: maximal-dissipation, or kind and e."""
+    kind = law.split()[0]
+    if kind == "maximal-dissipation":
+        return MaximalDissipation()
+    return {"moreau": Moreau, "newton": Newton, "reversal": Fremond.reversal}[kind](coefficient(law))
+
+
+def compiled(option: str, world: str, rest: str = "") -> mujoco.MjModel:
+    """Compile a scene from its options, bodies and other sections."""
+    return mujoco.MjModel.from_xml_string(f"<mujoco><option {option}/><worldbody>{world}</worldbody>{rest}</mujoco>")
+
+
+class Watch:
+    """Steps a scene and keeps the worst that happens.
+
+    After every step MuJoCo's own detection, on a copy of the scene, tells how deep geoms overlap, and its own energies
+    tell whether the scene has gained any since the last `forget`. Every collision is certified by the study.
+
+    Args:
+        model: the scene.
+        law: name of the law.
+        contact_model: "rigid" or "soft".
+        gap_tolerance: of rigid stepping, m.
+        every: steps between looks at penetration and energy.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        law: str,
+        *,
+        contact_model: str = "rigid",
+        gap_tolerance: float = 1e-9,
+        every: int = 1,
+    ):
+        self.model, self.data = model, mujoco.MjData(model)
+        if model.nkey:
+            mujoco.mj_resetDataKeyframe(model, self.data, 0)
+        self._law = law
+        self._stepper = Stepper(
+            model,
+            law_of(law),
+            contact_model=contact_model,  # pyright: ignore[reportArgumentType]
+            gap_tolerance=gap_tolerance,
+            max_events=MOST,
+        )
+        self._every = every
+        self._own = copy.copy(model)
+        self._own.opt.ccd_tolerance, self._own.opt.ccd_iterations = 1e-12, 100
+        self._own.geom_margin[:] = 0.0
+        self._own.geom_gap[:] = 0.0
+        self._scratch = mujoco.MjData(self._own)
+        self.residual = self.penetration = self.deviation = self.gain = 0.0
+        self.steps = self.collisions = 0
+        self._lowest: float | None = None
+
+    @property
+    def events(self) -> tuple[ImpactEvent, ...]:
+        """Collisions of the last step."""
+        return self._stepper.events
+
+    @property
+    def unlocated(self) -> int:
+        """Steps that the stepper has finished with E = 0."""
+        return self._stepper.unlocated
+
+    def step(self, steps: int = 1) -> None:
+        """Advance and measure."""
+        if self._lowest is None:
+            self._look()
+        for _ in range(steps):
+            self._stepper.step(self.data)
+            self.steps += 1
+            for number, event in enumerate(self.events):
+                self._certify(event, final=number >= MOST)
+            if self.steps % self._every == 0:
+                self._look()
+
+    def energy(self) -> tuple[float, float]:
+        """Return potential and kinetic energy of now, J."""
+        own, scratch = self._own, self._scratch
+        scratch.qpos[:], scratch.qvel[:] = self.data.qpos, self.data.qvel
+        mujoco.mj_fwdPosition(own, scratch)
+        mujoco.mj_fwdVelocity(own, scratch)
+        mujoco.mj_energyPos(own, scratch)
+        mujoco.mj_energyVel(own, scratch)
+        return float(scratch.energy[0]), float(scratch.energy[1])
+
+    def deviates(self, distance: float) -> None:
+        """Keep the largest distance from the closed form; one that is not a number stays."""
+        self.deviation = float(np.maximum(self.deviation, distance))
+
+    def measurement(self, *, energy: float | None = None, energy_scale: float = 1.0, note: str = "") -> Measurement:
+        """Return what has been measured; the energy error is the largest gain unless another one is given."""
+        energy = self.gain / energy_scale if energy is None else energy
+        if not (np.isfinite(self.data.qpos).all() and np.isfinite(self.data.qvel).all()):
+            energy = np.nan
+        if self.unlocated:
+            note = "; ".join(filter(None, [note, f"{self.unlocated} of {self.steps} steps ended with E = 0"]))
+        return Measurement(self.residual, energy, self.penetration, self.deviation, self.collisions, note)
+
+    def _look(self) -> None:
+        energy = sum(self.energy())
+        self._lowest = energy if self._lowest is None else min(self._lowest, energy)
+        self.gain = float(np.maximum(self.gain, energy - self._lowest))
+        self.penetration = max(self.penetration, -float(np.min(self._scratch.contact.dist, initial=0.0)))
+
+    def _certify(self, event: ImpactEvent, *, final: bool) -> None:
+        c = event.impact.collision
+        kind = np.longdouble if len(c.pre_velocity) <= _EXTENDED else float
+        gamma = c.jacobian @ c.pre_velocity
+        e = 0.0 if final else coefficient(self._law)
+        wanted = -e * (gamma[::-1] if self._law.startswith("reversal") else gamma)
+        numbers = (c.mass_matrix, c.jacobian, c.pre_velocity, event.impact.post_velocity, event.impact.impulse)
+        found = certify(*numbers, wanted, kind=kind)
+        worst = max(found.residual, found.balance, found.penetration)
+        if not self._law.startswith("reversal"):
+            worst = max(worst, found.change)
+        self.residual = float(np.maximum(self.residual, worst))
+        self.collisions += 1
+
+
+def bounce(time: float, e: float, height: float, gravity: float) -> float:
+    """Height of a ball dropped from ``height`` after ``time``, m, in closed form."""
+    fall = np.sqrt(2.0 * height / gravity)
+    if time < fall:
+        return height - 0.5 * gravity * time**2
+    start, speed = fall, e * gravity * fall
+    while speed > 1e-13 * gravity * fall:
+        flight = 2.0 * speed / gravity
+        if time < start + flight:
+            return speed * (time - start) - 0.5 * gravity * (time - start) ** 2
+        start, speed = start + flight, e * speed
+    return 0.0
