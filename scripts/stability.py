@@ -8,15 +8,13 @@ if any verdict is not the expected one.
 
 from __future__ import annotations
 
-import os
-import platform
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from fnmatch import fnmatch
-from importlib.metadata import version
 from pathlib import Path
 
+import machine
 import pandas as pd
 import tyro
 from stability_cases import CASES
@@ -120,11 +118,6 @@ def _covered(some: pd.DataFrame, rows: pd.DataFrame) -> str:
     return law if rows.solver.nunique() == 1 else f"{law}, {', '.join(solvers)}"
 
 
-def _machine() -> str:
-    packages = ", ".join(f"{name} {version(name)}" for name in ("impactlaw", "mujoco", "numpy", "scipy", "daqp"))
-    return f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, {packages}"
-
-
 def main(study: Stability, out: Path = Path("out/stability")) -> None:
     """Run the study, print its table, and write every row as CSV, with the machine beside it.
 
@@ -149,8 +142,8 @@ def main(study: Stability, out: Path = Path("out/stability")) -> None:
     unexpected = table[~table.as_expected]
     counts = ", ".join(f"{count} {verdict}" for verdict, count in table.verdict.value_counts().items())
     print(f"\n{len(table)} rows of {table.case.nunique()} cases: {counts}; {len(unexpected)} not as expected")
-    print(f"every row: {out / 'stability.csv'}; {_machine()}")
-    (out / "machine.txt").write_text(_machine() + "\n")
+    print(f"every row: {out / 'stability.csv'}; {machine.one_line()}")
+    (out / "machine.txt").write_text(machine.one_line() + "\n")
     sys.exit(1 if len(unexpected) else 0)
 
 

@@ -93,6 +93,9 @@ class Worker:
 
 
 def _serve(pipe: Connection) -> None:
+    import daqp  # noqa: F401  what the package imports when it is first used: no row should pay for it
+    import scipy.linalg
+    import scipy.optimize  # noqa: F401
     from stability_cases import CASES
 
     warnings.simplefilter("error", RuntimeWarning)  # overflow or an invalid number is loud
