@@ -279,3 +279,48 @@ def test_the_pairs_the_stepper_expects_are_those_mujoco_reports():
     mujoco.mj_forward(model, data)
     reported = {tuple(sorted(contact.geom.tolist())) for contact in data.contact}
     assert {tuple(pair) for pair in geom_pairs(model).geoms.tolist()} == reported
+
+
+@pytest.mark.parametrize(("size", "per_fall"), [(1.0, 7), (1.0, 10), (1000.0, 12)])
+def test_a_box_that_rolls_over_its_edges_gains_no_energy_at_large_timesteps(size, per_fall):
+    """Held corners are pushed out further than contacts are looked for, and others come near meanwhile."""
+    timestep = math.sqrt(2 * size / 9.81) / per_fall
+    box = f"""<body pos="0 0 {3 * size}" euler="20 30 40"><freejoint/>
+        <geom type="box" size="{size} {size} {size}" mass="1" condim="1"/></body>"""
+    model, data = compiled(FLOOR + box, f'timestep="{timestep!r}" integrator="RK4" gravity="0 0 -9.81"')
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    stepper = Stepper(model, MaximalDissipation(), gap_tolerance=1e-9 * size)
+    energies = []
+    for _ in range(6 * per_fall):
+        stepper.step(data)
+        mujoco.mj_forward(model, data)
+        energies.append(data.energy.sum() / (9.81 * size))
+    gain = np.maximum.accumulate(np.array(energies)[::-1])[::-1] - energies
+    assert gain.max() < 1e-5
+    assert energies[-1] == pytest.approx(1.0, abs=1e-6)  # flat on the floor
+
+
+@pytest.mark.parametrize("timestep", [1e-3, 1e-2])
+def test_a_stiff_actuator_leaves_no_step_in_penetration(timestep):
+    """A rebound that is rest over short flows only: the block must not be left inside the wall."""
+    world = """<geom name="wall" type="box" size=".1 1 1" pos="1 0 0" condim="1"/>
+        <body><joint name="x" type="slide" axis="1 0 0"/>
+        <geom name="block" type="box" size=".1 .1 .1" condim="1" mass="1"/></body>"""
+    rest = '<actuator><position joint="x" kp="1e6" dampratio="1"/></actuator>'
+    model, data = compiled(world, f'timestep="{timestep}" integrator="RK4" gravity="0 0 0"', rest)
+    data.ctrl[0] = 0.9
+    stepper = Stepper(model, Newton(0.3))
+    for _ in range(8):
+        stepper.step(data)
+        assert data.qpos[0] <= 0.8 + 1e-9
+    assert data.qpos[0] == pytest.approx(0.8, abs=1e-9)
+    assert abs(data.qvel[0]) < 1e-9
+
+
+def test_a_gap_tolerance_below_the_rounding_of_positions_is_refused():
+    model, data = compiled(FLOOR + ball(pos="0 0 2e6", size="1e6"))
+    with pytest.raises(SceneError, match=r"tolerance of 1e-09 m is below the rounding.*pass gap_tolerance=2e-03"):
+        Stepper(model, Moreau(1))
+    data.qvel[2] = -2e8
+    Stepper(model, Moreau(1), gap_tolerance=1e-3).step(data)
+    assert [data.qpos[2], data.qvel[2]] == pytest.approx([2e6, 2e8], rel=1e-9)
