@@ -39,7 +39,7 @@ def draw_stepping(table: pd.DataFrame, path: Path, footer: str) -> None:
     for axis in axes[:, 0]:
         axis.set_ylabel("distance from the reference's\ngraph in (t, q), scaled")
     for axis in axes[-1]:
-        axis.set_xlabel("run time, s")
+        axis.set_xlabel("run time (processor), s")
     handles, labels = axes.flat[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False)
     _finish(figure, path, footer, dpi=110)
@@ -57,7 +57,7 @@ def draw_compact(table: pd.DataFrame, path: Path, footer: str) -> None:
         _draw_scene(axis, group)
         _label(axis, group)
         axis.set_title(scene, loc="left", fontsize=11)
-        axis.set_xlabel("run time, s")
+        axis.set_xlabel("run time (processor), s")
     axes[0, 0].set_ylabel("distance from the exact graph\nin (t, q), scaled")
     _finish(figure, path, footer, dpi=100)
 
@@ -112,7 +112,7 @@ def draw_solvers(table: pd.DataFrame, family: str, path: Path, footer: str) -> N
         fontsize=11,
     )
     axes = figure.subplots(2, len(sizes), sharex="col", sharey=True, squeeze=False)
-    names = list(dict.fromkeys(chosen.solver + np.where(chosen.data == "sparse", ", sparse", "")))
+    names = list(dict.fromkeys(_solver_names(chosen)))
     for column, h in enumerate(sizes):
         for row, quantity in enumerate(("residual", "energy_error")):
             axis = axes[row, column]
@@ -134,13 +134,22 @@ def draw_solvers(table: pd.DataFrame, family: str, path: Path, footer: str) -> N
 
 
 def _draw_size(axis: Any, table: pd.DataFrame, names: list[str], quantity: str) -> None:
+    """Draw each solver over the condition numbers, and an iterative one over its settings, per condition number."""
     for i, name in enumerate(names):
-        own = where(table, (table.solver + np.where(table.data == "sparse", ", sparse", "")) == name)
-        own = where(own, np.isfinite(own[quantity])).sort_values("condition")
+        own = where(table, (_solver_names(table) == name) & np.isfinite(table[quantity]))
         color = _SOLVERS[i % len(_SOLVERS)]
-        axis.loglog(own.seconds, own[quantity].clip(_LEAST), "-", color=color, linewidth=1, alpha=0.6)
+        settings = own.setting != ""
+        lines = [where(own, ~settings)] + [
+            where(own, settings & (own.condition == condition)) for condition in sorted(set(own.condition))
+        ]
+        for line in lines:
+            axis.loglog(line.seconds, line[quantity].clip(_LEAST), "-", color=color, linewidth=1, alpha=0.6)
         sizes = 12 + 5 * np.log10(own.condition)
         axis.scatter(own.seconds, own[quantity].clip(_LEAST), s=sizes, color=color, zorder=3)
+
+
+def _solver_names(table: pd.DataFrame) -> Any:
+    return table.solver + np.where(table.data == "sparse", ", sparse data", "")
 
 
 def _figure(size: tuple[float, float]) -> Any:

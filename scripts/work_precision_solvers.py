@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -12,10 +14,16 @@ from scipy.sparse import csr_array
 from work_precision_problems import ExactProblem, chain, dense
 
 from impactlaw.errors import ImpactLawError
-from impactlaw.solvers import SOLVERS, Problem, Solution, Status, solve_with_jump
+from impactlaw.solvers import SOLVERS, Problem, Solution, Solver, Status, solve_with_jump
 
 CERTIFIED = "auto, certified"
 """The package's own choice of solvers with its certificate and least-norm impulse, beside the bare solvers."""
+SWEEPS: dict[str, tuple[float, ...]] = {
+    "sweeps": (10, 100, 1000),
+    "iterations": (100, 1000, 10_000),
+    "tolerance": (1e-3, 1e-6, 1e-9),
+}
+"""Keywords of iterative solvers; a solver that has one is run with each of these values besides its default."""
 _LARGEST_DENSE = 1000  # contacts of a chain that solvers of dense data are given
 _SLOW = 1.0  # s; a solver that took longer is not timed again
 
@@ -47,20 +55,22 @@ class Candidate:
     """A solver as it is called on one form of the data.
 
     Attributes:
-        name: for tables.
-        solve: from the problem to its outcome.
+        name: of the solver, for tables.
+        setting: the value of a keyword it is called with, for tables.
+        solve: from the problem to its outcome; what stops short of an answer counts where a setting asked for it.
     """
 
     name: str
+    setting: str
     solve: Callable[[Problem], Outcome]
 
 
 def run(study: SolverStudy, progress: Callable[[str], object] = lambda _: None) -> pd.DataFrame:
     """Return one row per solver, family, size and condition.
 
-    Columns: family; contacts; condition; solver; data it was given (dense or sparse); solved, the part of the problems;
-    time per impact, s, median; residual and energy error, the largest of the problems that it solved (see
-    `work_precision_problems.ExactProblem.errors`).
+    Columns: family; contacts; condition; solver; setting of an iterative one; data it was given (dense or sparse);
+    solved, the part of the problems; time per impact, s, median; residual and energy error, the largest of the
+    problems that it solved (see `work_precision_problems.ExactProblem.errors`).
     """
     rows = []
     for family, contacts, condition in kinds(study):
@@ -69,10 +79,9 @@ def run(study: SolverStudy, progress: Callable[[str], object] = lambda _: None) 
         problems = [build(contacts, condition, seed) for seed in range(study.problems)]
         for sparse in (False, True):
             for candidate in candidates(family, contacts, sparse=sparse):
-                row = {"family": family, "contacts": contacts, "condition": condition, "solver": candidate.name}
-                rows.append(
-                    row | {"data": "sparse" if sparse else "dense"} | _measure(study, candidate, problems, sparse)
-                )
+                row = {"family": family, "contacts": contacts, "condition": condition}
+                row |= {"solver": candidate.name, "setting": candidate.setting, "data": "sparse" if sparse else "dense"}
+                rows.append(row | _measure(study, candidate, problems, sparse))
     return pd.DataFrame(rows)
 
 
@@ -94,9 +103,20 @@ def candidates(family: str, contacts: int, *, sparse: bool) -> Iterator[Candidat
         return
     for name, solver in SOLVERS.items():
         if (name != "closed-form" or contacts == 1) and (not sparse or takes_sparse(name)):
-            yield Candidate(name, lambda problem, solver=solver: _outcome(solver(problem)))
+            yield Candidate(name, "", lambda problem, solver=solver: _outcome(solver(problem)))
+            yield from swept(name, solver)
     if not sparse or takes_sparse("auto"):
-        yield Candidate(CERTIFIED, _certified)
+        yield Candidate(CERTIFIED, "", _certified)
+
+
+def swept(name: str, solver: Solver) -> Iterator[Candidate]:
+    """Yield an iterative solver with every value of the keywords in `SWEEPS` that it has."""
+    for keyword, values in SWEEPS.items():
+        if keyword in inspect.signature(solver).parameters:
+            for value in values:
+                kind = int if float(value).is_integer() else float
+                call = partial(solver, **{keyword: kind(value)})
+                yield Candidate(name, f"{keyword} {value:g}", lambda problem, call=call: (call(problem).impulse, None))
 
 
 def takes_sparse(name: str) -> bool:

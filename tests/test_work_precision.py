@@ -12,11 +12,14 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 
 import references
 import work_precision
+import work_precision_solvers
 from graph_distance import Arc, CompletedGraph
 from work_precision_problems import RESTITUTION, chain, dense
 from work_precision_results import envelope, error_at
-from work_precision_solvers import CERTIFIED
+from work_precision_solvers import CERTIFIED, SolverStudy
 from work_precision_stepping import SCENES
+
+from impactlaw.solvers import SOLVERS, Problem, Solution, Status
 
 REFERENCES = {name: (scene.reference, scene.duration) for name, scene in SCENES.items()}
 
@@ -138,6 +141,23 @@ def test_envelopes_and_errors_at_equal_run_time():
     runs = pd.DataFrame({"seconds": [1.0, 100.0, 10.0, 50.0], "error": [1.0, 1e-4, 1e-2, 0.5]})
     assert list(envelope(runs).seconds) == [1.0, 10.0, 100.0]
     assert error_at(runs, np.array([10.0**0.5, 1e3])) == pytest.approx([1e-1, 1e-4])
+
+
+def test_iterative_solvers_are_swept_over_their_settings(monkeypatch):
+    def gauss_seidel(problem: Problem, *, sweeps: int = 5) -> Solution:
+        impulse, G = np.zeros(len(problem.bound)), problem.gradients @ problem.gradients.T
+        for _ in range(sweeps):
+            for i, row in enumerate(G):
+                impulse[i] = max(0.0, impulse[i] + (problem.bound[i] - row @ impulse) / row[i])
+        return Solution(impulse, Status.STOPPED, sweeps)
+
+    monkeypatch.setitem(SOLVERS, "test", gauss_seidel)
+    study = SolverStudy(contacts=(4,), chains=(), conditions=(1.0,), problems=1, seconds=0.0)
+    table = work_precision_solvers.run(study)
+    table = table[table.solver == "test"].set_index("setting")
+    assert table.solved[""] == 0  # by default it says that it has no answer
+    assert list(table.index[1:]) == ["sweeps 10", "sweeps 100", "sweeps 1000"]
+    assert table.residual["sweeps 1000"] < 1e-9
 
 
 @pytest.fixture(scope="module")
