@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 from graph_distance import Arc
 from scipy.integrate import solve_ivp
+from scipy.interpolate import make_interp_spline
 from scipy.special import ellipj, ellipk
 
 from impactlaw import Stepper
@@ -20,6 +21,8 @@ from impactlaw.models import load
 
 G = 9.81
 _LONGEST = 0.02  # s, of a step of the reduced equations, so that interpolation keeps the integrator's digits
+
+_SPACING = 0.004  # s, of the knots that a piece is interpolated between
 
 Field = Callable[[float, np.ndarray], np.ndarray]
 
@@ -235,9 +238,7 @@ def _flight(
         events=event,
         max_step=_LONGEST,
     )
-    solution, end = found.sol, float(found.t[-1])
-
-    def state(t: np.ndarray) -> np.ndarray:
-        return embed(solution(t).T)
-
-    return Arc(span[0], end, state), found.y[:, -1]
+    end = float(found.t[-1])
+    times = np.linspace(span[0], end, max(16, math.ceil((end - span[0]) / _SPACING)))
+    spline = make_interp_spline(times, embed(found.sol(times).T), k=7)  # keeps the digits, and is faster to evaluate
+    return Arc(span[0], end, spline), found.y[:, -1]

@@ -25,7 +25,7 @@ SWEEPS: dict[str, tuple[float, ...]] = {
 }
 """Keywords of iterative solvers; a solver that has one is run with each of these values besides its default."""
 _LARGEST_DENSE = 1000  # contacts of a chain that solvers of dense data are given
-_SLOW = 1.0  # s; a solver that took longer is not timed again
+_SLOW = 0.1  # s; a solver that took longer is not timed again
 
 Outcome = tuple[np.ndarray, np.ndarray | None] | None
 """Impulse, and jump where it was computed apart from it; None where the solver says that it has no answer."""

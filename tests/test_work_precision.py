@@ -14,11 +14,14 @@ import references
 import work_precision
 import work_precision_solvers
 from graph_distance import Arc, CompletedGraph
+from trajectories import soft, time_stepping, tuned
 from work_precision_problems import RESTITUTION, chain, dense
 from work_precision_results import envelope, error_at
 from work_precision_solvers import CERTIFIED, SolverStudy
 from work_precision_stepping import SCENES
 
+from impactlaw import Moreau
+from impactlaw.models import load
 from impactlaw.solvers import SOLVERS, Problem, Solution, Status
 
 REFERENCES = {name: (scene.reference, scene.duration) for name, scene in SCENES.items()}
@@ -158,6 +161,27 @@ def test_iterative_solvers_are_swept_over_their_settings(monkeypatch):
     assert table.solved[""] == 0  # by default it says that it has no answer
     assert list(table.index[1:]) == ["sweeps 10", "sweeps 100", "sweeps 1000"]
     assert table.residual["sweeps 1000"] < 1e-9
+
+
+@pytest.mark.parametrize("e", [0.2, 0.5, 0.9])
+def test_tuned_contacts_bounce_with_the_restitution_they_are_tuned_to(e):
+    model, start = load("bouncing_ball")
+    model.opt.timestep, model.opt.gravity[2] = 1e-4, 0.0  # the tuning knows of no gravity
+    start.qpos[:], start.qvel[:] = 0.01, -1.0
+    points = soft(tuned(model, e, 100), start, 400).points
+    assert points[-1, 2] == pytest.approx(e, rel=0.01)
+
+
+def test_time_stepping_is_leapfrog_in_flight_and_keeps_what_rests():
+    model, start = load("newtons_cradle")
+    model.opt.timestep = 0.01
+    start.qvel[:] = [0.0, 0.0, 0.0, 0.0, 1.0]
+    ends = []
+    for steps in (20, 40, 80):
+        model.opt.timestep = 0.4 / steps
+        ends.append(time_stepping(model, start, Moreau(1.0), steps).points[-1])
+    assert np.abs(ends[-1][1:5]).max() == 0  # the balls that hang in touch stay
+    assert np.log2((ends[0] - ends[1])[5] / (ends[1] - ends[2])[5]) == pytest.approx(2.0, abs=0.1)
 
 
 @pytest.fixture(scope="module")
