@@ -11,6 +11,8 @@ import numpy as np
 
 from impactlaw.errors import InvalidCollisionError
 from impactlaw.metric import KineticMetric, finite_array
+from impactlaw.solvers.base import row_lengths
+from impactlaw.sparse_metric import SparseMetric, finite_sparse, is_sparse
 
 if TYPE_CHECKING:
     import mujoco
@@ -26,8 +28,10 @@ class Collision:
     kinetic metric, ``|v|^2 = v^T M v`` (Aeberhard and Glocker, "Perfect multi-contact collisions").
 
     Attributes:
-        mass_matrix: ``M``, shape (nv, nv), symmetric positive definite.
-        jacobian: ``J``, shape (h, nv); row i is the gradient of the gap of contact i. h may be 0.
+        mass_matrix: ``M``, shape (nv, nv), symmetric positive definite. A scipy.sparse one may be diagonal or made of
+            blocks, see `impactlaw.sparse_metric`.
+        jacobian: ``J``, shape (h, nv); row i is the gradient of the gap of contact i. h may be 0. If it or M is sparse,
+            both are kept as CSR arrays, and so are ``Y`` and ``G``.
         pre_velocity: ``v-``, shape (nv,).
         labels: one name per contact, for messages and for restitution keyed by contact; ``"0", "1", ...`` if not given.
         metric: the factored mass matrix, when the caller already has it.
@@ -40,20 +44,26 @@ class Collision:
     jacobian: np.ndarray
     pre_velocity: np.ndarray
     labels: tuple[str, ...] = field(default=(), kw_only=True)
-    metric: KineticMetric = field(default=None, kw_only=True, repr=False)  # pyright: ignore[reportAssignmentType]
+    metric: KineticMetric | SparseMetric = field(default=None, kw_only=True, repr=False)  # pyright: ignore[reportAssignmentType]
 
     def __post_init__(self):
-        metric = self.metric if self.metric is not None else KineticMetric(self.mass_matrix)
-        nv = len(metric.mass_matrix)
+        metric, jacobian = self.metric, self.jacobian
+        if is_sparse(self.mass_matrix) or is_sparse(jacobian):
+            metric = SparseMetric(self.mass_matrix) if metric is None else metric
+            jacobian = finite_sparse(jacobian, "jacobian")
+        else:
+            metric = KineticMetric(self.mass_matrix) if metric is None else metric
+            jacobian = finite_array(jacobian, "jacobian")
+        nv = metric.mass_matrix.shape[0]
         velocity = finite_array(self.pre_velocity, "pre_velocity")
-        jacobian = finite_array(self.jacobian, "jacobian")
         if velocity.shape != (nv,):
             raise InvalidCollisionError(f"pre_velocity must have shape ({nv},) like mass_matrix, got {velocity.shape}")
         if jacobian.ndim != 2 or jacobian.shape[1] != nv:
             raise InvalidCollisionError(f"jacobian must have shape (h, {nv}) like mass_matrix, got {jacobian.shape}")
-        labels = tuple(self.labels) or tuple(map(str, range(len(jacobian))))
-        if len(labels) != len(jacobian):
-            raise InvalidCollisionError(f"{len(labels)} labels for {len(jacobian)} contacts")
+        h = jacobian.shape[0]
+        labels = tuple(self.labels) or tuple(map(str, range(h)))
+        if len(labels) != h:
+            raise InvalidCollisionError(f"{len(labels)} labels for {h} contacts")
         self.__dict__.update(
             mass_matrix=metric.mass_matrix, metric=metric, jacobian=jacobian, pre_velocity=velocity, labels=labels
         )
@@ -82,7 +92,7 @@ class Collision:
     @cached_property
     def gradient_norms(self) -> np.ndarray:
         """``sqrt(G_ii)``, the length of each gap gradient in the kinetic metric, shape (h,), 1/sqrt(kg)."""
-        return np.sqrt(np.vecdot(self.whitened_jacobian, self.whitened_jacobian))
+        return row_lengths(self.whitened_jacobian)
 
     @cached_property
     def delassus(self) -> np.ndarray:

@@ -5,6 +5,7 @@ from fractions import Fraction
 from itertools import chain, combinations
 
 import numpy as np
+import scipy.sparse
 from scipy.optimize import nnls
 
 from impactlaw import Collision, Fremond, Impact, Law, LinearMap, MaximalDissipation, Moreau, Newton
@@ -264,3 +265,27 @@ def least_norm_error(impulse: np.ndarray, tight: np.ndarray, J: np.ndarray) -> f
     lengths = np.linalg.norm(A, axis=1)
     rows = np.hstack([A, -A, surplus]) / lengths[:, None]
     return nnls(rows, x / lengths, maxiter=10_000)[1] / np.linalg.norm(x / lengths)
+
+
+def sparse_chain(masses, velocities) -> Collision:
+    """Touching balls on a line, M and J sparse."""
+    n = len(masses)
+    J = scipy.sparse.diags_array([-np.ones(n - 1), np.ones(n - 1)], offsets=[0, 1], shape=(n - 1, n))
+    return Collision(scipy.sparse.diags_array(np.asarray(masses, dtype=float)), J, velocities)
+
+
+def disks(side: int, rng: np.random.Generator, holes: float = 0.1, compression: float = 1.0) -> Collision:
+    """Disks of random mass on a triangular lattice, of which some are missing; about three contacts each.
+
+    They move towards the middle and at random. Without holes there are more contacts than degrees of freedom.
+    """
+    i, j = (a.ravel() for a in np.meshgrid(np.arange(side), np.arange(side), indexing="ij"))
+    x = np.stack([j + 0.5 * (i % 2), i * np.sqrt(3) / 2], axis=1)[rng.random(side * side) >= holes]
+    pairs = np.argwhere(np.triu(np.linalg.norm(x[:, None] - x, axis=2) < 1 + 1e-9, k=1))
+    normal = x[pairs[:, 1]] - x[pairs[:, 0]]
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    columns = (2 * pairs[:, :, None] + np.arange(2)).reshape(-1)
+    rows = np.repeat(np.arange(len(pairs)), 4)
+    J = scipy.sparse.coo_array((np.hstack([-normal, normal]).ravel(), (rows, columns)), shape=(len(pairs), 2 * len(x)))
+    v = rng.normal(size=x.shape) - compression * (x - x.mean(axis=0))
+    return Collision(scipy.sparse.diags_array(np.repeat(rng.uniform(0.5, 2.0, len(x)), 2)), J, v.ravel())

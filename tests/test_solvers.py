@@ -191,11 +191,13 @@ NOT_OF_A_VELOCITY = [
 
 def refuses(solver, law_name, problem_name, collides):
     """Closed form: more than one contact. NNLS: wanted contact velocities that no velocity has. The dual active set:
-    gradients so dependent, 1e-6, that it sees no solution."""
+    gradients so dependent, 1e-6, that it sees no solution. Primal-dual: G that is singular to 1e-14."""
     if solver == "closed-form":
         return collides and problem_name not in ["one contact", "contact that cannot move"]
     if solver == "nnls":
         return law_name == "fremond full" and problem_name in NOT_OF_A_VELOCITY
+    if solver == "primal-dual-active-set":
+        return problem_name == "nearly parallel contacts" and law_name in ["moreau 0.5", "newton scalar"]
     return solver == "dual-active-set" and problem_name == "heavy ball hits light ones" and law_name != "linear map"
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -74,12 +74,12 @@ class RestitutionLaw(Law):
     """A law with a restitution matrix: ``gamma^h = -E gamma-``."""
 
     @abstractmethod
-    def restitution_matrix(self, collision: Collision) -> np.ndarray:
-        """Return ``E``, shape (h, h), for the contacts of this collision."""
+    def restitution_matrix(self, collision: Collision) -> Any:
+        """Return ``E``, shape (h, h), for the contacts of this collision; an array, or a CSR array."""
 
     def target(self, collision: Collision) -> Target:
         """Return ``gamma^h = -E gamma-``."""
-        return Target(-self.restitution_matrix(collision) @ collision.pre_contact_velocity)
+        return Target(-(self.restitution_matrix(collision) @ collision.pre_contact_velocity))
 
 
 def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:

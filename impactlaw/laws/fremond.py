@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from impactlaw import deferred
 from impactlaw.collision import Collision
-from impactlaw.errors import RestitutionError
-from impactlaw.laws.base import RestitutionLaw, coefficient, square_matrix
+from impactlaw.errors import InvalidCollisionError, RestitutionError
+from impactlaw.laws.base import RestitutionLaw, Target, coefficient, square_matrix
 from impactlaw.laws.labels import canonical, put
+from impactlaw.sparse_metric import finite_sparse, is_sparse
+
+_COUPLED = 1e-12  # cosine of the angle between two gradients above which their contacts influence each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,17 +23,20 @@ class Fremond(RestitutionLaw):
     """``gamma^h = -E gamma-`` with any matrix E (Frémond).
 
     Attributes:
-        matrix: E, shape (h, h), for exactly h contacts in their order; or a mapping from pairs of contact labels
-            ``(i, j)`` to ``E_ij``, entries not named being zero. ``(i, i)`` with one and the same label is the
+        matrix: E, shape (h, h), also sparse, for exactly h contacts in their order; or a mapping from pairs of contact
+            labels ``(i, j)`` to ``E_ij``, entries not named being zero. ``(i, i)`` with one and the same label is the
             coefficient of each contact of that label with itself.
 
     Raises:
         RestitutionError: not square, not finite, a key is not a pair of contact labels, or one has two values.
     """
 
-    matrix: ArrayLike | Mapping[tuple[str, str], float]
+    matrix: Any
 
     def __post_init__(self):
+        if is_sparse(self.matrix):
+            object.__setattr__(self, "matrix", _sparse_square(self.matrix))
+            return
         if not isinstance(self.matrix, Mapping):
             object.__setattr__(self, "matrix", square_matrix(self.matrix))
             return
@@ -58,21 +64,21 @@ class Fremond(RestitutionLaw):
         keys = self.matrix if isinstance(self.matrix, dict) else ()
         return frozenset(name for pair in keys for name in pair)
 
-    def restitution_matrix(self, collision: Collision) -> np.ndarray:
+    def restitution_matrix(self, collision: Collision) -> Any:
         """Return E for the contacts of this collision, shape (h, h).
 
         Raises:
             RestitutionError: the matrix is for another number of contacts.
         """
         h = len(collision.labels)
-        if isinstance(self.matrix, np.ndarray):
-            if len(self.matrix) != h:
+        if not isinstance(self.matrix, dict):
+            if self.matrix.shape[0] != h:
                 raise RestitutionError(
                     f"restitution matrix is {self.matrix.shape} but {h} contacts collide "
                     f"({', '.join(collision.labels)}); key it by contact labels so that it follows the contacts"
                 )
             return self.matrix
-        table: dict[tuple[str, str], float] = self.matrix  # pyright: ignore[reportAssignmentType]
+        table: dict[tuple[str, str], float] = self.matrix
         names = [canonical(label) for label in collision.labels]
         E = np.zeros((h, h))
         for i, row in enumerate(names):
@@ -80,6 +86,16 @@ class Fremond(RestitutionLaw):
                 if i == j or row != column:
                     E[i, j] = table.get((row, column), 0.0)
         return E
+
+
+def _sparse_square(matrix: Any) -> Any:
+    try:
+        E = finite_sparse(matrix, "restitution matrix")
+    except InvalidCollisionError as error:
+        raise RestitutionError(str(error)) from None
+    if E.shape[0] != E.shape[1]:
+        raise RestitutionError(f"restitution matrix must be square, got shape {E.shape}")
+    return E
 
 
 @dataclass(frozen=True)
@@ -101,16 +117,34 @@ class Reversal(RestitutionLaw):
     def __post_init__(self):
         object.__setattr__(self, "restitution", coefficient(self.restitution))
 
-    def restitution_matrix(self, collision: Collision) -> np.ndarray:
-        """Return ``e`` times the anti-identity on every block of connected contacts, shape (h, h)."""
-        h = len(collision.labels)
+    def restitution_matrix(self, collision: Collision) -> Any:
+        """Return ``e`` times the anti-identity on every block of connected contacts, shape (h, h); sparse if J is."""
+        h, mirror = len(collision.labels), _mirror(collision)
+        if is_sparse(collision.jacobian):
+            return deferred.csr_array((np.full(h, self.restitution), mirror, np.arange(h + 1)), shape=(h, h))
         E = np.zeros((h, h))
-        if h == 0:
-            return E
-        scale = collision.gradient_norms
-        coupled = np.abs(collision.delassus) > 1e-12 * np.outer(scale, scale)
-        blocks, member = deferred.connected_components(coupled, directed=False)
-        for block in range(blocks):
-            contacts = np.flatnonzero(member == block)
-            E[contacts, contacts[::-1]] = self.restitution
+        E[np.arange(h), mirror] = self.restitution
         return E
+
+    def target(self, collision: Collision) -> Target:
+        """Return ``gamma^h_i = -e gamma-_j``, j the mirror image of i in its block."""
+        return Target(-self.restitution * collision.pre_contact_velocity[_mirror(collision)])
+
+
+def _mirror(collision: Collision) -> np.ndarray:
+    """Return for each contact the one that is as far from the other end of its block, (h,)."""
+    Y, scale = collision.whitened_jacobian, collision.gradient_norms
+    if len(scale) < 2:
+        return np.arange(len(scale))
+    if isinstance(Y, np.ndarray):
+        coupled = np.abs(collision.delassus) > _COUPLED * np.outer(scale, scale)
+    else:
+        G: Any = collision.delassus
+        G = G.tocoo()
+        real = np.abs(G.data) > _COUPLED * scale[G.row] * scale[G.col]
+        coupled = deferred.csr_array((G.data[real], (G.row[real], G.col[real])), shape=G.shape)
+    _, member = deferred.connected_components(coupled, directed=False)
+    along = np.arange(len(member))
+    mirror = np.empty_like(along)
+    mirror[np.lexsort((along, member))] = np.lexsort((-along, member))
+    return mirror

@@ -46,7 +46,7 @@ def beyond_rounding(gap: float, impulses: float, speed: float) -> float:
 
 def judge(problem: Problem, impulse: np.ndarray, jump: np.ndarray | None = None) -> Answer:
     """Measure how far an impulse, and a jump where one was computed apart from it, are from the law."""
-    product = impulse.dot(problem.gradients)
+    product = problem.gradients.T.dot(impulse)
     scaled = impulse * problem.lengths
     gap = 0.0
     if jump is not None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from enum import StrEnum
 from math import sqrt
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+
+from impactlaw import deferred
 
 
 class Problem:
@@ -15,19 +17,20 @@ class Problem:
     Its optimality conditions are the impact law: ``z = Y^T Lambda`` and ``0 <= Lambda  ⊥  Y z - c >= 0``.
 
     Args:
-        gradients: ``Y``, the gap gradients where the kinetic metric is Euclidean, shape (h, nv).
+        gradients: ``Y``, the gap gradients where the kinetic metric is Euclidean, shape (h, nv); may be a CSR array.
         bound: ``c = gamma^h - gamma-``, shape (h,).
         preimage: ``d`` with ``Y d = c`` where the law knows one, shape (nv,); then the jump is the projection of d
             onto the cone of the gradients, which always exists.
         speed: ``|v-|`` where it is known, sqrt(J): c was computed from it and carries its rounding.
         norms: lengths of the rows of Y, shape (h,), where they are known.
+        active: contacts that are expected to carry an impulse, bool (h,), for solvers that can start from a guess.
 
     Attributes:
         lengths: the norms, to divide by: 1 for rows of zeros, shape (h,).
         scale: largest of |v-|, |d| and ``|c_i| / |Y_i|``: a jump is called rounding in comparison with it, sqrt(J).
     """
 
-    __slots__ = ("bound", "gradients", "lengths", "norms", "preimage", "scale", "speed")
+    __slots__ = ("active", "bound", "gradients", "lengths", "norms", "preimage", "scale", "speed")
 
     norms: np.ndarray
     lengths: np.ndarray
@@ -35,15 +38,17 @@ class Problem:
 
     def __init__(
         self,
-        gradients: np.ndarray,
+        gradients: Any,
         bound: np.ndarray,
         preimage: np.ndarray | None = None,
         speed: float = 0.0,
         *,
         norms: np.ndarray | None = None,
+        active: np.ndarray | None = None,
     ):
         self.gradients, self.bound, self.preimage, self.speed = gradients, bound, preimage, speed
-        self.norms = known = np.sqrt(np.vecdot(gradients, gradients)) if norms is None else norms
+        self.active = active
+        self.norms = known = row_lengths(gradients) if norms is None else norms
         self.lengths = known if np.count_nonzero(known) == len(known) else np.where(known > 0, known, 1.0)
         if preimage is not None:
             wanted = sqrt(preimage.dot(preimage))
@@ -61,6 +66,36 @@ class Problem:
         """``(Y z - c) / |Y_i|``, shape (h,), in sqrt(J); rows of zeros count as ``-c_i``."""
         return (self.gradients.dot(z) - self.bound) / self.lengths
 
+    @property
+    def is_sparse(self) -> bool:
+        """Whether Y is a CSR array."""
+        return not isinstance(self.gradients, np.ndarray)
+
+    def with_gradients(self, gradients: Any) -> Problem:
+        """Return the same problem with the same Y in another form."""
+        return Problem(gradients, self.bound, self.preimage, self.speed, norms=self.norms, active=self.active)
+
+
+def row_lengths(gradients: Any) -> np.ndarray:
+    """Return the lengths of the rows of an array or a CSR array, (h,)."""
+    if isinstance(gradients, np.ndarray):
+        return np.sqrt(np.vecdot(gradients, gradients))
+    rows = np.repeat(np.arange(gradients.shape[0]), np.diff(gradients.indptr))
+    return np.sqrt(np.bincount(rows, weights=np.square(gradients.data), minlength=gradients.shape[0]))
+
+
+def row_scaled(gradients: Any, lengths: np.ndarray) -> Any:
+    """Return the rows divided by the lengths, in the form of the gradients."""
+    if isinstance(gradients, np.ndarray):
+        return gradients / lengths[:, None]
+    data = gradients.data / np.repeat(lengths, np.diff(gradients.indptr))
+    return deferred.csr_array((data, gradients.indices, gradients.indptr), shape=gradients.shape)
+
+
+def sparse(gradients: Any) -> Any:
+    """Return the gradients as a CSR array."""
+    return gradients if not isinstance(gradients, np.ndarray) else deferred.csr_array(gradients)
+
 
 class Status(StrEnum):
     """How a solver ended."""
@@ -77,11 +112,13 @@ class Solution(NamedTuple):
         impulse: ``Lambda``, shape (h,).
         status: how the solver ended.
         iterations: of the solver's own kind; 0 when it takes none.
+        residual: what an iterative solver itself says that it reached, relative; 0 for the others.
     """
 
     impulse: np.ndarray
     status: Status = Status.SOLVED
     iterations: int = 0
+    residual: float = 0.0
 
 
 class Solver(Protocol):

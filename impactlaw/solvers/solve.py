@@ -7,26 +7,33 @@ import numpy as np
 from impactlaw import deferred
 from impactlaw.errors import SolverError, UnknownNameError, UnsolvableLawError
 from impactlaw.solvers.answer import POLISHED, Answer, judge, polish
-from impactlaw.solvers.base import Problem, Solver, Status
+from impactlaw.solvers.base import Problem, Solver, Status, sparse
 from impactlaw.solvers.closed_form import closed_form
 from impactlaw.solvers.dual_active_set import dual_active_set
 from impactlaw.solvers.farkas import farkas_ray
 from impactlaw.solvers.guess import guess
 from impactlaw.solvers.least_distance import least_distance
-from impactlaw.solvers.least_norm import least_norm
+from impactlaw.solvers.least_norm import share
 from impactlaw.solvers.nnls import nnls
+from impactlaw.solvers.primal_dual import primal_dual_active_set
+from impactlaw.solvers.structure import as_dense, has_structure
 
 SOLVERS: dict[str, Solver] = {
     "closed-form": closed_form,
     "nnls": nnls,
     "dual-active-set": dual_active_set,
+    "primal-dual-active-set": primal_dual_active_set,
     "least-distance": least_distance,
 }
 """The registry: a new solver is one file and one line here."""
 
+_TAKE_SPARSE = {"primal-dual-active-set"}
+
 CERTIFIED = 1e-9
 """Residual, relative to the velocities before and after, above which an answer is not one."""
 _GOOD = 1e-12  # relative residual that needs no other solver's opinion
+_GOOD_LARGE = 1e-10  # the same where another's opinion, that of a dense solver, takes seconds
+_POLISHABLE = 250_000  # entries of a CSR array up to which it does not
 _TIGHT = 1e-9  # slack, relative to the scale of the problem, of a contact that may share the impulse
 _RANKS = (1e-13, 1e-11, 1e-9)  # relative singular values below which a direction of the gradients may be rounding
 
@@ -60,7 +67,9 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
     if problem.lengths is not problem.norms:
         return _solve_moving(problem, labels, solver, share)
     if solver == "auto":
-        impulse = guess(problem)
+        if has_structure(problem):
+            problem = problem.with_gradients(sparse(problem.gradients))
+        impulse = None if problem.is_sparse else guess(problem)
         if impulse is not None:
             answer = judge(problem, impulse)
             if answer.residual <= POLISHED * problem.scale:
@@ -83,27 +92,34 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
 
 def nonnegative_combination(gradients: np.ndarray, point: np.ndarray) -> np.ndarray:
     """Least-norm ``Lambda >= 0`` that minimises ``|Y^T Lambda - point|``, shape (h,)."""
-    return solve(Problem(gradients, gradients.dot(point), point), ("",) * len(gradients))
+    return solve(Problem(gradients, gradients.dot(point), point), ("",) * gradients.shape[0])
 
 
 def _attempt(problem: Problem, solver: str, labels: tuple[str, ...] | None) -> Answer | None:
     """Ask one solver after the other until an answer is good; return the best. Labels given, refuse the unsolvable."""
     best = None
     for name in _candidates(problem, solver):
-        solution = SOLVERS[name](problem)
+        form = problem if name in _TAKE_SPARSE else as_dense(problem)
+        if form is None:
+            continue
+        solution = SOLVERS[name](form)
         if solution.status is Status.INFEASIBLE and labels is not None:
             _refuse(problem, labels)
         if solution.status is not Status.SOLVED:
             continue
-        best = _better(best, polish(problem, solution.impulse))
-        if best is not None and best.residual <= _GOOD * problem.scale:
+        small = as_dense(problem, _POLISHABLE)
+        best = _better(best, judge(problem, solution.impulse) if small is None else polish(small, solution.impulse))
+        if best is not None and best.residual <= (_GOOD_LARGE if small is None else _GOOD) * problem.scale:
             break
     return best
 
 
 def _attempt_in_row_space(problem: Problem, solver: str) -> Answer | None:
     """Try without directions in which the gradients are nothing but rounding, or almost; return the best."""
-    best = None
+    best, dense = None, as_dense(problem)
+    if dense is None:
+        return None
+    problem = dense
     _, singular, V = deferred.svd(problem.gradients / problem.lengths[:, None], full_matrices=False, check_finite=False)
     ranks = {int(np.count_nonzero(singular > small * singular[0])) for small in _RANKS}
     for rank in sorted(ranks - {len(singular)}, reverse=True):
@@ -132,6 +148,8 @@ def _better(one: Answer | None, other: Answer | None) -> Answer | None:
 def _candidates(problem: Problem, solver: str) -> tuple[str, ...]:
     if solver != "auto":
         return (solver,)
+    if problem.is_sparse:
+        return ("primal-dual-active-set", "nnls", "dual-active-set", "least-distance")
     if len(problem.bound) == 1:
         return ("closed-form",)
     if problem.preimage is not None:
@@ -156,7 +174,8 @@ def _refuse(problem: Problem, labels: tuple[str, ...]) -> None:
     """Raise if there is a proof that no solution exists; with a preimage there always is one."""
     if problem.preimage is not None:
         return
-    ray = farkas_ray(problem)
+    dense = as_dense(problem)
+    ray = None if dense is None else farkas_ray(dense)
     if ray is not None:
         raise UnsolvableLawError([labels[i] for i in np.flatnonzero(ray)], ray)
 
@@ -168,12 +187,12 @@ def _share(problem: Problem, answer: Answer) -> Answer:
     unless one more contact is tight.
     """
     impulse = answer.impulse
-    if min((impulse + answer.slack).tolist()) > _TIGHT * problem.scale:  # one or the other
+    if not problem.is_sparse and min((impulse + answer.slack).tolist()) > _TIGHT * problem.scale:  # one or the other
         return answer
     tight = answer.slack <= _TIGHT * problem.scale
-    if np.count_nonzero(tight) <= np.count_nonzero(impulse):
+    if not problem.is_sparse and np.count_nonzero(tight) <= np.count_nonzero(impulse):
         return answer
-    shared = least_norm(problem.gradients, impulse, tight | (impulse > 0))
+    shared = share(problem.gradients, impulse, tight | (impulse > 0))
     if shared is impulse:
         return answer
     answer_shared = judge(problem, shared, answer.jump)

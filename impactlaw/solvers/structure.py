@@ -1,0 +1,28 @@
+"""Which form of the gradients suits a problem: an array, or a CSR array."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlaw.solvers.base import Problem
+
+_LARGE = 64  # contacts from which a sparse factor of G is faster than a dense one
+_FILLED = 0.1  # part of the entries that are not zero, up to which an array is called sparse
+MOST_DENSE = 8_000_000
+"""Entries up to which a CSR array is turned into an array for solvers that need one."""
+
+
+def has_structure(problem: Problem) -> bool:
+    """Whether the gradients are a large array of mostly zeros."""
+    Y = problem.gradients
+    if problem.is_sparse or len(problem.bound) < _LARGE:
+        return False
+    return np.count_nonzero(Y) <= _FILLED * Y.size
+
+
+def as_dense(problem: Problem, most: int = MOST_DENSE) -> Problem | None:
+    """Return the problem with its gradients as an array; None if a CSR array has more than ``most`` places."""
+    if not problem.is_sparse:
+        return problem
+    h, nv = problem.gradients.shape
+    return problem.with_gradients(problem.gradients.toarray()) if h * nv <= most else None
