@@ -8,6 +8,7 @@ from impactlaw import deferred
 from impactlaw.solvers.base import Problem
 
 _INDEPENDENT = 1e-3  # sine of the angle between a gradient and the span of those before it, below which G loses digits
+_DIFFERENT = 1e-4  # squared sine of the angle between two gradients, below which their determinant loses digits
 _FEW = 4  # contacts up to which Python's own numbers are faster than a call of NNLS
 _CHANGES = 4
 
@@ -64,7 +65,7 @@ def _solve(G: list[list[float]], c: list[float], active: list[int]) -> list[floa
         i, k = active
         a, b, d = G[i][i], G[i][k], G[k][k]
         determinant = a * d - b * b
-        if determinant <= _INDEPENDENT**2 * a * d:
+        if determinant <= _DIFFERENT * a * d:
             return None
         return [(d * c[i] - b * c[k]) / determinant, (a * c[k] - b * c[i]) / determinant]
     rows = [[G[i][j] for j in active] + [c[i]] for i in active]

@@ -56,7 +56,7 @@ def least_norm(gradients: np.ndarray, impulse: np.ndarray, tight: np.ndarray) ->
     return result
 
 
-def share(gradients: Any, impulse: np.ndarray, tight: np.ndarray) -> np.ndarray:
+def share_impulse(gradients: Any, impulse: np.ndarray, tight: np.ndarray) -> np.ndarray:
     """Return `least_norm` of an array or, for every group of tight contacts that touch each other, of a CSR array.
 
     Groups are looked at where a tight contact carries nothing or there are more contacts than degrees of freedom.

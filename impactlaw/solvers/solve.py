@@ -13,7 +13,7 @@ from impactlaw.solvers.dual_active_set import dual_active_set
 from impactlaw.solvers.farkas import farkas_ray
 from impactlaw.solvers.guess import guess
 from impactlaw.solvers.least_distance import least_distance
-from impactlaw.solvers.least_norm import share
+from impactlaw.solvers.least_norm import share_impulse
 from impactlaw.solvers.nnls import nnls
 from impactlaw.solvers.primal_dual import primal_dual_active_set
 from impactlaw.solvers.structure import as_dense, has_structure
@@ -192,7 +192,7 @@ def _share(problem: Problem, answer: Answer) -> Answer:
     tight = answer.slack <= _TIGHT * problem.scale
     if not problem.is_sparse and np.count_nonzero(tight) <= np.count_nonzero(impulse):
         return answer
-    shared = share(problem.gradients, impulse, tight | (impulse > 0))
+    shared = share_impulse(problem.gradients, impulse, tight | (impulse > 0))
     if shared is impulse:
         return answer
     answer_shared = judge(problem, shared, answer.jump)
