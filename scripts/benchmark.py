@@ -9,22 +9,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
+import benchmark_chains
 import benchmark_impacts
 import benchmark_import
 import benchmark_laws
 import benchmark_memory
+import benchmark_plan
 import benchmark_profile
 import benchmark_steps
 import machine
 import pandas as pd
 import tyro
 from benchmark_goals import as_table, goals
+from benchmark_growth import growth
 from tqdm import tqdm
 
-Part = Literal["laws", "impacts", "steps", "memory", "import", "profile"]
+Part = Literal["laws", "chains", "impacts", "steps", "omissions", "memory", "import", "profile"]
 _QUICK_ENVIRONMENTS = ("Hopper-v5",)
 
 
@@ -32,11 +36,13 @@ _QUICK_ENVIRONMENTS = ("Hopper-v5",)
 class Benchmark:
     """What to measure; a field per part."""
 
-    parts: tuple[Part, ...] = ("laws", "impacts", "steps", "memory", "import", "profile")
+    parts: tuple[Part, ...] = get_args(Part)
     """Which parts to run."""
     laws: benchmark_laws.LawCost = field(default_factory=benchmark_laws.LawCost)
+    chains: benchmark_chains.ChainCost = field(default_factory=benchmark_chains.ChainCost)
     impacts: benchmark_impacts.ImpactCost = field(default_factory=benchmark_impacts.ImpactCost)
     steps: benchmark_steps.StepCost = field(default_factory=benchmark_steps.StepCost)
+    omissions: benchmark_plan.Omissions = field(default_factory=benchmark_plan.Omissions)
     memory: benchmark_memory.Memory = field(default_factory=benchmark_memory.Memory)
     imports: benchmark_import.ImportTime = field(default_factory=benchmark_import.ImportTime)
     profile: benchmark_profile.Profile = field(default_factory=benchmark_profile.Profile)
@@ -46,10 +52,12 @@ class Benchmark:
         return replace(
             self,
             laws=benchmark_laws.LawCost(sizes=(1, 4, 16), problems=2, seconds=0.01),
+            chains=benchmark_chains.ChainCost(sizes=(100, 1000), seconds=0.1),
             impacts=benchmark_impacts.ImpactCost(
                 cradles=(5,), environments=_QUICK_ENVIRONMENTS, full=False, seconds=0.1
             ),
             steps=benchmark_steps.StepCost(cradles=(5, 20), environments=_QUICK_ENVIRONMENTS, full=False, seconds=0.2),
+            omissions=benchmark_plan.Omissions(scenes=("pendulum", "cradle 5"), steps=20, seconds=0.1),
             memory=benchmark_memory.Memory(contacts=(16,), cradles=(5,)),
             imports=benchmark_import.ImportTime(processes=1),
             profile=benchmark_profile.Profile(steps=100),
@@ -59,22 +67,22 @@ class Benchmark:
 def parts(study: Benchmark) -> dict[Part, tuple[int, Callable[[Callable[[], object]], pd.DataFrame]]]:
     """Return, for each part to run, in how many pieces it reports progress, and what returns its table."""
     known: dict[Part, tuple[int, Callable[[Callable[[], object]], pd.DataFrame]]] = {
-        "laws": (len(benchmark_laws.rows(study.laws)), lambda tick: benchmark_laws.run(study.laws, tick)),
-        "impacts": (
-            len(benchmark_impacts.names(study.impacts)),
-            lambda tick: benchmark_impacts.run(study.impacts, tick),
-        ),
-        "steps": (len(benchmark_steps.names(study.steps)), lambda tick: benchmark_steps.run(study.steps, tick)),
-        "memory": (len(benchmark_memory.cases(study.memory)), lambda tick: benchmark_memory.run(study.memory, tick)),
-        "import": (study.imports.processes, lambda tick: benchmark_import.run(study.imports, tick)),
-        "profile": (len(study.profile.scenes), lambda tick: benchmark_profile.run(study.profile, tick)),
+        "laws": (len(benchmark_laws.rows(study.laws)), partial(benchmark_laws.run, study.laws)),
+        "chains": (len(benchmark_chains.cases(study.chains)), partial(benchmark_chains.run, study.chains)),
+        "impacts": (len(benchmark_impacts.names(study.impacts)), partial(benchmark_impacts.run, study.impacts)),
+        "steps": (len(benchmark_steps.names(study.steps)), partial(benchmark_steps.run, study.steps)),
+        "omissions": (len(benchmark_plan.names(study.omissions)), partial(benchmark_plan.run, study.omissions)),
+        "memory": (len(benchmark_memory.cases(study.memory)), partial(benchmark_memory.run, study.memory)),
+        "import": (study.imports.processes, partial(benchmark_import.run, study.imports)),
+        "profile": (len(study.profile.scenes), partial(benchmark_profile.run, study.profile)),
     }
     return {name: part for name, part in known.items() if name in study.parts}
 
 
 def run(study: Benchmark, progress: Callable[[], object] = lambda: None) -> dict[str, pd.DataFrame]:
-    """Return one table per part, and the table of goals."""
+    """Return one table per part, how what they hold grows, and the table of goals."""
     tables: dict[str, pd.DataFrame] = {name: part(progress) for name, (_, part) in parts(study).items()}
+    tables["growth"] = growth(tables)
     tables["goals"] = as_table(goals(tables))
     return tables
 

@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from benchmark_growth import records
 from benchmark_steps import ALL, FINE
 
 LAW_RATIO, LAW_CONTACTS = 3.0, 16
 STEP_RATIO = 4.0
+CHAIN, CHAIN_FASTER, CHAIN_GROWTH, CHAIN_RESIDUAL = 1000, 5.0, 15.0, 1e-10
 IMPORT_SECONDS = 0.3
 _SMALL = ("cradle 5", "cradle 5, Euler", "box_drop", "box_drop, Euler", "box at rest", "box at rest, Euler")
 
@@ -30,7 +32,7 @@ class Goal:
 
 def goals(tables: dict[str, pd.DataFrame]) -> list[Goal]:
     """Return the lines that these tables can answer."""
-    answers = {"laws": _law_goals, "steps": _step_goals, "import": _import_goal}
+    answers = {"laws": _law_goals, "chains": _chain_goals, "steps": _step_goals, "import": _import_goal}
     return [goal for name, answer in answers.items() if name in tables for goal in answer(tables[name])]
 
 
@@ -40,7 +42,7 @@ def as_table(lines: list[Goal]) -> pd.DataFrame:
 
 
 def _law_goals(table: pd.DataFrame) -> Iterator[Goal]:
-    chosen = [row for row in _rows(table) if row["solver"] == "auto" and row["h"] <= LAW_CONTACTS]
+    chosen = [row for row in records(table) if row["solver"] == "auto" and row["h"] <= LAW_CONTACTS]
     for kind in _distinct(chosen, "kind"):
         for column, what in (("law_ratio", "solver's certificate"), ("audited_ratio", "independent certificate too")):
             rows = [row for row in chosen if row["kind"] == kind]
@@ -52,8 +54,28 @@ def _law_goals(table: pd.DataFrame) -> Iterator[Goal]:
             yield Goal(name, measured, worst[column] <= LAW_RATIO)
 
 
+def _chain_goals(table: pd.DataFrame) -> Iterator[Goal]:
+    solved = [row for row in records(table) if row["outcome"] == "solved"]
+    for chain in _distinct(solved, "chain"):
+        rows = [row for row in solved if row["chain"] == chain]
+        law = {row["h"]: row for row in rows if row["solver"] == "law"}
+        others = [row for row in rows if row["solver"] != "law" and row["h"] == CHAIN]
+        if CHAIN in law and others:
+            others.sort(key=lambda row: row["ratio"])
+            shown = [f"{row['solver']} {row['ratio']:.1f} (residual {row['residual']:.0e})" for row in others]
+            name = f"{chain} chain of {CHAIN}: law >= {CHAIN_FASTER:g} times faster than OSQP and Clarabel"
+            yield Goal(name, ", ".join(shown), others[0]["ratio"] >= CHAIN_FASTER)
+        if CHAIN in law and 10 * CHAIN in law:
+            ratio = law[10 * CHAIN]["milliseconds"] / law[CHAIN]["milliseconds"]
+            name = f"{chain} chain of {10 * CHAIN}: law <= {CHAIN_GROWTH:g} times as long as for {CHAIN}"
+            yield Goal(name, f"{ratio:.1f}", ratio <= CHAIN_GROWTH)
+        largest = max(row["residual"] for row in law.values())
+        name = f"{chain} chains, law: residual < {CHAIN_RESIDUAL:g}"
+        yield Goal(name, f"at most {largest:.1e} up to {max(law)} contacts", largest < CHAIN_RESIDUAL)
+
+
 def _step_goals(table: pd.DataFrame) -> Iterator[Goal]:
-    rigid = [row for row in _rows(table) if row["contact_model"] == "rigid" and row["outcome"] == FINE]
+    rigid = [row for row in records(table) if row["contact_model"] == "rigid" and row["outcome"] == FINE]
     for phase in ("flight", "contact", ALL):
         rows = [row for row in rigid if row["integrator"] == "RK4" and row["phase"] == phase]
         rows.sort(key=lambda row: row["ratio"])
@@ -75,10 +97,6 @@ def _import_goal(table: pd.DataFrame) -> Iterator[Goal]:
     median = float(np.median(added))
     measured = f"median {median:.3f} s, least {added.min():.3f} s, beside {np.median(mujoco):.3f} s"
     yield Goal(f"import impactlaw adds <= {IMPORT_SECONDS:g} s to import mujoco", measured, median <= IMPORT_SECONDS)
-
-
-def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    return [dict(zip(table.columns, values, strict=True)) for values in table.to_numpy(dtype=object)]
 
 
 def _distinct(rows: list[dict[str, Any]], column: str) -> list[Any]:

@@ -1,12 +1,15 @@
 """The benchmark: its quick form runs, its tables are complete, and what it timed is right. Never that it is fast."""
 
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from wrapped import theirs
+
+from impactlaw import Moreau, read_contacts
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 
@@ -110,8 +113,6 @@ def test_phases_are_what_the_scenes_do(tables):
 
 
 def test_the_plate_rests_on_all_of_its_feet():
-    from impactlaw import read_contacts
-
     scene = benchmark_scenes.builders((), (), full=False)["64 coplanar"]()
     import mujoco
 
@@ -174,3 +175,49 @@ def test_calls_in_turns_are_all_made_and_counted():
     )
     assert made == {"a": 15, "b": 15}  # one round is not counted
     assert {name: len(values) for name, values in timed.seconds.items()} == {"a": 4, "b": 4}
+
+
+def test_chains_are_solved_and_certified(study, tables):
+    table = tables["chains"]
+    law = table[table["solver"] == "law"]
+    assert list(zip(law["chain"], law["h"], strict=True)) == benchmark.benchmark_chains.cases(study.chains)
+    assert (law["outcome"] == "solved").all()
+    assert (law["residual"] < benchmark_goals.CHAIN_RESIDUAL).all()
+    solved = table[table["outcome"] == "solved"]
+    positive(solved, "milliseconds", "ratio")
+    assert (solved["residual"] < 1e-6).all()  # OSQP's and Clarabel's answers are answers too
+    osqp = table[table["solver"].str.startswith("osqp") & (table["h"] == 100)]
+    assert (osqp["outcome"] == "solved").all()
+    if find_spec("clarabel") is None:
+        assert set(table.loc[table["solver"].str.startswith("clarabel"), "outcome"]) == {"not installed"}
+
+
+@pytest.mark.parametrize("start", ["launched", "random"])
+def test_residual_of_a_chain_is_zero_for_its_answer_only(start):
+    problem = benchmark.benchmark_chains.chain(20, start, seed=3)
+    impulse = Moreau(0.5).resolve(problem.collision).impulse
+    assert problem.residual(impulse) < 1e-14
+    assert problem.residual(impulse + 1e-6) > 1e-8
+    separating = np.count_nonzero(problem.collision.pre_contact_velocity > 0)
+    assert (separating > 0) is (start == "random")
+
+
+def test_a_part_that_is_not_needed_changes_no_step(study, tables):
+    table = tables["omissions"]
+    assert set(zip(table["scene"], table["contact_model"], strict=True)) <= set(
+        benchmark.benchmark_plan.names(study.omissions)
+    )
+    pendulum = table[table["scene"] == "pendulum"]
+    assert set(pendulum.loc[pendulum["contact_model"] == "soft", "left_out"]) == {"detection"}
+    assert "detection" in set(pendulum.loc[pendulum["contact_model"] == "rigid", "left_out"])
+    positive(table, "planned_us", "forced_us", "ratio")
+    assert (table["difference"] == 0).all()
+
+
+def test_growth_of_a_known_power():
+    sizes = np.array([10, 100, 1000])
+    laws = pd.DataFrame({"kind": "plate", "h": sizes, "law": "moreau", "solver": "auto", "law_us": 3.0 * sizes**2.5})
+    table = benchmark.growth({"laws": laws})
+    np.testing.assert_allclose(table["exponent"], 2.5)
+    np.testing.assert_allclose(table["factor"], 10**2.5)
+    assert table[["smaller", "larger"]].to_numpy().tolist() == [[10, 100], [100, 1000]]
