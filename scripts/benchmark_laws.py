@@ -8,6 +8,7 @@ not checked.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -22,6 +23,8 @@ from impactlaw.solvers import SOLVERS, Problem, Status
 
 CERTIFIED = 1e-9
 """Residual, relative to the velocities, above which an outcome is not counted as one."""
+_MANY = 320  # contacts of the problems of a row, all together
+_SLOW = 0.2  # seconds of a round above which two are enough
 _KINDS = ("independent", "plate")
 
 
@@ -32,8 +35,8 @@ class LawCost:
     sizes: tuple[int, ...] = (1, 2, 4, 8, 16, 32, 64, 128, 256)
     """Numbers of contacts h."""
     problems: int = 20
-    """Random problems of each size and kind; a round solves each once."""
-    seconds: float = 0.5
+    """Random problems of each size and kind, fewer where they are large; a round solves each once."""
+    seconds: float = 0.25
     """Time per row."""
     seed: int = 0
     """Seed of the problems."""
@@ -89,21 +92,23 @@ def laws(kind: str, h: int) -> dict[str, Law]:
 
 def _row(study: LawCost, kind: str, h: int, named: str, solver: str) -> dict[str, object]:
     law = laws(kind, h)[named]
-    several = list(collisions(kind, h, study.problems, study.seed))
+    several = list(collisions(kind, h, min(study.problems, max(2, _MANY // h)), study.seed))
     row: dict[str, object] = {"kind": kind, "h": h, "law": named, "solver": solver}
     problems = [problem(law, c) for c in several]
     if solver != "auto" and any(SOLVERS[solver](p).status is not Status.SOLVED for p in problems):
         return row | {"outcome": "not for this problem"}
+    start = time.perf_counter()
     try:
         residual = max(law.resolve(c, solver=solver).residual for c in several)
     except ImpactLawError as error:
         return row | {"outcome": type(error).__name__}
+    rounds = 2 if time.perf_counter() - start > _SLOW else 5
     outcome = "certified" if residual <= CERTIFIED else "wrong"
-    return row | _costs(study, law, solver, several, problems) | {"residual": residual, "outcome": outcome}
+    return row | _costs(study, law, solver, several, problems, rounds) | {"residual": residual, "outcome": outcome}
 
 
 def _costs(
-    study: LawCost, law: Law, solver: str, several: list[Collision], problems: list[Problem]
+    study: LawCost, law: Law, solver: str, several: list[Collision], problems: list[Problem], rounds: int
 ) -> dict[str, object]:
     def bare() -> list[Callable[[], object]]:
         return [partial(nnls, p.gradients.T, p.preimage) for p in problems]
@@ -123,7 +128,7 @@ def _costs(
     subjects = {"nnls": bare, "cached": cached, "law": whole, "audited": audited} | (
         {} if solver == "auto" else {"solver": alone}
     )
-    timed = in_turns(subjects, seconds=study.seconds)
+    timed = in_turns(subjects, seconds=study.seconds, fewest=rounds)
     costs: dict[str, object] = {"nnls_us": timed.microseconds("nnls")}
     for name in ("solver", "cached", "law", "audited"):
         costs |= _compared(timed, name)

@@ -38,7 +38,7 @@ class Omissions:
     """Names from `benchmark_scenes`, or "pendulum", which nothing can touch."""
     steps: int = 100
     """Of each run, from the start."""
-    seconds: float = 3.0
+    seconds: float = 2.0
     """Time per scene and contact model."""
 
 

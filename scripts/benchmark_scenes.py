@@ -17,8 +17,6 @@ from impactlaw.scene import scene_law
 
 _NAMES = {int(value): name.removeprefix("mjINT_") for name, value in mujoco.mjtIntegrator.__members__.items()}
 _STEPS, _HELD = 200, 5  # of an episode of an environment, and for how many a control is held
-_LIFT = {"Walker2d-v5": 0.05}
-"""Metres to lift an environment whose geoms overlap at its start."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,9 +130,7 @@ def _environment(name: str, episodes: int = 5) -> Scene:
     starts = []
     for seed in range(episodes):
         env.reset(seed=seed)
-        qpos = env.data.qpos.copy()  # pyright: ignore[reportAttributeAccessIssue]
-        qpos[1] += _LIFT.get(name, 0.0)
-        starts.append((qpos, env.data.qvel.copy()))  # pyright: ignore[reportAttributeAccessIssue]
+        starts.append((env.data.qpos.copy(), env.data.qvel.copy()))  # pyright: ignore[reportAttributeAccessIssue]
     model = env.model  # pyright: ignore[reportAttributeAccessIssue]
     low, high = model.actuator_ctrlrange.T
     held = np.random.default_rng(0).uniform(low, high, (_STEPS // _HELD, model.nu))

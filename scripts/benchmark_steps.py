@@ -41,7 +41,7 @@ class StepCost:
     """Ids of gymnasium's MuJoCo environments; rigid stepping ignores their friction."""
     full: bool = True
     """With every scene of models/, and cradle and box with Euler too."""
-    seconds: float = 3.0
+    seconds: float = 2.0
     """Time per scene and contact model."""
     fewest: int = 20
     """Steps that are taken whatever they cost."""
