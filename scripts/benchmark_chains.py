@@ -178,7 +178,7 @@ def _osqp(program: Program, form: str) -> np.ndarray | str:
         max_iter=_ITERATIONS,
         verbose=False,
     )
-    result = solver.solve()
+    result = solver.solve(raise_error=False)
     if result.info.status != "solved":
         return f"{result.info.status} after {result.info.iter} iterations"
     return np.maximum(result.x if form == "impulse" else -result.y, 0.0)

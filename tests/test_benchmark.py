@@ -199,7 +199,7 @@ def test_residual_of_a_chain_is_zero_for_its_answer_only(start):
     assert problem.residual(impulse) < 1e-14
     assert problem.residual(impulse + 1e-6) > 1e-8
     separating = np.count_nonzero(problem.collision.pre_contact_velocity > 0)
-    assert (separating > 0) is (start == "random")
+    assert bool(separating) is (start == "random")
 
 
 def test_a_part_that_is_not_needed_changes_no_step(study, tables):
