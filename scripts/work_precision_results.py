@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
-from work_precision_stepping import EXACT, LOCATED
+from work_precision_stepping import EXACT, LOCATED, SCENES
 
-_COARSEST = 0.032  # s; larger timesteps are not yet where orders are measured
 _FLOOR = 2e-11  # smaller errors are those of located gaps and of rounding
 _ROUNDING = 1e-12  # error up to which a method counts as exact
 
@@ -20,14 +19,16 @@ def where(table: pd.DataFrame, rows: ArrayLike) -> pd.DataFrame:
 def orders(table: pd.DataFrame) -> pd.DataFrame:
     """Return the measured order of each method on each scene beside the expected one.
 
-    The measured order is the slope of log(error) over log(timestep) by least squares, over timesteps up to 0.032 s
-    and errors above 2e-11, in (t, q) and in (t, q, v); what is expected is that in (t, q). A method that integrates a
-    scene exactly has none: its largest error is given instead.
+    The measured order is the slope of log(error) over log(timestep) by least squares, over timesteps up to the scene's
+    coarsest and errors above 2e-11, in (t, q) and in (t, q, v); what is expected is that in (t, q). A method that
+    integrates a scene exactly has none: its largest error is given instead.
     """
     rows = []
     for scene, method in dict.fromkeys(zip(table.scene, table.method, strict=True)):
         group = where(table, (table.scene == scene) & (table.method == method))
-        used = where(group, (group.timestep <= _COARSEST) & (group.error > _FLOOR) & np.isfinite(group.error))
+        used = where(
+            group, (group.timestep <= SCENES[scene].coarsest) & (group.error > _FLOOR) & np.isfinite(group.error)
+        )
         measured, with_v = (
             np.polyfit(np.log(used.timestep), np.log(used[error]), 1)[0] if len(used) >= 2 else np.nan
             for error in ("error", "error_qv")
