@@ -27,12 +27,16 @@ _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 class Contacts:
     """Contacts between pairs of geoms, ordered by geom ids, so that a chain's contacts stand in the chain's order.
 
+    Limits of joints and tendons that are near follow them.
+
     Attributes:
-        labels: ``"first/second"`` per contact: the names of the two geoms, or of their bodies where geoms have none.
-        geoms: geom ids, the lower one first, int (h, 2).
-        gap: signed distance, less the `SKIN` where there is one, m, (h,).
-        position: midway between the two surfaces, world frame, m, (h, 3).
-        normal: unit vector from the first geom to the second, world frame, (h, 3).
+        labels: ``"first/second"`` per contact: the names of the two geoms, or of their bodies where geoms have none;
+            the name of the joint or tendon for a limit.
+        geoms: geom ids, the lower one first, int (h, 2); -1 for a limit.
+        gap: signed distance, less the `SKIN` where there is one, m, (h,); distance from a limit, m or rad.
+        position: midway between the two surfaces, world frame, m, (h, 3); the anchor of a joint, zero for a tendon.
+        normal: unit vector from the first geom to the second, world frame, (h, 3); the axis of a joint, away from the
+            limit; zero for a tendon.
     """
 
     labels: tuple[str, ...]
@@ -62,14 +66,14 @@ def read_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, within: float =
     Args:
         model: the compiled scene.
         data: its state; only qpos and mocap poses are read, so that stale derived quantities do not matter.
-        within: largest gap reported, m. Geoms that overlap are reported whatever it is.
+        within: largest gap reported, m, or rad for limits. Geoms that overlap are reported whatever it is.
 
     Raises:
         SceneError: a contact that is not between two geoms (a flex).
     """
     from impactlaw.detection import Detector
 
-    return Detector(model).near(_position_copy(model, data), within)
+    return Detector(model).near(_position_copy(model, data), within)[0]
 
 
 def read_collision(model: mujoco.MjModel, data: mujoco.MjData) -> Collision:
@@ -81,8 +85,7 @@ def read_collision(model: mujoco.MjModel, data: mujoco.MjData) -> Collision:
     from impactlaw.detection import Detector
 
     scratch = _position_copy(model, data)
-    contacts = Detector(model).near(scratch, GAP_TOLERANCE)
-    jacobian = gap_gradients(model, scratch, contacts)
+    contacts, jacobian = Detector(model).near(scratch, GAP_TOLERANCE)
     metric = kinetic_metric(model, scratch)
     return Collision(metric.mass_matrix, jacobian, data.qvel, labels=contacts.labels, metric=metric)
 
@@ -111,20 +114,21 @@ def active_contacts(model: mujoco.MjModel, data: mujoco.MjData, names: tuple[str
 
 
 def closing_speed(model: mujoco.MjModel, data: mujoco.MjData) -> float:
-    """Return how fast the contacts that MuJoCo's solver acts on close at most, m/s; negative if all open.
+    """Return how fast the contacts and limits that MuJoCo's solver acts on close at most, m/s or rad/s.
 
-    The velocity stage must be current. With pyramidal cones the mean of a contact's first two rows is the normal.
+    Negative if all open. The velocity stage must be current. With pyramidal cones the mean of a contact's first two
+    rows is the normal.
     """
-    contact = data.contact
+    contact, velocity = data.contact, data.efc_vel
+    limits = velocity[data.ne + data.nf : data.ne + data.nf + data.nl]
     rows = contact.efc_address[contact.efc_address >= 0]
     if len(rows) == 0:
-        return -np.inf
-    velocity = data.efc_vel
+        return float(-limits.min(initial=np.inf))
     normal = velocity[rows]
     if model.opt.cone == _PYRAMIDAL:
         paired = contact.dim[contact.efc_address >= 0] > 1
         normal[paired] = 0.5 * (normal[paired] + velocity[rows[paired] + 1])
-    return float(-normal.min())
+    return float(-min(normal.min(), limits.min(initial=np.inf)))
 
 
 def collide(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -171,23 +175,29 @@ def _read(data: mujoco.MjData, index: np.ndarray, names: tuple[str, ...]) -> Con
     return Contacts(contact_labels(geoms, names), geoms, found.dist[index], found.pos[index], normal)
 
 
-def contact_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
-    """Return the gap gradients of data.contact, in its order, as MuJoCo's constraint rows have them, (h, nv).
+def make_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
+    """Make constraint rows and return the gap gradients of data.contact, in its order, (h, nv).
 
-    Other rows must be off and the Jacobian dense (`impactlaw.options`). None if MuJoCo makes no row for a contact.
+    Other rows than those of limits must be off and the Jacobian dense (`impactlaw.options`). None if MuJoCo makes no
+    row for a contact. To be followed by `forget_rows`.
     """
     contact, h = data.contact, data.ncon
     mujoco.mj_makeConstraint(model, data)
-    if data.nefc != h:
+    if data.nefc != h + data.nl:
         dim = contact.dim.copy()
         contact.dim[:] = 1  # a frictionless contact has one row
         contact.exclude[:] = 0  # one within a detection gap too
         mujoco.mj_makeConstraint(model, data)
         contact.dim[:] = dim
-    rows = data.efc_J.reshape(h, -1).copy() if data.nefc == h else None
-    contact.efc_address[:] = -1  # there are no forces yet
-    data.nefc = 0
-    return rows
+    if h == 0:
+        return np.zeros((0, model.nv))
+    return data.efc_J.reshape(data.nefc, -1)[data.nl :].copy() if data.nefc == h + data.nl else None
+
+
+def forget_rows(data: mujoco.MjData) -> None:
+    """Leave no constraint rows behind that have no forces yet."""
+    data.contact.efc_address[:] = -1
+    data.nefc = data.nl = 0
 
 
 def gap_gradients(model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts) -> np.ndarray:

@@ -7,7 +7,17 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from impactlaw.contacts import GAP_TOLERANCE, Contacts, collide, contact_labels, geom_names, sorted_geoms
+from impactlaw.contacts import (
+    GAP_TOLERANCE,
+    Contacts,
+    collide,
+    contact_labels,
+    forget_rows,
+    gap_gradients,
+    geom_names,
+    make_rows,
+    sorted_geoms,
+)
 from impactlaw.geoms import (
     SKIN,
     one_contact,
@@ -15,6 +25,7 @@ from impactlaw.geoms import (
     touching_distance,
     vague_contacts,
 )
+from impactlaw.limits import Limits, joined
 from impactlaw.options import BorrowedOptions
 
 _PARALLEL = 0.99  # cosine of an angle within which MuJoCo takes two faces for parallel
@@ -69,30 +80,52 @@ class Detector:
 
     Attributes:
         names: of all geoms, as in contact labels.
+        limits: of joints and tendons.
         options: to be entered (``with``) around every use of `find`.
     """
 
     def __init__(self, model: mujoco.MjModel, *, convex: bool = True, faces: bool = True):
         self._model = model
         self.names = geom_names(model)
-        self.options = BorrowedOptions(model, convex=convex)
+        self.limits = Limits(model)
+        self.options = BorrowedOptions(model, convex=convex, limits=bool(self.limits))
         self._faces = faces
         self._patterns: dict[bytes, Pattern] = {}
         nothing = np.zeros((0, 2), int)
         self.empty = self._pattern(nothing), Contacts((), nothing, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
 
-    def near(self, data: mujoco.MjData, within: float) -> Contacts:
-        """Return the contacts with a gap of at most ``within``, m. Frames must be current; replaces data.contact.
+    def near(self, data: mujoco.MjData, within: float) -> tuple[Contacts, np.ndarray]:
+        """Return the contacts with a gap of at most ``within``, m or rad, and their gradients, (h, nv).
+
+        Frames must be current; replaces data.contact.
 
         Raises:
             SceneError: a flex is in contact, or there are more contacts than MuJoCo reports.
         """
         with self.options:
-            _, contacts = self.find(data, 2.0 * within + SKIN)  # MuJoCo compares with "<"
-        return contacts.select(np.flatnonzero(contacts.gap <= within))
+            _, contacts, J = self.look(data, 2.0 * within + SKIN)  # MuJoCo compares with "<"
+        near = np.flatnonzero(contacts.gap <= within)
+        return contacts.select(near), J[near]
+
+    def look(self, data: mujoco.MjData, within: float) -> tuple[Pattern, Contacts, np.ndarray]:
+        """Return contacts and limits with a gap below ``within``, m or rad, perhaps more, and gradients, (h, nv)."""
+        pattern, contacts = self.find(data, within)
+        if not pattern and not self.limits:
+            return pattern, contacts, np.zeros((0, self._model.nv))
+        J = make_rows(self._model, data)
+        limits = self.limits.read(data) if data.nl else None
+        forget_rows(data)
+        if pattern.several or J is None:
+            J = gap_gradients(self._model, data, contacts)
+        elif pattern.order is not None:
+            J = J[pattern.order]
+        if limits is None:
+            return pattern, contacts, J
+        contacts = joined(contacts, self.limits.contacts(data, limits))
+        return self._with_limits(pattern, contacts, limits.code), contacts, np.vstack([J, limits.jacobian])
 
     def find(self, data: mujoco.MjData, within: float) -> tuple[Pattern, Contacts]:
-        """Return all contacts with a gap below ``within``, m, and perhaps more; see `near`."""
+        """Return all contacts of geoms with a gap below ``within``, m, and perhaps more; see `near`."""
         self.options.look(within + SKIN)
         collide(self._model, data)
         if data.ncon == 0:
@@ -131,6 +164,25 @@ class Detector:
                 self._patterns.clear()
             pattern = self._patterns[seen] = self._learn(geoms)
         return pattern
+
+    def _with_limits(self, pattern: Pattern, contacts: Contacts, code: np.ndarray) -> Pattern:
+        """Return the pattern of contacts between geoms followed by limits."""
+        seen = pattern.geoms.tobytes() + b"limits" + code.tobytes()
+        known = self._patterns.get(seen)
+        if known is None:
+            n, none = len(code), np.zeros(len(code), dtype=bool)
+            known = self._patterns[seen] = replace(
+                pattern,
+                labels=contacts.labels,
+                geoms=contacts.geoms,
+                key=np.concatenate([pattern.key, self._model.ngeom**2 + code]),
+                single=np.concatenate([pattern.single, ~none]),
+                vague=np.concatenate([pattern.vague, none]),
+                skin=None if pattern.skin is None else np.concatenate([pattern.skin, np.zeros(n)]),
+                index=np.arange(len(contacts)),
+                ones=np.ones(len(contacts)),
+            )
+        return known
 
     def _learn(self, found: np.ndarray) -> Pattern:
         model = self._model

@@ -10,11 +10,8 @@ _CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 _FLOW_OFF = _CONTACT | int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
 _LOOK_ON = _CONTACT | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 _SINGLE = int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
-_OTHER_ROWS = (
-    int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
-    | int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS)
-    | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
-)
+_OTHER_ROWS = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY) | int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS)
+_LIMIT = int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
 _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 _SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 _DENSE, _AUTO = int(mujoco.mjtJacobian.mjJAC_DENSE), int(mujoco.mjtJacobian.mjJAC_AUTO)
@@ -29,11 +26,13 @@ class BorrowedOptions:
     Args:
         model: the scene.
         convex: whether pairs of geoms are measured by MuJoCo's general convex collider, which then is to be exact.
+        limits: whether joints or tendons have limits, which then are contacts like any other.
     """
 
-    def __init__(self, model: mujoco.MjModel, *, convex: bool):
+    def __init__(self, model: mujoco.MjModel, *, convex: bool, limits: bool):
         self._model = model
         self._convex = convex
+        self._limits = limits
         self._large = model.nv >= _LARGE
 
     def __enter__(self) -> BorrowedOptions:
@@ -44,8 +43,12 @@ class BorrowedOptions:
         self.several = not disabled & _SINGLE
         self._jacobian = opt.jacobian
         self._sparse = self._large if self._jacobian == _AUTO else self._jacobian != _DENSE
-        self._flow = disabled | _FLOW_OFF, enabled & ~_SLEEP
-        self._look = (disabled | _SINGLE | _OTHER_ROWS) & ~_LOOK_ON, (enabled | _OVERRIDE) & ~_SLEEP
+        self._flow = disabled | _FLOW_OFF | _LIMIT, enabled & ~_SLEEP
+        look = (disabled | _SINGLE | _OTHER_ROWS | _LIMIT) & ~_LOOK_ON
+        if self._limits:
+            look &= ~_LIMIT | disabled
+            self._kept_margins = self._model.jnt_margin.copy(), self._model.tendon_margin.copy()
+        self._look = look, (enabled | _OVERRIDE) & ~_SLEEP
         if self._convex:
             self._kept_ccd = opt.ccd_tolerance, opt.ccd_iterations
             opt.ccd_tolerance = min(opt.ccd_tolerance, _CCD_TOLERANCE)
@@ -62,6 +65,8 @@ class BorrowedOptions:
             opt.jacobian = self._jacobian
         if self._convex:
             opt.ccd_tolerance, opt.ccd_iterations = self._kept_ccd
+        if self._limits:
+            self._model.jnt_margin[:], self._model.tendon_margin[:] = self._kept_margins
         del self._opt  # neither copied nor pickled
 
     def flow(self, duration: float) -> None:
@@ -76,13 +81,16 @@ class BorrowedOptions:
     def look(self, within: float) -> None:
         """Let collision detection report the nearest contact of every pair closer than ``within`` m.
 
-        Whatever margins the scene has. Constraint rows made meanwhile are those of contacts, and dense.
+        Whatever margins the scene has. Constraint rows made meanwhile are those of limits and contacts, and dense.
         """
         opt = self._opt
         opt.disableflags, opt.enableflags = self._look
         opt.o_margin = within
         if self._sparse:
             opt.jacobian = _DENSE
+        if self._limits:
+            self._model.jnt_margin[:] = within
+            self._model.tendon_margin[:] = within
 
     def look_for_several(self) -> None:
         """Let collision detection report several contacts of faces that meet."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from impactlaw.contacts import geom_names
 from impactlaw.geoms import one_contact, several_contacts, touching_distance
+from impactlaw.limits import Limits
 from impactlaw.scene import GeomPairs, geom_pairs, thickness
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
@@ -38,6 +39,7 @@ class Plan:
 
     Attributes:
         contact_model: "rigid" or "soft".
+        limits: joints or tendons have limits, which are contacts like any other.
         detection: collision detection: some geoms can meet.
         convex: exact settings of MuJoCo's general convex collider: some pairs are measured by it.
         faces: a second detection for several contacts between faces of cylinders and meshes.
@@ -50,6 +52,7 @@ class Plan:
     """
 
     contact_model: Literal["rigid", "soft"]
+    limits: bool
     detection: bool
     convex: bool
     faces: bool
@@ -70,13 +73,14 @@ def make_plan(model: mujoco.MjModel, contact_model: Literal["rigid", "soft"] = "
     several = ~one_contact(model, geoms)
     rigid = contact_model == "rigid"
     flags = {
+        "limits": bool(Limits(model)),
         "detection": len(geoms) > 0 or (not rigid and model.nflex > 0),
         "convex": rigid and bool((touching_distance(model, geoms) > 0).any()),
         "faces": rigid and bool(several_contacts(model, geoms).any()),
         "points": rigid and bool(several.any()),
         "passing": rigid and len(solid) > 0,
         "turning": rigid and bool((model.geom_rbound[solid] > thin[solid]).any()),
-        "inertia": len(geoms) > 0 and not has_constant_inertia(model),
+        "inertia": (len(geoms) > 0 or bool(Limits(model))) and not has_constant_inertia(model),
     }
     reasons = _Reasons(model, pairs, flags)
     parts = tuple(reasons.rigid() if rigid else reasons.soft())
@@ -178,15 +182,17 @@ class _Reasons:
     def _solver(self) -> Part:
         name = "solver for several contacts at once"
         geoms = self.pairs.geoms
-        if len(geoms) == 1 and one_contact(self.model, geoms)[0]:
+        limits = len(Limits(self.model).names)
+        if limits + len(geoms) == 1 and (limits or one_contact(self.model, geoms)[0]):
             return Part(name, False, "at most one contact: closed form")
-        return Part(name, len(geoms) > 0, "more than one contact can collide" if len(geoms) else "no contact")
+        some = limits + len(geoms) > 0
+        return Part(name, some, "more than one contact can collide" if some else "no contact")
 
     def _mujoco(self) -> Iterator[Part]:
         m = self.model
-        limits = int(np.count_nonzero(m.jnt_limited)) + int(np.count_nonzero(m.tendon_limited))
+        limits = len(Limits(m).names)
         for name, n, what in (
-            ("joint and tendon limits", limits, "limits, MuJoCo's soft ones"),
+            ("limits as contacts", limits, "joints and tendons have limits"),
             ("equality constraints", int(np.count_nonzero(m.eq_active0)), "active, MuJoCo's soft ones"),
             ("tendons", int(m.ntendon), "tendons"),
             ("actuators", int(m.nu), "actuators"),

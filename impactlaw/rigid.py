@@ -21,19 +21,18 @@ import mujoco
 import numpy as np
 
 from impactlaw.collide import Collider
-from impactlaw.contacts import Contacts, kinetic_metric, update_positions
+from impactlaw.contacts import kinetic_metric, update_positions
 from impactlaw.detection import Detector
 from impactlaw.errors import OverlapError, SceneError
 from impactlaw.events import ImpactEvent
 from impactlaw.flow import Travel, advance, check_input, empty_state, restore_state, save_state
-from impactlaw.geoms import touching_distance
 from impactlaw.location import Guess, locate, parabola
 from impactlaw.metric import KineticMetric
 from impactlaw.moment import Arrival, Flow, Moment, match
 from impactlaw.plan import Plan
 from impactlaw.scene import check_resolved, check_rigid
 from impactlaw.sustained import hold, stays
-from impactlaw.touch import look
+from impactlaw.touch import Touch, look
 
 _LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located
 _SMOOTH = 0.35, 0.15  # part of its depth that a smooth gap has reached after half of the flow: a quarter, nearly
@@ -95,7 +94,7 @@ class RigidStepping:
     def _step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
         timestep = remaining = self._options.timestep
         end = data.time + timestep
-        if not self._plan.detection:
+        if not (self._plan.detection or self._plan.limits):
             advance(self._model, data, self._options, timestep)
             update_positions(self._model, data)
             return ()
@@ -128,7 +127,7 @@ class RigidStepping:
         advance(self._model, data, self._options, duration)
         update_positions(self._model, data)
         if self._travel.is_short(before, data.qvel, duration):
-            pattern, _ = self._detector.find(data, self._near)
+            pattern, _, _ = self._detector.look(data, self._near)
             if not pattern:
                 return True
         restore_state(self._model, data, self._before)
@@ -143,19 +142,21 @@ class RigidStepping:
         update_positions(self._model, data)
         start = self._look(data)
         if not same:
-            self._refuse_overlap(start.touch.contacts)
+            self._refuse_overlap(start.touch)
         return self._collide(data, start, events) if start.collides else start
 
     def _look(self, data: mujoco.MjData, within: float = 0.0) -> Moment:
         touch = look(self._model, data, self._detector, max(self._near, within))
         return Moment.of(self._model, data, touch, tolerance=self._tolerance, timestep=self._options.timestep)
 
-    def _refuse_overlap(self, contacts: Contacts) -> None:
-        depth = -(contacts.gap + touching_distance(self._model, contacts.geoms))
+    def _refuse_overlap(self, touch: Touch) -> None:
+        contacts, skin = touch.contacts, touch.pattern.skin
+        depth = -contacts.gap if skin is None else -(contacts.gap + skin)
         deep = np.flatnonzero(depth > self._tolerance)
         if len(deep):
             deep = deep[np.argsort(-depth[deep])]
-            named = ", ".join(f"{contacts.labels[i]} by {depth[i]:.3g} m" for i in deep[:5])
+            units = np.where(contacts.geoms[:, 0] < 0, "beyond the limit", "m")
+            named = ", ".join(f"{contacts.labels[i]} by {depth[i]:.3g} {units[i]}" for i in deep[:5])
             raise OverlapError(
                 f"geoms overlap at the start of a step: {named}; move them apart (up to {self._tolerance:g} m "
                 "counts as touching)"
@@ -325,7 +326,7 @@ class RigidStepping:
         """Return the smallest gap, up to ``reach``, of contacts that are not near."""
         if reach <= self._near:
             return self._near
-        _, contacts = self._detector.find(data, reach)
+        _, contacts, _ = self._detector.look(data, reach)
         return float(contacts.gap[contacts.gap > self._near].min(initial=reach))
 
     def _guess(self, data: mujoco.MjData, end: Flight) -> Guess:

@@ -12,10 +12,12 @@ from impactlaw.errors import RestitutionError, SceneError, UnknownNameError
 from impactlaw.laws import Law, Newton
 from impactlaw.laws.base import coefficient
 from impactlaw.laws.labels import check_labels
+from impactlaw.limits import Limits
 
 RESTITUTION = "restitution"
 """``<custom><numeric name="restitution" data="0.5"/>`` is a scene's default coefficient;
-``<numeric name="restitution/geomA/geomB" data="0.9"/>`` is that of one pair, in either order."""
+``<numeric name="restitution/geomA/geomB" data="0.9"/>`` is that of one pair, in either order;
+``<numeric name="restitution/joint" data="0.2"/>`` that of the limits of a joint or tendon."""
 
 _RESOLVED = 1e-15  # part of the size of the scene that gaps are rounded to
 
@@ -138,13 +140,13 @@ def thickness(model: mujoco.MjModel) -> np.ndarray:
 
 
 def scene_law(model: mujoco.MjModel) -> Newton:
-    """Return the law that the scene itself carries: Newton, keyed by geom pairs.
+    """Return the law that the scene itself carries: Newton, keyed by geom pairs, joints and tendons.
 
     Raises:
         RestitutionError: the scene names no restitution, or a coefficient is not in [0, 1].
-        UnknownNameError: a pair names a geom that the scene does not have.
+        UnknownNameError: a coefficient is of something that the scene does not have.
     """
-    names = geom_names(model)
+    names, limits = geom_names(model), Limits(model).names
     table: dict[str | tuple[str, str], float] = {}
     default = None
     for i in range(model.nnumeric):
@@ -152,7 +154,7 @@ def scene_law(model: mujoco.MjModel) -> Newton:
         if numeric.name == RESTITUTION:
             default = coefficient(numeric.data[0], "the scene's restitution")
         elif numeric.name.startswith(f"{RESTITUTION}/"):
-            table[_split_pair(numeric.name, names)] = coefficient(numeric.data[0], numeric.name)
+            table[_split_name(numeric.name, names, limits)] = coefficient(numeric.data[0], numeric.name)
     if default is None and not table:
         raise RestitutionError(
             'the scene carries no restitution; add <custom><numeric name="restitution" data="0.5"/></custom> '
@@ -170,7 +172,8 @@ def check_law(model: mujoco.MjModel, law: Law) -> None:
     used = getattr(law, "contact_labels", None)
     if used:
         names = geom_names(model)
-        check_labels(used, tuple(f"{names[a]}/{names[b]}" for a, b in geom_pairs(model).geoms))
+        pairs = tuple(f"{names[a]}/{names[b]}" for a, b in geom_pairs(model).geoms)
+        check_labels(used, pairs + Limits(model).names)
 
 
 def scene_number(model: mujoco.MjModel, name: str) -> float | None:
@@ -179,11 +182,14 @@ def scene_number(model: mujoco.MjModel, name: str) -> float | None:
     return None if index < 0 else float(model.numeric(index).data[0])
 
 
-def _split_pair(name: str, names: tuple[str, ...]) -> tuple[str, str]:
-    """Split ``restitution/a/b`` where the geoms' own names may hold slashes."""
+def _split_name(name: str, names: tuple[str, ...], limits: tuple[str, ...]) -> str | tuple[str, str]:
+    """Split ``restitution/a/b`` where the geoms' own names may hold slashes; ``restitution/a`` is a joint or tendon."""
     parts = name.split("/")[1:]
+    if "/".join(parts) in limits:
+        return "/".join(parts)
     for cut in range(1, len(parts)):
         pair = "/".join(parts[:cut]), "/".join(parts[cut:])
         if pair[0] in names and pair[1] in names:
             return pair
-    raise UnknownNameError("geom pair", "/".join(parts), {f"{a}/{b}" for a in names for b in names if a < b})
+    known = {f"{a}/{b}" for a in names for b in names if a < b}
+    raise UnknownNameError("geom pair, or joint or tendon with a limit,", "/".join(parts), known | set(limits))

@@ -1,10 +1,10 @@
 """Soft stepping: MuJoCo keeps contact and friction, the law takes over collisions.
 
 A collision is a contact that MuJoCo's solver acts on and that closes faster than ``rest_speed`` at the start of a
-step. The law then gives the velocity that MuJoCo integrates from. The law is frictionless: during the collision the
-tangential velocities change only as the normal impulses make them; friction acts before and after, as always. Nor
-does the law know equality constraints, joint limits and tendons: MuJoCo's solver answers for those from the same step
-on.
+step; limits of joints and tendons, at rad/s or m/s, are contacts too. The law then gives the velocity that MuJoCo
+integrates from. The law is frictionless: during the collision the tangential velocities change only as the normal
+impulses make them; friction acts before and after, as always. Nor does the law know equality constraints: MuJoCo's
+solver answers for those from the same step on.
 
 A step without a collision is `mj_step`, bit for bit. What MuJoCo's contacts do between collisions is theirs, and a
 contact that first touches inside of a step is seen at its end, up to one step too deep.
@@ -31,9 +31,10 @@ from mujoco import (
 )
 
 from impactlaw.collide import Collider
-from impactlaw.contacts import active_contacts, closing_speed, gap_gradients, geom_names, kinetic_metric
+from impactlaw.contacts import Contacts, active_contacts, closing_speed, gap_gradients, geom_names, kinetic_metric
 from impactlaw.errors import DivergenceError
 from impactlaw.events import ImpactEvent
+from impactlaw.limits import Limits, joined
 from impactlaw.plan import Plan
 
 REST_SPEED = 0.1
@@ -57,6 +58,7 @@ class SoftStepping:
         self._collider = collider
         self._rest_speed = rest_speed
         self._names = geom_names(model)
+        self._limits = Limits(model)
         self._before = np.empty(mujoco.mj_stateSize(model, _STATE))
         self._trial: mujoco.MjData | None = None
         self._left_at = np.nan
@@ -73,15 +75,15 @@ class SoftStepping:
         time = data.time
         count = None if time >= opt.timestep and not opt.disableflags & _NO_RESET else _bad_states(data)
         integrator = opt.integrator
-        if not self._plan.detection:
+        if not (self._plan.detection or self._plan.limits):
             mj_step(model, data)
             events = ()
-        elif integrator != _RK4 or data.ncon or time != self._left_at or get_mjcb_control() is not None:
+        elif integrator != _RK4 or data.ncon or data.nl or time != self._left_at or get_mjcb_control() is not None:
             events = self._step_from_start(data, integrator)
         else:  # the last stage of the step before, or mj_forward, has met no contact, so there is none at the start
             mj_getState(model, data, self._before, _STATE)
             mj_step(model, data)
-            events = self._collide_at_end(data) if data.ncon else ()
+            events = self._collide_at_end(data) if data.ncon or data.nl else ()
         if data.time <= time or count is not None:
             _refuse_reset(data, time, count)
         self._left_at = data.time
@@ -98,7 +100,7 @@ class SoftStepping:
         if self._model.opt.integrator == _RK4:
             return self.step(data)
         time, count = data.time, _bad_states(data)
-        events, stage = self._collide(data) if data.ncon else _NOTHING
+        events, stage = self._collide(data) if data.ncon or data.nl else _NOTHING
         if stage != _VELOCITY:
             self._update_velocity(data)
         mujoco.mj_step2(self._model, data)
@@ -112,7 +114,7 @@ class SoftStepping:
             mj_step1(model, data)
         else:
             self._look(data)
-        contacts = data.ncon
+        contacts = data.ncon + data.nl
         events, stage = self._collide(data) if contacts else _NOTHING
         mj_forwardSkip(model, data, stage, 0)
         mj_checkAcc(model, data)
@@ -121,7 +123,7 @@ class SoftStepping:
         if integrator == _RK4:
             mj_getState(model, data, self._before, _STATE)
             mj_RungeKutta(model, data, 4)
-            if data.ncon > contacts:
+            if data.ncon + data.nl > contacts:
                 events += self._collide_at_end(data)
         elif integrator == _EULER:
             mj_Euler(model, data)
@@ -157,12 +159,12 @@ class SoftStepping:
             return _NOTHING
         if closing_speed(self._model, data) <= self._rest_speed or not np.isfinite(data.qvel).all():
             return _NOTHING
-        contacts = active_contacts(self._model, data, self._names)
+        contacts, jacobian = self._active(data)
         h = len(contacts)
         events: list[ImpactEvent] = []
         velocity = self._collider.collide(
             kinetic_metric(self._model, data),
-            gap_gradients(self._model, data, contacts),
+            jacobian,
             contacts,
             data.qvel.copy(),
             approach=np.full(h, self._rest_speed),
@@ -190,7 +192,7 @@ class SoftStepping:
         mj_Euler(model, trial)
         mujoco.mj_fwdPosition(model, trial)
         mujoco.mj_fwdVelocity(model, trial)
-        events, stage = self._collide(trial) if trial.ncon else _NOTHING
+        events, stage = self._collide(trial) if trial.ncon or trial.nl else _NOTHING
         if stage == _VELOCITY:
             return ()
         mj_getState(model, trial, self._before, _STATE)
@@ -200,9 +202,17 @@ class SoftStepping:
 
     def _closes(self, data: mujoco.MjData, velocity: np.ndarray) -> bool:
         """Whether a contact of now would close fast at another velocity, (nv,)."""
+        _, jacobian = self._active(data)
+        return bool((jacobian @ velocity < -self._rest_speed).any())
+
+    def _active(self, data: mujoco.MjData) -> tuple[Contacts, np.ndarray]:
+        """Return the contacts and limits that MuJoCo's solver acts on now, and their gradients, (h, nv)."""
         contacts = active_contacts(self._model, data, self._names)
-        speeds = gap_gradients(self._model, data, contacts) @ velocity
-        return bool((speeds < -self._rest_speed).any())
+        jacobian = gap_gradients(self._model, data, contacts)
+        if data.nl == 0:
+            return contacts, jacobian
+        limits = self._limits.read(data)
+        return joined(contacts, self._limits.contacts(data, limits)), np.vstack([jacobian, limits.jacobian])
 
 
 def _update(model: mujoco.MjModel, data: mujoco.MjData) -> None:

@@ -12,7 +12,7 @@ from math import sqrt
 import mujoco
 import numpy as np
 
-from impactlaw.contacts import Contacts, contact_rows, gap_gradients
+from impactlaw.contacts import Contacts
 from impactlaw.detection import Detector, Pattern
 from impactlaw.flow import Frames
 
@@ -47,15 +47,8 @@ class Touch:
 
 
 def look(model: mujoco.MjModel, data: mujoco.MjData, detector: Detector, within: float) -> Touch:
-    """Return the contacts nearer than ``within``, m, and perhaps more, at the current frames."""
-    pattern, contacts = detector.find(data, within)
-    if not pattern:
-        return Touch(pattern, contacts, np.zeros((0, model.nv)), Frames.of(data))
-    J = None if pattern.several else contact_rows(model, data)
-    if J is None:
-        J = gap_gradients(model, data, contacts)
-    elif pattern.order is not None:
-        J = J[pattern.order]
+    """Return the contacts and limits nearer than ``within``, m or rad, and perhaps more, at the current frames."""
+    pattern, contacts, J = detector.look(data, within)
     return Touch(pattern, contacts, J, Frames.of(data))
 
 

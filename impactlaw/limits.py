@@ -1,0 +1,93 @@
+"""Limits of joints and tendons as unilateral contacts: the gap is the distance from the limit, in m or rad."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from impactlaw.contacts import Contacts
+
+_JOINT = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT)
+_TENDON = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON)
+_BALL = int(mujoco.mjtJoint.mjJNT_BALL)
+NO_GEOM = -1
+"""Stands for both geoms of a contact that is a limit."""
+
+
+class LimitRows(NamedTuple):
+    """Limits near or reached, in the order of MuJoCo's constraint rows.
+
+    Attributes:
+        code: which limit, int (l,): the same number for the same limit at any time, ascending.
+        gap: distance from the limit, m or rad, (l,).
+        jacobian: gap gradients, (l, nv).
+    """
+
+    code: np.ndarray
+    gap: np.ndarray
+    jacobian: np.ndarray
+
+
+class Limits:
+    """The limits of one scene.
+
+    Attributes:
+        labels: name of the joint or tendon by code; a joint or tendon has two codes, lower and upper limit.
+    """
+
+    def __init__(self, model: mujoco.MjModel):
+        self._model = model
+        joints = [model.joint(i).name or f"joint{i}" for i in range(model.njnt)]
+        tendons = [model.tendon(i).name or f"tendon{i}" for i in range(model.ntendon)]
+        self.labels = tuple(name for name in joints + tendons for _ in range(2))
+        self._limited = np.concatenate([model.jnt_limited, model.tendon_limited]).astype(bool)
+
+    def __bool__(self) -> bool:
+        return bool(self._limited.any())
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Labels of all limits that the scene has."""
+        return tuple(label for label, on in zip(self.labels[::2], self._limited, strict=True) if on)
+
+    def read(self, data: mujoco.MjData) -> LimitRows:
+        """Return the limits among MuJoCo's constraint rows of now (``mj_makeConstraint``)."""
+        rows = np.flatnonzero((data.efc_type == _JOINT) | (data.efc_type == _TENDON))
+        code, J = np.empty(len(rows), dtype=int), np.empty((len(rows), self._model.nv))
+        unit = np.zeros(data.nefc)
+        for i, row in enumerate(rows.tolist()):
+            unit[row] = 1.0
+            mujoco.mj_mulJacTVec(self._model, data, J[i], unit)
+            unit[row] = 0.0
+            code[i] = self._code(data, row)
+        return LimitRows(code, data.efc_pos[rows], J)
+
+    def _code(self, data: mujoco.MjData, row: int) -> int:
+        model, i, gap = self._model, int(data.efc_id[row]), data.efc_pos[row]
+        if data.efc_type[row] == _TENDON:
+            value, span, number = data.ten_length[i], model.tendon_range[i], model.njnt + i
+        elif model.jnt_type[i] == _BALL:
+            return 2 * i + 1
+        else:
+            value, span, number = data.qpos[model.jnt_qposadr[i]], model.jnt_range[i], i
+        return 2 * number + int(abs(gap - (value - span[0])) > abs(gap - (span[1] - value)))
+
+    def contacts(self, data: mujoco.MjData, rows: LimitRows) -> Contacts:
+        """Return the limits as contacts: at the joint's anchor, along its axis; at the origin for tendons."""
+        n = len(rows.code)
+        position, normal = np.zeros((n, 3)), np.zeros((n, 3))
+        number, upper = np.divmod(rows.code, 2)
+        joint = number < self._model.njnt
+        position[joint] = data.xanchor[number[joint]]
+        normal[joint] = data.xaxis[number[joint]] * (1.0 - 2.0 * upper[joint, None])
+        labels = tuple(self.labels[code] for code in rows.code)
+        return Contacts(labels, np.full((n, 2), NO_GEOM), rows.gap, position, normal)
+
+
+def joined(contacts: Contacts, limits: Contacts) -> Contacts:
+    """Return contacts between geoms, then limits."""
+    fields = ("geoms", "gap", "position", "normal")
+    parts = [np.concatenate([getattr(contacts, name), getattr(limits, name)]) for name in fields]
+    return Contacts(contacts.labels + limits.labels, *parts)
