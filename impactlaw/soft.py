@@ -157,7 +157,9 @@ class SoftStepping:
         rows = data.efc_vel
         if not len(rows) or not rows.item(rows.argmin()) < -self._rest_speed:  # of all rows: a bound, and cheap
             return _NOTHING
-        if closing_speed(self._model, data) <= self._rest_speed or not np.isfinite(data.qvel).all():
+        if closing_speed(self._model, data) <= self._rest_speed:
+            return _NOTHING
+        if not (np.isfinite(data.qvel).all() and np.isfinite(data.qpos).all()):
             return _NOTHING
         contacts, jacobian = self._active(data)
         h = len(contacts)

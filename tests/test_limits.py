@@ -103,7 +103,8 @@ def test_a_string_becomes_taut():
 def test_a_fixed_tendon_couples_two_carts():
     """q1 + q2 <= 1: masses 1 and 3, both at 1 m/s; the limit's impulse is the same on both."""
     world = "".join(
-        f'<body pos="0 {y} 0"><joint name="{name}" type="slide" axis="1 0 0"/><geom size=".1" mass="{mass}" condim="1"/></body>'
+        f'<body pos="0 {y} 0"><joint name="{name}" type="slide" axis="1 0 0"/>'
+        f'<geom size=".1" mass="{mass}" condim="1"/></body>'
         for name, y, mass in (("one", 0, 1), ("two", 1, 3))
     )
     couple = '<joint joint="one" coef="1"/><joint joint="two" coef="1"/>'
