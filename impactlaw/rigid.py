@@ -9,8 +9,9 @@ One step of duration h, from a state in which no gap is below minus the toleranc
 3. Contacts that stay closed are held closed (`sustained`).
 4. If another gap fell below minus the tolerance, the flow is repeated up to the time at which it closes, found by a
    bracketed secant on the smallest gap; then again from 1.
-5. More than max_events collisions, or flows ended by a closing gap, in one step: E = 0 on every closed contact, and
-   flows for the rest of the step at whose end every closed contact is held (time stepping, Moreau and Jean).
+5. More than max_events collisions, or flows ended by a closing gap, in one step, or several flows of no length that end
+   without a collision (contact points that jump): E = 0 on every closed contact, and flows for the rest of the step at
+   whose end every closed contact is held (time stepping, Moreau and Jean).
 """
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ from impactlaw.touch import Touch, look
 
 _LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located
 _SMOOTH = 0.35, 0.15  # part of its depth that a smooth gap has reached after half of the flow: a quarter, nearly
+_JUMPS = 5  # flows of no length, each ended by another contact that closes without a collision: points that jump
+_INSTANT = 1e-4  # part of the timestep that such a flow lasts
 _NEAR = 1e3  # gap tolerances within which contacts are looked for
 
 
@@ -103,9 +106,10 @@ class RigidStepping:
             return ()
         events: list[ImpactEvent] = []
         start = self._begin(data, events)
-        closings = 0
+        closings = jumps = 0
         while remaining > 1e-12 * timestep:
-            hold_all = max(len(events), closings) > self._collider.most
+            hold_all = jumps > _JUMPS or max(len(events), closings) > self._collider.most
+            before = len(events)
             changed = events or remaining < timestep
             state = save_state(self._model, data, self._state) if changed else self._before
             flight, closed = self._fly(data, state, start, remaining, hold_all=hold_all)
@@ -115,8 +119,10 @@ class RigidStepping:
             start = flight.arrival.now
             if start.collides:
                 start = self._collide(data, start, events)
+            if closed and len(events) == before and flight.flow.duration < _INSTANT * timestep:
+                jumps += 1
         data.time = end
-        self.unlocated += max(len(events), closings) > self._collider.most
+        self.unlocated += jumps > _JUMPS or max(len(events), closings) > self._collider.most
         self._left = data.qpos.tobytes(), data.qvel.tobytes(), timestep
         self._next = start if start.touch.pattern else None
         return tuple(events)
