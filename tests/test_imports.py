@@ -12,6 +12,7 @@ LATER = [
     "osqp",
     "matplotlib",
     "pandas",
+    "scipy.linalg",
     "scipy.optimize",
     "scipy.spatial",
 ]

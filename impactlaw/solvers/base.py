@@ -84,6 +84,13 @@ def row_lengths(gradients: Any) -> np.ndarray:
     return np.sqrt(np.bincount(rows, weights=np.square(gradients.data), minlength=gradients.shape[0]))
 
 
+def natural_residual(problem: Problem, impulse: np.ndarray) -> float:
+    """Return the length of the natural map ``min(Lambda_i |Y_i|, slack_i)``, relative to the scale of the problem."""
+    natural = np.minimum(impulse * problem.lengths, problem.slack(problem.gradients.T.dot(impulse)))
+    length = sqrt(natural.dot(natural))
+    return length / problem.scale if problem.scale > 0 else length
+
+
 def row_scaled(gradients: Any, lengths: np.ndarray) -> Any:
     """Return the rows divided by the lengths, in the form of the gradients."""
     if isinstance(gradients, np.ndarray):

@@ -7,7 +7,7 @@ import numpy as np
 from impactlaw import deferred
 from impactlaw.errors import SolverError, UnknownNameError, UnsolvableLawError
 from impactlaw.solvers.answer import POLISHED, Answer, judge, polish
-from impactlaw.solvers.base import Problem, Solver, Status, sparse
+from impactlaw.solvers.base import Problem, Solution, Solver, Status, sparse
 from impactlaw.solvers.closed_form import closed_form
 from impactlaw.solvers.dual_active_set import dual_active_set
 from impactlaw.solvers.farkas import farkas_ray
@@ -15,7 +15,9 @@ from impactlaw.solvers.guess import guess
 from impactlaw.solvers.least_distance import least_distance
 from impactlaw.solvers.least_norm import share_impulse
 from impactlaw.solvers.nnls import nnls
+from impactlaw.solvers.osqp import osqp
 from impactlaw.solvers.primal_dual import primal_dual_active_set
+from impactlaw.solvers.projected_gauss_seidel import projected_gauss_seidel
 from impactlaw.solvers.structure import as_dense, has_structure
 
 SOLVERS: dict[str, Solver] = {
@@ -24,10 +26,13 @@ SOLVERS: dict[str, Solver] = {
     "dual-active-set": dual_active_set,
     "primal-dual-active-set": primal_dual_active_set,
     "least-distance": least_distance,
+    "osqp": osqp,
+    "projected-gauss-seidel": projected_gauss_seidel,
 }
 """The registry: a new solver is one file and one line here."""
 
-_TAKE_SPARSE = {"primal-dual-active-set"}
+_ITERATIVE = {"osqp", "projected-gauss-seidel"}
+_TAKE_SPARSE = {"primal-dual-active-set", *_ITERATIVE}
 
 CERTIFIED = 1e-9
 """Residual, relative to the velocities before and after, above which an answer is not one."""
@@ -74,14 +79,19 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
             answer = judge(problem, impulse)
             if answer.residual <= POLISHED * problem.scale:
                 return _share(problem, answer) if share else answer
-    answer = _attempt(problem, solver, labels)
+    ended: list[Solution] = []
+    answer = _attempt(problem, solver, labels, ended)
     if not _certified(problem, answer):
-        answer = _better(answer, _attempt_in_row_space(problem, solver))
+        if solver not in _ITERATIVE:
+            answer = _better(answer, _attempt_in_row_space(problem, solver))
         if solver == "auto":  # what nobody can solve may be rounding
             answer = _better(answer, judge(problem, np.zeros_like(c)))
         if answer is None or not _certified(problem, answer):
             _refuse(problem, labels)
             reached = "no answer" if answer is None else f"relative residual {answer.residual / problem.scale:.1e}"
+            if solver in _ITERATIVE:
+                last = ended[-1]
+                reached += f" (status {last.status}, {last.iterations} iterations, residual {last.residual:.1e})"
             raise SolverError(
                 f"solver {solver!r} reached {reached} on {len(labels)} contacts; "
                 "try another solver, or check the scene for contacts of very different scale, or opposite to each other"
@@ -95,17 +105,24 @@ def nonnegative_combination(gradients: np.ndarray, point: np.ndarray) -> np.ndar
     return solve(Problem(gradients, gradients.dot(point), point), ("",) * gradients.shape[0])
 
 
-def _attempt(problem: Problem, solver: str, labels: tuple[str, ...] | None) -> Answer | None:
-    """Ask one solver after the other until an answer is good; return the best. Labels given, refuse the unsolvable."""
+def _attempt(
+    problem: Problem, solver: str, labels: tuple[str, ...] | None, ended: list[Solution] | None = None
+) -> Answer | None:
+    """Ask one solver after the other until an answer is good; return the best. Labels given, refuse the unsolvable.
+
+    What each solver handed back is put into ``ended``.
+    """
     best = None
     for name in _candidates(problem, solver):
         form = problem if name in _TAKE_SPARSE else as_dense(problem)
         if form is None:
             continue
         solution = SOLVERS[name](form)
+        if ended is not None:
+            ended.append(solution)
         if solution.status is Status.INFEASIBLE and labels is not None:
             _refuse(problem, labels)
-        if solution.status is not Status.SOLVED:
+        if solution.status is not Status.SOLVED and name not in _ITERATIVE:
             continue
         small = as_dense(problem, _POLISHABLE)
         best = _better(best, judge(problem, solution.impulse) if small is None else polish(small, solution.impulse))
