@@ -66,12 +66,13 @@ def share_impulse(gradients: Any, impulse: np.ndarray, tight: np.ndarray) -> np.
         return least_norm(gradients, impulse, tight)
     face = np.flatnonzero(tight)
     Y = gradients[face]
-    count, group = deferred.connected_components(Y @ Y.T, directed=False)
+    h, nv = Y.shape
+    ends = np.concatenate([Y.indptr, np.full(nv, Y.indptr[-1])])
+    touched = deferred.csr_array((np.ones(len(Y.indices)), Y.indices + h, ends), shape=(h + nv, h + nv))
+    count, group = deferred.connected_components(touched, directed=False)
+    group, freedom = group[:h], np.bincount(group[h:], minlength=count)
     sizes = np.bincount(group, minlength=count)
     idle = np.bincount(group, weights=impulse[face] <= 0, minlength=count) > 0
-    owner = np.zeros(Y.shape[1], dtype=int)
-    owner[Y.indices] = group[np.repeat(np.arange(len(face)), np.diff(Y.indptr))]
-    freedom = np.bincount(owner[np.unique(Y.indices)], minlength=count)
     result = impulse
     for which in np.flatnonzero((idle | (sizes > freedom)) & (sizes <= _LARGEST_GROUP)):
         rows = face[group == which]
