@@ -7,6 +7,8 @@ less.
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -29,6 +31,7 @@ from benchmark_growth import growth
 from tqdm import tqdm
 
 Part = Literal["laws", "chains", "impacts", "steps", "omissions", "memory", "import", "profile"]
+_THREADS = "OPENBLAS_NUM_THREADS"
 _QUICK_ENVIRONMENTS = ("Hopper-v5",)
 
 
@@ -94,7 +97,7 @@ def show(tables: dict[str, pd.DataFrame]) -> str:
         if name != "goals":
             shown.append(f"{name}\n{table.to_string(index=False, float_format=lambda x: f'{x:.3g}', na_rep='-')}")
     shown.append("\n".join(map(str, goals(tables))))
-    return "\n\n".join([*shown, machine.one_line()])
+    return "\n\n".join([*shown, described()])
 
 
 def write(tables: dict[str, pd.DataFrame], folder: Path) -> None:
@@ -102,7 +105,12 @@ def write(tables: dict[str, pd.DataFrame], folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name, table in tables.items():
         table.to_csv(folder / f"{name}.csv", index=False)
-    (folder / "machine.txt").write_text(machine.one_line() + "\n")
+    (folder / "machine.txt").write_text(described() + "\n")
+
+
+def described() -> str:
+    """Return the machine, the versions and the number of BLAS threads in one line."""
+    return f"{machine.one_line()}; BLAS threads: {os.environ.get(_THREADS, 'as the library chooses')}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +125,9 @@ class Options:
 
 
 def main() -> None:
-    """Measure, print and write."""
+    """Measure, print and write, with one BLAS thread: on a busy machine two cost up to a hundred times as much."""
+    if _THREADS not in os.environ:  # numpy reads it when it is imported
+        os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, _THREADS: "1"})
     options = tyro.cli(Options, description=__doc__)
     study = options.study.quickly() if options.quick else options.study
     with tqdm(total=sum(count for count, _ in parts(study).values()), disable=None) as bar:

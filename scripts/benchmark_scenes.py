@@ -127,11 +127,11 @@ def _coplanar() -> Scene:
 
 def _environment(name: str, episodes: int = 5) -> Scene:
     env = gymnasium.make(name).unwrapped
+    model, data = env.model, env.data  # pyright: ignore[reportAttributeAccessIssue]
     starts = []
     for seed in range(episodes):
         env.reset(seed=seed)
-        starts.append((env.data.qpos.copy(), env.data.qvel.copy()))  # pyright: ignore[reportAttributeAccessIssue]
-    model = env.model  # pyright: ignore[reportAttributeAccessIssue]
+        starts.append((_within_limits(model, data.qpos), data.qvel.copy()))
     low, high = model.actuator_ctrlrange.T
     held = np.random.default_rng(0).uniform(low, high, (_STEPS // _HELD, model.nu))
     return Scene(
@@ -143,3 +143,12 @@ def _environment(name: str, episodes: int = 5) -> Scene:
         friction="ignore",
         controls=np.repeat(held, _HELD, axis=0),
     )
+
+
+def _within_limits(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
+    """Return positions with limited hinges and slides within their ranges: the noise of a reset exceeds them."""
+    inside = qpos.copy()
+    joints = np.flatnonzero((model.jnt_limited > 0) & (model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)))
+    where = model.jnt_qposadr[joints]
+    inside[where] = np.clip(qpos[where], *model.jnt_range[joints].T)
+    return inside

@@ -20,9 +20,7 @@ import pandas as pd
 from benchmark_scenes import Scene, builders
 from benchmark_timing import MICRO, no_collection
 
-from impactlaw import ImpactLawError, Stepper
-from impactlaw.contacts import GAP_TOLERANCE
-from impactlaw.detection import Detector
+from impactlaw import ImpactLawError, Stepper, read_contacts
 
 ALL = "all"
 PHASES = ("flight", "contact", "collision")
@@ -102,13 +100,13 @@ def run(study: StepCost, progress: Callable[[], object] = lambda: None) -> pd.Da
 
 def _own_motions(study: StepCost, scene: Scene) -> tuple[Costs, Costs]:
     """Step rigidly and by `mj_step`, each from the start on its own."""
-    model, near = scene.model, Detector(scene.model).near
+    model = scene.model
     stepper = Stepper(model, scene.law, friction=scene.friction)
     rigid, bare = mujoco.MjData(model), mujoco.MjData(model)
     costs, bare_costs = Costs(), Costs()
 
     def book(seconds: float) -> None:
-        gap = near(rigid, GAP_TOLERANCE).gap
+        gap = read_contacts(model, rigid).gap
         costs.book("collision" if stepper.events else "contact" if len(gap) else "flight", seconds)
         costs.check(stepper)
         costs.penetration = max(costs.penetration, -float(gap.min(initial=0.0)))
