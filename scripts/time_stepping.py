@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 
 from impactlaw import Collision, Law
-from impactlaw.contacts import GAP_TOLERANCE, Contacts, gap_gradients, kinetic_metric, update_positions
+from impactlaw.contacts import GAP_TOLERANCE, Contacts, kinetic_metric, update_positions
 from impactlaw.detection import Detector
 from impactlaw.solvers import Problem, solve_with_jump
 
@@ -47,8 +47,8 @@ class TimeStepping:
         mujoco.mj_integratePos(model, data.qpos, v, 0.5 * h)
         free = v + h * self._acceleration(data)
         update_positions(model, data)
-        contacts = self._detector.near(data, GAP_TOLERANCE)
-        data.qvel[:] = self._constrain(data, contacts, v, free) if len(contacts) else free
+        contacts, gradients = self._detector.near(data, GAP_TOLERANCE)
+        data.qvel[:] = self._constrain(data, contacts, gradients, v, free) if len(contacts) else free
         mujoco.mj_integratePos(model, data.qpos, data.qvel, 0.5 * h)
         data.time += h
 
@@ -62,8 +62,10 @@ class TimeStepping:
             opt.disableflags = kept
         return data.qacc.copy()
 
-    def _constrain(self, data: mujoco.MjData, contacts: Contacts, v: np.ndarray, free: np.ndarray) -> np.ndarray:
-        metric, J = kinetic_metric(self._model, data), gap_gradients(self._model, data, contacts)
+    def _constrain(
+        self, data: mujoco.MjData, contacts: Contacts, J: np.ndarray, v: np.ndarray, free: np.ndarray
+    ) -> np.ndarray:
+        metric = kinetic_metric(self._model, data)
         Y = metric.whiten_gradients(J)
         wanted = np.zeros(len(contacts))
         closing = np.flatnonzero(J @ v <= _ROUNDING * metric.norm(v) * np.linalg.norm(Y, axis=1))
