@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from itertools import cycle
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -26,7 +27,6 @@ ALL = "all"
 PHASES = ("flight", "contact", "collision")
 FINE = "fine"
 _BLOCK = 10
-_Turn = tuple[mujoco.MjData, Callable[[mujoco.MjData], object], Callable[[float], None]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,6 +75,15 @@ class Costs:
         return np.concatenate([self._by_phase[name] for name in (PHASES if phase == ALL else (phase,))])
 
 
+class Turn(NamedTuple):
+    """One of the ways to step that take turns: its state, its step, what is noted after a step and booked later."""
+
+    data: mujoco.MjData
+    step: Callable[[mujoco.MjData], object]
+    note: Callable[[], Any]
+    book: Callable[[float, Any], None]
+
+
 def names(study: StepCost) -> list[str]:
     """Return the scenes to come."""
     return list(builders(study.cradles, study.environments, full=study.full))
@@ -102,24 +111,31 @@ def _own_motions(study: StepCost, scene: Scene) -> tuple[Costs, Costs]:
     """Step rigidly and by `mj_step`, each from the start on its own."""
     model = scene.model
     stepper = Stepper(model, scene.law, friction=scene.friction)
-    rigid, bare = mujoco.MjData(model), mujoco.MjData(model)
+    rigid, bare, seen = mujoco.MjData(model), mujoco.MjData(model), mujoco.MjData(model)
     costs, bare_costs = Costs(), Costs()
 
-    def book(seconds: float) -> None:
-        gap = read_contacts(model, rigid).gap
-        costs.book("collision" if stepper.events else "contact" if len(gap) else "flight", seconds)
+    def note() -> tuple[np.ndarray, bool]:
         costs.check(stepper)
+        return rigid.qpos.copy(), bool(stepper.events)
+
+    def book(seconds: float, noted: tuple[np.ndarray, bool]) -> None:
+        seen.qpos[:], collided = noted
+        gap = read_contacts(model, seen).gap
+        costs.book("collision" if collided else "contact" if len(gap) else "flight", seconds)
         costs.penetration = max(costs.penetration, -float(gap.min(initial=0.0)))
 
-    def book_bare(seconds: float) -> None:
-        bare_costs.book("contact" if bare.ncon else "flight", seconds)
+    def book_bare(seconds: float, contacts: int) -> None:
+        bare_costs.book("contact" if contacts else "flight", seconds)
 
-    turns: list[_Turn] = [(rigid, stepper.step, book), (bare, partial(mujoco.mj_step, model), book_bare)]
+    turns: list[Turn] = [
+        Turn(rigid, stepper.step, note, book),
+        Turn(bare, partial(mujoco.mj_step, model), lambda: bare.ncon, book_bare),
+    ]
     end = time.perf_counter() + study.seconds
     try:
         for start in cycle(scene.starts):
-            for data, step, _ in turns:
-                scene.begin(data, start, step)
+            for turn in turns:
+                scene.begin(turn.data, start, turn.step)
             for first in range(0, scene.episode, _BLOCK):
                 turns.reverse()
                 for turn in turns:
@@ -131,12 +147,15 @@ def _own_motions(study: StepCost, scene: Scene) -> tuple[Costs, Costs]:
     return costs, bare_costs
 
 
-def _take(scene: Scene, turn: _Turn, numbers: range) -> None:
-    """Take steps and book each."""
-    data, step, book = turn
+def _take(scene: Scene, turn: Turn, numbers: range) -> None:
+    """Take steps; book them afterwards, so that looking at contacts leaves the processor's caches to the steps."""
+    taken = []
     for number in numbers:
-        scene.drive(data, number)
-        book(_timed(step, data))
+        scene.drive(turn.data, number)
+        seconds = _timed(turn.step, turn.data)
+        taken.append((seconds, turn.note()))
+    for seconds, noted in taken:
+        turn.book(seconds, noted)
 
 
 def _same_states(study: StepCost, scene: Scene) -> tuple[Costs, Costs]:
