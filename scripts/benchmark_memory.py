@@ -24,7 +24,7 @@ class Memory:
 
     contacts: tuple[int, ...] = (1, 16, 64, 256)
     """Contacts of a law's dense random problems."""
-    cradles: tuple[int, ...] = (5, 100)
+    cradles: tuple[int, ...] = (5, 100, 1000)
     """Balls of the cradles that are stepped."""
     steps: int = 20
     """Rigid steps of each."""
