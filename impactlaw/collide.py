@@ -82,8 +82,8 @@ class Collider:
             law = MaximalDissipation() if final else self.law
             impact = self._admissible(law.resolve(collision, solver=self.solver), time)
             events.append(ImpactEvent(time, part, impact, qpos.copy()))
-            velocity = impact.post_velocity
-            if final or not impact.impulse.any():  # a law that changes nothing changes nothing the next time either
+            before, velocity = velocity, impact.post_velocity
+            if final or np.array_equal(before, velocity):  # a law that changes nothing changes nothing the next time
                 return velocity
 
     def _admissible(self, impact: Impact, time: float) -> Impact:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from impactlaw.collision import Collision
 from impactlaw.errors import InvalidCollisionError
-from impactlaw.solvers import beyond_rounding, nonnegative_combination
+from impactlaw.solvers import Answer, Problem, beyond_rounding, nonnegative_combination, share
 
 SIGNIFICANT = 1e-9
 """Part of |v-| below which a velocity or a scaled impulse is rounding when signs are asked for."""
@@ -67,6 +67,31 @@ class Impact:
         values["post_velocity"] = post_velocity
         values["impulse"] = impulse
         values["target_contact_velocity"] = target_contact_velocity
+
+    @classmethod
+    def solved(cls, collision: Collision, problem: Problem, answer: Answer, target: np.ndarray) -> Impact:
+        """Return a law's impact; redundant contacts share the impulse when it is first asked for."""
+        impact = cls.__new__(cls)
+        values = impact.__dict__
+        values["collision"] = collision
+        values["post_velocity"] = collision.pre_velocity + collision.metric.unwhiten(answer.jump)
+        values["target_contact_velocity"] = target
+        values["_solution"] = problem, answer
+        return impact
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        """Compute the impulse of a solved impact."""
+        solution = self.__dict__.get("_solution") if name == "impulse" else None
+        if solution is None:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        self.__dict__["impulse"] = impulse = share(*solution).impulse
+        return impulse
+
+    @property
+    def _any_impulse(self) -> np.ndarray:
+        """An impulse that makes the jump, of least norm or not, (h,)."""
+        solution = self.__dict__.get("_solution")
+        return self.impulse if solution is None else solution[1].impulse
 
     @classmethod
     def observed(cls, collision: Collision, post_velocity: ArrayLike) -> Impact:
@@ -150,7 +175,7 @@ class Impact:
         kinematic = 0.0
         if (self.post_contact_velocity < 0).any():
             kinematic = float(np.linalg.norm(nonnegative_combination(Y, -z) @ Y))
-        impulse = self.impulse
+        impulse = self._any_impulse
         if (impulse < 0).any():
             impulse = nonnegative_combination(Y, self.whitened_jump)
         kinetic = self._imbalance(impulse)

@@ -156,10 +156,10 @@ def match(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, flow: Flow) 
 
 
 def _translates(data: mujoco.MjData, touch: Touch, flow: Flow, moved: np.ndarray, same: float) -> bool:
-    """Return whether the first contact point has moved as one of its geoms has, or not at all."""
+    """Return whether the first contact point, midway between two surfaces, has moved as they have on the average."""
     geoms = touch.contacts.geoms[0]
-    off = moved - (data.geom_xpos[geoms] - flow.start.touch.frames.position[geoms])
-    return bool(min(np.abs(off).max(axis=1).tolist()) <= same)
+    first, second = data.geom_xpos[geoms] - flow.start.touch.frames.position[geoms]
+    return bool(np.abs(moved - 0.5 * (first + second)).max() <= same)
 
 
 def _match_points(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, flow: Flow) -> np.ndarray:

@@ -214,4 +214,4 @@ def _pushing(problem: Problem, guess: np.ndarray | None) -> np.ndarray:
         impulse = with_active(problem, guess)
         if impulse is not None:
             return impulse
-    return solve_with_jump(problem, ("",) * len(problem.bound), share=False).impulse
+    return solve_with_jump(problem, ("",) * len(problem.bound), shared=False).impulse

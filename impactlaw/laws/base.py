@@ -65,9 +65,8 @@ class Law(ABC):
                 preimage = collision.metric.whiten(velocity - collision.pre_velocity)
         Y, norms = collision.whitened_jacobian, collision.gradient_norms
         problem = Problem(Y, bound, preimage, collision.pre_speed, norms=norms)
-        answer = solve_with_jump(problem, collision.labels, solver=solver)
-        post = collision.pre_velocity + collision.metric.unwhiten(answer.jump)
-        return Impact(collision, post, answer.impulse, wanted)
+        answer = solve_with_jump(problem, collision.labels, solver=solver, shared=False)
+        return Impact.solved(collision, problem, answer, wanted)
 
 
 class RestitutionLaw(Law):

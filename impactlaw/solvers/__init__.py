@@ -4,7 +4,7 @@ from impactlaw.solvers.answer import Answer, beyond_rounding
 from impactlaw.solvers.base import Problem, Solution, Solver, Status
 from impactlaw.solvers.expected import with_active
 from impactlaw.solvers.farkas import farkas_ray
-from impactlaw.solvers.solve import SOLVERS, nonnegative_combination, solve, solve_with_jump
+from impactlaw.solvers.solve import SOLVERS, nonnegative_combination, share, solve, solve_with_jump
 
 __all__ = [
     "SOLVERS",
@@ -16,6 +16,7 @@ __all__ = [
     "beyond_rounding",
     "farkas_ray",
     "nonnegative_combination",
+    "share",
     "solve",
     "solve_with_jump",
     "with_active",

@@ -48,7 +48,7 @@ def solve(problem: Problem, labels: tuple[str, ...], *, solver: str = "auto") ->
     return solve_with_jump(problem, labels, solver=solver).impulse
 
 
-def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = "auto", share: bool = True) -> Answer:
+def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = "auto", shared: bool = True) -> Answer:
     """Return the impulse of least norm that solves the problem, and its velocity jump.
 
     Args:
@@ -56,7 +56,7 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
         labels: names of the contacts, for messages.
         solver: a name from `SOLVERS`, or "auto": closed form for one contact, NNLS where the law knows a velocity with
             the wanted contact velocities, a dual active set otherwise, the others where an answer is not certified.
-        share: whether redundant contacts share the impulse; if not, it is any that solves the problem. The jump is
+        shared: whether redundant contacts share the impulse; if not, it is any that solves the problem. The jump is
             the same.
 
     Raises:
@@ -70,7 +70,7 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
     if max(c.tolist(), default=0.0) <= 0.0:
         return Answer(np.zeros_like(c), np.zeros(problem.gradients.shape[1]), -c / problem.lengths, 0.0)
     if problem.lengths is not problem.norms:
-        return _solve_moving(problem, labels, solver, share)
+        return _solve_moving(problem, labels, solver)
     if solver == "auto":
         if has_structure(problem):
             problem = problem.with_gradients(sparse(problem.gradients))
@@ -78,7 +78,7 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
         if impulse is not None:
             answer = judge(problem, impulse)
             if answer.residual <= POLISHED * problem.scale:
-                return _share(problem, answer) if share else answer
+                return share(problem, answer) if shared else answer
     ended: list[Solution] = []
     answer = _attempt(problem, solver, labels, ended)
     if not _certified(problem, answer):
@@ -97,7 +97,7 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
                 "try another solver, or check the scene for contacts of very different scale, or opposite to each other"
             )
     assert answer is not None
-    return _share(problem, answer) if share else answer
+    return share(problem, answer) if shared else answer
 
 
 def nonnegative_combination(gradients: np.ndarray, point: np.ndarray) -> np.ndarray:
@@ -174,14 +174,14 @@ def _candidates(problem: Problem, solver: str) -> tuple[str, ...]:
     return ("dual-active-set", "least-distance", "nnls")
 
 
-def _solve_moving(problem: Problem, labels: tuple[str, ...], solver: str, share: bool) -> Answer:
+def _solve_moving(problem: Problem, labels: tuple[str, ...], solver: str) -> Answer:
     """Leave out contacts whose gradient is zero; wanting their velocity to change is a conflict of its own."""
     moving = problem.norms > 0
     wanted = ~moving & (problem.bound > 0)
     if wanted.any():
         raise UnsolvableLawError([labels[i] for i in np.flatnonzero(wanted)], wanted.astype(float))
     part = Problem(problem.gradients[moving], problem.bound[moving], problem.preimage, problem.speed)
-    answer = solve_with_jump(part, tuple(np.array(labels)[moving]), solver=solver, share=share)
+    answer = solve_with_jump(part, tuple(np.array(labels)[moving]), solver=solver)
     impulse, slack = np.zeros_like(problem.bound), -problem.bound
     impulse[moving], slack[moving] = answer.impulse, answer.slack
     return Answer(impulse, answer.jump, slack, answer.residual)
@@ -197,20 +197,24 @@ def _refuse(problem: Problem, labels: tuple[str, ...]) -> None:
         raise UnsolvableLawError([labels[i] for i in np.flatnonzero(ray)], ray)
 
 
-def _share(problem: Problem, answer: Answer) -> Answer:
+def share(problem: Problem, answer: Answer) -> Answer:
     """Share the impulse among redundant contacts (least norm), unless that costs digits of the certificate.
 
     The contacts that carry an impulse are independent, active-set solvers see to it, so that nothing is to share
     unless one more contact is tight.
     """
     impulse = answer.impulse
+    if problem.lengths is not problem.norms or not len(impulse):  # `_solve_moving` has shared it
+        return answer
+    if not problem.is_sparse and has_structure(problem):
+        problem = problem.with_gradients(sparse(problem.gradients))
     if not problem.is_sparse and min((impulse + answer.slack).tolist()) > _TIGHT * problem.scale:  # one or the other
         return answer
     tight = answer.slack <= _TIGHT * problem.scale
     if not problem.is_sparse and np.count_nonzero(tight) <= np.count_nonzero(impulse):
         return answer
-    shared = share_impulse(problem.gradients, impulse, tight | (impulse > 0))
-    if shared is impulse:
+    least = share_impulse(problem.gradients, impulse, tight | (impulse > 0))
+    if least is impulse:
         return answer
-    answer_shared = judge(problem, shared, answer.jump)
+    answer_shared = judge(problem, least, answer.jump)
     return answer_shared if answer_shared.residual <= max(10 * answer.residual, _GOOD * problem.scale) else answer
