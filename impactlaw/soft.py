@@ -78,12 +78,20 @@ class SoftStepping:
         if not (self._plan.detection or self._plan.limits):
             mj_step(model, data)
             events = ()
-        elif integrator != _RK4 or data.ncon or data.nl or time != self._left_at or get_mjcb_control() is not None:
+        elif (
+            integrator != _RK4
+            or data.ncon
+            or (data.nl and self._limits.may_close(data.qpos, data.qvel, self._rest_speed))
+            or time != self._left_at
+            or get_mjcb_control() is not None
+        ):
             events = self._step_from_start(data, integrator)
         else:  # the last stage of the step before, or mj_forward, has met no contact, so there is none at the start
             mj_getState(model, data, self._before, _STATE)
+            before = data.qvel.copy()
             mj_step(model, data)
-            events = self._collide_at_end(data) if data.ncon or data.nl else ()
+            met = data.ncon or (data.nl and self._limits.may_close(data.qpos, before, self._rest_speed))
+            events = self._collide_at_end(data) if met else ()
         if data.time <= time or count is not None:
             _refuse_reset(data, time, count)
         self._left_at = data.time

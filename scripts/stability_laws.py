@@ -293,3 +293,4 @@ def _speed_cases() -> Iterator[Case]:
     for power in (-12, -6, 0, 4, 8):
         yield _case(f"five balls at 1e{power:+d} m/s", partial(_speed, 10.0**power), laws=CHAIN)
     yield _case("1e8 and 1e-12 m/s, coupled", partial(_two_speeds, True), _REDUNDANT)
+    yield _case("1e8 and 1e-12 m/s, apart", partial(_two_speeds, False), one=True)

@@ -338,12 +338,19 @@ def test_a_wrong_active_set_is_refused(monkeypatch):
 
 
 def test_the_certificate_is_sharp(monkeypatch):
-    """Leaving out a contact that closes with 1e-6 is an error of 1e-6, whatever the solver says."""
-    c = Collision(np.eye(2), np.eye(2), [-1.0, -1e-6])
+    """Leaving out a contact that stays 1e-6 too slow is an error of 1e-6, whatever the solver says."""
+    c = Collision(np.eye(2), [[1.0, 0.0], [0.6, 0.8]], [-1.0, -1.5e-6 / 1.2])
     monkeypatch.setitem(SOLVERS, "nnls", lambda problem: Solution(np.array([1.5, 0.0])))
     with pytest.raises(SolverError, match=r"'nnls' reached relative residual 1.0e-06 on 2 contacts"):
         Moreau(0.5).resolve(c, solver="nnls")
-    np.testing.assert_allclose(Moreau(0.5).resolve(c).post_velocity, [0.5, 0.5e-6], rtol=1e-12)
+    assert Moreau(0.5).resolve(c).residual < 1e-15
+
+
+@pytest.mark.parametrize("solver", [name for name in SOLVERS if name not in ("osqp", "projected-gauss-seidel")])
+def test_a_fast_collision_elsewhere_excuses_nothing(solver):
+    """Two separate collisions, one 1e20 times faster: each is exact."""
+    c = Collision(np.eye(2), np.eye(2), [-1e8, -1e-12])
+    np.testing.assert_allclose(Moreau(0.5).resolve(c, solver=solver).post_velocity, [0.5e8, 0.5e-12], rtol=1e-12)
 
 
 def test_a_law_that_knows_a_velocity_is_never_called_unsolvable(monkeypatch):

@@ -18,7 +18,7 @@ from impactlaw.solvers.nnls import nnls
 from impactlaw.solvers.osqp import osqp
 from impactlaw.solvers.primal_dual import primal_dual_active_set
 from impactlaw.solvers.projected_gauss_seidel import projected_gauss_seidel
-from impactlaw.solvers.structure import as_dense, has_structure
+from impactlaw.solvers.structure import as_dense, groups, has_structure
 
 SOLVERS: dict[str, Solver] = {
     "closed-form": closed_form,
@@ -79,6 +79,10 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
             answer = judge(problem, impulse)
             if answer.residual <= POLISHED * problem.scale:
                 return share(problem, answer) if shared else answer
+    if solver != "auto" and not problem.is_sparse:
+        parts = groups(problem)
+        if len(parts) > 1:
+            return _solve_apart(problem, labels, solver, parts)
     ended: list[Solution] = []
     answer = _attempt(problem, solver, labels, ended)
     if not _certified(problem, answer):
@@ -185,6 +189,18 @@ def _solve_moving(problem: Problem, labels: tuple[str, ...], solver: str) -> Ans
     impulse, slack = np.zeros_like(problem.bound), -problem.bound
     impulse[moving], slack[moving] = answer.impulse, answer.slack
     return Answer(impulse, answer.jump, slack, answer.residual)
+
+
+def _solve_apart(problem: Problem, labels: tuple[str, ...], solver: str, parts: list[np.ndarray]) -> Answer:
+    """Solve each group of contacts on its own, so that the speed of one does not excuse the errors of another."""
+    impulse, jump = np.zeros_like(problem.bound), np.zeros(problem.gradients.shape[1])
+    for rows in parts:
+        part = Problem(problem.gradients[rows], problem.bound[rows])
+        part.scale = float(np.abs(part.bound / part.lengths).max())
+        answer = solve_with_jump(part, tuple(labels[i] for i in rows), solver=solver)
+        impulse[rows] = answer.impulse
+        jump += answer.jump
+    return judge(problem, impulse, jump)
 
 
 def _refuse(problem: Problem, labels: tuple[str, ...]) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from impactlaw import deferred
 from impactlaw.solvers.base import Problem
 
 _LARGE = 64  # contacts from which a sparse factor of G is faster than a dense one
 _FILLED = 0.1  # part of the entries that are not zero, up to which an array is called sparse
+_COUPLED = 1e-15  # cosine between gradients that is rounding of zero
 MOST_DENSE = 8_000_000
 """Entries up to which a CSR array is turned into an array for solvers that need one."""
 
@@ -18,6 +20,13 @@ def has_structure(problem: Problem) -> bool:
     if problem.is_sparse or len(problem.bound) < _LARGE:
         return False
     return np.count_nonzero(Y) <= _FILLED * Y.size
+
+
+def groups(problem: Problem) -> list[np.ndarray]:
+    """Return the indices of contacts that an impulse can reach through each other, group by group."""
+    Y = problem.gradients / problem.lengths[:, None]
+    _, member = deferred.connected_components(np.abs(Y @ Y.T) > _COUPLED, directed=False)
+    return [np.flatnonzero(member == group) for group in range(member.max() + 1)]
 
 
 def as_dense(problem: Problem, most: int = MOST_DENSE) -> Problem | None:
