@@ -154,7 +154,7 @@ class AdmissibleSet:
         """The gradients that are not zero, of unit length in the kinetic metric."""
         c = self.collision
         moving = c.gradient_norms > 0
-        return c.whitened_jacobian[moving] / c.gradient_norms[moving, None]
+        return c.dense_gradients[moving] / c.gradient_norms[moving, None]
 
     @cached_property
     def _basis(self) -> np.ndarray:

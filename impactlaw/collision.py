@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import sqrt
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from impactlaw.errors import InvalidCollisionError
 from impactlaw.metric import KineticMetric, finite_array
 from impactlaw.solvers.base import row_lengths
+from impactlaw.solvers.structure import MOST_DENSE
 from impactlaw.sparse_metric import SparseMetric, finite_sparse, is_sparse
 
 if TYPE_CHECKING:
@@ -83,6 +84,23 @@ class Collision:
     def whitened_jacobian(self) -> np.ndarray:
         """``Y = J R^-T`` with ``M = R R^T``, shape (h, nv), so that ``G = Y Y^T``."""
         return self.metric.whiten_gradients(self.jacobian)
+
+    @cached_property
+    def dense_gradients(self) -> np.ndarray:
+        """``Y`` as an array, shape (h, nv), for what has no sparse form.
+
+        Raises:
+            InvalidCollisionError: it is sparse and too large for that.
+        """
+        Y: Any = self.whitened_jacobian
+        if not is_sparse(Y):
+            return Y
+        h, nv = Y.shape
+        if h * nv > MOST_DENSE:
+            raise InvalidCollisionError(
+                f"{h} sparse gradients of length {nv} are too many for this; resolve, violations and contains can do it"
+            )
+        return Y.toarray()
 
     @cached_property
     def whitened_velocity(self) -> np.ndarray:

@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse as sp
 from problems import balls, disks, launched, random_collision, sparse_chain, spd
 
-from impactlaw import Collision, Fremond, Impact, MaximalDissipation, Moreau, Newton
+from impactlaw import Collision, Fremond, Impact, MaximalDissipation, Moreau, Newton, energy_gain
 from impactlaw.errors import InvalidCollisionError, RestitutionError, SolverError, UnsolvableLawError
 from impactlaw.metric import KineticMetric
 from impactlaw.solvers import SOLVERS, Problem, Status, solve_with_jump
@@ -257,3 +257,27 @@ def test_any_collision_as_a_sparse_one(seed):
     law = Moreau(0.5)
     impact = law.resolve(Collision(sp.csr_array(c.mass_matrix), sp.csr_array(c.jacobian), c.pre_velocity))
     assert impact.residual < 1e-9
+
+
+def test_the_admissible_set_of_a_sparse_collision_is_that_of_the_dense_one():
+    rng = np.random.default_rng(7)
+    J = np.diff(np.eye(4), axis=0)
+    dense = Collision(np.eye(4), J, [1.0, 0.5, 0.0, -0.2])
+    sparse = Collision(sp.csr_array(np.eye(4)), sp.csr_array(J), [1.0, 0.5, 0.0, -0.2])
+    for _ in range(5):
+        v = rng.normal(size=4)
+        one, other = dense.admissible_set, sparse.admissible_set
+        np.testing.assert_allclose(one.project(v), other.project(v), atol=1e-12)
+        assert one.distance(v) == pytest.approx(other.distance(v))
+        assert one.support(v) == pytest.approx(other.support(v))
+    assert dense.admissible_set.intensity_range() == pytest.approx(sparse.admissible_set.intensity_range())
+    assert energy_gain(dense, 0.5 * np.eye(3)) == pytest.approx(energy_gain(sparse, 0.5 * np.eye(3)))
+
+
+def test_an_admissible_set_too_large_for_arrays_is_refused():
+    n = 4000
+    J = sp.diags_array([-np.ones(n), np.ones(n)], offsets=[0, 1], shape=(n, n + 1)).tocsr()
+    c = Collision(sp.eye_array(n + 1).tocsr(), J, np.r_[1.0, np.zeros(n)])
+    assert c.admissible_set.contains(Moreau(0.5).resolve(c).post_velocity, 1e-9)
+    with pytest.raises(InvalidCollisionError, match="too many"):
+        c.admissible_set.project(np.zeros(n + 1))

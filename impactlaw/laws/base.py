@@ -97,7 +97,7 @@ def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:
     if not collision.gradient_norms.any():
         return 0.0
     lengths = np.where(collision.gradient_norms > 0, collision.gradient_norms, 1.0)
-    U, s, _ = np.linalg.svd(collision.whitened_jacobian / lengths[:, None], full_matrices=False)
+    U, s, _ = np.linalg.svd(collision.dense_gradients / lengths[:, None], full_matrices=False)
     rank = int(np.count_nonzero(s > 1e-11 * s[0]))
     U, s = U[:, :rank], s[:rank]
     scaled = E * (lengths / lengths[:, None])
