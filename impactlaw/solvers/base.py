@@ -23,14 +23,13 @@ class Problem:
             onto the cone of the gradients, which always exists.
         speed: ``|v-|`` where it is known, sqrt(J): c was computed from it and carries its rounding.
         norms: lengths of the rows of Y, shape (h,), where they are known.
-        active: contacts that are expected to carry an impulse, bool (h,), for solvers that can start from a guess.
 
     Attributes:
         lengths: the norms, to divide by: 1 for rows of zeros, shape (h,).
         scale: largest of |v-|, |d| and ``|c_i| / |Y_i|``: a jump is called rounding in comparison with it, sqrt(J).
     """
 
-    __slots__ = ("active", "bound", "gradients", "lengths", "norms", "preimage", "scale", "speed")
+    __slots__ = ("bound", "gradients", "lengths", "norms", "preimage", "scale", "speed")
 
     norms: np.ndarray
     lengths: np.ndarray
@@ -44,10 +43,8 @@ class Problem:
         speed: float = 0.0,
         *,
         norms: np.ndarray | None = None,
-        active: np.ndarray | None = None,
     ):
         self.gradients, self.bound, self.preimage, self.speed = gradients, bound, preimage, speed
-        self.active = active
         self.norms = known = row_lengths(gradients) if norms is None else norms
         self.lengths = known if np.count_nonzero(known) == len(known) else np.where(known > 0, known, 1.0)
         if preimage is not None:
@@ -73,7 +70,7 @@ class Problem:
 
     def with_gradients(self, gradients: Any) -> Problem:
         """Return the same problem with the same Y in another form."""
-        return Problem(gradients, self.bound, self.preimage, self.speed, norms=self.norms, active=self.active)
+        return Problem(gradients, self.bound, self.preimage, self.speed, norms=self.norms)
 
 
 def row_lengths(gradients: Any) -> np.ndarray:

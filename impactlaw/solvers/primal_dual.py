@@ -38,8 +38,7 @@ def primal_dual_active_set(problem: Problem) -> Solution:
     if U.band.size == 0:
         return Solution(np.zeros(h), Status.STOPPED)
     search = _Search(U, (problem.bound / problem.lengths)[U.order], problem.scale)
-    start = np.ones(h, dtype=bool) if problem.active is None else problem.active[U.order]
-    scaled = search.run(start)
+    scaled = search.run(np.ones(h, dtype=bool))
     if scaled is None:
         return Solution(np.zeros(h), Status.STOPPED, search.changes)
     impulse = np.zeros(h)
