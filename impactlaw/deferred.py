@@ -26,3 +26,10 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = routine = getattr(import_module(_HOME[name]), name)
     return routine
+
+
+def load_solvers() -> None:
+    """Import now what collisions need, so that no step of a simulation waits for it."""
+    for name, home in _HOME.items():
+        if home != "scipy.spatial" and name not in globals():
+            __getattr__(name)

@@ -6,6 +6,7 @@ from typing import Literal
 
 import mujoco
 
+from impactlaw import deferred
 from impactlaw.collide import Collider
 from impactlaw.contacts import GAP_TOLERANCE
 from impactlaw.errors import SceneError, UnknownNameError
@@ -74,6 +75,7 @@ class Stepper:
             raise UnknownNameError("law", law, ("scene", "a Law, see impactlaw.make_law"))
         else:
             check_law(model, law)
+        deferred.load_solvers()
         self.model = model
         self.law = law
         self.events: tuple[ImpactEvent, ...] = ()

@@ -40,3 +40,19 @@ def test_deferred_names_are_scipys():
         assert callable(getattr(deferred, name))
     with pytest.raises(AttributeError, match="no attribute 'nnsl'"):
         deferred.nnsl  # noqa: B018
+
+
+def test_no_step_waits_for_an_import():
+    code = """
+import sys
+from impactlaw import Stepper, make_law
+from impactlaw.models import load
+model, data = load("newtons_cradle")
+stepper = Stepper(model, make_law("reversal", 1.0))
+before = set(sys.modules)
+stepper.step(data)
+assert stepper.events
+print(*(name for name in set(sys.modules) - before if name.startswith("scipy")))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
