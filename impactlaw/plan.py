@@ -192,7 +192,7 @@ class _Reasons:
         m = self.model
         limits = len(Limits(m).names)
         for name, n, what in (
-            ("limits as contacts", limits, "joints and tendons have limits"),
+            ("limits as contacts", limits, "of the joints and tendons"),
             ("equality constraints", int(np.count_nonzero(m.eq_active0)), "active, MuJoCo's soft ones"),
             ("tendons", int(m.ntendon), "tendons"),
             ("actuators", int(m.nu), "actuators"),

@@ -11,7 +11,9 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from multiprocessing.connection import Connection
+from pathlib import Path
 from types import TracebackType
 
 from stability_verdicts import CRASHES, HANGS, REFUSED, WRONG, Measurement, WrongRefusalError, verdict
@@ -112,11 +114,12 @@ def _one_blas_thread() -> Iterator[None]:
 
 
 def _serve(pipe: Connection) -> None:
-    import daqp  # noqa: F401  what the package imports when it is first used: no row should pay for it
-    import scipy.linalg
-    import scipy.optimize  # noqa: F401
     from stability_cases import CASES
 
+    from impactlaw import deferred
+
+    deferred.load_solvers()  # and daqp: no row should pay for what is imported when it is first used
+    import_module("daqp")
     warnings.simplefilter("error", RuntimeWarning)  # overflow or an invalid number is loud
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)  # MuJoCo writes its warnings to a file there
@@ -142,7 +145,7 @@ def _outcome(case, task: Task) -> Outcome:
         return Outcome(WRONG, str(error), None, time.perf_counter() - start)
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
-        reason = f"{type(error).__name__}: {error} ({os.path.basename(where.filename)}:{where.lineno})"  # noqa: PTH119
+        reason = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
         return Outcome(CRASHES, reason, None, time.perf_counter() - start)
     seconds = time.perf_counter() - start
     return Outcome(*verdict(measurement, case.limits), measurement, seconds)

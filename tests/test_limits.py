@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from impactlaw import Collision, Moreau, Newton, Stepper, read_contacts
+from impactlaw.contacts import update_positions
+from impactlaw.detection import Detector
 from impactlaw.errors import OverlapError, UnknownNameError
 
 SLIDE = '<body name="cart"><joint name="rail" type="slide" axis="1 0 0" range="-1 2"/><geom size=".1" mass="3"/></body>'
@@ -217,3 +219,21 @@ def test_soft_steps_away_from_limits_are_those_of_mujoco():
         assert stepper.events == ()
         assert np.array_equal(data.qpos, reference.qpos)
         assert np.array_equal(data.qvel, reference.qvel)
+
+
+def test_lower_and_upper_limit_are_told_apart():
+    model, data = compiled(SLIDE)
+    detector = Detector(model)
+    keys = []
+    for position in (-1.0, 2.0):
+        data.qpos[0] = position
+        update_positions(model, data)
+        with detector.options:
+            pattern, contacts, J = detector.look(data, 1e-6)
+        assert contacts.labels == ("rail",)
+        assert J[0, 0] == (1.0 if position < 0 else -1.0)
+        keys.append(int(pattern.key[0]))
+    assert keys[0] != keys[1]
+    with detector.options:
+        pattern, _, _ = detector.look(data, 10.0)
+    assert pattern.key.tolist() == keys
