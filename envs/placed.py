@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 import mujoco
-import numpy as np
 
 from impactlaw.envs.base import choose_law
 from impactlaw.envs.info import ImpactTally
 from impactlaw.errors import DivergenceError, WrapperError
 from impactlaw.events import ImpactEvent
+from impactlaw.flow import is_huge
 from impactlaw.laws import Law
 from impactlaw.recording import Recorder
 from impactlaw.stepper import Stepper
@@ -184,10 +184,10 @@ class PlacedLaw(ABC):
                 self._log.step(data, stepper.events)
 
     def _refuse_bad_state(self, data: mujoco.MjData) -> None:
-        """Under RK4 a state that is not finite shows in the next timestep only."""
-        if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
+        """Under RK4 a state that is not finite, or huge, shows in the next timestep only."""
+        if is_huge(data):
             self.diverged = True
-            raise DivergenceError(f"the state at t = {data.time:g} s is not finite")
+            raise DivergenceError(f"the state at t = {data.time:g} s is not finite, or huge")
 
 
 def name_of(target: Any) -> str:

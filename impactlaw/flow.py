@@ -48,13 +48,18 @@ def check_input(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -
         DivergenceError: a position, velocity, activation, control or applied force is not finite, or huge.
         SceneError: the timestep is not positive.
     """
-    if not state.dot(state) <= _HUGE**2:
+    if not mujoco.mju_norm(state) <= _HUGE:
         for name in _INPUT:
             values = getattr(data, name)
             if values.size and not np.abs(values).max() <= _HUGE:
                 raise DivergenceError(f"{name} is not finite, or huge, at t = {data.time:.6g} s")
     if not model.opt.timestep > 0:
         raise SceneError(f"the timestep must be positive, got {model.opt.timestep:g} s")
+
+
+def is_huge(data: mujoco.MjData) -> bool:
+    """Return whether a position or velocity is not finite, or so large that MuJoCo takes it for a mistake."""
+    return not (mujoco.mju_norm(data.qpos) <= _HUGE and mujoco.mju_norm(data.qvel) <= _HUGE)
 
 
 def advance(model: mujoco.MjModel, data: mujoco.MjData, options: BorrowedOptions, duration: float) -> None:
@@ -65,8 +70,7 @@ def advance(model: mujoco.MjModel, data: mujoco.MjData, options: BorrowedOptions
     """
     options.flow(duration)
     mujoco.mj_step(model, data)
-    qvel = data.qvel
-    if not qvel.dot(qvel) <= _HUGE**2:
+    if not mujoco.mju_norm(data.qvel) <= _HUGE:  # numpy would warn of an overflow
         raise DivergenceError(
             f"the velocity is not finite, or huge, at t = {data.time:.6g} s; use a smaller timestep, or check "
             "the controls and the stiffness of the scene"

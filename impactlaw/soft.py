@@ -34,6 +34,7 @@ from impactlaw.collide import Collider
 from impactlaw.contacts import Contacts, active_contacts, closing_speed, gap_gradients, geom_names, kinetic_metric
 from impactlaw.errors import DivergenceError
 from impactlaw.events import ImpactEvent
+from impactlaw.flow import is_huge
 from impactlaw.limits import Limits, joined
 from impactlaw.plan import Plan
 
@@ -167,7 +168,7 @@ class SoftStepping:
             return _NOTHING
         if closing_speed(self._model, data) <= self._rest_speed:
             return _NOTHING
-        if not (np.isfinite(data.qvel).all() and np.isfinite(data.qpos).all()):
+        if is_huge(data):  # MuJoCo says so itself when it next looks
             return _NOTHING
         contacts, jacobian = self._active(data)
         h = len(contacts)

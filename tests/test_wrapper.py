@@ -127,6 +127,7 @@ def test_a_law_by_name_and_keyed_by_contacts():
 @pytest.mark.parametrize("field", ["qpos", "qvel", "qfrc_applied"])
 def test_divergence_ends_the_episode(name, steps, field):
     env = ImpactLaw(make_any(name), "moreau", 0.5)
+    env.action_space.seed(0)
     for seed in range(2):
         observation, _ = env.reset(seed=seed)
         for _ in range(steps):
@@ -140,6 +141,23 @@ def test_divergence_ends_the_episode(name, steps, field):
         data_of(env).qfrc_applied[0] = 0.0
     env.reset(seed=0)
     assert env.step(env.action_space.sample())[4]["impact/diverged"] == 0
+
+
+@pytest.mark.usefixtures("quiet")
+@pytest.mark.parametrize("name", ["Hopper-v5", "Ant-v5", "HalfCheetah-v5"])
+def test_a_force_of_any_size_moves_or_diverges(name):
+    """Velocities may be finite and yet too large to be squared, in a collision before MuJoCo notices."""
+    env = ImpactLaw(gymnasium.make(name), "moreau", 0.5)
+    env.action_space.seed(0)
+    for trial in range(60):
+        env.reset(seed=trial)
+        for _ in range(trial % 7):
+            env.step(env.action_space.sample())
+        data = data_of(env)
+        data.qfrc_applied[trial % 3] = 10.0 ** (8 + 5 * trial)
+        diverged = env.step(env.action_space.sample())[-1]["impact/diverged"]
+        assert diverged or np.abs(data.qvel).max() <= mujoco.mjMAXVAL
+        data.qfrc_applied[:] = 0.0
 
 
 @pytest.mark.usefixtures("quiet")
