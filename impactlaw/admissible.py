@@ -37,11 +37,23 @@ class AdmissibleSet:
     Results are accurate to rounding, relative to ``|v-|``, times the condition number of the gradients of unit length.
     Where that leaves no digits, because gradients depend on each other all but exactly, `SolverError` is raised.
 
+    Where surfaces move together, S is meant as seen from them: ``J v + w >= 0``, and no energy gain beyond their work.
+
     Attributes:
         collision: ``M``, ``J`` and ``v-``.
+
+    Raises:
+        InvalidCollisionError: surfaces move against each other, or their velocity jumps: the ball of S has no center.
     """
 
     collision: Collision
+
+    def __post_init__(self):
+        if not self.collision.has_frame:
+            raise InvalidCollisionError(
+                "surfaces move against each other, or their velocity jumps: S(v-) is for surfaces that move together; "
+                "Impact.violations covers the others"
+            )
 
     def contains(self, v: ArrayLike, tol: float = 1e-9) -> bool:
         """Whether v is in S: its distances to the three sets that S is made of are at most ``tol |v-|``.
@@ -139,7 +151,7 @@ class AdmissibleSet:
     @cached_property
     def _least_jump(self) -> np.ndarray:
         """``R^T (p - v-)`` in the basis, shape (r,): minus the part of v- in the span of the contacts with impulse."""
-        z = self._basis @ self.collision.whitened_velocity
+        z = self._basis @ self.collision.relative_velocity
         Y = self._unit_gradients @ self._basis.T
         span = deferred.orth(Y[nearest_in_cone(Y, -z) > 0].T, rcond=RANK)
         return -span @ (span.T @ z)
@@ -181,7 +193,7 @@ class AdmissibleSet:
         return CappedPolyhedron(
             np.vstack([Y[near], F]),
             np.concatenate([b[near], np.zeros(len(F))]),
-            -(self._basis @ c.whitened_velocity) / self._least,
+            -(self._basis @ c.relative_velocity) / self._least,
             self._least_jump / self._least,
         )
 

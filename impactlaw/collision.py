@@ -11,6 +11,7 @@ import numpy as np
 
 from impactlaw.errors import InvalidCollisionError
 from impactlaw.metric import KineticMetric, finite_array
+from impactlaw.relative import Bilateral, velocity_with
 from impactlaw.solvers.base import row_lengths
 from impactlaw.solvers.structure import MOST_DENSE
 from impactlaw.sparse_metric import SparseMetric, finite_sparse, is_sparse
@@ -25,8 +26,9 @@ if TYPE_CHECKING:
 class Collision:
     """Contacts closed at one configuration, met at one velocity.
 
-    The gap velocities are ``gamma = J v``; ``gamma >= 0`` separates. Lengths on velocities are those of the
-    kinetic metric, ``|v|^2 = v^T M v`` (Aeberhard and Glocker, "Perfect multi-contact collisions").
+    The gap velocities are ``gamma = J v + w``; ``gamma >= 0`` separates, and w is what moving surfaces add. Lengths on
+    velocities are those of the kinetic metric, ``|v|^2 = v^T M v`` (Aeberhard and Glocker, "Perfect multi-contact
+    collisions"). Bilateral constraints keep their velocity, ``J_eq v+ = J_eq v-``, by impulses of their own.
 
     Attributes:
         mass_matrix: ``M``, shape (nv, nv), symmetric positive definite. A scipy.sparse one may be diagonal or made of
@@ -36,6 +38,11 @@ class Collision:
         pre_velocity: ``v-``, shape (nv,).
         labels: one name per contact, for messages and for restitution keyed by contact; ``"0", "1", ...`` if not given.
         metric: the factored mass matrix, when the caller already has it.
+        bilateral_jacobian: ``J_eq``, shape (m, nv), redundant rows allowed; None if there are no such constraints.
+        surface_velocity: ``w-``, shape (h,), m/s: the part of ``gamma-`` that is not the bodies' own, positive where
+            a surface recedes; None if all surfaces rest.
+        post_surface_velocity: ``w+``, shape (h,); None where it is w-. A surface whose velocity jumps, as under the
+            blow of a hammer, collides by itself.
 
     Raises:
         InvalidCollisionError: shapes do not fit, an entry is not finite, or M is not symmetric positive definite.
@@ -46,6 +53,9 @@ class Collision:
     pre_velocity: np.ndarray
     labels: tuple[str, ...] = field(default=(), kw_only=True)
     metric: KineticMetric | SparseMetric = field(default=None, kw_only=True, repr=False)  # pyright: ignore[reportAssignmentType]
+    bilateral_jacobian: np.ndarray | None = field(default=None, kw_only=True)
+    surface_velocity: np.ndarray | None = field(default=None, kw_only=True)
+    post_surface_velocity: np.ndarray | None = field(default=None, kw_only=True)
 
     def __post_init__(self):
         metric, jacobian = self.metric, self.jacobian
@@ -68,6 +78,38 @@ class Collision:
         self.__dict__.update(
             mass_matrix=metric.mass_matrix, metric=metric, jacobian=jacobian, pre_velocity=velocity, labels=labels
         )
+        if self.bilateral_jacobian is None and self.surface_velocity is None and self.post_surface_velocity is None:
+            self.__dict__.update(_bilateral=None, frame_rates=None)  # most collisions have neither: look no further
+            return
+        if self.bilateral_jacobian is not None:
+            self.__dict__["bilateral_jacobian"] = self._checked_bilateral(self.bilateral_jacobian)
+        if self.surface_velocity is not None or self.post_surface_velocity is not None:
+            self._check_surfaces()
+
+    def _checked_bilateral(self, rows: np.ndarray) -> np.ndarray | None:
+        nv = len(self.pre_velocity)
+        rows = finite_array(rows, "bilateral_jacobian")
+        if rows.ndim != 2 or rows.shape[1] != nv:
+            raise InvalidCollisionError(f"bilateral_jacobian must have shape (m, {nv}), got {rows.shape}")
+        if is_sparse(self.jacobian):
+            raise InvalidCollisionError(
+                "bilateral constraints are for dense arrays: pass mass_matrix and jacobian dense"
+            )
+        return rows if rows.any() else None
+
+    def _check_surfaces(self) -> None:
+        h = len(self.labels)
+        before, after = self.surface_velocity, self.post_surface_velocity
+        before = np.zeros(h) if before is None else finite_array(before, "surface_velocity")
+        after = before if after is None else finite_array(after, "post_surface_velocity")
+        for name, w in (("surface_velocity", before), ("post_surface_velocity", after)):
+            if w.shape != (h,):
+                raise InvalidCollisionError(f"{name} must have shape ({h},), one entry per contact, got {w.shape}")
+        moving = before.any() or after.any()
+        if moving and is_sparse(self.jacobian):
+            raise InvalidCollisionError("moving surfaces are for dense arrays: pass mass_matrix and jacobian dense")
+        self.__dict__["surface_velocity"] = before if moving else None
+        self.__dict__["post_surface_velocity"] = after if moving and not np.array_equal(before, after) else None
 
     @classmethod
     def from_mujoco(cls, model: mujoco.MjModel, data: mujoco.MjData) -> Collision:
@@ -82,8 +124,17 @@ class Collision:
 
     @cached_property
     def whitened_jacobian(self) -> np.ndarray:
-        """``Y = J R^-T`` with ``M = R R^T``, shape (h, nv), so that ``G = Y Y^T``."""
-        return self.metric.whiten_gradients(self.jacobian)
+        """``Y = J R^-T P`` with ``M = R R^T``, shape (h, nv), so that ``G = Y Y^T``.
+
+        P takes off what bilateral constraints fix (`impactlaw.relative`); without any it is 1.
+        """
+        Y = self.metric.whiten_gradients(self.jacobian)
+        return Y if self._bilateral is None else self._bilateral.project(Y)
+
+    @cached_property
+    def _bilateral(self) -> Bilateral | None:
+        rows = self.bilateral_jacobian
+        return None if rows is None else Bilateral.of(self.metric.whiten_gradients(rows))
 
     @cached_property
     def dense_gradients(self) -> np.ndarray:
@@ -114,23 +165,89 @@ class Collision:
 
     @cached_property
     def delassus(self) -> np.ndarray:
-        """``G = J M^-1 J^T``, shape (h, h)."""
+        """``G = Y Y^T``, shape (h, h): ``J M^-1 J^T`` where there are no bilateral constraints."""
         return self.whitened_jacobian @ self.whitened_jacobian.T
 
     @cached_property
     def pre_contact_velocity(self) -> np.ndarray:
-        """``gamma- = J v-``, shape (h,), m/s."""
-        return self.jacobian.dot(self.pre_velocity)
+        """``gamma- = J v- + w-``, shape (h,), m/s."""
+        gamma = self.jacobian.dot(self.pre_velocity)
+        if self._bilateral is not None:  # contacts that cannot move have no velocity, but it has a rounding error
+            z = self.whitened_velocity
+            still = (self.gradient_norms == 0) & (np.abs(gamma) <= self._rounding * sqrt(z.dot(z)))
+            gamma[still] = 0.0
+        return gamma if self.surface_velocity is None else gamma + self.surface_velocity
+
+    @property
+    def _rounding(self) -> np.ndarray:
+        Y = self.metric.whiten_gradients(self.jacobian)
+        return 1e-12 * row_lengths(Y)
+
+    def contact_velocity_after(self, velocity: np.ndarray) -> np.ndarray:
+        """Return ``J v + w+``, shape (h,), m/s, for a velocity after the impact, shape (nv,)."""
+        gamma = self.jacobian @ velocity
+        if self.surface_velocity is None:
+            return gamma
+        return gamma + (self.surface_velocity if self.post_surface_velocity is None else self.post_surface_velocity)
+
+    @property
+    def surface_jump(self) -> np.ndarray | None:
+        """``w+ - w-``, shape (h,), m/s; None if it is 0."""
+        if self.post_surface_velocity is None or self.surface_velocity is None:
+            return None
+        return self.post_surface_velocity - self.surface_velocity
+
+    @cached_property
+    def frame_rates(self) -> np.ndarray | None:
+        """What ``gamma-bar`` has beside the part that impulses change, shape (h,), m/s; None if that is 0.
+
+        It is ``(w- + w+) / 2``, and the motion along bilateral constraints if those move, ``J_eq v- != 0``.
+        """
+        rates, jump = self.surface_velocity, self.surface_jump
+        if rates is not None and jump is not None:
+            rates = rates + 0.5 * jump
+        if self._fixed is not None:
+            moving = self.metric.whiten_gradients(self.jacobian).dot(self._fixed)
+            rates = moving if rates is None else rates + moving
+        return rates
+
+    @cached_property
+    def _fixed(self) -> np.ndarray | None:
+        """The part of ``R^T v-`` that bilateral constraints keep, shape (nv,); None if they are at rest."""
+        return None if self._bilateral is None else self._bilateral.along(self.whitened_velocity)
+
+    @cached_property
+    def _frame(self) -> tuple[np.ndarray, bool]:
+        assert self.frame_rates is not None
+        return velocity_with(self.whitened_jacobian, self.frame_rates)
+
+    @property
+    def has_frame(self) -> bool:
+        """Whether one velocity of all bodies would move with all surfaces, constant before and after."""
+        return self.frame_rates is None or (self.surface_jump is None and self._frame[1])
+
+    @cached_property
+    def relative_velocity(self) -> np.ndarray:
+        """``P R^T v-`` as seen from the moving surfaces, shape (nv,): with c added where ``Y c`` is the frame rates.
+
+        Where surfaces move against each other c is the velocity that comes nearest to that.
+        """
+        z = self.whitened_velocity
+        if self.frame_rates is None:
+            return z
+        return (z if self._fixed is None else z - self._fixed) + self._frame[0]
 
     @cached_property
     def pre_speed(self) -> float:
-        """``|v-|`` in the kinetic metric, sqrt(J)."""
-        return sqrt(self.whitened_velocity.dot(self.whitened_velocity))
+        """``|v-|`` in the kinetic metric, sqrt(J); as seen from the surfaces where these move."""
+        z = self.relative_velocity
+        return sqrt(z.dot(z))
 
     @cached_property
     def kinetic_energy(self) -> float:
         """``T- = |v-|^2 / 2``, J."""
-        return 0.5 * self.pre_speed**2
+        z = self.whitened_velocity
+        return 0.5 * float(z.dot(z))
 
     @cached_property
     def admissible_set(self) -> AdmissibleSet:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.collision import Collision
-from impactlaw.errors import InvalidCollisionError
-from impactlaw.solvers import Answer, Problem, beyond_rounding, nonnegative_combination, share
+from impactlaw.errors import InvalidCollisionError, UnsolvableLawError
+from impactlaw.solvers import Answer, Problem, beyond_rounding, nonnegative_combination, share, solve_with_jump
 
 SIGNIFICANT = 1e-9
 """Part of |v-| below which a velocity or a scaled impulse is rounding when signs are asked for."""
@@ -23,7 +24,7 @@ class Violations:
     Attributes:
         kinematic: to the tangent cone ``{v : J v >= 0}``; positive when contacts penetrate.
         kinetic: to ``v- + M^-1 J^T Lambda, Lambda >= 0``; positive when contacts pull, or something else acted.
-        energetic: to the ball ``|v| <= |v-|``; positive when kinetic energy grew.
+        energetic: to the ball ``|v| <= |v-|``; positive when kinetic energy grew by more than the work of surfaces.
         pre_speed: ``|v-|``, the scale that `is_admissible` compares with.
     """
 
@@ -121,8 +122,8 @@ class Impact:
 
     @cached_property
     def post_contact_velocity(self) -> np.ndarray:
-        """``gamma+ = J v+``, shape (h,), m/s."""
-        return self.collision.jacobian @ self.post_velocity
+        """``gamma+ = J v+ + w+``, shape (h,), m/s."""
+        return self.collision.contact_velocity_after(self.post_velocity)
 
     @cached_property
     def mean_contact_velocity(self) -> np.ndarray:
@@ -152,8 +153,14 @@ class Impact:
 
     @cached_property
     def energy_change(self) -> float:
-        """``T+ - T-``, J; equals ``Lambda^T`` times the mean contact velocity when the impulses explain the jump."""
+        """``T+ - T-``, J; equals ``Lambda^T gamma_bar + surface_work`` when the impulses explain the jump."""
         return float(self.whitened_jump @ (self.collision.whitened_velocity + 0.5 * self.whitened_jump))
+
+    @cached_property
+    def surface_work(self) -> float:
+        """``-Lambda^T (w- + w+) / 2``, J: the work of moving surfaces; of bilateral constraints too, if they move."""
+        rates = self.collision.frame_rates
+        return 0.0 if rates is None else -float(self.impulse @ rates)
 
     @cached_property
     def antidissipative(self) -> np.ndarray:
@@ -171,17 +178,30 @@ class Impact:
     def violations(self) -> Violations:
         """How far v+ is outside of each of the three sets whose intersection is S(v-)."""
         c = self.collision
-        Y, z = c.whitened_jacobian, c.whitened_velocity + self.whitened_jump
-        kinematic = 0.0
-        if (self.post_contact_velocity < 0).any():
-            kinematic = float(np.linalg.norm(nonnegative_combination(Y, -z) @ Y))
+        Y, z = c.whitened_jacobian, c.relative_velocity + self.whitened_jump
+        kinematic = self._penetration(z) if (self.post_contact_velocity < 0).any() else 0.0
         impulse = self._any_impulse
         if (impulse < 0).any():
             impulse = nonnegative_combination(Y, self.whitened_jump)
         kinetic = self._imbalance(impulse)
-        speeds = float(np.linalg.norm(z)) + c.pre_speed
-        energetic = max(0.0, 2.0 * self.energy_change / speeds) if speeds > 0 else 0.0
+        speeds = sqrt(z.dot(z)) + c.pre_speed
+        gain = self.energy_change
+        if c.frame_rates is not None:
+            gain += float(impulse @ c.frame_rates)
+        energetic = max(0.0, 2.0 * gain / speeds) if speeds > 0 else 0.0
         return Violations(kinematic, kinetic, energetic, c.pre_speed)
+
+    def _penetration(self, z: np.ndarray) -> float:
+        """Return ``min |x|, gamma+ + Y x >= 0``; z is the whitened velocity as seen from the surfaces."""
+        c = self.collision
+        Y = c.whitened_jacobian
+        if c.frame_rates is None:
+            return float(np.linalg.norm(nonnegative_combination(Y, -z) @ Y))
+        try:
+            jump = solve_with_jump(Problem(Y, -self.post_contact_velocity), c.labels, shared=False).jump
+        except UnsolvableLawError:  # surfaces crush what is between them
+            return np.inf
+        return float(np.linalg.norm(jump))
 
     @cached_property
     def residual(self) -> float:
@@ -210,9 +230,9 @@ class Impact:
 
     @cached_property
     def _speed(self) -> float:
-        """The larger of ``|v-|`` and ``|v+|``, sqrt(J)."""
+        """The larger of ``|v-|`` and ``|v+|``, sqrt(J), as seen from the surfaces."""
         c = self.collision
-        return max(c.pre_speed, float(np.linalg.norm(c.whitened_velocity + self.whitened_jump)))
+        return max(c.pre_speed, float(np.linalg.norm(c.relative_velocity + self.whitened_jump)))
 
     def _imbalance(self, impulse: np.ndarray) -> float:
         """``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm), beyond what rounding Lambda to doubles makes of it."""

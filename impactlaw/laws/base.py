@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from impactlaw.collision import Collision
 from impactlaw.errors import RestitutionError
 from impactlaw.impact import Impact
+from impactlaw.relative import velocity_with
 from impactlaw.solvers import Problem, solve_with_jump
 
 
@@ -54,13 +55,19 @@ class Law(ABC):
             SolverError: no solver's answer passed its certificate.
         """
         wanted, velocity, coefficient = self.target(collision)
-        preimage = None
-        if coefficient is not None:
-            bound = -(1.0 + coefficient) * collision.pre_contact_velocity
+        preimage, velocities = None, collision.pre_contact_velocity
+        if collision.frame_rates is not None or collision.bilateral_jacobian is not None:
+            bound = (
+                wanted - velocities if collision.surface_jump is None else wanted - velocities - collision.surface_jump
+            )
+            known, reached = velocity_with(collision.whitened_jacobian, bound)
+            preimage = known if reached else None
+        elif coefficient is not None:
+            bound = -(1.0 + coefficient) * velocities
             preimage = -(1.0 + coefficient) * collision.whitened_velocity
         else:
             wanted = np.asarray(wanted, dtype=float)
-            bound = wanted - collision.pre_contact_velocity
+            bound = wanted - velocities
             if velocity is not None:
                 preimage = collision.metric.whiten(velocity - collision.pre_velocity)
         Y, norms = collision.whitened_jacobian, collision.gradient_norms

@@ -31,7 +31,7 @@ class LinearMap(Law):
         object.__setattr__(self, "h", square_matrix(self.h, "linear map"))
 
     def target(self, collision: Collision) -> Target:
-        """Return ``gamma^h = J h v-``, the contact velocities of ``u = h v-``.
+        """Return ``gamma^h = J h v-``, the contact velocities of ``u = h v-``; ``+ w+`` where surfaces move.
 
         Raises:
             RestitutionError: h is for another number of degrees of freedom.
@@ -42,4 +42,4 @@ class LinearMap(Law):
                 f"linear map is {h.shape} but the velocity has {len(collision.pre_velocity)} entries"
             )
         u = h @ collision.pre_velocity
-        return Target(collision.jacobian @ u, u)
+        return Target(collision.contact_velocity_after(u), u)
