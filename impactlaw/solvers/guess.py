@@ -1,12 +1,14 @@
-"""A guess at which contacts carry an impulse: all of them; for very few contacts what follows from that. Not sure."""
+"""Guesses at which contacts carry an impulse: all of them, or those that did a step before. Neither is sure to hold."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from impactlaw import deferred
+from impactlaw.solvers.answer import judge
 from impactlaw.solvers.base import Problem
 
+_EXACT = 1e-12  # part of the scale of a problem that an expectation may miss
 _INDEPENDENT = 1e-3  # sine of the angle between a gradient and the span of those before it, below which G loses digits
 _DIFFERENT = 1e-4  # squared sine of the angle between two gradients, below which their determinant loses digits
 _FEW = 4  # contacts up to which Python's own numbers are faster than a call of NNLS
@@ -33,6 +35,27 @@ def guess(problem: Problem) -> np.ndarray | None:
     if min((factor.diagonal() / problem.lengths).tolist()) < _INDEPENDENT:
         return None
     return impulse
+
+
+def with_active(problem: Problem, active: np.ndarray) -> np.ndarray | None:
+    """Return ``Lambda`` with ``(Y z - c)_A = 0``, zero elsewhere, if it solves the problem; None if it does not.
+
+    Args:
+        problem: what to solve.
+        active: the contacts A, bool (h,).
+    """
+    rows = np.flatnonzero(active)
+    if len(rows) == 0:
+        return None
+    Y = problem.gradients[rows]
+    factor, carried, failed = deferred.dposv(Y.dot(Y.T), problem.bound[rows])
+    if failed or min(carried.tolist()) <= 0:
+        return None
+    if min((factor.diagonal() / problem.lengths[rows]).tolist()) < _INDEPENDENT:
+        return None
+    impulse = np.zeros_like(problem.bound)
+    impulse[rows] = carried
+    return impulse if judge(problem, impulse).residual <= _EXACT * problem.scale else None
 
 
 def _active_set(G: list[list[float]], c: list[float], active: list[int]) -> np.ndarray | None:
