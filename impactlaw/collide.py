@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,56 @@ from impactlaw.events import ImpactEvent
 from impactlaw.impact import Impact
 from impactlaw.laws import Law, MaximalDissipation
 from impactlaw.metric import KineticMetric
+from impactlaw.relative import Bilateral
+
+
+class Closed(NamedTuple):
+    """Closed contacts, and what impulses on them must respect.
+
+    Attributes:
+        contacts: the contacts.
+        jacobian: their gap gradients, (h, nv).
+        bilateral: gradients of equality constraints, (m, nv); None if there are none.
+        drift: what moving surfaces add to the contact velocities, m/s, (h,); None if none move.
+        drift_before: the same before a jump of the surfaces' velocity; None if there is no jump.
+    """
+
+    contacts: Contacts
+    jacobian: np.ndarray
+    bilateral: np.ndarray | None = None
+    drift: np.ndarray | None = None
+    drift_before: np.ndarray | None = None
+
+    def contact_velocity(self, velocity: np.ndarray) -> np.ndarray:
+        """Return ``J v + w``, m/s, (h,)."""
+        gamma = self.jacobian @ velocity
+        return gamma if self.drift is None else gamma + self.drift
+
+    def whitened(self, metric: KineticMetric) -> np.ndarray:
+        """Return the gradients where the kinetic metric is Euclidean, less what the constraints fix, (h, nv)."""
+        Y = metric.whiten_gradients(self.jacobian)
+        return Y if self.bilateral is None else Bilateral.of(metric.whiten_gradients(self.bilateral)).project(Y)
+
+    def collision(self, chosen: np.ndarray, metric: KineticMetric, velocity: np.ndarray) -> Collision:
+        """Return the collision of some of the contacts, (k,) indices, at a velocity, (nv,)."""
+        before, after = self.drift_before, self.drift
+        return Collision(
+            metric.mass_matrix,
+            self.jacobian[chosen],
+            velocity,
+            labels=tuple(self.contacts.labels[i] for i in chosen),
+            metric=metric,
+            bilateral_jacobian=self.bilateral,
+            surface_velocity=_part(after if before is None else before, chosen),
+            post_surface_velocity=None if before is None else _part(after, chosen),
+        )
+
+    def resting(self, velocity: np.ndarray, rounding: np.ndarray) -> Closed:
+        """Return the same where only surfaces under contacts that rest jump: one that separates is met by another."""
+        if self.drift is None or self.drift_before is None:
+            return self
+        rests = np.abs(self.jacobian @ velocity + self.drift_before) <= rounding
+        return self._replace(drift_before=np.where(rests, self.drift_before, self.drift))
 
 
 @dataclass(frozen=True)
@@ -38,8 +88,7 @@ class Collider:
     def collide(
         self,
         metric: KineticMetric,
-        jacobian: np.ndarray,
-        contacts: Contacts,
+        closed: Closed,
         velocity: np.ndarray,
         *,
         approach: np.ndarray,
@@ -52,8 +101,7 @@ class Collider:
 
         Args:
             metric: mass matrix.
-            jacobian: gap gradients of the closed contacts, (h, nv).
-            contacts: those contacts.
+            closed: the closed contacts.
             velocity: v-, (nv,).
             approach: speed of closing, m/s, (h,), above which a contact collides.
             rounding: contact velocity, m/s, (h,), up to which a contact counts as not separating.
@@ -66,8 +114,9 @@ class Collider:
             UnsolvableLawError: the law has no solution.
         """
         Y = None
+        closed = closed.resting(velocity, rounding)
         while True:
-            gamma = jacobian @ velocity
+            gamma = closed.contact_velocity(velocity)
             approaching = gamma < -approach
             if not approaching.any():
                 return velocity
@@ -75,33 +124,40 @@ class Collider:
             if final:
                 chosen = np.arange(len(gamma))
             else:
-                Y = metric.whiten_gradients(jacobian) if Y is None else Y
+                Y = closed.whitened(metric) if Y is None else Y
                 chosen = _reached(Y, np.flatnonzero(gamma <= rounding), approaching)
-            part = contacts.select(chosen)
-            collision = Collision(metric.mass_matrix, jacobian[chosen], velocity, labels=part.labels, metric=metric)
+            collision = closed.collision(chosen, metric, velocity)
             law = MaximalDissipation() if final else self.law
-            impact = self._admissible(law.resolve(collision, solver=self.solver), time)
-            events.append(ImpactEvent(time, part, impact, qpos.copy()))
+            impact = self._admissible(law.resolve(collision, solver=self.solver), rounding[chosen], time)
+            events.append(ImpactEvent(time, closed.contacts.select(chosen), impact, qpos.copy()))
             before, velocity = velocity, impact.post_velocity
             if final or np.array_equal(before, velocity):  # a law that changes nothing changes nothing the next time
                 return velocity
+            closed = closed._replace(drift_before=None)
 
-    def _admissible(self, impact: Impact, time: float) -> Impact:
+    def _admissible(self, impact: Impact, rounding: np.ndarray, time: float) -> Impact:
         if self.on_inadmissible == "allow":
             return impact
         v = impact.violations
         if v.is_admissible():
             return impact
+        if replace(v, kinematic=0.0).is_admissible() and np.all(impact.post_contact_velocity >= -rounding):
+            return impact  # a contact that opened by rounding closes by rounding
         collision = impact.collision
         if self.on_inadmissible == "project":
             return Impact.observed(collision, collision.admissible_set.project(impact.post_velocity))
-        ratio = 1 + impact.energy_change / collision.kinetic_energy
+        before = collision.kinetic_energy
+        ratio = 1 + impact.energy_change / before if before > 0 else np.inf
         raise InadmissibleImpactError(
             f"{self.law!r} leaves the set of possible velocities at t = {time:.6g} s for contacts "
             f"{', '.join(collision.labels)}: energy ratio T+/T- = {ratio:.6g}, violations kinematic {v.kinematic:.2g}, "
             f"energetic {v.energetic:.2g} sqrt(J); choose a dissipative law, or "
             'on_inadmissible="project" or "allow"'
         )
+
+
+def _part(values: np.ndarray | None, chosen: np.ndarray) -> np.ndarray | None:
+    return None if values is None else values[chosen]
 
 
 def _reached(gradients: np.ndarray, candidates: np.ndarray, approaching: np.ndarray) -> np.ndarray:

@@ -239,9 +239,10 @@ class Collision:
 
     @cached_property
     def pre_speed(self) -> float:
-        """``|v-|`` in the kinetic metric, sqrt(J); as seen from the surfaces where these move."""
-        z = self.relative_velocity
-        return sqrt(z.dot(z))
+        """``|v-|`` in the kinetic metric, sqrt(J); as seen from the surfaces where these move and that is more."""
+        z, seen = self.whitened_velocity, self.relative_velocity
+        own = z.dot(z)
+        return sqrt(own if seen is z else max(own, seen.dot(seen)))
 
     @cached_property
     def kinetic_energy(self) -> float:

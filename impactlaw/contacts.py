@@ -20,6 +20,8 @@ GAP_TOLERANCE = 1e-9
 
 _SAME_INERTIA = 1e-14  # relative difference of mass matrices that is rounding where bodies only turn
 _FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
+_CONNECT, _WELD = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
+_SITE = int(mujoco.mjtObj.mjOBJ_SITE)
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 
 
@@ -73,11 +75,11 @@ def read_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, within: float =
     """
     from impactlaw.detection import Detector
 
-    return Detector(model).near(_position_copy(model, data), within)[0]
+    return Detector(model).near(_position_copy(model, data), within).contacts
 
 
 def read_collision(model: mujoco.MjModel, data: mujoco.MjData) -> Collision:
-    """Return the closed contacts of now as a `Collision`; model and data are left as they are.
+    """Return the closed contacts of now as a `Collision`, with equality constraints; model and data stay as they are.
 
     Raises:
         SceneError: a contact that is not between two geoms (a flex).
@@ -85,9 +87,16 @@ def read_collision(model: mujoco.MjModel, data: mujoco.MjData) -> Collision:
     from impactlaw.detection import Detector
 
     scratch = _position_copy(model, data)
-    contacts, jacobian = Detector(model).near(scratch, GAP_TOLERANCE)
+    near = Detector(model).near(scratch, GAP_TOLERANCE)
     metric = kinetic_metric(model, scratch)
-    return Collision(metric.mass_matrix, jacobian, data.qvel, labels=contacts.labels, metric=metric)
+    return Collision(
+        metric.mass_matrix,
+        near.jacobian,
+        data.qvel,
+        labels=near.contacts.labels,
+        metric=metric,
+        bilateral_jacobian=near.bilateral,
+    )
 
 
 def geom_names(model: mujoco.MjModel) -> tuple[str, ...]:
@@ -178,12 +187,12 @@ def _read(data: mujoco.MjData, index: np.ndarray, names: tuple[str, ...]) -> Con
 def make_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
     """Make constraint rows and return the gap gradients of data.contact, in its order, (h, nv).
 
-    Other rows than those of limits must be off and the Jacobian dense (`impactlaw.options`). None if MuJoCo makes no
-    row for a contact. To be followed by `forget_rows`.
+    Other rows than those of equality constraints and limits must be off and the Jacobian dense (`impactlaw.options`).
+    None if MuJoCo makes no row for a contact. To be followed by `forget_rows`.
     """
     contact, h = data.contact, data.ncon
     mujoco.mj_makeConstraint(model, data)
-    if data.nefc != h + data.nl:
+    if data.nefc != data.ne + data.nl + h:
         dim = contact.dim.copy()
         contact.dim[:] = 1  # a frictionless contact has one row
         contact.exclude[:] = 0  # one within a detection gap too
@@ -191,13 +200,41 @@ def make_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
         contact.dim[:] = dim
     if h == 0:
         return np.zeros((0, model.nv))
-    return data.efc_J.reshape(data.nefc, -1)[data.nl :].copy() if data.nefc == h + data.nl else None
+    first = data.ne + data.nl
+    return data.efc_J.reshape(data.nefc, -1)[first:].copy() if data.nefc == first + h else None
+
+
+def bilateral_constraints(model: mujoco.MjModel) -> np.ndarray:
+    """Return which equality constraints an impact must not violate, bool (neq,): all but those to mocap bodies.
+
+    A constraint to a mocap body is a servo that drives what is held towards a target; it may lag behind.
+    """
+    kept = np.ones(model.neq, dtype=bool)
+    for i in range(model.neq):
+        if model.eq_type[i] in (_CONNECT, _WELD):
+            objects = [int(model.eq_obj1id[i]), int(model.eq_obj2id[i])]
+            bodies = model.site_bodyid[objects] if model.eq_objtype[i] == _SITE else np.array(objects)
+            kept[i] = not (model.body_mocapid[model.body_rootid[bodies]] >= 0).any()
+    return kept
+
+
+def bilateral_rows(model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray) -> np.ndarray | None:
+    """Return ``J_eq`` of the equality constraints that are kept and active, (m, nv), among the rows of now."""
+    rows = np.flatnonzero(kept[data.efc_id[: data.ne]])
+    if len(rows) == 0:
+        return None
+    J, unit = np.empty((len(rows), model.nv)), np.zeros(data.nefc)
+    for out, row in zip(J, rows, strict=True):
+        unit[row] = 1.0
+        mujoco.mj_mulJacTVec(model, data, out, unit)
+        unit[row] = 0.0
+    return J if J.any() else None
 
 
 def forget_rows(data: mujoco.MjData) -> None:
     """Leave no constraint rows behind that have no forces yet."""
     data.contact.efc_address[:] = -1
-    data.nefc = data.nl = 0
+    data.nefc = data.nl = data.ne = 0
 
 
 def gap_gradients(model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts) -> np.ndarray:
@@ -226,6 +263,7 @@ def kinetic_metric(model: mujoco.MjModel, data: mujoco.MjData, *, known: Kinetic
 def _position_copy(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
     scratch = mujoco.MjData(model)
     scratch.qpos[:] = data.qpos
+    scratch.eq_active[:] = data.eq_active
     if model.nmocap:
         scratch.mocap_pos[:] = data.mocap_pos
         scratch.mocap_quat[:] = data.mocap_quat

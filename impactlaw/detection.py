@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -10,6 +11,8 @@ import numpy as np
 from impactlaw.contacts import (
     GAP_TOLERANCE,
     Contacts,
+    bilateral_constraints,
+    bilateral_rows,
     collide,
     contact_labels,
     forget_rows,
@@ -70,6 +73,22 @@ class Pattern:
         return len(self.labels)
 
 
+class Found(NamedTuple):
+    """What is near at one configuration.
+
+    Attributes:
+        pattern: what the geoms say.
+        contacts: contacts and limits.
+        jacobian: their gap gradients, (h, nv).
+        bilateral: gradients of equality constraints, (m, nv); None if there are none, or nothing is near.
+    """
+
+    pattern: Pattern
+    contacts: Contacts
+    jacobian: np.ndarray
+    bilateral: np.ndarray | None
+
+
 class Detector:
     """Finds the contacts of one scene.
 
@@ -88,14 +107,17 @@ class Detector:
         self._model = model
         self.names = geom_names(model)
         self.limits = Limits(model)
-        self.options = BorrowedOptions(model, convex=convex, limits=bool(self.limits))
+        self._bilateral = bilateral_constraints(model)
+        self.options = BorrowedOptions(
+            model, convex=convex, limits=bool(self.limits), bilateral=bool(self._bilateral.any())
+        )
         self._faces = faces
         self._patterns: dict[bytes, Pattern] = {}
         nothing = np.zeros((0, 2), int)
         self.empty = self._pattern(nothing), Contacts((), nothing, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
 
-    def near(self, data: mujoco.MjData, within: float) -> tuple[Contacts, np.ndarray]:
-        """Return the contacts with a gap of at most ``within``, m or rad, and their gradients, (h, nv).
+    def near(self, data: mujoco.MjData, within: float) -> Found:
+        """Return the contacts with a gap of at most ``within``, m or rad; the pattern is that of more.
 
         Frames must be current; replaces data.contact.
 
@@ -103,16 +125,17 @@ class Detector:
             SceneError: a flex is in contact, or there are more contacts than MuJoCo reports.
         """
         with self.options:
-            _, contacts, J = self.look(data, 2.0 * within + SKIN)  # MuJoCo compares with "<"
-        near = np.flatnonzero(contacts.gap <= within)
-        return contacts.select(near), J[near]
+            found = self.look(data, 2.0 * within + SKIN)  # MuJoCo compares with "<"
+        near = np.flatnonzero(found.contacts.gap <= within)
+        return Found(found.pattern, found.contacts.select(near), found.jacobian[near], found.bilateral)
 
-    def look(self, data: mujoco.MjData, within: float) -> tuple[Pattern, Contacts, np.ndarray]:
-        """Return contacts and limits with a gap below ``within``, m or rad, perhaps more, and gradients, (h, nv)."""
+    def look(self, data: mujoco.MjData, within: float) -> Found:
+        """Return contacts and limits with a gap below ``within``, m or rad, and perhaps more."""
         pattern, contacts = self.find(data, within)
         if not pattern and not self.limits:
-            return pattern, contacts, np.zeros((0, self._model.nv))
+            return Found(pattern, contacts, np.zeros((0, self._model.nv)), None)
         J = make_rows(self._model, data)
+        bilateral = bilateral_rows(self._model, data, self._bilateral) if data.ne else None
         limits = self.limits.read(data) if data.nl else None
         forget_rows(data)
         if pattern.several or J is None:
@@ -120,9 +143,10 @@ class Detector:
         elif pattern.order is not None:
             J = J[pattern.order]
         if limits is None:
-            return pattern, contacts, J
+            return Found(pattern, contacts, J, bilateral)
         contacts = joined(contacts, self.limits.contacts(data, limits))
-        return self._with_limits(pattern, contacts, limits.code), contacts, np.vstack([J, limits.jacobian])
+        pattern = self._with_limits(pattern, contacts, limits.code)
+        return Found(pattern, contacts, np.vstack([J, limits.jacobian]), bilateral)
 
     def find(self, data: mujoco.MjData, within: float) -> tuple[Pattern, Contacts]:
         """Return all contacts of geoms with a gap below ``within``, m, and perhaps more; see `near`."""

@@ -178,13 +178,14 @@ class Impact:
     def violations(self) -> Violations:
         """How far v+ is outside of each of the three sets whose intersection is S(v-)."""
         c = self.collision
-        Y, z = c.whitened_jacobian, c.relative_velocity + self.whitened_jump
+        Y, before = c.whitened_jacobian, c.relative_velocity
+        z = before + self.whitened_jump
         kinematic = self._penetration(z) if (self.post_contact_velocity < 0).any() else 0.0
         impulse = self._any_impulse
         if (impulse < 0).any():
             impulse = nonnegative_combination(Y, self.whitened_jump)
         kinetic = self._imbalance(impulse)
-        speeds = sqrt(z.dot(z)) + c.pre_speed
+        speeds = sqrt(z.dot(z)) + sqrt(before.dot(before))
         gain = self.energy_change
         if c.frame_rates is not None:
             gain += float(impulse @ c.frame_rates)

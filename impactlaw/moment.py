@@ -82,10 +82,10 @@ def _motion(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
     """Return v, gamma, its noise, and whether gamma is all noise."""
     velocity = data.qvel.copy()
-    gamma = touch.jacobian.dot(velocity)
+    gamma = touch.contact_velocity(velocity)
     if not np.count_nonzero(np.abs(gamma) > silent):
         return velocity, gamma, silent * touch.pattern.ones, True
-    _, lengths = touch.whitened(model, data)
+    _, _, lengths = touch.whitened(model, data)
     return velocity, gamma, (_ROUNDING * kinetic_norm(model, data, velocity)) * lengths, False
 
 

@@ -10,7 +10,7 @@ _CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 _FLOW_OFF = _CONTACT | int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
 _LOOK_ON = _CONTACT | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 _SINGLE = int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
-_OTHER_ROWS = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY) | int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS)
+_EQUALITY, _LOSS = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY), int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS)
 _LIMIT = int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
 _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 _SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
@@ -27,12 +27,14 @@ class BorrowedOptions:
         model: the scene.
         convex: whether pairs of geoms are measured by MuJoCo's general convex collider, which then is to be exact.
         limits: whether joints or tendons have limits, which then are contacts like any other.
+        bilateral: whether equality constraints take part in collisions.
     """
 
-    def __init__(self, model: mujoco.MjModel, *, convex: bool, limits: bool):
+    def __init__(self, model: mujoco.MjModel, *, convex: bool, limits: bool, bilateral: bool = False):
         self._model = model
         self._convex = convex
         self._limits = limits
+        self._bilateral = bilateral
         self._large = model.nv >= _LARGE
 
     def __enter__(self) -> BorrowedOptions:
@@ -44,7 +46,7 @@ class BorrowedOptions:
         self._jacobian = opt.jacobian
         self._sparse = self._large if self._jacobian == _AUTO else self._jacobian != _DENSE
         self._flow = disabled | _FLOW_OFF | _LIMIT, enabled & ~_SLEEP
-        look = (disabled | _SINGLE | _OTHER_ROWS | _LIMIT) & ~_LOOK_ON
+        look = (disabled | _SINGLE | _LOSS | _LIMIT | (0 if self._bilateral else _EQUALITY)) & ~_LOOK_ON
         if self._limits:
             look &= ~_LIMIT | disabled
             self._kept_margins = self._model.jnt_margin.copy(), self._model.tendon_margin.copy()
@@ -81,7 +83,8 @@ class BorrowedOptions:
     def look(self, within: float) -> None:
         """Let collision detection report the nearest contact of every pair closer than ``within`` m.
 
-        Whatever margins the scene has. Constraint rows made meanwhile are those of limits and contacts, and dense.
+        Whatever margins the scene has. Constraint rows made meanwhile are those of equality constraints, limits and
+        contacts, and dense.
         """
         opt = self._opt
         opt.disableflags, opt.enableflags = self._look

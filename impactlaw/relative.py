@@ -12,8 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlaw import deferred
-
 _RANK = 1e-11  # relative singular value below which a constraint depends on the others
 _INDEPENDENT = 1e-15  # relative singular value up to which a velocity is not asked for
 _FIXED = 1e-12  # part of a gradient that is rounding after the projection
@@ -21,16 +19,24 @@ _REACHED = 1e-11  # part of the contact velocities that a velocity of the bodies
 
 
 class Bilateral(NamedTuple):
-    """An orthonormal basis of the directions that bilateral constraints fix, in whitened coordinates, (r, nv)."""
+    """The directions that bilateral constraints fix.
+
+    Attributes:
+        basis: of their span in whitened coordinates, orthonormal rows, (r, nv).
+        combination: ``basis = combination @ Y_eq``, (r, m).
+    """
 
     basis: np.ndarray
+    combination: np.ndarray
 
     @classmethod
     def of(cls, whitened: np.ndarray) -> Bilateral:
-        """Return the span of the whitened gradients of the constraints, (m, nv), redundant ones included."""
+        """Return the span of the whitened gradients ``Y_eq`` of the constraints, (m, nv), redundant ones included."""
         lengths = np.sqrt(np.vecdot(whitened, whitened))
-        rows = whitened[lengths > 0] / lengths[lengths > 0, None]
-        return cls(deferred.orth(rows.T, rcond=_RANK).T)
+        lengths[lengths == 0] = 1.0
+        U, s, V = np.linalg.svd(whitened / lengths[:, None], full_matrices=False)
+        rank = np.count_nonzero(s > _RANK * s.max(initial=0.0))
+        return cls(V[:rank], (U[:, :rank] / s[:rank]).T / lengths)
 
     def project(self, gradients: np.ndarray) -> np.ndarray:
         """Return ``Y P``, (h, nv): gradients without their part along the constraints; 0 where that is all."""
@@ -40,6 +46,16 @@ class Bilateral(NamedTuple):
         fixed = np.vecdot(projected, projected) <= _FIXED**2 * np.vecdot(gradients, gradients)
         projected[fixed] = 0.0
         return projected
+
+    def confine(self, jacobian: np.ndarray, whitened: np.ndarray, constraints: np.ndarray) -> np.ndarray:
+        """Return the rows J' with ``J' R^-T = J R^-T P``, (h, nv): impulses along them leave the constraints alone.
+
+        Args:
+            jacobian: ``J``, (h, nv).
+            whitened: ``J R^-T``, (h, nv).
+            constraints: ``J_eq``, (m, nv).
+        """
+        return jacobian - whitened.dot(self.basis.T).dot(self.combination).dot(constraints)
 
     def along(self, whitened_velocity: np.ndarray) -> np.ndarray | None:
         """Return the part of a velocity that the constraints fix, (nv,); None if it is rounding: they are at rest."""

@@ -132,10 +132,8 @@ class RigidStepping:
         before = data.qvel.copy()
         advance(self._model, data, self._options, duration)
         update_positions(self._model, data)
-        if self._travel.is_short(before, data.qvel, duration):
-            pattern, _, _ = self._detector.look(data, self._near)
-            if not pattern:
-                return True
+        if self._travel.is_short(before, data.qvel, duration) and not self._detector.look(data, self._near).pattern:
+            return True
         restore_state(self._model, data, self._before)
         return False
 
@@ -176,8 +174,7 @@ class RigidStepping:
         rounding = start.rounding[closed]
         data.qvel[:] = self._collider.collide(
             self._metric_at(data),
-            start.touch.jacobian[closed],
-            start.touch.contacts.select(closed),
+            start.touch.closed(closed),
             start.velocity,
             approach=rounding,
             rounding=rounding,
@@ -332,8 +329,8 @@ class RigidStepping:
         """Return the smallest gap, up to ``reach``, of contacts that are not near."""
         if reach <= self._near:
             return self._near
-        _, contacts, _ = self._detector.look(data, reach)
-        return float(contacts.gap[contacts.gap > self._near].min(initial=reach))
+        gap = self._detector.look(data, reach).contacts.gap
+        return float(gap[gap > self._near].min(initial=reach))
 
     def _guess(self, data: mujoco.MjData, end: Flight) -> Guess:
         """Guess when the deepest contact that is not held has closed, from its velocities at both ends of the flow."""

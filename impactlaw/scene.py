@@ -93,7 +93,7 @@ def check_rigid(model: mujoco.MjModel, pairs: GeomPairs, *, ignore_friction: boo
     """Refuse what frictionless rigid stepping would simulate wrongly.
 
     Raises:
-        SceneError: friction (unless ignored), active equality constraints, colliding mocap bodies or flexes, adhesion.
+        SceneError: friction (unless ignored), colliding mocap bodies or flexes, adhesion.
     """
     names = geom_names(model)
     if pairs.friction.any() and not ignore_friction:
@@ -102,12 +102,6 @@ def check_rigid(model: mujoco.MjModel, pairs: GeomPairs, *, ignore_friction: boo
             f"rigid stepping is frictionless, but the scene has friction ({names[a]}/{names[b]}, "
             f'{np.count_nonzero(pairs.friction)} pairs); set condim="1" on the geoms, pass friction="ignore", '
             'or use contact_model="soft"'
-        )
-    if model.neq and model.eq_active0.any():
-        name = model.equality(int(np.argmax(model.eq_active0))).name or "unnamed"
-        raise SceneError(
-            f"rigid stepping does not cover equality constraints ({name}): an impact would violate them; "
-            'remove them or use contact_model="soft"'
         )
     mocap = model.body_mocapid[model.body_rootid[model.geom_bodyid[pairs.geoms]]] >= 0
     if mocap.any():
@@ -119,8 +113,8 @@ def check_rigid(model: mujoco.MjModel, pairs: GeomPairs, *, ignore_friction: boo
     if model.nflex:
         raise SceneError('rigid stepping is between geoms only, but the scene has a flex; use contact_model="soft"')
     adhesion = int(mujoco.mjtTrn.mjTRN_BODY)
-    if model.nu and (model.actuator_trntype == adhesion).any():
-        raise SceneError('rigid contacts do not pull, but the scene has an adhesion actuator; use contact_model="soft"')
+    if model.flg_adhesion or (model.nu and (model.actuator_trntype == adhesion).any()):
+        raise SceneError('rigid contacts do not pull, but the scene has adhesion; use contact_model="soft"')
 
 
 def thickness(model: mujoco.MjModel) -> np.ndarray:

@@ -2,9 +2,8 @@
 
 A collision is a contact that MuJoCo's solver acts on and that closes faster than ``rest_speed`` at the start of a
 step; limits of joints and tendons, at rad/s or m/s, are contacts too. The law then gives the velocity that MuJoCo
-integrates from. The law is frictionless: during the collision the tangential velocities change only as the normal
-impulses make them; friction acts before and after, as always. Nor does the law know equality constraints: MuJoCo's
-solver answers for those from the same step on.
+integrates from; equality constraints keep their velocity. The law is frictionless: during the collision the tangential
+velocities change only as the normal impulses make them; friction acts before and after, as always.
 
 A step without a collision is `mj_step`, bit for bit. What MuJoCo's contacts do between collisions is theirs, and a
 contact that first touches inside of a step is seen at its end, up to one step too deep.
@@ -30,8 +29,17 @@ from mujoco import (
     mj_step1,
 )
 
-from impactlaw.collide import Collider
-from impactlaw.contacts import Contacts, active_contacts, closing_speed, gap_gradients, geom_names, kinetic_metric
+from impactlaw.collide import Closed, Collider
+from impactlaw.contacts import (
+    Contacts,
+    active_contacts,
+    bilateral_constraints,
+    bilateral_rows,
+    closing_speed,
+    gap_gradients,
+    geom_names,
+    kinetic_metric,
+)
 from impactlaw.errors import DivergenceError
 from impactlaw.events import ImpactEvent
 from impactlaw.flow import is_huge
@@ -60,6 +68,7 @@ class SoftStepping:
         self._rest_speed = rest_speed
         self._names = geom_names(model)
         self._limits = Limits(model)
+        self._bilateral = bilateral_constraints(model)
         self._before = np.empty(mujoco.mj_stateSize(model, _STATE))
         self._trial: mujoco.MjData | None = None
         self._left_at = np.nan
@@ -171,12 +180,12 @@ class SoftStepping:
         if is_huge(data):  # MuJoCo says so itself when it next looks
             return _NOTHING
         contacts, jacobian = self._active(data)
+        bilateral = bilateral_rows(self._model, data, self._bilateral) if data.ne else None
         h = len(contacts)
         events: list[ImpactEvent] = []
         velocity = self._collider.collide(
             kinetic_metric(self._model, data),
-            jacobian,
-            contacts,
+            Closed(contacts, jacobian, bilateral),
             data.qvel.copy(),
             approach=np.full(h, self._rest_speed),
             rounding=np.zeros(h),

@@ -81,5 +81,5 @@ def soft_outcome(model: mujoco.MjModel, data: mujoco.MjData, impact: Impact) -> 
 def deepest_gap(model: mujoco.MjModel, data: mujoco.MjData, detector: Detector) -> float:
     """Return the smallest gap of now where geoms overlap, else 0, m. Frames and contacts of data are renewed."""
     update_positions(model, data)
-    contacts, _ = detector.near(data, 0.0)
+    contacts = detector.near(data, 0.0).contacts
     return float(contacts.gap[contacts.geoms[:, 0] >= 0].min(initial=0.0))

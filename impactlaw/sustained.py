@@ -26,7 +26,7 @@ from impactlaw.contacts import update_positions
 from impactlaw.errors import UnsolvableLawError
 from impactlaw.moment import CORRECTED, Arrival, Flow, Moment
 from impactlaw.solvers import Problem, solve_with_jump, with_active
-from impactlaw.touch import jump, whiten, whiten_gradients
+from impactlaw.touch import Touch, jump, whiten
 
 _CORRECTIONS = 20  # position corrections at most
 _SMOOTH_CORRECTIONS = 3  # that smooth surfaces need; each gains digits, their curvature decides how many
@@ -150,14 +150,15 @@ def _position_impulse(
     """
     touch, sustained = arrival.now.touch, arrival.sustained
     gap, J = touch.contacts.gap, touch.jacobian
-    Y, _ = touch.whitened(model, data)
+    along, Y, _ = touch.whitened(model, data)
     while True:
         rows = np.flatnonzero(sustained)
-        gradients, least, part = J[rows], J[rows].dot(shift) - gap[rows], Y[rows]
+        gradients, least, part = along[rows], J[rows].dot(shift) - gap[rows], Y[rows]
         if len(cuts[1]):
             guess = None
-            gradients, least = np.vstack([gradients, cuts[0]]), np.concatenate([least, cuts[1]])
-            part = np.vstack([part, whiten_gradients(model, data, cuts[0])])
+            more_gradients, more = touch.confine(model, data, cuts[0])
+            gradients, least = np.vstack([gradients, more_gradients]), np.concatenate([least, cuts[1]])
+            part = np.vstack([part, more])
         p = _pushing(Problem(part, least), None if guess is None else guess[rows])
         wanted = jump(model, data, gradients, p)
         if len(rows) == len(gap):
@@ -176,21 +177,22 @@ def _hold_velocity(
     """Change data.qvel so that no closed contact that is sustained approaches; return which of them press."""
     touch, start = arrival.now.touch, flow.start.touch
     held = np.flatnonzero(arrival.sustained & arrival.now.closed)
-    Y, lengths = touch.whitened(model, data)
-    J, Y, lengths = touch.jacobian[held], Y[held], lengths[held]
+    along, _, lengths = touch.whitened(model, data)
+    lengths = lengths[held]
     velocity = arrival.now.velocity.copy()
     guess = None if guess is None else guess[held]
-    nu = _pressing(model, data, J, Y, velocity, guess)
+    nu = _pressing(model, data, touch, held, velocity, guess)
     known = arrival.known[held]
+    J = touch.jacobian[held]
     difference = np.where(known[:, None] >= 0, start.jacobian[known] - J, 0.0) if start.pattern else J - J
     if np.count_nonzero(difference):
-        turned = whiten_gradients(model, data, difference)
+        difference, turned = touch.confine(model, data, difference)
         change = np.sqrt(np.vecdot(turned, turned))
         difference[change > _LARGEST_TURN * lengths] = 0.0  # another feature of the surface, not a curved one
         if np.count_nonzero(change > 1e-12 * lengths):
             velocity += jump(model, data, difference, 0.5 * nu)
-            nu = _pressing(model, data, J, Y, velocity, nu > 0)
-    data.qvel[:] = velocity + jump(model, data, J, nu)
+            nu = _pressing(model, data, touch, held, velocity, nu > 0)
+    data.qvel[:] = velocity + jump(model, data, along[held], nu)
     pressed = np.zeros(len(arrival.known), dtype=bool)
     pressed[held] = nu > 0
     return pressed
@@ -199,13 +201,16 @@ def _hold_velocity(
 def _pressing(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    J: np.ndarray,
-    Y: np.ndarray,
+    touch: Touch,
+    held: np.ndarray,
     velocity: np.ndarray,
     guess: np.ndarray | None,
 ) -> np.ndarray:
-    """Return ``nu`` with ``0 <= nu  ⊥  J (v + M^-1 J^T nu) >= 0``, (h,)."""
-    return _pushing(Problem(Y, -J.dot(velocity), -whiten(model, data, velocity)), guess)
+    """Return ``nu`` with ``0 <= nu  ⊥  J (v + M^-1 J'^T nu) + w >= 0`` for the contacts that are held, (h,)."""
+    Y = touch.whitened(model, data)[1][held]
+    gamma = touch.contact_velocity(velocity)[held]
+    known = touch.bilateral is None and touch.drift is None
+    return _pushing(Problem(Y, -gamma, -whiten(model, data, velocity) if known else None), guess)
 
 
 def _pushing(problem: Problem, guess: np.ndarray | None) -> np.ndarray:

@@ -12,9 +12,10 @@ from math import sqrt
 import mujoco
 import numpy as np
 
-from impactlaw.contacts import Contacts
-from impactlaw.detection import Detector, Pattern
+from impactlaw.collide import Closed
+from impactlaw.detection import Detector, Found
 from impactlaw.flow import Frames
+from impactlaw.relative import Bilateral
 
 
 class Touch:
@@ -25,31 +26,52 @@ class Touch:
         contacts: the contacts.
         jacobian: gap gradients ``J``, (h, nv).
         frames: of all geoms.
+        bilateral: gradients of equality constraints, which no impulse may violate, (m, nv); None if there are none.
+        drift: what surfaces that move add to contact velocities, m/s, (h,); None if there are none.
     """
 
-    def __init__(self, pattern: Pattern, contacts: Contacts, jacobian: np.ndarray, frames: Frames):
-        self.pattern = pattern
-        self.contacts = contacts
-        self.jacobian = jacobian
+    def __init__(self, found: Found, frames: Frames, drift: np.ndarray | None = None):
+        self.pattern, self.contacts, self.jacobian, self.bilateral = found
         self.frames = frames
-        self._whitened: tuple[np.ndarray, np.ndarray] | None = None
+        self.drift = drift
+        self._span: Bilateral | None = None
+        self._whitened: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
-    def whitened(self, model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
-        """Return ``Y``, the gradients where the kinetic metric is Euclidean, (h, nv), and their lengths, (h,).
+    def contact_velocity(self, velocity: np.ndarray) -> np.ndarray:
+        """Return ``gamma = J v + w``, m/s, (h,)."""
+        gamma = self.jacobian.dot(velocity)
+        return gamma if self.drift is None else gamma + self.drift
 
-        Computed when first asked for, which must be before data leaves the configuration of this touch.
+    def closed(self, which: np.ndarray) -> Closed:
+        """Return some of the contacts, (k,) indices, as ones that may collide."""
+        drift = None if self.drift is None else self.drift[which]
+        return Closed(self.contacts.select(which), self.jacobian[which], self.bilateral, drift)
+
+    def whitened(self, model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return what impulses do: the rows ``J'`` along which they act, ``Y = J' R^-T`` and the lengths of Y's rows.
+
+        ``J' = J`` where there are no equality constraints. Shapes (h, nv), (h, nv) and (h,). Computed when first asked
+        for, which must be before data leaves the configuration of this touch.
         """
         if self._whitened is None:
             mujoco.mj_factorM(model, data)
-            Y = whiten_gradients(model, data, self.jacobian)
-            self._whitened = Y, np.sqrt(np.vecdot(Y, Y))
+            if self.bilateral is not None:
+                self._span = Bilateral.of(whiten_gradients(model, data, self.bilateral))
+            J, Y = self.confine(model, data, self.jacobian)
+            self._whitened = J, Y, np.sqrt(np.vecdot(Y, Y))
         return self._whitened
+
+    def confine(self, model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return other rows without what equality constraints fix, and the same whitened, (k, nv); see `whitened`."""
+        Y = whiten_gradients(model, data, rows)
+        if self._span is None or self.bilateral is None:
+            return rows, Y
+        return self._span.confine(rows, Y, self.bilateral), self._span.project(Y)
 
 
 def look(model: mujoco.MjModel, data: mujoco.MjData, detector: Detector, within: float) -> Touch:
     """Return the contacts and limits nearer than ``within``, m or rad, and perhaps more, at the current frames."""
-    pattern, contacts, J = detector.look(data, within)
-    return Touch(pattern, contacts, J, Frames.of(data))
+    return Touch(detector.look(data, within), Frames.of(data))
 
 
 def whiten_gradients(model: mujoco.MjModel, data: mujoco.MjData, jacobian: np.ndarray) -> np.ndarray:

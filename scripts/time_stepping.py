@@ -47,7 +47,8 @@ class TimeStepping:
         mujoco.mj_integratePos(model, data.qpos, v, 0.5 * h)
         free = v + h * self._acceleration(data)
         update_positions(model, data)
-        contacts, gradients = self._detector.near(data, GAP_TOLERANCE)
+        near = self._detector.near(data, GAP_TOLERANCE)
+        contacts, gradients = near.contacts, near.jacobian
         data.qvel[:] = self._constrain(data, contacts, gradients, v, free) if len(contacts) else free
         mujoco.mj_integratePos(model, data.qpos, data.qvel, 0.5 * h)
         data.time += h

@@ -229,11 +229,11 @@ def test_lower_and_upper_limit_are_told_apart():
         data.qpos[0] = position
         update_positions(model, data)
         with detector.options:
-            pattern, contacts, J = detector.look(data, 1e-6)
+            pattern, contacts, J, _ = detector.look(data, 1e-6)
         assert contacts.labels == ("rail",)
         assert J[0, 0] == (1.0 if position < 0 else -1.0)
         keys.append(int(pattern.key[0]))
     assert keys[0] != keys[1]
     with detector.options:
-        pattern, _, _ = detector.look(data, 10.0)
+        pattern = detector.look(data, 10.0).pattern
     assert pattern.key.tolist() == keys
