@@ -11,7 +11,7 @@ from typing import Any
 _HOMES = {
     "scipy.linalg": ("lstsq", "orth", "qr", "solve", "svd"),
     "scipy.linalg.blas": ("dtrsv",),
-    "scipy.linalg.lapack": ("dpbtrf", "dpbtrs", "dposv", "dpotrf", "dpttrf", "dpttrs", "dtrtrs"),
+    "scipy.linalg.lapack": ("dpbtrf", "dpbtrs", "dgesv", "dposv", "dpotrf", "dpttrf", "dpttrs", "dtrtrs"),
     "scipy.optimize": ("nnls", "root_scalar"),
     "scipy.sparse": ("csc_matrix", "csr_array", "eye_array"),
     "scipy.sparse.csgraph": ("connected_components", "reverse_cuthill_mckee"),

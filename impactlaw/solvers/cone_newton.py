@@ -1,0 +1,165 @@
+"""Semismooth Newton steps on the complementarity of contacts with friction."""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from impactlaw import deferred
+from impactlaw.solvers.cone_problem import ENOUGH, SHARP, ConeProblem, project, projection_derivative
+
+_TINY = 1e-300
+_HALVINGS = 5
+_COMPLIANCES = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
+_STEPS = 15
+
+
+class Point(NamedTuple):
+    """Where an iteration stands.
+
+    Attributes:
+        x: scaled impulse, (h, m).
+        u: scaled velocity of the complementarity, (h, m).
+        value: the map that Newton's method makes zero, (h, m).
+        merit: its length.
+    """
+
+    x: np.ndarray
+    u: np.ndarray
+    value: np.ndarray
+    merit: float
+
+
+class NewtonMap:
+    """A map of impulse and velocity that is zero where the complementarity holds, and its generalized derivative.
+
+    For exact friction it is that of Alart and Curnier, with ``p = x_n - r_n u_n`` and ``q = x_t - r_t u_t``,
+    ``F_n = x_n - [p]+`` and ``F_t = x_t - (q`` cut to length ``[p]+)``; for the convex relaxation the natural map.
+
+    Args:
+        problem: what to solve.
+        compliance: c >= 0 of ``u = (G + c D) x + b``, D the diagonal of G by contact; 0 is the problem itself.
+    """
+
+    def __init__(self, problem: ConeProblem, compliance: float = 0.0):
+        h, m = problem.shape
+        self.problem, self.compliance = problem, compliance
+        diagonal = problem.delassus.diagonal().reshape(h, m)
+        self.normal = 1.0 / np.maximum(diagonal[:, 0], 1e-6)
+        self.tangent = 1.0 / np.maximum(diagonal[:, 1:].max(axis=1, initial=0.0), 1e-6)
+        self.each = 1.0 / np.maximum(diagonal.max(axis=1, initial=0.0), 1e-6)
+
+    def at(self, x: np.ndarray) -> Point:
+        """Evaluate the map."""
+        u = self.problem.velocity(x)
+        if self.compliance:
+            u += self.compliance * x
+        value = self._exact(x, u)[0] if self.problem.exact else self._convex(x, u)
+        flat = value.reshape(-1)
+        merit = sqrt(flat.dot(flat))
+        return Point(x, u, value, merit if merit >= 0 else inf)
+
+    def step(self, point: Point, regular: float) -> np.ndarray:
+        """Return Newton's step, (h, m), with ``G + regular`` in place of a G that may be singular."""
+        h, m = self.problem.shape
+        n = h * m
+        P, Q = self._exact_parts(point) if self.problem.exact else self._convex_parts(point)
+        G = self.problem.delassus.copy()
+        G.reshape(-1)[:: n + 1] += regular + self.compliance
+        system = np.matmul(Q, G.reshape(h, m, n)).reshape(h, m, h, m)
+        i = np.arange(h)
+        system[i, :, i, :] += P
+        _, _, step, failed = deferred.dgesv(system.reshape(n, n), point.value.reshape(n))
+        if failed:
+            step = deferred.lstsq(system.reshape(n, n), point.value.reshape(n))[0]
+        return -step.reshape(h, m)
+
+    def _exact(self, x: np.ndarray, u: np.ndarray):
+        p = x[:, 0] - self.normal * u[:, 0]
+        N = np.maximum(p, 0.0)
+        q = x[:, 1:] - self.tangent[:, None] * u[:, 1:]
+        r = np.sqrt(np.vecdot(q, q))
+        cut = N / np.maximum(np.maximum(r, N), _TINY)
+        value = x.copy()
+        value[:, 0] -= N
+        value[:, 1:] -= cut[:, None] * q
+        return value, p, N, q, r, cut
+
+    def _exact_parts(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
+        """Return P and Q, (h, m, m), of the derivative ``P + Q G``."""
+        h, m = self.problem.shape
+        _, p, N, q, r, cut = self._exact(point.x, point.u)
+        pressed = p > 0
+        direction = np.where(r > N, 1.0 / np.maximum(r, _TINY), 0.0)[:, None] * q  # zero where it sticks
+        P, Q = np.zeros((h, m, m)), np.zeros((h, m, m))
+        P[:, 0, 0], Q[:, 0, 0] = ~pressed, pressed * self.normal
+        one = np.eye(m - 1)
+        D = cut[:, None, None] * (one - direction[:, :, None] * direction[:, None, :])
+        P[:, 1:, 1:], Q[:, 1:, 1:] = one - D, self.tangent[:, None, None] * D
+        along = direction * pressed[:, None]
+        P[:, 1:, 0], Q[:, 1:, 0] = -along, along * self.normal[:, None]
+        return P, Q
+
+    def _convex(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        return x - project(x - self.each[:, None] * u)
+
+    def _convex_parts(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
+        m = self.problem.shape[1]
+        D = projection_derivative(point.x - self.each[:, None] * point.u)
+        return np.eye(m) - D, self.each[:, None, None] * D
+
+
+def newton(problem: ConeProblem, x: np.ndarray, *, most: int, regular: float = 1e-12) -> tuple[np.ndarray, float, int]:
+    """Return the best impulse found from x, its residual, and the number of steps.
+
+    Args:
+        problem: what to solve.
+        x: scaled impulse to start from, (h, m).
+        most: steps.
+        regular: see `NewtonMap.step`.
+    """
+    this = NewtonMap(problem)
+    point = this.at(x)
+    best, least = x, problem.residual(x, point.u)
+    taken = 0
+    while taken < most and least > SHARP * problem.scale:
+        point = _search(this, point, this.step(point, regular))
+        taken += 1
+        residual = problem.residual(point.x, point.u)
+        done = least <= ENOUGH * problem.scale and residual > 0.1 * least
+        if residual < least:
+            best, least = point.x, residual
+        if done:
+            break
+    return best, least, taken
+
+
+def continuation(problem: ConeProblem) -> tuple[np.ndarray, int]:
+    """Follow the solution of compliant contacts, ``u = (G + c) x + b``, from large c to small; return x and steps."""
+    x, taken = np.zeros(problem.shape), 0
+    for c in _COMPLIANCES:
+        this = NewtonMap(problem, c)
+        point = best = this.at(x)
+        for _ in range(_STEPS):
+            if best.merit <= 1e-9 * problem.scale:
+                break
+            point = _search(this, point, this.step(point, 1e-12))
+            taken += 1
+            if point.merit < best.merit:
+                best = point
+        x = best.x
+    return x, taken
+
+
+def _search(this: NewtonMap, point: Point, step: np.ndarray) -> Point:
+    """Return the first point along a step where the map is smaller; the whole step where none is."""
+    whole = following = this.at(point.x + step)
+    fraction = 1.0
+    for _ in range(_HALVINGS):
+        if following.merit <= (1.0 - 1e-4 * fraction) * point.merit:
+            return following
+        fraction *= 0.5
+        following = this.at(point.x + fraction * step)
+    return whole
