@@ -75,9 +75,13 @@ def is_sparse(values: Any) -> bool:
 def finite_sparse(values: Any, name: str) -> Any:
     """Return a copy as a read-only CSR array in double precision, without entries that are zero.
 
+    What this function returned is taken as it is.
+
     Raises:
         InvalidCollisionError: not a matrix, not numbers, or not all of them finite.
     """
+    if _is_finished(values):
+        return values
     try:
         array = deferred.csr_array(values, dtype=float, copy=True)
     except (TypeError, ValueError) as error:
@@ -88,9 +92,24 @@ def finite_sparse(values: Any, name: str) -> Any:
     if np.count_nonzero(np.isfinite(array.data)) != array.data.size:
         raise InvalidCollisionError(f"{name} has entries that are not finite")
     array.eliminate_zeros()
-    for part in (array.data, array.indices, array.indptr):
-        part.flags.writeable = False
+    array.data, array.indices, array.indptr = map(_own, (array.data, array.indices, array.indptr))
     return array
+
+
+def _own(part: np.ndarray) -> np.ndarray:
+    """Return what nobody can write to, not even through another view."""
+    part = part if part.base is None else part.copy()
+    part.flags.writeable = False
+    return part
+
+
+def _is_finished(values: Any) -> bool:
+    if type(values) is not deferred.csr_array or values.ndim != 2 or not values.has_canonical_format:
+        return False
+    data, parts = values.data, (values.data, values.indices, values.indptr)
+    if data.dtype != float or any(part.flags.writeable or part.base is not None for part in parts):
+        return False
+    return bool(np.isfinite(data).all() and data.all())
 
 
 def _check_symmetry(M: Any) -> None:

@@ -9,6 +9,7 @@ from impactlaw import Collision, Fremond, Impact, MaximalDissipation, Moreau, Ne
 from impactlaw.errors import InvalidCollisionError, RestitutionError, SolverError, UnsolvableLawError
 from impactlaw.metric import KineticMetric
 from impactlaw.solvers import SOLVERS, Problem, Status, solve_with_jump
+from impactlaw.solvers.banded import BandedDelassus
 from impactlaw.sparse_metric import LARGEST_BLOCK, SparseMetric
 
 
@@ -143,6 +144,36 @@ def test_primal_dual_agrees_with_nnls(seed):
     assert answered > 190
 
 
+@pytest.mark.parametrize("touching", [1, 2, 3, 20])
+@pytest.mark.parametrize("shuffled", [False, True])
+def test_banded_delassus_is_the_delassus_matrix_of_unit_gradients(touching, shuffled):
+    """Contacts that share a degree of freedom with the ``touching - 1`` next ones; up to 8 and more than 8 of them."""
+    rng = np.random.default_rng([51, touching])
+    h = 60
+    dense = np.zeros((h, h + touching - 1))
+    for i in range(h):
+        dense[i, i : i + touching] = rng.normal(size=touching)
+    rows = rng.permutation(h) if shuffled else np.arange(h)
+    problem = Problem(sp.csr_array(dense[rows]), np.ones(h))
+    U = dense[rows] / problem.lengths[:, None]
+    banded = BandedDelassus(problem)
+    assert len(banded.band) == touching
+    G = (U @ U.T)[np.ix_(banded.order, banded.order)]
+    for k, row in enumerate(banded.band):
+        np.testing.assert_allclose(row[: h - k], np.diagonal(G, -k), rtol=0, atol=1e-14)
+    impulse = rng.normal(size=h)
+    np.testing.assert_allclose(banded.product(impulse), G @ impulse, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(banded.careful_product(impulse), G @ impulse, rtol=0, atol=1e-13)
+    assert np.linalg.eigvalsh(G).max() <= banded.largest * (1 + 1e-14)
+    active = rng.random(h) < 0.6
+    factor = banded.factor(active, 0.1)
+    assert factor is not None
+    solved = factor.solve(impulse)
+    assert not solved[~active].any()
+    on = np.ix_(active, active)
+    np.testing.assert_allclose((G[on] + 0.1 * np.eye(active.sum())) @ solved[active], impulse[active], atol=1e-12)
+
+
 def test_large_arrays_of_mostly_zeros_take_the_sparse_way():
     c = launched(201, 3)
     problem = Problem(c.whitened_jacobian, -1.5 * c.pre_contact_velocity, -1.5 * c.whitened_velocity)
@@ -242,6 +273,12 @@ def test_sparse_inputs_are_copied_and_frozen():
     assert c.jacobian.toarray().tolist() == [[1.0, 2.0]]
     with pytest.raises(ValueError, match="read-only"):
         c.jacobian.data[0] = 0.0
+    assert Collision(c.mass_matrix, c.jacobian, [1.0, 0.0]).jacobian is c.jacobian
+    part = J.data.view()
+    part.flags.writeable = False
+    other = Collision(sp.eye_array(2), sp.csr_array((part, J.indices, J.indptr)), [-1.0, 0.0])
+    J.data[0] = 7.0
+    assert other.jacobian.toarray().tolist() == [[9.0, 2.0]]
 
 
 def test_one_of_the_two_sparse_is_enough():

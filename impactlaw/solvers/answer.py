@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from math import inf, sqrt
 from typing import NamedTuple
 
@@ -9,9 +10,11 @@ import numpy as np
 
 from impactlaw.solvers.base import Problem
 from impactlaw.solvers.least_squares import least_squares
+from impactlaw.solvers.structure import as_dense
 
 _ROUNDING = 8 * float(np.finfo(float).eps)
 _JAMMED = 1e-2  # part of the speed above which the rounding of impulses makes them meaningless
+_POLISHABLE = 250_000  # entries of a CSR array up to which a second look, by a dense solver, does not take seconds
 POLISHED = 1e-14
 """Relative residual that needs no second look."""
 
@@ -46,7 +49,7 @@ def beyond_rounding(gap: float, impulses: float, speed: float) -> float:
 
 def judge(problem: Problem, impulse: np.ndarray, jump: np.ndarray | None = None) -> Answer:
     """Measure how far an impulse, and a jump where one was computed apart from it, are from the law."""
-    product = problem.gradients.T.dot(impulse)
+    product = problem.transposed.dot(impulse)
     scaled = impulse * problem.lengths
     gap = 0.0
     if jump is not None:
@@ -59,11 +62,20 @@ def judge(problem: Problem, impulse: np.ndarray, jump: np.ndarray | None = None)
     return Answer(impulse, product, slack, residual if residual >= 0 else inf)  # infinite where it is not a number
 
 
+def is_polishable(problem: Problem) -> bool:
+    """Whether `polish` has a second look at answers that are not good enough."""
+    return not problem.is_sparse or math.prod(problem.gradients.shape) <= _POLISHABLE
+
+
 def polish(problem: Problem, impulse: np.ndarray) -> Answer:
     """Solve once more on the contacts that carry an impulse, and keep what has the smaller residual."""
     answer = judge(problem, impulse)
     if answer.residual <= POLISHED * problem.scale or not np.count_nonzero(impulse):
         return answer
+    dense = as_dense(problem, _POLISHABLE)
+    if dense is None:
+        return answer
+    problem = dense
     active = impulse > 0
     lengths = problem.lengths[active]
     Y, c = problem.gradients[active] / lengths[:, None], problem.bound[active] / lengths

@@ -29,7 +29,7 @@ class Problem:
         scale: largest of |v-|, |d| and ``|c_i| / |Y_i|``: a jump is called rounding in comparison with it, sqrt(J).
     """
 
-    __slots__ = ("bound", "gradients", "lengths", "norms", "preimage", "scale", "speed")
+    __slots__ = ("_transposed", "bound", "gradients", "lengths", "norms", "preimage", "scale", "speed")
 
     norms: np.ndarray
     lengths: np.ndarray
@@ -52,6 +52,14 @@ class Problem:
         else:
             wanted = float(np.abs(bound / self.lengths).max(initial=0.0))
         self.scale = speed if speed > wanted else wanted
+        self._transposed: Any = None
+
+    @property
+    def transposed(self) -> Any:
+        """``Y^T``, in the form of Y."""
+        if self._transposed is None:
+            self._transposed = self.gradients.T
+        return self._transposed
 
     def speed_at(self, jump: np.ndarray) -> float:
         """What errors are compared with: where |v-| is known, never more than the larger of |v-| and |v+|."""
@@ -77,13 +85,18 @@ def row_lengths(gradients: Any) -> np.ndarray:
     """Return the lengths of the rows of an array or a CSR array, (h,)."""
     if isinstance(gradients, np.ndarray):
         return np.sqrt(np.vecdot(gradients, gradients))
-    rows = np.repeat(np.arange(gradients.shape[0]), np.diff(gradients.indptr))
-    return np.sqrt(np.bincount(rows, weights=np.square(gradients.data), minlength=gradients.shape[0]))
+    squares = gradients.data * gradients.data
+    return np.sqrt(np.bincount(row_numbers(gradients), weights=squares, minlength=gradients.shape[0]))
+
+
+def row_numbers(gradients: Any) -> np.ndarray:
+    """Return the row of each entry of a CSR array, (entries,)."""
+    return np.repeat(np.arange(gradients.shape[0]), np.diff(gradients.indptr))
 
 
 def natural_residual(problem: Problem, impulse: np.ndarray) -> float:
     """Return the length of the natural map ``min(Lambda_i |Y_i|, slack_i)``, relative to the scale of the problem."""
-    natural = np.minimum(impulse * problem.lengths, problem.slack(problem.gradients.T.dot(impulse)))
+    natural = np.minimum(impulse * problem.lengths, problem.slack(problem.transposed.dot(impulse)))
     length = sqrt(natural.dot(natural))
     return length / problem.scale if problem.scale > 0 else length
 
@@ -92,7 +105,7 @@ def row_scaled(gradients: Any, lengths: np.ndarray) -> Any:
     """Return the rows divided by the lengths, in the form of the gradients."""
     if isinstance(gradients, np.ndarray):
         return gradients / lengths[:, None]
-    data = gradients.data / np.repeat(lengths, np.diff(gradients.indptr))
+    data = gradients.data / lengths[row_numbers(gradients)]
     return deferred.csr_array((data, gradients.indices, gradients.indptr), shape=gradients.shape)
 
 

@@ -7,7 +7,7 @@ from math import inf, sqrt
 import numpy as np
 
 from impactlaw.solvers.banded import BandedDelassus, Factor
-from impactlaw.solvers.base import Problem, Solution, Status, row_scaled, sparse
+from impactlaw.solvers.base import Problem, Solution, Status
 
 _INDEPENDENT = 1e-13  # squared sine, of a gradient and the span of others, below which the system is made definite
 _SHIFTS = (1e-3, 1e-7)  # first and last, of the diagonal of G, of unit gradients, where it is singular
@@ -18,6 +18,8 @@ _GRADIENTS = 3000
 _NEAR = 1e-10  # natural map, relative to the scale, from which the active contacts are likely to be the right ones
 _ROUNDING = 1e-15  # impulse or slack, relative to the scale, whose sign means nothing
 _REFINEMENTS = 3
+_NEARLY = 1e-12  # impulse or slack, relative to the scale, from which refined numbers decide on their sign
+_ILL = 1e-6  # squared sine of the angles between gradients from which they always do
 _REACHED = 1e-9  # natural map, relative to the scale, of proximal points that are an answer
 
 
@@ -34,7 +36,7 @@ def primal_dual_active_set(problem: Problem) -> Solution:
     h = len(problem.bound)
     if h == 0 or not (problem.bound > 0).any():
         return Solution(np.zeros(h))
-    U = BandedDelassus(row_scaled(sparse(problem.gradients), problem.lengths))
+    U = BandedDelassus(problem)
     if U.band.size == 0:
         return Solution(np.zeros(h), Status.STOPPED)
     search = _Search(U, (problem.bound / problem.lengths)[U.order], problem.scale)
@@ -56,17 +58,18 @@ class _Search:
 
     def run(self, active: np.ndarray) -> np.ndarray | None:
         """Return the impulses, (h,), or None."""
-        impulse = self._settle(active, 0.0, np.zeros_like(self.bound))
-        if impulse is not None and self._error(impulse) <= _REACHED * self.scale:
-            return impulse
+        settled = self._settle(active, 0.0, self.bound)
+        if settled is not None and _length(np.minimum(*settled)) <= _REACHED * self.scale:
+            return settled[0]
         best, least, shift, worse = None, inf, _SHIFTS[0], 0
         before = np.zeros_like(self.bound)
         for _ in range(_PROXIMAL):
-            before = self._settle(active, shift, before)
-            if before is None:
+            settled = self._settle(active, shift, self.bound + shift * before)
+            if settled is None:
                 break
+            before = settled[0]
             active = before > 0
-            error = self._error(before)
+            error = _length(np.minimum(before, self._slack(before, self.bound, 0.0)))
             worse = 0 if error < 0.5 * least else worse + 1
             if error < least:
                 best, least = before, error
@@ -75,25 +78,24 @@ class _Search:
             shift = max(0.1 * shift, _SHIFTS[1])
         return best if least <= _REACHED * self.scale else None
 
-    def _error(self, impulse: np.ndarray) -> float:
-        """Return the length of the natural map, sqrt(J)."""
-        natural = np.minimum(impulse, self._slack(impulse, self.bound, 0.0))
-        return sqrt(natural.dot(natural))
-
-    def _settle(self, active: np.ndarray, shift: float, before: np.ndarray) -> np.ndarray | None:
-        """Return ``Lambda >= 0  ⊥  (G + shift) Lambda >= c + shift before``; None if singular or not found."""
-        wanted = self.bound + shift * before
+    def _settle(self, active: np.ndarray, shift: float, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return ``Lambda >= 0  ⊥  (G + shift) Lambda - wanted >= 0``, both; None if singular or not found."""
         fewest, patience, rounding = len(wanted) + 1, _PATIENCE, _ROUNDING * self.scale
         helped = False
         for _ in range(_CHANGES):
             factor = self._factor(active, shift)
             if factor is None:
                 return None
-            impulse, slack = self._refined(factor, active, wanted, shift)
-            wrong = np.where(active, impulse < -rounding, slack < -rounding)
+            impulse = factor.solve(wanted)
+            slack = self._slack(impulse, wanted, shift, careful=False)
+            signed = np.where(active, impulse, slack)
+            if signed.min() > -_NEARLY * self.scale or factor.least_pivot < _ILL:
+                impulse, slack = self._refined(factor, active, impulse, wanted, shift)
+                signed = np.where(active, impulse, slack)
+            wrong = signed < -rounding
             count = np.count_nonzero(wrong)
             if count == 0:
-                return impulse
+                return impulse, slack
             self.changes += 1
             patience = _PATIENCE if count < fewest else patience - 1
             fewest = min(count, fewest)
@@ -110,7 +112,7 @@ class _Search:
         """Return a point near the solution by Nesterov's accelerated projected gradients, restarted where they turn."""
         ahead, t, step = impulse, 1.0, 1.0 / (self.U.largest + shift)
         for count in range(_GRADIENTS):
-            slack = self._slack(ahead, wanted, shift)
+            slack = self._slack(ahead, wanted, shift, careful=False)
             if count % 32 == 0 and np.abs(np.minimum(ahead, slack)).max() <= _NEAR * self.scale:
                 break
             following = np.maximum(ahead - step * slack, 0.0)
@@ -124,24 +126,25 @@ class _Search:
 
     def _factor(self, active: np.ndarray, shift: float) -> Factor | None:
         """Return a factor of the active system, the last one if it is the same; None if that is singular."""
-        if self._last is None or self._last[0] != shift or not np.array_equal(self._last[1], active):
+        if shift == 0.0:  # no two systems are the same
             factor = self.U.factor(active, shift)
-            if factor is not None and shift == 0.0 and factor.least_pivot < _INDEPENDENT:
-                factor = None
-            self._last = shift, active, factor
+            return None if factor is None or factor.least_pivot < _INDEPENDENT else factor
+        if self._last is None or self._last[0] != shift or not np.array_equal(self._last[1], active):
+            self._last = shift, active, self.U.factor(active, shift)
         return self._last[2]
 
     def _refined(
-        self, factor: Factor, active: np.ndarray, wanted: np.ndarray, shift: float
+        self, factor: Factor, active: np.ndarray, impulse: np.ndarray, wanted: np.ndarray, shift: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return impulses that solve the system on the active contacts, and the slack of all contacts."""
-        impulse = factor.solve(wanted)
+        """Return better impulses that solve the system on the active contacts, and the slack of all contacts."""
         slack = self._slack(impulse, wanted, shift)
-        error = sqrt(np.square(slack[active]).sum())
+        error = _length(slack * active)
         for _ in range(_REFINEMENTS):
+            if error <= _ROUNDING * self.scale:
+                break
             better = impulse - factor.solve(slack)
             following = self._slack(better, wanted, shift)
-            left = sqrt(np.square(following[active]).sum())
+            left = _length(following * active)
             if left < error:
                 impulse, slack = better, following
             if not left < 0.5 * error:
@@ -149,5 +152,12 @@ class _Search:
             error = left
         return impulse, slack
 
-    def _slack(self, impulse: np.ndarray, wanted: np.ndarray, shift: float) -> np.ndarray:
-        return self.U.gradients.dot(self.U.jump(impulse)) + shift * impulse - wanted
+    def _slack(self, impulse: np.ndarray, wanted: np.ndarray, shift: float, *, careful: bool = True) -> np.ndarray:
+        """Return ``(G + shift) Lambda - wanted``, (h,); with care, without the rounding of G."""
+        slack = (self.U.careful_product if careful else self.U.product)(impulse)
+        slack -= wanted
+        return slack if shift == 0.0 else slack + shift * impulse
+
+
+def _length(vector: np.ndarray) -> float:
+    return sqrt(vector.dot(vector))
