@@ -1,0 +1,228 @@
+"""Flows between collisions: how far one leads, which contacts stay closed meanwhile, and when another gap closes.
+
+A flow is MuJoCo's integrator without contacts (`flow.advance`). It is tried, shortened where bodies travel further than
+they are thick (`flow.Travel`), brought back to the contacts that stay closed (`sustained.hold`), and where another gap
+fell below minus the tolerance, repeated up to the time at which it closes (`location.locate`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from impactlaw.contacts import update_positions
+from impactlaw.detection import Detector
+from impactlaw.flow import Travel, advance, restore_state
+from impactlaw.location import Guess, locate, parabola
+from impactlaw.moment import Arrival, Flow, Moment, match
+from impactlaw.plan import Plan
+from impactlaw.sustained import hold, stays
+from impactlaw.touch import look
+
+_LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located
+_SMOOTH = 0.35, 0.15  # part of its depth that a smooth gap has reached after half of the flow: a quarter, nearly
+_NEAR = 1e3  # gap tolerances within which contacts are looked for
+
+
+class Flight(NamedTuple):
+    """A flow that has been tried: the contacts at its end, and the smallest gap among those that are not held.
+
+    Attributes:
+        flow: what has been tried.
+        arrival: the contacts at its end.
+        gap: smallest gap among those that are not held, m. A contact that was deeper at the start counts as touching.
+        deepest: index of that contact, -1 where none is near.
+    """
+
+    flow: Flow
+    arrival: Arrival
+    gap: float
+    deepest: int
+
+
+class Flights:
+    """Flies from one moment towards the end of a step.
+
+    Args:
+        model: the scene.
+        plan: what the scene can need.
+        gap_tolerance: gap up to which a contact counts as closed, m.
+
+    Attributes:
+        options: to be entered (``with``) around every use.
+    """
+
+    def __init__(self, model: mujoco.MjModel, plan: Plan, gap_tolerance: float):
+        self._model = model
+        self._tolerance = gap_tolerance
+        self._near = _NEAR * gap_tolerance
+        self._detector = Detector(model, convex=plan.convex, faces=plan.faces)
+        self._travel = Travel(model, plan.pairs, passing=plan.passing, turning=plan.turning)
+        self.options = self._detector.options
+
+    def look(self, data: mujoco.MjData, within: float = 0.0) -> Moment:
+        """Return the contacts of now, of a gap up to ``within``, m or rad, at least; frames must be current."""
+        touch = look(self._model, data, self._detector, max(self._near, within))
+        return Moment.of(self._model, data, touch, tolerance=self._tolerance, timestep=self.options.timestep)
+
+    def glide(self, data: mujoco.MjData, state: np.ndarray, duration: float) -> bool:
+        """Advance from a saved state if no contact is near at the end; nothing is near now. Return whether it did."""
+        before = data.qvel.copy()
+        advance(self._model, data, self.options, duration)
+        update_positions(self._model, data)
+        if self._travel.is_short(before, data.qvel, duration) and not self._detector.look(data, self._near).pattern:
+            return True
+        restore_state(self._model, data, state)
+        return False
+
+    def fly(
+        self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool
+    ) -> tuple[Flight, bool]:
+        """Advance from a saved state by at most ``duration``; return where that led, and whether a gap closed there."""
+        flight = self._try_safely(data, state, start, duration, hold_all=hold_all)
+        if hold_all or flight.gap >= -self._tolerance:
+            return flight, False
+
+        def again(time: float, *, smooth: bool = False) -> Flight:
+            restore_state(self._model, data, state)
+            return self._try(data, start, time, reach=reach, smooth=smooth)
+
+        tried, reach = flight.flow, 4.0 * abs(flight.gap) + self._near
+        longest = self._travel.between(start.touch.frames, data).max()
+        guess = self._guess(data, flight)
+        if self._may_be_smooth(flight):
+            half = again(0.5 * tried.duration)
+            if _SMOOTH[0] * flight.gap <= half.gap <= _SMOOTH[1] * flight.gap:
+                held = again(tried.duration, smooth=True)
+                if held.gap >= -self._tolerance:
+                    return held, False
+        shortest = tried.duration * self._tolerance / max(longest, self._tolerance)
+        located = locate(
+            again,
+            flight,
+            tried.duration,
+            guess,
+            target=_LOCATED * self._tolerance,
+            tolerance=self._tolerance,
+            shortest=shortest,
+        )
+        if self._was_closed(located) and located.flow.duration > 2.0 * shortest:
+            # at rest over shorter flows (`sustained.stays`), not over longer ones: it rests up to there
+            held = again(located.flow.duration - 2.0 * shortest)
+            return (held, True) if held.gap >= -self._tolerance else (again(located.flow.duration), True)
+        return located, True
+
+    def _was_closed(self, end: Flight) -> bool:
+        """Return whether the deepest contact penetrates and was closed, and no deeper, at the start of the flow."""
+        if end.gap >= -self._tolerance:
+            return False
+        start, before = end.flow.start, end.arrival.known[end.deepest]
+        return bool(before >= 0 and abs(start.gap[before]) <= self._tolerance)
+
+    def _may_be_smooth(self, end: Flight) -> bool:
+        """Return whether the deepest contact may continue a sustained one that was somewhere else in common faces."""
+        start, touch = end.flow.start, end.arrival.now.touch
+        if end.arrival.known[end.deepest] >= 0 or not touch.pattern.vague[end.deepest]:
+            return False
+        held = start.closed & (start.contact_velocity <= start.rounding)
+        return bool((start.touch.pattern.key[held] == touch.pattern.key[end.deepest]).any())
+
+    def _try_safely(
+        self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool
+    ) -> Flight:
+        while True:
+            advance(self._model, data, self.options, duration)
+            update_positions(self._model, data)
+            if self._travel.is_short(start.velocity, data.qvel, duration):
+                return self._arrive(data, Flow(start, duration, self._tolerance, self._travel, hold_all))
+            longest = self._travel.longest_turn(start.velocity)
+            if duration > longest:
+                restore_state(self._model, data, state)
+                duration = longest
+                continue
+            travel = self._travel.between(start.touch.frames, data)
+            suspects = self._travel.suspects(start.touch.frames, travel)
+            if len(suspects) == 0:
+                return self._arrive(data, Flow(start, duration, self._tolerance, self._travel, hold_all))
+            restore_state(self._model, data, state)
+            update_positions(self._model, data)
+            fraction = self._travel.safe_fraction(data, suspects, travel)
+            if fraction >= 1.0:
+                return self._try(data, start, duration, hold_all=hold_all)
+            duration *= 0.9 * fraction
+
+    def _try(
+        self,
+        data: mujoco.MjData,
+        start: Moment,
+        duration: float,
+        *,
+        hold_all: bool = False,
+        smooth: bool = False,
+        reach: float = 0.0,
+    ) -> Flight:
+        advance(self._model, data, self.options, duration)
+        update_positions(self._model, data)
+        return self._arrive(data, Flow(start, duration, self._tolerance, self._travel, hold_all, smooth), reach)
+
+    def _arrive(self, data: mujoco.MjData, flow: Flow, reach: float = 0.0) -> Flight:
+        """Look at the contacts where the flow has led, and hold those that stay closed.
+
+        Args:
+            data: at the end of the flow.
+            flow: what led there.
+            reach: distance to look further if nothing is near, m.
+        """
+
+        def look_again(within: float) -> tuple[Moment, np.ndarray]:
+            now = self.look(data, within)
+            return now, match(self._model, data, now.touch, flow)
+
+        now, known = look_again(0.0)
+        if not now.touch.pattern:
+            return Flight(flow, Arrival(now, known, known), self._further(data, reach), -1)
+        if (
+            now.quiet
+            and flow.start.quiet
+            and now.touch.pattern is flow.start.touch.pattern
+            and now.touch.pattern.all_single
+        ):
+            return Flight(flow, Arrival(now, known, now.closed), self._further(data, reach), -1)
+        arrival = Arrival(now, known, stays(now.gap, known, flow))
+        if np.count_nonzero(arrival.sustained & now.closed):
+            arrival = hold(self._model, data, arrival, flow, look_again)
+        smallest, deepest = self._smallest_gap(data, arrival, flow, reach)
+        return Flight(flow, arrival, smallest, deepest)
+
+    def _smallest_gap(self, data: mujoco.MjData, arrival: Arrival, flow: Flow, reach: float) -> tuple[float, int]:
+        if np.count_nonzero(arrival.sustained) == len(arrival.sustained):
+            return self._further(data, reach), -1
+        opened = np.flatnonzero(~arrival.sustained)
+        clear = arrival.now.gap[opened]
+        if len(flow.start.gap):
+            known = arrival.known[opened]
+            before = np.where(known >= 0, flow.start.gap[known], 0.0)
+            clear = clear - np.where(before < -self._tolerance, before, 0.0)
+        least = int(clear.argmin())
+        return float(clear[least]), int(opened[least])
+
+    def _further(self, data: mujoco.MjData, reach: float) -> float:
+        """Return the smallest gap, up to ``reach``, of contacts that are not near."""
+        if reach <= self._near:
+            return self._near
+        gap = self._detector.look(data, reach).contacts.gap
+        return float(gap[gap > self._near].min(initial=reach))
+
+    def _guess(self, data: mujoco.MjData, end: Flight) -> Guess:
+        """Guess when the deepest contact that is not held has closed, from its velocities at both ends of the flow."""
+        start, duration = end.flow.start, end.flow.duration
+        before = end.arrival.known[end.deepest]
+        if before >= 0:
+            gap, velocity = float(start.gap[before]), float(start.contact_velocity[before])
+        else:
+            gradient = end.arrival.now.touch.jacobian[end.deepest]
+            velocity = float(gradient @ start.velocity)
+            gap = end.gap - 0.5 * (velocity + float(gradient @ data.qvel)) * duration
+        return parabola(max(gap, 0.0), velocity, end.gap, duration, self._tolerance)
