@@ -6,7 +6,7 @@ from impactlaw.contacts import Contacts, read_contacts
 from impactlaw.errors import ImpactLawError
 from impactlaw.events import ImpactEvent
 from impactlaw.impact import Impact, Violations
-from impactlaw.laws import Fremond, Law, LinearMap, MaximalDissipation, Moreau, Newton, energy_gain, make_law
+from impactlaw.laws import Fremond, Law, LinearMap, MaximalDissipation, Moreau, Newton, Poisson, energy_gain, make_law
 from impactlaw.stepper import Stepper
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "MaximalDissipation",
     "Moreau",
     "Newton",
+    "Poisson",
     "Stepper",
     "Violations",
     "energy_gain",

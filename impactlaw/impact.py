@@ -15,6 +15,7 @@ from impactlaw.solvers import Answer, Problem, beyond_rounding, nonnegative_comb
 
 SIGNIFICANT = 1e-9
 """Part of |v-| below which a velocity or a scaled impulse is rounding when signs are asked for."""
+_ROUNDING = 4 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
@@ -49,12 +50,17 @@ class Impact:
         post_velocity: ``v+``, shape (nv,).
         impulse: ``Lambda``, shape (h,), N s; the one of least Euclidean norm where contacts are redundant.
         target_contact_velocity: ``gamma^h`` of the law that decided, shape (h,), m/s; None for an observed outcome.
+        least_impulse: what the law gives each contact anyway, shape (h,), N s; None if that is 0. Under Poisson's law
+            it is ``(1 + e) Lambda_C``, and what goes beyond that is of least norm.
+        compression: the first phase of an impact with two; None if it has one.
     """
 
     collision: Collision
     post_velocity: np.ndarray
     impulse: np.ndarray
     target_contact_velocity: np.ndarray | None = None
+    least_impulse: np.ndarray | None = None
+    compression: Impact | None = None
 
     def __init__(
         self,
@@ -62,12 +68,17 @@ class Impact:
         post_velocity: np.ndarray,
         impulse: np.ndarray,
         target_contact_velocity: np.ndarray | None = None,
+        *,
+        least_impulse: np.ndarray | None = None,
+        compression: Impact | None = None,
     ):
         values = self.__dict__  # at a quarter of the cost of a frozen dataclass's own
         values["collision"] = collision
         values["post_velocity"] = post_velocity
         values["impulse"] = impulse
         values["target_contact_velocity"] = target_contact_velocity
+        values["least_impulse"] = least_impulse
+        values["compression"] = compression
 
     @classmethod
     def solved(cls, collision: Collision, problem: Problem, answer: Answer, target: np.ndarray) -> Impact:
@@ -199,7 +210,8 @@ class Impact:
         if c.frame_rates is None:
             return float(np.linalg.norm(nonnegative_combination(Y, -z) @ Y))
         try:
-            jump = solve_with_jump(Problem(Y, -self.post_contact_velocity), c.labels, shared=False).jump
+            problem = Problem(Y, -self.post_contact_velocity, speed=self._speed)  # which they have the rounding of
+            jump = solve_with_jump(problem, c.labels, shared=False).jump
         except UnsolvableLawError:  # surfaces crush what is between them
             return np.inf
         return float(np.linalg.norm(jump))
@@ -211,7 +223,8 @@ class Impact:
         The largest of ``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm, beyond the rounding of Lambda itself) and, per
         contact, the negative part of ``Lambda_i sqrt(G_ii)`` and, when a law decided, the natural map
         ``min(Lambda_i sqrt(G_ii), (gamma+_i - gamma^h_i) / sqrt(G_ii))`` of its complementarity
-        ``0 <= Lambda_i  ⊥  gamma+_i - gamma^h_i >= 0``.
+        ``0 <= Lambda_i  ⊥  gamma+_i - gamma^h_i >= 0``. Under Poisson's law ``Lambda - (1 + e) Lambda_C`` takes the
+        place of Lambda there, and the residual of the compression counts too.
         """
         c = self.collision
         scale = c.gradient_norms
@@ -224,10 +237,19 @@ class Impact:
                 largest = np.abs(self.target_contact_velocity).max()
                 if (slack[~moving] < -1e-12 * largest).any():
                     return np.inf
-            natural = np.minimum(scaled_impulse[moving], slack[moving] / scale[moving])
+            natural = np.minimum((self._free_impulse * scale)[moving], slack[moving] / scale[moving])
             error = max(error, float(np.abs(natural).max(initial=0.0)))
         error = max(error, float(-scaled_impulse.min(initial=0.0)))
-        return error / self._speed if self._speed > 0 else error
+        error = error / self._speed if self._speed > 0 else error
+        return error if self.compression is None else max(error, self.compression.residual)
+
+    @property
+    def _free_impulse(self) -> np.ndarray:
+        """What the impulse is beyond its least, (h,); 0 where that is its rounding."""
+        if self.least_impulse is None:
+            return self.impulse
+        free = self.impulse - self.least_impulse
+        return np.where(np.abs(free) <= _ROUNDING * self.impulse, 0.0, free)
 
     @cached_property
     def _speed(self) -> float:

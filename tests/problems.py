@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse
 from scipy.optimize import nnls
 
-from impactlaw import Collision, Fremond, Impact, Law, LinearMap, MaximalDissipation, Moreau, Newton
+from impactlaw import Collision, Fremond, Impact, Law, LinearMap, MaximalDissipation, Moreau, Newton, Poisson
 
 
 def balls(masses, velocities) -> Collision:
@@ -88,6 +88,10 @@ def _per_contact(c: Collision) -> Law:
     return Newton(np.random.default_rng(4).uniform(size=len(c.labels)))
 
 
+def _poisson(c: Collision) -> Law:
+    return Poisson(np.random.default_rng(4).uniform(size=len(c.labels)))
+
+
 def _full(c: Collision) -> Law:
     h = len(c.labels)
     return Fremond(np.random.default_rng(5).normal(size=(h, h)) / max(1, h))
@@ -105,6 +109,9 @@ LAWS: dict[str, Callable[[Collision], Law]] = {
     "moreau 1": lambda c: Moreau(1.0),
     "newton scalar": lambda c: Newton(0.3),
     "newton per contact": _per_contact,
+    "newton of speed": lambda c: Newton(lambda speed: 1.0 / (1.0 + speed)),
+    "poisson scalar": lambda c: Poisson(0.3),
+    "poisson per contact": _poisson,
     "fremond full": _full,
     "reversal": lambda c: Fremond.reversal(),
     "linear map": _map,
@@ -165,9 +172,19 @@ def random_collision(rng: np.random.Generator, most: int = 64) -> Collision:
 
 def wanted(law: Law, c: Collision) -> np.ndarray:
     """gamma^h by definition."""
+    if isinstance(law, Poisson):
+        return np.zeros(len(c.labels))
     if isinstance(law, LinearMap):
         return c.jacobian @ (np.asarray(law.h) @ c.pre_velocity)
     return -law.restitution_matrix(c) @ c.pre_contact_velocity
+
+
+def least_impulse(law: Law, impact: Impact) -> np.ndarray:
+    """What the law gives each contact anyway, by definition: ``(1 + e) Lambda_C`` under Poisson's."""
+    if not isinstance(law, Poisson):
+        return np.zeros(len(impact.collision.labels))
+    assert impact.compression is not None
+    return (1.0 + law.coefficients(impact.collision)) * impact.compression.impulse
 
 
 def whitened_gradients(c: Collision) -> np.ndarray:
@@ -186,7 +203,10 @@ class Certificate:
         momentum: of ``M (v+ - v-) - J^T Lambda``, less what rounding to doubles makes of it: that of the impulses, of
             the sum of their lengths; that of M, of the jump: v+ from a factor of M solves a problem with another M,
             and the difference counts in the dual kinetic norm by the condition number.
-        complementarity: of ``min(Lambda_i |g_i|, (gamma+_i - gamma^h_i) / |g_i|)``, the largest.
+        complementarity: of ``min(Lambda_i |g_i|, (gamma+_i - gamma^h_i) / |g_i|)``, the largest; Lambda beyond what
+            the law gives anyway, and less the rounding of that.
+
+    Both are those of the compression where there is one, if that is worse.
     """
 
     def __init__(self, impact: Impact, law: Law):
@@ -202,8 +222,14 @@ class Certificate:
         error = np.linalg.norm(jump - Y.T @ impact.impulse) - rounding
         self.momentum = max(0.0, error) / speed
         slack = (c.jacobian @ impact.post_velocity - wanted(law, c))[moves] / lengths[moves]
-        natural = np.minimum((impact.impulse * lengths)[moves], slack)
+        free = impact.impulse - least_impulse(law, impact)
+        free[np.abs(free) <= 1e-15 * impact.impulse] = 0.0
+        natural = np.minimum((free * lengths)[moves], slack)
         self.complementarity = np.abs(natural).max(initial=0.0) / speed
+        if impact.compression is not None:
+            first = Certificate(impact.compression, MaximalDissipation())
+            self.momentum = max(self.momentum, first.momentum)
+            self.complementarity = max(self.complementarity, first.complementarity)
 
 
 def energy(c: Collision, v: np.ndarray) -> float:
@@ -217,13 +243,18 @@ def is_ray(nu: np.ndarray, c: Collision, law: Law, tol: float = 1e-9) -> bool:
     return bool((nu >= 0).all() and nu.any() and balanced and nu @ (wanted(law, c) - c.pre_contact_velocity) > 0)
 
 
-def exact_velocity(c: Collision, target: np.ndarray) -> np.ndarray:
-    """v+ of a law in rational arithmetic, by trying every set of active contacts; for few contacts."""
+def exact_velocity(c: Collision, target: np.ndarray, least: np.ndarray | None = None) -> np.ndarray:
+    """v+ of a law in rational arithmetic, by trying every set of active contacts; for few contacts.
+
+    ``least``, (h,), is an impulse that acts anyway.
+    """
     M, J, v, wanted = (_rational(a) for a in (c.mass_matrix, c.jacobian, c.pre_velocity[:, None], target[:, None]))
     h = len(J)
     W = _solve(M, J.T)  # M^-1 J^T
+    if least is not None:
+        v = v + W.dot(_rational(least[:, None]))
     G, b = J.dot(W), wanted - J.dot(v)
-    rounding = Fraction(1, 10**12) * max(abs(b[:, 0]), default=Fraction(0))  # of gamma^h, which came in as doubles
+    rounding = Fraction(1, 10**12) * max(abs(wanted[:, 0]), default=Fraction(0))  # of gamma^h, which came in as doubles
     for active in chain.from_iterable(combinations(range(h), k) for k in range(h + 1)):
         lam = np.full((h, 1), Fraction(0))
         if active:

@@ -130,7 +130,7 @@ def test_slow_contact_of_a_fast_system(law_name, slow):
     law = LAWS[law_name](slid)
     impact = law.resolve(slid)
     assert_certified(impact, law)
-    if law_name != "linear map":
+    if law_name not in ("linear map", "newton of speed"):  # which are not of the first degree in the settling speed
         alone = Collision(c.mass_matrix, c.jacobian, [0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
         settled = law.resolve(alone).post_velocity
         np.testing.assert_allclose(impact.post_velocity[2:], slow * settled[2:], rtol=0, atol=1e-6 * slow + 1e-14)

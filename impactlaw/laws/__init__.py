@@ -6,6 +6,7 @@ from impactlaw.laws.linear_map import LinearMap
 from impactlaw.laws.maximal_dissipation import MaximalDissipation
 from impactlaw.laws.moreau import Moreau
 from impactlaw.laws.newton import Newton
+from impactlaw.laws.poisson import Poisson
 from impactlaw.laws.registry import DESCRIPTIONS, LAWS, make_law
 
 __all__ = [
@@ -17,6 +18,7 @@ __all__ = [
     "MaximalDissipation",
     "Moreau",
     "Newton",
+    "Poisson",
     "RestitutionLaw",
     "Reversal",
     "Target",

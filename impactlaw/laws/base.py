@@ -54,26 +54,29 @@ class Law(ABC):
             UnsolvableLawError: no velocity satisfies the law; the message names the contacts that conflict.
             SolverError: no solver's answer passed its certificate.
         """
-        wanted, velocity, coefficient = self.target(collision)
-        preimage, velocities = None, collision.pre_contact_velocity
-        if collision.frame_rates is not None or collision.bilateral_jacobian is not None:
-            bound = (
-                wanted - velocities if collision.surface_jump is None else wanted - velocities - collision.surface_jump
-            )
-            known, reached = velocity_with(collision.whitened_jacobian, bound)
-            preimage = known if reached else None
-        elif coefficient is not None:
-            bound = -(1.0 + coefficient) * velocities
-            preimage = -(1.0 + coefficient) * collision.whitened_velocity
-        else:
-            wanted = np.asarray(wanted, dtype=float)
-            bound = wanted - velocities
-            if velocity is not None:
-                preimage = collision.metric.whiten(velocity - collision.pre_velocity)
-        Y, norms = collision.whitened_jacobian, collision.gradient_norms
-        problem = Problem(Y, bound, preimage, collision.pre_speed, norms=norms)
+        target = self.target(collision)
+        problem = jump_problem(collision, target)
         answer = solve_with_jump(problem, collision.labels, solver=solver, shared=False)
-        return Impact.solved(collision, problem, answer, wanted)
+        return Impact.solved(collision, problem, answer, np.asarray(target.contact_velocity, dtype=float))
+
+
+def jump_problem(collision: Collision, target: Target) -> Problem:
+    """Return the problem whose solution is the law's jump: the smallest one that reaches the target."""
+    wanted, velocity, coefficient = target
+    preimage, velocities = None, collision.pre_contact_velocity
+    if collision.frame_rates is not None or collision.bilateral_jacobian is not None:
+        bound = wanted - velocities if collision.surface_jump is None else wanted - velocities - collision.surface_jump
+        known, reached = velocity_with(collision.whitened_jacobian, bound)
+        preimage = known if reached else None
+    elif coefficient is not None:
+        bound = -(1.0 + coefficient) * velocities
+        preimage = -(1.0 + coefficient) * collision.whitened_velocity
+    else:
+        bound = np.asarray(wanted, dtype=float) - velocities
+        if velocity is not None:
+            preimage = collision.metric.whiten(velocity - collision.pre_velocity)
+    Y, norms = collision.whitened_jacobian, collision.gradient_norms
+    return Problem(Y, bound, preimage, collision.pre_speed, norms=norms)
 
 
 class RestitutionLaw(Law):

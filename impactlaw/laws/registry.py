@@ -13,6 +13,7 @@ from impactlaw.laws.fremond import Fremond, Reversal
 from impactlaw.laws.maximal_dissipation import MaximalDissipation
 from impactlaw.laws.moreau import Moreau
 from impactlaw.laws.newton import Newton
+from impactlaw.laws.poisson import Poisson
 
 
 def _maximal_dissipation(restitution: Any) -> Law:
@@ -29,6 +30,10 @@ def _newton(restitution: Any) -> Law:
     return Newton(_required("newton", restitution))
 
 
+def _poisson(restitution: Any) -> Law:
+    return Poisson(_required("poisson", restitution))
+
+
 def _fremond(restitution: Any) -> Law:
     if restitution is not None and not isinstance(restitution, Mapping) and np.ndim(restitution) == 0:
         raise RestitutionError("law 'fremond' needs a restitution matrix; 'reversal' takes a single coefficient")
@@ -43,6 +48,7 @@ LAWS: dict[str, Callable[[Any], Law]] = {
     "maximal-dissipation": _maximal_dissipation,
     "moreau": _moreau,
     "newton": _newton,
+    "poisson": _poisson,
     "fremond": _fremond,
     "reversal": _reversal,
 }
@@ -51,7 +57,8 @@ LAWS: dict[str, Callable[[Any], Law]] = {
 DESCRIPTIONS: dict[str, str] = {
     "maximal-dissipation": "E = 0: the least kinetic energy that no penetration allows; takes no restitution",
     "moreau": "E = e 1: one coefficient, the half-line from v- through the point of maximal dissipation",
-    "newton": "E = diag(e_1 .. e_h): one coefficient per contact, also keyed by contact label",
+    "newton": "E = diag(e_1 .. e_h): one coefficient per contact, also keyed by contact label or a function of speed",
+    "poisson": "compression, then e_i times its impulse for contact i: coefficients as newton's",
     "fremond": "E full: any matrix, also keyed by pairs of contact labels",
     "reversal": "E = e times the anti-identity along the contacts' order: Newton's cradle",
 }
@@ -62,9 +69,9 @@ def make_law(name: str | Law, restitution: Any = None) -> Law:
     """Return the law of that name.
 
     Args:
-        name: "maximal-dissipation", "moreau", "newton", "fremond" or "reversal"; a `Law` is returned as it is.
-        restitution: what the law takes: a coefficient (moreau, reversal), one or several or keyed ones (newton),
-            a matrix or a keyed one (fremond), nothing (maximal-dissipation).
+        name: "maximal-dissipation", "moreau", "newton", "poisson", "fremond" or "reversal"; a `Law` is returned as is.
+        restitution: what the law takes: a coefficient (moreau, reversal), one or several or keyed ones, numbers or
+            functions of speed (newton, poisson), a matrix or a keyed one (fremond), nothing (maximal-dissipation).
 
     Raises:
         UnknownNameError: no such law; the message names the nearest ones.

@@ -11,6 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from impactlaw.laws.coefficients import described
 from impactlaw.recording.layout import FORMAT
 
 _PACKAGES = {"impactlaw": "impactlaw", "mujoco": "mujoco", "numpy": "numpy", "rerun": "rerun-sdk"}
@@ -58,4 +59,8 @@ def _plain(value: Any) -> Any:
         return {key if isinstance(key, str) else ", ".join(map(str, key)): _plain(e) for key, e in value.items()}
     if value is None or isinstance(value, str):
         return value
+    if callable(value):
+        return str(described(value))
+    if isinstance(value, tuple | list):
+        return [_plain(e) for e in value]
     return np.asarray(value).tolist()

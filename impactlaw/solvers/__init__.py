@@ -4,9 +4,10 @@ from impactlaw.solvers.answer import Answer, beyond_rounding
 from impactlaw.solvers.base import Problem, Solution, Solver, Status
 from impactlaw.solvers.farkas import farkas_ray
 from impactlaw.solvers.guess import with_active
-from impactlaw.solvers.solve import SOLVERS, nonnegative_combination, share, solve, solve_with_jump
+from impactlaw.solvers.solve import CERTIFIED, SOLVERS, nonnegative_combination, share, solve, solve_with_jump
 
 __all__ = [
+    "CERTIFIED",
     "SOLVERS",
     "Answer",
     "Problem",

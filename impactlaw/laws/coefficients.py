@@ -1,0 +1,135 @@
+"""One coefficient of restitution per contact: a number, one per contact, keyed by labels, or a function of speed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from impactlaw.collision import Collision
+from impactlaw.errors import RestitutionError
+from impactlaw.laws.base import coefficient
+from impactlaw.laws.labels import canonical, put
+
+Coefficient = float | Callable[[float], float]
+"""e, or e as a function of the speed at which a contact closes."""
+
+
+@dataclass(frozen=True, repr=False)
+class ContactCoefficients:
+    """The coefficients ``e_1 .. e_h`` of a law that has one for each contact.
+
+    In the place of any number there may be a function: it is called for each contact with the speed at which that
+    contact closes, ``max(0, -gamma-_i)`` (a float, m/s; rad/s at hinges), and returns e in [0, 1].
+
+    Attributes:
+        restitution: one coefficient for every contact, a sequence with one per contact, or a mapping from contact
+            labels, ``("ball1", "floor")`` or ``"ball1/floor"`` in either order, to coefficients.
+        default: coefficient of contacts that the mapping does not name; without it such a contact is an error.
+
+    Raises:
+        RestitutionError: a coefficient is not in [0, 1], a contact has two, or a default is given without a mapping.
+    """
+
+    restitution: Coefficient | Sequence[Coefficient] | Mapping[str | tuple[str, str], Coefficient]
+    default: Coefficient | None = field(default=None, kw_only=True)
+
+    def __post_init__(self):
+        value = self.restitution
+        if isinstance(value, Mapping):
+            table: dict[str, Coefficient] = {}
+            for key, e in value.items():
+                put(table, canonical(key), _checked(e, f"restitution of {canonical(key)}"))
+            value = table
+        elif callable(value) or isinstance(value, str) or not np.iterable(value):
+            value = _checked(value, "restitution")
+        else:
+            value = tuple(_checked(e, f"restitution of contact {i}") for i, e in enumerate(value))  # pyright: ignore[reportArgumentType]
+        object.__setattr__(self, "restitution", value)
+        if self.default is not None:
+            if not isinstance(value, dict):
+                raise RestitutionError(
+                    f"{type(self).__name__}'s default is for a mapping from contact labels to coefficients"
+                )
+            object.__setattr__(self, "default", _checked(self.default, "default restitution"))
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(restitution={_shown(self.restitution)}, default={_shown(self.default)})"
+
+    @property
+    def contact_labels(self) -> frozenset[str]:
+        """Labels the law was keyed with, in canonical order; empty if it was not."""
+        return frozenset(self._table or ())
+
+    def coefficients(self, collision: Collision) -> np.ndarray:
+        """Return ``e_1 .. e_h`` for the contacts of this collision, shape (h,).
+
+        Raises:
+            RestitutionError: as many coefficients as contacts are needed; a contact is not named and no default set;
+                or a function of speed returns what is not in [0, 1].
+        """
+        value, table, labels = self.restitution, self._table, collision.labels
+        if table is not None:
+            given = [self._lookup(table, label) for label in labels]
+        elif isinstance(value, tuple):
+            if len(value) != len(labels):
+                raise RestitutionError(
+                    f"{type(self).__name__} has {len(value)} coefficients but {len(labels)} contacts collide "
+                    f"({', '.join(labels)}); key them by contact label so that they follow the contacts"
+                )
+            given = value
+        elif callable(value):
+            given = (value,) * len(labels)
+        else:
+            return np.full(len(labels), value)
+        if any(map(callable, given)):
+            speeds = np.maximum(-collision.pre_contact_velocity, 0.0).tolist()
+            given = [_at(e, speed, label) for e, speed, label in zip(given, speeds, labels, strict=True)]
+        return np.array(given, dtype=float)
+
+    @property
+    def _table(self) -> dict[str, Coefficient] | None:
+        return self.restitution if isinstance(self.restitution, dict) else None  # pyright: ignore[reportReturnType]
+
+    def _lookup(self, table: dict[str, Coefficient], label: str) -> Coefficient:
+        e = table.get(canonical(label), self.default)
+        if e is None:
+            raise RestitutionError(f"no restitution for contact {label}, and no default")
+        return e
+
+
+def described(value: object) -> object:
+    """Return the name of a function, with its module; anything else as it is."""
+    name = getattr(value, "__qualname__", None)
+    return f"{getattr(value, '__module__', None)}.{name}" if callable(value) and name else value
+
+
+def _checked(value: Any, name: str) -> Any:
+    return value if callable(value) else coefficient(value, name)
+
+
+def _at(e: Any, speed: float, label: str) -> float:
+    """Return e at the speed, if it depends on that.
+
+    Raises:
+        RestitutionError: the function returns something else than a number in [0, 1], or divides by zero.
+    """
+    if not callable(e):
+        return e
+    name = f"restitution {described(e)} of contact {label} at speed {speed:.6g}"
+    try:
+        value = e(speed)
+    except ArithmeticError as error:
+        raise RestitutionError(f"{name} cannot be computed: {error}") from error
+    return coefficient(value, name)
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key!r}: {_shown(e)}" for key, e in value.items()) + "}"
+    if isinstance(value, tuple):
+        return "(" + ", ".join(map(_shown, value)) + ("," if len(value) == 1 else "") + ")"
+    name = described(value)
+    return repr(value) if name is value else str(name)

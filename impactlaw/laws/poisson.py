@@ -1,0 +1,134 @@
+"""Poisson's law: the coefficients act on impulses, after a phase of compression."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from operator import attrgetter
+
+import numpy as np
+
+from impactlaw import deferred
+from impactlaw.collision import Collision
+from impactlaw.errors import SolverError, UnsolvableLawError
+from impactlaw.impact import Impact
+from impactlaw.laws.base import Law, Target, jump_problem
+from impactlaw.laws.coefficients import ContactCoefficients
+from impactlaw.laws.maximal_dissipation import MaximalDissipation
+from impactlaw.solvers import CERTIFIED, Problem, solve_with_jump
+from impactlaw.solvers.base import row_lengths
+from impactlaw.solvers.least_squares import least_squares
+
+_GOOD = 1e-12  # residual that needs no refinement
+_ROUNDING = 4 * float(np.finfo(float).eps)
+_REFINEMENTS = 3
+_RANKS = (1e-13, 1e-11, 1e-9)  # relative singular values of gradients that may be rounding
+_FIXED = 1e-10  # part of a gradient that is rounding where those of other contacts are taken off
+
+
+@dataclass(frozen=True, repr=False)
+class Poisson(ContactCoefficients, Law):
+    """Compression to E = 0 by ``Lambda_C``, then expansion, in which contact i gets back at least ``e_i Lambda_Ci``.
+
+    ``0 <= Lambda_C  ⊥  gamma_C >= 0`` and ``0 <= Lambda - (1 + e) Lambda_C  ⊥  gamma+ >= 0``, with
+    ``v+ = v- + M^-1 J^T Lambda``: a contact gets more than its share where it would be penetrated otherwise
+    (F. Pfeiffer and Ch. Glocker, *Multibody Dynamics with Unilateral Contacts*, Wiley 1996, ch. 8, without friction).
+
+    v+ is in S(v-) for all coefficients in [0, 1] and all velocities: it is the least ``|v- + M^-1 J^T Lambda|`` over
+    ``Lambda >= (1 + e) Lambda_C``, and ``2 Lambda_C``, one of these, leads to ``|v-|`` exactly. Equal coefficients give
+    Moreau's outcome where that does not penetrate, so always where every contact closes. Different ones can have
+    distant effects, which Newton's law has not: a contact may open faster than it closed.
+
+    Where contacts are redundant ``Lambda_C`` is the one of least norm, and with different coefficients v+ depends on
+    that choice. A surface whose velocity jumps does so before compression: the impact's collision has w+ from the
+    start. The coefficients are numbers or functions of the speed at which a contact closes, see `ContactCoefficients`.
+    """
+
+    def target(self, collision: Collision) -> Target:
+        """Return ``gamma^h = 0``, where contacts end that get more than ``(1 + e_i) Lambda_Ci``."""
+        return MaximalDissipation().target(collision)
+
+    def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
+        """Return the impact; `Impact.compression` is its first phase.
+
+        Args:
+            collision: what collides.
+            solver: of both phases, a name from `impactlaw.solvers.SOLVERS`, or "auto".
+
+        Raises:
+            RestitutionError: the law's coefficients do not fit the contacts.
+            UnsolvableLawError: surfaces that move against each other leave no velocity without penetration.
+            SolverError: no solver's answer passed its certificate.
+        """
+        if collision.surface_jump is not None:
+            collision = replace(collision, surface_velocity=collision.post_surface_velocity, post_surface_velocity=None)
+        e = self.coefficients(collision)
+        compression = MaximalDissipation().resolve(collision, solver=solver)
+        least = (1.0 + e) * compression.impulse
+        target = self.target(collision)
+        start, kick = jump_problem(collision, target), least @ collision.whitened_jacobian
+        answer = solve_with_jump(_expansion(start, kick), collision.labels, solver=solver)
+        impact = _end(compression, least, answer.impulse, kick + answer.jump)
+        if impact.residual > _GOOD and isinstance(start.gradients, np.ndarray):
+            for rank in _RANKS:
+                jump, more = _refined(start, kick + answer.jump, answer.impulse, rank)
+                impact = min(impact, _end(compression, least, more, jump), key=attrgetter("residual"))
+        if not impact.residual <= CERTIFIED:
+            raise SolverError(
+                f"solver {solver!r} reached relative residual {impact.residual:.1e} in the expansion of "
+                f"{len(least)} contacts, which jam; try equal coefficients"
+            )
+        return impact
+
+
+def _expansion(start: Problem, kick: np.ndarray) -> Problem:
+    """Return the problem of the jump that is left after the kick that the least impulses give, (nv,)."""
+    bound = start.bound - start.gradients @ kick
+    rounding = _ROUNDING * start.norms * (start.speed + np.linalg.norm(kick))
+    bound = np.where(bound <= rounding, np.minimum(bound, 0.0), bound)
+    preimage = None if start.preimage is None else start.preimage - kick
+    return Problem(start.gradients, bound, preimage, start.speed, norms=start.norms)
+
+
+def _end(compression: Impact, least: np.ndarray, more: np.ndarray, jump: np.ndarray) -> Impact:
+    """Return the impact whose impulses are the least ones and more, (h,) each, and whose whitened jump is known."""
+    c = compression.collision
+    return Impact(
+        c,
+        c.pre_velocity + c.metric.unwhiten(jump),
+        least + more,
+        compression.target_contact_velocity,
+        least_impulse=least,
+        compression=compression,
+    )
+
+
+def _refined(start: Problem, jump: np.ndarray, more: np.ndarray, rank: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the jump without the rounding of impulses that nearly cancel, and the impulses beyond the least.
+
+    Contacts that get more than their least end at 0; the others must not be penetrated for that, or join them.
+
+    Args:
+        start: the problem of the compression, whose slack is the contact velocity.
+        jump: ``R^T (v+ - v-)``, shape (nv,).
+        more: ``Lambda - (1 + e) Lambda_C``, shape (h,).
+        rank: relative singular value of gradients that is rounding.
+    """
+    labels = ("",) * len(more)
+    for _ in range(_REFINEMENTS):
+        ending = more > 0
+        if not ending.any():
+            break
+        Y = start.gradients[ending] / start.lengths[ending, None]
+        jump = jump - least_squares(Y, start.slack(jump)[ending], rank)
+        basis = deferred.orth(Y.T, rcond=rank)
+        others = start.gradients - (start.gradients @ basis) @ basis.T
+        others[ending | (row_lengths(others) <= _FIXED * start.norms)] = 0.0
+        bound = np.where(others.any(axis=1), -start.slack(jump) * start.lengths, 0.0)
+        try:
+            answer = solve_with_jump(Problem(others, bound), labels)
+        except (UnsolvableLawError, SolverError):
+            break
+        jump, more = jump + answer.jump, more + answer.impulse
+        if not answer.impulse.any():
+            break
+    return jump, more
