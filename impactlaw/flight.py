@@ -18,8 +18,9 @@ from impactlaw.flow import Travel, advance, restore_state
 from impactlaw.location import Guess, locate, parabola
 from impactlaw.moment import Arrival, Flow, Moment, match
 from impactlaw.plan import Plan
+from impactlaw.surfaces import Surfaces
 from impactlaw.sustained import hold, stays
-from impactlaw.touch import look
+from impactlaw.touch import Touch
 
 _LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located
 _SMOOTH = 0.35, 0.15  # part of its depth that a smooth gap has reached after half of the flow: a quarter, nearly
@@ -52,6 +53,7 @@ class Flights:
 
     Attributes:
         options: to be entered (``with``) around every use.
+        surfaces: surfaces that move by themselves; None if the scene has none.
     """
 
     def __init__(self, model: mujoco.MjModel, plan: Plan, gap_tolerance: float):
@@ -61,18 +63,35 @@ class Flights:
         self._detector = Detector(model, convex=plan.convex, faces=plan.faces)
         self._travel = Travel(model, plan.pairs, passing=plan.passing, turning=plan.turning)
         self.options = self._detector.options
+        self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
+
+    def update(self, data: mujoco.MjData) -> None:
+        """Bring frames and inertia up to data.qpos, and surfaces that move by themselves to where they are now."""
+        if self.surfaces is not None:
+            self.surfaces.place(data)
+        update_positions(self._model, data)
+
+    def advance(self, data: mujoco.MjData, duration: float) -> None:
+        """Integrate for ``duration`` s without contacts."""
+        if self.surfaces is not None:
+            self.surfaces.aim(data)
+        advance(self._model, data, self.options, duration)
+        self.update(data)
+
+    def _is_short(self, before: np.ndarray, after: np.ndarray, duration: float) -> bool:
+        drift = 0.0 if self.surfaces is None else self.surfaces.speed
+        return self._travel.is_short(before, after, duration, drift=drift)
 
     def look(self, data: mujoco.MjData, within: float = 0.0) -> Moment:
         """Return the contacts of now, of a gap up to ``within``, m or rad, at least; frames must be current."""
-        touch = look(self._model, data, self._detector, max(self._near, within))
+        touch = Touch(self._detector.look(data, max(self._near, within)), data, self.surfaces)
         return Moment.of(self._model, data, touch, tolerance=self._tolerance, timestep=self.options.timestep)
 
     def glide(self, data: mujoco.MjData, state: np.ndarray, duration: float) -> bool:
         """Advance from a saved state if no contact is near at the end; nothing is near now. Return whether it did."""
         before = data.qvel.copy()
-        advance(self._model, data, self.options, duration)
-        update_positions(self._model, data)
-        if self._travel.is_short(before, data.qvel, duration) and not self._detector.look(data, self._near).pattern:
+        self.advance(data, duration)
+        if self._is_short(before, data.qvel, duration) and not self._detector.look(data, self._near).pattern:
             return True
         restore_state(self._model, data, state)
         return False
@@ -133,9 +152,8 @@ class Flights:
         self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool
     ) -> Flight:
         while True:
-            advance(self._model, data, self.options, duration)
-            update_positions(self._model, data)
-            if self._travel.is_short(start.velocity, data.qvel, duration):
+            self.advance(data, duration)
+            if self._is_short(start.velocity, data.qvel, duration):
                 return self._arrive(data, Flow(start, duration, self._tolerance, self._travel, hold_all))
             longest = self._travel.longest_turn(start.velocity)
             if duration > longest:
@@ -147,7 +165,7 @@ class Flights:
             if len(suspects) == 0:
                 return self._arrive(data, Flow(start, duration, self._tolerance, self._travel, hold_all))
             restore_state(self._model, data, state)
-            update_positions(self._model, data)
+            self.update(data)
             fraction = self._travel.safe_fraction(data, suspects, travel)
             if fraction >= 1.0:
                 return self._try(data, start, duration, hold_all=hold_all)
@@ -163,8 +181,7 @@ class Flights:
         smooth: bool = False,
         reach: float = 0.0,
     ) -> Flight:
-        advance(self._model, data, self.options, duration)
-        update_positions(self._model, data)
+        self.advance(data, duration)
         return self._arrive(data, Flow(start, duration, self._tolerance, self._travel, hold_all, smooth), reach)
 
     def _arrive(self, data: mujoco.MjData, flow: Flow, reach: float = 0.0) -> Flight:
@@ -222,7 +239,7 @@ class Flights:
         if before >= 0:
             gap, velocity = float(start.gap[before]), float(start.contact_velocity[before])
         else:
-            gradient = end.arrival.now.touch.jacobian[end.deepest]
-            velocity = float(gradient @ start.velocity)
-            gap = end.gap - 0.5 * (velocity + float(gradient @ data.qvel)) * duration
+            touch = end.arrival.now.touch
+            velocity, after = (float(touch.contact_velocity(v)[end.deepest]) for v in (start.velocity, data.qvel))
+            gap = end.gap - 0.5 * (velocity + after) * duration
         return parabola(max(gap, 0.0), velocity, end.gap, duration, self._tolerance)

@@ -128,16 +128,18 @@ class Travel:
             self._reach[self._spins] = np.maximum(self._reach[self._spins], self._short)
         self._farthest = float(np.linalg.norm(self._reach))
 
-    def is_short(self, before: np.ndarray, after: np.ndarray, duration: float) -> bool:
+    def is_short(self, before: np.ndarray, after: np.ndarray, duration: float, *, drift: float = 0.0) -> bool:
         """Return whether nothing can have passed through another body, or turned so far that orientations alias.
 
-        A bound from the velocities, (nv,), at both ends of a flow; where it fails, `between` tells more.
+        A bound from the velocities, (nv,), at both ends of a flow, and the largest speed of surfaces that move by
+        themselves, m/s; where it fails, `between` tells more.
         """
         if not self._passable:
             return True
-        if self.reach(before, after, duration) <= self._short:
+        short = self._short - 2.0 * drift * duration
+        if self.reach(before, after, duration) <= short:
             return True
-        return self._reach.dot(np.abs(before) + np.abs(after)) * duration <= self._short
+        return self._reach.dot(np.abs(before) + np.abs(after)) * duration <= short
 
     def reach(self, before: np.ndarray, after: np.ndarray, duration: float) -> float:
         """Return a distance, m, that no point of a geom can have moved further than; see `is_short`."""

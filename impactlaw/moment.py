@@ -179,6 +179,8 @@ def _match_points(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, flow
     if len(vague) and not flow.smooth:
         J = gap_gradients(model, data, contacts.select(vague))
         velocity, change = J @ start.velocity, J @ (data.qvel - start.velocity)
+        if touch.drift is not None:
+            velocity = velocity + touch.drift[vague]
         vague = vague[-velocity <= np.abs(change) + start.rounding.max()]
     index[vague] = moved[vague].argmin(axis=1)
     return index

@@ -46,6 +46,7 @@ class Plan:
         points: matching contact points from flow to flow: some pairs have several contacts.
         passing: the check that no body passes through another: some bodies meet others that are not planes.
         turning: the same check's bound on rotation: some of those are not round.
+        surfaces: surfaces that move by themselves: some mocap bodies can meet others.
         inertia: a new factor of the mass matrix at every collision: it depends on the configuration.
         pairs: geoms that can meet.
         parts: the same for people to read, with reasons.
@@ -59,6 +60,7 @@ class Plan:
     points: bool
     passing: bool
     turning: bool
+    surfaces: bool
     inertia: bool
     pairs: GeomPairs = field(repr=False, compare=False)
     parts: tuple[Part, ...] = field(repr=False, compare=False)
@@ -80,11 +82,17 @@ def make_plan(model: mujoco.MjModel, contact_model: Literal["rigid", "soft"] = "
         "points": rigid and bool(several.any()),
         "passing": rigid and len(solid) > 0,
         "turning": rigid and bool((model.geom_rbound[solid] > thin[solid]).any()),
+        "surfaces": rigid and bool(_moves(model, geoms).any()),
         "inertia": (len(geoms) > 0 or bool(Limits(model))) and not has_constant_inertia(model),
     }
     reasons = _Reasons(model, pairs, flags)
     parts = tuple(reasons.rigid() if rigid else reasons.soft())
     return Plan(contact_model=contact_model, **flags, pairs=pairs, parts=parts)
+
+
+def _moves(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
+    """Return which pairs of geoms have one on a mocap body, bool (p,)."""
+    return (model.body_mocapid[model.body_rootid[model.geom_bodyid[geoms]]] >= 0).any(axis=1)
 
 
 def format_plan(plan: Plan) -> str:
@@ -153,7 +161,12 @@ class _Reasons:
         yield from self._mujoco()
         friction = int(np.count_nonzero(self.pairs.friction))
         yield Part("friction", False, f"ignored on {friction} pairs" if friction else "no pair has friction")
-        yield Part("moving surfaces", False, "no mocap body collides")
+        yield self._part(
+            "surfaces",
+            "moving surfaces",
+            lambda: first(_moves(self.model, geoms)),
+            "no mocap body collides",
+        )
         yield Part("copies for events and logs", False, "made when something collides")
 
     def soft(self) -> Iterator[Part]:
@@ -193,7 +206,7 @@ class _Reasons:
         limits = len(Limits(m).names)
         for name, n, what in (
             ("limits as contacts", limits, "of the joints and tendons"),
-            ("equality constraints", int(np.count_nonzero(m.eq_active0)), "active, MuJoCo's soft ones"),
+            ("equality constraints", int(np.count_nonzero(m.eq_active0)), "active: impulses leave them alone"),
             ("tendons", int(m.ntendon), "tendons"),
             ("actuators", int(m.nu), "actuators"),
         ):

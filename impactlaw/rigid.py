@@ -52,7 +52,7 @@ class RigidStepping:
         self._flights = Flights(model, plan, gap_tolerance)
         self._options = self._flights.options
         self._before, self._state = empty_state(model), empty_state(model)
-        self._left: tuple[bytes, bytes, float] = b"", b"", 0.0
+        self._left: tuple[bytes, ...] = (b"",) * 3
         self._next: Moment | None = None
         self._metric: KineticMetric | None = None
         self.unlocated = 0
@@ -76,9 +76,12 @@ class RigidStepping:
             advance(self._model, data, self._options, timestep)
             update_positions(self._model, data)
             return ()
-        empty = self._next is None and self._left[0] == data.qpos.tobytes()
+        surfaces = self._flights.surfaces
+        if surfaces is not None:
+            surfaces.begin(data, timestep)
+        empty = self._next is None and self._left[0] == data.qpos.tobytes() and surfaces is None
         if empty and self._flights.glide(data, self._before, timestep):
-            self._left = data.qpos.tobytes(), b"", timestep
+            self._left = data.qpos.tobytes(), b"", b""
             return ()
         events: list[ImpactEvent] = []
         start = self._begin(data, events)
@@ -98,22 +101,30 @@ class RigidStepping:
             if closed and len(events) == before and flight.flow.duration < _INSTANT * timestep:
                 jumps += 1
         data.time = end
+        if surfaces is not None:
+            surfaces.end(data)
         self.unlocated += jumps > _JUMPS or max(len(events), closings) > self._collider.most
-        self._left = data.qpos.tobytes(), data.qvel.tobytes(), timestep
+        self._left = data.qpos.tobytes(), data.qvel.tobytes(), self._conditions(data)
         self._next = start if start.touch.pattern else None
         return tuple(events)
 
     def _begin(self, data: mujoco.MjData, events: list[ImpactEvent]) -> Moment:
         """Return the contacts of now, after collisions: those that the last step has left, if nothing has changed."""
-        qpos, qvel, timestep = self._left
+        qpos, qvel, conditions = self._left
         same = qpos == data.qpos.tobytes()
-        if same and qvel == data.qvel.tobytes() and timestep == self._options.timestep and self._next is not None:
+        unchanged = same and qvel == data.qvel.tobytes() and conditions == self._conditions(data)
+        if unchanged and self._next is not None and self._flights.surfaces is None:
             return self._next
-        update_positions(self._model, data)
+        self._flights.update(data)
         start = self._flights.look(data)
         if not same:
             self._refuse_overlap(start.touch)
         return self._collide(data, start, events) if start.collides else start
+
+    def _conditions(self, data: mujoco.MjData) -> bytes:
+        """What else contacts depend on: the timestep, and which equality constraints are on."""
+        timestep = self._options.timestep.hex().encode()
+        return timestep + data.eq_active.tobytes() if self._model.neq else timestep
 
     def _refuse_overlap(self, touch: Touch) -> None:
         contacts, skin = touch.contacts, touch.pattern.skin

@@ -93,7 +93,7 @@ def check_rigid(model: mujoco.MjModel, pairs: GeomPairs, *, ignore_friction: boo
     """Refuse what frictionless rigid stepping would simulate wrongly.
 
     Raises:
-        SceneError: friction (unless ignored), colliding mocap bodies or flexes, adhesion.
+        SceneError: friction (unless ignored), flexes, adhesion.
     """
     names = geom_names(model)
     if pairs.friction.any() and not ignore_friction:
@@ -102,13 +102,6 @@ def check_rigid(model: mujoco.MjModel, pairs: GeomPairs, *, ignore_friction: boo
             f"rigid stepping is frictionless, but the scene has friction ({names[a]}/{names[b]}, "
             f'{np.count_nonzero(pairs.friction)} pairs); set condim="1" on the geoms, pass friction="ignore", '
             'or use contact_model="soft"'
-        )
-    mocap = model.body_mocapid[model.body_rootid[model.geom_bodyid[pairs.geoms]]] >= 0
-    if mocap.any():
-        a = pairs.geoms[mocap][0]
-        raise SceneError(
-            f"rigid stepping does not cover moving surfaces: geom {names[a]} belongs to a mocap body and can collide; "
-            'make it a static body, or use contact_model="soft"'
         )
     if model.nflex:
         raise SceneError('rigid stepping is between geoms only, but the scene has a flex; use contact_model="soft"')

@@ -13,9 +13,10 @@ import mujoco
 import numpy as np
 
 from impactlaw.collide import Closed
-from impactlaw.detection import Detector, Found
+from impactlaw.detection import Found
 from impactlaw.flow import Frames
 from impactlaw.relative import Bilateral
+from impactlaw.surfaces import Surfaces
 
 
 class Touch:
@@ -28,12 +29,17 @@ class Touch:
         frames: of all geoms.
         bilateral: gradients of equality constraints, which no impulse may violate, (m, nv); None if there are none.
         drift: what surfaces that move add to contact velocities, m/s, (h,); None if there are none.
+        drift_before: the same in the step before; None if it is no other.
     """
 
-    def __init__(self, found: Found, frames: Frames, drift: np.ndarray | None = None):
+    def __init__(self, found: Found, data: mujoco.MjData, surfaces: Surfaces | None):
         self.pattern, self.contacts, self.jacobian, self.bilateral = found
-        self.frames = frames
-        self.drift = drift
+        self.frames = Frames.of(data)
+        self.drift = self.drift_before = None
+        if surfaces is not None and surfaces.move and self.pattern:
+            self.drift = surfaces.drift(data, self.contacts)
+            if surfaces.jumps(data):
+                self.drift_before = surfaces.drift(data, self.contacts, before=True)
         self._span: Bilateral | None = None
         self._whitened: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
@@ -44,8 +50,8 @@ class Touch:
 
     def closed(self, which: np.ndarray) -> Closed:
         """Return some of the contacts, (k,) indices, as ones that may collide."""
-        drift = None if self.drift is None else self.drift[which]
-        return Closed(self.contacts.select(which), self.jacobian[which], self.bilateral, drift)
+        drift, before = (None if w is None else w[which] for w in (self.drift, self.drift_before))
+        return Closed(self.contacts.select(which), self.jacobian[which], self.bilateral, drift, before)
 
     def whitened(self, model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return what impulses do: the rows ``J'`` along which they act, ``Y = J' R^-T`` and the lengths of Y's rows.
@@ -67,11 +73,6 @@ class Touch:
         if self._span is None or self.bilateral is None:
             return rows, Y
         return self._span.confine(rows, Y, self.bilateral), self._span.project(Y)
-
-
-def look(model: mujoco.MjModel, data: mujoco.MjData, detector: Detector, within: float) -> Touch:
-    """Return the contacts and limits nearer than ``within``, m or rad, and perhaps more, at the current frames."""
-    return Touch(detector.look(data, within), Frames.of(data))
 
 
 def whiten_gradients(model: mujoco.MjModel, data: mujoco.MjData, jacobian: np.ndarray) -> np.ndarray:

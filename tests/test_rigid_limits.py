@@ -112,7 +112,6 @@ def test_overlap_made_between_steps_is_named_too():
     ("world", "rest", "message"),
     [
         (FLOOR + ball(condim=3), "", "friction.*floor/ball"),
-        (FLOOR + ball() + '<body name="hand" mocap="true"><geom name="hand" size=".1" condim="1"/></body>', "", "hand"),
         (FLOOR + ball(), '<actuator><adhesion body="ball" ctrlrange="0 1"/></actuator>', "adhesion"),
     ],
 )
