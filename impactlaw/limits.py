@@ -12,7 +12,6 @@ from impactlaw.contacts import Contacts
 _JOINT = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT)
 _TENDON = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON)
 _BALL = int(mujoco.mjtJoint.mjJNT_BALL)
-_SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
 NO_GEOM = -1
 """Stands for both geoms of a contact that is a limit."""
 
@@ -44,22 +43,6 @@ class Limits:
         tendons = [model.tendon(i).name or f"tendon{i}" for i in range(model.ntendon)]
         self.labels = tuple(name for name in joints + tendons for _ in range(2))
         self._limited = np.concatenate([model.jnt_limited, model.tendon_limited]).astype(bool)
-
-        scalar = np.flatnonzero((model.jnt_limited != 0) & np.isin(model.jnt_type, (_SLIDE, _HINGE)))
-        self._only_scalar = len(scalar) == np.count_nonzero(self._limited)
-        self._position, self._velocity = model.jnt_qposadr[scalar], model.jnt_dofadr[scalar]
-        self._low, self._high = (model.jnt_range[scalar] + model.jnt_margin[scalar, None] * np.array([1.0, -1.0])).T
-
-    def may_close(self, qpos: np.ndarray, qvel: np.ndarray, speed: float) -> bool:
-        """Return whether a limit that MuJoCo's solver acts on at qpos may close faster than this at qvel, m/s or rad/s.
-
-        Sure where only slides and hinges have limits; else the answer is yes.
-        """
-        if not self._only_scalar:
-            return True
-        q, v = qpos[self._position], qvel[self._velocity]
-        closing = ((v < -speed) & (q < self._low)) | ((v > speed) & (q > self._high))
-        return bool(np.count_nonzero(closing))
 
     def __bool__(self) -> bool:
         return bool(self._limited.any())

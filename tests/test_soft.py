@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from impactlaw import LinearMap, MaximalDissipation, Moreau, Newton, Stepper
+from impactlaw.contacts import closes, row_velocities
 from impactlaw.errors import DivergenceError, SceneError, UnknownNameError
 
 INTEGRATORS = ("Euler", "implicit", "implicitfast", "RK4")
@@ -138,6 +139,33 @@ def test_a_step_without_collision_is_mj_step(integrator, solver, cone, jacobian)
     contact = constraint.mjCNSTR_CONTACT_PYRAMIDAL if cone == "pyramidal" else constraint.mjCNSTR_CONTACT_ELLIPTIC
     wanted = (constraint.mjCNSTR_EQUALITY, constraint.mjCNSTR_LIMIT_JOINT, constraint.mjCNSTR_LIMIT_TENDON, contact)
     assert {int(kind) for kind in (*wanted, constraint.mjCNSTR_FRICTION_DOF)} <= kinds
+
+
+@pytest.mark.parametrize(("cone", "jacobian"), list(itertools.product(("pyramidal", "elliptic"), ("dense", "sparse"))))
+def test_closing_is_told_from_constraint_rows(cone, jacobian):
+    """Equality and friction rows come before limits, limits before contacts, contacts of condim 1 have a single row."""
+    model, data = machine(cone=cone, jacobian=jacobian)
+    model.geom("floor").condim[:] = 1
+    data.qpos[7:10] = 2.0, 0.0, 0.0799  # the ball, away from the box
+    stepping = Stepper(model, Moreau(0.5), contact_model="soft")._stepping
+    rng = np.random.default_rng(0)
+    seen, dims = np.zeros(4, dtype=int), set()
+    for i in range(150):
+        drive(model, data, lambda: mujoco.mj_step(model, data), i)
+        mujoco.mj_forward(model, data)
+        _, J = stepping._active(data)
+        if len(J) == 0:
+            assert not closes(model, data, data.efc_vel, -1e9)
+            continue
+        dims |= set(data.contact.dim)
+        for velocity in (data.qvel.copy(), rng.standard_normal(model.nv)):
+            fastest = -(J @ velocity).min()
+            rows = row_velocities(model, data, velocity)
+            assert not closes(model, data, rows, fastest + 1e-9)
+            assert closes(model, data, rows, fastest - 1e-9)
+        seen += np.array([data.ne, data.nf, data.nl, data.ncon]) > 0
+    assert (seen > 10).all()
+    assert {1, 4, 6} <= dims
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
