@@ -5,15 +5,31 @@ from impactlaw.collision import Collision
 from impactlaw.contacts import Contacts, read_contacts
 from impactlaw.errors import ImpactLawError
 from impactlaw.events import ImpactEvent
+from impactlaw.friction import Friction
+from impactlaw.friction_impact import FrictionImpact
 from impactlaw.impact import Impact, Violations
-from impactlaw.laws import Fremond, Law, LinearMap, MaximalDissipation, Moreau, Newton, Poisson, energy_gain, make_law
+from impactlaw.laws import (
+    Coulomb,
+    Fremond,
+    Law,
+    LinearMap,
+    MaximalDissipation,
+    Moreau,
+    Newton,
+    Poisson,
+    energy_gain,
+    make_law,
+)
 from impactlaw.stepper import Stepper
 
 __all__ = [
     "AdmissibleSet",
     "Collision",
     "Contacts",
+    "Coulomb",
     "Fremond",
+    "Friction",
+    "FrictionImpact",
     "Impact",
     "ImpactEvent",
     "ImpactLawError",

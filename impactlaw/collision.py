@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from impactlaw.errors import InvalidCollisionError
+from impactlaw.friction import Friction
 from impactlaw.metric import KineticMetric, finite_array
 from impactlaw.relative import Bilateral, velocity_with
 from impactlaw.solvers.base import row_lengths
@@ -43,6 +44,7 @@ class Collision:
             a surface recedes; None if all surfaces rest.
         post_surface_velocity: ``w+``, shape (h,); None where it is w-. A surface whose velocity jumps, as under the
             blow of a hammer, collides by itself.
+        friction: rows of friction of these contacts, for `impactlaw.Coulomb`; other laws do not look at it.
 
     Raises:
         InvalidCollisionError: shapes do not fit, an entry is not finite, or M is not symmetric positive definite.
@@ -56,6 +58,7 @@ class Collision:
     bilateral_jacobian: np.ndarray | None = field(default=None, kw_only=True)
     surface_velocity: np.ndarray | None = field(default=None, kw_only=True)
     post_surface_velocity: np.ndarray | None = field(default=None, kw_only=True)
+    friction: Friction | None = field(default=None, kw_only=True)
 
     def __post_init__(self):
         metric, jacobian = self.metric, self.jacobian
@@ -78,6 +81,8 @@ class Collision:
         self.__dict__.update(
             mass_matrix=metric.mass_matrix, metric=metric, jacobian=jacobian, pre_velocity=velocity, labels=labels
         )
+        if self.friction is not None:
+            self.friction.check(h, nv, is_sparse(jacobian))
         if self.bilateral_jacobian is None and self.surface_velocity is None and self.post_surface_velocity is None:
             self.__dict__.update(_bilateral=None, frame_rates=None)  # most collisions have neither: look no further
             return
@@ -132,6 +137,13 @@ class Collision:
         return Y if self._bilateral is None else self._bilateral.project(Y)
 
     @cached_property
+    def whitened_friction(self) -> np.ndarray:
+        """``J_t R^-T P``, shape (k, nv), of the rows of friction, without their coefficients."""
+        rows = np.zeros((0, len(self.pre_velocity))) if self.friction is None else self.friction.jacobian
+        Y = self.metric.whiten_gradients(rows)
+        return Y if self._bilateral is None else self._bilateral.project(Y)
+
+    @cached_property
     def _bilateral(self) -> Bilateral | None:
         rows = self.bilateral_jacobian
         return None if rows is None else Bilateral.of(self.metric.whiten_gradients(rows))
@@ -177,6 +189,13 @@ class Collision:
             still = (self.gradient_norms == 0) & (np.abs(gamma) <= self._rounding * sqrt(z.dot(z)))
             gamma[still] = 0.0
         return gamma if self.surface_velocity is None else gamma + self.surface_velocity
+
+    @cached_property
+    def pre_sliding_velocity(self) -> np.ndarray:
+        """``gamma_t- = J_t v- + w_t-``, shape (k,), m/s or rad/s, of the rows of friction."""
+        if self.friction is None:
+            return np.zeros(0)
+        return self.friction.jacobian.dot(self.pre_velocity) + self.friction.surface_velocity
 
     @property
     def _rounding(self) -> np.ndarray:

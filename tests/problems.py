@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse
 from scipy.optimize import nnls
 
-from impactlaw import Collision, Fremond, Impact, Law, LinearMap, MaximalDissipation, Moreau, Newton, Poisson
+from impactlaw import Collision, Fremond, Friction, Impact, Law, LinearMap, MaximalDissipation, Moreau, Newton, Poisson
 
 
 def balls(masses, velocities) -> Collision:
@@ -361,3 +361,17 @@ def friction_problem(rng: np.random.Generator, most: int = 12, ratio: float = 1e
         closing = np.abs(rng.normal(size=h)) * np.linalg.norm(normals, axis=1)
         z = 0.5 * z - np.linalg.lstsq(normals, closing, rcond=None)[0]
     return A, A @ z, sizes, float(np.linalg.norm(z))
+
+
+def friction_collision(rng: np.random.Generator, most: int = 12, ratio: float = 1e6) -> Collision:
+    """The collision of `friction_problem`, in whitened coordinates; every contact has friction."""
+    A, _, sizes, speed = friction_problem(rng, most, ratio)
+    first = np.cumsum(sizes) - sizes
+    normal = np.zeros(len(A), dtype=bool)
+    normal[first] = True
+    contact = np.repeat(np.arange(len(sizes)), sizes)[~normal]
+    lengths = np.linalg.norm(A[~normal], axis=1)
+    mu = 10.0 ** rng.uniform(-2.0, 0.3, len(contact))
+    friction = Friction(A[~normal] / np.where(lengths > 0, lengths, 1.0)[:, None], contact, mu)
+    v = rng.normal(size=A.shape[1])
+    return Collision(np.eye(A.shape[1]), A[first], v * speed / np.linalg.norm(v), friction=friction)

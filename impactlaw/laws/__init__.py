@@ -1,6 +1,7 @@
 """The impact laws, one file each."""
 
 from impactlaw.laws.base import Law, RestitutionLaw, Target, energy_gain
+from impactlaw.laws.coulomb import Coulomb
 from impactlaw.laws.fremond import Fremond, Reversal
 from impactlaw.laws.linear_map import LinearMap
 from impactlaw.laws.maximal_dissipation import MaximalDissipation
@@ -12,6 +13,7 @@ from impactlaw.laws.registry import DESCRIPTIONS, LAWS, make_law
 __all__ = [
     "DESCRIPTIONS",
     "LAWS",
+    "Coulomb",
     "Fremond",
     "Law",
     "LinearMap",

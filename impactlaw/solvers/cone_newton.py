@@ -14,6 +14,9 @@ _TINY = 1e-300
 _HALVINGS = 5
 _COMPLIANCES = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
 _STEPS = 15
+_RANK = 1e-9  # relative singular value of the derivative below which contacts are redundant
+SHARED = 1e-12
+"""Relative residual that sharing may cost."""
 
 
 class Point(NamedTuple):
@@ -61,8 +64,8 @@ class NewtonMap:
         merit = sqrt(flat.dot(flat))
         return Point(x, u, value, merit if merit >= 0 else inf)
 
-    def step(self, point: Point, regular: float) -> np.ndarray:
-        """Return Newton's step, (h, m), with ``G + regular`` in place of a G that may be singular."""
+    def derivative(self, point: Point, regular: float) -> np.ndarray:
+        """Return ``P + Q (G + regular)``, (h m, h m)."""
         h, m = self.problem.shape
         n = h * m
         P, Q = self._exact_parts(point) if self.problem.exact else self._convex_parts(point)
@@ -71,10 +74,15 @@ class NewtonMap:
         system = np.matmul(Q, G.reshape(h, m, n)).reshape(h, m, h, m)
         i = np.arange(h)
         system[i, :, i, :] += P
-        _, _, step, failed = deferred.dgesv(system.reshape(n, n), point.value.reshape(n))
+        return system.reshape(n, n)
+
+    def step(self, point: Point, regular: float) -> np.ndarray:
+        """Return Newton's step, (h, m), with ``G + regular`` in place of a G that may be singular."""
+        system, value = self.derivative(point, regular), point.value.reshape(-1)
+        _, _, step, failed = deferred.dgesv(system, value)
         if failed:
-            step = deferred.lstsq(system.reshape(n, n), point.value.reshape(n))[0]
-        return -step.reshape(h, m)
+            step = deferred.lstsq(system, value)[0]
+        return -step.reshape(point.x.shape)
 
     def _exact(self, x: np.ndarray, u: np.ndarray):
         p = x[:, 0] - self.normal * u[:, 0]
@@ -163,3 +171,17 @@ def _search(this: NewtonMap, point: Point, step: np.ndarray) -> Point:
         fraction *= 0.5
         following = this.at(point.x + fraction * step)
     return whole
+
+
+def share(problem: ConeProblem, x: np.ndarray, residual: float) -> np.ndarray:
+    """Return the least impulse, scaled, that solves the problem with what sticks, slides or is open as with x.
+
+    Redundant contacts then share alike. It is x itself if that one leaves the cones.
+    """
+    this = NewtonMap(problem)
+    point = this.at(x)
+    system = this.derivative(point, 0.0)
+    wanted = system.dot(x.reshape(-1)) - point.value.reshape(-1)
+    least = deferred.lstsq(system, wanted, cond=_RANK)[0].reshape(x.shape)
+    reached = problem.residual(least, problem.velocity(least))
+    return least if reached <= max(10.0 * residual, SHARED * problem.scale) else x

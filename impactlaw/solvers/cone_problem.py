@@ -96,6 +96,11 @@ class ConeProblem:
         largest = sqrt(np.vecdot(self.start, self.start).max(initial=0.0))
         self.scale = speed if speed > largest else largest
 
+    @property
+    def is_redundant(self) -> bool:
+        """Whether there are more rows than degrees of freedom, so that impulses are not unique."""
+        return len(self.rows) > self.rows.shape[1]
+
     def scaled(self, impulse: np.ndarray) -> np.ndarray:
         """Return an impulse (n,) padded and scaled, (h, m)."""
         if self._place is None:

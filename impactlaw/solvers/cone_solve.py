@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.solvers.cone_lagrangian import augmented_lagrangian
-from impactlaw.solvers.cone_newton import continuation, newton
+from impactlaw.solvers.cone_newton import continuation, newton, share
 from impactlaw.solvers.cone_problem import ENOUGH, ConeAnswer, ConeProblem, ConeStatus
 
 _WARM = 8  # Newton steps that a guess is worth
@@ -33,6 +33,16 @@ def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None) -> ConeAn
         x, residual, taken = _attempts(problem, guess)
     status = ConeStatus.SOLVED if residual <= ENOUGH * problem.scale else ConeStatus.STOPPED
     return problem.answer(x, residual, status, taken)
+
+
+def shared(problem: ConeProblem, answer: ConeAnswer) -> ConeAnswer:
+    """Return the answer with the impulse shared among redundant contacts, of least norm in the scale of the problem."""
+    x = problem.scaled(answer.impulse)
+    with np.errstate(all="ignore"):
+        least = share(problem, x, answer.residual)
+    if least is x:
+        return answer
+    return problem.answer(least, problem.residual(least, problem.velocity(least)), answer.status, answer.iterations)
 
 
 def _attempts(problem: ConeProblem, guess: np.ndarray | None) -> tuple[np.ndarray, float, int]:

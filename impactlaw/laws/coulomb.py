@@ -1,0 +1,158 @@
+"""Coulomb friction beside any law with a target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from impactlaw.collision import Collision
+from impactlaw.errors import RestitutionError, SolverError, UnknownNameError
+from impactlaw.friction_impact import FrictionImpact, cone_problem
+from impactlaw.impact import Impact
+from impactlaw.laws.base import Law, Target, coefficient
+from impactlaw.solvers.cone_problem import ConeAnswer, ConeStatus
+from impactlaw.solvers.cone_solve import shared, solve_cones
+
+_CREATED = 1e-12
+"""Energy, relative to the one before, up to which its creation is rounding."""
+_SEARCHES = 60
+_FOUND = 1e-10  # width of the bracket of s that is narrow enough
+_SOLVABLE = 1e-4  # the same where beyond the bracket no impact was found
+_CLOSE = 1e-11  # energy lost, relative to the one before, that is as good as none
+
+
+@dataclass(frozen=True)
+class Coulomb(Law):
+    """The normal law of ``law``, and Coulomb friction with restitution along the tangents.
+
+    With ``u_n = gamma+ - gamma^h`` and ``u_t = gamma_t+ + e_t gamma_t-`` each contact has
+    ``0 <= Lambda_n  ⊥  u_n >= 0``, ``sum (Lambda_t / mu)^2 <= Lambda_n^2``, and friction opposes ``u_t`` with all it
+    can: exact Coulomb friction, ``K ∋ Lambda  ⊥  u + |mu u_t| e_n ∈ K`` (de Saxcé). The relaxation
+    ``K ∋ Lambda  ⊥  u ∈ K`` (Anitescu) is convex; in it a contact that slides also separates.
+
+    Restitution and friction together can create energy (Kane 1984). If they do, all restitution is scaled: the
+    positive part of ``gamma^h`` and ``e_t`` are multiplied by the largest s in [0, 1] found by a bracketed search with
+    which no energy is created, ``Lambda^T gamma_bar + Lambda_t^T gamma_bar_t <= 0``. s = 0 never creates any (where
+    the velocity of no surface jumps); so the law is dissipative. `FrictionImpact.restitution_scale` is the s used; it
+    is below 1 also where no impulse in the friction cones reaches the law's full restitution.
+
+    Without rows of friction the outcome is that of ``law``. Large coefficients of friction may leave several
+    solutions; the same collision always gets the same one.
+
+    Attributes:
+        law: what decides ``gamma^h``; a law without a target, like Poisson's, is refused.
+        tangential_restitution: e_t in [0, 1].
+        cone: "exact" or "convex".
+
+    Raises:
+        RestitutionError: e_t is not in [0, 1], or the law has no target.
+        UnknownNameError: cone is neither "exact" nor "convex".
+    """
+
+    law: Law
+    tangential_restitution: float = field(default=0.0, kw_only=True)
+    cone: Literal["exact", "convex"] = field(default="exact", kw_only=True)
+
+    def __post_init__(self):
+        if not isinstance(self.law, Law):
+            raise RestitutionError(f"Coulomb extends a law, such as Coulomb(Moreau(0.5)), got {self.law!r}")
+        if type(self.law).resolve is not Law.resolve:
+            raise RestitutionError(
+                f"Coulomb needs a law that aims at contact velocities; {type(self.law).__name__} has a rule of its own "
+                "for impulses. Extend Moreau, Newton, Fremond or LinearMap"
+            )
+        e = coefficient(self.tangential_restitution, "tangential restitution")
+        object.__setattr__(self, "tangential_restitution", e)
+        if self.cone not in ("exact", "convex"):
+            raise UnknownNameError("cone", self.cone, ["exact", "convex"])
+
+    @property
+    def contact_labels(self) -> frozenset[str]:
+        """Labels that the inner law was keyed with, in canonical order."""
+        return getattr(self.law, "contact_labels", frozenset())
+
+    def target(self, collision: Collision) -> Target:
+        """Return ``gamma^h`` of the inner law."""
+        return self.law.target(collision)
+
+    def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
+        """Return the impact: a `FrictionImpact` where the collision has friction.
+
+        Args:
+            collision: what collides.
+            solver: of collisions without friction, see `Law.resolve`.
+
+        Raises:
+            RestitutionError: the law's coefficients do not fit the number of contacts.
+            UnsolvableLawError: surfaces move against each other so that no velocity is left.
+            SolverError: no answer passed its certificate.
+        """
+        if collision.friction is None or not len(collision.friction):
+            return self.law.resolve(collision, solver=solver)
+        attempt = _Attempt(self, collision, np.asarray(self.target(collision).contact_velocity, dtype=float))
+        impact, answer = attempt(1.0, None)
+        created = np.inf if impact is None else attempt.created(impact, answer)
+        return _largest(attempt, created, solver) if impact is None or created > 0.0 else impact
+
+
+class _Attempt:
+    """The law with its restitution scaled."""
+
+    def __init__(self, law: Coulomb, collision: Collision, wanted: np.ndarray):
+        self.law, self.collision, self.wanted = law, collision, wanted
+        self.sliding = -law.tangential_restitution * collision.pre_sliding_velocity
+
+    def __call__(self, s: float, guess: np.ndarray | None) -> tuple[FrictionImpact | None, ConeAnswer]:
+        """Return the impact with restitution scaled by s, None if none is certified, and the solver's answer."""
+        targets = np.where(self.wanted > 0, s * self.wanted, self.wanted), s * self.sliding
+        exact = self.law.cone == "exact"
+        problem = cone_problem(self.collision, *targets, exact=exact)
+        answer = solve_cones(problem, guess)
+        if answer.status is not ConeStatus.SOLVED:
+            return None, answer
+        if problem.is_redundant:
+            answer = shared(problem, answer)
+        impulse, jump = answer.impulse, answer.jump
+        return FrictionImpact.of_cones(self.collision, impulse, jump, targets, scale=s, exact=exact), answer
+
+    def created(self, impact: FrictionImpact, answer: ConeAnswer) -> float:
+        """Work of the impulses of contact, relative to the kinetic energy, less what may be rounding."""
+        speed = max(self.collision.pre_speed, impact.intensity)
+        if speed == 0.0:
+            return 0.0
+        return 2.0 * impact.work / speed**2 - _CREATED - 4.0 * answer.residual / speed
+
+
+def _largest(attempt: _Attempt, created: float, solver: str) -> FrictionImpact:
+    """Return the impact of the largest s that creates no energy, by Illinois' false position or bisection.
+
+    Args:
+        attempt: the law.
+        created: energy created with s = 1, infinite if there is no impact.
+        solver: of the problem without friction.
+    """
+    best, answer = attempt(0.0, None)
+    if best is None:
+        attempt.law.law.resolve(attempt.collision, solver=solver)  # refuses what no velocity can do
+        raise SolverError(
+            f"no impulses in the friction cones of contacts {', '.join(attempt.collision.labels)} were found: residual "
+            f"{answer.residual:.1e} sqrt(J) after {answer.iterations} steps"
+        )
+    low, high, kept, above, side = 0.0, 1.0, attempt.created(best, answer), created, 0
+    for k in range(_SEARCHES):
+        if high - low <= (_FOUND if np.isfinite(above) else _SOLVABLE):
+            break
+        share = 0.5 if k % 3 == 2 or not np.isfinite(above) else kept / (kept - above)
+        s = low + min(max(share, 0.01), 0.99) * (high - low)
+        impact, following = attempt(s, answer.impulse)
+        created = np.inf if impact is None else attempt.created(impact, following)
+        if impact is None or created > 0.0:
+            high, above, kept, side = s, created, kept * (0.5 if side > 0 else 1.0), 1
+            continue
+        low, kept, above, side = s, created, above * (0.5 if side < 0 else 1.0), -1
+        best, answer = impact, following
+        if created > -_CLOSE:
+            break
+    return best
