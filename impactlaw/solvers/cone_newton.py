@@ -11,6 +11,7 @@ from impactlaw import deferred
 from impactlaw.solvers.cone_problem import ENOUGH, SHARP, ConeProblem, project, projection_derivative
 
 _TINY = 1e-300
+_LEAST = 1e-6  # of the diagonal of G, at most 1, that a step of the map is made of
 _HALVINGS = 5
 _COMPLIANCES = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
 _STEPS = 15
@@ -27,12 +28,14 @@ class Point(NamedTuple):
         u: scaled velocity of the complementarity, (h, m).
         value: the map that Newton's method makes zero, (h, m).
         merit: its length.
+        parts: what the derivative is made of.
     """
 
     x: np.ndarray
     u: np.ndarray
     value: np.ndarray
     merit: float
+    parts: tuple[np.ndarray, ...]
 
 
 class NewtonMap:
@@ -43,32 +46,33 @@ class NewtonMap:
 
     Args:
         problem: what to solve.
-        compliance: c >= 0 of ``u = (G + c D) x + b``, D the diagonal of G by contact; 0 is the problem itself.
+        compliance: c >= 0 of ``u = (G + c) x + b``; 0 is the problem itself.
+        factor: of ``r_n = 1 / G_nn`` and of ``r_t``, 1 over the largest of G_tt.
     """
 
-    def __init__(self, problem: ConeProblem, compliance: float = 0.0):
+    def __init__(self, problem: ConeProblem, compliance: float = 0.0, factor: float = 1.0):
         h, m = problem.shape
         self.problem, self.compliance = problem, compliance
-        diagonal = problem.delassus.diagonal().reshape(h, m)
-        self.normal = 1.0 / np.maximum(diagonal[:, 0], 1e-6)
-        self.tangent = 1.0 / np.maximum(diagonal[:, 1:].max(axis=1, initial=0.0), 1e-6)
-        self.each = 1.0 / np.maximum(diagonal.max(axis=1, initial=0.0), 1e-6)
+        diagonal = np.maximum(problem.delassus.diagonal().reshape(h, m), _LEAST)
+        self.each = factor / diagonal.max(axis=1, keepdims=True)
+        self.steps = np.repeat(factor / diagonal[:, 1:].max(axis=1, initial=_LEAST, keepdims=True), m, axis=1)
+        self.steps[:, 0] = factor / diagonal[:, 0]
 
     def at(self, x: np.ndarray) -> Point:
         """Evaluate the map."""
         u = self.problem.velocity(x)
         if self.compliance:
             u += self.compliance * x
-        value = self._exact(x, u)[0] if self.problem.exact else self._convex(x, u)
+        value, *parts = self._exact(x, u) if self.problem.exact else self._convex(x, u)
         flat = value.reshape(-1)
         merit = sqrt(flat.dot(flat))
-        return Point(x, u, value, merit if merit >= 0 else inf)
+        return Point(x, u, value, merit if merit >= 0 else inf, tuple(parts))
 
     def derivative(self, point: Point, regular: float) -> np.ndarray:
         """Return ``P + Q (G + regular)``, (h m, h m)."""
         h, m = self.problem.shape
         n = h * m
-        P, Q = self._exact_parts(point) if self.problem.exact else self._convex_parts(point)
+        P, Q = self._exact_parts(*point.parts) if self.problem.exact else self._convex_parts(*point.parts)
         G = self.problem.delassus.copy()
         G.reshape(-1)[:: n + 1] += regular + self.compliance
         system = np.matmul(Q, G.reshape(h, m, n)).reshape(h, m, h, m)
@@ -84,42 +88,42 @@ class NewtonMap:
             step = deferred.lstsq(system, value)[0]
         return -step.reshape(point.x.shape)
 
-    def _exact(self, x: np.ndarray, u: np.ndarray):
-        p = x[:, 0] - self.normal * u[:, 0]
+    def _exact(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, ...]:
+        y = x - self.steps * u
+        p, q = y[:, 0], y[:, 1:]
         N = np.maximum(p, 0.0)
-        q = x[:, 1:] - self.tangent[:, None] * u[:, 1:]
         r = np.sqrt(np.vecdot(q, q))
         cut = N / np.maximum(np.maximum(r, N), _TINY)
         value = x.copy()
         value[:, 0] -= N
         value[:, 1:] -= cut[:, None] * q
-        return value, p, N, q, r, cut
+        return value, N, q, r, cut
 
-    def _exact_parts(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
-        """Return P and Q, (h, m, m), of the derivative ``P + Q G``."""
+    def _exact_parts(
+        self, N: np.ndarray, q: np.ndarray, r: np.ndarray, cut: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return P and Q, (h, m, m), of the derivative ``P + Q G``: ``P = 1 - D``, and ``Q = D`` times the steps."""
         h, m = self.problem.shape
-        _, p, N, q, r, cut = self._exact(point.x, point.u)
-        pressed = p > 0
+        pressed = N > 0
         direction = np.where(r > N, 1.0 / np.maximum(r, _TINY), 0.0)[:, None] * q  # zero where it sticks
-        P, Q = np.zeros((h, m, m)), np.zeros((h, m, m))
-        P[:, 0, 0], Q[:, 0, 0] = ~pressed, pressed * self.normal
-        one = np.eye(m - 1)
-        D = cut[:, None, None] * (one - direction[:, :, None] * direction[:, None, :])
-        P[:, 1:, 1:], Q[:, 1:, 1:] = one - D, self.tangent[:, None, None] * D
-        along = direction * pressed[:, None]
-        P[:, 1:, 0], Q[:, 1:, 0] = -along, along * self.normal[:, None]
-        return P, Q
+        D = np.zeros((h, m, m))
+        D[:, 0, 0] = pressed
+        D[:, 1:, 0] = direction * pressed[:, None]
+        D[:, 1:, 1:] = cut[:, None, None] * (np.eye(m - 1) - direction[:, :, None] * direction[:, None, :])
+        return np.eye(m) - D, D * self.steps[:, None, :]
 
-    def _convex(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        return x - project(x - self.each[:, None] * u)
+    def _convex(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        y = x - self.each * u
+        return x - project(y), y
 
-    def _convex_parts(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
-        m = self.problem.shape[1]
-        D = projection_derivative(point.x - self.each[:, None] * point.u)
-        return np.eye(m) - D, self.each[:, None, None] * D
+    def _convex_parts(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        D = projection_derivative(y)
+        return np.eye(y.shape[1]) - D, self.each[:, None] * D
 
 
-def newton(problem: ConeProblem, x: np.ndarray, *, most: int, regular: float = 1e-12) -> tuple[np.ndarray, float, int]:
+def newton(
+    problem: ConeProblem, x: np.ndarray, *, most: int, regular: float = 1e-12, factor: float = 1.0
+) -> tuple[np.ndarray, float, int]:
     """Return the best impulse found from x, its residual, and the number of steps.
 
     Args:
@@ -127,8 +131,9 @@ def newton(problem: ConeProblem, x: np.ndarray, *, most: int, regular: float = 1
         x: scaled impulse to start from, (h, m).
         most: steps.
         regular: see `NewtonMap.step`.
+        factor: see `NewtonMap`.
     """
-    this = NewtonMap(problem)
+    this = NewtonMap(problem, factor=factor)
     point = this.at(x)
     best, least = x, problem.residual(x, point.u)
     taken = 0

@@ -10,7 +10,9 @@ from impactlaw.solvers.cone_problem import ENOUGH, ConeAnswer, ConeProblem, Cone
 
 _WARM = 8  # Newton steps that a guess is worth
 _COLD = 15  # Newton steps from rest, before what is slower
-_AFTER = 15  # Newton steps after each round of what is slower
+_VARIANTS = ((1e-12, 1.0), (1e-12, 1.0), (1e-8, 1.0), (1e-12, 0.1), (1e-10, 10.0), (1e-8, 0.3))
+"""Regularization and step of the map that are tried in turn: where one cycles another one need not."""
+_AFTER = 20  # Newton steps after each round of what is slower
 _ROUNDS = 15  # of the fixed point of de Saxcé's correction, or of augmented Lagrangians with less compliance
 
 
@@ -49,8 +51,9 @@ def _attempts(problem: ConeProblem, guess: np.ndarray | None) -> tuple[np.ndarra
     """Return the scaled impulse of the first attempt that succeeds, or of the best one; its residual; all steps."""
     enough, taken = ENOUGH * problem.scale, 0
     best: tuple[np.ndarray, float] = np.zeros(problem.shape), np.inf
-    for start, steps, most in _starts(problem, guess):
-        x, residual, more = newton(problem, start, most=most)
+    for k, (start, steps, most) in enumerate(_starts(problem, guess)):
+        regular, factor = _VARIANTS[k % len(_VARIANTS)]
+        x, residual, more = newton(problem, start, most=most, regular=regular, factor=factor)
         taken += steps + more
         if residual < best[1]:
             best = x, residual
