@@ -294,6 +294,29 @@ def test_hammer_blow_under_a_ball(e):
     assert impact.violations.is_admissible()
 
 
+def test_hammer_blow_in_rigid_steps():
+    """A table under two balls at rest jumps to u: compression takes both along, expansion throws both off with e u."""
+    e, u, h = 0.5, 2.0, 0.01
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco><option timestep="{h}" integrator="RK4"/>
+        <default><geom condim="1"/></default><worldbody>
+        <body name="table" mocap="true"><geom name="table" type="box" size="1 1 .1" pos="0 0 -.1"/></body>
+        <body pos="0 0 .1"><joint type="slide" axis="0 0 1"/><geom name="low" size=".1" mass="1"/></body>
+        <body pos="0 0 .3"><joint type="slide" axis="0 0 1"/><geom name="high" size=".1" mass="2"/></body>
+        </worldbody></mujoco>""")
+    data = mujoco.MjData(model)
+    stepper = Stepper(model, Poisson(e))
+    for _ in range(3):
+        stepper.step(data)
+        assert stepper.events == ()
+    data.mocap_pos[0, 2] = u * h
+    stepper.step(data)
+    (event,) = stepper.events
+    np.testing.assert_allclose(event.impact.post_velocity, (1 + e) * u, rtol=1e-9)
+    np.testing.assert_allclose(sorted(event.impact.impulse), (1 + e) * u * np.array([2.0, 3.0]), rtol=1e-9)
+    assert event.impact.violations.is_admissible()
+    np.testing.assert_allclose(data.qpos, (1 + e) * u * h - 0.5 * 9.81 * h * h, rtol=1e-9)
+
+
 def test_surfaces_that_crush_what_is_between_them():
     between = Collision([[2.0]], [[1.0], [-1.0]], [0.0], surface_velocity=[-1.0, -1.0], labels=("left", "right"))
     with pytest.raises(UnsolvableLawError, match="left, right"):
