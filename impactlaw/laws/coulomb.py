@@ -13,13 +13,13 @@ from impactlaw.friction_impact import FrictionImpact, cone_problem
 from impactlaw.impact import Impact
 from impactlaw.laws.base import Law, Target, coefficient
 from impactlaw.solvers.cone_problem import ConeAnswer, ConeStatus
-from impactlaw.solvers.cone_solve import shared, solve_cones
+from impactlaw.solvers.cone_solve import BRIEF, THOROUGH, USUAL, Effort, shared, solve_cones
 
 _CREATED = 1e-12
 """Energy, relative to the one before, up to which its creation is rounding."""
 _SEARCHES = 60
 _FOUND = 1e-10  # width of the bracket of s that is narrow enough
-_SOLVABLE = 1e-4  # the same where beyond the bracket no impact was found
+_SOLVABLE = 0.03  # the same where beyond the bracket no impact was found
 _CLOSE = 1e-11  # energy lost, relative to the one before, that is as good as none
 
 
@@ -92,7 +92,7 @@ class Coulomb(Law):
         if collision.friction is None or not len(collision.friction):
             return self.law.resolve(collision, solver=solver)
         attempt = _Attempt(self, collision, np.asarray(self.target(collision).contact_velocity, dtype=float))
-        impact, answer = attempt(1.0, None)
+        impact, answer = attempt(1.0, None, USUAL)
         created = np.inf if impact is None else attempt.created(impact, answer)
         return _largest(attempt, created, solver) if impact is None or created > 0.0 else impact
 
@@ -104,12 +104,12 @@ class _Attempt:
         self.law, self.collision, self.wanted = law, collision, wanted
         self.sliding = -law.tangential_restitution * collision.pre_sliding_velocity
 
-    def __call__(self, s: float, guess: np.ndarray | None) -> tuple[FrictionImpact | None, ConeAnswer]:
+    def __call__(self, s: float, guess: np.ndarray | None, effort: Effort) -> tuple[FrictionImpact | None, ConeAnswer]:
         """Return the impact with restitution scaled by s, None if none is certified, and the solver's answer."""
         targets = np.where(self.wanted > 0, s * self.wanted, self.wanted), s * self.sliding
         exact = self.law.cone == "exact"
         problem = cone_problem(self.collision, *targets, exact=exact)
-        answer = solve_cones(problem, guess)
+        answer = solve_cones(problem, guess, effort=effort)
         if answer.status is not ConeStatus.SOLVED:
             return None, answer
         if problem.is_redundant:
@@ -133,7 +133,7 @@ def _largest(attempt: _Attempt, created: float, solver: str) -> FrictionImpact:
         created: energy created with s = 1, infinite if there is no impact.
         solver: of the problem without friction.
     """
-    best, answer = attempt(0.0, None)
+    best, answer = attempt(0.0, None, THOROUGH)
     if best is None:
         attempt.law.law.resolve(attempt.collision, solver=solver)  # refuses what no velocity can do
         raise SolverError(
@@ -146,7 +146,7 @@ def _largest(attempt: _Attempt, created: float, solver: str) -> FrictionImpact:
             break
         share = 0.5 if k % 3 == 2 or not np.isfinite(above) else kept / (kept - above)
         s = low + min(max(share, 0.01), 0.99) * (high - low)
-        impact, following = attempt(s, answer.impulse)
+        impact, following = attempt(s, answer.impulse, BRIEF)
         created = np.inf if impact is None else attempt.created(impact, following)
         if impact is None or created > 0.0:
             high, above, kept, side = s, created, kept * (0.5 if side > 0 else 1.0), 1

@@ -2,37 +2,60 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import NamedTuple
+
 import numpy as np
 
 from impactlaw.solvers.cone_lagrangian import augmented_lagrangian
 from impactlaw.solvers.cone_newton import continuation, newton, share
-from impactlaw.solvers.cone_problem import ENOUGH, ConeAnswer, ConeProblem, ConeStatus
+from impactlaw.solvers.cone_problem import ENOUGH, ConeAnswer, ConeProblem, ConeStatus, project
 
 _WARM = 8  # Newton steps that a guess is worth
 _COLD = 15  # Newton steps from rest, before what is slower
 _VARIANTS = ((1e-12, 1.0), (1e-12, 1.0), (1e-8, 1.0), (1e-12, 0.1), (1e-10, 10.0), (1e-8, 0.3))
 """Regularization and step of the map that are tried in turn: where one cycles another one need not."""
 _AFTER = 20  # Newton steps after each round of what is slower
-_ROUNDS = 15  # of the fixed point of de Saxcé's correction, or of augmented Lagrangians with less compliance
 
 
-def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None) -> ConeAnswer:
+class Effort(NamedTuple):
+    """How much to try where Newton's method fails.
+
+    Attributes:
+        rounds: of the fixed point of de Saxcé's correction, or of augmented Lagrangians with less compliance.
+        continued: whether to follow compliant contacts to rigid ones.
+        restarts: how often to start again in the end, at about 3 ms each.
+    """
+
+    rounds: int
+    continued: bool
+    restarts: int
+
+
+THOROUGH = Effort(15, True, 60)
+USUAL = Effort(15, True, 0)
+BRIEF = Effort(4, False, 0)
+
+
+def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, effort: Effort = THOROUGH) -> ConeAnswer:
     """Solve a problem of contacts with friction.
 
     Newton's method is started from the guess, then from no impulse. What it cannot do is tried by a fixed point: de
     Saxcé's correction ``s = |u_t|`` is held, the convex problem that remains is solved by augmented Lagrangians, and
-    Newton's method starts from there; and last by following the solution of compliant contacts to rigid ones.
+    Newton's method starts from there; by following the solution of compliant contacts to rigid ones; and last by
+    starting from all these again, displaced by random numbers that are always the same.
     Solutions need not be unique for large coefficients of friction; the same problem always gets the same one.
 
     Args:
         problem: what to solve.
         guess: an impulse near the solution, (n,), such as that of a step before.
+        effort: how much to try where Newton's method fails.
 
     Returns:
         The best answer found; its status is "solved" if its residual is at most 1e-10 of the problem's scale.
     """
     with np.errstate(all="ignore"):
-        x, residual, taken = _attempts(problem, guess)
+        x, residual, taken = _attempts(problem, guess, effort)
     status = ConeStatus.SOLVED if residual <= ENOUGH * problem.scale else ConeStatus.STOPPED
     return problem.answer(x, residual, status, taken)
 
@@ -47,13 +70,12 @@ def shared(problem: ConeProblem, answer: ConeAnswer) -> ConeAnswer:
     return problem.answer(least, problem.residual(least, problem.velocity(least)), answer.status, answer.iterations)
 
 
-def _attempts(problem: ConeProblem, guess: np.ndarray | None) -> tuple[np.ndarray, float, int]:
+def _attempts(problem: ConeProblem, guess: np.ndarray | None, effort: Effort) -> tuple[np.ndarray, float, int]:
     """Return the scaled impulse of the first attempt that succeeds, or of the best one; its residual; all steps."""
     enough, taken = ENOUGH * problem.scale, 0
     best: tuple[np.ndarray, float] = np.zeros(problem.shape), np.inf
-    for k, (start, steps, most) in enumerate(_starts(problem, guess)):
-        regular, factor = _VARIANTS[k % len(_VARIANTS)]
-        x, residual, more = newton(problem, start, most=most, regular=regular, factor=factor)
+    for start, steps, most, variant in _starts(problem, guess, effort):
+        x, residual, more = newton(problem, start, most=most, regular=variant[0], factor=variant[1])
         taken += steps + more
         if residual < best[1]:
             best = x, residual
@@ -62,20 +84,35 @@ def _attempts(problem: ConeProblem, guess: np.ndarray | None) -> tuple[np.ndarra
     return *best, taken
 
 
-def _starts(problem: ConeProblem, guess: np.ndarray | None):
-    """Yield where Newton's method is to start, the steps that it took to get there, and the steps to give it."""
-    if guess is not None:
-        yield problem.scaled(guess), 0, _WARM
-    yield np.zeros(problem.shape), 0, _COLD
+def _starts(
+    problem: ConeProblem, guess: np.ndarray | None, effort: Effort
+) -> Iterator[tuple[np.ndarray, int, int, tuple[float, float]]]:
+    """Yield where Newton's method is to start, the steps that led there, the steps to give it, and its variant."""
     x, shift = np.zeros(problem.shape), np.zeros(problem.shape[0])
-    enough = (1e-6 if problem.exact else 1e-13) * problem.scale
-    for k in range(_ROUNDS):
+    if guess is not None:
+        yield problem.scaled(guess), 0, _WARM, _VARIANTS[0]
+    yield x, 0, _COLD, _VARIANTS[0]
+    enough, tried = (1e-6 if problem.exact else 1e-13) * problem.scale, []
+    for k in range(effort.rounds):
         outer, compliance = (6, 1.0) if k == 0 else (6, 1e-2) if problem.exact else (1, 10.0 ** -(5 + k))
         x, steps = augmented_lagrangian(problem, x, shift, outer=outer, enough=enough, compliance=compliance)
-        yield x, steps, _AFTER
+        tried.append(x)
+        yield x, steps, _AFTER, _VARIANTS[k % len(_VARIANTS)]
         if problem.exact:
             u = problem.velocity(x)
             shift = np.sqrt(np.vecdot(u[:, 1:], u[:, 1:]))
-    if problem.exact:
+    if problem.exact and effort.continued:
         x, steps = continuation(problem)
-        yield x, steps, 4 * _AFTER
+        tried.append(x)
+        yield x, steps, 4 * _AFTER, _VARIANTS[0]
+        yield from _displaced(tried, effort.restarts)
+
+
+def _displaced(tried: list[np.ndarray], restarts: int) -> Iterator[tuple[np.ndarray, int, int, tuple[float, float]]]:
+    """Yield starts tried before, every other one displaced, for Newton's method with all kinds of variants."""
+    rng = np.random.default_rng(0)
+    for k in range(restarts):
+        x = tried[rng.integers(len(tried))]
+        size = np.abs(x).max() * 10.0 ** rng.uniform(-4.0, 0.0) * (k % 2)
+        variant = 10.0 ** rng.uniform(-12.0, -6.0), 10.0 ** rng.uniform(-1.0, 1.0)
+        yield project(x + size * rng.normal(size=x.shape)), 0, 30, variant
