@@ -15,7 +15,6 @@ from impactlaw.solvers import Answer, Problem, beyond_rounding, nonnegative_comb
 
 SIGNIFICANT = 1e-9
 """Part of |v-| below which a velocity or a scaled impulse is rounding when signs are asked for."""
-_ROUNDING = 4 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
@@ -237,19 +236,12 @@ class Impact:
                 largest = np.abs(self.target_contact_velocity).max()
                 if (slack[~moving] < -1e-12 * largest).any():
                     return np.inf
-            natural = np.minimum((self._free_impulse * scale)[moving], slack[moving] / scale[moving])
+            free = self.impulse if self.least_impulse is None else self.impulse - self.least_impulse
+            natural = np.minimum((free * scale)[moving], slack[moving] / scale[moving])
             error = max(error, float(np.abs(natural).max(initial=0.0)))
         error = max(error, float(-scaled_impulse.min(initial=0.0)))
         error = error / self._speed if self._speed > 0 else error
         return error if self.compression is None else max(error, self.compression.residual)
-
-    @property
-    def _free_impulse(self) -> np.ndarray:
-        """What the impulse is beyond its least, (h,); 0 where that is its rounding."""
-        if self.least_impulse is None:
-            return self.impulse
-        free = self.impulse - self.least_impulse
-        return np.where(np.abs(free) <= _ROUNDING * self.impulse, 0.0, free)
 
     @cached_property
     def _speed(self) -> float:

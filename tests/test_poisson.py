@@ -237,6 +237,20 @@ def test_contacts_that_jam(seed):
     assert impact.violations.energetic < 1e-9 * c.pre_speed
 
 
+@pytest.mark.parametrize("seed", [26835, 28635, 47859, 49534])
+def test_contacts_that_jam_beyond_all_digits_create_no_energy(seed):
+    """Impulses 1e10 to 1e13 times the speed, whose rounding could be an outcome thousands of times as fast as v-."""
+    rng = np.random.default_rng([77, seed])
+    c = random_collision(rng, most=24)
+    e = rng.uniform(size=len(c.labels))
+    e = np.round(e) if rng.uniform() < 0.3 else e
+    try:
+        impact = Poisson(e.tolist()).resolve(c)
+    except SolverError:
+        return
+    assert impact.violations.energetic < 1e-8 * c.pre_speed
+
+
 def test_random_collisions_are_certified_or_refused():
     refused = 0
     for seed in range(600):
@@ -268,6 +282,18 @@ def test_both_phases_use_the_solver_named(solver, problem_name):
     atol = 1e-5 if solver in ("osqp", "projected-gauss-seidel") else 1e-12
     forced = law.resolve(c, solver=solver)
     np.testing.assert_allclose(forced.post_velocity, law.resolve(c).post_velocity, rtol=0, atol=atol)
+
+
+def test_the_compression_uses_the_solver_named():
+    """E = 0 has no expansion to solve."""
+    with pytest.raises(SolverError, match="solver 'closed-form'"):
+        Poisson(0.0).resolve(launched(3, 1), solver="closed-form")
+
+
+def test_what_nothing_penetrates_is_left_alone():
+    """Rounding of contact velocities, here of contacts that end at 0, calls for no impulse."""
+    impact = Poisson(0.3).resolve(launched(5, 2))
+    np.testing.assert_array_equal(impact.impulse, 1.3 * impact.compression.impulse)
 
 
 def test_sparse_chain_is_the_dense_one():
