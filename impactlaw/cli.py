@@ -32,8 +32,8 @@ class Compare:
     """Timestep, s; the scene's own if not given."""
     out: Path | None = None
     """Folder for table, picture and recordings; out/<scene> if not given."""
-    friction: Literal["refuse", "ignore"] = "refuse"
-    """What to do with a scene that has friction: rigid contacts have none."""
+    friction: Literal["coulomb", "convex", "ignore"] = "coulomb"
+    """Friction of rigid contacts: exact Coulomb friction, its convex relaxation, or none."""
     view: bool = False
     """Open the rerun viewer on the runs as they happen; needs a display."""
 
@@ -112,8 +112,8 @@ class Plan:
     """Name of a scene (see `impactlaw scenes`) or path of an MJCF file."""
     contact_model: Literal["rigid", "soft"] = "rigid"
     """Who owns sustained contact: the law layer, or MuJoCo."""
-    friction: Literal["refuse", "ignore"] = "refuse"
-    """What to do with a scene that has friction: rigid contacts have none."""
+    friction: Literal["coulomb", "convex", "ignore"] = "coulomb"
+    """Friction of rigid contacts: exact Coulomb friction, its convex relaxation, or none."""
 
     def __call__(self) -> None:
         """Print the plan."""
@@ -122,10 +122,9 @@ class Plan:
         from impactlaw.scene import check_rigid
 
         model, _ = load(self.scene)
-        plan = make_plan(model, self.contact_model)
         if self.contact_model == "rigid":
-            check_rigid(model, plan.pairs, ignore_friction=self.friction == "ignore")
-        print(format_plan(plan))
+            check_rigid(model)
+        print(format_plan(make_plan(model, self.contact_model, friction=self.friction)))
 
 
 @contextmanager

@@ -11,8 +11,9 @@ from impactlaw.collision import Collision
 from impactlaw.contacts import Contacts
 from impactlaw.errors import InadmissibleImpactError
 from impactlaw.events import ImpactEvent
+from impactlaw.friction import Friction
 from impactlaw.impact import Impact
-from impactlaw.laws import Law, MaximalDissipation
+from impactlaw.laws import Law
 from impactlaw.metric import KineticMetric
 from impactlaw.relative import Bilateral
 
@@ -26,6 +27,7 @@ class Closed(NamedTuple):
         bilateral: gradients of equality constraints, (m, nv); None if there are none.
         drift: what moving surfaces add to the contact velocities, m/s, (h,); None if none move.
         drift_before: the same before a jump of the surfaces' velocity; None if there is no jump.
+        friction: of these contacts; None if they have none.
     """
 
     contacts: Contacts
@@ -33,6 +35,7 @@ class Closed(NamedTuple):
     bilateral: np.ndarray | None = None
     drift: np.ndarray | None = None
     drift_before: np.ndarray | None = None
+    friction: Friction | None = None
 
     def contact_velocity(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``J v + w``, m/s, (h,)."""
@@ -56,6 +59,7 @@ class Closed(NamedTuple):
             bilateral_jacobian=self.bilateral,
             surface_velocity=_part(after if before is None else before, chosen),
             post_surface_velocity=None if before is None else _part(after, chosen),
+            friction=None if self.friction is None else self.friction.select(chosen),
         )
 
     def resting(self, velocity: np.ndarray, rounding: np.ndarray) -> Closed:
@@ -75,12 +79,14 @@ class Collider:
 
     Attributes:
         law: the law.
+        last_law: the law of a collision that ends the matter, E = 0.
         on_inadmissible: what to do with an outcome outside of S(v-): "raise", "project" it onto S(v-), or "allow" it.
-        most: collisions of one step after which E = 0 on every closed contact ends the matter.
+        most: collisions of one step after which the last law on every closed contact ends the matter.
         solver: a name from `impactlaw.solvers.SOLVERS`, or "auto".
     """
 
     law: Law
+    last_law: Law
     on_inadmissible: Literal["raise", "project", "allow"]
     most: int
     solver: str
@@ -124,10 +130,12 @@ class Collider:
             if final:
                 chosen = np.arange(len(gamma))
             else:
-                Y = closed.whitened(metric) if Y is None else Y
-                chosen = _reached(Y, np.flatnonzero(gamma <= rounding), approaching)
+                chosen = np.flatnonzero(gamma <= rounding)
+                if closed.friction is None:
+                    Y = closed.whitened(metric) if Y is None else Y
+                    chosen = _reached(Y, chosen, approaching)
             collision = closed.collision(chosen, metric, velocity)
-            law = MaximalDissipation() if final else self.law
+            law = self.last_law if final else self.law
             impact = self._admissible(law.resolve(collision, solver=self.solver), rounding[chosen], time)
             events.append(ImpactEvent(time, closed.contacts.select(chosen), impact, qpos.copy()))
             before, velocity = velocity, impact.post_velocity

@@ -37,7 +37,7 @@ class Comparison:
     restitution: float | None = None
     duration: float | None = None
     timestep: float | None = None
-    friction: Literal["refuse", "ignore"] = "refuse"
+    friction: Literal["coulomb", "convex", "ignore"] = "coulomb"
     view: bool = False
 
 

@@ -30,6 +30,7 @@ from impactlaw.geoms import (
 )
 from impactlaw.limits import Limits, joined
 from impactlaw.options import BorrowedOptions
+from impactlaw.tangents import Grip, learn_grip
 
 _PARALLEL = 0.99  # cosine of an angle within which MuJoCo takes two faces for parallel
 _REMEMBERED = 256  # patterns; a pile has many
@@ -53,6 +54,7 @@ class Pattern:
         ones: 1, 1, .., (h,).
         order: indices that bring MuJoCo's contacts into order; None if they are in it.
         sign: -1 where MuJoCo has the higher geom id first, else 1, (h, 1); None if 1 for all.
+        grip: which rows of friction they have; None if they have none, or it is ignored.
     """
 
     labels: tuple[str, ...]
@@ -68,6 +70,7 @@ class Pattern:
     ones: np.ndarray
     order: np.ndarray | None
     sign: np.ndarray | None
+    grip: Grip | None
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -96,6 +99,7 @@ class Detector:
         model: the scene.
         convex: whether some pairs are measured by MuJoCo's general convex collider.
         faces: whether MuJoCo is to look for several contacts between faces where it can.
+        friction: whether contacts are to have their friction.
 
     Attributes:
         names: of all geoms, as in contact labels.
@@ -103,7 +107,7 @@ class Detector:
         options: to be entered (``with``) around every use of `find`.
     """
 
-    def __init__(self, model: mujoco.MjModel, *, convex: bool = True, faces: bool = True):
+    def __init__(self, model: mujoco.MjModel, *, convex: bool = True, faces: bool = True, friction: bool = False):
         self._model = model
         self.names = geom_names(model)
         self.limits = Limits(model)
@@ -112,6 +116,7 @@ class Detector:
             model, convex=convex, limits=bool(self.limits), bilateral=bool(self._bilateral.any())
         )
         self._faces = faces
+        self._friction = friction
         self._patterns: dict[bytes, Pattern] = {}
         nothing = np.zeros((0, 2), int)
         self.empty = self._pattern(nothing), Contacts((), nothing, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
@@ -229,6 +234,7 @@ class Detector:
             ones=np.ones(len(key)),
             order=None if np.array_equal(order, np.arange(len(order))) else order,
             sign=np.where(swapped, -1.0, 1.0)[:, None] if swapped.any() else None,
+            grip=learn_grip(model, geoms) if self._friction else None,
         )
 
 

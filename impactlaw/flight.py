@@ -50,17 +50,19 @@ class Flights:
         model: the scene.
         plan: what the scene can need.
         gap_tolerance: gap up to which a contact counts as closed, m.
+        exact: whether friction is exact, or its convex relaxation.
 
     Attributes:
         options: to be entered (``with``) around every use.
         surfaces: surfaces that move by themselves; None if the scene has none.
     """
 
-    def __init__(self, model: mujoco.MjModel, plan: Plan, gap_tolerance: float):
+    def __init__(self, model: mujoco.MjModel, plan: Plan, gap_tolerance: float, *, exact: bool):
         self._model = model
         self._tolerance = gap_tolerance
         self._near = _NEAR * gap_tolerance
-        self._detector = Detector(model, convex=plan.convex, faces=plan.faces)
+        self._detector = Detector(model, convex=plan.convex, faces=plan.faces, friction=plan.friction)
+        self._exact = exact
         self._travel = Travel(model, plan.pairs, passing=plan.passing, turning=plan.turning)
         self.options = self._detector.options
         self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
@@ -154,7 +156,9 @@ class Flights:
         while True:
             self.advance(data, duration)
             if self._is_short(start.velocity, data.qvel, duration):
-                return self._arrive(data, Flow(start, duration, self._tolerance, self._travel, hold_all))
+                return self._arrive(
+                    data, Flow(start, duration, self._tolerance, self._travel, hold_all, exact=self._exact)
+                )
             longest = self._travel.longest_turn(start.velocity)
             if duration > longest:
                 restore_state(self._model, data, state)
@@ -163,7 +167,9 @@ class Flights:
             travel = self._travel.between(start.touch.frames, data)
             suspects = self._travel.suspects(start.touch.frames, travel)
             if len(suspects) == 0:
-                return self._arrive(data, Flow(start, duration, self._tolerance, self._travel, hold_all))
+                return self._arrive(
+                    data, Flow(start, duration, self._tolerance, self._travel, hold_all, exact=self._exact)
+                )
             restore_state(self._model, data, state)
             self.update(data)
             fraction = self._travel.safe_fraction(data, suspects, travel)
@@ -182,7 +188,9 @@ class Flights:
         reach: float = 0.0,
     ) -> Flight:
         self.advance(data, duration)
-        return self._arrive(data, Flow(start, duration, self._tolerance, self._travel, hold_all, smooth), reach)
+        return self._arrive(
+            data, Flow(start, duration, self._tolerance, self._travel, hold_all, smooth, self._exact), reach
+        )
 
     def _arrive(self, data: mujoco.MjData, flow: Flow, reach: float = 0.0) -> Flight:
         """Look at the contacts where the flow has led, and hold those that stay closed.

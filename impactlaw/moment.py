@@ -32,6 +32,8 @@ class Moment(NamedTuple):
         noise: size of the rounding errors of gamma, m/s, (h,).
         quiet: whether all contacts are closed, and neither move nor need a correction of position.
         pressed: contacts that the last flow had to hold, bool (h,); None if there were none.
+        carried: forces with which it held them where there is friction: pressing, then friction divided by its
+            coefficients, N or N m, (h, 6); None if there were none.
     """
 
     touch: Touch
@@ -42,6 +44,7 @@ class Moment(NamedTuple):
     noise: np.ndarray
     quiet: bool
     pressed: np.ndarray | None = None
+    carried: np.ndarray | None = None
 
     @classmethod
     def of(
@@ -52,13 +55,23 @@ class Moment(NamedTuple):
         closed = gap <= tolerance
         still = _STILL * tolerance / timestep
         velocity, gamma, noise, silent = _motion(model, data, touch, _SILENT * still)
-        quiet = silent and np.count_nonzero(closed & (gap >= -CORRECTED * tolerance)) == len(gap)
+        quiet = (
+            silent
+            and touch.pattern.grip is None
+            and np.count_nonzero(closed & (gap >= -CORRECTED * tolerance)) == len(gap)
+        )
         return cls(touch, closed, still, velocity, gamma, noise, quiet)
 
-    def moving(self, model: mujoco.MjModel, data: mujoco.MjData, pressed: np.ndarray | None = None) -> Moment:
+    def moving(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        pressed: np.ndarray | None = None,
+        carried: np.ndarray | None = None,
+    ) -> Moment:
         """Return the same contacts with the velocities of now."""
         velocity, gamma, noise, _ = _motion(model, data, self.touch, _SILENT * self.still)
-        return Moment(self.touch, self.closed, self.still, velocity, gamma, noise, False, pressed)
+        return Moment(self.touch, self.closed, self.still, velocity, gamma, noise, False, pressed, carried)
 
     @property
     def gap(self) -> np.ndarray:
@@ -99,6 +112,7 @@ class Flow(NamedTuple):
         travel: measures how far geoms have moved.
         hold_all: whether every contact that is closed at its end is held there (time stepping).
         smooth: whether it is known that contacts between faces have moved smoothly, however far.
+        exact: whether friction is exact, or its convex relaxation.
     """
 
     start: Moment
@@ -107,6 +121,7 @@ class Flow(NamedTuple):
     travel: Travel
     hold_all: bool = False
     smooth: bool = False
+    exact: bool = True
 
 
 class Arrival(NamedTuple):

@@ -46,6 +46,7 @@ class Plan:
         points: matching contact points from flow to flow: some pairs have several contacts.
         passing: the check that no body passes through another: some bodies meet others that are not planes.
         turning: the same check's bound on rotation: some of those are not round.
+        friction: some contacts have friction.
         surfaces: surfaces that move by themselves: some mocap bodies can meet others.
         inertia: a new factor of the mass matrix at every collision: it depends on the configuration.
         pairs: geoms that can meet.
@@ -60,14 +61,20 @@ class Plan:
     points: bool
     passing: bool
     turning: bool
+    friction: bool
     surfaces: bool
     inertia: bool
     pairs: GeomPairs = field(repr=False, compare=False)
     parts: tuple[Part, ...] = field(repr=False, compare=False)
 
 
-def make_plan(model: mujoco.MjModel, contact_model: Literal["rigid", "soft"] = "rigid") -> Plan:
-    """Derive from the compiled model what steps of it take."""
+def make_plan(
+    model: mujoco.MjModel,
+    contact_model: Literal["rigid", "soft"] = "rigid",
+    *,
+    friction: Literal["coulomb", "convex", "ignore"] = "coulomb",
+) -> Plan:
+    """Derive from the compiled model, and the options of a `Stepper`, what steps of it take."""
     pairs = geom_pairs(model)
     geoms = pairs.geoms
     thin = thickness(model)
@@ -82,6 +89,7 @@ def make_plan(model: mujoco.MjModel, contact_model: Literal["rigid", "soft"] = "
         "points": rigid and bool(several.any()),
         "passing": rigid and len(solid) > 0,
         "turning": rigid and bool((model.geom_rbound[solid] > thin[solid]).any()),
+        "friction": rigid and friction != "ignore" and bool(pairs.friction.any()),
         "surfaces": rigid and bool(_moves(model, geoms).any()),
         "inertia": (len(geoms) > 0 or bool(Limits(model))) and not has_constant_inertia(model),
     }
@@ -160,7 +168,9 @@ class _Reasons:
         )
         yield from self._mujoco()
         friction = int(np.count_nonzero(self.pairs.friction))
-        yield Part("friction", False, f"ignored on {friction} pairs" if friction else "no pair has friction")
+        runs = self.flags["friction"]
+        why = f"{friction} of {len(geoms)} pairs" if runs else f"ignored on {friction} pairs"
+        yield Part("friction", runs, why if friction else "no pair has friction")
         yield self._part(
             "surfaces",
             "moving surfaces",

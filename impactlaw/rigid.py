@@ -38,18 +38,16 @@ _INSTANT = 1e-4  # part of the timestep that such a flow lasts
 class RigidStepping:
     """The algorithm behind ``Stepper(contact_model="rigid")``; see there for the options."""
 
-    def __init__(
-        self, model: mujoco.MjModel, collider: Collider, plan: Plan, *, ignore_friction: bool, gap_tolerance: float
-    ):
+    def __init__(self, model: mujoco.MjModel, collider: Collider, plan: Plan, *, exact: bool, gap_tolerance: float):
         if not 0 < gap_tolerance < np.inf:
             raise SceneError(f"gap_tolerance must be a positive length, got {gap_tolerance}")
         check_resolved(model, gap_tolerance)
-        check_rigid(model, plan.pairs, ignore_friction=ignore_friction)
+        check_rigid(model)
         self._model = model
         self._plan = plan
         self._collider = collider
         self._tolerance = gap_tolerance
-        self._flights = Flights(model, plan, gap_tolerance)
+        self._flights = Flights(model, plan, gap_tolerance, exact=exact)
         self._options = self._flights.options
         self._before, self._state = empty_state(model), empty_state(model)
         self._left: tuple[bytes, ...] = (b"",) * 3
@@ -145,7 +143,7 @@ class RigidStepping:
         rounding = start.rounding[closed]
         data.qvel[:] = self._collider.collide(
             self._metric_at(data),
-            start.touch.closed(closed),
+            start.touch.closed(self._model, data, closed),
             start.velocity,
             approach=rounding,
             rounding=rounding,

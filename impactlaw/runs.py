@@ -92,7 +92,7 @@ def run_law(
     law: Law,
     steps: int,
     *,
-    friction: str = "refuse",
+    friction: str = "coulomb",
     recorder: Recorder | None = None,
     progress: Callable[[], object] = lambda: None,
 ) -> Run:

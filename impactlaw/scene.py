@@ -13,6 +13,7 @@ from impactlaw.laws import Law, Newton
 from impactlaw.laws.base import coefficient
 from impactlaw.laws.labels import check_labels
 from impactlaw.limits import Limits
+from impactlaw.tangents import MIN_FRICTION, pair_friction
 
 RESTITUTION = "restitution"
 """``<custom><numeric name="restitution" data="0.5"/>`` is a scene's default coefficient;
@@ -58,21 +59,10 @@ def geom_pairs(model: mujoco.MjModel) -> GeomPairs:
     ]
     apart &= ~np.isin(signature, excluded)
     first, second = first[apart], second[apart]
-    slides = _has_friction(model, first, second)
     pairs = np.sort(np.column_stack([model.pair_geom1, model.pair_geom2]), axis=1).reshape(-1, 2)
-    explicit = (model.pair_dim > 1) & (model.pair_friction[:, :2].max(axis=1, initial=0.0) > 0)
     geoms = np.concatenate([np.column_stack([first, second]), pairs]).astype(int)
-    return GeomPairs(geoms, np.concatenate([slides, explicit]))
-
-
-def _has_friction(model: mujoco.MjModel, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """MuJoCo's combination rule: the geom of higher priority decides, else the larger value of each."""
-    priority = model.geom_priority[first].astype(int) - model.geom_priority[second]
-    condim1, condim2 = model.geom_condim[first], model.geom_condim[second]
-    mu1, mu2 = model.geom_friction[first, 0], model.geom_friction[second, 0]
-    condim = np.where(priority > 0, condim1, np.where(priority < 0, condim2, np.maximum(condim1, condim2)))
-    mu = np.where(priority > 0, mu1, np.where(priority < 0, mu2, np.maximum(mu1, mu2)))
-    return (condim > 1) & (mu > 0)
+    dim, mu = pair_friction(model, geoms)
+    return GeomPairs(geoms, (dim > 1) & (mu[:, :2].max(axis=1, initial=0.0) > MIN_FRICTION))
 
 
 def check_resolved(model: mujoco.MjModel, gap_tolerance: float) -> None:
@@ -89,20 +79,12 @@ def check_resolved(model: mujoco.MjModel, gap_tolerance: float) -> None:
         )
 
 
-def check_rigid(model: mujoco.MjModel, pairs: GeomPairs, *, ignore_friction: bool) -> None:
-    """Refuse what frictionless rigid stepping would simulate wrongly.
+def check_rigid(model: mujoco.MjModel) -> None:
+    """Refuse what rigid stepping would simulate wrongly.
 
     Raises:
-        SceneError: friction (unless ignored), flexes, adhesion.
+        SceneError: flexes, adhesion.
     """
-    names = geom_names(model)
-    if pairs.friction.any() and not ignore_friction:
-        a, b = pairs.geoms[np.argmax(pairs.friction)]
-        raise SceneError(
-            f"rigid stepping is frictionless, but the scene has friction ({names[a]}/{names[b]}, "
-            f'{np.count_nonzero(pairs.friction)} pairs); set condim="1" on the geoms, pass friction="ignore", '
-            'or use contact_model="soft"'
-        )
     if model.nflex:
         raise SceneError('rigid stepping is between geoms only, but the scene has a flex; use contact_model="soft"')
     adhesion = int(mujoco.mjtTrn.mjTRN_BODY)

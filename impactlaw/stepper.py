@@ -11,7 +11,7 @@ from impactlaw.collide import Collider
 from impactlaw.contacts import GAP_TOLERANCE
 from impactlaw.errors import SceneError, UnknownNameError
 from impactlaw.events import ImpactEvent
-from impactlaw.laws import Law
+from impactlaw.laws import Coulomb, Law, MaximalDissipation
 from impactlaw.plan import make_plan
 from impactlaw.rigid import RigidStepping
 from impactlaw.scene import check_law, scene_law
@@ -21,16 +21,18 @@ from impactlaw.soft import REST_SPEED, SoftStepping
 class Stepper:
     """Advances a scene by its own timestep under an impact law.
 
-    With ``contact_model="rigid"`` MuJoCo does everything but contact and the law owns the contacts, without friction:
-    each step locates the times at which gaps close, resolves every collision by the law, and keeps touching contacts
-    touching (`impactlaw.rigid`). With ``contact_model="soft"`` MuJoCo keeps contact and friction, and the law takes
-    over collisions only; a step without one is `mj_step`, bit for bit (`impactlaw.soft`).
+    With ``contact_model="rigid"`` MuJoCo does everything but contact and the law owns the contacts, with the friction
+    of the scene: each step locates the times at which gaps close, resolves every collision by the law, and keeps
+    touching contacts touching (`impactlaw.rigid`). With ``contact_model="soft"`` MuJoCo keeps contact and friction, and
+    the law takes over collisions only; a step without one is `mj_step`, bit for bit (`impactlaw.soft`).
 
     Args:
         model: the compiled scene. Its options are read at every step, so they may be changed between steps.
         law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`impactlaw.scene`).
         contact_model: "rigid" or "soft".
-        friction: "refuse" scenes with friction, or "ignore" it (rigid).
+        friction: "coulomb" is exact Coulomb friction in collisions and in sustained contact, with the coefficients of
+            the scene; "convex" its convex relaxation, in which contacts that slide also separate; "ignore" leaves it
+            out (rigid). A law that is not a `Coulomb` becomes one where contacts have friction.
         on_inadmissible: what to do with an outcome of the law outside of S(v-), that is one that would create
             energy or penetrate: "raise", "project" it onto S(v-), or "allow" it.
         gap_tolerance: gap up to which a contact counts as closed, and largest penetration at an event, m (rigid).
@@ -55,7 +57,7 @@ class Stepper:
         law: Law | Literal["scene"],
         *,
         contact_model: Literal["rigid", "soft"] = "rigid",
-        friction: Literal["refuse", "ignore"] = "refuse",
+        friction: Literal["coulomb", "convex", "ignore"] = "coulomb",
         on_inadmissible: Literal["raise", "project", "allow"] = "raise",
         gap_tolerance: float = GAP_TOLERANCE,
         rest_speed: float = REST_SPEED,
@@ -64,7 +66,7 @@ class Stepper:
     ):
         for kind, value, known in (
             ("contact_model", contact_model, ("rigid", "soft")),
-            ("friction option", friction, ("refuse", "ignore")),
+            ("friction option", friction, ("coulomb", "convex", "ignore")),
             ("on_inadmissible option", on_inadmissible, ("raise", "project", "allow")),
         ):
             if value not in known:
@@ -79,14 +81,19 @@ class Stepper:
         self.model = model
         self.law = law
         self.events: tuple[ImpactEvent, ...] = ()
-        self.plan = make_plan(model, contact_model)
-        collider = Collider(law, on_inadmissible, max_events, solver)
+        self.plan = make_plan(model, contact_model, friction=friction)
+        last: Law = MaximalDissipation()
+        if self.plan.friction:
+            cone = "exact" if friction == "coulomb" else "convex"
+            law = law if isinstance(law, Coulomb) else Coulomb(law, cone=cone)
+            last = Coulomb(last, cone=cone)
+        collider = Collider(law, last, on_inadmissible, max_events, solver)
         self._stepping: RigidStepping | SoftStepping
         if contact_model == "soft":
             self._stepping = SoftStepping(model, collider, self.plan, rest_speed=rest_speed)
         else:
             self._stepping = RigidStepping(
-                model, collider, self.plan, ignore_friction=friction == "ignore", gap_tolerance=gap_tolerance
+                model, collider, self.plan, exact=friction != "convex", gap_tolerance=gap_tolerance
             )
 
     @property

@@ -24,6 +24,7 @@ import numpy as np
 
 from impactlaw.contacts import update_positions
 from impactlaw.errors import UnsolvableLawError
+from impactlaw.gripped import hold_gripping
 from impactlaw.moment import CORRECTED, Arrival, Flow, Moment
 from impactlaw.solvers import Problem, solve_with_jump, with_active
 from impactlaw.touch import Touch, jump, whiten
@@ -69,6 +70,12 @@ def hold(
     Returns:
         The contacts after the correction.
     """
+    if arrival.now.touch.pattern.grip is not None:
+
+        def correct(overlapping: Arrival) -> Arrival:
+            return _hold_position(model, data, overlapping, flow, None, look_again)[0]
+
+        return hold_gripping(model, data, arrival, flow, look_again, correct)
     before, guess = flow.start.pressed, None
     if before is not None:
         guess = (arrival.known >= 0) & before[arrival.known]

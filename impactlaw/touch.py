@@ -15,8 +15,10 @@ import numpy as np
 from impactlaw.collide import Closed
 from impactlaw.detection import Found
 from impactlaw.flow import Frames
+from impactlaw.friction import Friction
 from impactlaw.relative import Bilateral
 from impactlaw.surfaces import Surfaces
+from impactlaw.tangents import Tangents, find_tangents
 
 
 class Touch:
@@ -40,6 +42,8 @@ class Touch:
             self.drift = surfaces.drift(data, self.contacts)
             if surfaces.jumps(data):
                 self.drift_before = surfaces.drift(data, self.contacts, before=True)
+        self._surfaces = surfaces
+        self._tangents: Tangents | None = None
         self._span: Bilateral | None = None
         self._whitened: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
@@ -48,10 +52,23 @@ class Touch:
         gamma = self.jacobian.dot(velocity)
         return gamma if self.drift is None else gamma + self.drift
 
-    def closed(self, which: np.ndarray) -> Closed:
-        """Return some of the contacts, (k,) indices, as ones that may collide."""
+    def tangents(self, model: mujoco.MjModel, data: mujoco.MjData) -> Tangents | None:
+        """Return the rows of friction; None if there are none.
+
+        Computed when first asked for, which must be before data leaves the configuration of this touch.
+        """
+        if self._tangents is None and self.pattern.grip is not None:
+            self._tangents = find_tangents(model, data, self.contacts, self.pattern.grip, self._surfaces)
+        return self._tangents
+
+    def closed(self, model: mujoco.MjModel, data: mujoco.MjData, which: np.ndarray) -> Closed:
+        """Return some of the contacts, (k,) indices, as ones that may collide; frames must be those of this touch."""
         drift, before = (None if w is None else w[which] for w in (self.drift, self.drift_before))
-        return Closed(self.contacts.select(which), self.jacobian[which], self.bilateral, drift, before)
+        tangents, friction = self.tangents(model, data), None
+        if tangents is not None:
+            grip, J, sliding = tangents
+            friction = Friction(J, grip.contact, grip.coefficient, sliding).select(which)
+        return Closed(self.contacts.select(which), self.jacobian[which], self.bilateral, drift, before, friction)
 
     def whitened(self, model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return what impulses do: the rows ``J'`` along which they act, ``Y = J' R^-T`` and the lengths of Y's rows.

@@ -12,7 +12,7 @@ import pandas as pd
 from benchmark_scenes import Scene, builders
 from benchmark_timing import in_turns
 
-from impactlaw import Moreau
+from impactlaw import MaximalDissipation, Moreau
 from impactlaw.collide import Collider
 from impactlaw.contacts import GAP_TOLERANCE
 from impactlaw.plan import Plan, make_plan
@@ -104,13 +104,11 @@ class _Run:
     def __init__(self, study: Omissions, scene: Scene, plan: Plan):
         self._scene, self._steps = scene, study.steps
         self.data = mujoco.MjData(scene.model)
-        collider = Collider(scene.law, "raise", 100, "auto")
+        collider = Collider(scene.law, MaximalDissipation(), "raise", 100, "auto")
         if plan.contact_model == "soft":
             self._stepping = SoftStepping(scene.model, collider, plan, rest_speed=REST_SPEED)
         else:
-            self._stepping = RigidStepping(
-                scene.model, collider, plan, ignore_friction=True, gap_tolerance=GAP_TOLERANCE
-            )
+            self._stepping = RigidStepping(scene.model, collider, plan, exact=True, gap_tolerance=GAP_TOLERANCE)
 
     def prepare(self) -> list[Callable[[], object]]:
         """Go back to the start; return the run."""

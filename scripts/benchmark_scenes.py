@@ -30,7 +30,7 @@ class Scene:
         starts: positions and velocities that an episode starts from, in turn.
         episode: steps from one start.
         settle: steps before an episode is timed, for scenes at rest.
-        friction: "ignore" where rigid stepping has to.
+        friction: of rigid contacts, see `impactlaw.Stepper`.
         controls: of each step of an episode, (episode, nu), None for none.
     """
 
@@ -40,7 +40,7 @@ class Scene:
     starts: tuple[tuple[np.ndarray, np.ndarray], ...]
     episode: int = 500
     settle: int = 0
-    friction: Literal["refuse", "ignore"] = "refuse"
+    friction: Literal["coulomb", "convex", "ignore"] = "coulomb"
     controls: np.ndarray | None = None
 
     @property

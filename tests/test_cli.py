@@ -54,7 +54,7 @@ def test_compare_writes_into_out_and_prints_the_table(run, tmp_path):
         (("compare", "."), "directory"),
         (("compare", "notes.xml"), "notes.xml"),
         (("compare", "page.xml"), "page.xml"),
-        (("compare", "rough.xml"), "friction"),
+        (("compare", "sticky.xml"), "adhesion"),
         (("compare", "deep.xml"), "overlap"),
         (("compare", "--restitution", "-0.5"), "restitution"),
         (("compare", "--restitution", "1.5"), "restitution"),
@@ -69,10 +69,10 @@ def test_compare_writes_into_out_and_prints_the_table(run, tmp_path):
 def test_wrong_input_is_one_line_and_exit_code_2(arguments, message, tmp_path, run):
     (tmp_path / "notes.xml").write_text("these are notes")
     (tmp_path / "page.xml").write_text("<html><body/></html>")
-    body = '<body pos="0 0 {height}"><freejoint/><geom name="ball" size=".1" condim="{condim}"/></body>'
+    body = '<body pos="0 0 {height}"><freejoint/><geom name="ball" size=".1" condim="1" adhesion="{adhesion}"/></body>'
     plane = '<geom name="floor" type="plane" size="1 1 1" condim="1"/>'
-    for name, height, condim in (("rough", 1, 3), ("deep", 0.05, 1)):
-        scene = f"<mujoco><worldbody>{plane}{body.format(height=height, condim=condim)}</worldbody></mujoco>"
+    for name, height, adhesion in (("sticky", 1, 1), ("deep", 0.05, 0)):
+        scene = f"<mujoco><worldbody>{plane}{body.format(height=height, adhesion=adhesion)}</worldbody></mujoco>"
         (tmp_path / f"{name}.xml").write_text(scene)
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     code, _, err = run(*arguments)

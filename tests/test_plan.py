@@ -62,7 +62,7 @@ def test_leaving_out_changes_nothing(name):
     assert isinstance(stepping, RigidStepping)
     plan = replace(lean.plan, **dict.fromkeys(FLAGS, True))
     assert plan != lean.plan
-    full._stepping = RigidStepping(model, stepping._collider, plan, ignore_friction=False, gap_tolerance=1e-9)
+    full._stepping = RigidStepping(model, stepping._collider, plan, exact=True, gap_tolerance=1e-9)
     for _ in range(60):
         lean.step(data)
         full.step(other)
@@ -138,10 +138,10 @@ def test_the_command_prints_what_runs_first(monkeypatch, capsys):
 
 
 def test_the_command_refuses_what_rigid_stepping_refuses(monkeypatch, capsys, tmp_path):
-    path = tmp_path / "rough.xml"
-    rough = FLOOR.replace('condim="1"', "")
-    path.write_text(f"<mujoco><worldbody>{rough}{body('ball', BALL)}</worldbody></mujoco>")
+    path = tmp_path / "sticky.xml"
+    sticky = FLOOR.replace("/>", ' adhesion="1"/>')
+    path.write_text(f"<mujoco><worldbody>{sticky}{body('ball', BALL)}</worldbody></mujoco>")
     monkeypatch.setattr("sys.argv", ["impactlaw", "plan", str(path)])
     with pytest.raises(SystemExit):
         main()
-    assert "friction" in capsys.readouterr().err
+    assert "adhesion" in capsys.readouterr().err

@@ -1,0 +1,191 @@
+"""Sustained contact with friction: impulses in the friction cones that keep contacts closed and resist sliding.
+
+After a contact-free flow of duration tau from velocity to ``v``, the contacts that stay closed take impulses with
+
+    u_n = J_n (v + M^-1 J^T Lambda) + w_n,   u_t = J_t (v + M^-1 J^T Lambda) + w_t
+    0 <= Lambda_n  ⊥  u_n >= 0,   Coulomb's law between Lambda_t and u_t
+
+(Moreau's time stepping with E = 0). Forces that are constant over the flow would move the bodies as well: by
+``tau M^-1 J^T Lambda`` with the semi-implicit integrators, by half of that with RK4. So a contact that sticks does not
+creep: what gravity has moved, friction moves back. What is left of gaps is corrected as without friction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from impactlaw.contacts import update_positions
+from impactlaw.errors import SolverError
+from impactlaw.moment import CORRECTED, Arrival, Flow, Moment
+from impactlaw.solvers.cone_problem import ConeProblem, ConeStatus
+from impactlaw.solvers.cone_solve import solve_cones
+from impactlaw.touch import Touch, jump, kinetic_norm
+
+_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+_SETTLINGS = 4  # shifts of position at most
+_RANK = 1e-9  # relative singular value below which contacts press redundantly
+_KINDS = 6  # rows that a contact can have: one of pressing, two of sliding, one of torsion, two of rolling
+
+
+class Grasp(NamedTuple):
+    """Rows of the cone problem of some contacts: contact by contact, pressing first, friction times its coefficient.
+
+    Attributes:
+        contact: index of the contact of each row, int (n,).
+        kind: 0 for pressing, 1 to 5 for friction, int (n,).
+        sizes: rows of each contact that takes part, int.
+        along: the rows along which impulses act, (n, nv).
+        whitened: the same where the kinetic metric is Euclidean, (n, nv).
+        velocity: of each row at a given velocity, (n,).
+    """
+
+    contact: np.ndarray
+    kind: np.ndarray
+    sizes: np.ndarray
+    along: np.ndarray
+    whitened: np.ndarray
+    velocity: np.ndarray
+
+
+def hold_gripping(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    arrival: Arrival,
+    flow: Flow,
+    look_again: Callable[[float], tuple[Moment, np.ndarray]],
+    correct: Callable[[Arrival], Arrival],
+) -> Arrival:
+    """Bring position and velocity back to the sustained contacts; data and its frames change.
+
+    Args:
+        model: the scene.
+        data: at the end of the flow, frames current.
+        arrival: the contacts there.
+        flow: what led there.
+        look_again: detects the contacts of now up to a gap at least, m, and matches them with the start.
+        correct: opens sustained contacts that overlap.
+
+    Returns:
+        The contacts after the correction.
+
+    Raises:
+        SolverError: no solver has found the impulses.
+    """
+    free = arrival.now.velocity
+    impulse, along, carried = _press(model, data, arrival, flow, free, None)
+    part = 0.5 if model.opt.integrator == _RK4 else 1.0
+    shift = (part * flow.duration) * jump(model, data, along, impulse)
+    if np.count_nonzero(shift):
+        arrival, carried = _settle(model, data, arrival, shift, carried, flow, look_again)
+    if np.count_nonzero(arrival.sustained & (arrival.now.gap < -CORRECTED * flow.tolerance)):
+        before, arrival = arrival.known, correct(arrival)
+        carried = _matched(carried, before, arrival.known)
+    now, known, sustained = arrival
+    impulse, along, carried = _press(model, data, arrival, flow, free, carried)
+    data.qvel[:] = free + jump(model, data, along, impulse)
+    return Arrival(now.moving(model, data, carried[:, 0] > 0, carried / flow.duration), known, sustained)
+
+
+def _settle(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    arrival: Arrival,
+    shift: np.ndarray,
+    carried: np.ndarray,
+    flow: Flow,
+    look_again: Callable[[float], tuple[Moment, np.ndarray]],
+) -> tuple[Arrival, np.ndarray]:
+    """Shift the bodies, and then so that contacts that press are closed; return the contacts and their impulses."""
+    held = arrival.known[arrival.sustained]
+    for _ in range(_SETTLINGS):
+        qpos = data.qpos.copy()
+        mujoco.mj_integratePos(model, qpos, shift, 1.0)
+        data.qpos[:] = qpos
+        update_positions(model, data)
+        before, (now, known) = arrival.known, look_again(0.0)
+        arrival = Arrival(now, known, (known[:, None] == held[held >= 0]).any(axis=1))
+        carried = _matched(carried, before, known)
+        press = np.flatnonzero(carried[:, 0] > 0)
+        if np.abs(now.gap[press]).max(initial=0.0) <= CORRECTED * flow.tolerance:
+            break
+        along, Y, _ = now.touch.whitened(model, data)
+        z = np.linalg.lstsq(Y[press], -now.gap[press], rcond=_RANK)[0]
+        shift = jump(model, data, along[press], np.linalg.lstsq(Y[press].T, z, rcond=_RANK)[0])
+    return arrival, carried
+
+
+def _matched(carried: np.ndarray, before: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Return impulses, (h, 6), in the order of other contacts; both orders are told by indices at the flow's start."""
+    if np.array_equal(before, known):
+        return carried
+    result = np.zeros((len(known), _KINDS))
+    for i, index in enumerate(known):
+        same = np.flatnonzero(before == index)
+        if index >= 0 and len(same):
+            result[i] = carried[same[0]]
+    return result
+
+
+def _press(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    arrival: Arrival,
+    flow: Flow,
+    free: np.ndarray,
+    guess: np.ndarray | None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the impulses of the sustained contacts, their rows, and the impulses contact by contact, (h, 6)."""
+    now = arrival.now
+    held = np.flatnonzero(arrival.sustained & now.closed)
+    grasp = grasp_of(model, data, now.touch, held, free)
+    known = None
+    if guess is not None and len(guess) == len(now.gap):
+        known = guess[grasp.contact, grasp.kind]
+    elif flow.start.carried is not None:
+        before = arrival.known[grasp.contact]
+        known = np.where(before >= 0, flow.start.carried[before, grasp.kind] * flow.duration, 0.0)
+    impulse = solve_grasp(grasp, known, kinetic_norm(model, data, free), exact=flow.exact)
+    carried = np.zeros((len(now.gap), _KINDS))
+    carried[grasp.contact, grasp.kind] = impulse
+    return impulse, grasp.along, carried
+
+
+def grasp_of(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, held: np.ndarray, velocity: np.ndarray) -> Grasp:
+    """Return the rows of some contacts, (k,) indices, at a velocity, (nv,)."""
+    along, Y, _ = touch.whitened(model, data)
+    gamma = touch.contact_velocity(velocity)
+    tangents = touch.tangents(model, data)
+    contact, kind, gamma = held, np.zeros(len(held), dtype=int), gamma[held]
+    along, Y = along[held], Y[held]
+    if tangents is not None:
+        (of, which, mu), J, drift = tangents
+        rows = np.flatnonzero(np.isin(of, held))
+        friction, whitened = touch.confine(model, data, J[rows])
+        mu = mu[rows, None]
+        contact, kind = np.concatenate([contact, of[rows]]), np.concatenate([kind, which[rows] + 1])
+        along, Y = np.vstack([along, mu * friction]), np.vstack([Y, mu * whitened])
+        gamma = np.concatenate([gamma, mu[:, 0] * (J[rows].dot(velocity) + drift[rows])])
+    order = np.lexsort((kind, contact))
+    contact = contact[order]
+    sizes = np.bincount(contact, minlength=1)
+    return Grasp(contact, kind[order], sizes[sizes > 0], along[order], Y[order], gamma[order])
+
+
+def solve_grasp(grasp: Grasp, guess: np.ndarray | None, speed: float, *, exact: bool) -> np.ndarray:
+    """Return the impulses with E = 0, (n,), those of friction divided by their coefficients.
+
+    Raises:
+        SolverError: no solver has found them.
+    """
+    problem = ConeProblem(grasp.whitened, grasp.velocity, grasp.sizes, exact=exact, speed=speed)
+    answer = solve_cones(problem, guess)
+    if answer.status is not ConeStatus.SOLVED:
+        raise SolverError(
+            f"no impulses of {len(grasp.sizes)} contacts with friction were found: relative residual "
+            f'{answer.residual / problem.scale:.1e}; use a smaller timestep, or friction="convex"'
+        )
+    return answer.impulse
