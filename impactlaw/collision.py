@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from math import sqrt
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +10,10 @@ import numpy as np
 
 from impactlaw.errors import InvalidCollisionError
 from impactlaw.friction import Friction
+from impactlaw.lazy import cached_property
 from impactlaw.metric import KineticMetric, finite_array
 from impactlaw.relative import Bilateral, velocity_with
-from impactlaw.solvers.base import row_lengths
+from impactlaw.solvers.base import FEW, row_lengths
 from impactlaw.solvers.structure import MOST_DENSE
 from impactlaw.sparse_metric import SparseMetric, finite_sparse, is_sparse
 
@@ -173,12 +173,16 @@ class Collision:
     @cached_property
     def gradient_norms(self) -> np.ndarray:
         """``sqrt(G_ii)``, the length of each gap gradient in the kinetic metric, shape (h,), 1/sqrt(kg)."""
-        return row_lengths(self.whitened_jacobian)
+        Y = self.whitened_jacobian
+        if len(self.labels) <= FEW and isinstance(Y, np.ndarray):  # solvers want all of G
+            return np.sqrt(self.delassus.diagonal())
+        return row_lengths(Y)
 
     @cached_property
     def delassus(self) -> np.ndarray:
         """``G = Y Y^T``, shape (h, h): ``J M^-1 J^T`` where there are no bilateral constraints."""
-        return self.whitened_jacobian @ self.whitened_jacobian.T
+        Y = self.whitened_jacobian
+        return Y.dot(Y.T)
 
     @cached_property
     def pre_contact_velocity(self) -> np.ndarray:
@@ -262,6 +266,23 @@ class Collision:
         z, seen = self.whitened_velocity, self.relative_velocity
         own = z.dot(z)
         return sqrt(own if seen is z else max(own, seen.dot(seen)))
+
+    def prepare(self) -> None:
+        """Compute at once what a law asks for one after the other: for few contacts the asking is half of the cost.
+
+        That is ``gamma-``, G, the norms and ``|v-|``, where all is dense, and no surface or bilateral constraint.
+        """
+        values = self.__dict__
+        if "pre_speed" in values or self.frame_rates is not None or self._bilateral is not None:
+            return
+        Y = self.whitened_jacobian
+        if len(self.labels) > FEW or not isinstance(Y, np.ndarray):
+            return
+        z = self.whitened_velocity
+        values["pre_contact_velocity"] = self.jacobian.dot(self.pre_velocity)
+        values["delassus"] = G = Y.dot(Y.T)
+        values["gradient_norms"] = np.sqrt(G.diagonal())
+        values["pre_speed"] = sqrt(z.dot(z))
 
     @cached_property
     def kinetic_energy(self) -> float:

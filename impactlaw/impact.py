@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from math import sqrt
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from impactlaw.collision import Collision
 from impactlaw.errors import InvalidCollisionError, UnsolvableLawError
+from impactlaw.lazy import cached_property
 from impactlaw.solvers import Answer, Problem, beyond_rounding, nonnegative_combination, share, solve_with_jump
 
 SIGNIFICANT = 1e-9

@@ -54,6 +54,7 @@ class Law(ABC):
             UnsolvableLawError: no velocity satisfies the law; the message names the contacts that conflict.
             SolverError: no solver's answer passed its certificate.
         """
+        collision.prepare()
         target = self.target(collision)
         problem = jump_problem(collision, target)
         answer = solve_with_jump(problem, collision.labels, solver=solver, shared=False)
@@ -63,20 +64,20 @@ class Law(ABC):
 def jump_problem(collision: Collision, target: Target) -> Problem:
     """Return the problem whose solution is the law's jump: the smallest one that reaches the target."""
     wanted, velocity, coefficient = target
-    preimage, velocities = None, collision.pre_contact_velocity
+    preimage, scale, velocities, speed = None, None, collision.pre_contact_velocity, collision.pre_speed
     if collision.frame_rates is not None or collision.bilateral_jacobian is not None:
         bound = wanted - velocities if collision.surface_jump is None else wanted - velocities - collision.surface_jump
         known, reached = velocity_with(collision.whitened_jacobian, bound)
         preimage = known if reached else None
     elif coefficient is not None:
-        bound = -(1.0 + coefficient) * velocities
-        preimage = -(1.0 + coefficient) * collision.whitened_velocity
+        factor = 1.0 + coefficient
+        bound, preimage, scale = -factor * velocities, -factor * collision.whitened_velocity, factor * speed
     else:
         bound = np.asarray(wanted, dtype=float) - velocities
         if velocity is not None:
             preimage = collision.metric.whiten(velocity - collision.pre_velocity)
-    Y, norms = collision.whitened_jacobian, collision.gradient_norms
-    return Problem(Y, bound, preimage, collision.pre_speed, norms=norms)
+    norms, G = collision.gradient_norms, collision.__dict__.get("delassus")  # G if it has been asked for
+    return Problem(collision.whitened_jacobian, bound, preimage, speed, norms=norms, scale=scale, delassus=G)
 
 
 class RestitutionLaw(Law):
@@ -88,7 +89,7 @@ class RestitutionLaw(Law):
 
     def target(self, collision: Collision) -> Target:
         """Return ``gamma^h = -E gamma-``."""
-        return Target(-(self.restitution_matrix(collision) @ collision.pre_contact_velocity))
+        return Target(-self.restitution_matrix(collision).dot(collision.pre_contact_velocity))
 
 
 def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -35,6 +35,8 @@ class ContactCoefficients:
 
     restitution: Coefficient | Sequence[Coefficient] | Mapping[str | tuple[str, str], Coefficient]
     default: Coefficient | None = field(default=None, kw_only=True)
+    _numbers: ClassVar[np.ndarray | None] = None  # a sequence of numbers as an array
+    _common: ClassVar[float | None] = None  # what all of them are
 
     def __post_init__(self):
         value = self.restitution
@@ -48,6 +50,9 @@ class ContactCoefficients:
         else:
             value = tuple(_checked(e, f"restitution of contact {i}") for i, e in enumerate(value))  # pyright: ignore[reportArgumentType]
         object.__setattr__(self, "restitution", value)
+        if isinstance(value, tuple) and not any(map(callable, value)):
+            object.__setattr__(self, "_numbers", _frozen(value))
+            object.__setattr__(self, "_common", _common(value))
         if self.default is not None:
             if not isinstance(value, dict):
                 raise RestitutionError(
@@ -79,6 +84,8 @@ class ContactCoefficients:
                     f"{type(self).__name__} has {len(value)} coefficients but {len(labels)} contacts collide "
                     f"({', '.join(labels)}); key them by contact label so that they follow the contacts"
                 )
+            if self._numbers is not None:
+                return self._numbers
             given = value
         elif callable(value):
             given = (value,) * len(labels)
@@ -89,6 +96,10 @@ class ContactCoefficients:
             given = [_at(e, speed, label) for e, speed, label in zip(given, speeds, labels, strict=True)]
         return np.array(given, dtype=float)
 
+    def common(self, e: np.ndarray) -> float | None:
+        """Return the value of all these coefficients, which `coefficients` returned; None if they differ."""
+        return self._common if e is self._numbers else _common(e.tolist())
+
     @property
     def _table(self) -> dict[str, Coefficient] | None:
         return self.restitution if isinstance(self.restitution, dict) else None  # pyright: ignore[reportReturnType]
@@ -98,6 +109,16 @@ class ContactCoefficients:
         if e is None:
             raise RestitutionError(f"no restitution for contact {label}, and no default")
         return e
+
+
+def _common(values: Sequence[Any]) -> float | None:
+    return values[0] if values and values.count(values[0]) == len(values) else None
+
+
+def _frozen(values: Sequence[Any]) -> np.ndarray:
+    array = np.array(values, dtype=float)
+    array.flags.writeable = False
+    return array
 
 
 def described(value: object) -> object:

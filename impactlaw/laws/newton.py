@@ -25,6 +25,8 @@ class Newton(ContactCoefficients, RestitutionLaw):
 
     def target(self, collision: Collision) -> Target:
         """Return ``gamma^h_i = -e_i gamma-_i``; equal coefficients also give the velocity ``-e v-``."""
+        value = self.restitution
+        if isinstance(value, float):
+            return Target(-value * collision.pre_contact_velocity, coefficient=value)
         e = self.coefficients(collision)
-        common = float(e[0]) if len(e) and (e == e[0]).all() else None
-        return Target(-e * collision.pre_contact_velocity, coefficient=common)
+        return Target(-e * collision.pre_contact_velocity, coefficient=self.common(e))

@@ -49,16 +49,16 @@ def beyond_rounding(gap: float, impulses: float, speed: float) -> float:
 
 def judge(problem: Problem, impulse: np.ndarray, jump: np.ndarray | None = None) -> Answer:
     """Measure how far an impulse, and a jump where one was computed apart from it, are from the law."""
-    product = problem.transposed.dot(impulse)
-    scaled = impulse * problem.lengths
-    gap = 0.0
+    Y, lengths = problem.gradients, problem.lengths
+    product = problem.transposed.dot(impulse) if problem.is_sparse else impulse.dot(Y)
+    scaled = impulse * lengths
+    slack = (Y.dot(product if jump is None else jump) - problem.bound) / lengths
+    natural = np.minimum(scaled, slack)
+    residual = sqrt(natural.dot(natural))
     if jump is not None:
         gap = float(np.linalg.norm(jump - product))
         gap = beyond_rounding(gap, float(scaled.sum()), 0.5 * problem.speed_at(jump))
-        product = jump
-    slack = (problem.gradients.dot(product) - problem.bound) / problem.lengths
-    natural = np.minimum(scaled, slack)
-    residual = max(sqrt(natural.dot(natural)), gap)
+        product, residual = jump, max(residual, gap)
     return Answer(impulse, product, slack, residual if residual >= 0 else inf)  # infinite where it is not a number
 
 

@@ -10,6 +10,9 @@ import numpy as np
 
 from impactlaw import deferred
 
+FEW = 40
+"""Contacts up to which numbers are few enough for Python's own loops, and all of G is wanted."""
+
 
 class Problem:
     """``min |z|^2 / 2  subject to  Y z >= c``: the smallest velocity jump that reaches the wanted contact velocities.
@@ -23,14 +26,29 @@ class Problem:
             onto the cone of the gradients, which always exists.
         speed: ``|v-|`` where it is known, sqrt(J): c was computed from it and carries its rounding.
         norms: lengths of the rows of Y, shape (h,), where they are known.
+        scale: the attribute, where it is known.
+        delassus: ``G = Y Y^T``, shape (h, h), where it is known.
 
     Attributes:
+        is_sparse: whether Y is a CSR array.
         lengths: the norms, to divide by: 1 for rows of zeros, shape (h,).
         scale: largest of |v-|, |d| and ``|c_i| / |Y_i|``: a jump is called rounding in comparison with it, sqrt(J).
     """
 
-    __slots__ = ("_transposed", "bound", "gradients", "lengths", "norms", "preimage", "scale", "speed")
+    __slots__ = (
+        "_transposed",
+        "bound",
+        "delassus",
+        "gradients",
+        "is_sparse",
+        "lengths",
+        "norms",
+        "preimage",
+        "scale",
+        "speed",
+    )
 
+    is_sparse: bool
     norms: np.ndarray
     lengths: np.ndarray
     scale: float
@@ -43,20 +61,25 @@ class Problem:
         speed: float = 0.0,
         *,
         norms: np.ndarray | None = None,
+        scale: float | None = None,
+        delassus: Any = None,
     ):
         self.gradients, self.bound, self.preimage, self.speed = gradients, bound, preimage, speed
         self.norms = known = row_lengths(gradients) if norms is None else norms
         self.lengths = known if np.count_nonzero(known) == len(known) else np.where(known > 0, known, 1.0)
-        if preimage is not None:
-            wanted = sqrt(preimage.dot(preimage))
-        else:
-            wanted = float(np.abs(bound / self.lengths).max(initial=0.0))
-        self.scale = speed if speed > wanted else wanted
+        self.is_sparse = not isinstance(gradients, np.ndarray)
+        self.delassus = delassus
         self._transposed: Any = None
+        if scale is None:
+            if preimage is not None:
+                scale = sqrt(preimage.dot(preimage))
+            else:
+                scale = max(map(abs, (bound / self.lengths).tolist()), default=0.0)
+        self.scale = speed if speed > scale else scale
 
     @property
     def transposed(self) -> Any:
-        """``Y^T``, in the form of Y."""
+        """``Y^T``, in the form of Y; that of a CSR array is made once."""
         if self._transposed is None:
             self._transposed = self.gradients.T
         return self._transposed
@@ -71,14 +94,9 @@ class Problem:
         """``(Y z - c) / |Y_i|``, shape (h,), in sqrt(J); rows of zeros count as ``-c_i``."""
         return (self.gradients.dot(z) - self.bound) / self.lengths
 
-    @property
-    def is_sparse(self) -> bool:
-        """Whether Y is a CSR array."""
-        return not isinstance(self.gradients, np.ndarray)
-
     def with_gradients(self, gradients: Any) -> Problem:
         """Return the same problem with the same Y in another form."""
-        return Problem(gradients, self.bound, self.preimage, self.speed, norms=self.norms)
+        return Problem(gradients, self.bound, self.preimage, self.speed, norms=self.norms, scale=self.scale)
 
 
 def row_lengths(gradients: Any) -> np.ndarray:

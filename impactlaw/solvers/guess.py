@@ -1,4 +1,7 @@
-"""Guesses at which contacts carry an impulse: all of them, or those that did a step before. Neither is sure to hold."""
+"""Answers that cost little more than a look: right for the contacts of most small problems, to be certified.
+
+Guesses at which contacts carry an impulse, all of them or those that did a step before, and one call of NNLS.
+"""
 
 from __future__ import annotations
 
@@ -7,34 +10,35 @@ import numpy as np
 from impactlaw import deferred
 from impactlaw.solvers.answer import judge
 from impactlaw.solvers.base import Problem
+from impactlaw.solvers.nnls import cone_projection
 
 _EXACT = 1e-12  # part of the scale of a problem that an expectation may miss
 _INDEPENDENT = 1e-3  # sine of the angle between a gradient and the span of those before it, below which G loses digits
+_CHANGES = 3, 0.25  # of the active contacts, at least and per contact, after which NNLS is faster
 _DIFFERENT = 1e-4  # squared sine of the angle between two gradients, below which their determinant loses digits
-_FEW = 4  # contacts up to which Python's own numbers are faster than a call of NNLS
-_CHANGES = 4
 
 
 def guess(problem: Problem) -> np.ndarray | None:
-    """Return ``Lambda = G^-1 c``, shape (h,), if all of it is positive; None if the guess is wrong or G near singular.
+    """Return an impulse, shape (h,), that is likely to solve the problem; None if only a solver can tell.
 
-    The diagonal of the factor of G over the lengths of the gradients is the sine of the angle between each gradient
-    and the span of those before it. Up to four contacts get further guesses.
+    Where G is not near singular, all contacts are taken for active, ``Lambda = G^-1 c``, and that is corrected a few
+    times. Otherwise NNLS answers, with the law's own d or with ``d = Y^T G^-1 c``.
     """
-    Y, c = problem.gradients, problem.bound
-    G = Y.dot(Y.T)
-    if len(c) == 2:
-        return _active_set(G.tolist(), c.tolist(), [0, 1])
-    factor, impulse, failed = deferred.dposv(G, c)
-    if failed:
-        return None
-    values = impulse.tolist()
-    if min(values) <= 0:
-        active = [i for i, value in enumerate(values) if value > 0]
-        return _active_set(G.tolist(), c.tolist(), active) if len(values) <= _FEW else None
-    if min((factor.diagonal() / problem.lengths).tolist()) < _INDEPENDENT:
-        return None
-    return impulse
+    Y, c, d, G = problem.gradients, problem.bound, problem.preimage, problem.delassus
+    h, nv = Y.shape
+    if h <= nv:
+        if G is None:
+            G = Y.dot(Y.T)
+        if h == 2:
+            return _pair(G.tolist(), c.tolist())
+        factor, impulse, failed = deferred.dposv(G, c)
+        if not failed and min((factor.diagonal() / problem.lengths).tolist()) >= _INDEPENDENT:
+            found = _active_set(G, c, impulse)
+            if found is not None:
+                return found
+            if d is None:
+                d = impulse.dot(Y)
+    return None if d is None else cone_projection(problem, d)
 
 
 def with_active(problem: Problem, active: np.ndarray) -> np.ndarray | None:
@@ -58,50 +62,46 @@ def with_active(problem: Problem, active: np.ndarray) -> np.ndarray | None:
     return impulse if judge(problem, impulse).residual <= _EXACT * problem.scale else None
 
 
-def _active_set(G: list[list[float]], c: list[float], active: list[int]) -> np.ndarray | None:
-    """A primal-dual active set in Python's own numbers."""
-    for _ in range(_CHANGES):
-        carried = _solve(G, c, active)
-        if carried is None:
+def _active_set(G: np.ndarray, c: np.ndarray, impulse: np.ndarray) -> np.ndarray | None:
+    """Return the impulse that solves ``Lambda >= 0  ⊥  G Lambda - c >= 0``, from ``G^-1 c`` on; None if not found.
+
+    A primal-dual active set: contacts with ``Lambda_i <= 0`` leave, those with ``(G Lambda - c)_i < 0`` enter.
+    """
+    values = impulse.tolist()
+    if min(values) > 0:
+        return impulse
+    wanted = c.tolist()
+    active = [i for i, value in enumerate(values) if value > 0]
+    for _ in range(max(_CHANGES[0], int(_CHANGES[1] * len(c)))):
+        if not active:
             return None
-        following = [i for i, value in zip(active, carried, strict=True) if value > 0]
-        for i, row in enumerate(G):
-            if i not in active:
-                reached = 0.0
-                for j, value in zip(active, carried, strict=True):
-                    reached += row[j] * value
-                if reached < c[i]:
-                    following.append(i)
+        at = np.array(active)
+        _, carried, failed = deferred.dposv(G.take(at, 0).take(at, 1), c.take(at))
+        if failed:
+            return None
+        impulse = np.zeros(len(c))
+        impulse[at] = carried
+        reached = G.dot(impulse).tolist()
+        following = [
+            i for i, value in enumerate(impulse.tolist()) if value > 0 or (value == 0 and reached[i] < wanted[i])
+        ]
         if following == active:
-            impulse = np.zeros(len(c))
-            impulse[active] = carried
             return impulse
-        active = sorted(following)
+        active = following
     return None
 
 
-def _solve(G: list[list[float]], c: list[float], active: list[int]) -> list[float] | None:
-    """Solve ``G Lambda = c`` on the active contacts by elimination; None where they are nearly dependent."""
-    if len(active) == 1:
-        return [c[active[0]] / G[active[0]][active[0]]]
-    if len(active) == 2:
-        i, k = active
-        a, b, d = G[i][i], G[i][k], G[k][k]
-        determinant = a * d - b * b
-        if determinant <= _DIFFERENT * a * d:
-            return None
-        return [(d * c[i] - b * c[k]) / determinant, (a * c[k] - b * c[i]) / determinant]
-    rows = [[G[i][j] for j in active] + [c[i]] for i in active]
-    n = len(rows)
-    for k, row in enumerate(rows):
-        if row[k] <= _INDEPENDENT**2 * G[active[k]][active[k]]:
-            return None
-        for below in rows[k + 1 :]:
-            factor = below[k] / row[k]
-            for j in range(k + 1, n + 1):
-                below[j] -= factor * row[j]
-    impulse = [0.0] * n
-    for k in range(n - 1, -1, -1):
-        row = rows[k]
-        impulse[k] = (row[n] - sum([row[j] * impulse[j] for j in range(k + 1, n)])) / row[k]
-    return impulse
+def _pair(G: list[list[float]], c: list[float]) -> np.ndarray | None:
+    """Return the impulses of two contacts, in Python's own numbers; None where they are nearly parallel."""
+    (a, b), (_, d) = G
+    one, other = c
+    determinant = a * d - b * b
+    if determinant <= _DIFFERENT * a * d:
+        return None
+    first, second = d * one - b * other, a * other - b * one
+    if first > 0 and second > 0:
+        return np.array([first / determinant, second / determinant])
+    first, second = one / a, other / d
+    if first > 0 and b * first >= other:
+        return np.array([first, 0.0])
+    return np.array([0.0, max(second, 0.0)])

@@ -9,6 +9,7 @@ from impactlaw.solvers.base import Problem, Solution, Status
 from impactlaw.solvers.least_squares import least_squares
 
 _IN_RANGE = 1e-12  # distance from the range of Y, relative to the scale of the problem, that counts as rounding
+_PATIENT = 30  # changes of the active set, per contact, at most
 _BALANCED = 4.0  # ratio of lengths up to which scaling changes nothing
 
 
@@ -24,17 +25,25 @@ def nnls(problem: Problem) -> Solution:
         d = least_squares(Y, c)
         if np.abs(Y @ d - c).max(initial=0.0) > _IN_RANGE * max(problem.scale, float(np.linalg.norm(d))):
             return Solution(np.zeros_like(c), Status.STOPPED)
-    return cone_projection(problem, d)
+    impulse = cone_projection(problem, d)
+    return Solution(np.zeros_like(problem.bound), Status.STOPPED) if impulse is None else Solution(impulse)
 
 
-def cone_projection(problem: Problem, point: np.ndarray) -> Solution:
-    """``min |Y^T Lambda - point|, Lambda >= 0``; rows of Y of very different length are scaled to unit length first."""
-    lengths = problem.lengths
-    values = lengths.tolist()
-    balanced = max(values, default=1.0) <= _BALANCED * min(values, default=1.0)
-    columns = problem.gradients.T if balanced else problem.gradients.T / lengths
+def cone_projection(problem: Problem, point: np.ndarray) -> np.ndarray | None:
+    """Return the minimiser of ``|Y^T Lambda - point|, Lambda >= 0``, None where NNLS does not end.
+
+    Rows of Y of very different length are scaled to unit length first.
+    """
+    values = problem.lengths.tolist()
+    if not values:
+        return np.zeros(0)
+    balanced = max(values) <= _BALANCED * min(values)
+    columns = problem.gradients.T if balanced else problem.gradients.T / problem.lengths
     try:
-        impulse, _ = deferred.nnls(columns, point, maxiter=30 * len(values))
-    except RuntimeError:  # scipy's way to say that the iteration limit was reached
-        return Solution(np.zeros_like(problem.bound), Status.STOPPED)
-    return Solution(impulse if balanced else impulse / lengths)
+        impulse = deferred.nnls(columns, point)[0]
+    except RuntimeError:  # scipy's way to say that the iteration limit, 3 h, was reached
+        try:
+            impulse = deferred.nnls(columns, point, maxiter=_PATIENT * len(values))[0]
+        except RuntimeError:
+            return None
+    return impulse if balanced else impulse / problem.lengths

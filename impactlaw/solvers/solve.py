@@ -6,9 +6,9 @@ import numpy as np
 
 from impactlaw import deferred
 from impactlaw.errors import SolverError, UnknownNameError, UnsolvableLawError
-from impactlaw.solvers.answer import POLISHED, Answer, is_polishable, judge, polish
-from impactlaw.solvers.base import Problem, Solution, Solver, Status, sparse
-from impactlaw.solvers.closed_form import closed_form
+from impactlaw.solvers.answer import Answer, is_polishable, judge, polish
+from impactlaw.solvers.base import FEW, Problem, Solution, Solver, Status, sparse
+from impactlaw.solvers.closed_form import closed_form, one_contact
 from impactlaw.solvers.dual_active_set import dual_active_set
 from impactlaw.solvers.farkas import farkas_ray
 from impactlaw.solvers.guess import guess
@@ -38,7 +38,6 @@ CERTIFIED = 1e-9
 """Residual, relative to the velocities before and after, above which an answer is not one."""
 _GOOD = 1e-12  # relative residual that needs no other solver's opinion
 _GOOD_LARGE = 1e-10  # the same where another's opinion, that of a dense solver, takes seconds
-_FEW = 40  # numbers of which Python finds the largest faster than numpy
 _TIGHT = 1e-9  # slack, relative to the scale of the problem, of a contact that may share the impulse
 _RANKS = (1e-13, 1e-11, 1e-9)  # relative singular values below which a direction of the gradients may be rounding
 
@@ -67,18 +66,16 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
     if solver != "auto" and solver not in SOLVERS:
         raise UnknownNameError("solver", solver, [*SOLVERS, "auto"])
     c = problem.bound
-    if _largest(c) <= 0.0:
+    if (max(c.tolist(), default=0.0) if len(c) <= FEW else c.max()) <= 0.0:
         return Answer(np.zeros_like(c), np.zeros(problem.gradients.shape[1]), -c / problem.lengths, 0.0)
     if problem.lengths is not problem.norms:
         return _solve_moving(problem, labels, solver)
     if solver == "auto":
         if has_structure(problem):
             problem = problem.with_gradients(sparse(problem.gradients))
-        impulse = None if problem.is_sparse else guess(problem)
-        if impulse is not None:
-            answer = judge(problem, impulse)
-            if answer.residual <= POLISHED * problem.scale:
-                return share(problem, answer) if shared else answer
+        answer = None if problem.is_sparse else _at_once(problem)
+        if answer is not None and answer.residual <= _GOOD * problem.scale:
+            return share(problem, answer) if shared else answer
     if solver != "auto" and not problem.is_sparse:
         parts = groups(problem)
         if len(parts) > 1:
@@ -102,6 +99,14 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
             )
     assert answer is not None
     return share(problem, answer) if shared else answer
+
+
+def _at_once(problem: Problem) -> Answer | None:
+    """Return what solves most problems; None where only a solver can tell."""
+    if len(problem.bound) == 1:
+        return one_contact(problem)
+    impulse = guess(problem)
+    return None if impulse is None else polish(problem, impulse)
 
 
 def nonnegative_combination(gradients: np.ndarray, point: np.ndarray) -> np.ndarray:
@@ -158,11 +163,6 @@ def _certified(problem: Problem, answer: Answer | None) -> bool:
         return False
     limit, residual = CERTIFIED * problem.speed, answer.residual
     return residual <= limit or residual <= CERTIFIED * problem.speed_at(answer.jump)
-
-
-def _largest(bound: np.ndarray) -> float:
-    """Return the largest entry, 0 if there is none."""
-    return max(bound.tolist(), default=0.0) if len(bound) <= _FEW else float(bound.max())
 
 
 def _better(one: Answer | None, other: Answer | None) -> Answer | None:

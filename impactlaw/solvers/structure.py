@@ -16,9 +16,9 @@ MOST_DENSE = 8_000_000
 
 def has_structure(problem: Problem) -> bool:
     """Whether the gradients are a large array of mostly zeros."""
-    Y = problem.gradients
-    if problem.is_sparse or len(problem.bound) < _LARGE:
+    if len(problem.bound) < _LARGE or problem.is_sparse:
         return False
+    Y = problem.gradients
     return np.count_nonzero(Y) <= _FILLED * Y.size
 
 
