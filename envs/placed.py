@@ -35,6 +35,7 @@ class LawOptions:
             model,
             choose_law(model, self.law, self.restitution),
             contact_model=self.contact_model,
+            overlap="push-out",  # a reset is not the user's to change
             rest_speed=self.rest_speed,
             on_inadmissible=self.on_inadmissible,
         )

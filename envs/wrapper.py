@@ -45,7 +45,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         law: name of a law (`impactlaw.make_law`), "scene" for what the MJCF itself carries, or a `Law`.
         restitution: what the law takes.
         contact_model: "soft" keeps MuJoCo's contacts and friction between collisions; "rigid" is for scenes without
-            friction.
+            friction, and what overlaps after a reset is pushed out by its first step (`Stepper`'s ``overlap``).
         rest_speed: closing speed, m/s, above which a soft contact collides.
         on_inadmissible: what to do with an outcome of the law outside of S(v-): "raise", "project" it onto S(v-), or
             "allow" it; ``info["impact/inadmissible"]`` counts them.

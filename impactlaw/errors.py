@@ -60,7 +60,7 @@ class SceneError(ImpactLawError):
 
 
 class OverlapError(SceneError):
-    """Geoms overlap at the start of a step by more than the gap tolerance."""
+    """Geoms overlap at the start of a step by more than the gap tolerance, and may or can not be pushed out."""
 
 
 class DivergenceError(ImpactLawError):

@@ -1,6 +1,6 @@
 """Rigid stepping: collisions by a chosen law at located times, contact-free flow between them.
 
-One step of duration h, from a state in which no gap is below minus the tolerance:
+One step of duration h, from a state in which no gap is below minus the tolerance (`overlap`):
 
 1. Closed contacts (gap <= tolerance) that approach collide: the law gives v+, again and again until none approaches
    (`collide.Collider`).
@@ -21,15 +21,15 @@ import numpy as np
 
 from impactlaw.collide import Collider
 from impactlaw.contacts import kinetic_metric, update_positions
-from impactlaw.errors import OverlapError, SceneError
+from impactlaw.errors import SceneError
 from impactlaw.events import ImpactEvent
 from impactlaw.flight import Flights
 from impactlaw.flow import advance, check_input, empty_state, restore_state, save_state
 from impactlaw.metric import KineticMetric
 from impactlaw.moment import Moment
+from impactlaw.overlap import overlaps, push_out, refuse
 from impactlaw.plan import Plan
 from impactlaw.scene import check_resolved, check_rigid
-from impactlaw.touch import Touch
 
 _JUMPS = 5  # flows of no length, each ended by another contact that closes without a collision: points that jump
 _INSTANT = 1e-4  # part of the timestep that such a flow lasts
@@ -38,7 +38,16 @@ _INSTANT = 1e-4  # part of the timestep that such a flow lasts
 class RigidStepping:
     """The algorithm behind ``Stepper(contact_model="rigid")``; see there for the options."""
 
-    def __init__(self, model: mujoco.MjModel, collider: Collider, plan: Plan, *, exact: bool, gap_tolerance: float):
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        collider: Collider,
+        plan: Plan,
+        *,
+        exact: bool,
+        gap_tolerance: float,
+        push_out: bool = False,
+    ):
         if not 0 < gap_tolerance < np.inf:
             raise SceneError(f"gap_tolerance must be a positive length, got {gap_tolerance}")
         check_resolved(model, gap_tolerance)
@@ -47,6 +56,7 @@ class RigidStepping:
         self._plan = plan
         self._collider = collider
         self._tolerance = gap_tolerance
+        self._push_out = push_out
         self._flights = Flights(model, plan, gap_tolerance, exact=exact)
         self._options = self._flights.options
         self._before, self._state = empty_state(model), empty_state(model)
@@ -82,12 +92,12 @@ class RigidStepping:
             self._left = data.qpos.tobytes(), b"", b""
             return ()
         events: list[ImpactEvent] = []
-        start = self._begin(data, events)
+        start, pushed = self._begin(data, events)
         closings = jumps = 0
         while remaining > 1e-12 * timestep:
             hold_all = jumps > _JUMPS or max(len(events), closings) > self._collider.most
             before = len(events)
-            changed = events or remaining < timestep
+            changed = pushed or events or remaining < timestep
             state = save_state(self._model, data, self._state) if changed else self._before
             flight, closed = self._flights.fly(data, state, start, remaining, hold_all=hold_all)
             closings += closed
@@ -106,36 +116,30 @@ class RigidStepping:
         self._next = start if start.touch.pattern else None
         return tuple(events)
 
-    def _begin(self, data: mujoco.MjData, events: list[ImpactEvent]) -> Moment:
-        """Return the contacts of now, after collisions: those that the last step has left, if nothing has changed."""
+    def _begin(self, data: mujoco.MjData, events: list[ImpactEvent]) -> tuple[Moment, bool]:
+        """Return the contacts of now, after collisions, and whether the configuration had to be changed for them.
+
+        They are those that the last step has left, if nothing has changed.
+        """
         qpos, qvel, conditions = self._left
         same = qpos == data.qpos.tobytes()
         unchanged = same and qvel == data.qvel.tobytes() and conditions == self._conditions(data)
         if unchanged and self._next is not None and self._flights.surfaces is None:
-            return self._next
+            return self._next, False
         self._flights.update(data)
         start = self._flights.look(data)
-        if not same:
-            self._refuse_overlap(start.touch)
-        return self._collide(data, start, events) if start.collides else start
+        pushed = not same and overlaps(start.touch, self._tolerance)
+        if pushed:
+            if not self._push_out:
+                reason = f"move them apart (up to {self._tolerance:g} m counts as touching)"
+                raise refuse(start.touch, self._tolerance, f'{reason}, or let overlap="push-out" do it')
+            start = push_out(self._model, data, self._flights, start, self._tolerance)
+        return (self._collide(data, start, events) if start.collides else start), pushed
 
     def _conditions(self, data: mujoco.MjData) -> bytes:
         """What else contacts depend on: the timestep, and which equality constraints are on."""
         timestep = self._options.timestep.hex().encode()
         return timestep + data.eq_active.tobytes() if self._model.neq else timestep
-
-    def _refuse_overlap(self, touch: Touch) -> None:
-        contacts, skin = touch.contacts, touch.pattern.skin
-        depth = -contacts.gap if skin is None else -(contacts.gap + skin)
-        deep = np.flatnonzero(depth > self._tolerance)
-        if len(deep):
-            deep = deep[np.argsort(-depth[deep])]
-            units = np.where(contacts.geoms[:, 0] < 0, "beyond the limit", "m")
-            named = ", ".join(f"{contacts.labels[i]} by {depth[i]:.3g} {units[i]}" for i in deep[:5])
-            raise OverlapError(
-                f"geoms overlap at the start of a step: {named}; move them apart (up to {self._tolerance:g} m "
-                "counts as touching)"
-            )
 
     def _collide(self, data: mujoco.MjData, start: Moment, events: list[ImpactEvent]) -> Moment:
         """Resolve the collisions of now; frames and inertia of data are those of the start."""

@@ -33,6 +33,10 @@ class Stepper:
         friction: "coulomb" is exact Coulomb friction in collisions and in sustained contact, with the coefficients of
             the scene; "convex" its convex relaxation, in which contacts that slide also separate; "ignore" leaves it
             out (rigid). A law that is not a `Coulomb` becomes one where contacts have friction.
+        overlap: "refuse" geoms that overlap and joints beyond their limits by more than gap_tolerance, or "push-out":
+            move the configuration by the smallest shift in the kinetic metric that opens all gaps, with the velocity as
+            it is (`impactlaw.overlap`). Looked at where the configuration is not the one that the last step has left,
+            as at the start and after a reset (rigid).
         on_inadmissible: what to do with an outcome of the law outside of S(v-), that is one that would create
             energy or penetrate: "raise", "project" it onto S(v-), or "allow" it.
         gap_tolerance: gap up to which a contact counts as closed, and largest penetration at an event, m (rigid).
@@ -58,6 +62,7 @@ class Stepper:
         *,
         contact_model: Literal["rigid", "soft"] = "rigid",
         friction: Literal["coulomb", "convex", "ignore"] = "coulomb",
+        overlap: Literal["refuse", "push-out"] = "refuse",
         on_inadmissible: Literal["raise", "project", "allow"] = "raise",
         gap_tolerance: float = GAP_TOLERANCE,
         rest_speed: float = REST_SPEED,
@@ -67,6 +72,7 @@ class Stepper:
         for kind, value, known in (
             ("contact_model", contact_model, ("rigid", "soft")),
             ("friction option", friction, ("coulomb", "convex", "ignore")),
+            ("overlap option", overlap, ("refuse", "push-out")),
             ("on_inadmissible option", on_inadmissible, ("raise", "project", "allow")),
         ):
             if value not in known:
@@ -93,7 +99,12 @@ class Stepper:
             self._stepping = SoftStepping(model, collider, self.plan, rest_speed=rest_speed)
         else:
             self._stepping = RigidStepping(
-                model, collider, self.plan, exact=friction != "convex", gap_tolerance=gap_tolerance
+                model,
+                collider,
+                self.plan,
+                exact=friction != "convex",
+                gap_tolerance=gap_tolerance,
+                push_out=overlap == "push-out",
             )
 
     @property
@@ -108,7 +119,8 @@ class Stepper:
         leaves the state as it was before the step.
 
         Raises:
-            OverlapError: geoms overlap at the start by more than the gap tolerance; names the pairs and depths.
+            OverlapError: geoms overlap at the start by more than the gap tolerance, or are squeezed so that they cannot
+                be pushed out; names the pairs and depths.
             InadmissibleImpactError: the law would create energy and on_inadmissible is "raise".
             UnsolvableLawError: the law has no solution for the contacts that collide.
             DivergenceError: position or velocity is not finite.
