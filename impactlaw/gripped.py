@@ -13,42 +13,22 @@ creep: what gravity has moved, friction moves back. What is left of gaps is corr
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from impactlaw.contacts import update_positions
 from impactlaw.errors import SolverError
-from impactlaw.moment import CORRECTED, Arrival, Flow, Moment
+from impactlaw.moment import CORRECTED, Arrival, Carried, Flow, Grasp, Moment
 from impactlaw.solvers.cone_problem import ConeProblem, ConeStatus
 from impactlaw.solvers.cone_solve import solve_cones
 from impactlaw.touch import Touch, jump, kinetic_norm
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 _SETTLINGS = 4  # shifts of position at most
+_LARGEST_TURN = 0.3  # rad in one flow
 _RANK = 1e-9  # relative singular value below which contacts press redundantly
 _KINDS = 6  # rows that a contact can have: one of pressing, two of sliding, one of torsion, two of rolling
-
-
-class Grasp(NamedTuple):
-    """Rows of the cone problem of some contacts: contact by contact, pressing first, friction times its coefficient.
-
-    Attributes:
-        contact: index of the contact of each row, int (n,).
-        kind: 0 for pressing, 1 to 5 for friction, int (n,).
-        sizes: rows of each contact that takes part, int.
-        along: the rows along which impulses act, (n, nv).
-        whitened: the same where the kinetic metric is Euclidean, (n, nv).
-        velocity: of each row at a given velocity, (n,).
-    """
-
-    contact: np.ndarray
-    kind: np.ndarray
-    sizes: np.ndarray
-    along: np.ndarray
-    whitened: np.ndarray
-    velocity: np.ndarray
 
 
 def hold_gripping(
@@ -76,18 +56,24 @@ def hold_gripping(
         SolverError: no solver has found the impulses.
     """
     free = arrival.now.velocity
-    impulse, along, carried = _press(model, data, arrival, flow, free, None)
+    impulse, grasp, carried = _press(model, data, arrival, flow, free, None)
     part = 0.5 if model.opt.integrator == _RK4 else 1.0
-    shift = (part * flow.duration) * jump(model, data, along, impulse)
+    shift = (part * flow.duration) * jump(model, data, grasp.along, impulse)
     if np.count_nonzero(shift):
         arrival, carried = _settle(model, data, arrival, shift, carried, flow, look_again)
     if np.count_nonzero(arrival.sustained & (arrival.now.gap < -CORRECTED * flow.tolerance)):
         before, arrival = arrival.known, correct(arrival)
         carried = _matched(carried, before, arrival.known)
     now, known, sustained = arrival
-    impulse, along, carried = _press(model, data, arrival, flow, free, carried)
-    data.qvel[:] = free + jump(model, data, along, impulse)
-    return Arrival(now.moving(model, data, carried[:, 0] > 0, carried / flow.duration), known, sustained)
+    impulse, grasp, carried = _press(model, data, arrival, flow, free, carried)
+    turned = _turned(model, data, arrival, flow, grasp)
+    if turned is not None:
+        free = free + jump(model, data, turned, 0.5 * impulse)
+        impulse, grasp, carried = _press(model, data, arrival, flow, free, carried)
+    data.qvel[:] = free + jump(model, data, grasp.along, impulse)
+    return Arrival(
+        now.moving(model, data, carried[:, 0] > 0, Carried(grasp, carried / flow.duration)), known, sustained
+    )
 
 
 def _settle(
@@ -137,7 +123,7 @@ def _press(
     flow: Flow,
     free: np.ndarray,
     guess: np.ndarray | None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, Grasp, np.ndarray]:
     """Return the impulses of the sustained contacts, their rows, and the impulses contact by contact, (h, 6)."""
     now = arrival.now
     held = np.flatnonzero(arrival.sustained & now.closed)
@@ -147,11 +133,35 @@ def _press(
         known = guess[grasp.contact, grasp.kind]
     elif flow.start.carried is not None:
         before = arrival.known[grasp.contact]
-        known = np.where(before >= 0, flow.start.carried[before, grasp.kind] * flow.duration, 0.0)
+        known = np.where(before >= 0, flow.start.carried.force[before, grasp.kind] * flow.duration, 0.0)
     impulse = solve_grasp(grasp, known, kinetic_norm(model, data, free), exact=flow.exact)
     carried = np.zeros((len(now.gap), _KINDS))
     carried[grasp.contact, grasp.kind] = impulse
-    return impulse, grasp.along, carried
+    return impulse, grasp, carried
+
+
+def _turned(
+    model: mujoco.MjModel, data: mujoco.MjData, arrival: Arrival, flow: Flow, grasp: Grasp
+) -> np.ndarray | None:
+    """Return the rows at the start of the flow less those of now, (n, nv); None if they are the same.
+
+    Half of an impulse acts along the rows of the start (as in RATTLE), so that what turns about a contact that sticks
+    keeps its energy to second order.
+    """
+    if flow.start.carried is None:
+        return None
+    before = flow.start.carried.grasp
+    place = np.full((len(flow.start.gap), _KINDS), -1)
+    place[before.contact, before.kind] = np.arange(len(before.contact))
+    known = arrival.known[grasp.contact]
+    row = np.where(known >= 0, place[known, grasp.kind], -1)
+    difference = np.where(row[:, None] >= 0, before.along[row] - grasp.along, 0.0)
+    if not np.count_nonzero(difference):
+        return None
+    difference, whitened = arrival.now.touch.confine(model, data, difference)
+    change, length = np.vecdot(whitened, whitened), np.vecdot(grasp.whitened, grasp.whitened)
+    difference[change > _LARGEST_TURN**2 * length] = 0.0  # another feature of the surface
+    return difference if np.any(change > 1e-24 * length) else None
 
 
 def grasp_of(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, held: np.ndarray, velocity: np.ndarray) -> Grasp:

@@ -20,6 +20,38 @@ _SILENT = 0.1  # part of that velocity which is rounding whatever the scene's ow
 _STILL = 1e-3  # part of the gap tolerance that a velocity must cross in a timestep to be one
 
 
+class Grasp(NamedTuple):
+    """Rows of the cone problem of some contacts: contact by contact, pressing first, friction times its coefficient.
+
+    Attributes:
+        contact: index of the contact of each row, int (n,).
+        kind: 0 for pressing, 1 to 5 for friction, int (n,).
+        sizes: rows of each contact that takes part, int.
+        along: the rows along which impulses act, (n, nv).
+        whitened: the same where the kinetic metric is Euclidean, (n, nv).
+        velocity: of each row at a given velocity, (n,).
+    """
+
+    contact: np.ndarray
+    kind: np.ndarray
+    sizes: np.ndarray
+    along: np.ndarray
+    whitened: np.ndarray
+    velocity: np.ndarray
+
+
+class Carried(NamedTuple):
+    """What a flow had to hold where there is friction.
+
+    Attributes:
+        grasp: the rows at its end.
+        force: pressing, then friction divided by its coefficients, N or N m, (h, 6).
+    """
+
+    grasp: Grasp
+    force: np.ndarray
+
+
 class Moment(NamedTuple):
     """Contacts at one time, and how they move.
 
@@ -32,8 +64,7 @@ class Moment(NamedTuple):
         noise: size of the rounding errors of gamma, m/s, (h,).
         quiet: whether all contacts are closed, and neither move nor need a correction of position.
         pressed: contacts that the last flow had to hold, bool (h,); None if there were none.
-        carried: forces with which it held them where there is friction: pressing, then friction divided by its
-            coefficients, N or N m, (h, 6); None if there were none.
+        carried: the forces with which it held them where there is friction; None if there were none.
     """
 
     touch: Touch
@@ -44,7 +75,7 @@ class Moment(NamedTuple):
     noise: np.ndarray
     quiet: bool
     pressed: np.ndarray | None = None
-    carried: np.ndarray | None = None
+    carried: Carried | None = None
 
     @classmethod
     def of(
@@ -67,7 +98,7 @@ class Moment(NamedTuple):
         model: mujoco.MjModel,
         data: mujoco.MjData,
         pressed: np.ndarray | None = None,
-        carried: np.ndarray | None = None,
+        carried: Carried | None = None,
     ) -> Moment:
         """Return the same contacts with the velocities of now."""
         velocity, gamma, noise, _ = _motion(model, data, self.touch, _SILENT * self.still)

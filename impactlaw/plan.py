@@ -47,7 +47,7 @@ class Plan:
         passing: the check that no body passes through another: some bodies meet others that are not planes.
         turning: the same check's bound on rotation: some of those are not round.
         friction: some contacts have friction.
-        surfaces: surfaces that move by themselves: some mocap bodies can meet others.
+        surfaces: surfaces that move by themselves: some mocap bodies can meet others, or belts with friction.
         inertia: a new factor of the mass matrix at every collision: it depends on the configuration.
         pairs: geoms that can meet.
         parts: the same for people to read, with reasons.
@@ -90,7 +90,7 @@ def make_plan(
         "passing": rigid and len(solid) > 0,
         "turning": rigid and bool((model.geom_rbound[solid] > thin[solid]).any()),
         "friction": rigid and friction != "ignore" and bool(pairs.friction.any()),
-        "surfaces": rigid and bool(_moves(model, geoms).any()),
+        "surfaces": rigid and bool((_moves(model, geoms) | (pairs.friction & _runs(model, geoms))).any()),
         "inertia": (len(geoms) > 0 or bool(Limits(model))) and not has_constant_inertia(model),
     }
     reasons = _Reasons(model, pairs, flags)
@@ -101,6 +101,11 @@ def make_plan(
 def _moves(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
     """Return which pairs of geoms have one on a mocap body, bool (p,)."""
     return (model.body_mocapid[model.body_rootid[model.geom_bodyid[geoms]]] >= 0).any(axis=1)
+
+
+def _runs(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
+    """Return which pairs of geoms have one whose surface runs like a belt, bool (p,)."""
+    return model.geom_surfacevel.any(axis=1)[geoms].any(axis=1)
 
 
 def format_plan(plan: Plan) -> str:
@@ -174,8 +179,8 @@ class _Reasons:
         yield self._part(
             "surfaces",
             "moving surfaces",
-            lambda: first(_moves(self.model, geoms)),
-            "no mocap body collides",
+            lambda: first(_moves(self.model, geoms) | _runs(self.model, geoms)),
+            "no mocap body collides, and no belt has friction",
         )
         yield Part("copies for events and logs", False, "made when something collides")
 
