@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from impactlaw import Moreau, Stepper, read_contacts
-from impactlaw.envs.placed import LawOptions
+from impactlaw.envs import ImpactLaw
 from impactlaw.errors import OverlapError, UnknownNameError
 
 H = 0.002
@@ -241,10 +241,16 @@ def test_resets_of_gymnasium_start_on_rigid_contact(name):
     assert refused > 0
 
 
-def test_environments_are_pushed_out():
-    model, data = build(FLOOR + f'<body pos="0 0 .09"><freejoint/>{BALL}</body>')
-    LawOptions("moreau", 0.5, "rigid", 0.1, "raise").stepper(model).step(data)
-    assert data.qpos[2] == pytest.approx(0.1, abs=1e-11)
+@pytest.mark.parametrize("name", ["Hopper-v5", "Humanoid-v5"])
+def test_environments_of_others_run_on_rigid_contact_from_their_own_resets(name):
+    env = ImpactLaw(gymnasium.make(name), law="moreau", restitution=0.5, contact_model="rigid")
+    env.action_space.seed(0)
+    for seed in range(5):
+        env.reset(seed=seed)
+        for _ in range(3):
+            *_, info = env.step(env.action_space.sample())
+            assert not info["impact/diverged"]
+    env.close()
 
 
 @pytest.mark.parametrize(("shape", "least"), [("sphere", 0.0), ("box", 0.0), ("ellipsoid", -1e-12)])
