@@ -207,7 +207,9 @@ class Impact:
         c = self.collision
         Y = c.whitened_jacobian
         if c.frame_rates is None:
-            return float(np.linalg.norm(nonnegative_combination(Y, -z) @ Y))
+            problem = Problem(Y, -Y.dot(z), -z, norms=c.gradient_norms)
+            jump = solve_with_jump(problem, c.labels, shared=False).jump
+            return sqrt(jump.dot(jump))
         try:
             problem = Problem(Y, -self.post_contact_velocity, speed=self._speed)  # which they have the rounding of
             jump = solve_with_jump(problem, c.labels, shared=False).jump
@@ -252,5 +254,6 @@ class Impact:
     def _imbalance(self, impulse: np.ndarray) -> float:
         """``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm), beyond what rounding Lambda to doubles makes of it."""
         c = self.collision
-        gap = float(np.linalg.norm(self.whitened_jump - impulse @ c.whitened_jacobian))
+        left = self.whitened_jump - impulse @ c.whitened_jacobian
+        gap = sqrt(left.dot(left))
         return beyond_rounding(gap, float(np.abs(impulse) @ c.gradient_norms), self._speed)
