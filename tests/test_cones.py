@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from problems import friction_problem
 
+from impactlaw.solvers.cone_lagrangian import augmented_lagrangian
+from impactlaw.solvers.cone_newton import continuation, newton
 from impactlaw.solvers.cone_problem import ConeProblem, ConeStatus, project, projection_derivative
-from impactlaw.solvers.cone_solve import solve_cones
+from impactlaw.solvers.cone_solve import Effort, solve_cones
 
 
 def complementarity(A, b, sizes, impulse, *, exact, scale):
@@ -87,3 +89,64 @@ def test_projection_onto_the_cone():
     d = rng.normal(size=x.shape)
     slope = (project(x + 1e-7 * d) - project(x - 1e-7 * d)) / 2e-7
     np.testing.assert_allclose(slope, np.einsum("hij,hj->hi", projection_derivative(x), d), atol=1e-6)
+
+
+# --- what comes after Newton's method --------------------------------------------------------------------------------
+
+HARD = [1008, 1009, 1010, 1015, 1024, 1026, 1363, 1548, 1612, 1671, 1714, 1824]
+"""Seeds at which Newton's method from rest cycled where this was written."""
+
+
+def hard(seed, exact=True):
+    A, b, sizes, speed = friction_problem(np.random.default_rng(seed))
+    return ConeProblem(A, b, sizes, exact=exact, speed=speed)
+
+
+def test_newton_alone_is_not_enough():
+    with np.errstate(all="ignore"):
+        reached = [newton(p, np.zeros(p.shape), most=15)[1] / p.scale for p in map(hard, HARD)]
+    assert np.count_nonzero(np.array(reached) > 1e-6) >= 4
+
+
+@pytest.mark.parametrize("seed", HARD)
+def test_hard_problems_are_solved(seed):
+    problem = hard(seed)
+    answer = solve_cones(problem)
+    x = problem.scaled(answer.impulse)
+    assert problem.residual(x, problem.velocity(x)) <= 1e-10 * problem.scale
+    assert answer.status is ConeStatus.SOLVED
+
+
+def test_starting_again_finds_what_the_rest_does_not():
+    restarts, without = Effort(1, False, 60), Effort(1, False, 0)
+    solved = {
+        effort: sum(solve_cones(hard(seed), effort=effort).status is ConeStatus.SOLVED for seed in HARD)
+        for effort in (restarts, without)
+    }
+    assert solved[restarts] > solved[without]
+    assert solved[restarts] >= 9
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_augmented_lagrangian_solves_the_relaxation(seed):
+    """The minimum of ``|z|^2 / 2`` where ``A z + b`` is in the cones, approached from outside as compliance falls."""
+    problem = hard(seed, exact=False)
+    shift = np.zeros(problem.shape[0])
+    errors = []
+    for outer in (2, 5, 10):
+        with np.errstate(all="ignore"):
+            x, _ = augmented_lagrangian(problem, np.zeros(problem.shape), shift, outer=outer, enough=0.0)
+        errors.append(problem.residual(x, problem.velocity(x)) / problem.scale)
+    assert errors[2] <= max(errors[0], 1e-12)
+    assert errors[2] < 1e-4
+
+
+def test_continuation_ends_near_the_solution():
+    reached = []
+    for seed in range(20):
+        problem = hard(seed)
+        with np.errstate(all="ignore"):
+            x, steps = continuation(problem)
+        reached.append(problem.residual(x, problem.velocity(x)) / problem.scale)
+        assert steps < 7 * 16
+    assert np.median(reached) < 1e-6

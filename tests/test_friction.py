@@ -17,7 +17,7 @@ from impactlaw import (
     Moreau,
     Newton,
 )
-from impactlaw.errors import InvalidCollisionError, RestitutionError, UnknownNameError
+from impactlaw.errors import InvalidCollisionError, RestitutionError, UnknownNameError, UnsolvableLawError
 from impactlaw.laws import Law
 
 EXACT = {"rtol": 0, "atol": 1e-12}
@@ -275,6 +275,29 @@ def test_four_corners_share():
     impact = Coulomb(Moreau(0.5)).resolve(c)
     np.testing.assert_allclose(impact.post_velocity, [0.6 - 0.25 * 1.5, 0, 0.5, 0, 0, 0], **EXACT)
     np.testing.assert_allclose(impact.impulse, 0.25 * 2.0 * 1.5, **EXACT)
+
+
+def test_surfaces_that_crush_a_body_are_refused():
+    c = Collision(
+        np.eye(2),
+        [[0.0, 1.0], [0.0, -1.0]],
+        [1.0, 0.0],
+        surface_velocity=[-1.0, -1.0],
+        friction=Friction([[1.0, 0.0]], [0], [0.5]),
+        labels=("press", "anvil"),
+    )
+    with pytest.raises(UnsolvableLawError, match="press, anvil"):
+        Coulomb(MaximalDissipation()).resolve(c)
+
+
+def test_ball_between_two_walls_bounces_off_one():
+    """gamma- = (-1, 1): the wall it leaves gives no impulse, and so no friction."""
+    c = Collision(
+        np.eye(2), [[0.0, 1.0], [0.0, -1.0]], [1.0, -1.0], friction=Friction([[1.0, 0]] * 2, [0, 1], [0.3, 0.3])
+    )
+    impact = Coulomb(Moreau(0.5)).resolve(c)
+    np.testing.assert_allclose(impact.post_contact_velocity, [0.5, -0.5], **EXACT)
+    np.testing.assert_allclose(impact.friction_impulse, [-0.3 * 1.5, 0.0], **EXACT)
 
 
 # --- observed outcomes, interface ------------------------------------------------------------------------------------

@@ -105,6 +105,7 @@ def _starts(
         x, steps = continuation(problem)
         tried.append(x)
         yield x, steps, 4 * _AFTER, _VARIANTS[0]
+    if problem.exact:
         yield from _displaced(tried, effort.restarts)
 
 
