@@ -24,6 +24,7 @@ from impactlaw.touch import Touch
 
 _LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located
 _SMOOTH = 0.35, 0.15  # part of its depth that a smooth gap has reached after half of the flow: a quarter, nearly
+_SHORTER = 0.1  # part of a flow over which a contact that closes in its end may rest instead
 _NEAR = 1e3  # gap tolerances within which contacts are looked for
 
 
@@ -41,6 +42,11 @@ class Flight(NamedTuple):
     arrival: Arrival
     gap: float
     deepest: int
+
+    @property
+    def rate(self) -> float:
+        """Contact velocity of the deepest contact, m/s; 0 where none is near."""
+        return float(self.arrival.now.contact_velocity[self.deepest]) if self.deepest >= 0 else 0.0
 
 
 class Flights:
@@ -128,12 +134,20 @@ class Flights:
             target=_LOCATED * self._tolerance,
             tolerance=self._tolerance,
             shortest=shortest,
+            enough=self._rests,
         )
         if self._was_closed(located) and located.flow.duration > 2.0 * shortest:
             # at rest over shorter flows (`sustained.stays`), not over longer ones: it rests up to there
             held = again(located.flow.duration - 2.0 * shortest)
             return (held, True) if held.gap >= -self._tolerance else (again(located.flow.duration), True)
         return located, True
+
+    def _rests(self, end: Flight, shorter: Flight) -> bool:
+        """Return whether the contact that closes in the end, closed at the start, stays closed over a shorter flow."""
+        before = end.arrival.known[end.deepest]
+        if shorter.gap < -self._tolerance or before < 0 or shorter.flow.duration < _SHORTER * end.flow.duration:
+            return False
+        return bool(shorter.arrival.sustained[shorter.arrival.known == before].any())
 
     def _was_closed(self, end: Flight) -> bool:
         """Return whether the deepest contact penetrates and was closed, and no deeper, at the start of the flow."""

@@ -1,4 +1,4 @@
-"""The time at which a gap closes: a guess from a parabola, a bracketed secant (Illinois), and in the end bisection."""
+"""The time at which a gap closes: a guess from a parabola, bracketed Newton or secant steps, at last bisection."""
 
 from __future__ import annotations
 
@@ -17,6 +17,11 @@ class HasGap(Protocol):
     @property
     def gap(self) -> float:
         """Smallest gap, m."""
+        ...
+
+    @property
+    def rate(self) -> float:
+        """Its rate, m/s; 0 where it is not known."""
         ...
 
 
@@ -64,8 +69,9 @@ def locate(
     target: float,
     tolerance: float,
     shortest: float,
+    enough: Callable[[F, F], bool],
 ) -> F:
-    """Return the flight at whose end the smallest gap is zero.
+    """Return the flight at whose end the smallest gap is zero, or one that is enough.
 
     Args:
         fly: flies for a given time from the start and returns how it ended.
@@ -75,6 +81,7 @@ def locate(
         target: size of the gap at which the search ends, m.
         tolerance: size of the gap that is good enough for the bisection, m.
         shortest: time in which nothing moves as far as the tolerance, s.
+        enough: whether a flight may be kept although no gap closes at its end; asked with a longer one that overlaps.
 
     Returns:
         The last flight flown. A gap that jumps from open to closed (a new contact point on an edge) has no zero; then
@@ -92,13 +99,14 @@ def locate(
             low, gap_low, seen = 0.0, tolerance, True  # the gap was not open where it was believed to be
             continue
         flight = fly(time)
-        if abs(flight.gap) <= (target if evaluation < _PATIENCE else tolerance):
+        if abs(flight.gap) <= (target if evaluation < _PATIENCE else tolerance) or enough(end, flight):
             return flight
         if flight.gap > 0:
             gap_high *= 0.5 if seen and low > 0 and flight.gap > 0.5 * gap_low else 1.0
             low, gap_low, seen = time, flight.gap, True
         else:
             gap_low *= 0.5 if flight.gap < 0.5 * gap_high else 1.0
-            high, gap_high = time, flight.gap
-        time = low + (high - low) * gap_low / (gap_low - gap_high)
+            high, gap_high, end = time, flight.gap, flight
+        newton = time - flight.gap / flight.rate if flight.rate < 0 else low
+        time = newton if low < newton < high else low + (high - low) * gap_low / (gap_low - gap_high)
     return fly(high)
