@@ -16,10 +16,10 @@ from impactlaw.contacts import update_positions
 from impactlaw.detection import Detector
 from impactlaw.flow import Travel, advance, restore_state
 from impactlaw.location import Guess, locate, parabola
-from impactlaw.moment import Arrival, Flow, Moment, match
+from impactlaw.moment import Arrival, Flow, Moment, match, stays
 from impactlaw.plan import Plan
 from impactlaw.surfaces import Surfaces
-from impactlaw.sustained import hold, stays
+from impactlaw.sustained import hold
 from impactlaw.touch import Touch
 
 _LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located

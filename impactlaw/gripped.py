@@ -19,7 +19,7 @@ import numpy as np
 
 from impactlaw.contacts import update_positions
 from impactlaw.errors import SolverError
-from impactlaw.moment import CORRECTED, Arrival, Carried, Flow, Grasp, Moment
+from impactlaw.moment import CORRECTED, Arrival, Carried, Flow, Grasp, Moment, stays
 from impactlaw.solvers.cone_problem import ConeProblem, ConeStatus
 from impactlaw.solvers.cone_solve import solve_cones
 from impactlaw.touch import Touch, jump, kinetic_norm
@@ -61,8 +61,9 @@ def hold_gripping(
     shift = (part * flow.duration) * jump(model, data, grasp.along, impulse)
     if np.count_nonzero(shift):
         arrival, carried = _settle(model, data, arrival, shift, carried, flow, look_again)
+    arrival = _with_more(arrival, flow)
     if np.count_nonzero(arrival.sustained & (arrival.now.gap < -CORRECTED * flow.tolerance)):
-        before, arrival = arrival.known, correct(arrival)
+        before, arrival = arrival.known, _with_more(correct(arrival), flow)
         carried = _matched(carried, before, arrival.known)
     now, known, sustained = arrival
     impulse, grasp, carried = _press(model, data, arrival, flow, free, carried)
@@ -74,6 +75,12 @@ def hold_gripping(
     return Arrival(
         now.moving(model, data, carried[:, 0] > 0, Carried(grasp, carried / flow.duration)), known, sustained
     )
+
+
+def _with_more(arrival: Arrival, flow: Flow) -> Arrival:
+    """Return the contacts with those sustained, too, that the others press closed now that they are held."""
+    now, known, sustained = arrival
+    return Arrival(now, known, sustained | stays(now.gap, known, flow))
 
 
 def _settle(
@@ -126,8 +133,7 @@ def _press(
 ) -> tuple[np.ndarray, Grasp, np.ndarray]:
     """Return the impulses of the sustained contacts, their rows, and the impulses contact by contact, (h, 6)."""
     now = arrival.now
-    held = np.flatnonzero(arrival.sustained & now.closed)
-    grasp = grasp_of(model, data, now.touch, held, free)
+    grasp = grasp_of(model, data, now.touch, arrival.sustained & now.closed, free)
     known = None
     if guess is not None and len(guess) == len(now.gap):
         known = guess[grasp.contact, grasp.kind]
@@ -165,24 +171,12 @@ def _turned(
 
 
 def grasp_of(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, held: np.ndarray, velocity: np.ndarray) -> Grasp:
-    """Return the rows of some contacts, (k,) indices, at a velocity, (nv,)."""
-    along, Y, _ = touch.whitened(model, data)
-    gamma = touch.contact_velocity(velocity)
-    tangents = touch.tangents(model, data)
-    contact, kind, gamma = held, np.zeros(len(held), dtype=int), gamma[held]
-    along, Y = along[held], Y[held]
-    if tangents is not None:
-        (of, which, mu), J, drift = tangents
-        rows = np.flatnonzero(np.isin(of, held))
-        friction, whitened = touch.confine(model, data, J[rows])
-        mu = mu[rows, None]
-        contact, kind = np.concatenate([contact, of[rows]]), np.concatenate([kind, which[rows] + 1])
-        along, Y = np.vstack([along, mu * friction]), np.vstack([Y, mu * whitened])
-        gamma = np.concatenate([gamma, mu[:, 0] * (J[rows].dot(velocity) + drift[rows])])
-    order = np.lexsort((kind, contact))
-    contact = contact[order]
-    sizes = np.bincount(contact, minlength=1)
-    return Grasp(contact, kind[order], sizes[sizes > 0], along[order], Y[order], gamma[order])
+    """Return the rows of some contacts, bool (h,), at a velocity, (nv,)."""
+    contact, kind, jacobian, drift, along, whitened = touch.rows(model, data)
+    rows = np.flatnonzero(held[contact])
+    sizes = np.bincount(contact[rows], minlength=1)
+    gamma = jacobian.dot(velocity) + drift
+    return Grasp(contact[rows], kind[rows], sizes[sizes > 0], along[rows], whitened[rows], gamma[rows])
 
 
 def solve_grasp(grasp: Grasp, guess: np.ndarray | None, speed: float, *, exact: bool) -> np.ndarray:

@@ -169,6 +169,23 @@ class Arrival(NamedTuple):
     sustained: np.ndarray
 
 
+def stays(gap: np.ndarray, known: np.ndarray, flow: Flow) -> np.ndarray:
+    """Return which contacts are sustained if they end the flow with these gaps, bool (h,)."""
+    if flow.hold_all:
+        return gap <= flow.tolerance
+    start, tau = flow.start, flow.duration
+    closed = start.closed
+    if not np.count_nonzero(closed):
+        return np.zeros(len(known), dtype=bool)
+    velocity = start.contact_velocity[known]
+    slow = velocity <= start.rounding[known]
+    held = (known >= 0) & closed[known]
+    if np.count_nonzero(held & slow) == np.count_nonzero(held):
+        return held
+    closing = 2.0 * (start.gap[known] + velocity * tau - gap)  # times tau^2
+    return held & (slow | ((velocity * tau) ** 2 <= 2.0 * closing * flow.tolerance))
+
+
 def match(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, flow: Flow) -> np.ndarray:
     """Return for each contact at the end of a flow the index of the same contact at its start, or -1, int (h,).
 

@@ -25,30 +25,13 @@ import numpy as np
 from impactlaw.contacts import update_positions
 from impactlaw.errors import UnsolvableLawError
 from impactlaw.gripped import hold_gripping
-from impactlaw.moment import CORRECTED, Arrival, Flow, Moment
+from impactlaw.moment import CORRECTED, Arrival, Flow, Moment, stays
 from impactlaw.solvers import Problem, solve_with_jump, with_active
 from impactlaw.touch import Touch, jump, whiten
 
 _CORRECTIONS = 20  # position corrections at most
 _SMOOTH_CORRECTIONS = 3  # that smooth surfaces need; each gains digits, their curvature decides how many
 _LARGEST_TURN = 0.3  # rad in one flow
-
-
-def stays(gap: np.ndarray, known: np.ndarray, flow: Flow) -> np.ndarray:
-    """Return which contacts are sustained if they end the flow with these gaps, bool (h,)."""
-    if flow.hold_all:
-        return gap <= flow.tolerance
-    start, tau = flow.start, flow.duration
-    closed = start.closed
-    if not np.count_nonzero(closed):
-        return np.zeros(len(known), dtype=bool)
-    velocity = start.contact_velocity[known]
-    slow = velocity <= start.rounding[known]
-    held = (known >= 0) & closed[known]
-    if np.count_nonzero(held & slow) == np.count_nonzero(held):
-        return held
-    closing = 2.0 * (start.gap[known] + velocity * tau - gap)  # times tau^2
-    return held & (slow | ((velocity * tau) ** 2 <= 2.0 * closing * flow.tolerance))
 
 
 def hold(

@@ -82,22 +82,20 @@ def find_tangents(
     perpendicular.
     """
     contact, kind = grip.contact, grip.kind
-    frame = _frames(contacts.normal[contact])
     position = contacts.position[contact]
-    slides = kind < _TORSION
-    along = np.where(slides, kind + 1, kind - _TORSION)
-    axis = frame[np.arange(len(kind)), along]
-    force, torque = np.where(slides[:, None], axis, 0.0), np.where(slides[:, None], 0.0, axis)
+    slides = (kind < _TORSION)[:, None]
+    axis = _axes(contacts.normal)[np.where(kind < _TORSION, kind + 1, kind - _TORSION), contact]
+    force, torque = np.where(slides, axis, 0.0), np.where(slides, 0.0, axis)
     J = np.zeros((len(kind), model.nv))
-    jacp, jacr = np.zeros((2, 3, model.nv))
+    jacp, jacr = np.empty((2, 3, model.nv))
     bodies = model.geom_bodyid[contacts.geoms[contact]]
     for sign, body in ((-1.0, bodies[:, 0]), (1.0, bodies[:, 1])):
         for b in set(body.tolist()):
             if model.body_weldid[b] != 0:
-                on = body == b
+                on = np.flatnonzero(body == b)
                 mujoco.mj_jacBody(model, data, jacp, jacr, b)
-                turned = np.cross(position[on] - data.xpos[b], force[on]) + torque[on]
-                J[on] += sign * (force[on] @ jacp + turned @ jacr)
+                turned = _cross(position[on] - data.xpos[b], force[on]) + torque[on]
+                J[on] += sign * (force[on].dot(jacp) + turned.dot(jacr))
     drift = np.zeros(len(kind))
     if surfaces is not None:
         velocity, spin, belt = (part[contact] for part in surfaces.motion(data, contacts))
@@ -105,10 +103,16 @@ def find_tangents(
     return Tangents(grip, J, drift)
 
 
-def _frames(normal: np.ndarray) -> np.ndarray:
-    """Return the axes of contacts: normal and two tangents, (k, 3, 3)."""
+def _axes(normal: np.ndarray) -> np.ndarray:
+    """Return the axes of contacts, normals first, then two tangents, (3, h, 3)."""
     upright = np.abs(normal[:, 1]) >= 0.5
-    second = np.where(upright[:, None], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0])
-    second = second - np.vecdot(normal, second)[:, None] * normal
+    second = np.zeros_like(normal)
+    second[:, 1], second[:, 2] = ~upright, upright
+    second -= np.vecdot(normal, second)[:, None] * normal
     second /= np.sqrt(np.vecdot(second, second))[:, None]
-    return np.stack([normal, second, np.cross(normal, second)], axis=1)
+    return np.stack([normal, second, _cross(normal, second)])
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the cross products of the rows, (k, 3), at a fraction of the cost of numpy's own."""
+    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]

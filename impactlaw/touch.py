@@ -8,6 +8,7 @@ MuJoCo factors ``M = L^T D L``, so that here ``R^T = D^1/2 L``: ``|R^T v|`` is t
 from __future__ import annotations
 
 from math import sqrt
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -19,6 +20,26 @@ from impactlaw.friction import Friction
 from impactlaw.relative import Bilateral
 from impactlaw.surfaces import Surfaces
 from impactlaw.tangents import Tangents, find_tangents
+
+
+class Rows(NamedTuple):
+    """Rows of contacts, contact by contact: pressing first, then friction times its coefficients.
+
+    Attributes:
+        contact: index of the contact of each row, int (n,).
+        kind: 0 for pressing, 1 to 5 for friction, int (n,).
+        jacobian: ``J``, (n, nv).
+        drift: what moving surfaces add to the velocities ``J v``, (n,).
+        along: ``J'``, along which impulses act, (n, nv).
+        whitened: ``J' R^-T``, (n, nv).
+    """
+
+    contact: np.ndarray
+    kind: np.ndarray
+    jacobian: np.ndarray
+    drift: np.ndarray
+    along: np.ndarray
+    whitened: np.ndarray
 
 
 class Touch:
@@ -44,6 +65,7 @@ class Touch:
                 self.drift_before = surfaces.drift(data, self.contacts, before=True)
         self._surfaces = surfaces
         self._tangents: Tangents | None = None
+        self._rows: Rows | None = None
         self._span: Bilateral | None = None
         self._whitened: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
@@ -60,6 +82,22 @@ class Touch:
         if self._tangents is None and self.pattern.grip is not None:
             self._tangents = find_tangents(model, data, self.contacts, self.pattern.grip, self._surfaces)
         return self._tangents
+
+    def rows(self, model: mujoco.MjModel, data: mujoco.MjData) -> Rows:
+        """Return the rows of pressing and of friction; see `tangents` for when to ask first."""
+        if self._rows is None:
+            contact, kind = np.arange(len(self.contacts)), np.zeros(len(self.contacts), dtype=int)
+            J, drift = self.jacobian, np.zeros(len(contact)) if self.drift is None else self.drift
+            tangents = self.tangents(model, data)
+            if tangents is not None:
+                (of, which, mu), sliding, more = tangents
+                contact, kind = np.concatenate([contact, of]), np.concatenate([kind, which + 1])
+                J, drift = np.vstack([J, mu[:, None] * sliding]), np.concatenate([drift, mu * more])
+                order = np.argsort(contact, kind="stable")
+                contact, kind, J, drift = contact[order], kind[order], J[order], drift[order]
+            self.whitened(model, data)
+            self._rows = Rows(contact, kind, J, drift, *self.confine(model, data, J))
+        return self._rows
 
     def closed(self, model: mujoco.MjModel, data: mujoco.MjData, which: np.ndarray) -> Closed:
         """Return some of the contacts, (k,) indices, as ones that may collide; frames must be those of this touch."""

@@ -2,11 +2,12 @@
 
 import math
 
+import gymnasium
 import mujoco
 import numpy as np
 import pytest
 
-from impactlaw import Coulomb, MaximalDissipation, Moreau, Newton, Stepper
+from impactlaw import Coulomb, MaximalDissipation, Moreau, Newton, Stepper, read_contacts
 from impactlaw.errors import RestitutionError
 
 G = 9.81
@@ -225,3 +226,28 @@ def test_a_law_without_a_target_says_so():
     with pytest.raises(RestitutionError, match="Poisson"):
         Stepper(model, Poisson(0.5))
     Stepper(model, Poisson(0.5), friction="ignore")
+
+
+@pytest.mark.usefixtures("quiet")
+@pytest.mark.parametrize(("name", "steps"), [("Ant-v5", 300), ("Humanoid-v5", 230), ("Hopper-v5", 300)])
+def test_gymnasium_robots_run_on_rigid_contact(name, steps):
+    """With friction and random controls: no divergence, no penetration, impacts that create no energy."""
+    unwrapped = gymnasium.make(name).unwrapped
+    unwrapped.reset(seed=0)
+    model, data = unwrapped.model, unwrapped.data
+    stepper = Stepper(model, Newton(0.3), overlap="push-out")
+    assert stepper.plan.friction
+    rng = np.random.default_rng(0)
+    collisions = 0
+    for step in range(steps):
+        if step % 5 == 0:
+            data.ctrl[:] = 0.4 * rng.uniform(*model.actuator_ctrlrange.T)
+        stepper.step(data)
+        assert read_contacts(model, data).gap.min(initial=0.0) > -1e-7
+        for event in stepper.events:
+            collisions += 1
+            assert event.impact.violations.energetic <= 1e-9 * event.impact.collision.pre_speed
+            assert event.impact.residual < 1e-8
+    assert np.isfinite(data.qpos).all()
+    assert collisions > 5
+    assert stepper.unlocated == 0
