@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import stability_laws
+import stability_rough
 import stability_scenes
 import stability_stepping
 from stability_verdicts import Case
@@ -14,4 +15,6 @@ def _named(*groups: list[Case]) -> dict[str, Case]:
     return found
 
 
-CASES: dict[str, Case] = _named(stability_laws.cases(), stability_stepping.cases(), stability_scenes.cases())
+CASES: dict[str, Case] = _named(
+    stability_laws.cases(), stability_stepping.cases(), stability_scenes.cases(), stability_rough.cases()
+)

@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
-from stability_verdicts import EITHER, REFUSED, Case, Expected, Measurement, WrongRefusalError, certify
+from stability_certificate import certify
+from stability_verdicts import EITHER, REFUSED, Case, Expected, Measurement, WrongRefusalError
 
 from impactlaw import Collision, Fremond, Law, MaximalDissipation, Moreau, Newton
 from impactlaw.errors import UnsolvableLawError

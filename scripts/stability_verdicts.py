@@ -1,13 +1,6 @@
-"""What the stability study says of a row: measurements, verdicts, and the certificate that it computes itself.
+"""What the stability study says of a row: measurements, limits, verdicts.
 
-A verdict never uses what the package says of its own result. From mass matrix, gap gradients, the velocities before and
-after, and the impulse, the study computes by itself, relative to the larger of |v-| and |v+| in the kinetic metric,
-
-    momentum         |R^-1 (M (v+ - v-) - J^T Lambda)|,  M = R R^T
-    complementarity  max |min(Lambda_i |g_i|, (gamma+_i - gamma^h_i) / |g_i|)|,  gamma^h = -E gamma-
-
-in extended precision. Rounding v+ and Lambda to doubles alone makes a momentum error of a few eps times ``sum Lambda_i
-|g_i|`` and, where M is no diagonal matrix, of cond(M) eps times the jump; as much is left out of it.
+A verdict never uses what the package says of its own result; what it uses instead is in `stability_certificate`.
 """
 
 from __future__ import annotations
@@ -128,81 +121,3 @@ def verdict(measurement: Measurement, limits: Limits) -> tuple[str, str]:
         return NAN, f"{', '.join(broken)} not finite"
     wrong = [f"{name} {value:.1e} > {limit:.1e}" for name, value, limit in pairs if value > limit]
     return (WRONG, "; ".join(wrong)) if wrong else (RIGHT, "")
-
-
-@dataclass(frozen=True)
-class Certificate:
-    """The study's own check of one collision.
-
-    Attributes:
-        residual: the larger of momentum and complementarity error, relative to the speed.
-        balance: ``|T+ - T- - Lambda^T (gamma- + gamma+) / 2|``, relative to the larger energy.
-        change: ``(T+ - T-) / max(T-, T+)``.
-        penetration: largest ``-gamma+_i / |g_i|``, relative to the speed.
-    """
-
-    residual: float
-    balance: float
-    change: float
-    penetration: float
-
-
-def certify(M, J, before, after, impulse, wanted, *, kind: type = np.longdouble) -> Certificate:
-    """Check one collision.
-
-    Args:
-        M: mass matrix, (nv, nv).
-        J: gap gradients, (h, nv).
-        before: ``v-``, (nv,).
-        after: ``v+``, (nv,).
-        impulse: ``Lambda``, (h,).
-        wanted: ``gamma^h``, (h,).
-        kind: of floating-point number to compute with.
-    """
-    M, J, before, after, impulse, wanted = (np.asarray(a, kind) for a in (M, J, before, after, impulse, wanted))
-    R = _cholesky(M)
-    Y = _forward(R, J.T).T
-    lengths = np.sqrt((Y * Y).sum(axis=1))
-    old, new = R.T @ before, R.T @ after
-    jump = new - old
-    size = float(max(np.sqrt(old @ old), np.sqrt(new @ new)))
-    if size == 0.0:
-        size = 1.0
-    diagonal = np.count_nonzero(M) == len(M)
-    eps = float(np.finfo(float).eps)
-    rounding = 0.0 if diagonal else eps * float(np.linalg.cond(M.astype(float))) * float(np.sqrt(jump @ jump))
-    rounding += 64 * eps * float(impulse @ lengths)
-    off = jump - Y.T @ impulse
-    momentum = max(0.0, float(np.sqrt(off @ off)) - rounding)
-    moves = lengths > 0
-    gamma = J @ after
-    slack = (gamma - wanted)[moves] / lengths[moves]
-    natural = np.abs(np.minimum((impulse * lengths)[moves], slack)).max(initial=0.0)
-    energy = float(max(old @ old, new @ new)) / 2 or 1.0
-    change = float(jump @ (old + jump / 2))
-    balance = change - float(impulse @ (J @ before + gamma) / 2)
-    return Certificate(
-        max(momentum, float(natural)) / size,
-        max(0.0, abs(balance) - rounding * size) / energy,
-        change / energy,
-        float((-gamma[moves] / lengths[moves]).max(initial=0.0)) / size,
-    )
-
-
-def _cholesky(M: np.ndarray) -> np.ndarray:
-    if np.count_nonzero(M) == len(M):
-        return np.diag(np.sqrt(np.diag(M)))
-    R = np.zeros_like(M)
-    for j in range(len(M)):
-        R[j:, j] = M[j:, j] - R[j:, :j] @ R[j, :j]
-        R[j:, j] /= np.sqrt(R[j, j])
-    return R
-
-
-def _forward(R: np.ndarray, B: np.ndarray) -> np.ndarray:
-    if np.count_nonzero(R) == len(R):
-        return B / np.diag(R)[:, None]
-    X = np.zeros_like(B)
-    for i, row in enumerate(R):
-        X[i] = (B[i] - row[:i] @ X[:i]) / row[i]
-    return X

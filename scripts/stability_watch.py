@@ -6,9 +6,10 @@ import copy
 
 import mujoco
 import numpy as np
-from stability_verdicts import Measurement, certify
+from stability_certificate import Sliding, certify
+from stability_verdicts import Measurement
 
-from impactlaw import Fremond, ImpactEvent, Law, MaximalDissipation, Moreau, Newton, Stepper
+from impactlaw import Fremond, FrictionImpact, ImpactEvent, Law, MaximalDissipation, Moreau, Newton, Stepper
 
 MOST = 100  # collisions of a step after which the stepper says that E = 0 ends it
 _EXTENDED = 64  # velocities up to which collisions are checked in extended precision; Python's is slow beyond
@@ -73,7 +74,7 @@ class Watch:
         self._own.geom_gap[:] = 0.0
         self._scratch = mujoco.MjData(self._own)
         self.residual = self.penetration = self.deviation = self.gain = 0.0
-        self.steps = self.collisions = 0
+        self.steps = self.collisions = self.scaled = 0
         self._lowest: float | None = None
 
     @property
@@ -102,11 +103,18 @@ class Watch:
         """Return potential and kinetic energy of now, J."""
         own, scratch = self._own, self._scratch
         scratch.qpos[:], scratch.qvel[:] = self.data.qpos, self.data.qvel
+        scratch.mocap_pos[:], scratch.mocap_quat[:] = self.data.mocap_pos, self.data.mocap_quat
         mujoco.mj_fwdPosition(own, scratch)
         mujoco.mj_fwdVelocity(own, scratch)
         mujoco.mj_energyPos(own, scratch)
         mujoco.mj_energyVel(own, scratch)
         return float(scratch.energy[0]), float(scratch.energy[1])
+
+    def equality_error(self) -> float:
+        """Return how far equality constraints are violated where `energy` has last looked, m or rad."""
+        scratch = self._scratch
+        rows = scratch.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+        return float(np.abs(scratch.efc_pos[rows]).max(initial=0.0))
 
     def deviates(self, distance: float) -> None:
         """Keep the largest distance from the closed form; one that is not a number stays."""
@@ -128,13 +136,33 @@ class Watch:
         self.penetration = max(self.penetration, -float(np.min(self._scratch.contact.dist, initial=0.0)))
 
     def _certify(self, event: ImpactEvent, *, final: bool) -> None:
-        c = event.impact.collision
+        impact, c = event.impact, event.impact.collision
         kind = np.longdouble if len(c.pre_velocity) <= _EXTENDED else float
-        gamma = c.jacobian @ c.pre_velocity
+        w, after = c.surface_velocity, c.post_surface_velocity
+        w = np.zeros(len(c.labels)) if w is None else w
+        gamma = c.jacobian @ c.pre_velocity + w
         e = 0.0 if final else coefficient(self._law)
         wanted = -e * (gamma[::-1] if self._law.startswith("reversal") else gamma)
-        numbers = (c.mass_matrix, c.jacobian, c.pre_velocity, event.impact.post_velocity, event.impact.impulse)
-        found = certify(*numbers, wanted, kind=kind)
+        sliding = None
+        if isinstance(impact, FrictionImpact) and c.friction is not None:
+            f = c.friction
+            rows = f.jacobian, f.contact, f.coefficient
+            sliding = Sliding(*rows, impact.friction_impulse, f.surface_velocity, f.post_surface_velocity)
+            if impact.restitution_scale < 1.0:
+                wanted = np.where(wanted > 0, impact.restitution_scale * wanted, wanted)
+                self.scaled += 1
+        found = certify(
+            c.mass_matrix,
+            c.jacobian,
+            c.pre_velocity,
+            impact.post_velocity,
+            impact.impulse,
+            wanted,
+            bilateral=c.bilateral_jacobian,
+            surfaces=(w, w if after is None else after),
+            sliding=sliding,
+            kind=kind,
+        )
         worst = max(found.residual, found.balance, found.penetration)
         if not self._law.startswith("reversal"):
             worst = max(worst, found.change)

@@ -9,8 +9,9 @@ import pandas as pd
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
-stability, cases, verdicts, worker_module = map(
-    importlib.import_module, ("stability", "stability_cases", "stability_verdicts", "stability_worker")
+stability, cases, verdicts, certificate, worker_module = map(
+    importlib.import_module,
+    ("stability", "stability_cases", "stability_verdicts", "stability_certificate", "stability_worker"),
 )
 RIGHT, REFUSED = verdicts.RIGHT, verdicts.REFUSED
 
@@ -57,15 +58,86 @@ def three_balls():
 
 def test_the_certificate_accepts_moreaus_answer_and_no_other():
     M, J, v, after, impulse = three_balls()
-    good = verdicts.certify(M, J, v, after, impulse, -J @ v)
+    good = certificate.certify(M, J, v, after, impulse, -J @ v)
     assert good.residual < 1e-15
     assert abs(good.balance) < 1e-15
     assert abs(good.change) < 1e-15
     assert good.penetration == 0.0
     off = np.array([0.0, 1e-6, 0.0])
-    assert verdicts.certify(M, J, v, after + off, impulse, -J @ v).residual == pytest.approx(1e-6, rel=0.5)
-    assert verdicts.certify(M, J, v, after, impulse + np.array([1e-6, 0.0]), -J @ v).residual > 1e-7
-    assert verdicts.certify(M, J, v, v, np.zeros(2), -J @ v).penetration == pytest.approx(1 / np.sqrt(2))
+    assert certificate.certify(M, J, v, after + off, impulse, -J @ v).residual == pytest.approx(1e-6, rel=0.5)
+    assert certificate.certify(M, J, v, after, impulse + np.array([1e-6, 0.0]), -J @ v).residual > 1e-7
+    assert certificate.certify(M, J, v, v, np.zeros(2), -J @ v).penetration == pytest.approx(1 / np.sqrt(2))
+
+
+def geared():
+    """A ball of 3 kg hits a slide of 1 kg, which a gear of -1.5 couples to one of 2 kg; the gear already slips."""
+    M, J = np.diag([1.0, 2.0, 3.0]), np.array([[1.0, 0.0, -1.0]])
+    gear = np.array([[1.5, 1.0, 0.0], [3.0, 2.0, 0.0]])
+    v = np.array([0.25, 0.5, 1.0])
+    effective = 1.0 + 1.5**2 * 2.0
+    impulse = 1.5 * 0.75 * 3.0 * effective / (3.0 + effective)
+    return M, J, v, v + impulse * np.array([1.0 / effective, -1.5 / effective, -1.0 / 3.0]), np.array([impulse]), gear
+
+
+def test_the_certificate_knows_bilateral_constraints():
+    M, J, v, after, impulse, gear = geared()
+    wanted = -0.5 * J @ v
+    good = certificate.certify(M, J, v, after, impulse, wanted, bilateral=gear)
+    assert max(good.residual, good.balance, good.penetration) < 1e-15
+    work = impulse[0] * J[0] @ (v + after) / 2
+    assert good.change == pytest.approx(work / _largest_energy(M, v, after, gear))
+    assert certificate.certify(M, J, v, after, impulse, wanted).residual > 0.1
+    assert certificate.certify(M, J, v, after, 1.001 * impulse, wanted, bilateral=gear).residual > 1e-4
+    along = np.array([0.0, 1e-6, 0.0])  # the gear gives
+    assert certificate.certify(M, J, v, after + along, impulse, wanted, bilateral=gear).residual > 5e-7
+    free = np.array([1e-6, -1.5e-6, 0.0])
+    assert certificate.certify(M, J, v, after + free, impulse, wanted, bilateral=gear).residual > 5e-7
+
+
+def _largest_energy(M, before, after, gear):
+    """Of the motion that the constraints leave free."""
+    Y = gear[:1] / np.sqrt(np.diag(M))
+    y = Y[0] / np.linalg.norm(Y)
+    z = [np.sqrt(np.diag(M)) * v for v in (before, after)]
+    return max(0.5 * float(w @ w - (y @ w) ** 2) for w in z)
+
+
+def thrown_ball(mu):
+    """A ball of 1 kg and radius 1 with (1, -2) m/s and without spin: slides if mu is small, else rolls away."""
+    M, v, radius = np.diag([1.0, 1.0, 0.4]), np.array([1.0, -2.0, 0.0]), 1.0
+    J, T = np.array([[0.0, 1.0, 0.0]]), np.array([[1.0, 0.0, radius]])
+    pressing = 1.5 * 2.0
+    along = -min(mu * pressing, 1.0 / 3.5)
+    after = v + np.array([along, pressing, radius * along / 0.4])
+    rows = certificate.Sliding(T, np.zeros(1, int), np.array([mu]), np.array([along]), np.zeros(1), np.zeros(1))
+    return (M, J, v, after, np.array([pressing]), -0.5 * J @ v), rows
+
+
+@pytest.mark.parametrize("mu", [0.05, 0.5])
+def test_the_certificate_knows_friction(mu):
+    numbers, sliding = thrown_ball(mu)
+    good = certificate.certify(*numbers, sliding=sliding)
+    assert max(good.residual, good.balance, good.penetration) < 1e-15
+    assert good.change < 0
+    weaker = 0.999 * sliding.impulse  # momentum is kept: only Coulomb's law is broken
+    M, J, v, after, impulse, wanted = numbers
+    after = after + np.linalg.solve(M, sliding.jacobian.T @ (weaker - sliding.impulse))
+    found = certificate.certify(M, J, v, after, impulse, wanted, sliding=sliding._replace(impulse=weaker))
+    assert found.residual > 1e-5
+    narrower = sliding._replace(coefficient=0.9 * sliding.coefficient)  # does not matter to a ball that rolls
+    assert (certificate.certify(*numbers, sliding=narrower).residual > 1e-3) == (mu < 0.1)
+    belt = sliding._replace(before=np.full(1, -1.0), after=np.full(1, -1.0))  # nothing slides, seen from the belt
+    assert certificate.certify(*numbers, sliding=belt).residual > 1e-2
+
+
+def test_the_certificate_counts_what_moving_surfaces_give():
+    """A table rises at 2 m/s under a ball at rest, e = 0.5: v+ = 3, its impulse 3, its work 3 x 2."""
+    one, w = np.ones((1, 1)), np.full(1, -2.0)
+    numbers = one, one, np.zeros(1), np.full(1, 3.0), np.full(1, 3.0), np.full(1, 1.0)
+    good = certificate.certify(*numbers, surfaces=(w, w))
+    assert max(good.residual, good.balance, good.penetration) < 1e-15
+    assert good.change == pytest.approx((4.5 - 6.0) / 4.5)
+    assert certificate.certify(*numbers).residual > 0.1
 
 
 @pytest.mark.parametrize("name", ["residual", "energy", "penetration", "deviation"])
