@@ -87,8 +87,9 @@ class Flights:
         self.update(data)
 
     def _is_short(self, before: np.ndarray, after: np.ndarray, duration: float) -> bool:
-        drift = 0.0 if self.surfaces is None else self.surfaces.speed
-        return self._travel.is_short(before, after, duration, drift=drift)
+        if self.surfaces is None:
+            return self._travel.is_short(before, after, duration)
+        return self._travel.is_short(before, after, duration, drift=self.surfaces.speed)
 
     def look(self, data: mujoco.MjData, within: float = 0.0) -> Moment:
         """Return the contacts of now, of a gap up to ``within``, m or rad, at least; frames must be current."""

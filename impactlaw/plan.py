@@ -9,7 +9,7 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from impactlaw.contacts import geom_names
+from impactlaw.contacts import bilateral_constraints, geom_names
 from impactlaw.geoms import one_contact, several_contacts, touching_distance
 from impactlaw.limits import Limits
 from impactlaw.scene import GeomPairs, geom_pairs, thickness
@@ -46,6 +46,7 @@ class Plan:
         points: matching contact points from flow to flow: some pairs have several contacts.
         passing: the check that no body passes through another: some bodies meet others that are not planes.
         turning: the same check's bound on rotation: some of those are not round.
+        bilateral: equality constraints that no impulse may violate.
         friction: some contacts have friction.
         surfaces: surfaces that move by themselves: some mocap bodies can meet others, or belts with friction.
         inertia: a new factor of the mass matrix at every collision: it depends on the configuration.
@@ -61,6 +62,7 @@ class Plan:
     points: bool
     passing: bool
     turning: bool
+    bilateral: bool
     friction: bool
     surfaces: bool
     inertia: bool
@@ -89,6 +91,7 @@ def make_plan(
         "points": rigid and bool(several.any()),
         "passing": rigid and len(solid) > 0,
         "turning": rigid and bool((model.geom_rbound[solid] > thin[solid]).any()),
+        "bilateral": bool(bilateral_constraints(model).any()),
         "friction": rigid and friction != "ignore" and bool(pairs.friction.any()),
         "surfaces": rigid and bool((_moves(model, geoms) | (pairs.friction & _runs(model, geoms))).any()),
         "inertia": (len(geoms) > 0 or bool(Limits(model))) and not has_constant_inertia(model),

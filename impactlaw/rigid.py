@@ -60,7 +60,7 @@ class RigidStepping:
         self._flights = Flights(model, plan, gap_tolerance, exact=exact)
         self._options = self._flights.options
         self._before, self._state = empty_state(model), empty_state(model)
-        self._left: tuple[bytes, ...] = (b"",) * 3
+        self._left: tuple[bytes, bytes, float, bytes] = b"", b"", 0.0, b""
         self._next: Moment | None = None
         self._metric: KineticMetric | None = None
         self.unlocated = 0
@@ -89,7 +89,7 @@ class RigidStepping:
             surfaces.begin(data, timestep)
         empty = self._next is None and self._left[0] == data.qpos.tobytes() and surfaces is None
         if empty and self._flights.glide(data, self._before, timestep):
-            self._left = data.qpos.tobytes(), b"", b""
+            self._left = data.qpos.tobytes(), b"", timestep, b""
             return ()
         events: list[ImpactEvent] = []
         start, pushed = self._begin(data, events)
@@ -112,7 +112,7 @@ class RigidStepping:
         if surfaces is not None:
             surfaces.end(data)
         self.unlocated += jumps > _JUMPS or max(len(events), closings) > self._collider.most
-        self._left = data.qpos.tobytes(), data.qvel.tobytes(), self._conditions(data)
+        self._left = data.qpos.tobytes(), data.qvel.tobytes(), timestep, self._active(data)
         self._next = start if start.touch.pattern else None
         return tuple(events)
 
@@ -121,10 +121,10 @@ class RigidStepping:
 
         They are those that the last step has left, if nothing has changed.
         """
-        qpos, qvel, conditions = self._left
+        qpos, qvel, timestep, active = self._left
         same = qpos == data.qpos.tobytes()
-        unchanged = same and qvel == data.qvel.tobytes() and conditions == self._conditions(data)
-        if unchanged and self._next is not None and self._flights.surfaces is None:
+        unchanged = same and qvel == data.qvel.tobytes() and timestep == self._options.timestep
+        if unchanged and self._next is not None and self._flights.surfaces is None and active == self._active(data):
             return self._next, False
         self._flights.update(data)
         start = self._flights.look(data)
@@ -136,10 +136,9 @@ class RigidStepping:
             start = push_out(self._model, data, self._flights, start, self._tolerance)
         return (self._collide(data, start, events) if start.collides else start), pushed
 
-    def _conditions(self, data: mujoco.MjData) -> bytes:
-        """What else contacts depend on: the timestep, and which equality constraints are on."""
-        timestep = self._options.timestep.hex().encode()
-        return timestep + data.eq_active.tobytes() if self._model.neq else timestep
+    def _active(self, data: mujoco.MjData) -> bytes:
+        """Which equality constraints are on."""
+        return data.eq_active.tobytes() if self._plan.bilateral else b""
 
     def _collide(self, data: mujoco.MjData, start: Moment, events: list[ImpactEvent]) -> Moment:
         """Resolve the collisions of now; frames and inertia of data are those of the start."""

@@ -55,19 +55,21 @@ class Touch:
         drift_before: the same in the step before; None if it is no other.
     """
 
+    drift: np.ndarray | None = None
+    drift_before: np.ndarray | None = None
+    _tangents: Tangents | None = None
+    _rows: Rows | None = None
+    _span: Bilateral | None = None
+    _whitened: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+
     def __init__(self, found: Found, data: mujoco.MjData, surfaces: Surfaces | None):
         self.pattern, self.contacts, self.jacobian, self.bilateral = found
         self.frames = Frames.of(data)
-        self.drift = self.drift_before = None
         if surfaces is not None and surfaces.move and self.pattern:
             self.drift = surfaces.drift(data, self.contacts)
             if surfaces.jumps(data):
                 self.drift_before = surfaces.drift(data, self.contacts, before=True)
         self._surfaces = surfaces
-        self._tangents: Tangents | None = None
-        self._rows: Rows | None = None
-        self._span: Bilateral | None = None
-        self._whitened: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
     def contact_velocity(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``gamma = J v + w``, m/s, (h,)."""
