@@ -32,6 +32,9 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     Observations beyond their space are clipped to it. If the simulation leaves the finite numbers, the episode is
     truncated where the step began and ``info["impact/diverged"]`` is 1.
 
+    A mocap body that a task `drive`s moves every timestep but the first one of an episode, since its velocity is known
+    from the second one on (`impactlaw.surfaces`).
+
     Args:
         law: name of a law (`impactlaw.make_law`), "scene" for what the MJCF itself carries, or a `Law`; the
             environment's own one if not given.
@@ -43,6 +46,9 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             environment writes to a file, so vectorised ones need one each.
         width: of pictures, pixels.
         height: of pictures, pixels.
+
+    Attributes:
+        driven: place and velocity of the mocap body that the task drives, zero at the start of an episode.
 
     Raises:
         UnknownNameError: no such law, contact model or render mode, or a law for contacts that the scene cannot have.
@@ -86,6 +92,7 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.metadata = copy.deepcopy(self.metadata) | {"render_fps": max(1, round(1.0 / self.dt))}
         if not has_display():
             self.metadata["render_modes"].remove("human")
+        self.driven = 0.0, 0.0
         self._pictures = Pictures(self.model, self.data, width, height)
         self._log = log
         self._recorder: Recorder | None = None
@@ -102,6 +109,9 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     @abstractmethod
     def act(self, action: np.ndarray) -> None:
         """Make the controls, for all timesteps of a step, from an action within its space."""
+
+    def drive(self) -> None:
+        """Move ``self.driven`` on by a timestep, and the mocap body that it stands for to where that leads."""
 
     def watch(self) -> None:
         """Look at the state after a timestep."""
@@ -127,6 +137,7 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Start an episode drawn from the seed; there are no options."""
         super().reset(seed=seed)
         mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key(START).id)
+        self.driven = 0.0, 0.0
         self.start()
         mujoco.mj_forward(self.model, self.data)
         if self._log is not None and self._recorder is None:
@@ -145,12 +156,13 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             ActionError: the action has the wrong shape or is not finite.
         """
         self.act(self._within_space(action))
-        tally, before = ImpactTally(), save_state(self.model, self.data)
+        tally, before, driven = ImpactTally(), save_state(self.model, self.data), self.driven
         try:
             for _ in range(self.frame_skip):
                 self._timestep(tally)
         except DivergenceError:
             restore_state(self.model, self.data, before)
+            self.driven = driven
             mujoco.mj_forward(self.model, self.data)
             return self._observation(), 0.0, False, True, tally.info(diverged=True)
         reward, terminated = self.judge()
@@ -181,6 +193,8 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     # -- inside ----------------------------------------------------------------------------------------------------
 
     def _timestep(self, tally: ImpactTally) -> None:
+        if self.data.time > 0:
+            self.drive()
         self.stepper.step(self.data)
         tally.add(self.stepper.events)
         if self._recorder is not None:

@@ -14,6 +14,7 @@ class ImpactTally:
     |---|---|---|
     | ``impact/count`` | collisions | int |
     | ``impact/energy_change`` | sum of T+ - T- | float, J |
+    | ``impact/surface_work`` | what moving surfaces did of that, 0 where none moves | float, J |
     | ``impact/intensity`` | sum of \|v+ - v-\| in the kinetic metric | float, sqrt(J) |
     | ``impact/distant`` | collisions with a distant effect (an antidissipative contact) | int |
     | ``impact/inadmissible`` | collisions whose outcome by the law left S(v-), whatever was made of it | int |
@@ -22,7 +23,7 @@ class ImpactTally:
 
     def __init__(self) -> None:
         self._count = self._distant = self._inadmissible = 0
-        self._energy_change = self._intensity = 0.0
+        self._energy_change = self._surface_work = self._intensity = 0.0
 
     def add(self, events: Iterable[ImpactEvent]) -> None:
         """Take up the collisions of a timestep."""
@@ -30,6 +31,7 @@ class ImpactTally:
             impact = event.impact
             self._count += 1
             self._energy_change += impact.energy_change
+            self._surface_work += impact.surface_work
             self._intensity += impact.intensity
             self._distant += impact.has_distant_effect
             projected = impact.target_contact_velocity is None
@@ -40,6 +42,7 @@ class ImpactTally:
         return {
             "impact/count": self._count,
             "impact/energy_change": self._energy_change,
+            "impact/surface_work": self._surface_work,
             "impact/intensity": self._intensity,
             "impact/distant": self._distant,
             "impact/inadmissible": self._inadmissible,

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import mujoco
 import numpy as np
 
 from impactlaw.envs.base import ImpactEnv
-from impactlaw.envs.scenery import add_actuator
+from impactlaw.envs.drive import Drive
 
-TORQUE = 60.0
-"""Largest torque on the platform, N m; against its spring it tilts the platform by 0.25 rad."""
+DRIVE = Drive(stroke=0.25, acceleration=70.0)
+"""Of the platform's tilt, rad and rad/s^2."""
 TOPPLED = 0.5
 """Angle of the block, rad, from which it counts as toppled: twice the one beyond which it falls by itself."""
 HALF_WIDTH, HALF_HEIGHT = 0.125, 0.5
@@ -23,8 +22,9 @@ class RockingBlock(ImpactEnv):
 
     Contacts have no friction, so ground that moves sideways would slide away below the feet. Instead the block is
     guided at its centre - it moves up and down and turns - and the ground is a platform that tilts: its reaction leans
-    over with it and turns the block, as the reaction of ground that moves sideways would. The platform turns about the
-    line below the block, on a spring of 240 N m/rad with 16 N m s/rad.
+    over with it and turns the block, as the reaction of ground that moves sideways would. The platform is a moving
+    surface, which turns about the line below the block as its drive decides: the block cannot push it away. It brakes in
+    time before the ends of its stroke, 0.25 rad to both sides.
 
     Observation, `Box(6)`:
 
@@ -41,7 +41,7 @@ class RockingBlock(ImpactEnv):
 
     | index | meaning | unit | range |
     |---|---|---|---|
-    | 0 | torque on the platform, as a part of 60 N m | 1 | -1 .. 1 |
+    | 0 | angular acceleration of the platform, as a part of 70 rad/s^2 | 1 | -1 .. 1 |
 
     Reward: ``1 - |angle| / 0.5`` every step, 1 for a block that stands upright.
 
@@ -58,7 +58,7 @@ class RockingBlock(ImpactEnv):
 
     SCENE: ClassVar[str] = "rocking_platform"
     LAW: ClassVar[str] = "moreau"
-    FRAME_SKIP: ClassVar[int] = 4
+    FRAME_SKIP: ClassVar[int] = 8
     OBSERVATION: ClassVar = (
         (1, -1.0, 1.0),
         (1, -0.5, 0.5),
@@ -68,10 +68,6 @@ class RockingBlock(ImpactEnv):
         (1, -20.0, 20.0),
     )
     ACTION: ClassVar = ((1, -1.0, 1.0),)
-
-    def edit(self, spec: mujoco.MjSpec) -> None:
-        """Add the drive of the platform."""
-        add_actuator(spec, "tilt", TORQUE, (-1.0, 1.0))
 
     def start(self) -> None:
         """Put the block on one foot, on its way to topple."""
@@ -84,18 +80,25 @@ class RockingBlock(ImpactEnv):
         slope = b * np.cos(angle) - h * np.sin(angle)
         missing = mass * -self.model.opt.gravity[2] * (excess * (np.hypot(b, h) - h) - rise)
         spin = np.sqrt(2.0 * missing / (inertia + mass * slope**2))
-        self.data.qpos[:] = 0.0, rise, side * angle
-        self.data.qvel[:] = 0.0, slope * spin, side * spin
+        self.data.qpos[:] = rise, side * angle
+        self.data.qvel[:] = slope * spin, side * spin
 
     def act(self, action: np.ndarray) -> None:
-        """Turn the platform."""
-        self.data.ctrl[:] = action
+        """Tell the drive its acceleration."""
+        self._part = float(action[0])
+
+    def drive(self) -> None:
+        """Tilt the platform."""
+        self.driven = DRIVE.advance(*self.driven, self._part, self.model.opt.timestep)
+        tilt = 0.5 * self.driven[0]
+        self.data.mocap_quat[self.model.body("platform").mocapid[0]] = np.cos(tilt), 0.0, np.sin(tilt), 0.0
 
     def observe(self) -> np.ndarray:
         """Return positions and velocities."""
-        return np.concatenate([self.data.qpos, self.data.qvel])
+        (tilt, turn), (height, angle), (rise, spin) = self.driven, self.data.qpos, self.data.qvel
+        return np.array([tilt, height, angle, turn, rise, spin])
 
     def judge(self) -> tuple[float, bool]:
         """Reward a block that stands upright."""
-        angle = abs(float(self.data.qpos[2]))
+        angle = abs(float(self.data.qpos[1]))
         return max(0.0, 1.0 - angle / TOPPLED), angle > TOPPLED

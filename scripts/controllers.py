@@ -143,7 +143,7 @@ class OnePull:
 
 @dataclass(frozen=True)
 class Hit:
-    """Juggler: meet the ball at the paddle's level of rest with the speed that sends it to the target's height.
+    """Juggler: meet the ball at the middle of the stroke with the speed that sends it to the target's height.
 
     Attributes:
         restitution: e that it is tuned to.
@@ -152,23 +152,21 @@ class Hit:
     """
 
     restitution: float = 0.8
-    acceleration: float = 60.0
+    acceleration: float = 40.0
     dt: float = 0.01
 
     def __call__(self, observation: np.ndarray) -> float:
-        """Return the force."""
+        """Return the acceleration."""
         height, velocity, place, speed, target = observation
         arrival = np.sqrt(max(0.0, velocity**2 + 2.0 * GRAVITY * height))
         time = (velocity + arrival) / GRAVITY
         leaving = np.sqrt(2.0 * GRAVITY * target)
-        share = 7.0 / 8.0 * (1.0 + self.restitution)  # v_ball+ = share (arrival + hit) - arrival, models/juggler.xml
-        hit = (arrival + leaving) / share - arrival
+        hit = (leaving - self.restitution * arrival) / (1.0 + self.restitution)  # v+ = e arrival + (1 + e) hit
         left = min(time - self.dt, abs(hit) / self.acceleration)  # time to gain speed, after this step
         a = np.copysign(self.acceleration, hit)
         next_place, next_speed = 0.5 * a * left**2 - hit * left, hit - a * left
         wanted = (next_speed + 15.0 * (next_place - place - self.dt * speed) - speed) / self.dt
-        force = 7.0 / 8.0 * wanted + 40.0 * place + 4.0 * speed
-        return force / juggler.FORCE
+        return wanted / juggler.DRIVE.acceleration
 
 
 @dataclass(frozen=True)
@@ -199,17 +197,20 @@ class Save:
     Attributes:
         enough: part of the energy to topple from which it acts.
         lead: time by which it looks ahead, s.
+        frequency: with which the platform follows, rad/s.
     """
 
     enough: float = 0.8
     lead: float = 0.1
+    frequency: float = 19.0
 
     def __call__(self, observation: np.ndarray) -> float:
-        """Return the torque."""
-        angle, spin = observation[2], observation[5]
-        if angle * spin <= 0 or self._energy(abs(angle), spin) < self.enough:
-            return 0.0
-        return 240.0 * (angle + self.lead * spin) / rocking_block.TORQUE  # against the spring: this tilt
+        """Return the acceleration."""
+        tilt, _, angle, turn, _, spin = observation
+        falls = angle * spin > 0 and self._energy(abs(angle), spin) >= self.enough
+        wanted = angle + self.lead * spin if falls else 0.0
+        acceleration = self.frequency**2 * (wanted - tilt) - 1.26 * self.frequency * turn
+        return acceleration / rocking_block.DRIVE.acceleration
 
     @staticmethod
     def _energy(angle: float, spin: float) -> float:

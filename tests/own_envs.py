@@ -13,6 +13,7 @@ IDS = sorted(name for name in gymnasium.registry if name.startswith("impactlaw/"
 INFO = {
     "impact/count": int,
     "impact/energy_change": float,
+    "impact/surface_work": float,
     "impact/intensity": float,
     "impact/distant": int,
     "impact/inadmissible": int,

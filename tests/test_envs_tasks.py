@@ -52,9 +52,9 @@ def test_juggler_can_be_solved_at_any_restitution(e):
 
 
 def test_juggler_settles_where_the_restitution_says():
-    e, tuned = 0.5, 0.8  # v+ = share (u + w) - u, with w chosen for the share of the tuned law
+    e, tuned = 0.5, 0.8  # v+ = e u + (1 + e) w, with w = (1 - tuned u) / (1 + tuned) chosen for the tuned law
     ratio = (1 + e) / (1 + tuned)
-    speed = ratio / (2 - ratio)  # fixed point of u -> ratio (u + 1) - u
+    speed = ratio / (1 - e + ratio * tuned)  # fixed point of u -> e u + ratio (1 - tuned u)
     env = gymnasium.make("impactlaw/Juggler-v0", law="newton", restitution=e)
     controller = controllers.Hit(restitution=tuned)
     observation, _ = env.reset(seed=0)

@@ -12,6 +12,7 @@ from impactlaw.errors import SceneError, UnknownNameError
 from impactlaw.laws import Fremond, MaximalDissipation, Moreau, Newton
 from impactlaw.models import SCENES, load, scene_names, scene_path
 from impactlaw.models.builder import chain, cradle, stack
+from impactlaw.stepper import Stepper
 
 SWAP = np.array([[0.0, 1.0], [1.0, 0.0]])
 
@@ -230,21 +231,58 @@ def test_rocking_block_comes_upright_with_the_stated_speed():
 def test_juggler(e):
     u = np.sqrt(2 * 9.81 * 0.75)
     assert u == pytest.approx(3.836014, abs=1e-6)
-    impact = Newton(e).resolve(collision_at("juggler", qpos=[0, 0], qvel=[0, -u]))
-    velocity = [-(1 + e) / 8 * u, (7 * (1 + e) / 8 - 1) * u]
-    check(impact, velocity=velocity, impulse=[7 * (1 + e) * u / 64], energy=(1 + 7 * e**2) / 8)
-    w = (16 / (7 * (1 + e)) - 1) * u
-    kept = Newton(e).resolve(collision_at("juggler", qpos=[0, 0], qvel=[w, -u]))
-    assert kept.post_velocity[1] == pytest.approx(u, abs=1e-12)
+    c = collision_at("juggler", qpos=[0], qvel=[-u])
+    check(Newton(e).resolve(c), velocity=[e * u], impulse=[(1 + e) * u / 8], energy=e**2)
+    for w in (0.5, (1 - e) / (1 + e) * u):
+        moving = Collision(c.mass_matrix, c.jacobian, c.pre_velocity, surface_velocity=[-w])
+        check(Newton(e).resolve(moving), velocity=[e * u + (1 + e) * w], impulse=[(1 + e) * (u + w) / 8])
+    assert e * u + (1 + e) * w == pytest.approx(u, abs=1e-12)
+
+
+def test_juggler_falls_on_its_paddle():
+    model, data = load("juggler")
+    stepper, events, apexes, rising = Stepper(model, "scene"), [], [], False
+    while len(apexes) < 2:
+        stepper.step(data)
+        events += stepper.events
+        if rising and data.qvel[0] < 0:
+            apexes.append(data.qpos[0] + data.qvel[0] ** 2 / (2 * 9.81))
+        rising = data.qvel[0] > 0
+    assert events[0].time == pytest.approx(0.391031, abs=1e-6)
+    assert events[0].impact.impulse == pytest.approx([0.863103], abs=1e-6)
+    assert apexes == pytest.approx([0.48, 0.3072], abs=1e-7)
 
 
 def test_rocking_platform():
-    u, r = 1.0, 2 / 3
-    c = collision_at("rocking_platform", qpos=[0, 0, 0], qvel=[0, -u / 2, -4 * u])
+    u, r, b, omega = 1.0, 7 / 10, 1 / 8, 2.0
+    c = collision_at("rocking_platform", qpos=[0, 0], qvel=[-u / 2, -4 * u])
     np.testing.assert_allclose(c.pre_contact_velocity, [-u, 0], atol=1e-15)
+    turning = Collision(c.mass_matrix, c.jacobian, [-u / 2, omega - 4 * u], surface_velocity=[-b * omega, b * omega])
+    np.testing.assert_allclose(turning.pre_contact_velocity, [-u, 0], atol=1e-15)
     for e in (0.0, 0.5, 1.0):
-        check(Moreau(e).resolve(c), gamma=[u * e, u * (1 + e) * r], impulse=[u * (1 + e) * 5 / 6, 0])
-    check(Fremond.reversal().resolve(c), gamma=[0, u], impulse=[u / 2, u / 2], energy=1)
+        for collision in (c, turning):
+            impulse = [u * (1 + e) * 17 / 20, 0]
+            check(Moreau(e).resolve(collision), gamma=[u * e, u * (1 + e) * r], impulse=impulse)
+    for collision, energy in ((c, 1), (turning, None)):
+        check(Fremond.reversal().resolve(collision), gamma=[0, u], impulse=[u / 2, u / 2], energy=energy)
+
+
+def test_rocking_platform_that_is_struck():
+    """Stepping turns the platform by itself: its velocity jumps from 0 to 2 rad/s under the block at rest."""
+    b, omega = 1 / 8, 2.0
+    model, data = load("rocking_platform")
+    data.qvel[:] = 0
+    stepper = Stepper(model, Moreau(0.5))
+    stepper.step(data)
+    assert stepper.events == ()
+    turn = omega * model.opt.timestep
+    data.mocap_quat[0] = np.cos(turn / 2), 0, np.sin(turn / 2), 0
+    stepper.step(data)
+    (event,) = stepper.events
+    assert event.contacts.labels == ("platform/left",)
+    check(event.impact, gamma=[0], impulse=[b * omega * 17 / 20])
+    v, q = event.impact.post_velocity
+    assert v - b * (q - omega) == pytest.approx(1.7 * b * omega, abs=1e-12)
 
 
 def test_falling_rod():

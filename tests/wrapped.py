@@ -71,7 +71,7 @@ def assert_equal(a, b):
 def assert_plain(info):
     assert set(info) == set(NOTHING_HAPPENED)
     for key, value in info.items():
-        assert type(value) is (float if key in ("impact/energy_change", "impact/intensity") else int), key
+        assert type(value) is (float if key in FLOATS else int), key
 
 
 def flat(timestep):
