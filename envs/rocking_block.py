@@ -23,8 +23,8 @@ class RockingBlock(ImpactEnv):
     Contacts have no friction, so ground that moves sideways would slide away below the feet. Instead the block is
     guided at its centre - it moves up and down and turns - and the ground is a platform that tilts: its reaction leans
     over with it and turns the block, as the reaction of ground that moves sideways would. The platform is a moving
-    surface, which turns about the line below the block as its drive decides: the block cannot push it away. It brakes in
-    time before the ends of its stroke, 0.25 rad to both sides.
+    surface, which turns about the line below the block as its drive decides: the block cannot push it away. It brakes
+    in time before the ends of its stroke, 0.25 rad to both sides.
 
     Observation, `Box(6)`:
 

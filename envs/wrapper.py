@@ -44,8 +44,9 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         env: the environment, wrapped or not.
         law: name of a law (`impactlaw.make_law`), "scene" for what the MJCF itself carries, or a `Law`.
         restitution: what the law takes.
-        contact_model: "soft" keeps MuJoCo's contacts and friction between collisions; "rigid" is for scenes without
-            friction, and what overlaps after a reset is pushed out by its first step (`Stepper`'s ``overlap``).
+        contact_model: "soft" keeps MuJoCo's contacts and friction between collisions; with "rigid" contact is the
+            law's, with exact Coulomb friction, and what overlaps after a reset is pushed out by its first step
+            (`Stepper`'s ``overlap``).
         rest_speed: closing speed, m/s, above which a soft contact collides.
         on_inadmissible: what to do with an outcome of the law outside of S(v-): "raise", "project" it onto S(v-), or
             "allow" it; ``info["impact/inadmissible"]`` counts them.
@@ -56,7 +57,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         WrapperError: the environment does not step MuJoCo in a known way, or has a law already.
         UnknownNameError: no such law or option, or the law is for contacts that the scene cannot have.
         RestitutionError: the restitution does not fit the law.
-        SceneError: the scene is not one for contact_model="rigid".
+        SceneError: the scene has a flex or adhesion, and contact_model is "rigid".
         RecordingError: the log cannot be written.
     """
 
@@ -178,7 +179,7 @@ def put_law(
         WrapperError: the environment is not one of dm_control, or has a law already.
         UnknownNameError: no such law or option, or the law is for contacts that the scene cannot have.
         RestitutionError: the restitution does not fit the law.
-        SceneError: the scene is not one for contact_model="rigid".
+        SceneError: the scene has a flex or adhesion, and contact_model is "rigid".
         RecordingError: the log cannot be written.
     """
     if isinstance(env, gymnasium.Env) or not hasattr(env, "physics"):

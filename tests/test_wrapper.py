@@ -16,11 +16,13 @@ from wrapped import (
     hopper,
     identity,
     make_any,
+    model_of,
     split_info,
     theirs,
 )
 
 from impactlaw import LinearMap, Newton
+from impactlaw.contacts import read_contacts
 from impactlaw.envs import ImpactLaw
 from impactlaw.errors import (
     InadmissibleImpactError,
@@ -30,6 +32,7 @@ from impactlaw.errors import (
     UnknownNameError,
     WrapperError,
 )
+from impactlaw.friction_impact import FrictionImpact
 
 pytestmark = theirs
 
@@ -238,7 +241,6 @@ def test_an_environment_that_does_not_step_mujoco(make, reason):
         ("moreau", {"restitution": 1.5}, RestitutionError),
         ("scene", {}, RestitutionError),
         ("moreau", {"restitution": 0.5, "contact_model": "hard"}, UnknownNameError),
-        ("moreau", {"restitution": 0.5, "contact_model": "rigid"}, SceneError),
         ("newton", {"restitution": {("floor", "foot"): 0.5}}, UnknownNameError),
         ("moreau", {"restitution": 0.5, "log": "/proc/no/run.rrd"}, RecordingError),
     ],
@@ -248,6 +250,33 @@ def test_wrong_arguments_are_one_clear_error(law, options, error):
     with pytest.raises(error):
         ImpactLaw(env, law, **options)
     assert "_step_mujoco_simulation" not in vars(env.unwrapped)
+
+
+def test_ant_on_rigid_contact_with_friction():
+    env = ImpactLaw(gymnasium.make("Ant-v5"), "moreau", 0.0, contact_model="rigid")
+    rng, kinds = np.random.default_rng(0), set()
+    env.reset(seed=0)
+    model, data = model_of(env), data_of(env)
+    for _ in range(25):
+        *_, info = env.step(0.5 * rng.uniform(-1, 1, 8).astype(np.float32))
+        assert not info["impact/diverged"]
+        assert info["impact/energy_change"] <= 1e-9
+        assert read_contacts(model, data).gap.min(initial=0.0) > -1e-6
+        kinds |= {type(event.impact) for event in env.events}
+    assert FrictionImpact in kinds
+    env.close()
+
+
+def test_rigid_contacts_refuse_adhesion():
+    class Sticking(Falling):
+        def _initialize_simulation(self):
+            adhesion = '<actuator><adhesion body="ball" ctrlrange="0 1"/></actuator></mujoco>'
+            xml = self._xml.replace("<body", '<body name="ball"').replace("</mujoco>", adhesion)
+            model = mujoco.MjModel.from_xml_string(xml)
+            return model, mujoco.MjData(model)
+
+    with pytest.raises(SceneError, match="adhesion"):
+        ImpactLaw(Sticking(), "moreau", 0.5, contact_model="rigid")
 
 
 def test_gymnasium_robotics():
