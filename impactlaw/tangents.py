@@ -103,6 +103,23 @@ def find_tangents(
     return Tangents(grip, J, drift)
 
 
+def tangential_impulses(model: mujoco.MjModel, contacts: Contacts, friction_impulse: np.ndarray) -> np.ndarray:
+    """Return the impulses of sliding friction on contacts that collided, world frame, N s, (h, 3).
+
+    Args:
+        model: the scene.
+        contacts: that collided.
+        friction_impulse: of all their rows of friction, (k,).
+    """
+    grip, impulse = learn_grip(model, contacts.geoms[contacts.geoms[:, 0] >= 0]), np.zeros((len(contacts), 3))
+    if grip is not None:
+        slides = grip.kind < _TORSION
+        contact, kind = grip.contact[slides], grip.kind[slides]
+        axes = _axes(contacts.normal)[kind + 1, contact]
+        np.add.at(impulse, contact, axes * friction_impulse[slides, None])
+    return impulse
+
+
 def _axes(normal: np.ndarray) -> np.ndarray:
     """Return the axes of contacts, normals first, then two tangents, (3, h, 3)."""
     upright = np.abs(normal[:, 1]) >= 0.5

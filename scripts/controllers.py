@@ -201,7 +201,7 @@ class Save:
     """
 
     enough: float = 0.8
-    lead: float = 0.1
+    lead: float = 0.06
     frequency: float = 19.0
 
     def __call__(self, observation: np.ndarray) -> float:

@@ -8,10 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from impactlaw.friction_impact import FrictionImpact
 from impactlaw.recording.columns import Column, time_columns
-from impactlaw.recording.layout import COLLISION, COLLISION_COLUMNS, COLLISIONS, MARKS, PLOTTED
+from impactlaw.recording.layout import COLLISION, COLLISION_COLUMNS, COLLISIONS, EXTRA_COLUMNS, MARKS, PLOTTED
+from impactlaw.tangents import tangential_impulses
 
 if TYPE_CHECKING:
+    import mujoco
+
+    from impactlaw.collision import Collision
     from impactlaw.events import ImpactEvent
 
 MARK_TIME = 0.05
@@ -20,11 +25,11 @@ MARK_TIME = 0.05
 _NOWHERE = np.zeros((0, 3))
 
 
-def collision_record(event: ImpactEvent) -> dict[str, Any]:
-    """Return what is kept of a collision, by the names of the collision table."""
+def collision_record(model: mujoco.MjModel, event: ImpactEvent) -> dict[str, Any]:
+    """Return what is kept of a collision of the scene, by the names of the collision table."""
     impact, contacts = event.impact, event.contacts
     violations = impact.violations
-    return {
+    common = {
         "time": float(event.time),
         "contacts": list(contacts.labels),
         "pre_contact_velocity": impact.collision.pre_contact_velocity.tolist(),
@@ -43,28 +48,58 @@ def collision_record(event: ImpactEvent) -> dict[str, Any]:
         "energetic_violation": violations.energetic,
         "residual": float(impact.residual),
     }
+    return common | _friction(model, event) | _moving(event)
+
+
+def _friction(model: mujoco.MjModel, event: ImpactEvent) -> dict[str, Any]:
+    impact = event.impact
+    if not isinstance(impact, FrictionImpact) or impact.collision.friction is None:
+        return {}
+    return {
+        "friction_contact": impact.collision.friction.contact.tolist(),
+        "friction_impulse": impact.friction_impulse.tolist(),
+        "pre_sliding_velocity": impact.pre_sliding_velocity.tolist(),
+        "post_sliding_velocity": impact.post_sliding_velocity.tolist(),
+        "tangential_impulse": tangential_impulses(model, event.contacts, impact.friction_impulse).tolist(),
+        "restitution_scale": float(impact.restitution_scale),
+    }
+
+
+def _moving(event: ImpactEvent) -> dict[str, Any]:
+    c: Collision = event.impact.collision
+    record: dict[str, Any] = {}
+    if c.surface_velocity is not None:
+        after = c.surface_velocity if c.post_surface_velocity is None else c.post_surface_velocity
+        record |= {"surface_velocity": c.surface_velocity.tolist(), "post_surface_velocity": after.tolist()}
+    belts = c.friction is not None and (c.friction.surface_velocity.any() or c.friction.post_surface_velocity.any())
+    if c.frame_rates is not None or belts:
+        record |= {"surface_work": float(event.impact.surface_work), "pre_speed": float(c.pre_speed)}
+    if c.bilateral_jacobian is not None:
+        record["bilateral_rows"] = len(c.bilateral_jacobian)
+    return record
 
 
 class CollisionLog:
     """Collisions since the last `send`.
 
     Args:
+        model: the scene.
         law: the law's name, written to every record.
         arrow_scale: length of the arrow of an impulse of 1 N s, m.
-        timestep: s.
     """
 
-    def __init__(self, law: str, arrow_scale: float, timestep: float):
+    def __init__(self, model: mujoco.MjModel, law: str, arrow_scale: float):
+        self._model = model
         self._law = law
         self._arrow_scale = arrow_scale
-        self._mark_steps = max(1, math.ceil(MARK_TIME / timestep))
+        self._mark_steps = max(1, math.ceil(MARK_TIME / model.opt.timestep))
         self._count = 0
         self._clear_at: tuple[float, int] | None = None
         self._forget()
 
     def add(self, event: ImpactEvent, clock: float, *, episode: int, step: int) -> None:
         """Take a collision up; ``clock`` is its place on the timeline, s."""
-        record = collision_record(event) | {
+        record = collision_record(self._model, event) | {
             "index": self._count,
             "episode": episode,
             "step": step,
@@ -76,9 +111,11 @@ class CollisionLog:
         admissible = event.impact.violations.is_admissible()
         self._texts.append(_summary(record, admissible))
         self._levels.append("INFO" if admissible else "WARN")
-        arrows = event.contacts.normal * (self._arrow_scale * event.impact.impulse)[:, None]
+        impulse = event.contacts.normal * event.impact.impulse[:, None]
+        if "tangential_impulse" in record:
+            impulse = impulse + record["tangential_impulse"]
         self._clear_marks(clock)
-        self._marks.append((clock, step, event.contacts.position, arrows))
+        self._marks.append((clock, step, event.contacts.position, self._arrow_scale * impulse))
         self._clear_at = clock + MARK_TIME, step + self._mark_steps
 
     def send(self, stream: Any, clock: float) -> None:
@@ -100,6 +137,11 @@ class CollisionLog:
             columns = [
                 Column(f"{COLLISION}:{name}", kind, [record[name] for record in self._records])
                 for name, kind in COLLISION_COLUMNS.items()
+            ]
+            columns += [
+                Column(f"{COLLISION}:{name}", kind, [record.get(name) for record in self._records])
+                for name, kind in EXTRA_COLUMNS.items()
+                if any(name in record for record in self._records)
             ]
             log = rr.TextLog.columns(text=self._texts, level=self._levels)
             for name in PLOTTED:
@@ -128,6 +170,10 @@ def _summary(record: dict[str, Any], admissible: bool) -> str:
         f"{names}: impulse {record['induced_impulse']:.4g} N s, intensity {record['intensity']:.4g} sqrt(J), "
         f"energy {record['energy_change']:+.4g} J"
     )
+    if "tangential_impulse" in record:
+        text += f", friction {np.linalg.norm(record['tangential_impulse'], axis=1).sum():.4g} N s"
+    if "surface_work" in record:
+        text += f", work of surfaces {record['surface_work']:+.4g} J"
     if any(record["antidissipative"]):
         text += ", distant effect"
     return text if admissible else text + ", INADMISSIBLE"

@@ -16,13 +16,13 @@ class Column:
     Args:
         name: ``"archetype:component"``.
         kind: see `impactlaw.recording.layout.cell_type`; plural when a cell is a sequence.
-        cells: one per row.
+        cells: one per row; None leaves it empty.
     """
 
     def __init__(self, name: str, kind: str, cells: Sequence[Any] | np.ndarray):
         import pyarrow as pa
 
-        rows = cells if kind.endswith("s") else [[cell] for cell in cells]
+        rows = [[] if cell is None else cell if kind.endswith("s") else [cell] for cell in cells]
         self._name = name
         self._array = pa.array(rows, pa.list_(cell_type(kind)))
 

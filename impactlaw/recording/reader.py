@@ -45,8 +45,8 @@ class Recording:
     Attributes:
         path: the file.
         properties: scene, law, restitution, timestep, integrator, seed, versions.
-        collisions: one row per collision, in order; columns as in `impactlaw.recording.layout.COLLISION_COLUMNS`,
-            those with one value per contact hold lists.
+        collisions: one row per collision, in order; columns as in `impactlaw.recording.layout.COLLISION_COLUMNS`, and
+            of its `EXTRA_COLUMNS` those that the run needs; those with one value per contact hold lists.
     """
 
     path: Path
@@ -79,6 +79,8 @@ class Recording:
 
         Columns: ``collisions`` it took part in, ``total_impulse`` (N s), ``largest_approach_speed`` (m/s, 0 if it
         never approached) and ``energy`` (J): the sum of ``Lambda_i gamma_bar_i``, negative when the pair dissipated.
+        Where there is friction its work is part of the energy, and ``total_friction`` (N s) sums up the lengths of the
+        impulses of sliding friction.
         """
         import pandas as pd
 
@@ -95,12 +97,17 @@ class Recording:
                 "energy": impulse * 0.5 * (before + after),
             }
         )
-        return table.groupby("contacts", sort=False).agg(
-            collisions=("index", "nunique"),
-            total_impulse=("impulse", "sum"),
-            largest_approach_speed=("approach", "max"),
-            energy=("energy", "sum"),
-        )
+        sums = {
+            "collisions": ("index", "nunique"),
+            "total_impulse": ("impulse", "sum"),
+            "largest_approach_speed": ("approach", "max"),
+            "energy": ("energy", "sum"),
+        }
+        if "friction_impulse" in self.collisions:
+            table["friction"], work = _friction_by_contact(self.collisions)
+            table["energy"] += work
+            sums["total_friction"] = ("friction", "sum")
+        return table.groupby("contacts", sort=False).agg(**sums)
 
     def worst_violation(self) -> WorstViolation | None:
         """Return the largest violation relative to ``|v-|``, or None if there was no collision."""
@@ -109,6 +116,8 @@ class Recording:
         kinds = ("kinematic", "kinetic", "energetic")
         distance = self.collisions[[f"{kind}_violation" for kind in kinds]].to_numpy()
         speed = np.sqrt(2.0 * self.collisions["kinetic_energy"].to_numpy())[:, None]
+        if "pre_speed" in self.collisions:  # |v-| as seen from moving surfaces
+            speed = np.fmax(speed, self.collisions["pre_speed"].to_numpy()[:, None])
         relative = np.divide(distance, speed, out=np.where(distance > 0, np.inf, 0.0), where=speed > 0)
         row, kind = (int(i) for i in np.unravel_index(np.argmax(relative), relative.shape))
         time = float(self.collisions["time"].iloc[row])
@@ -143,11 +152,30 @@ def _collision_table(entity: Entity | None) -> pd.DataFrame:
     import pandas as pd
 
     table = {}
-    for name, kind in layout.COLLISION_COLUMNS.items():
+    for name, kind in (layout.COLLISION_COLUMNS | layout.EXTRA_COLUMNS).items():
         cells = [] if entity is None else entity.cells(f"{layout.COLLISION}:{name}")
-        values = cells if kind.endswith("s") else [cell[0] for cell in cells]
+        if not cells and name in layout.EXTRA_COLUMNS:
+            continue
+        default = layout.EXTRA_DEFAULTS.get(name)
+        values = (
+            [cell or [] for cell in cells] if kind.endswith("s") else [cell[0] if cell else default for cell in cells]
+        )
         table[name] = pd.Series(values, dtype={"int": "int64", "float": "float64"}.get(kind, "object"))
     return pd.DataFrame(table)
+
+
+def _friction_by_contact(collisions: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+    """Return the length of the impulse of sliding friction, N s, and the work of friction, J, of all contacts."""
+    lengths, works = [np.zeros(0)], [np.zeros(0)]
+    for row in collisions.to_dict("records"):
+        length, work = np.zeros((2, len(row["contacts"])))
+        if row["friction_contact"]:
+            length[:] = np.linalg.norm(row["tangential_impulse"], axis=1)
+            sliding = 0.5 * (np.array(row["pre_sliding_velocity"]) + row["post_sliding_velocity"])
+            np.add.at(work, row["friction_contact"], row["friction_impulse"] * sliding)
+        lengths.append(length)
+        works.append(work)
+    return np.concatenate(lengths), np.concatenate(works)
 
 
 def _frame_series(entities: dict[str, Entity]) -> dict[str, Series]:
@@ -171,5 +199,6 @@ def _frame_series(entities: dict[str, Entity]) -> dict[str, Series]:
 
 def _collision_series(collisions: pd.DataFrame) -> dict[str, Series]:
     time = collisions["time"].to_numpy()
-    numeric = [name for name, kind in layout.COLLISION_COLUMNS.items() if kind == "float" and name != "time"]
+    kinds = layout.COLLISION_COLUMNS | layout.EXTRA_COLUMNS
+    numeric = [name for name in collisions if kinds[name] == "float" and name != "time"]
     return {f"collision/{name}": (time, collisions[name].to_numpy()) for name in numeric}

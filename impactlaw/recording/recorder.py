@@ -70,7 +70,7 @@ class Recorder:
         groups = read_geometry(model)
         self._frames = Frames(model, groups, BATCH)
         arrow_scale = _ARROW_TIME / (model.stat.meanmass or 1.0)
-        self._collisions = CollisionLog(properties["law"] or "", arrow_scale, model.opt.timestep)
+        self._collisions = CollisionLog(model, properties["law"] or "", arrow_scale)
         stream = _new_stream()
         self._log_once(stream, groups, body_names(model), properties)
         self._open(stream, model, view)  # last: until here rerun holds everything in memory

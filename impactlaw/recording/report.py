@@ -67,7 +67,12 @@ def _collisions(collisions: pd.DataFrame, limit: int) -> str:
         contacts=shown["contacts"].map(", ".join),
         distant=shown["antidissipative"].map(lambda given: "yes" if any(given) else ""),
     )
-    text = "collisions\n" + _table(shown.loc[:, _COLUMNS], index=True)
+    columns = list(_COLUMNS)
+    if "tangential_impulse" in shown:
+        shown = shown.assign(friction=[sum(map(np.linalg.norm, cell)) for cell in shown["tangential_impulse"]])
+        columns += ["friction", "restitution_scale"]
+    columns += [name for name in ("surface_work", "bilateral_rows") if name in shown]
+    text = "collisions\n" + _table(shown.loc[:, columns], index=True)
     left = len(collisions) - len(shown)
     return text + (f"\n... and {left} more" if left else "")
 

@@ -38,12 +38,17 @@ class Entity:
             else:
                 self.static |= {name: batch.column(name)[0].as_py() for name in batch.schema.names}
         rows.sort(key=lambda batch: batch.column(STEP)[0].as_py())
-        names = rows[0].schema.names if rows else []
-        self.columns = {name: pa.concat_arrays([batch.column(name) for batch in rows]) for name in names}
+        kinds = {field.name: field.type for batch in rows for field in batch.schema}
+        self.columns = {
+            name: pa.concat_arrays(
+                [batch.column(name) if name in batch.schema.names else pa.nulls(len(batch), kind) for batch in rows]
+            )
+            for name, kind in kinds.items()
+        }
         self.step = self.columns.pop(STEP).to_numpy() if rows else np.zeros(0, dtype=np.int64)
 
     def cells(self, name: str) -> list[Any]:
-        """Return the cells of a column, each a list; none if there is no such column."""
+        """Return the cells of a column, each a list, or None where not logged; none if there is no such column."""
         return self.columns[name].to_pylist() if name in self.columns else []
 
     def numbers(self, name: str) -> np.ndarray:
