@@ -43,12 +43,17 @@ class AdmissibleSet:
         collision: ``M``, ``J`` and ``v-``.
 
     Raises:
-        InvalidCollisionError: surfaces move against each other, or their velocity jumps: the ball of S has no center.
+        InvalidCollisionError: contacts have friction; or surfaces move against each other, or their velocity jumps: the
+            ball of S has no center.
     """
 
     collision: Collision
 
     def __post_init__(self):
+        if self.collision.friction is not None:
+            raise InvalidCollisionError(
+                "S(v-) is for contacts without friction; FrictionImpact.violations covers those with it"
+            )
         if not self.collision.has_frame:
             raise InvalidCollisionError(
                 "surfaces move against each other, or their velocity jumps: S(v-) is for surfaces that move together; "

@@ -153,6 +153,8 @@ class Collider:
             return impact  # a contact that opened by rounding closes by rounding
         collision = impact.collision
         if self.on_inadmissible == "project":
+            if not collision.has_admissible_set:
+                return self.last_law.resolve(collision, solver=self.solver)
             return Impact.observed(collision, collision.admissible_set.project(impact.post_velocity))
         before = collision.kinetic_energy
         ratio = 1 + impact.energy_change / before if before > 0 else np.inf

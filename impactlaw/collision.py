@@ -249,6 +249,11 @@ class Collision:
         """Whether one velocity of all bodies would move with all surfaces, constant before and after."""
         return self.frame_rates is None or (self.surface_jump is None and self._frame[1])
 
+    @property
+    def has_admissible_set(self) -> bool:
+        """Whether S(v-) is for this collision: no friction, and surfaces that move move together."""
+        return self.friction is None and self.has_frame
+
     @cached_property
     def relative_velocity(self) -> np.ndarray:
         """``P R^T v-`` as seen from the moving surfaces, shape (nv,): with c added where ``Y c`` is the frame rates.

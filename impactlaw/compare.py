@@ -154,9 +154,9 @@ def tabulate(runs: Sequence[Run]) -> pd.DataFrame:
     """Return one row per run.
 
     Columns: run; velocity after the first collision; T+/T- there; admissible (yes, or what is violated and by how
-    much, sqrt(J)); distance of the outcome from S(v-), sqrt(J); antidissipative contacts; energy kept over the whole
-    run (potential energy counted from its lowest value in any run); deepest penetration, m; events; steps whose
-    events were too many to locate; time per step, microseconds; refused.
+    much, sqrt(J)); distance of the outcome from S(v-), sqrt(J), where contacts have no friction; antidissipative
+    contacts; energy kept over the whole run (potential energy counted from its lowest value in any run); deepest
+    penetration, m; events; steps whose events were too many to locate; time per step, microseconds; refused.
     """
     lowest = min(float(run.potential.min()) for run in runs)
     return pd.DataFrame([_row(run, lowest) for run in runs])
@@ -184,7 +184,8 @@ def _row(run: Run, lowest: float) -> dict[str, object]:
         row["v+"] = [float(v) for v in first.post_velocity]
         row["T+/T-"] = 1.0 + first.energy_change / collision.kinetic_energy
         row["admissible"] = describe_violations(first)
-        row["distance from S"] = collision.admissible_set.distance(first.post_velocity)
+        if collision.has_admissible_set:
+            row["distance from S"] = collision.admissible_set.distance(first.post_velocity)
         row["antidissipative"] = " ".join(
             label for label, gives in zip(collision.labels, first.antidissipative, strict=True) if gives
         )

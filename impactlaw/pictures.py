@@ -20,7 +20,7 @@ def draw(runs: Sequence[Run], path: Path, title: str) -> None:
     from matplotlib.figure import Figure
 
     first = next((run.first for run in runs if run.first is not None), None)
-    planar = first is not None and len(first.impulse) == 2 and np.linalg.matrix_rank(first.collision.jacobian) == 2
+    planar = first is not None and first.collision.has_admissible_set and _is_planar(first.collision)
     rows = len(runs)
     figure = Figure(figsize=(14.0 if planar else 9.0, max(6.0, 1.7 * rows)), layout="constrained")
     FigureCanvasAgg(figure)
@@ -44,6 +44,10 @@ def draw(runs: Sequence[Run], path: Path, title: str) -> None:
     if planar and first is not None:
         draw_admissible_set(figure.add_subplot(grid[:, 1]), first.collision, runs)
     figure.savefig(path, dpi=110)
+
+
+def _is_planar(collision: Collision) -> bool:
+    return len(collision.labels) == 2 and bool(np.linalg.matrix_rank(collision.jacobian) == 2)
 
 
 def draw_admissible_set(axes: Any, collision: Collision, runs: Sequence[Run]) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from impactlaw import deferred
 from impactlaw.contacts import update_positions
 from impactlaw.detection import Detector
+from impactlaw.friction_impact import FrictionImpact
 from impactlaw.impact import Impact
 
 _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
@@ -75,7 +76,8 @@ def soft_outcome(model: mujoco.MjModel, data: mujoco.MjData, impact: Impact) -> 
         touched |= overlap
         if touched and not overlap:
             break
-    return Impact.observed(impact.collision, np.array(scratch.qvel))
+    audit = Impact.observed if impact.collision.friction is None else FrictionImpact.observed
+    return audit(impact.collision, np.array(scratch.qvel))
 
 
 def deepest_gap(model: mujoco.MjModel, data: mujoco.MjData, detector: Detector) -> float:

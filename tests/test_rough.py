@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from impactlaw import Coulomb, MaximalDissipation, Moreau, Newton, Stepper, read_contacts
-from impactlaw.errors import RestitutionError
+from impactlaw.errors import InvalidCollisionError, RestitutionError
 
 G = 9.81
 RK4 = 'timestep="0.005" integrator="RK4"'
@@ -217,6 +217,15 @@ def test_a_rod_that_falls_obliquely_on_one_end_jams_without_gaining_energy():
         energy = data.energy.sum()
         for event in stepper.events:
             assert event.impact.violations.is_admissible()
+
+
+def test_the_admissible_set_is_for_contacts_without_friction():
+    model, data = compiled(floor() + ball(height=0.1))
+    data.qvel[2] = -1.0
+    (event,) = run(Stepper(model, Moreau(0.5)), data, 1)
+    assert not event.impact.collision.has_admissible_set
+    with pytest.raises(InvalidCollisionError, match="without friction"):
+        _ = event.impact.collision.admissible_set
 
 
 def test_a_law_without_a_target_says_so():
