@@ -23,6 +23,7 @@ import benchmark_memory
 import benchmark_plan
 import benchmark_profile
 import benchmark_steps
+import benchmark_walkers
 import machine
 import pandas as pd
 import tyro
@@ -30,7 +31,7 @@ from benchmark_goals import as_table, goals
 from benchmark_growth import growth
 from tqdm import tqdm
 
-Part = Literal["laws", "chains", "impacts", "steps", "omissions", "memory", "import", "profile"]
+Part = Literal["laws", "chains", "impacts", "steps", "walkers", "omissions", "memory", "import", "profile"]
 _THREADS = "OPENBLAS_NUM_THREADS"
 _QUICK_ENVIRONMENTS = ("Hopper-v5",)
 
@@ -45,6 +46,7 @@ class Benchmark:
     chains: benchmark_chains.ChainCost = field(default_factory=benchmark_chains.ChainCost)
     impacts: benchmark_impacts.ImpactCost = field(default_factory=benchmark_impacts.ImpactCost)
     steps: benchmark_steps.StepCost = field(default_factory=benchmark_steps.StepCost)
+    walkers: benchmark_walkers.Walkers = field(default_factory=benchmark_walkers.Walkers)
     omissions: benchmark_plan.Omissions = field(default_factory=benchmark_plan.Omissions)
     memory: benchmark_memory.Memory = field(default_factory=benchmark_memory.Memory)
     imports: benchmark_import.ImportTime = field(default_factory=benchmark_import.ImportTime)
@@ -60,6 +62,7 @@ class Benchmark:
                 cradles=(5,), environments=_QUICK_ENVIRONMENTS, full=False, seconds=0.1
             ),
             steps=benchmark_steps.StepCost(cradles=(5, 20), environments=_QUICK_ENVIRONMENTS, full=False, seconds=0.2),
+            walkers=benchmark_walkers.Walkers(environments=("Ant-v5",), steps=30),
             omissions=benchmark_plan.Omissions(scenes=("pendulum", "cradle 5"), steps=20, seconds=0.1),
             memory=benchmark_memory.Memory(contacts=(16,), cradles=(5,)),
             imports=benchmark_import.ImportTime(processes=1),
@@ -74,6 +77,7 @@ def parts(study: Benchmark) -> dict[Part, tuple[int, Callable[[Callable[[], obje
         "chains": (len(benchmark_chains.cases(study.chains)), partial(benchmark_chains.run, study.chains)),
         "impacts": (len(benchmark_impacts.names(study.impacts)), partial(benchmark_impacts.run, study.impacts)),
         "steps": (len(benchmark_steps.names(study.steps)), partial(benchmark_steps.run, study.steps)),
+        "walkers": (len(study.walkers.environments), partial(benchmark_walkers.run, study.walkers)),
         "omissions": (len(benchmark_plan.names(study.omissions)), partial(benchmark_plan.run, study.omissions)),
         "memory": (len(benchmark_memory.cases(study.memory)), partial(benchmark_memory.run, study.memory)),
         "import": (study.imports.processes, partial(benchmark_import.run, study.imports)),

@@ -9,12 +9,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from benchmark_growth import records
+from benchmark_plan import LATER
 from benchmark_steps import ALL, FINE
 
 LAW_RATIO, LAW_CONTACTS = 3.0, 16
 STEP_RATIO = 4.0
 CHAIN, CHAIN_FASTER, CHAIN_GROWTH, CHAIN_RESIDUAL = 1000, 5.0, 15.0, 1e-10
 IMPORT_SECONDS = 0.3
+WALKER_PENETRATION = 1e-3
+SAVED = 0.95  # part of the time with a part put back that is as much as without it, but for timing
 _SMALL = ("cradle 5", "cradle 5, Euler", "box_drop", "box_drop, Euler", "box at rest", "box at rest, Euler")
 
 
@@ -32,7 +35,14 @@ class Goal:
 
 def goals(tables: dict[str, pd.DataFrame]) -> list[Goal]:
     """Return the lines that these tables can answer."""
-    answers = {"laws": _law_goals, "chains": _chain_goals, "steps": _step_goals, "import": _import_goal}
+    answers = {
+        "laws": _law_goals,
+        "chains": _chain_goals,
+        "steps": _step_goals,
+        "walkers": _walker_goals,
+        "omissions": _omission_goals,
+        "import": _import_goal,
+    }
     return [goal for name, answer in answers.items() if name in tables for goal in answer(tables[name])]
 
 
@@ -90,6 +100,29 @@ def _step_goals(table: pd.DataFrame) -> Iterator[Goal]:
             worst = max(row["ratio"] for row in rows if row["phase"] != "collision")
             measured = f"{rows[0]['integrator']}, medians {shown}; mean of all {whole['mean_ratio']:.1f}"
             yield Goal(f"rigid step <= {STEP_RATIO:g} x mj_step, {scene}", measured, worst <= STEP_RATIO)
+
+
+def _walker_goals(table: pd.DataFrame) -> Iterator[Goal]:
+    for row in records(table):
+        measured = f"{row['outcome']}; {row['penetration']:.1e} m, {row['collisions']} collisions, "
+        measured += f"{row['unlocated']} steps unlocated; median {row['median_us'] / 1e3:.2f} ms, "
+        measured += f"{row['ratio']:.0f} x mj_step (mean {row['mean_us'] / 1e3:.1f} ms, {row['mean_ratio']:.0f} x)"
+        name = f"{row['environment']}, {row['steps']} steps, rigid with friction: no divergence, "
+        name += f"penetration < {WALKER_PENETRATION:g} m"
+        yield Goal(name, measured, row["outcome"] == FINE and row["penetration"] < WALKER_PENETRATION)
+
+
+def _omission_goals(table: pd.DataFrame) -> Iterator[Goal]:
+    rows = [row for row in records(table) if row["contact_model"] == "rigid"]
+    for part in LATER:
+        some = sorted((row for row in rows if row["left_out"] == part), key=lambda row: row["ratio"])
+        if some:
+            shown = "x, ".join(f"{row['scene']} {row['ratio']:.2f}" for row in some) + "x"
+            met = some[0]["ratio"] >= SAVED and all(row["difference"] == 0 for row in some)
+            name = (
+                f"{part} costs nothing where a scene has none: steps with it put back / without, same to the last bit"
+            )
+            yield Goal(name, shown, met)
 
 
 def _import_goal(table: pd.DataFrame) -> Iterator[Goal]:

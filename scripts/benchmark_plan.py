@@ -20,8 +20,11 @@ from impactlaw.rigid import RigidStepping
 from impactlaw.soft import REST_SPEED, SoftStepping
 
 Kind = Literal["rigid", "soft"]
+LATER = ("friction", "bilateral", "surfaces")
+"""Flags of friction, equality constraints and moving surfaces, which must cost nothing where a scene has none."""
+
 _OPTIONAL: dict[Kind, tuple[str, ...]] = {
-    "rigid": ("detection", "convex", "faces", "passing", "turning", "inertia"),
+    "rigid": ("detection", "convex", "faces", "passing", "turning", "inertia", *LATER),
     "soft": ("detection",),
 }
 """Flags of a plan that each kind of stepping reads."""

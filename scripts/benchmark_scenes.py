@@ -16,7 +16,10 @@ from impactlaw.models.builder import cradle
 from impactlaw.scene import scene_law
 
 _NAMES = {int(value): name.removeprefix("mjINT_") for name, value in mujoco.mjtIntegrator.__members__.items()}
-_STEPS, _HELD = 200, 5  # of an episode of an environment, and for how many a control is held
+HELD = 5
+"""Steps of an environment for which a control is held."""
+
+_STEPS = 200  # of an episode of an environment
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -133,7 +136,7 @@ def _environment(name: str, episodes: int = 5) -> Scene:
         env.reset(seed=seed)
         starts.append((_within_limits(model, data.qpos), data.qvel.copy()))
     low, high = model.actuator_ctrlrange.T
-    held = np.random.default_rng(0).uniform(low, high, (_STEPS // _HELD, model.nu))
+    held = np.random.default_rng(0).uniform(low, high, (_STEPS // HELD, model.nu))
     return Scene(
         name=name,
         model=model,
@@ -141,7 +144,7 @@ def _environment(name: str, episodes: int = 5) -> Scene:
         starts=tuple(starts),
         episode=_STEPS,
         friction="ignore",
-        controls=np.repeat(held, _HELD, axis=0),
+        controls=np.repeat(held, HELD, axis=0),
     )
 
 

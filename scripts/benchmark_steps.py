@@ -152,7 +152,7 @@ def _take(scene: Scene, turn: Turn, numbers: range) -> None:
     taken = []
     for number in numbers:
         scene.drive(turn.data, number)
-        seconds = _timed(turn.step, turn.data)
+        seconds = timed(turn.step, turn.data)
         taken.append((seconds, turn.note()))
     for seconds, noted in taken:
         turn.book(seconds, noted)
@@ -172,9 +172,9 @@ def _same_states(study: StepCost, scene: Scene) -> tuple[Costs, Costs]:
             for number in range(scene.episode):
                 scene.drive(soft, number)
                 mujoco.mj_copyData(copy, model, soft)
-                bare_first = _timed(bare_step, copy) if number % 2 else None
-                seconds = _timed(stepper.step, soft)
-                bare_seconds = bare_first if bare_first is not None else _timed(bare_step, copy)
+                bare_first = timed(bare_step, copy) if number % 2 else None
+                seconds = timed(stepper.step, soft)
+                bare_seconds = bare_first if bare_first is not None else timed(bare_step, copy)
                 phase = "collision" if stepper.events else "contact" if soft.ncon else "flight"
                 costs.book(phase, seconds)
                 bare_costs.book(phase, bare_seconds)
@@ -186,7 +186,8 @@ def _same_states(study: StepCost, scene: Scene) -> tuple[Costs, Costs]:
     return costs, bare_costs
 
 
-def _timed(step: Callable[[mujoco.MjData], object], data: mujoco.MjData) -> float:
+def timed(step: Callable[[mujoco.MjData], object], data: mujoco.MjData) -> float:
+    """Return how long a step takes, s."""
     with no_collection():
         start = time.perf_counter()
         step(data)

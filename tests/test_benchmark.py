@@ -214,6 +214,36 @@ def test_a_part_that_is_not_needed_changes_no_step(study, tables):
     assert (table["difference"] == 0).all()
 
 
+def test_parts_that_came_later_are_shown_where_a_scene_has_none(tables):
+    table = tables["omissions"]
+    for scene in ("pendulum", "cradle 5"):
+        shown = table.loc[(table["scene"] == scene) & (table["contact_model"] == "rigid"), "left_out"]
+        assert set(benchmark.benchmark_plan.LATER) <= set(shown)
+    for part in benchmark.benchmark_plan.LATER:
+        slower = table[table["left_out"] == part].assign(ratio=0.5)
+        same = slower.assign(ratio=1.0)
+        other = same.assign(difference=1e-16)
+        lines = [benchmark_goals.goals({"omissions": case})[0] for case in (slower, same, other)]
+        assert [line.met for line in lines] == [False, True, False]
+        assert part in lines[0].goal
+
+
+def test_walkers_move_on_rigid_contact_with_friction(study, tables):
+    table = tables["walkers"]
+    assert tuple(table["environment"]) == study.walkers.environments
+    assert (table["steps"] == study.walkers.steps).all()
+    assert (table["outcome"] == "fine").all()
+    assert (table["collisions"] > 0).all()
+    assert (table["penetration"] < 1e-8).all()
+    positive(table, "median_us", "mj_median_us", "ratio", "mean_ratio", "speed")
+    (line,) = benchmark_goals.goals({"walkers": table.head(1)})
+    assert line.met
+    (line,) = benchmark_goals.goals({"walkers": table.head(1).assign(penetration=2e-3)})
+    assert not line.met
+    (line,) = benchmark_goals.goals({"walkers": table.head(1).assign(outcome="step 3: DivergenceError")})
+    assert not line.met
+
+
 def test_growth_of_a_known_power():
     sizes = np.array([10, 100, 1000])
     laws = pd.DataFrame({"kind": "plate", "h": sizes, "law": "moreau", "solver": "auto", "law_us": 3.0 * sizes**2.5})
