@@ -154,7 +154,7 @@ def _turned(
     Half of an impulse acts along the rows of the start (as in RATTLE), so that what turns about a contact that sticks
     keeps its energy to second order.
     """
-    if flow.start.carried is None:
+    if flow.start.carried is None or not len(flow.start.carried.grasp.contact):
         return None
     before = flow.start.carried.grasp
     place = np.full((len(flow.start.gap), _KINDS), -1)

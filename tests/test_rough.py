@@ -9,6 +9,8 @@ import pytest
 
 from impactlaw import Coulomb, MaximalDissipation, Moreau, Newton, Stepper, read_contacts
 from impactlaw.errors import InvalidCollisionError, RestitutionError
+from impactlaw.moment import Grasp
+from impactlaw.rigid import RigidStepping
 
 G = 9.81
 RK4 = 'timestep="0.005" integrator="RK4"'
@@ -260,3 +262,19 @@ def test_gymnasium_robots_run_on_rigid_contact(name, steps):
     assert np.isfinite(data.qpos).all()
     assert collisions > 5
     assert stepper.unlocated <= 5  # a foot squeezed between floor and thigh bounces between both without end
+
+
+def test_a_flow_may_start_where_nothing_was_held_in_the_end():
+    """The forces of the flow before are known, and are of no contact: found under a coin that rolls on its rim."""
+    model, data = compiled(floor() + box())
+    stepper = Stepper(model, Newton(0.5))
+    stepper.step(data)
+    stepping = stepper._stepping
+    assert isinstance(stepping, RigidStepping)
+    known = stepping._next
+    assert known is not None
+    assert known.carried is not None
+    nothing = Grasp(*(part[:0] for part in known.carried.grasp))
+    stepping._next = known._replace(carried=known.carried._replace(grasp=nothing))
+    stepper.step(data)
+    assert data.qpos[:3] == pytest.approx([0.0, 0.0, 0.1], abs=1e-9)
