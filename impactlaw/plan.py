@@ -48,7 +48,7 @@ class Plan:
         turning: the same check's bound on rotation: some of those are not round.
         bilateral: equality constraints that no impulse may violate.
         friction: some contacts have friction.
-        surfaces: surfaces that move by themselves: some mocap bodies can meet others, or belts with friction.
+        surfaces: surfaces that move by themselves: some mocap bodies can meet others, or belts with friction (rigid).
         inertia: a new factor of the mass matrix at every collision: it depends on the configuration.
         pairs: geoms that can meet.
         parts: the same for people to read, with reasons.
@@ -93,7 +93,7 @@ def make_plan(
         "turning": rigid and bool((model.geom_rbound[solid] > thin[solid]).any()),
         "bilateral": bool(bilateral_constraints(model).any()),
         "friction": rigid and friction != "ignore" and bool(pairs.friction.any()),
-        "surfaces": rigid and bool((_moves(model, geoms) | (pairs.friction & _runs(model, geoms))).any()),
+        "surfaces": bool(_moves(model, geoms).any()) or (rigid and bool((pairs.friction & _runs(model, geoms)).any())),
         "inertia": (len(geoms) > 0 or bool(Limits(model))) and not has_constant_inertia(model),
     }
     reasons = _Reasons(model, pairs, flags)
@@ -127,12 +127,7 @@ class _Reasons:
     flags: dict[str, bool]
 
     def rigid(self) -> Iterator[Part]:
-        geoms, names = self.pairs.geoms, geom_names(self.model)
-
-        def first(chosen: np.ndarray) -> str:
-            a, b = geoms[int(np.argmax(chosen))]
-            return f"{int(np.count_nonzero(chosen))} of {len(geoms)} pairs, {names[a]}/{names[b]} among them"
-
+        geoms, first = self.pairs.geoms, self._first
         yield self._detection()
         stages = "the integrator has one stage" if self.model.opt.integrator != _RK4 else "once, at the end of a flow"
         yield Part("collision detection at every stage of the integrator", False, stages)
@@ -179,11 +174,9 @@ class _Reasons:
         runs = self.flags["friction"]
         why = f"{friction} of {len(geoms)} pairs" if runs else f"ignored on {friction} pairs"
         yield Part("friction", runs, why if friction else "no pair has friction")
+        moves = _moves(self.model, geoms) | _runs(self.model, geoms)
         yield self._part(
-            "surfaces",
-            "moving surfaces",
-            lambda: first(_moves(self.model, geoms) | _runs(self.model, geoms)),
-            "no mocap body collides, and no belt has friction",
+            "surfaces", "moving surfaces", lambda: first(moves), "no mocap body collides, and no belt has friction"
         )
         yield Part("copies for events and logs", False, "made when something collides")
 
@@ -197,7 +190,14 @@ class _Reasons:
         )
         yield self._solver()
         yield from self._mujoco()
+        moves = _moves(self.model, self.pairs.geoms)
+        yield self._part("surfaces", "moving surfaces", lambda: self._first(moves), "no mocap body collides")
         yield Part("sustained contact and friction", False, "MuJoCo's own")
+
+    def _first(self, chosen: np.ndarray) -> str:
+        geoms, names = self.pairs.geoms, geom_names(self.model)
+        a, b = geoms[int(np.argmax(chosen))]
+        return f"{int(np.count_nonzero(chosen))} of {len(geoms)} pairs, {names[a]}/{names[b]} among them"
 
     def _part(self, flag: str, name: str, why: Callable[[], str], why_not: str) -> Part:
         runs = self.flags[flag]

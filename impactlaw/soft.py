@@ -8,6 +8,10 @@ velocities change only as the normal impulses make them; friction acts before an
 A step without a collision is `mj_step`, bit for bit. What MuJoCo's contacts do between collisions is theirs, and a
 contact that first touches inside of a step is seen at its end, up to one step too deep.
 
+MuJoCo gives mocap bodies no velocity. The law does, from their motion (`impactlaw.surfaces`): ``gamma = J v + w``
+decides what collides and how. Between collisions MuJoCo's contacts meet them at rest, where they are at the end of the
+step.
+
 RK4's stages look ahead: they feel a contact before it is there, and would take up to half of the speed that the law is
 to reverse. Where the last stage has met new contacts, the step is tried again with Euler, whose forces are those of
 its start; if there is a collision at the end of that, the law resolves it there, and that is the step.
@@ -46,6 +50,7 @@ from impactlaw.events import ImpactEvent
 from impactlaw.flow import is_huge
 from impactlaw.limits import Limits, joined
 from impactlaw.plan import Plan
+from impactlaw.surfaces import Surfaces
 
 REST_SPEED = 0.1
 """Closing speed, m/s, above which a soft contact collides."""
@@ -70,6 +75,7 @@ class SoftStepping:
         self._rest_speed = rest_speed
         self._names = geom_names(model)
         self._limits = Limits(model)
+        self._surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
         self._bilateral = bilateral_constraints(model)
         self._before = np.empty(mujoco.mj_stateSize(model, _STATE))
         self._velocity_before = self._before[1 + model.nq :][: model.nv]
@@ -87,11 +93,20 @@ class SoftStepping:
         model, opt = self._model, self._options
         time = data.time
         count = None if time >= opt.timestep and not opt.disableflags & _NO_RESET else _bad_states(data)
-        integrator = opt.integrator
+        integrator, surfaces = opt.integrator, self._surfaces
+        if surfaces is not None:
+            surfaces.begin(data, opt.timestep)
         if not self._collides:
             mj_step(model, data)
             events = ()
-        elif integrator != _RK4 or data.ncon or data.nl or time != self._left_at or get_mjcb_control() is not None:
+        elif (
+            integrator != _RK4
+            or data.ncon
+            or data.nl
+            or time != self._left_at
+            or surfaces is not None
+            or get_mjcb_control() is not None
+        ):
             events = self._step_from_start(data, integrator)
         else:  # the last stage of the step before, or mj_forward, has met no contact, so there is none at the start
             mj_getState(model, data, self._before, _STATE)
@@ -100,6 +115,8 @@ class SoftStepping:
         if data.time <= time or count is not None:
             _refuse_reset(data, time, count)
         self._left_at = data.time
+        if surfaces is not None:
+            surfaces.end(data)
         if events:
             self._last = events  # to free them is left to the next collision: a tenth of what a step of Ant costs
         return events
@@ -115,11 +132,15 @@ class SoftStepping:
         if self._model.opt.integrator == _RK4:
             return self.step(data)
         time, count = data.time, _bad_states(data)
+        if self._surfaces is not None:
+            self._surfaces.begin(data, self._options.timestep)
         events, stage = self._collide(data) if data.ncon or data.nl else _NOTHING
         if stage != _VELOCITY:
             self._update_velocity(data)
         mujoco.mj_step2(self._model, data)
         _refuse_reset(data, time, count)
+        if self._surfaces is not None:
+            self._surfaces.end(data)
         return events
 
     def _step_from_start(self, data: mujoco.MjData, integrator: int) -> tuple[ImpactEvent, ...]:
@@ -169,8 +190,10 @@ class SoftStepping:
 
     def _collide(self, data: mujoco.MjData) -> tuple[tuple[ImpactEvent, ...], int]:
         """Resolve the collisions of now; return them and the last stage that is still current."""
-        rows, speed = data.efc_vel, self._rest_speed
-        if not len(rows) or not rows.item(rows.argmin()) < -speed or not closes(self._model, data, rows, speed):
+        rows, speed, surfaces = data.efc_vel, self._rest_speed, self._surfaces
+        if surfaces is None and (
+            not len(rows) or not rows.item(rows.argmin()) < -speed or not closes(self._model, data, rows, speed)
+        ):
             return _NOTHING
         if is_huge(data):  # MuJoCo says so itself when it next looks
             return _NOTHING
@@ -180,7 +203,7 @@ class SoftStepping:
         events: list[ImpactEvent] = []
         velocity = self._collider.collide(
             kinetic_metric(self._model, data),
-            Closed(contacts, jacobian, bilateral),
+            Closed(contacts, jacobian, bilateral, None if surfaces is None else surfaces.drift(data, contacts)),
             data.qvel.copy(),
             approach=np.full(h, self._rest_speed),
             rounding=np.zeros(h),
@@ -197,7 +220,9 @@ class SoftStepping:
     def _collide_at_end(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
         """Take an RK4 step again without its looking ahead, if that ends in a collision that the law changes."""
         model = self._model
-        if not closes(model, data, row_velocities(model, data, self._velocity_before), self._rest_speed):
+        if self._surfaces is None and not closes(
+            model, data, row_velocities(model, data, self._velocity_before), self._rest_speed
+        ):
             return ()
         if self._trial is None:
             self._trial = mujoco.MjData(model)
