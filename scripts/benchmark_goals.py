@@ -17,7 +17,7 @@ STEP_RATIO = 4.0
 CHAIN, CHAIN_FASTER, CHAIN_GROWTH, CHAIN_RESIDUAL = 1000, 5.0, 15.0, 1e-10
 IMPORT_SECONDS = 0.3
 WALKER_PENETRATION = 1e-3
-SAVED = 0.95  # part of the time with a part put back that is as much as without it, but for timing
+SAVED = 0.95  # median time with a part put back, relative to that without, that is no less but for timing
 _SMALL = ("cradle 5", "cradle 5, Euler", "box_drop", "box_drop, Euler", "box at rest", "box at rest, Euler")
 
 
@@ -118,10 +118,10 @@ def _omission_goals(table: pd.DataFrame) -> Iterator[Goal]:
         some = sorted((row for row in rows if row["left_out"] == part), key=lambda row: row["ratio"])
         if some:
             shown = "x, ".join(f"{row['scene']} {row['ratio']:.2f}" for row in some) + "x"
-            met = some[0]["ratio"] >= SAVED and all(row["difference"] == 0 for row in some)
-            name = (
-                f"{part} costs nothing where a scene has none: steps with it put back / without, same to the last bit"
+            met = float(np.median([row["ratio"] for row in some])) >= SAVED and all(
+                row["difference"] == 0 for row in some
             )
+            name = f"{part} costs nothing where a scene has none: same to the last bit; put back it takes"
             yield Goal(name, shown, met)
 
 

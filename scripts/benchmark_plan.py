@@ -1,7 +1,8 @@
-"""What each part that a scene's plan leaves out would cost: the same steps with that part put back."""
+"""What each part that a scene's plan leaves out would cost: the same steps with that part put back, processor time."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -81,7 +82,7 @@ def _rows(study: Omissions, scene: Scene, kind: Kind) -> list[dict[str, object]]
     if not forced:
         return []
     runs = {name: _Run(study, scene, version) for name, version in {"planned": plan, **forced}.items()}
-    timed = in_turns({name: run.prepare for name, run in runs.items()}, seconds=study.seconds)
+    timed = in_turns({name: run.prepare for name, run in runs.items()}, seconds=study.seconds, clock=time.thread_time)
     planned = timed.microseconds("planned") / study.steps
     rows = []
     for name in forced:

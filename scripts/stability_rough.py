@@ -55,7 +55,7 @@ def _incline(
     watch = Watch(compiled(_option(timestep), world), law)
     start = watch.data.qpos.copy()
     slide = max(G * (np.sin(angle) - mu * np.cos(angle)), 0.0)
-    for _ in range(150 if quick else round(10.0 / timestep)):
+    for _ in range(150 if quick else min(round(10.0 / timestep), 5000)):
         watch.step()
         moved = (watch.data.qpos - start).reshape(-1, 7)
         moved[:, :3] -= 0.5 * slide * watch.data.time**2 * along
@@ -229,7 +229,7 @@ def _case(
 
 
 def _resting() -> Iterator[Case]:
-    short = "150 steps instead of 10 s"
+    short = "150 steps instead of 5 000"
     for steepness in (0.999, 1.001):
         incline = partial(_incline, 0.5, steepness, (1.0,), _STEP)
         yield _case(f"box on a slope of {steepness:g} friction angles", incline, ONE, shortened=short)
