@@ -163,7 +163,14 @@ class Surfaces:
         for sign, geom in ((-1.0, contacts.geoms[:, 0]), (1.0, contacts.geoms[:, 1])):
             body = self._mocap[geom]
             on = np.flatnonzero(body >= 0)
+            if len(on) == 0:
+                continue
             v, w = velocity[body[on], :3], velocity[body[on], 3:]
-            linear[on] += sign * (v + np.cross(w, contacts.position[on] - data.mocap_pos[body[on]]))
+            linear[on] += sign * (v + cross(w, contacts.position[on] - data.mocap_pos[body[on]]))
             spin[on] += sign * w
         return linear, spin
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the cross products of the rows, (k, 3), at a fraction of the cost of numpy's own."""
+    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]

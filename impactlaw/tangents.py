@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.contacts import Contacts
-from impactlaw.surfaces import Surfaces
+from impactlaw.surfaces import Surfaces, cross
 
 MIN_FRICTION = 1e-10
 """Coefficient up to which there is no friction."""
@@ -94,7 +94,7 @@ def find_tangents(
             if model.body_weldid[b] != 0:
                 on = np.flatnonzero(body == b)
                 mujoco.mj_jacBody(model, data, jacp, jacr, b)
-                turned = _cross(position[on] - data.xpos[b], force[on]) + torque[on]
+                turned = cross(position[on] - data.xpos[b], force[on]) + torque[on]
                 J[on] += sign * (force[on].dot(jacp) + turned.dot(jacr))
     drift = np.zeros(len(kind))
     if surfaces is not None:
@@ -127,9 +127,4 @@ def _axes(normal: np.ndarray) -> np.ndarray:
     second[:, 1], second[:, 2] = ~upright, upright
     second -= np.vecdot(normal, second)[:, None] * normal
     second /= np.sqrt(np.vecdot(second, second))[:, None]
-    return np.stack([normal, second, _cross(normal, second)])
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the cross products of the rows, (k, 3), at a fraction of the cost of numpy's own."""
-    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
+    return np.stack([normal, second, cross(normal, second)])
