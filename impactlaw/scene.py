@@ -39,7 +39,8 @@ class GeomPairs:
 def geom_pairs(model: mujoco.MjModel) -> GeomPairs:
     """List the pairs of geoms that can collide.
 
-    MuJoCo's rules: explicit pairs, contype and conaffinity, welded and parent-child bodies, excluded bodies.
+    MuJoCo's rules: explicit pairs, contype and conaffinity, welded and parent-child bodies, excluded bodies, and bodies
+    that cannot move, fixed or mocap.
     """
     first, second = np.triu_indices(model.ngeom, k=1)
     contype, conaffinity = model.geom_contype, model.geom_conaffinity
@@ -48,7 +49,7 @@ def geom_pairs(model: mujoco.MjModel) -> GeomPairs:
     first, second = first[keep], second[keep]
     body1, body2 = model.geom_bodyid[first], model.geom_bodyid[second]
     weld1, weld2 = model.body_weldid[body1], model.body_weldid[body2]
-    apart = weld1 != weld2
+    apart = (weld1 != weld2) & ((model.body_treeid[body1] >= 0) | (model.body_treeid[body2] >= 0))
     if not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT):
         parent1 = model.body_weldid[model.body_parentid[weld1]]
         parent2 = model.body_weldid[model.body_parentid[weld2]]

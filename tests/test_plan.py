@@ -145,3 +145,17 @@ def test_the_command_refuses_what_rigid_stepping_refuses(monkeypatch, capsys, tm
     with pytest.raises(SystemExit):
         main()
     assert "adhesion" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("contact_model", ["rigid", "soft"])
+def test_a_mocap_body_and_what_stands_still_never_meet(contact_model):
+    """As MuJoCo has it: neither can be moved by an impulse."""
+    sunk = f'<body name="table" mocap="true"><geom name="table" {BOX}/></body>'
+    model = compiled(FLOOR + sunk)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert data.ncon == 0
+    plan = make_plan(model, contact_model)
+    assert not plan.detection
+    assert not plan.surfaces
+    assert make_plan(compiled(FLOOR + sunk + body("ball", BALL)), contact_model).surfaces
