@@ -113,7 +113,10 @@ class FrictionImpact(Impact):
 
     @cached_property
     def violations(self) -> Violations:
-        """How far v+ is from no penetration, from impulses in the friction cones, and from no energy gain, sqrt(J)."""
+        """How far v+ is from no penetration, from impulses in the friction cones, and from no energy gain, sqrt(J).
+
+        They are compared with the speed at which moving surfaces slide, too, where that is larger than ``|v-|``.
+        """
         c = self.collision
         before = c.relative_velocity
         z = before + self.whitened_jump
@@ -122,7 +125,8 @@ class FrictionImpact(Impact):
         energetic = max(0.0, 2.0 * self.work / speeds) if speeds > 0 else 0.0
         x = self._problem.scaled(self._cone_impulse)
         outside = float(np.linalg.norm(x - project(x)))
-        return Violations(kinematic, max(self._cone_imbalance, outside), energetic, c.pre_speed)
+        speed = max(c.pre_speed, self._problem.scale)
+        return Violations(kinematic, max(self._cone_imbalance, outside), energetic, speed)
 
     @cached_property
     def residual(self) -> float:

@@ -124,7 +124,10 @@ class Stepper:
             InadmissibleImpactError: the law would create energy and on_inadmissible is "raise".
             UnsolvableLawError: the law has no solution for the contacts that collide.
             DivergenceError: position or velocity is not finite.
+            SceneError: data is of a model with other bodies, joints or geoms.
         """
+        if data.signature != self.model.signature:
+            raise SceneError("data belongs to another model than the one that this stepper was made with")
         self.events = self._stepping.step(data)
 
     def finish_step(self, data: mujoco.MjData) -> None:

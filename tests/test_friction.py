@@ -376,3 +376,14 @@ def test_labels_of_the_inner_law():
     assert Coulomb(Newton({"a/b": 0.5})).contact_labels == {"a/b"}
     assert Coulomb(Fremond({("a/b", "b/c"): 0.5})).contact_labels == {"a/b", "b/c"}
     assert Coulomb(Moreau(0.5)).contact_labels == frozenset()
+
+
+def test_violations_are_compared_with_the_speed_of_the_surface_that_slides_below():
+    """A body that all but rests on a belt of 1 m/s: what is rounding of the belt's speed is no violation."""
+    belt = Friction([[1, 0, 0]], [0], [0.5], surface_velocity=[-1.0])
+    collision = Collision(np.eye(3), [[0, 1, 0]], [0, -5e-9, 0], friction=belt)
+    after = Coulomb(Moreau(0.3)).resolve(collision).post_velocity
+    for aside, admissible in ((3e-13, True), (3e-8, False)):
+        impact = FrictionImpact.observed(collision, after + np.array([0, 0, aside]))
+        assert impact.violations.kinetic == pytest.approx(aside, rel=1e-2)
+        assert impact.violations.is_admissible() == admissible

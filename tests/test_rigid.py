@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from impactlaw import Fremond, Moreau, Stepper, read_contacts
+from impactlaw.errors import SceneError
 from impactlaw.models import SCENES, builder, load
 
 G = 9.81
@@ -230,3 +231,12 @@ def test_cradles_of_any_size_pass_on_any_number_of_balls(n, launched):
     stepper = Stepper(model, Fremond.reversal())
     stepper.step(data)
     assert data.qvel == pytest.approx(before[::-1], abs=1e-12)
+
+
+@pytest.mark.parametrize("contact_model", ["rigid", "soft"])
+def test_data_of_another_model_are_refused(contact_model):
+    """MuJoCo would read and write beyond their arrays."""
+    model, _ = load("billiard_rack")
+    _, data = load("bouncing_ball")
+    with pytest.raises(SceneError, match="another model"):
+        Stepper(model, Moreau(1), contact_model=contact_model).step(data)
