@@ -177,7 +177,7 @@ def _stiff() -> Iterator[Case]:
     unstable = Expected(REFUSED, reason, "DivergenceError")
     for kind in ("weld", "connect"):
         measure = partial(_equality, kind, "-1e5 -600", "rigid")
-        limits = Limits(energy=1e-3, deviation=1e-3)  # between collisions they are MuJoCo's, and give
+        limits = Limits(energy=2e-2, deviation=1e-3)  # between collisions they are MuJoCo's, and give and gain
         yield Case(f"stiff {kind} during impact, rigid", "stepping", measure, LAWS, limits=limits)
         for stiffness, rules in (("-1e5 -600", ()), ("0.002 1", ()), ("-1e6 -2000", (unstable,))):
             soft = partial(_equality, kind, stiffness, "soft")
