@@ -69,6 +69,8 @@ def soft_outcome(model: mujoco.MjModel, data: mujoco.MjData, impact: Impact) -> 
     scratch = mujoco.MjData(model)
     scratch.qpos[:] = data.qpos
     scratch.qvel[:] = impact.collision.pre_velocity
+    scratch.eq_active[:] = data.eq_active
+    scratch.mocap_pos[:], scratch.mocap_quat[:] = data.mocap_pos, data.mocap_quat
     touched, detector = False, Detector(model)
     for _ in range(max(_LONGEST_STEPS, math.ceil(_LONGEST_CONTACT / model.opt.timestep))):
         mujoco.mj_step(model, scratch)

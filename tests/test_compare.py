@@ -143,3 +143,13 @@ def test_wrong_input_is_named_and_nothing_is_written(study, error, message, tmp_
     with pytest.raises(error, match=message):
         compare(Comparison(**study), tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def test_soft_outcome_on_a_mocap_body_that_was_moved():
+    """MuJoCo's contacts act where the surface is now: the ball comes back, as far as they are tuned."""
+    model, data = load("juggler")
+    data.mocap_pos[0, 2] = data.qpos[0] = 0.3
+    data.qvel[0] = -4.0
+    collision = read_collision(model, data)
+    soft = soft_outcome(tuned_contacts(model, 0.8), data, Moreau(0.8).resolve(collision))
+    assert soft.post_velocity == pytest.approx([3.2], abs=0.1)
