@@ -20,8 +20,6 @@ GAP_TOLERANCE = 1e-9
 
 _SAME_INERTIA = 1e-14  # relative difference of mass matrices that is rounding where bodies only turn
 _FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
-_CONNECT, _WELD = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
-_SITE = int(mujoco.mjtObj.mjOBJ_SITE)
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 
 
@@ -224,33 +222,6 @@ def make_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
         return np.zeros((0, model.nv))
     first = data.ne + data.nl
     return data.efc_J.reshape(data.nefc, -1)[first:].copy() if data.nefc == first + h else None
-
-
-def bilateral_constraints(model: mujoco.MjModel) -> np.ndarray:
-    """Return which equality constraints an impact must not violate, bool (neq,): all but those to mocap bodies.
-
-    A constraint to a mocap body is a servo that drives what is held towards a target; it may lag behind.
-    """
-    kept = np.ones(model.neq, dtype=bool)
-    for i in range(model.neq):
-        if model.eq_type[i] in (_CONNECT, _WELD):
-            objects = [int(model.eq_obj1id[i]), int(model.eq_obj2id[i])]
-            bodies = model.site_bodyid[objects] if model.eq_objtype[i] == _SITE else np.array(objects)
-            kept[i] = not (model.body_mocapid[model.body_rootid[bodies]] >= 0).any()
-    return kept
-
-
-def bilateral_rows(model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray) -> np.ndarray | None:
-    """Return ``J_eq`` of the equality constraints that are kept and active, (m, nv), among the rows of now."""
-    rows = np.flatnonzero(kept[data.efc_id[: data.ne]])
-    if len(rows) == 0:
-        return None
-    J, unit = np.empty((len(rows), model.nv)), np.zeros(data.nefc)
-    for out, row in zip(J, rows, strict=True):
-        unit[row] = 1.0
-        mujoco.mj_mulJacTVec(model, data, out, unit)
-        unit[row] = 0.0
-    return J if J.any() else None
 
 
 def forget_rows(data: mujoco.MjData) -> None:

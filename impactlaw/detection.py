@@ -11,8 +11,6 @@ import numpy as np
 from impactlaw.contacts import (
     GAP_TOLERANCE,
     Contacts,
-    bilateral_constraints,
-    bilateral_rows,
     collide,
     contact_labels,
     forget_rows,
@@ -21,6 +19,7 @@ from impactlaw.contacts import (
     make_rows,
     sorted_geoms,
 )
+from impactlaw.equalities import bilateral_constraints, bilateral_rows
 from impactlaw.geoms import (
     SKIN,
     one_contact,

@@ -9,7 +9,8 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from impactlaw.contacts import bilateral_constraints, geom_names
+from impactlaw.contacts import geom_names
+from impactlaw.equalities import bilateral_constraints
 from impactlaw.geoms import one_contact, several_contacts, touching_distance
 from impactlaw.limits import Limits
 from impactlaw.scene import GeomPairs, geom_pairs, thickness

@@ -12,7 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-_RANK = 1e-11  # relative singular value below which a constraint depends on the others
+RANK = 1e-11
+"""Relative singular value below which a constraint depends on the others."""
+
 _INDEPENDENT = 1e-15  # relative singular value up to which a velocity is not asked for
 _FIXED = 1e-12  # part of a gradient that is rounding after the projection
 _REACHED = 1e-11  # part of the contact velocities that a velocity of the bodies may miss
@@ -30,13 +32,16 @@ class Bilateral(NamedTuple):
     combination: np.ndarray
 
     @classmethod
-    def of(cls, whitened: np.ndarray) -> Bilateral:
-        """Return the span of the whitened gradients ``Y_eq`` of the constraints, (m, nv), redundant ones included."""
+    def of(cls, whitened: np.ndarray, *, rank: float = RANK) -> Bilateral:
+        """Return the span of the whitened gradients ``Y_eq`` of the constraints, (m, nv), redundant ones included.
+
+        Rows depend on each other where singular values, relative to the largest, are below ``rank``.
+        """
         lengths = np.sqrt(np.vecdot(whitened, whitened))
         lengths[lengths == 0] = 1.0
         U, s, V = np.linalg.svd(whitened / lengths[:, None], full_matrices=False)
-        rank = np.count_nonzero(s > _RANK * s.max(initial=0.0))
-        return cls(V[:rank], (U[:, :rank] / s[:rank]).T / lengths)
+        r = np.count_nonzero(s > rank * s.max(initial=0.0))
+        return cls(V[:r], (U[:, :r] / s[:r]).T / lengths)
 
     def project(self, gradients: np.ndarray) -> np.ndarray:
         """Return ``Y P``, (h, nv): gradients without their part along the constraints; 0 where that is all."""

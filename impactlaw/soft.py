@@ -37,14 +37,13 @@ from impactlaw.collide import Closed, Collider
 from impactlaw.contacts import (
     Contacts,
     active_contacts,
-    bilateral_constraints,
-    bilateral_rows,
     closes,
     gap_gradients,
     geom_names,
     kinetic_metric,
     row_velocities,
 )
+from impactlaw.equalities import bilateral_constraints, bilateral_rows
 from impactlaw.errors import DivergenceError
 from impactlaw.events import ImpactEvent
 from impactlaw.flow import is_huge
