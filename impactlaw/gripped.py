@@ -99,7 +99,8 @@ def _settle(
         mujoco.mj_integratePos(model, qpos, shift, 1.0)
         data.qpos[:] = qpos
         update_positions(model, data)
-        before, (now, known) = arrival.known, look_again(0.0)
+        opened = float(np.abs(arrival.now.touch.jacobian.dot(shift)).max(initial=0.0))  # a surface may recede, too
+        before, (now, known) = arrival.known, look_again(opened)
         arrival = Arrival(now, known, (known[:, None] == held[held >= 0]).any(axis=1))
         carried = _matched(carried, before, known)
         press = np.flatnonzero(carried[:, 0] > 0)

@@ -201,3 +201,21 @@ def test_stepping_is_deterministic_after_a_reset():
         drive(stepper, data, 60, lambda t: 0.05 * math.sin(20 * t))
         ends.append((data.qpos.copy(), data.qvel.copy()))
     np.testing.assert_array_equal(ends[0], ends[1])
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "RK4"])
+def test_a_box_with_friction_stays_on_a_table_that_swings_gently(integrator):
+    """5 cm at 6 rad/s is less than 2 m/s^2: nothing leaves the table, and nothing collides with it."""
+    world = """<body name="t" mocap="true"><geom type="box" size=".5 .5 .05" friction=".8"/></body>
+        <body pos="0 0 .15"><freejoint/><geom type="box" size=".1 .1 .1" mass="1" friction=".8"/></body>"""
+    option = f'<option timestep="0.01" integrator="{integrator}"/>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco>{option}<worldbody>{world}</worldbody></mujoco>")
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.0))
+    collisions = 0
+    stepper.step(data)
+    for _ in range(60):
+        data.mocap_pos[0, 2] = 0.05 * (1 - np.cos(6 * data.time))
+        stepper.step(data)
+        collisions += len(stepper.events)
+        assert data.qpos[2] - data.mocap_pos[0, 2] == pytest.approx(0.15, abs=1e-8)
+    assert collisions <= 1
