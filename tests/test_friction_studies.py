@@ -10,6 +10,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 
 import friction_solvers
 import random_collisions
+import scene_energy
 
 from impactlaw.friction_impact import cone_problem
 from impactlaw.solvers.cone_solve import solve_cones
@@ -83,3 +84,10 @@ def test_clarabel_finds_the_same_jump(seed):
     own = solve_cones(problem)
     x = problem.scaled(own.impulse).reshape(-1)
     assert 0.5 * own.jump @ own.jump + problem.start.reshape(-1) @ x <= energy + 1e-8 * problem.scale**2
+
+
+def test_no_collision_of_any_scene_creates_energy():
+    table = scene_energy.run(scene_energy.SceneEnergy(quick=True))
+    assert table.collisions.sum() > 20
+    assert table.energetic.max() <= scene_energy.TOLERANCE
+    assert table.residual.max() < 1e-9
