@@ -15,7 +15,8 @@ import numpy as np
 RANK = 1e-11
 """Relative singular value below which a constraint depends on the others."""
 
-_INDEPENDENT = 1e-15  # relative singular value up to which a velocity is not asked for
+_INDEPENDENT = 1e-9, 1e-12, 1e-15  # relative singular values up to which a direction is not used
+_PROPORTION = 1e6  # times the contact velocities that a velocity may be
 _FIXED = 1e-12  # part of a gradient that is rounding after the projection
 _REACHED = 1e-11  # part of the contact velocities that a velocity of the bodies may miss
 
@@ -71,10 +72,21 @@ class Bilateral(NamedTuple):
 
 
 def velocity_with(gradients: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Return the least whitened velocity z, (nv,), that comes nearest to ``Y z = rates``, and whether it is one."""
+    """Return a small whitened velocity z, (nv,), that comes nearest to ``Y z = rates``, and whether it is one.
+
+    Directions in which gradients are nearly dependent are used only where that takes no velocity out of proportion.
+    """
     lengths = np.sqrt(np.vecdot(gradients, gradients))
     lengths[lengths == 0] = 1.0
     unit, wanted = gradients / lengths[:, None], rates / lengths
-    z = np.linalg.lstsq(unit, wanted, rcond=_INDEPENDENT)[0]
-    missed = np.abs(unit.dot(z) - wanted).max(initial=0.0)
-    return z, bool(missed <= _REACHED * np.abs(wanted).max(initial=0.0))
+    largest = np.abs(wanted).max(initial=0.0)
+    best = None
+    for small in _INDEPENDENT:
+        z = np.linalg.lstsq(unit, wanted, rcond=small)[0]
+        if best is not None and z.dot(z) > (_PROPORTION * largest) ** 2:
+            break
+        best = z
+        if np.abs(unit.dot(z) - wanted).max(initial=0.0) <= _REACHED * largest:
+            return z, True
+    assert best is not None
+    return best, False
