@@ -4,6 +4,10 @@ import hypothesis
 import pytest
 from gymnasium.utils import seeding
 
+from impactlaw import Fremond, Stepper
+from impactlaw.models import load
+from impactlaw.recording import Recorder
+
 hypothesis.settings.register_profile("repeatable", derandomize=True)
 hypothesis.settings.load_profile("repeatable")
 
@@ -19,3 +23,23 @@ def repeatable(monkeypatch):
 def quiet(tmp_path, monkeypatch):
     """MuJoCo writes its warnings into a file where it runs."""
     monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def scene():
+    """A scene to record."""
+    return load("box_drop")
+
+
+@pytest.fixture(scope="session")
+def cradle_log(tmp_path_factory):
+    """The recording of a run, and the collisions of that run; only to read."""
+    model, data = load("newtons_cradle")
+    path = tmp_path_factory.mktemp("cradle") / "run.rrd"
+    stepper, events = Stepper(model, Fremond.reversal()), []
+    with Recorder(model, path, law=stepper.law, scene="newtons_cradle", seed=3) as recorder:
+        for _ in range(450):
+            stepper.step(data)
+            recorder.step(data, stepper.events)
+            events += stepper.events
+    return path, events

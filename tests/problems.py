@@ -232,6 +232,22 @@ class Certificate:
             self.complementarity = max(self.complementarity, first.complementarity)
 
 
+def assert_certified(impact: Impact, law: Law):
+    certificate = Certificate(impact, law)
+    assert certificate.complementarity < 1e-9
+    assert certificate.momentum < 1e-9
+    assert impact.residual < 1e-9
+    assert (impact.impulse >= 0).all()
+
+
+def assert_nearest_in_cone(rows: np.ndarray, point: np.ndarray, weights: np.ndarray):
+    """Of the nonnegative combinations of the rows; the rest is orthogonal to it and points out of the cone."""
+    nearest = weights @ rows
+    assert (weights >= 0).all()
+    assert (rows @ (point - nearest) <= 1e-12).all()
+    assert abs((point - nearest) @ nearest) <= 1e-12
+
+
 def energy(c: Collision, v: np.ndarray) -> float:
     return 0.5 * v @ c.mass_matrix @ v
 

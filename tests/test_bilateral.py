@@ -1,8 +1,12 @@
 """Equality constraints of MuJoCo scenes: exact collisions in minimal coordinates, rigid and soft stepping."""
 
+from functools import partial
+
 import mujoco
 import numpy as np
 import pytest
+import scenes
+from scenes import run
 
 from impactlaw import Collision, Moreau, Newton, Stepper
 from impactlaw.contacts import update_positions
@@ -12,20 +16,7 @@ STILL = 'gravity="0 0 0" timestep="0.002" integrator="RK4"'
 FLOOR = '<geom name="floor" type="plane" size="1 1 1"/>'
 
 
-def compiled(world, rest="", option=STILL):
-    xml = (
-        f'<mujoco><option {option}/><default><geom condim="1"/></default><worldbody>{world}</worldbody>{rest}</mujoco>'
-    )
-    model = mujoco.MjModel.from_xml_string(xml)
-    return model, mujoco.MjData(model)
-
-
-def run(stepper, data, steps):
-    events = []
-    for _ in range(steps):
-        stepper.step(data)
-        events += stepper.events
-    return events
+compiled = partial(scenes.compiled, option=STILL, geom='condim="1"')
 
 
 def welded(count, relation):
@@ -184,7 +175,7 @@ def test_welded_boxes_rest_on_the_floor(integrator, trembling):
         .replace("<geom ", '<geom conaffinity="2" ')
     )
     floor = FLOOR.replace("/>", ' contype="2"/>')
-    model, data = compiled(floor + bodies, equality, f'timestep="0.002" integrator="{integrator}"')
+    model, data = compiled(floor + bodies, equality, option=f'timestep="0.002" integrator="{integrator}"')
     stepper = Stepper(model, Moreau(0.5))
     events = run(stepper, data, 1000)
     assert all(np.abs(event.impact.collision.pre_contact_velocity).max() < trembling for event in events)
@@ -199,7 +190,7 @@ def test_every_collision_of_a_falling_linkage_keeps_its_constraints(contact_mode
     bodies = bodies.replace('contype="0"', 'contype="1" conaffinity="2"').replace(' 0 1"', ' 0 .5"')
     equality = equality.replace('<connect body1="b0" body2="b2" anchor=".1 0 0"/>', "")
     floor = FLOOR.replace("/>", ' contype="2"/>')
-    model, data = compiled(floor + bodies, equality, 'timestep="0.002"')
+    model, data = compiled(floor + bodies, equality, option='timestep="0.002"')
     data.qvel[3:6] = 0.5, 1.0, 0.2
     data.qvel[9:12] = data.qvel[15:18] = data.qvel[3:6]
     events = run(Stepper(model, Newton(0.3), contact_model=contact_model), data, 400)

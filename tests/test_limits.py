@@ -1,10 +1,13 @@
 """Limits of joints and tendons are contacts: exact bounces, rest, several at once, own restitution, rigid and soft."""
 
 import math
+from functools import partial
 
 import mujoco
 import numpy as np
 import pytest
+import scenes
+from scenes import assert_steps_of_mujoco, run
 
 from impactlaw import Collision, Moreau, Newton, Stepper, read_contacts
 from impactlaw.contacts import update_positions
@@ -15,18 +18,7 @@ SLIDE = '<body name="cart"><joint name="rail" type="slide" axis="1 0 0" range="-
 HINGE = '<body><joint name="knee" axis="0 1 0" range="-40 60"/><geom size=".1" pos="0 0 -.5"/></body>'
 
 
-def compiled(world, rest="", option='gravity="0 0 0" timestep="0.01" integrator="RK4"'):
-    xml = f'<mujoco><compiler autolimits="true"/><option {option}/><worldbody>{world}</worldbody>{rest}</mujoco>'
-    model = mujoco.MjModel.from_xml_string(xml)
-    return model, mujoco.MjData(model)
-
-
-def run(stepper, data, steps):
-    events = []
-    for _ in range(steps):
-        stepper.step(data)
-        events += stepper.events
-    return events
+compiled = partial(scenes.compiled, option='gravity="0 0 0" timestep="0.01" integrator="RK4"')
 
 
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
@@ -212,13 +204,7 @@ def test_soft_steps_away_from_limits_are_those_of_mujoco():
     reference = mujoco.MjData(model)
     for state in (data, reference):
         state.qvel[:] = 0.5, 0.5
-    stepper = Stepper(model, Moreau(1), contact_model="soft")
-    for _ in range(100):
-        stepper.step(data)
-        mujoco.mj_step(model, reference)
-        assert stepper.events == ()
-        assert np.array_equal(data.qpos, reference.qpos)
-        assert np.array_equal(data.qvel, reference.qvel)
+    assert_steps_of_mujoco(Stepper(model, Moreau(1), contact_model="soft"), data, reference, 100)
 
 
 def test_lower_and_upper_limit_are_told_apart():

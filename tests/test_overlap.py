@@ -4,6 +4,7 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
+import scenes
 
 from impactlaw import Moreau, Stepper, read_contacts
 from impactlaw.envs import ImpactLaw
@@ -13,16 +14,11 @@ H = 0.002
 FLOOR = '<geom name="floor" type="plane" size="5 5 .1"/>'
 BALL = '<geom name="ball" type="sphere" size=".1" mass="2"/>'
 STATIC_LID = '<geom name="lid" type="box" pos="0 0 {z}" size="1 1 .1"/>'
-SCENE = """
-<mujoco><option timestep="0.002" integrator="{integrator}" gravity="{gravity}"/>
-<default><geom condim="1"/></default><worldbody>{world}</worldbody>{rest}</mujoco>
-"""
 
 
 def build(world, rest="", *, gravity="0 0 0", integrator="Euler"):
-    xml = SCENE.format(world=world, rest=rest, gravity=gravity, integrator=integrator)
-    model = mujoco.MjModel.from_xml_string(xml)
-    return model, mujoco.MjData(model)
+    option = f'timestep="{H}" integrator="{integrator}" gravity="{gravity}"'
+    return scenes.compiled(world, rest, option=option, geom='condim="1"')
 
 
 def slider(name, x, mass, *, axes=("1 0 0",), size=0.1):

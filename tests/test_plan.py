@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 import mujoco
 import numpy as np
 import pytest
+from scenes import assert_steps_of_mujoco, compiled
 
 from impactlaw import Moreau, Stepper
 from impactlaw.cli import main
@@ -13,12 +14,6 @@ from impactlaw.plan import Plan, format_plan, has_constant_inertia, make_plan
 from impactlaw.rigid import RigidStepping
 
 FLAGS = tuple(field.name for field in fields(Plan) if field.type == "bool")
-
-
-def compiled(world, rest=""):
-    return mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{world}</worldbody>{rest}</mujoco>")
-
-
 FLOOR = '<geom name="floor" type="plane" size="1 1 1" condim="1"/>'
 
 
@@ -47,7 +42,7 @@ CYLINDER = 'type="cylinder" size=".1 .2"'
     ],
 )
 def test_flags_follow_the_scene(world, needed):
-    plan = make_plan(compiled(world))
+    plan = make_plan(compiled(world)[0])
     assert {name for name in FLAGS if getattr(plan, name)} == needed
 
 
@@ -105,17 +100,12 @@ def test_a_changed_mass_counts_though_inertia_was_constant():
 @pytest.mark.parametrize("contact_model", ["rigid", "soft"])
 @pytest.mark.parametrize("integrator", [0, 1, 3])
 def test_a_scene_without_pairs_is_stepped_by_mujoco_alone(contact_model, integrator):
-    model = compiled(body("ball", BALL) + body("arm", BOX + ' contype="0" conaffinity="0"', '<joint damping=".1"/>'))
+    model, _ = compiled(body("ball", BALL) + body("arm", BOX + ' contype="0" conaffinity="0"', '<joint damping=".1"/>'))
     model.opt.integrator = integrator
     data, bare = mujoco.MjData(model), mujoco.MjData(model)
     stepper = Stepper(model, Moreau(1), contact_model=contact_model)
     assert not stepper.plan.detection
-    for _ in range(50):
-        stepper.step(data)
-        mujoco.mj_step(model, bare)
-        assert stepper.events == ()
-        assert np.array_equal(data.qpos, bare.qpos)
-        assert np.array_equal(data.qvel, bare.qvel)
+    assert_steps_of_mujoco(stepper, data, bare, 50)
     assert data.time == bare.time
 
 
@@ -151,11 +141,11 @@ def test_the_command_refuses_what_rigid_stepping_refuses(monkeypatch, capsys, tm
 def test_a_mocap_body_and_what_stands_still_never_meet(contact_model):
     """As MuJoCo has it: neither can be moved by an impulse."""
     sunk = f'<body name="table" mocap="true"><geom name="table" {BOX}/></body>'
-    model = compiled(FLOOR + sunk)
+    model, _ = compiled(FLOOR + sunk)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     assert data.ncon == 0
     plan = make_plan(model, contact_model)
     assert not plan.detection
     assert not plan.surfaces
-    assert make_plan(compiled(FLOOR + sunk + body("ball", BALL)), contact_model).surfaces
+    assert make_plan(compiled(FLOOR + sunk + body("ball", BALL))[0], contact_model).surfaces

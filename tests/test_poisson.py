@@ -14,6 +14,7 @@ from problems import (
     rod,
     sparse_chain,
 )
+from scenes import compiled
 
 from impactlaw import Collision, Impact, MaximalDissipation, Moreau, Newton, Poisson, Stepper, make_law
 from impactlaw.errors import RestitutionError, SolverError, UnsolvableLawError
@@ -221,14 +222,17 @@ def test_contact_that_opens_must_not_get_more_than_its_least():
     assert wrong.residual == pytest.approx(0.1 * np.sqrt(2.0), rel=1e-12)
 
 
-@pytest.mark.parametrize("seed", [827, 1568, 1072, 2708, 249, 623, 862, 1994, 1871, 2109])
-def test_contacts_that_jam(seed):
-    """Nearly opposite contacts: compression impulses 1e8 times the speed, of which different parts come back."""
+def jamming(seed):
     rng = np.random.default_rng([77, seed])
     c = random_collision(rng, most=24)
     e = rng.uniform(size=len(c.labels))
-    e = np.round(e) if rng.uniform() < 0.3 else e
-    law = Poisson(e.tolist())
+    return c, Poisson((np.round(e) if rng.uniform() < 0.3 else e).tolist())
+
+
+@pytest.mark.parametrize("seed", [827, 1568, 1072, 2708, 249, 623, 862, 1994, 1871, 2109])
+def test_contacts_that_jam(seed):
+    """Nearly opposite contacts: compression impulses 1e8 times the speed, of which different parts come back."""
+    c, law = jamming(seed)
     impact = law.resolve(c)
     assert impact.compression.impulse @ c.gradient_norms > 1e6 * c.pre_speed
     assert impact.residual < 1e-9
@@ -240,12 +244,9 @@ def test_contacts_that_jam(seed):
 @pytest.mark.parametrize("seed", [26835, 28635, 47859, 49534])
 def test_contacts_that_jam_beyond_all_digits_create_no_energy(seed):
     """Impulses 1e10 to 1e13 times the speed, whose rounding could be an outcome thousands of times as fast as v-."""
-    rng = np.random.default_rng([77, seed])
-    c = random_collision(rng, most=24)
-    e = rng.uniform(size=len(c.labels))
-    e = np.round(e) if rng.uniform() < 0.3 else e
+    c, law = jamming(seed)
     try:
-        impact = Poisson(e.tolist()).resolve(c)
+        impact = law.resolve(c)
     except SolverError:
         return
     assert impact.violations.energetic < 1e-8 * c.pre_speed
@@ -323,13 +324,10 @@ def test_hammer_blow_under_a_ball(e):
 def test_hammer_blow_in_rigid_steps():
     """A table under two balls at rest jumps to u: compression takes both along, expansion throws both off with e u."""
     e, u, h = 0.5, 2.0, 0.01
-    model = mujoco.MjModel.from_xml_string(f"""<mujoco><option timestep="{h}" integrator="RK4"/>
-        <default><geom condim="1"/></default><worldbody>
-        <body name="table" mocap="true"><geom name="table" type="box" size="1 1 .1" pos="0 0 -.1"/></body>
+    world = """<body name="table" mocap="true"><geom name="table" type="box" size="1 1 .1" pos="0 0 -.1"/></body>
         <body pos="0 0 .1"><joint type="slide" axis="0 0 1"/><geom name="low" size=".1" mass="1"/></body>
-        <body pos="0 0 .3"><joint type="slide" axis="0 0 1"/><geom name="high" size=".1" mass="2"/></body>
-        </worldbody></mujoco>""")
-    data = mujoco.MjData(model)
+        <body pos="0 0 .3"><joint type="slide" axis="0 0 1"/><geom name="high" size=".1" mass="2"/></body>"""
+    model, data = compiled(world, option=f'timestep="{h}" integrator="RK4"', geom='condim="1"')
     stepper = Stepper(model, Poisson(e))
     for _ in range(3):
         stepper.step(data)

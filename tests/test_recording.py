@@ -18,26 +18,6 @@ from impactlaw.recording import Recorder, describe, read_log
 from impactlaw.recording.layout import COLLISION_COLUMNS, CONTACTS, MARKS
 from impactlaw.recording.recorder import BATCH
 from impactlaw.recording.rrd import read_entities
-from impactlaw.stepper import Stepper
-
-
-@pytest.fixture
-def scene():
-    return load("box_drop")
-
-
-@pytest.fixture(scope="module")
-def cradle_log(tmp_path_factory):
-    model, data = load("newtons_cradle")
-    path = tmp_path_factory.mktemp("cradle") / "run.rrd"
-    stepper = Stepper(model, Fremond.reversal())
-    events = []
-    with Recorder(model, path, law=stepper.law, scene="newtons_cradle", seed=3) as recorder:
-        for _ in range(450):
-            stepper.step(data)
-            recorder.step(data, stepper.events)
-            events += stepper.events
-    return path, events
 
 
 def random_event(rng, h, nv=8):

@@ -2,9 +2,9 @@
 
 import math
 
-import mujoco
 import numpy as np
 import pytest
+import scenes
 
 from impactlaw import Moreau, Newton, Stepper
 from impactlaw.friction_impact import FrictionImpact
@@ -17,14 +17,9 @@ FRICTION = ["friction_contact", "friction_impulse", "pre_sliding_velocity", "pos
 PLANE = '<geom name="floor" type="plane" size="9 9 .1"/>'
 
 
-def compiled(world, condim=3, extra=""):
-    xml = (
-        f'<mujoco><option timestep="0.01" integrator="RK4"/>'
-        f'<default><geom condim="{condim}" friction="0.2 0.01 0.001"/>'
-        f"</default><worldbody>{world}</worldbody>{extra}</mujoco>"
-    )
-    model = mujoco.MjModel.from_xml_string(xml)
-    return model, mujoco.MjData(model)
+def compiled(world, rest="", *, condim=3):
+    geom = f'condim="{condim}" friction="0.2 0.01 0.001"'
+    return scenes.compiled(world, rest, option='timestep="0.01" integrator="RK4"', geom=geom)
 
 
 def ball(name="ball", place="0 0 .5", joint="<freejoint/>"):
@@ -117,7 +112,7 @@ def test_a_collision_without_friction_among_others(tmp_path):
 def table(path, law, condim=1):
     """A table strikes, after three steps, and rises with 2 m/s, in a run longer than one batch."""
     world = '<body name="table" mocap="true"><geom name="table" type="box" size="1 1 .1" pos="0 0 -.1"/></body>'
-    model, data = compiled(world + ball(place="0 0 .1"), condim)
+    model, data = compiled(world + ball(place="0 0 .1"), condim=condim)
 
     def move(data):
         data.mocap_pos[0, 2] = 2.0 * max(data.time - 0.025, 0.0)
@@ -160,7 +155,7 @@ def test_columns_that_begin_in_a_later_batch(tmp_path):
 
 def test_bilateral_constraints_are_counted(tmp_path):
     equality = '<equality><weld body1="one" body2="two"/></equality>'
-    model, data = compiled(PLANE + ball("one") + ball("two", "0.5 0 .5"), 1, equality)
+    model, data = compiled(PLANE + ball("one") + ball("two", "0.5 0 .5"), equality, condim=1)
     recording, events = recorded(tmp_path / "run.rrd", model, data, 40, Newton(0.5))
     assert set(recording.collisions) == set(COLLISION_COLUMNS) | {"bilateral_rows"}
     assert recording.collisions["bilateral_rows"].tolist() == [6] * len(events)
@@ -168,7 +163,7 @@ def test_bilateral_constraints_are_counted(tmp_path):
 
 
 def test_a_run_without_any_of_it_has_none_of_the_columns(tmp_path):
-    model, data = compiled(PLANE + ball(), 1)
+    model, data = compiled(PLANE + ball(), condim=1)
     recording, events = recorded(tmp_path / "run.rrd", model, data, 40, Newton(0.5))
     assert len(events) == 1
     assert not set(EXTRA_COLUMNS) & set(recording.collisions)

@@ -11,11 +11,8 @@ import numpy as np
 import pytest
 
 from impactlaw.errors import RecordingError
-from impactlaw.laws import Fremond
-from impactlaw.models import load
 from impactlaw.recording import Recorder, read_log, viewer
 from impactlaw.recording.recorder import BATCH
-from impactlaw.stepper import Stepper
 
 KILLED = """
 import sys, mujoco
@@ -29,25 +26,6 @@ for step in range(1, 10**9):
     if step % 200 == 0:
         print(step, flush=True)
 """
-
-
-@pytest.fixture
-def scene():
-    return load("box_drop")
-
-
-@pytest.fixture(scope="module")
-def cradle_log(tmp_path_factory):
-    model, data = load("newtons_cradle")
-    path = tmp_path_factory.mktemp("cradle") / "run.rrd"
-    stepper = Stepper(model, Fremond.reversal())
-    events = []
-    with Recorder(model, path, law=stepper.law, scene="newtons_cradle", seed=3) as recorder:
-        for _ in range(450):
-            stepper.step(data)
-            recorder.step(data, stepper.events)
-            events += stepper.events
-    return path, events
 
 
 def record(path, model, data, steps, **options):

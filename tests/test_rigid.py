@@ -5,6 +5,7 @@ import math
 import mujoco
 import numpy as np
 import pytest
+from scenes import compiled, energy, mass_matrix
 
 from impactlaw import Fremond, Moreau, Stepper, read_contacts
 from impactlaw.errors import SceneError
@@ -14,15 +15,10 @@ G = 9.81
 INTEGRATORS = ("Euler", "implicit", "implicitfast", "RK4")
 
 
-def compiled(option, world):
-    model = mujoco.MjModel.from_xml_string(f"<mujoco><option {option}/><worldbody>{world}</worldbody></mujoco>")
-    return model, mujoco.MjData(model)
-
-
 def ball_above_plane(integrator, timestep, height=1.0):
     world = f"""<geom name="floor" type="plane" size="1 1 1" condim="1"/>
         <body pos="0 0 {0.1 + height}"><freejoint/><geom name="ball" size=".1" condim="1"/></body>"""
-    return compiled(f'timestep="{timestep}" integrator="{integrator}"', world)
+    return compiled(world, option=f'timestep="{timestep}" integrator="{integrator}"')
 
 
 def bounce(t, e):
@@ -37,13 +33,6 @@ def bounce(t, e):
             return speed * (t - start) - 0.5 * G * (t - start) ** 2
         start, speed = start + flight, e * speed
     return 0.0
-
-
-def energy(model, data):
-    mujoco.mj_forward(model, data)
-    mujoco.mj_energyPos(model, data)
-    mujoco.mj_energyVel(model, data)
-    return float(data.energy.sum())
 
 
 @pytest.mark.parametrize("e", [0.0, 0.5, 0.9, 1.0])
@@ -86,7 +75,7 @@ def test_sliding_over_a_sphere_converges_with_the_order_of_rk4_and_contact():
         world = """<geom name="hill" size=".5" pos="0 0 -.6" condim="1"/>
             <body><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
             <geom name="ball" size=".1" mass="1" condim="1"/></body>"""
-        model, data = compiled(f'timestep="{timestep}" integrator="RK4"', world)
+        model, data = compiled(world, option=f'timestep="{timestep}" integrator="RK4"')
         data.qvel[0] = 0.5
         before = energy(model, data)
         stepper = Stepper(model, Moreau(0.5))
@@ -103,7 +92,7 @@ def test_cradle_repeats_the_exact_exchange_and_keeps_its_energy():
     model, data = load("newtons_cradle")
     speed = data.qvel[0]
     before = energy(model, data)
-    lowest = before - 0.5 * data.qvel @ _mass_matrix(model, data) @ data.qvel
+    lowest = before - 0.5 * data.qvel @ mass_matrix(model, data) @ data.qvel
     stepper = Stepper(model, Fremond.reversal())
     events = []
     while len(events) < 20:
@@ -117,12 +106,6 @@ def test_cradle_repeats_the_exact_exchange_and_keeps_its_energy():
         assert event.impact.post_velocity == pytest.approx(expected, abs=1e-8)
         assert event.impact.collision.pre_velocity[first] == pytest.approx(sign * speed, abs=1e-8)
     assert (energy(model, data) - before) / (before - lowest) == pytest.approx(0.0, abs=1e-8)
-
-
-def _mass_matrix(model, data):
-    M = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, M)
-    return M
 
 
 def _boxes(n, gap=0.0, mass=None):
@@ -153,7 +136,7 @@ def test_a_ball_comes_to_rest_and_stays(integrator, e):
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_flat_box_comes_to_rest_on_four_equal_impulses(integrator):
-    model, data = compiled(f'timestep="2e-3" integrator="{integrator}"', _boxes(1, gap=0.02))
+    model, data = compiled(_boxes(1, gap=0.02), option=f'timestep="2e-3" integrator="{integrator}"')
     stepper = Stepper(model, Moreau(0.5))
     first = None
     for _ in range(300):
@@ -170,7 +153,9 @@ def test_a_flat_box_comes_to_rest_on_four_equal_impulses(integrator):
 @pytest.mark.parametrize("n", [5, 20])
 @pytest.mark.parametrize("ratio", [1, 1000])
 def test_a_stack_at_rest_stays_at_rest(n, ratio):
-    model, data = compiled('timestep="2e-3" integrator="RK4"', _boxes(n, mass=[ratio ** (i % 2) for i in range(n)]))
+    model, data = compiled(
+        _boxes(n, mass=[ratio ** (i % 2) for i in range(n)]), option='timestep="2e-3" integrator="RK4"'
+    )
     start = data.qpos.copy()
     stepper = Stepper(model, Moreau(0.5))
     for _ in range(10):
@@ -181,7 +166,7 @@ def test_a_stack_at_rest_stays_at_rest(n, ratio):
 
 
 def test_a_dropped_stack_comes_to_rest():
-    model, data = compiled('timestep="2e-3" integrator="RK4"', _boxes(4, gap=0.0078125))
+    model, data = compiled(_boxes(4, gap=0.0078125), option='timestep="2e-3" integrator="RK4"')
     stepper = Stepper(model, Moreau(0.5))
     for _ in range(250):
         stepper.step(data)
@@ -194,7 +179,7 @@ def test_a_dropped_stack_comes_to_rest():
 def test_a_tumbling_elastic_box_keeps_its_energy():
     world = '<geom name="floor" type="plane" size="1 1 1" condim="1"/><body pos="0 0 .6" euler="20 30 40"><freejoint/>'
     world += '<geom name="box" type="box" size=".1 .1 .1" condim="1"/></body>'
-    model, data = compiled('timestep="2e-3" integrator="RK4"', world)
+    model, data = compiled(world, option='timestep="2e-3" integrator="RK4"')
     before = energy(model, data)
     stepper = Stepper(model, Moreau(1))
     count = 0

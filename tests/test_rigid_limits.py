@@ -1,10 +1,13 @@
 """Where rigid stepping is hard: fast thin bodies, wrong starts, refused scenes, wrong laws, broken states."""
 
 import math
+from functools import partial
 
 import mujoco
 import numpy as np
 import pytest
+import scenes
+from scenes import mass_matrix, run
 
 from impactlaw import Fremond, MaximalDissipation, Moreau, Newton, Stepper, read_contacts
 from impactlaw.errors import (
@@ -21,9 +24,7 @@ from impactlaw.models import load
 FLOOR = '<geom name="floor" type="plane" size="1 1 1" condim="1"/>'
 
 
-def compiled(world, option='timestep="0.01" gravity="0 0 0"', rest=""):
-    model = mujoco.MjModel.from_xml_string(f"<mujoco><option {option}/><worldbody>{world}</worldbody>{rest}</mujoco>")
-    return model, mujoco.MjData(model)
+compiled = partial(scenes.compiled, option='timestep="0.01" gravity="0 0 0"')
 
 
 def ball(name="ball", pos="0 0 1", size="0.1", condim=1):
@@ -36,11 +37,7 @@ def test_a_fast_small_ball_does_not_pass_a_thin_plate(speed, half):
     plate = f'<geom name="plate" type="box" size="1 1 {half}" condim="1"/>'
     model, data = compiled(plate + ball(pos="0.1 0.2 0.6", size="0.005"))
     data.qvel[2] = -speed
-    stepper = Stepper(model, Moreau(1))
-    events = []
-    for _ in range(math.ceil(1.2 / (speed * 0.01))):
-        stepper.step(data)
-        events += stepper.events
+    events = run(Stepper(model, Moreau(1)), data, math.ceil(1.2 / (speed * 0.01)))
     assert len(events) == 1
     touch = 0.005 + half
     assert events[0].time == pytest.approx((0.6 - touch) / speed, abs=1e-9 / speed * 10)
@@ -73,9 +70,9 @@ def test_a_fast_ball_is_stopped_by_a_mesh_and_by_a_height_field():
 
 def test_a_spinning_rod_hits_the_floor():
     rod = '<body pos="0 0 .6"><freejoint/><geom name="rod" type="capsule" size=".005 .5" condim="1"/></body>'
-    model, data = compiled(FLOOR + rod, 'timestep="0.01" gravity="0 0 0" integrator="RK4"')
+    model, data = compiled(FLOOR + rod, option='timestep="0.01" gravity="0 0 0" integrator="RK4"')
     data.qvel[:] = 0, 0, -5, 0, 300, 0
-    energy = 0.5 * data.qvel @ _mass_matrix(model, data) @ data.qvel
+    energy = 0.5 * data.qvel @ mass_matrix(model, data) @ data.qvel
     stepper = Stepper(model, Moreau(1))
     events = []
     for _ in range(10):
@@ -83,14 +80,7 @@ def test_a_spinning_rod_hits_the_floor():
         events += stepper.events
         assert read_contacts(model, data, within=0.0).gap.min(initial=0.0) >= -1e-9
     assert events
-    assert 0.5 * data.qvel @ _mass_matrix(model, data) @ data.qvel == pytest.approx(energy, rel=1e-6)
-
-
-def _mass_matrix(model, data):
-    mujoco.mj_forward(model, data)
-    M = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, M)
-    return M
+    assert 0.5 * data.qvel @ mass_matrix(model, data) @ data.qvel == pytest.approx(energy, rel=1e-6)
 
 
 def test_overlap_at_the_start_is_named_with_its_depth():
@@ -230,7 +220,7 @@ def test_same_start_same_result_also_from_a_saved_state():
 
 
 def test_options_may_change_between_steps():
-    model, data = compiled(FLOOR + ball(pos="0 0 5"), 'timestep="0.01" integrator="RK4"')
+    model, data = compiled(FLOOR + ball(pos="0 0 5"), option='timestep="0.01" integrator="RK4"')
     stepper = Stepper(model, Moreau(1))
     stepper.step(data)
     model.opt.timestep, model.opt.gravity[2] = 0.02, -1.0
@@ -245,7 +235,7 @@ def test_a_motor_pushes_a_block_against_a_wall_and_it_stays():
         <geom name="block" type="box" size=".1 .1 .1" condim="1" mass="1"/></body>"""
     rest = '<actuator><motor joint="x"/></actuator>'
     for integrator in ("Euler", "implicitfast", "RK4"):
-        model, data = compiled(world, f'timestep="0.01" integrator="{integrator}"', rest)
+        model, data = compiled(world, rest, option=f'timestep="0.01" integrator="{integrator}"')
         data.ctrl[0] = 10.0
         stepper = Stepper(model, Moreau(0.3))
         for _ in range(300):
@@ -281,7 +271,7 @@ def test_a_box_that_rolls_over_its_edges_gains_no_energy_at_large_timesteps(size
     timestep = math.sqrt(2 * size / 9.81) / per_fall
     box = f"""<body pos="0 0 {3 * size}" euler="20 30 40"><freejoint/>
         <geom type="box" size="{size} {size} {size}" mass="1" condim="1"/></body>"""
-    model, data = compiled(FLOOR + box, f'timestep="{timestep!r}" integrator="RK4" gravity="0 0 -9.81"')
+    model, data = compiled(FLOOR + box, option=f'timestep="{timestep!r}" integrator="RK4" gravity="0 0 -9.81"')
     model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
     stepper = Stepper(model, MaximalDissipation(), gap_tolerance=1e-9 * size)
     energies = []
@@ -301,7 +291,7 @@ def test_a_stiff_actuator_leaves_no_step_in_penetration(timestep):
         <body><joint name="x" type="slide" axis="1 0 0"/>
         <geom name="block" type="box" size=".1 .1 .1" condim="1" mass="1"/></body>"""
     rest = '<actuator><position joint="x" kp="1e6" dampratio="1"/></actuator>'
-    model, data = compiled(world, f'timestep="{timestep}" integrator="RK4" gravity="0 0 0"', rest)
+    model, data = compiled(world, rest, option=f'timestep="{timestep}" integrator="RK4" gravity="0 0 0"')
     data.ctrl[0] = 0.9
     stepper = Stepper(model, Newton(0.3))
     for _ in range(8):

@@ -1,11 +1,14 @@
 """Rigid stepping with friction: closed forms of sliding, sticking, rolling, bouncing and carrying."""
 
 import math
+from functools import partial
 
 import gymnasium
 import mujoco
 import numpy as np
 import pytest
+import scenes
+from scenes import run
 
 from impactlaw import Coulomb, MaximalDissipation, Moreau, Newton, Stepper, read_contacts
 from impactlaw.errors import InvalidCollisionError, RestitutionError
@@ -16,9 +19,7 @@ G = 9.81
 RK4 = 'timestep="0.005" integrator="RK4"'
 
 
-def compiled(world, option=RK4, rest=""):
-    model = mujoco.MjModel.from_xml_string(f"<mujoco><option {option}/><worldbody>{world}</worldbody>{rest}</mujoco>")
-    return model, mujoco.MjData(model)
+compiled = partial(scenes.compiled, option=RK4)
 
 
 def floor(mu=0.0, condim=3, rest=""):
@@ -42,19 +43,11 @@ def sloped(angle, option=RK4):
     return f'{option} gravity="{G * math.sin(angle)} 0 {-G * math.cos(angle)}"'
 
 
-def run(stepper, data, steps):
-    events = []
-    for _ in range(steps):
-        stepper.step(data)
-        events += stepper.events
-    return events
-
-
 @pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicitfast"])
 @pytest.mark.parametrize("friction", ["coulomb", "convex"])
 def test_a_box_sticks_to_an_incline_and_does_not_creep(integrator, friction):
     """tan(0.45) = 0.483 < 0.5, for 10 s."""
-    model, data = compiled(floor() + box(), sloped(0.45, f'timestep="0.01" integrator="{integrator}"'))
+    model, data = compiled(floor() + box(), option=sloped(0.45, f'timestep="0.01" integrator="{integrator}"'))
     stepper = Stepper(model, Newton(0.5), friction=friction)
     assert run(stepper, data, 1000) == []
     assert data.qpos[:3] == pytest.approx([0.0, 0.0, 0.1], abs=1e-9)
@@ -64,7 +57,7 @@ def test_a_box_sticks_to_an_incline_and_does_not_creep(integrator, friction):
 @pytest.mark.parametrize(("integrator", "tolerance"), [("RK4", 1e-9), ("Euler", 5e-3)])
 def test_a_box_slides_down_an_incline(integrator, tolerance):
     """tan(0.5) = 0.546 > 0.5: x = (sin - mu cos) g t^2 / 2; Euler is G h t / 2 off, as without friction."""
-    model, data = compiled(floor() + box(), sloped(0.5, f'timestep="0.005" integrator="{integrator}"'))
+    model, data = compiled(floor() + box(), option=sloped(0.5, f'timestep="0.005" integrator="{integrator}"'))
     stepper = Stepper(model, Newton(0.5))
     assert run(stepper, data, 200) == []
     a = G * (math.sin(0.5) - 0.5 * math.cos(0.5))
@@ -76,7 +69,7 @@ def test_a_box_slides_down_an_incline(integrator, tolerance):
 @pytest.mark.parametrize("timestep", [0.01, 0.005, 0.0025])
 def test_a_box_stops_at_the_right_distance(timestep):
     """v^2 / (2 mu g): the step in which it stops is the only one with an error, at most mu g h^2 / 2."""
-    model, data = compiled(floor() + box(), f'timestep="{timestep}" integrator="RK4"')
+    model, data = compiled(floor() + box(), option=f'timestep="{timestep}" integrator="RK4"')
     data.qvel[:2] = 0.8, 0.6
     stepper = Stepper(model, Newton(0.5))
     run(stepper, data, round(0.5 / timestep))
@@ -133,7 +126,7 @@ def test_torsion_stops_a_spinning_ball():
 @pytest.mark.parametrize("law", [Newton(0.6), Coulomb(Newton(0.6), tangential_restitution=0.4)])
 def test_an_oblique_bounce(law, mu, slips):
     """Slip: Lambda_t = mu Lambda_n; stick: the contact point's velocity is -e_t times the one before."""
-    model, data = compiled(floor() + ball(height=0.5, mu=mu), 'timestep="0.01" gravity="0 0 0"')
+    model, data = compiled(floor() + ball(height=0.5, mu=mu), option='timestep="0.01" gravity="0 0 0"')
     data.qvel[:] = 1.0, 0.0, -2.0, 0.0, 5.0, 0.0
     (event,) = run(Stepper(model, law), data, 40)
     e_t = 0.4 if isinstance(law, Coulomb) else 0.0
@@ -149,7 +142,7 @@ def test_an_oblique_bounce(law, mu, slips):
 @pytest.mark.parametrize("integrator", ["RK4", "Euler"])
 def test_a_stack_stands_for_ten_seconds(integrator):
     stack = "".join(box(f"b{i}", 0.1 + 0.2 * i, mass=1.0 + 3 * (i % 2)) for i in range(4))
-    model, data = compiled(floor() + stack, f'timestep="0.02" integrator="{integrator}"')
+    model, data = compiled(floor() + stack, option=f'timestep="0.02" integrator="{integrator}"')
     start = data.qpos.copy()
     assert run(Stepper(model, Newton(0.5)), data, 500) == []
     assert data.qpos == pytest.approx(start, abs=1e-8)
@@ -185,10 +178,10 @@ def test_a_tray_takes_a_box_along_up_to_mu_g(acceleration):
 
 
 def test_without_coefficients_friction_is_nothing():
-    model, data = compiled(floor() + box(mu=0.0), sloped(0.3))
+    model, data = compiled(floor() + box(mu=0.0), option=sloped(0.3))
     stepper = Stepper(model, Moreau(0.5))
     assert not stepper.plan.friction
-    rough, other = compiled(floor() + box(mu=0.5), sloped(0.3))
+    rough, other = compiled(floor() + box(mu=0.5), option=sloped(0.3))
     ignoring = Stepper(rough, Moreau(0.5), friction="ignore")
     data.qvel[2] = other.qvel[2] = -1.0
     run(stepper, data, 50)
@@ -204,7 +197,7 @@ def test_a_rod_that_falls_obliquely_on_one_end_jams_without_gaining_energy():
         '<joint axis="0 -1 0"/><geom name="rod" type="capsule" fromto="-.25 0 -.4330127 .25 0 .4330127" size=".01" '
         'mass="1" friction="2 0 0"/></body>'
     )
-    model, data = compiled(floor() + rod, 'timestep="0.001" integrator="RK4"')
+    model, data = compiled(floor() + rod, option='timestep="0.001" integrator="RK4"')
     model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
     data.qpos[1] = 0.4330127 + 0.01 - 0.43
     data.qvel[0] = 1.0

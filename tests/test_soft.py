@@ -5,6 +5,7 @@ import itertools
 import mujoco
 import numpy as np
 import pytest
+from scenes import run
 
 from impactlaw import LinearMap, MaximalDissipation, Moreau, Newton, Stepper
 from impactlaw.contacts import closes, row_velocities
@@ -339,14 +340,9 @@ def test_a_meeting_in_free_space():
     </worldbody></mujoco>"""
     model, data = build(xml)
     data.qvel[:] = 2.0, 0.0
-    stepper = Stepper(model, Moreau(1.0), contact_model="soft")
-    events = []
-    for _ in range(20):
-        stepper.step(data)
-        events += stepper.events
-    assert len(events) == 1
-    assert events[0].contacts.labels == ("a/b",)
-    np.testing.assert_allclose(events[0].impact.post_velocity, (0.0, 2.0), atol=1e-14)
+    (event,) = run(Stepper(model, Moreau(1.0), contact_model="soft"), data, 20)
+    assert event.contacts.labels == ("a/b",)
+    np.testing.assert_allclose(event.impact.post_velocity, (0.0, 2.0), atol=1e-14)
     np.testing.assert_allclose(data.qvel, (0.0, 2.0), atol=0.05)
 
 
@@ -368,11 +364,7 @@ def test_a_box_that_falls_flat_collides_once_with_four_contacts():
 @pytest.mark.parametrize("law", [MaximalDissipation(), Moreau(0.5), Moreau(0.9), Newton(0.7)], ids=repr)
 def test_every_collision_of_a_heap_is_admissible(integrator, law):
     model, data = build(HEAP, integrator=integrator)
-    stepper = Stepper(model, law, contact_model="soft")
-    events = []
-    for _ in range(600):
-        stepper.step(data)
-        events += stepper.events
+    events = run(Stepper(model, law, contact_model="soft"), data, 600)
     assert len(events) > 10
     for event in events:
         assert event.impact.violations.is_admissible()

@@ -5,6 +5,7 @@ import math
 import mujoco
 import numpy as np
 import pytest
+import scenes
 
 from impactlaw import Newton, Stepper
 
@@ -17,10 +18,8 @@ INTEGRATORS = ("Euler", "RK4", "implicitfast")
 
 
 def compiled(integrator="Euler", height=0.5, gravity=-9.81, world=TABLE):
-    option = f'<option timestep="0.002" integrator="{integrator}" gravity="0 0 {gravity}"/>'
-    ball = BALL.format(height=height)
-    model = mujoco.MjModel.from_xml_string(f"<mujoco>{option}<worldbody>{world}{ball}</worldbody></mujoco>")
-    return model, mujoco.MjData(model)
+    option = f'timestep="0.002" integrator="{integrator}" gravity="0 0 {gravity}"'
+    return scenes.compiled(world + BALL.format(height=height), option=option)
 
 
 def drive(model, data, step, path, steps):

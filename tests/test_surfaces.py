@@ -1,10 +1,12 @@
 """Surfaces that move by themselves: mocap bodies that carry, hit, swing and jump; exact answers in rigid stepping."""
 
 import math
+from functools import partial
 
 import mujoco
 import numpy as np
 import pytest
+import scenes
 
 from impactlaw import MaximalDissipation, Moreau, Newton, Stepper
 
@@ -12,10 +14,7 @@ G = 9.81
 TABLE = '<body name="table" mocap="true"><geom name="table" type="box" size="1 1 .1" pos="0 0 -.1"/></body>'
 
 
-def compiled(world, option='timestep="0.01" integrator="RK4"'):
-    xml = f'<mujoco><option {option}/><default><geom condim="1"/></default><worldbody>{world}</worldbody></mujoco>'
-    model = mujoco.MjModel.from_xml_string(xml)
-    return model, mujoco.MjData(model)
+compiled = partial(scenes.compiled, option='timestep="0.01" integrator="RK4"', geom='condim="1"')
 
 
 def ball(name="ball", height=1.0, mass=1.0):
@@ -42,7 +41,7 @@ def drive(stepper, data, steps, path):
 def test_a_table_that_rises_at_constant_speed(e, integrator):
     """As seen from it the ball bounces on a table at rest, from 0.9 m with velocity -u: exact with RK4."""
     u = 0.5
-    model, data = compiled(TABLE + ball(), f'timestep="0.01" integrator="{integrator}"')
+    model, data = compiled(TABLE + ball(), option=f'timestep="0.01" integrator="{integrator}"')
     stepper = Stepper(model, Newton(e))
     drive(stepper, data, 1, lambda t: 0.0)
     start = data.time
@@ -77,7 +76,7 @@ def bounces(timestep, periods=4):
     def path(t):
         return A * math.sin(omega * t + phase)
 
-    model, data = compiled(TABLE + ball(height=0.1), f'timestep="{timestep}" integrator="RK4"')
+    model, data = compiled(TABLE + ball(height=0.1), option=f'timestep="{timestep}" integrator="RK4"')
     stepper = Stepper(model, Newton(e))
     data.qpos[0], data.time = 1.0, -5 * timestep
     drive(stepper, data, 5, path)  # the ball is away, and the table has come to its own velocity
@@ -100,7 +99,7 @@ def test_a_ball_bounces_with_the_period_of_an_oscillating_table():
 @pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicitfast"])
 def test_a_ball_at_rest_goes_along_with_the_table(integrator):
     """Accelerations stay below g: no collision, and the gap stays closed."""
-    model, data = compiled(TABLE + ball(height=0.1), f'timestep="0.005" integrator="{integrator}"')
+    model, data = compiled(TABLE + ball(height=0.1), option=f'timestep="0.005" integrator="{integrator}"')
     stepper = Stepper(model, Newton(0.8))
     drive(stepper, data, 1, lambda t: 0.0)
     for _ in range(400):
@@ -121,7 +120,7 @@ def test_a_ball_leaves_a_table_that_falls_faster_than_it():
 def test_a_hammer_blow_under_a_stack(law):
     """The table jumps to 2 m/s: a collision by itself, in which w- = 0 and w+ = -2 m/s; the stack goes with it."""
     stack = ball("low", 0.1, 1.0) + ball("middle", 0.3, 2.0) + ball("high", 0.5, 3.0)
-    model, data = compiled(TABLE + stack, 'timestep="0.01" gravity="0 0 -9.81" integrator="RK4"')
+    model, data = compiled(TABLE + stack, option='timestep="0.01" gravity="0 0 -9.81" integrator="RK4"')
     stepper = Stepper(model, law)
     assert drive(stepper, data, 3, lambda t: 0.0) == []
     start = data.time
@@ -140,7 +139,7 @@ def test_a_hammer_blow_under_a_stack(law):
 
 def test_what_separates_when_the_table_jumps_is_hit_by_it():
     """A ball leaves the table at 1 m/s; the table comes after it at 3: gamma- = -2, not the end of a rest."""
-    model, data = compiled(TABLE + ball(height=0.1), 'timestep="0.01" gravity="0 0 0"')
+    model, data = compiled(TABLE + ball(height=0.1), option='timestep="0.01" gravity="0 0 0"')
     stepper = Stepper(model, Newton(0.5))
     drive(stepper, data, 1, lambda t: 0.0)
     data.qvel[0] = 1.0
@@ -154,7 +153,7 @@ def test_a_swinging_bat():
     """A bat turns about its end at 5 rad/s and hits a ball 0.8 m away: v+ = (1 + e) omega r."""
     bat = '<body name="bat" mocap="true"><geom name="bat" type="capsule" fromto="0 0 0 1 0 0" size=".05"/></body>'
     struck = '<body name="ball" pos=".8 .25 0"><freejoint/><geom name="ball" size=".1" mass="2"/></body>'
-    model, data = compiled(bat + struck, 'timestep="0.01" gravity="0 0 0"')
+    model, data = compiled(bat + struck, option='timestep="0.01" gravity="0 0 0"')
     stepper = Stepper(model, Newton(0.5))
     events = []
     for k in range(8):
@@ -172,7 +171,7 @@ def test_a_swinging_bat():
 
 def test_a_fast_thin_plate_does_not_pass_through_a_ball():
     plate = '<body name="plate" mocap="true" pos="0 0 -5"><geom name="plate" type="box" size="1 1 .001"/></body>'
-    model, data = compiled(plate + ball(height=0.0), 'timestep="0.01" gravity="0 0 0"')
+    model, data = compiled(plate + ball(height=0.0), option='timestep="0.01" gravity="0 0 0"')
     stepper = Stepper(model, Newton(1.0))
     events = drive(stepper, data, 12, lambda t: -5.0 + 100.0 * max(t - 0.01, 0.0))
     assert events[0].impact.post_velocity == pytest.approx([200.0])
@@ -181,7 +180,7 @@ def test_a_fast_thin_plate_does_not_pass_through_a_ball():
 
 def test_a_body_put_somewhere_else_does_not_move_there():
     """After a reset, and before the first step, poses are where bodies are."""
-    model, data = compiled(TABLE + ball(height=0.3), 'timestep="0.01" gravity="0 0 0"')
+    model, data = compiled(TABLE + ball(height=0.3), option='timestep="0.01" gravity="0 0 0"')
     stepper = Stepper(model, Newton(1.0))
     data.mocap_pos[0, 2] = 0.15
     stepper.step(data)
@@ -208,9 +207,8 @@ def test_a_box_with_friction_stays_on_a_table_that_swings_gently(integrator):
     """5 cm at 6 rad/s is less than 2 m/s^2: nothing leaves the table, and nothing collides with it."""
     world = """<body name="t" mocap="true"><geom type="box" size=".5 .5 .05" friction=".8"/></body>
         <body pos="0 0 .15"><freejoint/><geom type="box" size=".1 .1 .1" mass="1" friction=".8"/></body>"""
-    option = f'<option timestep="0.01" integrator="{integrator}"/>'
-    model = mujoco.MjModel.from_xml_string(f"<mujoco>{option}<worldbody>{world}</worldbody></mujoco>")
-    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.0))
+    model, data = scenes.compiled(world, option=f'timestep="0.01" integrator="{integrator}"')
+    stepper = Stepper(model, Moreau(0.0))
     collisions = 0
     stepper.step(data)
     for _ in range(60):
