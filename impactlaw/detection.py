@@ -171,6 +171,13 @@ class Detector:
             contacts = replace(contacts, gap=contacts.gap - pattern.skin)
         return pattern, contacts
 
+    def refresh(self, data: mujoco.MjData, within: float, pattern: Pattern) -> None:
+        """Leave in data.contact what `find` leaves there where the pattern is known, and read nothing."""
+        self.options.look(within + SKIN)
+        if pattern.several and self.options.several:
+            self.options.look_for_several()
+        collide(self._model, data)
+
     def _read(self, data: mujoco.MjData) -> tuple[Pattern, Contacts]:
         found = data.contact
         pattern = self._pattern(found.geom)

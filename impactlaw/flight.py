@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.contacts import update_positions
-from impactlaw.detection import Detector
+from impactlaw.detection import Detector, Pattern
 from impactlaw.flow import Travel, advance, restore_state
 from impactlaw.location import Guess, locate, parabola
 from impactlaw.moment import Arrival, Flow, Moment, match, stays
@@ -59,17 +59,20 @@ class Flights:
         exact: whether friction is exact, or its convex relaxation.
 
     Attributes:
+        tolerance: the gap tolerance, m.
+        farthest: as in `Travel`.
         options: to be entered (``with``) around every use.
         surfaces: surfaces that move by themselves; None if the scene has none.
     """
 
     def __init__(self, model: mujoco.MjModel, plan: Plan, gap_tolerance: float, *, exact: bool):
         self._model = model
-        self._tolerance = gap_tolerance
+        self.tolerance = gap_tolerance
         self._near = _NEAR * gap_tolerance
         self._detector = Detector(model, convex=plan.convex, faces=plan.faces, friction=plan.friction)
         self._exact = exact
         self._travel = Travel(model, plan.pairs, passing=plan.passing, turning=plan.turning)
+        self.farthest = self._travel.farthest
         self.options = self._detector.options
         self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
 
@@ -94,7 +97,11 @@ class Flights:
     def look(self, data: mujoco.MjData, within: float = 0.0) -> Moment:
         """Return the contacts of now, of a gap up to ``within``, m or rad, at least; frames must be current."""
         touch = Touch(self._detector.look(data, max(self._near, within)), data, self.surfaces)
-        return Moment.of(self._model, data, touch, tolerance=self._tolerance, timestep=self.options.timestep)
+        return Moment.of(self._model, data, touch, tolerance=self.tolerance, timestep=self.options.timestep)
+
+    def refresh(self, data: mujoco.MjData, pattern: Pattern) -> None:
+        """Leave in data.contact what `look` leaves there where the pattern is known, and read nothing."""
+        self._detector.refresh(data, self._near, pattern)
 
     def glide(self, data: mujoco.MjData, state: np.ndarray, duration: float) -> bool:
         """Advance from a saved state if no contact is near at the end; nothing is near now. Return whether it did."""
@@ -110,7 +117,7 @@ class Flights:
     ) -> tuple[Flight, bool]:
         """Advance from a saved state by at most ``duration``; return where that led, and whether a gap closed there."""
         flight = self._try_safely(data, state, start, duration, hold_all=hold_all)
-        if hold_all or flight.gap >= -self._tolerance:
+        if hold_all or flight.gap >= -self.tolerance:
             return flight, False
 
         def again(time: float, *, smooth: bool = False) -> Flight:
@@ -124,38 +131,38 @@ class Flights:
             half = again(0.5 * tried.duration)
             if _SMOOTH[0] * flight.gap <= half.gap <= _SMOOTH[1] * flight.gap:
                 held = again(tried.duration, smooth=True)
-                if held.gap >= -self._tolerance:
+                if held.gap >= -self.tolerance:
                     return held, False
-        shortest = tried.duration * self._tolerance / max(longest, self._tolerance)
+        shortest = tried.duration * self.tolerance / max(longest, self.tolerance)
         located = locate(
             again,
             flight,
             tried.duration,
             guess,
-            target=_LOCATED * self._tolerance,
-            tolerance=self._tolerance,
+            target=_LOCATED * self.tolerance,
+            tolerance=self.tolerance,
             shortest=shortest,
             enough=self._rests,
         )
         if self._was_closed(located) and located.flow.duration > 2.0 * shortest:
             # at rest over shorter flows (`sustained.stays`), not over longer ones: it rests up to there
             held = again(located.flow.duration - 2.0 * shortest)
-            return (held, True) if held.gap >= -self._tolerance else (again(located.flow.duration), True)
+            return (held, True) if held.gap >= -self.tolerance else (again(located.flow.duration), True)
         return located, True
 
     def _rests(self, end: Flight, shorter: Flight) -> bool:
         """Return whether the contact that closes in the end, closed at the start, stays closed over a shorter flow."""
         before = end.arrival.known[end.deepest]
-        if shorter.gap < -self._tolerance or before < 0 or shorter.flow.duration < _SHORTER * end.flow.duration:
+        if shorter.gap < -self.tolerance or before < 0 or shorter.flow.duration < _SHORTER * end.flow.duration:
             return False
         return bool(shorter.arrival.sustained[shorter.arrival.known == before].any())
 
     def _was_closed(self, end: Flight) -> bool:
         """Return whether the deepest contact penetrates and was closed, and no deeper, at the start of the flow."""
-        if end.gap >= -self._tolerance:
+        if end.gap >= -self.tolerance:
             return False
         start, before = end.flow.start, end.arrival.known[end.deepest]
-        return bool(before >= 0 and abs(start.gap[before]) <= self._tolerance)
+        return bool(before >= 0 and abs(start.gap[before]) <= self.tolerance)
 
     def _may_be_smooth(self, end: Flight) -> bool:
         """Return whether the deepest contact may continue a sustained one that was somewhere else in common faces."""
@@ -172,7 +179,7 @@ class Flights:
             self.advance(data, duration)
             if self._is_short(start.velocity, data.qvel, duration):
                 return self._arrive(
-                    data, Flow(start, duration, self._tolerance, self._travel, hold_all, exact=self._exact)
+                    data, Flow(start, duration, self.tolerance, self._travel, hold_all, exact=self._exact)
                 )
             longest = self._travel.longest_turn(start.velocity)
             if duration > longest:
@@ -183,7 +190,7 @@ class Flights:
             suspects = self._travel.suspects(start.touch.frames, travel)
             if len(suspects) == 0:
                 return self._arrive(
-                    data, Flow(start, duration, self._tolerance, self._travel, hold_all, exact=self._exact)
+                    data, Flow(start, duration, self.tolerance, self._travel, hold_all, exact=self._exact)
                 )
             restore_state(self._model, data, state)
             self.update(data)
@@ -204,7 +211,7 @@ class Flights:
     ) -> Flight:
         self.advance(data, duration)
         return self._arrive(
-            data, Flow(start, duration, self._tolerance, self._travel, hold_all, smooth, self._exact), reach
+            data, Flow(start, duration, self.tolerance, self._travel, hold_all, smooth, self._exact), reach
         )
 
     def _arrive(self, data: mujoco.MjData, flow: Flow, reach: float = 0.0) -> Flight:
@@ -244,7 +251,7 @@ class Flights:
         if len(flow.start.gap):
             known = arrival.known[opened]
             before = np.where(known >= 0, flow.start.gap[known], 0.0)
-            clear = clear - np.where(before < -self._tolerance, before, 0.0)
+            clear = clear - np.where(before < -self.tolerance, before, 0.0)
         least = int(clear.argmin())
         return float(clear[least]), int(opened[least])
 
@@ -265,4 +272,4 @@ class Flights:
             touch = end.arrival.now.touch
             velocity, after = (float(touch.contact_velocity(v)[end.deepest]) for v in (start.velocity, data.qvel))
             gap = end.gap - 0.5 * (velocity + after) * duration
-        return parabola(max(gap, 0.0), velocity, end.gap, duration, self._tolerance)
+        return parabola(max(gap, 0.0), velocity, end.gap, duration, self.tolerance)

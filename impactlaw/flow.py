@@ -31,6 +31,16 @@ def save_state(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray | N
     return state
 
 
+def saved_qpos(model: mujoco.MjModel, state: np.ndarray) -> np.ndarray:
+    """Return the positions in what `save_state` returned, (nq,)."""
+    return state[1 : 1 + model.nq]  # the time is first
+
+
+def saved_qvel(model: mujoco.MjModel, state: np.ndarray) -> np.ndarray:
+    """Return the velocities in what `save_state` returned, (nv,)."""
+    return state[1 + model.nq : 1 + model.nq + model.nv]
+
+
 def restore_state(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -> None:
     """Go back to what `save_state` returned."""
     mujoco.mj_setState(model, data, state, _STATE)
@@ -100,6 +110,9 @@ class Travel:
         pairs: geoms that can meet.
         passing: whether any of them can pass through another.
         turning: whether rotation counts there.
+
+    Attributes:
+        farthest: how far a point of a geom can move at most, m per unit of displacement of all coordinates together.
     """
 
     def __init__(self, model: mujoco.MjModel, pairs: GeomPairs, *, passing: bool, turning: bool):
@@ -126,7 +139,7 @@ class Travel:
         if not self._round:
             self._short = min(self._short, 1.0)
             self._reach[self._spins] = np.maximum(self._reach[self._spins], self._short)
-        self._farthest = float(np.linalg.norm(self._reach))
+        self.farthest = float(np.linalg.norm(self._reach))
 
     def is_short(self, before: np.ndarray, after: np.ndarray, duration: float, *, drift: float = 0.0) -> bool:
         """Return whether nothing can have passed through another body, or turned so far that orientations alias.
@@ -143,7 +156,7 @@ class Travel:
 
     def reach(self, before: np.ndarray, after: np.ndarray, duration: float) -> float:
         """Return a distance, m, that no point of a geom can have moved further than; see `is_short`."""
-        return self._farthest * (sqrt(before.dot(before)) + sqrt(after.dot(after))) * duration
+        return self.farthest * (sqrt(before.dot(before)) + sqrt(after.dot(after))) * duration
 
     def _reaches(self, geoms: np.ndarray) -> np.ndarray:
         """Return how far a joint's motion can move a point of a geom, m per m or per rad, (nv,)."""

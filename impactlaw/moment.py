@@ -14,9 +14,11 @@ from impactlaw.touch import Touch, kinetic_norm
 CORRECTED = 1e-2
 """Part of the gap tolerance to which positions are corrected."""
 
+SILENT = 0.1
+"""Part of the velocity that crosses next to nothing in a timestep which is rounding, whatever the scene's own is."""
+
 _SAME_POINT = 1e3  # gap tolerances that a contact point may move more than the geoms
 _ROUNDING = 1e-13  # of a contact velocity in the kinetic metric, relative to the velocity of the whole scene
-_SILENT = 0.1  # part of that velocity which is rounding whatever the scene's own velocity is
 _STILL = 1e-3  # part of the gap tolerance that a velocity must cross in a timestep to be one
 
 
@@ -85,7 +87,7 @@ class Moment(NamedTuple):
         gap = touch.contacts.gap
         closed = gap <= tolerance
         still = _STILL * tolerance / timestep
-        velocity, gamma, noise, silent = _motion(model, data, touch, _SILENT * still)
+        velocity, gamma, noise, silent = _motion(model, data, touch, SILENT * still)
         quiet = (
             silent
             and touch.pattern.grip is None
@@ -101,7 +103,7 @@ class Moment(NamedTuple):
         carried: Carried | None = None,
     ) -> Moment:
         """Return the same contacts with the velocities of now."""
-        velocity, gamma, noise, _ = _motion(model, data, self.touch, _SILENT * self.still)
+        velocity, gamma, noise, _ = _motion(model, data, self.touch, SILENT * self.still)
         return Moment(self.touch, self.closed, self.still, velocity, gamma, noise, False, pressed, carried)
 
     @property

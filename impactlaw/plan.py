@@ -51,6 +51,7 @@ class Plan:
         friction: some contacts have friction.
         surfaces: surfaces that move by themselves: some mocap bodies can meet others, or belts with friction (rigid).
         inertia: a new factor of the mass matrix at every collision: it depends on the configuration.
+        rest: the contact forces of a step that has moved nothing are tried in the next one.
         pairs: geoms that can meet.
         parts: the same for people to read, with reasons.
     """
@@ -67,6 +68,7 @@ class Plan:
     friction: bool
     surfaces: bool
     inertia: bool
+    rest: bool
     pairs: GeomPairs = field(repr=False, compare=False)
     parts: tuple[Part, ...] = field(repr=False, compare=False)
 
@@ -97,6 +99,8 @@ def make_plan(
         "surfaces": bool(_moves(model, geoms).any()) or (rigid and bool((pairs.friction & _runs(model, geoms)).any())),
         "inertia": (len(geoms) > 0 or bool(Limits(model))) and not has_constant_inertia(model),
     }
+    moved = flags["bilateral"] or flags["surfaces"] or model.tendon_limited.any()
+    flags["rest"] = rigid and (flags["detection"] or flags["limits"]) and not moved
     reasons = _Reasons(model, pairs, flags)
     parts = tuple(reasons.rigid() if rigid else reasons.soft())
     return Plan(contact_model=contact_model, **flags, pairs=pairs, parts=parts)
@@ -169,6 +173,12 @@ class _Reasons:
             "new factor of the mass matrix at every collision",
             lambda: "the mass matrix depends on the configuration",
             "the mass matrix is constant: factored once",
+        )
+        yield self._part(
+            "rest",
+            "trial of the last contact forces, for steps in which nothing moves",
+            lambda: "contacts are not looked at, nor forces solved for, while it lasts",
+            "equality constraints, moving surfaces or limits of tendons",
         )
         yield from self._mujoco()
         friction = int(np.count_nonzero(self.pairs.friction))

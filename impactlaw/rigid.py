@@ -24,11 +24,12 @@ from impactlaw.contacts import kinetic_metric, update_positions
 from impactlaw.errors import SceneError
 from impactlaw.events import ImpactEvent
 from impactlaw.flight import Flights
-from impactlaw.flow import advance, check_input, empty_state, restore_state, save_state
+from impactlaw.flow import advance, check_input, empty_state, restore_state, save_state, saved_qvel
 from impactlaw.metric import KineticMetric
 from impactlaw.moment import Moment
 from impactlaw.overlap import overlaps, push_out, refuse
 from impactlaw.plan import Plan
+from impactlaw.rest import Rest, find_rest, is_still
 from impactlaw.scene import check_resolved, check_rigid
 
 _JUMPS = 5  # flows of no length, each ended by another contact that closes without a collision: points that jump
@@ -62,6 +63,8 @@ class RigidStepping:
         self._before, self._state = empty_state(model), empty_state(model)
         self._left: tuple[bytes, bytes, float, bytes] = b"", b"", 0.0, b""
         self._next: Moment | None = None
+        self._rest: Rest | None = None
+        self._restless = False  # whether the last rest found was none
         self._metric: KineticMetric | None = None
         self.unlocated = 0
 
@@ -91,6 +94,8 @@ class RigidStepping:
         if empty and self._flights.glide(data, self._before, timestep):
             self._left = data.qpos.tobytes(), b"", timestep, b""
             return ()
+        if self._rest is not None and self._rests(data, self._rest):
+            return ()
         events: list[ImpactEvent] = []
         start, pushed = self._begin(data, events)
         closings = jumps = 0
@@ -114,27 +119,55 @@ class RigidStepping:
         self.unlocated += jumps > _JUMPS or max(len(events), closings) > self._collider.most
         self._left = data.qpos.tobytes(), data.qvel.tobytes(), timestep, self._active(data)
         self._next = start if start.touch.pattern else None
+        if self._plan.rest and not events and self._next is not None:
+            self._find_rest(data, self._next)
         return tuple(events)
+
+    def _find_rest(self, data: mujoco.MjData, end: Moment) -> None:
+        """Note whether nothing has moved in the step that has led here, unless that has just been in vain."""
+        if not is_still(self._flights, end, saved_qvel(self._model, self._before)):
+            self._restless = False
+        elif not self._restless:
+            self._rest = find_rest(self._model, data, self._flights, self._before, end)
+            self._restless = True
+
+    def _rests(self, data: mujoco.MjData, rest: Rest) -> bool:
+        """Take a step in which nothing moves; return whether it was one."""
+        if not self._is_unchanged(data):
+            self._rest = None
+            return False
+        if rest.lasts(self._model, data, self._flights, self._before):
+            self._left = data.qpos.tobytes(), data.qvel.tobytes(), self._options.timestep, b""
+            self._restless = False
+            return True
+        self._flights.update(data)
+        if self._next is not None:
+            self._next = self._next.moving(self._model, data, self._next.pressed, self._next.carried)
+        self._rest = None
+        return False
 
     def _begin(self, data: mujoco.MjData, events: list[ImpactEvent]) -> tuple[Moment, bool]:
         """Return the contacts of now, after collisions, and whether the configuration had to be changed for them.
 
         They are those that the last step has left, if nothing has changed.
         """
-        qpos, qvel, timestep, active = self._left
-        same = qpos == data.qpos.tobytes()
-        unchanged = same and qvel == data.qvel.tobytes() and timestep == self._options.timestep
-        if unchanged and self._next is not None and self._flights.surfaces is None and active == self._active(data):
+        if self._next is not None and self._flights.surfaces is None and self._is_unchanged(data):
             return self._next, False
         self._flights.update(data)
         start = self._flights.look(data)
-        pushed = not same and overlaps(start.touch, self._tolerance)
+        pushed = self._left[0] != data.qpos.tobytes() and overlaps(start.touch, self._tolerance)
         if pushed:
             if not self._push_out:
                 reason = f"move them apart (up to {self._tolerance:g} m counts as touching)"
                 raise refuse(start.touch, self._tolerance, f'{reason}, or let overlap="push-out" do it')
             start = push_out(self._model, data, self._flights, start, self._tolerance)
         return (self._collide(data, start, events) if start.collides else start), pushed
+
+    def _is_unchanged(self, data: mujoco.MjData) -> bool:
+        """Return whether everything that contacts depend on is as the last step has left it."""
+        qpos, qvel, timestep, active = self._left
+        same = qpos == data.qpos.tobytes() and qvel == data.qvel.tobytes()
+        return same and timestep == self._options.timestep and active == self._active(data)
 
     def _active(self, data: mujoco.MjData) -> bytes:
         """Which equality constraints are on."""

@@ -1,4 +1,7 @@
-"""What each part that a scene's plan leaves out would cost: the same steps with that part put back, processor time."""
+"""What each part that a scene's plan leaves out would cost: the same steps with that part put back, processor time.
+
+The trial of the last contact forces, which leaves out contacts while nothing moves, is taken away instead.
+"""
 
 from __future__ import annotations
 
@@ -24,6 +27,9 @@ Kind = Literal["rigid", "soft"]
 LATER = ("friction", "bilateral", "surfaces")
 """Flags of friction, equality constraints and moving surfaces, which must cost nothing where a scene has none."""
 
+REST = "rest, taken away"
+"""The part that costs more where it is left out: the trial of the last contact forces."""
+
 _OPTIONAL: dict[Kind, tuple[str, ...]] = {
     "rigid": ("detection", "convex", "faces", "passing", "turning", "inertia", *LATER),
     "soft": ("detection",),
@@ -38,7 +44,15 @@ _PENDULUM = """<mujoco model="pendulum"><option timestep=".005" integrator="RK4"
 class Omissions:
     """Which scenes, how many steps from the start, for how long each."""
 
-    scenes: tuple[str, ...] = ("pendulum", "bouncing_ball", "cradle 5", "box_drop", "billiard_rack", "juggler")
+    scenes: tuple[str, ...] = (
+        "pendulum",
+        "bouncing_ball",
+        "cradle 5",
+        "box_drop",
+        "box at rest",
+        "billiard_rack",
+        "juggler",
+    )
     """Names from `benchmark_scenes`, or "pendulum", which nothing can touch."""
     steps: int = 100
     """Of each run, from the start."""
@@ -79,6 +93,8 @@ def _scene(name: str) -> Scene:
 def _rows(study: Omissions, scene: Scene, kind: Kind) -> list[dict[str, object]]:
     plan = make_plan(scene.model, kind)
     forced = {name: replace(plan, **{name: True}) for name in left_out(plan)}
+    if plan.rest:
+        forced[REST] = replace(plan, rest=False)
     if not forced:
         return []
     runs = {name: _Run(study, scene, version) for name, version in {"planned": plan, **forced}.items()}

@@ -29,16 +29,19 @@ CYLINDER = 'type="cylinder" size=".1 .2"'
     ("world", "needed"),
     [
         (body("ball", BALL), set()),
-        (FLOOR + body("ball", BALL), {"detection"}),
-        (FLOOR + body("box", BOX), {"detection", "points"}),
-        (FLOOR + body("a", BALL) + body("b", BALL), {"detection", "passing"}),
-        (body("a", BOX) + body("b", BALL), {"detection", "passing", "turning"}),
-        (body("a", CYLINDER) + body("b", BOX), {"detection", "convex", "faces", "points", "passing", "turning"}),
+        (FLOOR + body("ball", BALL), {"rest", "detection"}),
+        (FLOOR + body("box", BOX), {"rest", "detection", "points"}),
+        (FLOOR + body("a", BALL) + body("b", BALL), {"rest", "detection", "passing"}),
+        (body("a", BOX) + body("b", BALL), {"rest", "detection", "passing", "turning"}),
+        (
+            body("a", CYLINDER) + body("b", BOX),
+            {"rest", "detection", "convex", "faces", "points", "passing", "turning"},
+        ),
         (
             FLOOR + body("arm", BALL + ' pos=".3 0 0"', '<joint type="hinge" axis="0 1 0"/><joint axis="1 0 0"/>'),
-            {"detection", "inertia"},
+            {"rest", "detection", "inertia"},
         ),
-        (FLOOR + body("ball", BALL + ' pos=".05 0 0"'), {"detection", "inertia"}),
+        (FLOOR + body("ball", BALL + ' pos=".05 0 0"'), {"rest", "detection", "inertia"}),
     ],
 )
 def test_flags_follow_the_scene(world, needed):
