@@ -1,7 +1,11 @@
-"""Scenes of a few lines, and steps of them, for the tests of stepping."""
+"""Scenes of a few lines, steps of them, and what touches in a scene."""
+
+from itertools import pairwise
 
 import mujoco
 import numpy as np
+
+INTEGRATORS = ("Euler", "implicit", "implicitfast", "RK4")
 
 
 def compiled(world, rest="", *, option="", geom=""):
@@ -42,3 +46,38 @@ def mass_matrix(model, data):
     M = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, M)
     return M
+
+
+def chain_labels(n: int, first: int = 1) -> list[str]:
+    return [f"ball{i}/ball{i + 1}" for i in range(first, first + n - 1)]
+
+
+RACK_ROWS = [list(range(k * (k + 1) // 2 + 1, (k + 1) * (k + 2) // 2 + 1)) for k in range(5)]
+RACK_PAIRS = {(a, b) for row in RACK_ROWS for a, b in pairwise(row)} | {
+    (a, below[j + side]) for row, below in pairwise(RACK_ROWS) for j, a in enumerate(row) for side in (0, 1)
+}
+TOUCHING = {
+    "ball_chain": chain_labels(3),
+    "ball_stack": chain_labels(10),
+    "billiard_rack": [f"ball{a}/ball{b}" for a, b in sorted(RACK_PAIRS)],
+    "bouncing_ball": [],
+    "box_drop": [],
+    "falling_rod": [],
+    "juggler": [],
+    "newtons_cradle": chain_labels(5),
+    "rocking_block": ["floor/right"],
+    "rocking_platform": ["left/platform", "right/platform"],
+    "wedge": ["floor/ball", "ramp/ball"],
+}
+
+
+def detect(model, data, within=1e-8):
+    """Frames, inertia and contacts up to ``within``, whatever margins the geoms have."""
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
+    model.opt.o_margin = within
+    mujoco.mj_fwdPosition(model, data)
+    return list(data.contact)
+
+
+def label(model, contact) -> str:
+    return f"{model.geom(contact.geom1).name}/{model.geom(contact.geom2).name}"

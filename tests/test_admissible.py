@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from problems import PROBLEMS, assert_nearest_in_cone, balls, box, launched
+from problems import PROBLEMS, balls, box, launched
 from scipy.optimize import minimize
 from scipy.stats import ks_2samp, kstest
 
 from impactlaw import AdmissibleSet, Collision, ImpactLawError, MaximalDissipation, Moreau
-from impactlaw.cone import EnumerationError, cone_facets, nearest_in_cone
+from impactlaw.cone import EnumerationError, cone_facets
 from impactlaw.errors import InvalidCollisionError, SolverError
 
 SMALL = [name for name in PROBLEMS if name != "chain of 64"]
@@ -342,32 +342,6 @@ def test_outcomes_of_laws_are_members(c, e):
     for v in outcomes:
         assert c.admissible_set.contains(v)
         assert c.admissible_set.distance(v) <= 1e-9 * c.pre_speed
-
-
-@settings(max_examples=200, deadline=None)
-@given(st.data())
-def test_nearest_in_cone_satisfies_its_optimality_conditions(data):
-    h, n = data.draw(st.integers(0, 8)), data.draw(st.integers(1, 5))
-    rows = data.draw(arrays(float, (h, n), elements=st.integers(-2, 2).map(float)))
-    rows = rows[np.any(rows != 0, axis=1)]
-    rows /= np.linalg.norm(rows, axis=1)[:, None]
-    point = data.draw(arrays(float, n, elements=st.floats(-1, 1)))
-    weights = nearest_in_cone(rows, point)
-    assert_nearest_in_cone(rows, point, weights)
-
-
-def test_nearest_in_cone_of_opposite_rows():
-    """Rows that come with their opposites, where scipy 1.17's nnls is wrong in about one of 300."""
-    for seed in range(2000):
-        rng = np.random.default_rng(seed)
-        r = rng.integers(1, 4)
-        rows = rng.normal(size=(r, rng.integers(r, 6)))
-        rows /= np.linalg.norm(rows, axis=1)[:, None]
-        h = rng.integers(r + 1, 9)
-        rows = rows[rng.integers(0, r, h)] * rng.choice([1, -1], (h, 1))
-        point = rng.normal(size=rows.shape[1])
-        weights = nearest_in_cone(rows, point)
-        assert_nearest_in_cone(rows, point, weights)
 
 
 # --- what is refused -----------------------------------------------------------------------------------------------

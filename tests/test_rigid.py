@@ -5,14 +5,13 @@ import math
 import mujoco
 import numpy as np
 import pytest
-from scenes import compiled, energy, mass_matrix
+from scenes import INTEGRATORS, compiled, energy, mass_matrix
 
 from impactlaw import Fremond, Moreau, Stepper, read_contacts
 from impactlaw.errors import SceneError
 from impactlaw.models import SCENES, builder, load
 
 G = 9.81
-INTEGRATORS = ("Euler", "implicit", "implicitfast", "RK4")
 
 
 def ball_above_plane(integrator, timestep, height=1.0):
