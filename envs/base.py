@@ -154,6 +154,7 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
         Raises:
             ActionError: the action has the wrong shape or is not finite.
+            ImpactLawError: as by `Stepper.step`, but for `DivergenceError`, which ends the episode.
         """
         self.act(self._within_space(action))
         tally, before, driven = ImpactTally(), save_state(self.model, self.data), self.driven

@@ -114,11 +114,10 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         return self._observation, info | placed.info()
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Step the environment under the law.
+        """Step the environment under the law; without a law, as the environment does.
 
         Raises:
-            InadmissibleImpactError: the law would create energy and on_inadmissible is "raise".
-            UnsolvableLawError: the law has no solution for the contacts that collide.
+            ImpactLawError: as by `Stepper.step`, but for `DivergenceError`, which ends the episode.
         """
         placed = self._placed
         if placed is None:

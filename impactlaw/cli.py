@@ -129,7 +129,11 @@ class Plan:
 
 @contextmanager
 def new_files_in(folder: Path) -> Iterator[Path]:
-    """Give a temporary folder whose files move into ``folder`` at the end, or vanish if anything fails."""
+    """Give a temporary folder whose files move into ``folder`` at the end, or vanish if anything fails.
+
+    Raises:
+        SceneError: the folder cannot be written into.
+    """
     try:
         made = [p for p in (folder, *folder.parents) if not p.exists()]
         folder.mkdir(parents=True, exist_ok=True)

@@ -120,8 +120,15 @@ class Collision:
     def from_mujoco(cls, model: mujoco.MjModel, data: mujoco.MjData) -> Collision:
         """Read the contacts that are closed now, and ``M`` and ``v-``, from a MuJoCo model and its state.
 
+        Equality constraints are its bilateral ones; friction and moving surfaces are left to `impactlaw.Stepper`.
+
+        Args:
+            model: the compiled scene; not changed.
+            data: its state, of which qpos, qvel and mocap poses are read; not changed.
+
         Raises:
             SceneError: a contact that is not between two geoms (a flex).
+            InvalidCollisionError: the state is not finite.
         """
         from impactlaw.contacts import read_collision
 

@@ -49,7 +49,7 @@ class Contacts:
         return len(self.gap)
 
     def select(self, which: np.ndarray) -> Contacts:
-        """Return the contacts of a boolean mask or an index array."""
+        """Return the contacts of a boolean mask, (h,), or an index array, (k,)."""
         index = np.flatnonzero(which) if which.dtype == bool else which
         return Contacts(
             tuple(self.labels[i] for i in index),

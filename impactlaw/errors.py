@@ -21,7 +21,13 @@ class RestitutionError(ImpactLawError, ValueError):
 
 
 class UnknownNameError(ImpactLawError, ValueError):
-    """A law, solver, scene or contact name that does not exist; the message names the nearest known ones."""
+    """A law, solver, scene or contact name that does not exist; the message names the nearest known ones.
+
+    Args:
+        kind: of what, for the message.
+        name: the unknown one.
+        known: the names that there are.
+    """
 
     def __init__(self, kind: str, name: object, known: Iterable[str]):
         known = sorted(known)

@@ -122,7 +122,9 @@ class Stepper:
             OverlapError: geoms overlap at the start by more than the gap tolerance, or are squeezed so that they cannot
                 be pushed out; names the pairs and depths.
             InadmissibleImpactError: the law would create energy and on_inadmissible is "raise".
+            RestitutionError: the law's coefficients do not fit the contacts that collide.
             UnsolvableLawError: the law has no solution for the contacts that collide.
+            SolverError: no solver's answer for these contacts passed its certificate.
             DivergenceError: position or velocity is not finite.
             SceneError: data is of a model with other bodies, joints or geoms.
         """
@@ -135,6 +137,7 @@ class Stepper:
 
         Raises:
             SceneError: the contact model is not "soft".
+            ImpactLawError: as by `step`.
         """
         if not isinstance(self._stepping, SoftStepping):
             raise SceneError('only soft stepping can be cut in two halves; use step(), or contact_model="soft"')

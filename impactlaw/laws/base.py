@@ -40,7 +40,11 @@ class Law(ABC):
 
     @abstractmethod
     def target(self, collision: Collision) -> Target:
-        """Return ``gamma^h`` for this collision."""
+        """Return ``gamma^h`` for this collision.
+
+        Raises:
+            RestitutionError: the law's coefficients do not fit the contacts.
+        """
 
     def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
         """Return the impact this law makes of the collision.
@@ -51,6 +55,7 @@ class Law(ABC):
 
         Raises:
             RestitutionError: the law's coefficients do not fit the number of contacts.
+            UnknownNameError: no such solver.
             UnsolvableLawError: no velocity satisfies the law; the message names the contacts that conflict.
             SolverError: no solver's answer passed its certificate.
         """
@@ -93,14 +98,19 @@ class RestitutionLaw(Law):
 
 
 def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:
-    """Largest factor by which ``E`` can change the energy of the contacts' motion, over every ``gamma-``.
+    """Return the largest factor by which ``E`` can change the energy of the contacts' motion, over every ``gamma-``.
 
     With all contacts active, E is dissipative for every ``gamma-`` iff ``E^T G^-1 E <= G^-1``, that is iff this
     number, the largest eigenvalue of ``G E^T G^-1 E``, is at most 1; an isometry (elastic law) has 1. With
     redundant contacts the range of J takes the place of all ``gamma-``.
 
+    Args:
+        collision: its contacts and mass matrix; the velocity does not matter.
+        restitution_matrix: ``E``, shape (h, h).
+
     Raises:
         RestitutionError: E has the wrong shape or entries that are not finite.
+        InvalidCollisionError: the collision is sparse and too large for this.
     """
     E = square_matrix(restitution_matrix)
     if len(E) != len(collision.labels):

@@ -29,14 +29,16 @@ class Coulomb(Law):
 
     With ``u_n = gamma+ - gamma^h`` and ``u_t = gamma_t+ + e_t gamma_t-`` each contact has
     ``0 <= Lambda_n  ⊥  u_n >= 0``, ``sum (Lambda_t / mu)^2 <= Lambda_n^2``, and friction opposes ``u_t`` with all it
-    can: exact Coulomb friction, ``K ∋ Lambda  ⊥  u + |mu u_t| e_n ∈ K`` (de Saxcé). The relaxation
-    ``K ∋ Lambda  ⊥  u ∈ K`` (Anitescu) is convex; in it a contact that slides also separates.
+    can: exact Coulomb friction, ``K ∋ Lambda  ⊥  u + |mu u_t| e_n ∈ K`` (G. de Saxcé and Z.-Q. Feng, Math. Comput.
+    Model. 28, 1998). The relaxation ``K ∋ Lambda  ⊥  u ∈ K`` (M. Anitescu, Math. Program. 105, 2006) is convex; in it a
+    contact that slides also separates.
 
-    Restitution and friction together can create energy (Kane 1984). If they do, all restitution is scaled: the
-    positive part of ``gamma^h`` and ``e_t`` are multiplied by the largest s in [0, 1] found by a bracketed search with
-    which no energy is created, ``Lambda^T gamma_bar + Lambda_t^T gamma_bar_t <= 0``. s = 0 never creates any (where
-    the velocity of no surface jumps); so the law is dissipative. `FrictionImpact.restitution_scale` is the s used; it
-    is below 1 also where no impulse in the friction cones reaches the law's full restitution.
+    Restitution and friction together can create energy (T. R. Kane, *A dynamics puzzle*, 1984). If they do, all
+    restitution is scaled: the positive part of ``gamma^h`` and ``e_t`` are multiplied by the largest s in [0, 1], found
+    by a bracketed search, with which no energy is created, ``Lambda^T gamma_bar + Lambda_t^T gamma_bar_t <= 0``. s = 0
+    never creates any (where the velocity of no surface jumps); so the law is dissipative.
+    `FrictionImpact.restitution_scale` is the s used; it is below 1 also where no impulse in the friction cones reaches
+    the law's full restitution.
 
     Without rows of friction the outcome is that of ``law``. Large coefficients of friction may leave several
     solutions; the same collision always gets the same one.
@@ -86,6 +88,7 @@ class Coulomb(Law):
 
         Raises:
             RestitutionError: the law's coefficients do not fit the number of contacts.
+            UnknownNameError: no such solver, where there is no friction.
             UnsolvableLawError: surfaces move against each other so that no velocity is left.
             SolverError: no answer passed its certificate.
         """

@@ -20,7 +20,7 @@ _COUPLED = 1e-12  # cosine of the angle between two gradients above which their 
 
 @dataclass(frozen=True, eq=False)
 class Fremond(RestitutionLaw):
-    """``gamma^h = -E gamma-`` with any matrix E (Frémond).
+    """``gamma^h = -E gamma-`` with any matrix E, the Frémond matrix of Aeberhard and Glocker.
 
     Attributes:
         matrix: E, shape (h, h), also sparse, for exactly h contacts in their order; or a mapping from pairs of contact

@@ -12,7 +12,10 @@ from impactlaw.laws.base import RestitutionLaw, Target
 
 @dataclass(frozen=True)
 class MaximalDissipation(RestitutionLaw):
-    """``E = 0``: v+ is the point of S(v-) of least energy, the projection of v- onto the tangent cone."""
+    """``E = 0``: v+ is the point of S(v-) of least energy, the projection of v- onto the tangent cone.
+
+    The point of maximal dissipation (Aeberhard and Glocker, "Perfect multi-contact collisions").
+    """
 
     def restitution_matrix(self, collision: Collision) -> np.ndarray:
         """Return zeros, shape (h, h)."""

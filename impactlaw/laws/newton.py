@@ -15,6 +15,7 @@ from impactlaw.laws.coefficients import ContactCoefficients
 class Newton(ContactCoefficients, RestitutionLaw):
     """``E = diag(e_1 .. e_h)``: ``gamma+_i >= -e_i gamma-_i``, with equality where a contact carries an impulse.
 
+    The diagonal case of the extended Newton impact law (Aeberhard and Glocker, "Perfect multi-contact collisions").
     Never has distant effects when every contact closes (``gamma- <= 0``). The coefficients are numbers or functions
     of the speed at which a contact closes, see `ContactCoefficients`.
     """

@@ -55,6 +55,7 @@ class Poisson(ContactCoefficients, Law):
 
         Raises:
             RestitutionError: the law's coefficients do not fit the contacts.
+            UnknownNameError: no such solver.
             UnsolvableLawError: surfaces that move against each other leave no velocity without penetration.
             SolverError: no solver's answer passed its certificate.
         """

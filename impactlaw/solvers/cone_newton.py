@@ -41,8 +41,9 @@ class Point(NamedTuple):
 class NewtonMap:
     """A map of impulse and velocity that is zero where the complementarity holds, and its generalized derivative.
 
-    For exact friction it is that of Alart and Curnier, with ``p = x_n - r_n u_n`` and ``q = x_t - r_t u_t``,
-    ``F_n = x_n - [p]+`` and ``F_t = x_t - (q`` cut to length ``[p]+)``; for the convex relaxation the natural map.
+    For exact friction it is that of P. Alart and A. Curnier (Comput. Methods Appl. Mech. Eng. 92, 1991), with
+    ``p = x_n - r_n u_n`` and ``q = x_t - r_t u_t``, ``F_n = x_n - [p]+`` and ``F_t = x_t - (q`` cut to length
+    ``[p]+)``; for the convex relaxation the natural map.
 
     Args:
         problem: what to solve.

@@ -1,4 +1,7 @@
-"""A dual active set (daqp) on the velocity form, for any bound, also one that no velocity reaches exactly."""
+"""A dual active set (daqp) on the velocity form, for any bound, also one that no velocity reaches exactly.
+
+D. Arnström, A. Bemporad and D. Axehill, IEEE Trans. Automat. Contr. 67, 2022.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Lawson and Hanson's least-distance form by NNLS, scaled so that it keeps its digits: slow, sure, for any bound."""
+"""Lawson and Hanson's least-distance form by NNLS, scaled so that it keeps its digits: slow, sure, for any bound.
+
+C. L. Lawson and R. J. Hanson, *Solving Least Squares Problems*, 1974, ch. 23, problem LDP.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Lawson and Hanson's non-negative least squares: exact where the wanted contact velocities are those of a velocity."""
+"""Lawson and Hanson's non-negative least squares: exact where the wanted contact velocities are those of a velocity.
+
+C. L. Lawson and R. J. Hanson, *Solving Least Squares Problems*, 1974, ch. 23.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""OSQP, an operator splitting method for quadratic programs: the one many people know, to compare with."""
+"""OSQP, an operator splitting method for quadratic programs: the one many people know, to compare with.
+
+B. Stellato, G. Banjac, P. Goulart, A. Bemporad and S. Boyd, Math. Program. Comput. 12, 2020.
+"""
 
 from __future__ import annotations
 

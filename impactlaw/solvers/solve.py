@@ -110,7 +110,15 @@ def _at_once(problem: Problem) -> Answer | None:
 
 
 def nonnegative_combination(gradients: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Least-norm ``Lambda >= 0`` that minimises ``|Y^T Lambda - point|``, shape (h,)."""
+    """Return the ``Lambda >= 0`` of least norm that minimises ``|Y^T Lambda - point|``, shape (h,).
+
+    Args:
+        gradients: ``Y``, shape (h, nv).
+        point: shape (nv,).
+
+    Raises:
+        SolverError: no solver's answer passed the certificate.
+    """
     return solve(Problem(gradients, gradients.dot(point), point), ("",) * gradients.shape[0])
 
 
