@@ -49,8 +49,10 @@ class ConeProblem:
 
     - exact Coulomb friction, after de Saxcé: ``K ∋ Lambda  ⊥  u + |u_t| e_n ∈ K``. The normal part is
       ``0 <= Lambda_n  ⊥  u_n >= 0``, and friction opposes sliding with the whole of ``Lambda_n``.
-    - its convex relaxation, after Anitescu (references: `impactlaw.Coulomb`): ``K ∋ Lambda  ⊥  u ∈ K``, the optimality condition of
+    - its convex relaxation, after Anitescu: ``K ∋ Lambda  ⊥  u ∈ K``, the optimality condition of
       ``min |A^T Lambda|^2 / 2 + b^T Lambda, Lambda ∈ K``. A contact that slides also separates, ``u_n = |u_t|``.
+
+    `impactlaw.Coulomb` names the papers.
 
     Inside, contacts of different size are padded with rows of zeros to one size m, and the rows of contact i are
     divided by their length ``l_i``: cones do not change by that, and impulses and velocities are then in sqrt(J).
