@@ -16,6 +16,7 @@ from impactlaw.plan import make_plan
 from impactlaw.rigid import RigidStepping
 from impactlaw.scene import check_law, scene_law
 from impactlaw.soft import REST_SPEED, SoftStepping
+from impactlaw.solvers import SOLVERS
 
 
 class Stepper:
@@ -74,6 +75,7 @@ class Stepper:
             ("friction option", friction, ("coulomb", "convex", "ignore")),
             ("overlap option", overlap, ("refuse", "push-out")),
             ("on_inadmissible option", on_inadmissible, ("raise", "project", "allow")),
+            ("solver", solver, ("auto", *SOLVERS)),
         ):
             if value not in known:
                 raise UnknownNameError(kind, value, known)
