@@ -17,6 +17,7 @@ from impactlaw.contacts import (
     gap_gradients,
     geom_names,
     make_rows,
+    row_velocities,
     sorted_geoms,
 )
 from impactlaw.equalities import bilateral_constraints, bilateral_rows
@@ -54,6 +55,8 @@ class Pattern:
         order: indices that bring MuJoCo's contacts into order; None if they are in it.
         sign: -1 where MuJoCo has the higher geom id first, else 1, (h, 1); None if 1 for all.
         grip: which rows of friction they have; None if they have none, or it is ignored.
+        found: geom ids in MuJoCo's order, as bytes.
+        plain: whether each pair has one contact, whose distance in MuJoCo is the gap, and nothing else has rows.
     """
 
     labels: tuple[str, ...]
@@ -70,6 +73,8 @@ class Pattern:
     order: np.ndarray | None
     sign: np.ndarray | None
     grip: Grip | None
+    found: bytes
+    plain: bool
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -178,6 +183,31 @@ class Detector:
             self.options.look_for_several()
         collide(self._model, data)
 
+    def is_quiet(
+        self, data: mujoco.MjData, within: float, pattern: Pattern, gaps: tuple[float, float], speed: float
+    ) -> bool:
+        """Return whether the contacts within a gap, m, are those of a plain pattern, with small gaps and velocities.
+
+        Args:
+            data: frames must be current.
+            within: see `find`.
+            pattern: which contacts; must be plain.
+            gaps: the smallest and the largest that are small, m.
+            speed: the largest contact velocity that is small, m/s.
+        """
+        self.options.look(within + SKIN)
+        collide(self._model, data)
+        if data.ncon != len(pattern):
+            return False
+        contact = data.contact
+        distances = contact.dist.tolist()
+        if min(distances) < gaps[0] or max(distances) > gaps[1] or contact.geom.tobytes() != pattern.found:
+            return False
+        mujoco.mj_makeConstraint(self._model, data)
+        velocities = row_velocities(self._model, data, data.qvel).tolist()
+        forget_rows(data)
+        return len(velocities) == len(pattern) and max(map(abs, velocities)) <= speed
+
     def _read(self, data: mujoco.MjData) -> tuple[Pattern, Contacts]:
         found = data.contact
         pattern = self._pattern(found.geom)
@@ -241,6 +271,8 @@ class Detector:
             order=None if np.array_equal(order, np.arange(len(order))) else order,
             sign=np.where(swapped, -1.0, 1.0)[:, None] if swapped.any() else None,
             grip=learn_grip(model, geoms) if self._friction else None,
+            found=found.tobytes(),
+            plain=bool(single.all()) and distinct and not (self.limits or self._bilateral.any() or skin.any()),
         )
 
 

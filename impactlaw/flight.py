@@ -16,7 +16,7 @@ from impactlaw.contacts import update_positions
 from impactlaw.detection import Detector, Pattern
 from impactlaw.flow import Travel, advance, restore_state
 from impactlaw.location import Guess, locate, parabola
-from impactlaw.moment import Arrival, Flow, Moment, match, stays
+from impactlaw.moment import CORRECTED, Arrival, Flow, Moment, match, stays
 from impactlaw.plan import Plan
 from impactlaw.surfaces import Surfaces
 from impactlaw.sustained import hold
@@ -103,14 +103,19 @@ class Flights:
         """Leave in data.contact what `look` leaves there where the pattern is known, and read nothing."""
         self._detector.refresh(data, self._near, pattern)
 
-    def glide(self, data: mujoco.MjData, state: np.ndarray, duration: float) -> bool:
-        """Advance from a saved state if no contact is near at the end; nothing is near now. Return whether it did."""
-        before = data.qvel.copy()
-        self.advance(data, duration)
-        if self._is_short(before, data.qvel, duration) and not self._detector.look(data, self._near).pattern:
-            return True
-        restore_state(self._model, data, state)
-        return False
+    def leap(self, data: mujoco.MjData) -> bool:
+        """Advance by a timestep in one go; return whether no body can have passed through another meanwhile."""
+        before, timestep = data.qvel.copy(), self.options.timestep
+        self.advance(data, timestep)
+        return self._is_short(before, data.qvel, timestep)
+
+    def is_near(self, data: mujoco.MjData) -> bool:
+        """Return whether a contact is near now; frames must be current."""
+        return bool(self._detector.look(data, self._near).pattern)
+
+    def is_quiet(self, data: mujoco.MjData, pattern: Pattern, silent: float) -> bool:
+        """Return whether the contacts near now are those of a plain pattern, closed and no faster than this, m/s."""
+        return self._detector.is_quiet(data, self._near, pattern, (-CORRECTED * self.tolerance, self.tolerance), silent)
 
     def fly(
         self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool

@@ -24,13 +24,13 @@ from impactlaw.contacts import kinetic_metric, update_positions
 from impactlaw.errors import SceneError
 from impactlaw.events import ImpactEvent
 from impactlaw.flight import Flights
-from impactlaw.flow import advance, check_input, empty_state, restore_state, save_state, saved_qvel
+from impactlaw.flow import advance, check_input, empty_state, restore_state, save_state
 from impactlaw.metric import KineticMetric
 from impactlaw.moment import Moment
 from impactlaw.overlap import overlaps, push_out, refuse
 from impactlaw.plan import Plan
-from impactlaw.rest import Rest, find_rest, is_still
 from impactlaw.scene import check_resolved, check_rigid
+from impactlaw.shortcuts import Apart, Shortcut, find_rest, find_together, is_still
 
 _JUMPS = 5  # flows of no length, each ended by another contact that closes without a collision: points that jump
 _INSTANT = 1e-4  # part of the timestep that such a flow lasts
@@ -63,7 +63,7 @@ class RigidStepping:
         self._before, self._state = empty_state(model), empty_state(model)
         self._left: tuple[bytes, bytes, float, bytes] = b"", b"", 0.0, b""
         self._next: Moment | None = None
-        self._rest: Rest | None = None
+        self._shortcut: Shortcut | None = None
         self._restless = False  # whether the last rest found was none
         self._metric: KineticMetric | None = None
         self.unlocated = 0
@@ -90,11 +90,7 @@ class RigidStepping:
         surfaces = self._flights.surfaces
         if surfaces is not None:
             surfaces.begin(data, timestep)
-        empty = self._next is None and self._left[0] == data.qpos.tobytes() and surfaces is None
-        if empty and self._flights.glide(data, self._before, timestep):
-            self._left = data.qpos.tobytes(), b"", timestep, b""
-            return ()
-        if self._rest is not None and self._rests(data, self._rest):
+        if self._shortcut is not None and self._lasts(data, self._shortcut):
             return ()
         events: list[ImpactEvent] = []
         start, pushed = self._begin(data, events)
@@ -118,33 +114,36 @@ class RigidStepping:
             surfaces.end(data)
         self.unlocated += jumps > _JUMPS or max(len(events), closings) > self._collider.most
         self._left = data.qpos.tobytes(), data.qvel.tobytes(), timestep, self._active(data)
-        self._next = start if start.touch.pattern else None
-        if self._plan.rest and not events and self._next is not None:
-            self._find_rest(data, self._next)
+        self._next = start
+        if surfaces is None:
+            self._shortcut = self._find_shortcut(data, start, bool(events))
         return tuple(events)
 
-    def _find_rest(self, data: mujoco.MjData, end: Moment) -> None:
-        """Note whether nothing has moved in the step that has led here, unless that has just been in vain."""
-        if not is_still(self._flights, end, saved_qvel(self._model, self._before)):
-            self._restless = False
-        elif not self._restless:
-            self._rest = find_rest(self._model, data, self._flights, self._before, end)
-            self._restless = True
-
-    def _rests(self, data: mujoco.MjData, rest: Rest) -> bool:
-        """Take a step in which nothing moves; return whether it was one."""
-        if not self._is_unchanged(data):
-            self._rest = None
-            return False
-        if rest.lasts(self._model, data, self._flights, self._before):
-            self._left = data.qpos.tobytes(), data.qvel.tobytes(), self._options.timestep, b""
-            self._restless = False
+    def _lasts(self, data: mujoco.MjData, shortcut: Shortcut) -> bool:
+        """Take a step by a shortcut if nothing stands against it; return whether that was the whole step."""
+        same = self._left[0] == data.qpos.tobytes() if shortcut.any_velocity else self._is_unchanged(data)
+        if same and shortcut.lasts(self._model, data, self._flights):
+            self._next, self._restless = None, False
+            self._left = data.qpos.tobytes(), data.qvel.tobytes(), self._options.timestep, self._active(data)
             return True
-        self._flights.update(data)
-        if self._next is not None:
-            self._next = self._next.moving(self._model, data, self._next.pressed, self._next.carried)
-        self._rest = None
+        self._shortcut = None
+        if same:
+            restore_state(self._model, data, self._before)
         return False
+
+    def _find_shortcut(self, data: mujoco.MjData, end: Moment, collided: bool) -> Shortcut | None:
+        """Return what the next step may find as the last one has left it."""
+        if not end.touch.pattern:
+            return Apart()
+        if collided or not self._plan.rest:
+            return None
+        if not is_still(self._flights, end.velocity, end.still):
+            self._restless = False
+            return find_together(end)
+        if self._restless:  # the last rest that was found was none
+            return None
+        self._restless = True
+        return find_rest(self._model, data, self._flights, self._before, end)
 
     def _begin(self, data: mujoco.MjData, events: list[ImpactEvent]) -> tuple[Moment, bool]:
         """Return the contacts of now, after collisions, and whether the configuration had to be changed for them.

@@ -1,6 +1,4 @@
-"""Steps in which nothing moves: what they leave out, and that everything which ends a rest is noticed."""
-
-from dataclasses import replace
+"""Steps that need no look at contacts: what they leave out, and that everything which ends that is noticed."""
 
 import mujoco
 import numpy as np
@@ -10,6 +8,7 @@ from hypothesis import strategies as st
 
 from impactlaw import Moreau, Stepper
 from impactlaw.detection import Detector
+from impactlaw.models.builder import cradle
 
 BOX = """
 <mujoco>
@@ -43,7 +42,8 @@ def looks(monkeypatch):
 
 
 def never_rest(stepper):
-    stepper._stepping._plan = replace(stepper.plan, rest=False)
+    """Let steps take no shortcut."""
+    stepper._stepping._find_shortcut = lambda *args: None
 
 
 def settled(model, data, **options):
@@ -205,3 +205,49 @@ def test_a_rest_that_does_not_last_is_not_looked_for_again(monkeypatch):
         stepper.step(data)
     assert len(advanced) == 10
     np.testing.assert_allclose(data.qpos, start, rtol=0, atol=1e-10)
+
+
+def test_balls_that_swing_together_are_looked_at_no_more(monkeypatch):
+    """Until another one comes near."""
+    model = cradle(5).compile()
+    data = mujoco.MjData(model)
+    data.qpos[0] = -0.4
+    stepper = Stepper(model, Moreau(0.0))
+    other, reference = Stepper(model, Moreau(0.0)), mujoco.MjData(model)
+    reference.qpos[:] = data.qpos
+    never_rest(other)
+    seen, collided = looks(monkeypatch), 0
+    for _ in range(1000):
+        stepper.step(data)
+        collided += len(stepper.events)
+    assert collided == 1  # they swing on together
+    assert len(seen) < 100
+    for _ in range(1000):
+        other.step(reference)
+    np.testing.assert_allclose(data.qpos, reference.qpos, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(data.qvel, reference.qvel, rtol=0, atol=1e-8)
+
+
+def test_balls_in_touch_part_when_one_is_pulled():
+    model = cradle(5).compile()
+    data = mujoco.MjData(model)
+    stepper = Stepper(model, Moreau(0.0))
+    for _ in range(10):
+        stepper.step(data)
+    data.qfrc_applied[4] = 1e-3
+    stepper.step(data)
+    stepper.step(data)
+    assert data.qvel[4] > 1e-6
+    assert np.abs(data.qvel[:4]).max() < 1e-12
+
+
+def test_a_velocity_given_in_flight_counts():
+    model, data = scene()
+    data.qpos[2] += 1.0
+    stepper = Stepper(model, Moreau(0.0))
+    for _ in range(5):
+        stepper.step(data)
+    data.qvel[2] = -300.0
+    stepper.step(data)
+    assert [event.time for event in stepper.events]
+    assert data.qpos[2] == pytest.approx(0.125, abs=1e-8)

@@ -1,0 +1,154 @@
+"""Steps whose contacts need no look but one at the end, to see that the last step's answer holds once more.
+
+- `Apart`: nothing is near, neither before nor after.
+- `Together`: contacts are closed, and their velocities rounding, without any force; so they are after.
+- `Rest`: nothing has moved in the last step, and nothing moves in this one if the contacts exert the same forces.
+
+A shortcut tries the flow of a whole step. Where its condition does not hold at the end, the flow is forgotten, and the
+step taken as any other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import mujoco
+import numpy as np
+
+from impactlaw.detection import Pattern
+from impactlaw.flight import Flights
+from impactlaw.flow import restore_state, save_state, saved_qpos, saved_qvel
+from impactlaw.moment import CORRECTED, SILENT, Moment
+
+
+class Shortcut(Protocol):
+    """What the last step has shown, and whether it holds in the next one, too.
+
+    Attributes:
+        any_velocity: whether it does not matter if somebody has changed the velocities meanwhile.
+    """
+
+    any_velocity: bool
+
+    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> bool:
+        """Advance by a timestep; return whether the condition holds at the end, or else the flow is to be forgotten."""
+        ...
+
+
+@dataclass(frozen=True)
+class Apart:
+    """No contact is near."""
+
+    any_velocity = True
+
+    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> bool:
+        """See `Shortcut`."""
+        return flights.leap(data) and not flights.is_near(data)
+
+
+@dataclass(frozen=True, eq=False)
+class Together:
+    """All contacts are closed and still, and no force is needed for that.
+
+    Attributes:
+        pattern: of these contacts, the only ones near.
+        silent: contact velocity that is rounding, m/s.
+    """
+
+    pattern: Pattern
+    silent: float
+    any_velocity = False
+
+    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> bool:
+        """See `Shortcut`."""
+        return flights.leap(data) and flights.is_quiet(data, self.pattern, self.silent)
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """Nothing moves.
+
+    The impulse ``P = M (v+ - v)`` that the contacts have given to the last flow is known. The next one gets ``P / tau``
+    as an applied force. If nothing has moved at its end, neither in position nor in velocity, the same contacts are
+    closed, and their forces lie in the same cones as before.
+
+    Attributes:
+        qpos: where the contacts were looked at, (nq,).
+        force: that the contacts exert on all degrees of freedom, N or N m, (nv,).
+        distance: of all coordinates together, below which no gap changes by more than a correction, m or rad.
+        speed: of all coordinates together, below which every contact velocity is rounding, m/s or rad/s.
+        pattern: of the contacts.
+    """
+
+    qpos: np.ndarray
+    force: np.ndarray
+    distance: float
+    speed: float
+    pattern: Pattern
+    any_velocity = False
+
+    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> bool:
+        """See `Shortcut`."""
+        applied = data.qfrc_applied
+        own = applied.copy()
+        applied += self.force
+        flights.advance(data, flights.options.timestep)
+        applied[:] = own
+        moved = _difference(model, self.qpos, data.qpos)
+        if mujoco.mju_norm(moved) <= self.distance and mujoco.mju_norm(data.qvel) <= self.speed:
+            flights.refresh(data, self.pattern)
+            return True
+        return False
+
+
+def find_together(end: Moment) -> Together | None:
+    """Return that contacts stay together by themselves if they do so at the end of a step; None if they do not."""
+    return Together(end.touch.pattern, SILENT * end.still) if end.quiet and end.touch.pattern.plain else None
+
+
+def is_still(flights: Flights, velocity: np.ndarray, still: float) -> bool:
+    """Return whether all contacts are still at a velocity, (nv,); see `Moment.still`."""
+    return mujoco.mju_norm(velocity) <= SILENT * still / _farthest(flights)
+
+
+def find_rest(
+    model: mujoco.MjModel, data: mujoco.MjData, flights: Flights, state: np.ndarray, end: Moment
+) -> Rest | None:
+    """Return the rest that a step without collisions was; None if something has moved in it.
+
+    Args:
+        model: the scene.
+        data: at the end of the step.
+        flights: what has taken it.
+        state: at its start.
+        end: the contacts at its end.
+    """
+    if not is_still(flights, saved_qvel(model, state), end.still):
+        return None
+    qpos, timestep = data.qpos.copy(), flights.options.timestep
+    distance, speed = CORRECTED * flights.tolerance / _farthest(flights), SILENT * end.still / _farthest(flights)
+    if mujoco.mju_norm(_difference(model, saved_qpos(model, state), qpos)) > distance:
+        return None
+    after = save_state(model, data)
+    restore_state(model, data, state)
+    flights.advance(data, timestep)
+    change = end.velocity - data.qvel
+    restore_state(model, data, after)
+    flights.update(data)
+    flights.refresh(data, end.touch.pattern)
+    force = np.empty(model.nv)
+    mujoco.mj_mulM(model, data, force, change / timestep)
+    return Rest(qpos, force, distance, speed, end.touch.pattern)
+
+
+def _farthest(flights: Flights) -> float:
+    """Return how much two points in contact can move against each other, m per unit of all coordinates together."""
+    return 2.0 * max(flights.farthest, 1.0)
+
+
+def _difference(model: mujoco.MjModel, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return the displacement from one configuration to another, (nv,)."""
+    result = np.empty(model.nv)
+    mujoco.mj_differentiatePos(model, result, 1.0, one, other)
+    return result
