@@ -138,6 +138,8 @@ def _mirror(collision: Collision) -> np.ndarray:
         return np.arange(len(scale))
     if isinstance(Y, np.ndarray):
         coupled = np.abs(collision.delassus) > _COUPLED * np.outer(scale, scale)
+        if coupled.diagonal(1).all():  # a chain: one block
+            return np.arange(len(scale))[::-1]
     else:
         G: Any = collision.delassus
         G = G.tocoo()
