@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import mujoco
@@ -12,72 +12,19 @@ from impactlaw.contacts import (
     GAP_TOLERANCE,
     Contacts,
     collide,
-    contact_labels,
     forget_rows,
     gap_gradients,
     geom_names,
     make_rows,
     row_velocities,
-    sorted_geoms,
 )
 from impactlaw.equalities import bilateral_constraints, bilateral_rows
-from impactlaw.geoms import (
-    SKIN,
-    one_contact,
-    several_contacts,
-    touching_distance,
-    vague_contacts,
-)
-from impactlaw.limits import Limits, joined
+from impactlaw.geoms import SKIN, several_contacts
+from impactlaw.limits import LimitRows, Limits
 from impactlaw.options import BorrowedOptions
-from impactlaw.tangents import Grip, learn_grip
+from impactlaw.patterns import Pattern, Patterns
 
 _PARALLEL = 0.99  # cosine of an angle within which MuJoCo takes two faces for parallel
-_REMEMBERED = 256  # patterns; a pile has many
-
-
-@dataclass(frozen=True, eq=False)
-class Pattern:
-    """What the geoms of a sequence of contacts say, whatever their configuration is.
-
-    Attributes:
-        labels: as in `Contacts`.
-        geoms: as in `Contacts`, int (h, 2).
-        key: one number per pair of geoms, ascending, (h,).
-        single: which contacts are of pairs that never have more than one, bool (h,).
-        all_single: whether all are.
-        distinct: whether no two contacts are of the same pair.
-        vague: which contacts may be anywhere in common faces, bool (h,).
-        skin: distance at which the geoms touch, m, (h,); None if 0 for all.
-        several: whether MuJoCo is to look for several contacts of a pair.
-        index: 0, 1, .., (h,).
-        ones: 1, 1, .., (h,).
-        order: indices that bring MuJoCo's contacts into order; None if they are in it.
-        sign: -1 where MuJoCo has the higher geom id first, else 1, (h, 1); None if 1 for all.
-        grip: which rows of friction they have; None if they have none, or it is ignored.
-        found: geom ids in MuJoCo's order, as bytes.
-        plain: whether each pair has one contact, whose distance in MuJoCo is the gap, and nothing else has rows.
-    """
-
-    labels: tuple[str, ...]
-    geoms: np.ndarray
-    key: np.ndarray
-    single: np.ndarray
-    all_single: bool
-    distinct: bool
-    vague: np.ndarray
-    skin: np.ndarray | None
-    several: bool
-    index: np.ndarray
-    ones: np.ndarray
-    order: np.ndarray | None
-    sign: np.ndarray | None
-    grip: Grip | None
-    found: bytes
-    plain: bool
-
-    def __len__(self) -> int:
-        return len(self.labels)
 
 
 class Found(NamedTuple):
@@ -116,14 +63,13 @@ class Detector:
         self.names = geom_names(model)
         self.limits = Limits(model)
         self._bilateral = bilateral_constraints(model)
-        self.options = BorrowedOptions(
-            model, convex=convex, limits=bool(self.limits), bilateral=bool(self._bilateral.any())
-        )
-        self._faces = faces
-        self._friction = friction
-        self._patterns: dict[bytes, Pattern] = {}
+        self._has_bilateral = bool(self._bilateral.any())
+        self._has_limits, self._limits_of_rows = bool(self.limits), self.limits.of_rows
+        self.options = BorrowedOptions(model, convex=convex, limits=self._limits_of_rows, bilateral=self._has_bilateral)
+        alone = not (self._has_limits or self._has_bilateral)
+        self._patterns = Patterns(model, self.names, self.limits.labels, faces=faces, friction=friction, alone=alone)
         nothing = np.zeros((0, 2), int)
-        self.empty = self._pattern(nothing), Contacts((), nothing, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
+        self.empty = self._patterns.of(nothing), Contacts((), nothing, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
 
     def near(self, data: mujoco.MjData, within: float) -> Found:
         """Return the contacts with a gap of at most ``within``, m or rad; the pattern is that of more.
@@ -141,21 +87,34 @@ class Detector:
     def look(self, data: mujoco.MjData, within: float) -> Found:
         """Return contacts and limits with a gap below ``within``, m or rad, and perhaps more."""
         pattern, contacts = self.find(data, within)
-        if not pattern and not self.limits:
+        limits = self._limits_near(data, within)
+        if not pattern and limits is None and not self._limits_of_rows:
             return Found(pattern, contacts, np.zeros((0, self._model.nv)), None)
-        J = make_rows(self._model, data)
-        bilateral = bilateral_rows(self._model, data, self._bilateral) if data.ne else None
-        limits = self.limits.read(data) if data.nl else None
-        forget_rows(data)
+        J = bilateral = None
+        if pattern or self._limits_of_rows or self._has_bilateral:
+            J = make_rows(self._model, data)
+            bilateral = bilateral_rows(self._model, data, self._bilateral) if data.ne else None
+            if data.nl:
+                limits = self.limits.read(data)
+            forget_rows(data)
         if pattern.several or J is None:
             J = gap_gradients(self._model, data, contacts)
         elif pattern.order is not None:
             J = J[pattern.order]
         if limits is None:
             return Found(pattern, contacts, J, bilateral)
-        contacts = joined(contacts, self.limits.contacts(data, limits))
-        pattern = self._with_limits(pattern, contacts, limits.code)
-        return Found(pattern, contacts, np.vstack([J, limits.jacobian]), bilateral)
+        pattern = self._patterns.with_limits(pattern, limits.code)
+        position, normal = self.limits.places(data, limits.code)
+        if contacts:
+            position, normal = np.vstack([contacts.position, position]), np.vstack([contacts.normal, normal])
+        contacts = Contacts(pattern.labels, pattern.geoms, np.append(contacts.gap, limits.gap), position, normal)
+        return Found(pattern, contacts, np.vstack([J, limits.jacobian]) if len(J) else limits.jacobian, bilateral)
+
+    def _limits_near(self, data: mujoco.MjData, within: float) -> LimitRows | None:
+        """Return the limits that their positions tell; None if none is near, or MuJoCo's rows are to tell them."""
+        if not self._has_limits or self._limits_of_rows or not self.options.limited:
+            return None
+        return self.limits.near(data, within)
 
     def find(self, data: mujoco.MjData, within: float) -> tuple[Pattern, Contacts]:
         """Return all contacts of geoms with a gap below ``within``, m, and perhaps more; see `near`."""
@@ -171,7 +130,7 @@ class Detector:
             pattern, several = self._read(data)
             contacts = _complete(several, nearest)
             if len(contacts) > len(several):
-                pattern = self._pattern(contacts.geoms.astype(np.int32))
+                pattern = self._patterns.of(contacts.geoms.astype(np.int32))
         if pattern.skin is not None:
             contacts = replace(contacts, gap=contacts.gap - pattern.skin)
         return pattern, contacts
@@ -210,7 +169,7 @@ class Detector:
 
     def _read(self, data: mujoco.MjData) -> tuple[Pattern, Contacts]:
         found = data.contact
-        pattern = self._pattern(found.geom)
+        pattern = self._patterns.of(found.geom)
         order = pattern.order
         if order is None:
             gap, position, normal = found.dist.copy(), found.pos.copy(), found.frame[:, :3].copy()
@@ -219,61 +178,6 @@ class Detector:
         if pattern.sign is not None:
             normal *= pattern.sign
         return pattern, Contacts(pattern.labels, pattern.geoms, gap, position, normal)
-
-    def _pattern(self, geoms: np.ndarray) -> Pattern:
-        """Return what geom ids in MuJoCo's order say."""
-        seen = geoms.tobytes()
-        pattern = self._patterns.get(seen)
-        if pattern is None:
-            if len(self._patterns) >= _REMEMBERED:
-                self._patterns.clear()
-            pattern = self._patterns[seen] = self._learn(geoms)
-        return pattern
-
-    def _with_limits(self, pattern: Pattern, contacts: Contacts, code: np.ndarray) -> Pattern:
-        """Return the pattern of contacts between geoms followed by limits."""
-        seen = pattern.geoms.tobytes() + b"limits" + code.tobytes()
-        known = self._patterns.get(seen)
-        if known is None:
-            n, none = len(code), np.zeros(len(code), dtype=bool)
-            known = self._patterns[seen] = replace(
-                pattern,
-                labels=contacts.labels,
-                geoms=contacts.geoms,
-                key=np.concatenate([pattern.key, self._model.ngeom**2 + code]),
-                single=np.concatenate([pattern.single, ~none]),
-                vague=np.concatenate([pattern.vague, none]),
-                skin=None if pattern.skin is None else np.concatenate([pattern.skin, np.zeros(n)]),
-                index=np.arange(len(contacts)),
-                ones=np.ones(len(contacts)),
-            )
-        return known
-
-    def _learn(self, found: np.ndarray) -> Pattern:
-        model = self._model
-        geoms, order, swapped = sorted_geoms(found)
-        key = geoms[:, 0] * model.ngeom + geoms[:, 1]
-        single = one_contact(model, geoms)
-        distinct = len(np.unique(key)) == len(key)
-        skin = touching_distance(model, geoms)
-        return Pattern(
-            labels=contact_labels(geoms, self.names),
-            geoms=geoms,
-            key=key,
-            single=single,
-            all_single=bool(single.all()) and distinct,
-            distinct=distinct,
-            vague=vague_contacts(model, geoms),
-            skin=skin if skin.any() else None,
-            several=self._faces and bool(several_contacts(model, geoms).any()),
-            index=np.arange(len(key)),
-            ones=np.ones(len(key)),
-            order=None if np.array_equal(order, np.arange(len(order))) else order,
-            sign=np.where(swapped, -1.0, 1.0)[:, None] if swapped.any() else None,
-            grip=learn_grip(model, geoms) if self._friction else None,
-            found=found.tobytes(),
-            plain=bool(single.all()) and distinct and not (self.limits or self._bilateral.any() or skin.any()),
-        )
 
 
 def _complete(several: Contacts, nearest: Contacts) -> Contacts:

@@ -13,10 +13,11 @@ import mujoco
 import numpy as np
 
 from impactlaw.contacts import update_positions
-from impactlaw.detection import Detector, Pattern
+from impactlaw.detection import Detector
 from impactlaw.flow import Travel, advance, restore_state
 from impactlaw.location import Guess, locate, parabola
 from impactlaw.moment import CORRECTED, Arrival, Flow, Moment, match, stays
+from impactlaw.patterns import Pattern
 from impactlaw.plan import Plan
 from impactlaw.surfaces import Surfaces
 from impactlaw.sustained import hold

@@ -17,7 +17,7 @@ NO_GEOM = -1
 
 
 class LimitRows(NamedTuple):
-    """Limits near or reached, in the order of MuJoCo's constraint rows.
+    """Limits near or reached.
 
     Attributes:
         code: which limit, int (l,): the same number for the same limit at any time, ascending.
@@ -35,6 +35,7 @@ class Limits:
 
     Attributes:
         labels: name of the joint or tendon by code; a joint or tendon has two codes, lower and upper limit.
+        of_rows: whether MuJoCo's constraint rows are needed to tell them: some are of ball joints or tendons.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -43,14 +44,35 @@ class Limits:
         tendons = [model.tendon(i).name or f"tendon{i}" for i in range(model.ntendon)]
         self.labels = tuple(name for name in joints + tendons for _ in range(2))
         self._limited = np.concatenate([model.jnt_limited, model.tendon_limited]).astype(bool)
+        self._exist = bool(self._limited.any())
+        self.of_rows = bool(model.tendon_limited.any() or (model.jnt_limited & (model.jnt_type == _BALL)).any())
+        joint = np.repeat(np.flatnonzero(model.jnt_limited), 2)
+        upper = np.arange(len(joint)) % 2
+        self._code_of, self._side = 2 * joint + upper, 1.0 - 2.0 * upper
+        self._position, self._dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+        self._joint, self._upper = joint, upper
 
     def __bool__(self) -> bool:
-        return bool(self._limited.any())
+        return self._exist
 
     @property
     def names(self) -> tuple[str, ...]:
         """Labels of all limits that the scene has."""
         return tuple(label for label, on in zip(self.labels[::2], self._limited, strict=True) if on)
+
+    def near(self, data: mujoco.MjData, within: float) -> LimitRows | None:
+        """Return the limits of hinges and slides with a gap below ``within``, m or rad; None if there are none.
+
+        The gaps are ``q - lower`` and ``upper - q``.
+        """
+        bound = self._model.jnt_range[self._joint, self._upper]
+        gap = (data.qpos[self._position] - bound) * self._side
+        near = np.flatnonzero(gap < within)
+        if len(near) == 0:
+            return None
+        J = np.zeros((len(near), self._model.nv))
+        J[np.arange(len(near)), self._dof[near]] = self._side[near]
+        return LimitRows(self._code_of[near], gap[near], J)
 
     def read(self, data: mujoco.MjData) -> LimitRows:
         """Return the limits among MuJoCo's constraint rows of now (``mj_makeConstraint``)."""
@@ -76,18 +98,25 @@ class Limits:
 
     def contacts(self, data: mujoco.MjData, rows: LimitRows) -> Contacts:
         """Return the limits as contacts: at the joint's anchor, along its axis; at the origin for tendons."""
-        n = len(rows.code)
-        position, normal = np.zeros((n, 3)), np.zeros((n, 3))
-        number, upper = np.divmod(rows.code, 2)
-        joint = number < self._model.njnt
-        position[joint] = data.xanchor[number[joint]]
-        normal[joint] = data.xaxis[number[joint]] * (1.0 - 2.0 * upper[joint, None])
         labels = tuple(self.labels[code] for code in rows.code)
-        return Contacts(labels, np.full((n, 2), NO_GEOM), rows.gap, position, normal)
+        return Contacts(labels, np.full((len(labels), 2), NO_GEOM), rows.gap, *self.places(data, rows.code))
+
+    def places(self, data: mujoco.MjData, code: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions and normals of limits, (l, 3) each; see `Contacts`."""
+        number, upper = np.divmod(code, 2)
+        side = (1.0 - 2.0 * upper)[:, None]
+        joint = number < self._model.njnt
+        if joint.all():
+            return data.xanchor[number], data.xaxis[number] * side
+        position, normal = np.zeros((len(code), 3)), np.zeros((len(code), 3))
+        position[joint], normal[joint] = data.xanchor[number[joint]], data.xaxis[number[joint]] * side[joint]
+        return position, normal
 
 
 def joined(contacts: Contacts, limits: Contacts) -> Contacts:
     """Return contacts between geoms, then limits."""
+    if len(contacts) == 0:
+        return limits
     fields = ("geoms", "gap", "position", "normal")
     parts = [np.concatenate([getattr(contacts, name), getattr(limits, name)]) for name in fields]
     return Contacts(contacts.labels + limits.labels, *parts)

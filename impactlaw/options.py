@@ -26,7 +26,7 @@ class BorrowedOptions:
     Args:
         model: the scene.
         convex: whether pairs of geoms are measured by MuJoCo's general convex collider, which then is to be exact.
-        limits: whether joints or tendons have limits, which then are contacts like any other.
+        limits: whether constraint rows are to tell which limits of joints and tendons are near.
         bilateral: whether equality constraints take part in collisions.
     """
 
@@ -43,6 +43,7 @@ class BorrowedOptions:
         disabled, enabled = opt.disableflags, opt.enableflags
         self._kept = disabled, enabled, opt.o_margin
         self.several = not disabled & _SINGLE
+        self.limited = not disabled & _LIMIT
         self._jacobian = opt.jacobian
         self._sparse = self._large if self._jacobian == _AUTO else self._jacobian != _DENSE
         self._flow = disabled | _FLOW_OFF | _LIMIT, enabled & ~_SLEEP

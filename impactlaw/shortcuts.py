@@ -16,10 +16,10 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
-from impactlaw.detection import Pattern
 from impactlaw.flight import Flights
 from impactlaw.flow import restore_state, save_state, saved_qpos, saved_qvel
 from impactlaw.moment import CORRECTED, SILENT, Moment
+from impactlaw.patterns import Pattern
 
 
 class Shortcut(Protocol):
