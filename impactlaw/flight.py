@@ -14,7 +14,7 @@ import numpy as np
 
 from impactlaw.contacts import update_positions
 from impactlaw.detection import Detector
-from impactlaw.flow import Travel, advance, restore_state
+from impactlaw.flow import Frames, Travel, advance, restore_state
 from impactlaw.location import Guess, locate, parabola
 from impactlaw.moment import CORRECTED, Arrival, Flow, Moment, match, stays
 from impactlaw.patterns import Pattern
@@ -73,6 +73,7 @@ class Flights:
         self._detector = Detector(model, convex=plan.convex, faces=plan.faces, friction=plan.friction)
         self._exact = exact
         self._travel = Travel(model, plan.pairs, passing=plan.passing, turning=plan.turning)
+        self._passing = plan.passing
         self.farthest = self._travel.farthest
         self.options = self._detector.options
         self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
@@ -104,11 +105,22 @@ class Flights:
         """Leave in data.contact what `look` leaves there where the pattern is known, and read nothing."""
         self._detector.refresh(data, self._near, pattern)
 
-    def leap(self, data: mujoco.MjData) -> bool:
-        """Advance by a timestep in one go; return whether no body can have passed through another meanwhile."""
+    def frames(self, data: mujoco.MjData) -> Frames | None:
+        """Return the frames of all geoms of now; None if no body can pass through another."""
+        return Frames.of(data) if self._passing else None
+
+    def leap(self, data: mujoco.MjData, start: Frames | None = None) -> bool:
+        """Advance by a timestep in one go; return whether no body can have passed through another meanwhile.
+
+        Args:
+            data: the state.
+            start: frames at the start; without them this is told from velocities only.
+        """
         before, timestep = data.qvel.copy(), self.options.timestep
         self.advance(data, timestep)
-        return self._is_short(before, data.qvel, timestep)
+        if self._is_short(before, data.qvel, timestep):
+            return True
+        return start is not None and self._travel.is_safe(start, before, data, timestep)
 
     def is_near(self, data: mujoco.MjData) -> bool:
         """Return whether a contact is near now; frames must be current."""

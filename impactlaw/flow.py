@@ -196,6 +196,10 @@ class Travel:
         apart -= self._radius[first] + self._radius[second]
         return np.flatnonzero((moved > self._thickness) & (apart <= moved))
 
+    def is_safe(self, start: Frames, before: np.ndarray, data: mujoco.MjData, duration: float) -> bool:
+        """Return whether no body has passed through another in a flow from these frames, and velocity, until now."""
+        return duration <= self.longest_turn(before) and not len(self.suspects(start, self.between(start, data)))
+
     def safe_fraction(self, data: mujoco.MjData, suspects: np.ndarray, travel: np.ndarray) -> float:
         """Return the part of the flow after which no suspect can have passed through; data at the flow's start."""
         fraction = 1.0

@@ -28,6 +28,11 @@ class BorrowedOptions:
         convex: whether pairs of geoms are measured by MuJoCo's general convex collider, which then is to be exact.
         limits: whether constraint rows are to tell which limits of joints and tendons are near.
         bilateral: whether equality constraints take part in collisions.
+
+    Attributes:
+        timestep: that the user has set, s.
+        several: whether MuJoCo is to look for several contacts of faces, as the user has set.
+        limited: whether limits are on, as the user has set.
     """
 
     def __init__(self, model: mujoco.MjModel, *, convex: bool, limits: bool, bilateral: bool = False):

@@ -122,11 +122,11 @@ class RigidStepping:
     def _lasts(self, data: mujoco.MjData, shortcut: Shortcut) -> bool:
         """Take a step by a shortcut if nothing stands against it; return whether that was the whole step."""
         same = self._left[0] == data.qpos.tobytes() if shortcut.any_velocity else self._is_unchanged(data)
-        if same and shortcut.lasts(self._model, data, self._flights):
+        self._shortcut = shortcut.lasts(self._model, data, self._flights) if same else None
+        if self._shortcut is not None:
             self._next, self._restless = None, False
             self._left = data.qpos.tobytes(), data.qvel.tobytes(), self._options.timestep, self._active(data)
             return True
-        self._shortcut = None
         if same:
             restore_state(self._model, data, self._before)
         return False
@@ -134,7 +134,7 @@ class RigidStepping:
     def _find_shortcut(self, data: mujoco.MjData, end: Moment, collided: bool) -> Shortcut | None:
         """Return what the next step may find as the last one has left it."""
         if not end.touch.pattern:
-            return Apart()
+            return Apart(self._flights.frames(data))
         if collided or not self._plan.rest:
             return None
         if not is_still(self._flights, end.velocity, end.still):

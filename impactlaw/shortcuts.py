@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.flight import Flights
-from impactlaw.flow import restore_state, save_state, saved_qpos, saved_qvel
+from impactlaw.flow import Frames, restore_state, save_state, saved_qpos, saved_qvel
 from impactlaw.moment import CORRECTED, SILENT, Moment
 from impactlaw.patterns import Pattern
 
@@ -31,20 +31,27 @@ class Shortcut(Protocol):
 
     any_velocity: bool
 
-    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> bool:
-        """Advance by a timestep; return whether the condition holds at the end, or else the flow is to be forgotten."""
+    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
+        """Advance by a timestep; return the shortcut of the next one, or None if the flow is to be forgotten."""
         ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Apart:
-    """No contact is near."""
+    """No contact is near.
 
+    Attributes:
+        frames: of all geoms at the start of the step; None if no body can pass through another.
+    """
+
+    frames: Frames | None
     any_velocity = True
 
-    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> bool:
+    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
         """See `Shortcut`."""
-        return flights.leap(data) and not flights.is_near(data)
+        if flights.leap(data, self.frames) and not flights.is_near(data):
+            return Apart(flights.frames(data))
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +67,9 @@ class Together:
     silent: float
     any_velocity = False
 
-    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> bool:
+    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
         """See `Shortcut`."""
-        return flights.leap(data) and flights.is_quiet(data, self.pattern, self.silent)
+        return self if flights.leap(data) and flights.is_quiet(data, self.pattern, self.silent) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +95,7 @@ class Rest:
     pattern: Pattern
     any_velocity = False
 
-    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> bool:
+    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
         """See `Shortcut`."""
         applied = data.qfrc_applied
         own = applied.copy()
@@ -98,8 +105,8 @@ class Rest:
         moved = _difference(model, self.qpos, data.qpos)
         if mujoco.mju_norm(moved) <= self.distance and mujoco.mju_norm(data.qvel) <= self.speed:
             flights.refresh(data, self.pattern)
-            return True
-        return False
+            return self
+        return None
 
 
 def find_together(end: Moment) -> Together | None:
