@@ -9,6 +9,7 @@ import scipy.sparse
 from scipy.optimize import nnls
 
 from impactlaw import Collision, Fremond, Friction, Impact, Law, LinearMap, MaximalDissipation, Moreau, Newton, Poisson
+from impactlaw.laws import RestitutionLaw
 
 
 def balls(masses, velocities) -> Collision:
@@ -176,7 +177,9 @@ def wanted(law: Law, c: Collision) -> np.ndarray:
         return np.zeros(len(c.labels))
     if isinstance(law, LinearMap):
         return c.jacobian @ (np.asarray(law.h) @ c.pre_velocity)
-    return -law.restitution_matrix(c) @ c.pre_contact_velocity
+    if isinstance(law, RestitutionLaw):
+        return -law.restitution_matrix(c) @ c.pre_contact_velocity
+    return law.target(c).contact_velocity
 
 
 def least_impulse(law: Law, impact: Impact) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from problems import SWAPPED, launched
+from problems import LAWS, SWAPPED, launched
 
 from impactlaw import Collision, Fremond, LinearMap, MaximalDissipation, Moreau, Newton, make_law
 from impactlaw.errors import RestitutionError, UnknownNameError
@@ -100,12 +100,14 @@ def test_make_fremond():
     assert make_law("fremond", {("a/b", "c/b"): 1.0}).contact_labels == {"a/b", "b/c"}
 
 
-def test_every_registered_law_can_be_made():
+def test_every_registered_law_can_be_made_and_is_among_those_tried_on_every_problem():
     restitution = {"moreau": 0.5, "newton": 0.5, "poisson": 0.5, "fremond": np.eye(2)}
+    tried = {type(make(launched(3, 1))) for make in LAWS.values()}
     for name in REGISTRY:
         law = make_law(name, restitution.get(name))
         assert isinstance(law, Law)
         assert law.resolve(launched(3, 1)).residual < 1e-12
+        assert type(law) in tried
 
 
 @pytest.mark.parametrize(
