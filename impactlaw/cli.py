@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sys
 import tempfile
@@ -162,7 +163,10 @@ Command = (
 
 
 def main() -> None:
-    """Run the command line; an `ImpactLawError` is one line on standard error and exit code 2."""
+    """Run the command line; an `ImpactLawError` is one line on standard error and exit code 2.
+
+    Where nobody reads the output any more, as behind ``| head``, the rest is left out and the exit code is 1.
+    """
     command = tyro.cli(
         Command,  # pyright: ignore[reportArgumentType]
         prog="impactlaw",
@@ -171,9 +175,13 @@ def main() -> None:
     )
     try:
         command()
+        sys.stdout.flush()
     except ImpactLawError as error:
         print(f"impactlaw: {error}", file=sys.stderr)
         sys.exit(2)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains when it flushes at its end
+        sys.exit(1)
 
 
 if __name__ == "__main__":

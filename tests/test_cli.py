@@ -37,6 +37,16 @@ def test_the_installed_command_runs(tmp_path):
     assert (done.returncode, done.stderr) == (2, "impactlaw: restitution must lie in [0, 1], got 2.0\n")
 
 
+def test_output_that_nobody_reads_to_its_end_is_no_error():
+    command = [sys.executable, "-m", "impactlaw.cli", "plan", "newtons_cradle"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == ""
+    assert process.returncode == 1
+
+
 def test_compare_writes_into_out_and_prints_the_table(run, tmp_path):
     code, out, err = run("compare", *SHORT)
     assert code == 0, err
