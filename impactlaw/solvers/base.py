@@ -133,7 +133,13 @@ def sparse(gradients: Any) -> Any:
 
 
 class Status(StrEnum):
-    """How a solver ended."""
+    """How a solver ended.
+
+    Attributes:
+        SOLVED: with what it holds for the answer.
+        INFEASIBLE: it finds that ``Y z >= c`` has no solution; only a Farkas ray proves that.
+        STOPPED: without an answer, or at a bound on its iterations with what it has reached.
+    """
 
     SOLVED = "solved"
     INFEASIBLE = "infeasible"

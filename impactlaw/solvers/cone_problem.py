@@ -20,7 +20,12 @@ _TINY = 1e-300
 
 
 class ConeStatus(StrEnum):
-    """How a solver of the cone problem ended."""
+    """How a solver of the cone problem ended.
+
+    Attributes:
+        SOLVED: with a residual of at most `ENOUGH`, relative to the scale of the problem.
+        STOPPED: with a larger one.
+    """
 
     SOLVED = "solved"
     STOPPED = "stopped"
