@@ -20,6 +20,9 @@ class OnDmControl(PlacedLaw):
 
     A composer environment makes its physics anew at every reset, so the law is put into each of them. A state that is
     not finite is dm_control's own `PhysicsError`, as without the law.
+
+    Raises:
+        WrapperError: the environment does not step MuJoCo by dm_control's `Physics.step`, or has a law already.
     """
 
     method = "step"

@@ -8,7 +8,7 @@ One step of duration h, from a state in which no gap is below minus the toleranc
    further than they are thick (`flow.Travel`).
 3. Contacts that stay closed are held closed (`sustained`).
 4. If another gap fell below minus the tolerance, the flow is repeated up to the time at which it closes, found by a
-   bracketed secant on the smallest gap; then again from 1. (2 to 4: `flight.Flights`)
+   bracketed search on the smallest gap; then again from 1. (2 to 4: `flight.Flights`)
 5. More than max_events collisions, or flows ended by a closing gap, in one step, or several flows of no length that end
    without a collision (contact points that jump): E = 0 on every closed contact, and flows for the rest of the step at
    whose end every closed contact is held (time stepping, Moreau and Jean).

@@ -37,7 +37,7 @@ class Watch:
     """Steps a scene and keeps the worst that happens.
 
     After every step MuJoCo's own detection, on a copy of the scene, tells how deep geoms overlap, and its own energies
-    tell whether the scene has gained any since the last `forget`. Every collision is certified by the study.
+    tell how much the scene has gained since they were lowest. Every collision is certified by the study.
 
     Args:
         model: the scene.
