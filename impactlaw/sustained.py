@@ -149,7 +149,7 @@ def _position_impulse(
             more_gradients, more = touch.confine(model, data, cuts[0])
             gradients, least = np.vstack([gradients, more_gradients]), np.concatenate([least, cuts[1]])
             part = np.vstack([part, more])
-        p = _pushing(Problem(part, least), None if guess is None else guess[rows])
+        p = _pushing(part, least, None if guess is None else guess[rows])
         wanted = jump(model, data, gradients, p)
         if len(rows) == len(gap):
             return sustained, p[: len(rows)] > 0, wanted
@@ -199,14 +199,22 @@ def _pressing(
     """Return ``nu`` with ``0 <= nu  ⊥  J (v + M^-1 J'^T nu) + w >= 0`` for the contacts that are held, (h,)."""
     Y = touch.whitened(model, data)[1][held]
     gamma = touch.contact_velocity(velocity)[held]
-    known = touch.bilateral is None and touch.drift is None
-    return _pushing(Problem(Y, -gamma, -whiten(model, data, velocity) if known else None), guess)
+    known = touch.bilateral is None and touch.drift is None and len(held) > 1
+    return _pushing(Y, -gamma, guess, -whiten(model, data, velocity) if known else None)
 
 
-def _pushing(problem: Problem, guess: np.ndarray | None) -> np.ndarray:
-    """Return an impulse that solves the problem, (h,): first try the contacts that are expected to carry one."""
+def _pushing(
+    gradients: np.ndarray, bound: np.ndarray, guess: np.ndarray | None, preimage: np.ndarray | None = None
+) -> np.ndarray:
+    """Return ``p`` with ``0 <= p  ⊥  Y Y^T p >= c``, (h,); see `Problem`.
+
+    One contact has a closed form; else the contacts that are expected to carry an impulse are tried first.
+    """
+    if len(bound) == 1 and (square := gradients[0].dot(gradients[0])) > 0:
+        return np.maximum(bound / square, 0.0)
+    problem = Problem(gradients, bound, preimage)
     if guess is not None:
         impulse = with_active(problem, guess)
         if impulse is not None:
             return impulse
-    return solve_with_jump(problem, ("",) * len(problem.bound), shared=False).impulse
+    return solve_with_jump(problem, ("",) * len(bound), shared=False).impulse
