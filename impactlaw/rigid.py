@@ -120,8 +120,11 @@ class RigidStepping:
         return tuple(events)
 
     def _lasts(self, data: mujoco.MjData, shortcut: Shortcut) -> bool:
-        """Take a step by a shortcut if nothing stands against it; return whether that was the whole step."""
-        same = self._left[0] == data.qpos.tobytes() if shortcut.any_velocity else self._is_unchanged(data)
+        """Take a step by a shortcut if nothing stands against it; return whether that was the whole step.
+
+        Velocities may have been changed: those at the end decide.
+        """
+        same = self._left[0] == data.qpos.tobytes() and self._left[2] == self._options.timestep
         self._shortcut = shortcut.lasts(self._model, data, self._flights) if same else None
         if self._shortcut is not None:
             self._next, self._restless = None, False

@@ -23,13 +23,7 @@ from impactlaw.patterns import Pattern
 
 
 class Shortcut(Protocol):
-    """What the last step has shown, and whether it holds in the next one, too.
-
-    Attributes:
-        any_velocity: whether it does not matter if somebody has changed the velocities meanwhile.
-    """
-
-    any_velocity: bool
+    """What the last step has shown, and whether it holds in the next one, too, which starts where that has ended."""
 
     def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
         """Advance by a timestep; return the shortcut of the next one, or None if the flow is to be forgotten."""
@@ -45,7 +39,6 @@ class Apart:
     """
 
     frames: Frames | None
-    any_velocity = True
 
     def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
         """See `Shortcut`."""
@@ -65,7 +58,6 @@ class Together:
 
     pattern: Pattern
     silent: float
-    any_velocity = False
 
     def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
         """See `Shortcut`."""
@@ -93,7 +85,6 @@ class Rest:
     distance: float
     speed: float
     pattern: Pattern
-    any_velocity = False
 
     def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
         """See `Shortcut`."""

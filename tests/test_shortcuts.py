@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 from impactlaw import Moreau, Stepper
 from impactlaw.detection import Detector
 from impactlaw.models.builder import cradle
+from impactlaw.shortcuts import Apart, Rest, Together
+from impactlaw.sustained import _pushing
 
 BOX = """
 <mujoco>
@@ -251,3 +253,82 @@ def test_a_velocity_given_in_flight_counts():
     stepper.step(data)
     assert [event.time for event in stepper.events]
     assert data.qpos[2] == pytest.approx(0.125, abs=1e-8)
+
+
+def shortcut_of(stepper, data):
+    """Return the shortcut that the next step is going to try, ready to be tried on its own."""
+    stepping = stepper._stepping
+    stepping._options.__enter__()
+    return stepping._shortcut, stepping._flights
+
+
+@pytest.mark.parametrize(("velocity", "shift", "lasts"), [(0, 0, True), (1e-10, 0, False), (0, 1e-10, False)])
+def test_a_rest_allows_for_rounding_only(velocity, shift, lasts):
+    model, data = scene()
+    rest, flights = shortcut_of(settled(model, data), data)
+    assert isinstance(rest, Rest)
+    data.qvel[0] += velocity
+    data.qpos[0] += shift
+    assert (rest.lasts(model, data, flights) is rest) == lasts
+
+
+@pytest.mark.parametrize(
+    ("ball", "position", "velocity", "lasts"),
+    [
+        (4, 0.0, 0.0, True),
+        (4, 1e-10, 0.0, True),
+        (4, 1e-8, 0.0, False),  # open
+        (4, -1e-10, 0.0, False),  # overlaps by more than a correction
+        (4, 0.0, 1e-9, False),  # moves
+        (4, 1e-3, 0.0, False),  # far
+        (0, -1e-3, 0.0, False),
+    ],
+)
+def test_contacts_together_allow_for_rounding_only(ball, position, velocity, lasts):
+    model = cradle(5).compile()
+    data = mujoco.MjData(model)
+    model.opt.gravity[:] = 0.0
+    data.qvel[:] = 0.1
+    together, flights = shortcut_of(settled(model, data), data)
+    assert isinstance(together, Together)
+    data.qpos[ball] += position
+    data.qvel[ball] += velocity
+    assert (together.lasts(model, data, flights) is together) == lasts
+
+
+def test_other_contacts_of_the_same_number_are_not_those_together():
+    model = cradle(3).compile()
+    model.opt.gravity[:] = 0.0
+    data = mujoco.MjData(model)
+    data.qvel[:] = 0.1
+    data.qpos[2] = 0.01
+    together, flights = shortcut_of(settled(model, data), data)
+    assert isinstance(together, Together)
+    assert together.pattern.labels == ("ball1/ball2",)
+    data.qpos[:] -= [0.01, 0.0, 0.01]
+    assert together.lasts(model, data, flights) is None
+
+
+def test_a_body_is_met_by_one_that_turns_a_whole_turn_in_a_step():
+    """Frames at the ends of a step are the same then."""
+    turn = 2 * np.pi / 0.005
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><option timestep="0.005" gravity="0 0 0"/><worldbody>
+        <body><joint name="turn" axis="0 0 1"/><geom type="capsule" size=".02" fromto="-1 0 0 1 0 0" condim="1"/></body>
+        <body pos="0 3 0"><joint name="y" type="slide" axis="0 1 0"/><geom size=".1" condim="1"/></body>
+        </worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    data.qvel[:] = turn, -4.0
+    stepper = Stepper(model, Moreau(0.0))
+    while data.qpos[1] > -2.6 and not stepper.events:
+        assert isinstance(stepper._stepping._shortcut, Apart | None)
+        stepper.step(data)
+    assert stepper.events
+    assert 3 + stepper.events[0].qpos[1] > 0.9
+
+
+def test_a_contact_is_never_pulled():
+    gradients = np.array([[2.0, 0.0]])
+    assert _pushing(gradients, np.array([3.0]), None) == pytest.approx(0.75)
+    assert _pushing(gradients, np.array([-3.0]), None) == 0.0
