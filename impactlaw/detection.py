@@ -156,11 +156,11 @@ class Detector:
         """
         self.options.look(within + SKIN)
         collide(self._model, data)
-        if data.ncon != len(pattern):
-            return False
         contact = data.contact
+        if contact.geom.tobytes() != pattern.found:
+            return False
         distances = contact.dist.tolist()
-        if min(distances) < gaps[0] or max(distances) > gaps[1] or contact.geom.tobytes() != pattern.found:
+        if min(distances) < gaps[0] or max(distances) > gaps[1]:
             return False
         mujoco.mj_makeConstraint(self._model, data)
         velocities = row_velocities(self._model, data, data.qvel).tolist()

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from impactlaw import Moreau, Stepper
+from impactlaw import Moreau, OverlapError, Stepper
 from impactlaw.detection import Detector
 from impactlaw.models.builder import cradle
 from impactlaw.shortcuts import Apart, Rest, Together
@@ -326,6 +326,17 @@ def test_a_body_is_met_by_one_that_turns_a_whole_turn_in_a_step():
         stepper.step(data)
     assert stepper.events
     assert 3 + stepper.events[0].qpos[1] > 0.9
+
+
+def test_a_position_given_in_flight_counts():
+    """Even where the step would lead away from the overlap."""
+    model, data = scene()
+    data.qpos[2] += 1.0
+    stepper = settled(model, data)
+    assert isinstance(stepper._stepping._shortcut, Apart)
+    data.qpos[2], data.qvel[2] = 0.12, 5.0
+    with pytest.raises(OverlapError):
+        stepper.step(data)
 
 
 def test_a_contact_is_never_pulled():
