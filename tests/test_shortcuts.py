@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from impactlaw import Moreau, OverlapError, Stepper
+from impactlaw import Moreau, Stepper
 from impactlaw.detection import Detector
+from impactlaw.errors import OverlapError
 from impactlaw.models.builder import cradle
 from impactlaw.shortcuts import Apart, Rest, Together
 from impactlaw.sustained import _pushing
