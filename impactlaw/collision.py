@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from impactlaw import deferred
 from impactlaw.errors import InvalidCollisionError
 from impactlaw.friction import Friction
 from impactlaw.lazy import cached_property
@@ -290,11 +291,10 @@ class Collision:
         Y = self.whitened_jacobian
         if len(self.labels) > FEW or not isinstance(Y, np.ndarray):
             return
-        z = self.whitened_velocity
         values["pre_contact_velocity"] = self.jacobian.dot(self.pre_velocity)
         values["delassus"] = G = Y.dot(Y.T)
         values["gradient_norms"] = np.sqrt(G.diagonal())
-        values["pre_speed"] = sqrt(z.dot(z))
+        values["pre_speed"] = deferred.dnrm2(self.whitened_velocity)
 
     @cached_property
     def kinetic_energy(self) -> float:

@@ -39,7 +39,7 @@ class KineticMetric:
             i = int(np.argmin(diagonal))
             raise InvalidCollisionError(f"mass_matrix is not positive definite: entry ({i}, {i}) is {diagonal[i]}")
         self._scale = None
-        self._factor = np.empty((0, 0))
+        self._factor = np.empty((0, 0))  # R^T
         if np.count_nonzero(M) == len(M):
             self._scale = np.sqrt(diagonal)
         else:
@@ -50,19 +50,19 @@ class KineticMetric:
         """Return ``R^T v`` for one velocity (nv,) or several (n, nv)."""
         if self._scale is not None:
             return velocity * self._scale
-        return velocity.dot(self._factor)
+        return velocity.dot(self._factor.T)
 
     def unwhiten(self, z: np.ndarray) -> np.ndarray:
         """Return ``R^-T z``, the inverse of `whiten`, for one vector (nv,) or several (n, nv)."""
         if self._scale is not None:
             return z / self._scale
-        return _solve(self._factor, z, transposed=1)
+        return _solve(self._factor, z, transposed=0)
 
     def whiten_gradients(self, jacobian: np.ndarray) -> np.ndarray:
         """Return ``J R^-T``, shape (h, nv)."""
         if self._scale is not None:
             return jacobian / self._scale
-        return _solve(self._factor, jacobian, transposed=0)
+        return _solve(self._factor, jacobian, transposed=1)
 
     def norm(self, velocity: np.ndarray) -> float:
         """Return ``sqrt(v^T M v)``."""
@@ -87,14 +87,14 @@ def finite_array(values: ArrayLike, name: str) -> np.ndarray:
 
 
 def _solve(factor: np.ndarray, rows: np.ndarray, *, transposed: int) -> np.ndarray:
-    """Solve ``R x = row`` (or ``R^T x = row``) for one row (nv,) or several (n, nv)."""
-    if rows.ndim == 1:
-        return deferred.dtrsv(factor, rows, lower=1, trans=transposed)
+    """Solve ``R^T x = row`` (or ``R x = row``), R^T given, for one row (nv,) or several (n, nv)."""
+    if rows.ndim == 1:  # increment 1, offset 0, not the lower triangle: dtrsv takes names at twice the time
+        return deferred.dtrsv(factor, rows, 1, 0, 0, transposed)
     if rows.size * len(factor) > _ROW_BY_ROW:
-        return deferred.dtrtrs(factor, rows.T, lower=1, trans=transposed)[0].T
+        return deferred.dtrtrs(factor, rows.T, trans=transposed)[0].T
     solved = np.empty_like(rows)
     for i, row in enumerate(rows):
-        solved[i] = deferred.dtrsv(factor, row, lower=1, trans=transposed)
+        solved[i] = deferred.dtrsv(factor, row, 1, 0, 0, transposed)
     return solved
 
 
@@ -106,7 +106,7 @@ def _factor(M: np.ndarray) -> np.ndarray:
         raise InvalidCollisionError(
             f"mass_matrix is not symmetric: ({i}, {j}) and its mirror differ by {difference:.3g}"
         )
-    factor, failed = deferred.dpotrf(M, lower=1, clean=1)
+    factor, failed = deferred.dpotrf(M, lower=1)
     if failed:
         raise InvalidCollisionError(f"mass_matrix is not positive definite (leading minor {failed})")
-    return factor
+    return np.asfortranarray(factor.T)

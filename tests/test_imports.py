@@ -2,7 +2,9 @@
 
 import subprocess
 import sys
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 LATER = [
@@ -40,6 +42,46 @@ def test_deferred_names_are_scipys():
         assert callable(getattr(deferred, name))
     with pytest.raises(AttributeError, match="no attribute 'nnsl'"):
         deferred.nnsl  # noqa: B018
+
+
+@pytest.mark.parametrize("shape", [(6, 4), (3, 8), (24, 16)])
+def test_nnls_without_its_checks_is_nnls(shape):
+    """The routine that is not public gives what the public one gives, and gives up where that does."""
+    from scipy.optimize import nnls
+
+    from impactlaw import deferred
+
+    for seed in range(20):
+        rng = np.random.default_rng([57, *shape, seed])
+        A, b = rng.normal(size=shape), rng.normal(size=shape[0])
+        before = A.copy(), b.copy()
+        for routine in (deferred.unchecked_nnls, deferred._checked_nnls):
+            found, distance, ended = routine(A, b, 30 * shape[1])
+            np.testing.assert_array_equal(found, nnls(A, b)[0])
+            assert distance == nnls(A, b)[1]
+            assert ended == deferred.ENDED
+            assert routine(np.eye(3), np.ones(3), 2)[2] != deferred.ENDED
+        np.testing.assert_array_equal(A, before[0])
+        np.testing.assert_array_equal(b, before[1])
+
+
+def test_another_scipy_has_its_public_nnls(monkeypatch):
+    """The routine behind it may be gone, take something else, or end in another way."""
+    from impactlaw import deferred
+
+    def gone(name):
+        raise ModuleNotFoundError(name)
+
+    def other(A, b):
+        return np.ones(1), 0.0, 1
+
+    def quiet(A, b, changes):
+        return np.full(1, 0.5), 0.0, 1
+
+    modules = [gone, lambda _: object()] + [lambda _, f=f: SimpleNamespace(_nnls=f) for f in (other, quiet)]
+    for module in modules:
+        monkeypatch.setattr(deferred, "import_module", module)
+        assert deferred._unchecked_nnls() is deferred._checked_nnls
 
 
 def test_no_step_waits_for_an_import():

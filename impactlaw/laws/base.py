@@ -69,20 +69,21 @@ class Law(ABC):
 def jump_problem(collision: Collision, target: Target) -> Problem:
     """Return the problem whose solution is the law's jump: the smallest one that reaches the target."""
     wanted, velocity, coefficient = target
-    preimage, scale, velocities, speed = None, None, collision.pre_contact_velocity, collision.pre_speed
+    Y, speed = collision.whitened_jacobian, collision.pre_speed
+    preimage, times, scale = None, None, None
+    bound = wanted - collision.pre_contact_velocity
     if collision.frame_rates is not None or collision.bilateral_jacobian is not None:
-        bound = wanted - velocities if collision.surface_jump is None else wanted - velocities - collision.surface_jump
-        known, reached = velocity_with(collision.whitened_jacobian, bound)
+        if collision.surface_jump is not None:
+            bound = bound - collision.surface_jump
+        known, reached = velocity_with(Y, bound)
         preimage = known if reached else None
     elif coefficient is not None:
-        factor = 1.0 + coefficient
-        bound, preimage, scale = -factor * velocities, -factor * collision.whitened_velocity, factor * speed
-    else:
-        bound = np.asarray(wanted, dtype=float) - velocities
-        if velocity is not None:
-            preimage = collision.metric.whiten(velocity - collision.pre_velocity)
+        preimage, times = collision.whitened_velocity, -1.0 - coefficient
+        scale = -times * speed
+    elif velocity is not None:
+        preimage = collision.metric.whiten(velocity - collision.pre_velocity)
     norms, G = collision.gradient_norms, collision.__dict__.get("delassus")  # G if it has been asked for
-    return Problem(collision.whitened_jacobian, bound, preimage, speed, norms=norms, scale=scale, delassus=G)
+    return Problem(Y, bound, preimage, speed, times=times, norms=norms, scale=scale, delassus=G)
 
 
 class RestitutionLaw(Law):

@@ -75,7 +75,10 @@ class ContactCoefficients:
             RestitutionError: as many coefficients as contacts are needed; a contact is not named and no default set;
                 or a function of speed returns what is not in [0, 1].
         """
-        value, table, labels = self.restitution, self._table, collision.labels
+        labels, numbers = collision.labels, self._numbers
+        if numbers is not None and len(numbers) == len(labels):
+            return numbers
+        value, table = self.restitution, self._table
         if table is not None:
             given = [self._lookup(table, label) for label in labels]
         elif isinstance(value, tuple):
@@ -84,8 +87,6 @@ class ContactCoefficients:
                     f"{type(self).__name__} has {len(value)} coefficients but {len(labels)} contacts collide "
                     f"({', '.join(labels)}); key them by contact label so that they follow the contacts"
                 )
-            if self._numbers is not None:
-                return self._numbers
             given = value
         elif callable(value):
             given = (value,) * len(labels)

@@ -24,18 +24,21 @@ class Problem:
         bound: ``c = gamma^h - gamma-``, shape (h,).
         preimage: ``d`` with ``Y d = c`` where the law knows one, shape (nv,); then the jump is the projection of d
             onto the cone of the gradients, which always exists.
+        times: d is so many times the given one, multiplied when it is first asked for.
         speed: ``|v-|`` where it is known, sqrt(J): c was computed from it and carries its rounding.
         norms: lengths of the rows of Y, shape (h,), where they are known.
-        scale: the attribute, where it is known.
+        scale: the attribute, where it is known: no less than |v-|.
         delassus: ``G = Y Y^T``, shape (h, h), where it is known.
 
     Attributes:
         is_sparse: whether Y is a CSR array.
         lengths: the norms, to divide by: 1 for rows of zeros, shape (h,).
-        scale: largest of |v-|, |d| and ``|c_i| / |Y_i|``: a jump is called rounding in comparison with it, sqrt(J).
     """
 
     __slots__ = (
+        "_preimage",
+        "_scale",
+        "_times",
         "_transposed",
         "bound",
         "delassus",
@@ -43,15 +46,12 @@ class Problem:
         "is_sparse",
         "lengths",
         "norms",
-        "preimage",
-        "scale",
         "speed",
     )
 
     is_sparse: bool
     norms: np.ndarray
     lengths: np.ndarray
-    scale: float
 
     def __init__(
         self,
@@ -60,22 +60,37 @@ class Problem:
         preimage: np.ndarray | None = None,
         speed: float = 0.0,
         *,
+        times: float | None = None,
         norms: np.ndarray | None = None,
         scale: float | None = None,
         delassus: Any = None,
     ):
-        self.gradients, self.bound, self.preimage, self.speed = gradients, bound, preimage, speed
+        self.gradients, self.bound, self.speed, self.delassus = gradients, bound, speed, delassus
+        self.is_sparse = not isinstance(gradients, np.ndarray)
         self.norms = known = row_lengths(gradients) if norms is None else norms
         self.lengths = known if np.count_nonzero(known) == len(known) else np.where(known > 0, known, 1.0)
-        self.is_sparse = not isinstance(gradients, np.ndarray)
-        self.delassus = delassus
+        self._preimage, self._times = preimage, times
         self._transposed: Any = None
-        if scale is None:
-            if preimage is not None:
-                scale = sqrt(preimage.dot(preimage))
+        self._scale = scale
+
+    @property
+    def scale(self) -> float:
+        """Largest of |v-|, |d| and ``|c_i| / |Y_i|``, sqrt(J): a jump is called rounding in comparison with it."""
+        if self._scale is None:
+            d = self.preimage
+            if d is not None:
+                reach = sqrt(d.dot(d))
             else:
-                scale = max(map(abs, (bound / self.lengths).tolist()), default=0.0)
-        self.scale = speed if speed > scale else scale
+                reach = max(map(abs, (self.bound / self.lengths).tolist()), default=0.0)
+            self._scale = max(self.speed, reach)
+        return self._scale
+
+    @property
+    def preimage(self) -> np.ndarray | None:
+        """``d`` with ``Y d = c``, shape (nv,), where the law knows one: the jump is then its projection on the cone."""
+        if self._times is not None and self._preimage is not None:
+            self._preimage, self._times = self._times * self._preimage, None
+        return self._preimage
 
     @property
     def transposed(self) -> Any:

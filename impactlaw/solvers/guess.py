@@ -12,6 +12,7 @@ from impactlaw.solvers.answer import judge
 from impactlaw.solvers.base import Problem
 from impactlaw.solvers.nnls import cone_projection
 
+_SMALL = 20  # contacts up to which NNLS is faster than several corrections of a first guess
 _EXACT = 1e-12  # part of the scale of a problem that an expectation may miss
 _INDEPENDENT = 1e-3  # sine of the angle between a gradient and the span of those before it, below which G loses digits
 _CHANGES = 3, 0.25  # of the active contacts, at least and per contact, after which NNLS is faster
@@ -21,24 +22,28 @@ _DIFFERENT = 1e-4  # squared sine of the angle between two gradients, below whic
 def guess(problem: Problem) -> np.ndarray | None:
     """Return an impulse, shape (h,), that is likely to solve the problem; None if only a solver can tell.
 
-    Where G is not near singular, all contacts are taken for active, ``Lambda = G^-1 c``, and that is corrected a few
-    times. Otherwise NNLS answers, with the law's own d or with ``d = Y^T G^-1 c``.
+    Two contacts have a closed form. NNLS answers for a few, with the law's own d or with ``d = Y^T G^-1 c``. For more,
+    where G is not near singular, all contacts are taken for active, ``Lambda = G^-1 c``, and that is corrected.
     """
-    Y, c, d, G = problem.gradients, problem.bound, problem.preimage, problem.delassus
+    Y, c, G = problem.gradients, problem.bound, problem.delassus
     h, nv = Y.shape
-    if h <= nv:
+    point = problem.preimage if 2 < h <= _SMALL else None
+    if point is None and h <= nv:
         if G is None:
             G = Y.dot(Y.T)
         if h == 2:
             return _pair(G.tolist(), c.tolist())
         factor, impulse, failed = deferred.dposv(G, c)
         if not failed and min((factor.diagonal() / problem.lengths).tolist()) >= _INDEPENDENT:
-            found = _active_set(G, c, impulse)
+            if min(impulse.tolist()) > 0:
+                return impulse
+            found = None if h <= _SMALL else _active_set(G, c, impulse)
             if found is not None:
                 return found
-            if d is None:
-                d = impulse.dot(Y)
-    return None if d is None else cone_projection(problem, d)
+            point = impulse.dot(Y)
+    if point is None:
+        point = problem.preimage
+    return None if point is None else cone_projection(problem, point)
 
 
 def with_active(problem: Problem, active: np.ndarray) -> np.ndarray | None:
@@ -67,11 +72,8 @@ def _active_set(G: np.ndarray, c: np.ndarray, impulse: np.ndarray) -> np.ndarray
 
     A primal-dual active set: contacts with ``Lambda_i <= 0`` leave, those with ``(G Lambda - c)_i < 0`` enter.
     """
-    values = impulse.tolist()
-    if min(values) > 0:
-        return impulse
     wanted = c.tolist()
-    active = [i for i, value in enumerate(values) if value > 0]
+    active = [i for i, value in enumerate(impulse.tolist()) if value > 0]
     for _ in range(max(_CHANGES[0], int(_CHANGES[1] * len(c)))):
         if not active:
             return None

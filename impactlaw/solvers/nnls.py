@@ -12,7 +12,7 @@ from impactlaw.solvers.base import Problem, Solution, Status
 from impactlaw.solvers.least_squares import least_squares
 
 _IN_RANGE = 1e-12  # distance from the range of Y, relative to the scale of the problem, that counts as rounding
-_PATIENT = 30  # changes of the active set, per contact, at most
+_CHANGES = 3, 30  # of the active set, per contact, at most: in a first and in a second try
 _BALANCED = 4.0  # ratio of lengths up to which scaling changes nothing
 
 
@@ -42,11 +42,8 @@ def cone_projection(problem: Problem, point: np.ndarray) -> np.ndarray | None:
         return np.zeros(0)
     balanced = max(values) <= _BALANCED * min(values)
     columns = problem.gradients.T if balanced else problem.gradients.T / problem.lengths
-    try:
-        impulse = deferred.nnls(columns, point)[0]
-    except RuntimeError:  # scipy's way to say that the iteration limit, 3 h, was reached
-        try:
-            impulse = deferred.nnls(columns, point, maxiter=_PATIENT * len(values))[0]
-        except RuntimeError:
-            return None
-    return impulse if balanced else impulse / problem.lengths
+    for changes in _CHANGES:
+        impulse, _, ended = deferred.unchecked_nnls(columns, point, changes * len(values))
+        if ended == deferred.ENDED:
+            return impulse if balanced else impulse / problem.lengths
+    return None

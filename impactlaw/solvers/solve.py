@@ -66,15 +66,15 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
     if solver != "auto" and solver not in SOLVERS:
         raise UnknownNameError("solver", solver, [*SOLVERS, "auto"])
     c = problem.bound
-    if (max(c.tolist(), default=0.0) if len(c) <= FEW else c.max()) <= 0.0:
-        return Answer(np.zeros_like(c), np.zeros(problem.gradients.shape[1]), -c / problem.lengths, 0.0)
+    if (max(c.tolist()) if 0 < len(c) <= FEW else c.max(initial=0.0)) <= 0.0:
+        return Answer(np.zeros(len(c)), np.zeros(problem.gradients.shape[1]), -c / problem.lengths, 0.0)
     if problem.lengths is not problem.norms:
         return _solve_moving(problem, labels, solver)
     if solver == "auto":
-        if has_structure(problem):
+        if len(c) > FEW and has_structure(problem):
             problem = problem.with_gradients(sparse(problem.gradients))
         answer = None if problem.is_sparse else _at_once(problem)
-        if answer is not None and answer.residual <= _GOOD * problem.scale:
+        if answer is not None and _is_good(problem, answer):
             return share(problem, answer) if shared else answer
     if solver != "auto" and not problem.is_sparse:
         parts = groups(problem)
@@ -99,6 +99,10 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
             )
     assert answer is not None
     return share(problem, answer) if shared else answer
+
+
+def _is_good(problem: Problem, answer: Answer) -> bool:
+    return answer.residual <= _GOOD * problem.speed or answer.residual <= _GOOD * problem.scale  # |v-| is part of it
 
 
 def _at_once(problem: Problem) -> Answer | None:
@@ -209,7 +213,6 @@ def _solve_apart(problem: Problem, labels: tuple[str, ...], solver: str, parts: 
     impulse, jump = np.zeros_like(problem.bound), np.zeros(problem.gradients.shape[1])
     for rows in parts:
         part = Problem(problem.gradients[rows], problem.bound[rows])
-        part.scale = float(np.abs(part.bound / part.lengths).max())
         answer = solve_with_jump(part, tuple(labels[i] for i in rows), solver=solver)
         impulse[rows] = answer.impulse
         jump += answer.jump
