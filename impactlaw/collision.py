@@ -13,7 +13,7 @@ from impactlaw.errors import InvalidCollisionError
 from impactlaw.friction import Friction
 from impactlaw.lazy import cached_property
 from impactlaw.metric import KineticMetric, finite_array
-from impactlaw.relative import Bilateral, velocity_with
+from impactlaw.relative import Bilateral, checked_bilateral, checked_surfaces, velocity_with
 from impactlaw.solvers.base import FEW, row_lengths
 from impactlaw.solvers.structure import MOST_DENSE
 from impactlaw.sparse_metric import SparseMetric, finite_sparse, is_sparse
@@ -88,34 +88,10 @@ class Collision:
             self.__dict__.update(_bilateral=None, frame_rates=None)  # most collisions have neither: look no further
             return
         if self.bilateral_jacobian is not None:
-            self.__dict__["bilateral_jacobian"] = self._checked_bilateral(self.bilateral_jacobian)
+            self.__dict__["bilateral_jacobian"] = checked_bilateral(self.bilateral_jacobian, jacobian)
         if self.surface_velocity is not None or self.post_surface_velocity is not None:
-            self._check_surfaces()
-
-    def _checked_bilateral(self, rows: np.ndarray) -> np.ndarray | None:
-        nv = len(self.pre_velocity)
-        rows = finite_array(rows, "bilateral_jacobian")
-        if rows.ndim != 2 or rows.shape[1] != nv:
-            raise InvalidCollisionError(f"bilateral_jacobian must have shape (m, {nv}), got {rows.shape}")
-        if is_sparse(self.jacobian):
-            raise InvalidCollisionError(
-                "bilateral constraints are for dense arrays: pass mass_matrix and jacobian dense"
-            )
-        return rows if rows.any() else None
-
-    def _check_surfaces(self) -> None:
-        h = len(self.labels)
-        before, after = self.surface_velocity, self.post_surface_velocity
-        before = np.zeros(h) if before is None else finite_array(before, "surface_velocity")
-        after = before if after is None else finite_array(after, "post_surface_velocity")
-        for name, w in (("surface_velocity", before), ("post_surface_velocity", after)):
-            if w.shape != (h,):
-                raise InvalidCollisionError(f"{name} must have shape ({h},), one entry per contact, got {w.shape}")
-        moving = before.any() or after.any()
-        if moving and is_sparse(self.jacobian):
-            raise InvalidCollisionError("moving surfaces are for dense arrays: pass mass_matrix and jacobian dense")
-        self.__dict__["surface_velocity"] = before if moving else None
-        self.__dict__["post_surface_velocity"] = after if moving and not np.array_equal(before, after) else None
+            before, after = checked_surfaces(self.surface_velocity, self.post_surface_velocity, jacobian)
+            self.__dict__.update(surface_velocity=before, post_surface_velocity=after)
 
     @classmethod
     def from_mujoco(cls, model: mujoco.MjModel, data: mujoco.MjData) -> Collision:
