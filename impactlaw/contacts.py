@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.collision import Collision
-from impactlaw.errors import SceneError
+from impactlaw.errors import DivergenceError, SceneError
 from impactlaw.metric import KineticMetric
 
 if TYPE_CHECKING:
@@ -70,9 +70,12 @@ def read_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, within: float =
 
     Raises:
         SceneError: a contact that is not between two geoms (a flex).
+        DivergenceError: a position is not finite.
     """
     from impactlaw.detection import Detector
 
+    if not np.isfinite(data.qpos).all():
+        raise DivergenceError(f"qpos is not finite at t = {data.time:.6g} s: there are no contacts to read")
     return Detector(model).near(_position_copy(model, data), within).contacts
 
 

@@ -50,7 +50,7 @@ class Limits:
         upper = np.arange(len(joint)) % 2
         self._code_of, self._side = 2 * joint + upper, 1.0 - 2.0 * upper
         self._position, self._dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
-        self._joint, self._upper = joint, upper
+        self._bound = model.jnt_range[joint, upper]
 
     def __bool__(self) -> bool:
         return self._exist
@@ -65,11 +65,10 @@ class Limits:
 
         The gaps are ``q - lower`` and ``upper - q``.
         """
-        bound = self._model.jnt_range[self._joint, self._upper]
-        gap = (data.qpos[self._position] - bound) * self._side
-        near = np.flatnonzero(gap < within)
-        if len(near) == 0:
+        gap = (data.qpos[self._position] - self._bound) * self._side
+        if not min(gap.tolist()) < within:
             return None
+        near = np.flatnonzero(gap < within)
         J = np.zeros((len(near), self._model.nv))
         J[np.arange(len(near)), self._dof[near]] = self._side[near]
         return LimitRows(self._code_of[near], gap[near], J)

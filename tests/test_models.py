@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scenes import TOUCHING, detect, label
 
-from impactlaw.errors import SceneError, UnknownNameError
+from impactlaw import read_contacts
+from impactlaw.errors import DivergenceError, SceneError, UnknownNameError
 from impactlaw.models import SCENES, load, scene_names, scene_path
 
 
@@ -124,3 +125,10 @@ def test_load_without_start_keeps_the_default(tmp_path: Path):
     )
     for given in (path, str(path)):
         np.testing.assert_array_equal(load(given)[1].qpos, [0, 0, 3, 1, 0, 0, 0])
+
+
+def test_contacts_of_no_position_are_an_error():
+    model, data = load("box_drop")
+    data.qpos[0] = np.nan
+    with pytest.raises(DivergenceError, match="qpos"):
+        read_contacts(model, data)
