@@ -16,7 +16,8 @@ from impactlaw.contacts import update_positions
 from impactlaw.detection import Detector
 from impactlaw.flow import Frames, Travel, advance, restore_state
 from impactlaw.location import Guess, locate, parabola
-from impactlaw.moment import CORRECTED, Arrival, Flow, Moment, match, stays
+from impactlaw.matching import elsewhere, match, refound
+from impactlaw.moment import CORRECTED, Arrival, Flow, Moment, stays
 from impactlaw.patterns import Pattern
 from impactlaw.plan import Plan
 from impactlaw.surfaces import Surfaces
@@ -24,7 +25,7 @@ from impactlaw.sustained import hold
 from impactlaw.touch import Touch
 
 _LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located
-_SMOOTH = 0.35, 0.15  # part of its depth that a smooth gap has reached after half of the flow: a quarter, nearly
+_SMOOTH = 0.1  # part of its bent depth by which a smooth gap may miss a quarter of it after half of the flow
 _SHORTER = 0.1  # part of a flow over which a contact that closes in its end may rest instead
 _NEAR = 1e3  # gap tolerances within which contacts are looked for
 
@@ -145,9 +146,10 @@ class Flights:
         tried, reach = flight.flow, 4.0 * abs(flight.gap) + self._near
         longest = self._travel.between(start.touch.frames, data).max()
         guess = self._guess(data, flight)
-        if self._may_be_smooth(flight):
-            half = again(0.5 * tried.duration)
-            if _SMOOTH[0] * flight.gap <= half.gap <= _SMOOTH[1] * flight.gap:
+        begun = elsewhere(flight.arrival, tried, flight.deepest, flight.gap)
+        if begun is not None:
+            half, (straight, bent) = again(0.5 * tried.duration), begun
+            if abs(half.gap - straight - 0.25 * bent) <= _SMOOTH * abs(bent):
                 held = again(tried.duration, smooth=True)
                 if held.gap >= -self.tolerance:
                     return held, False
@@ -181,14 +183,6 @@ class Flights:
             return False
         start, before = end.flow.start, end.arrival.known[end.deepest]
         return bool(before >= 0 and abs(start.gap[before]) <= self.tolerance)
-
-    def _may_be_smooth(self, end: Flight) -> bool:
-        """Return whether the deepest contact may continue a sustained one that was somewhere else in common faces."""
-        start, touch = end.flow.start, end.arrival.now.touch
-        if end.arrival.known[end.deepest] >= 0 or not touch.pattern.vague[end.deepest]:
-            return False
-        held = start.closed & (start.contact_velocity <= start.rounding)
-        return bool((start.touch.pattern.key[held] == touch.pattern.key[end.deepest]).any())
 
     def _try_safely(
         self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool
@@ -240,12 +234,8 @@ class Flights:
             flow: what led there.
             reach: distance to look further if nothing is near, m.
         """
-
-        def look_again(within: float) -> tuple[Moment, np.ndarray]:
-            now = self.look(data, within)
-            return now, match(self._model, data, now.touch, flow)
-
-        now, known = look_again(0.0)
+        now = self.look(data)
+        known = match(self._model, data, now.touch, flow)
         if not now.touch.pattern:
             return Flight(flow, Arrival(now, known, known), self._further(data, reach), -1)
         if (
@@ -257,6 +247,12 @@ class Flights:
             return Flight(flow, Arrival(now, known, now.closed), self._further(data, reach), -1)
         arrival = Arrival(now, known, stays(now.gap, known, flow))
         if np.count_nonzero(arrival.sustained & now.closed):
+            held = known[arrival.sustained]
+
+            def look_again(within: float) -> tuple[Moment, np.ndarray]:
+                now = self.look(data, within)
+                return now, refound(match(self._model, data, now.touch, flow), held, now.touch, flow)
+
             arrival = hold(self._model, data, arrival, flow, look_again)
         smallest, deepest = self._smallest_gap(data, arrival, flow, reach)
         return Flight(flow, arrival, smallest, deepest)

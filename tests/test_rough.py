@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 import scenes
-from scenes import run
+from scenes import energy, run
 
 from impactlaw import Coulomb, MaximalDissipation, Moreau, Newton, Stepper, read_contacts
 from impactlaw.errors import InvalidCollisionError, RestitutionError
@@ -271,3 +271,30 @@ def test_a_flow_may_start_where_nothing_was_held_in_the_end():
     stepping._next = known._replace(carried=known.carried._replace(grasp=nothing))
     stepper.step(data)
     assert data.qpos[:3] == pytest.approx([0.0, 0.0, 0.1], abs=1e-9)
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "RK4"])
+@pytest.mark.parametrize("restitution", [0.0, 0.3])
+def test_a_coin_that_rolls_on_its_rim_stays_in_contact(integrator, restitution):
+    """Its contact point runs round the rim faster than the coin moves, and is one contact all the same."""
+    coin = (
+        '<body name="coin" pos="0 0 .2"><freejoint/>'
+        '<geom type="cylinder" size=".1 .005" mass="1" friction=".3"/></body>'
+    )
+    option = f'<option timestep="0.002" integrator="{integrator}"/>'
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco>{option}<worldbody><geom type="plane" size="5 5 1" friction=".3"/>{coin}</worldbody></mujoco>'
+    )
+    data = mujoco.MjData(model)
+    data.qpos[3:7] = np.cos(0.5), np.sin(0.5), 0, 0
+    data.qvel[3:] = 0.3, 2, 10
+    stepper, energies, collisions = Stepper(model, Moreau(restitution)), [], 0
+    for _ in range(300):
+        stepper.step(data)
+        energies.append(energy(model, data))
+        collisions += len(stepper.events)
+    assert stepper.unlocated == 0
+    assert 0 < collisions < 20
+    assert np.diff(energies).max() < 1e-3
+    assert energies[-1] < 0.75 * energies[0]
+    assert -1e-9 < read_contacts(model, data).gap.min() < 1e-9
