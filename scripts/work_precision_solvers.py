@@ -26,6 +26,7 @@ SWEEPS: dict[str, tuple[float, ...]] = {
 """Keywords of iterative solvers; a solver that has one is run with each of these values besides its default."""
 _LARGEST_DENSE = 1000  # contacts of a chain that solvers of dense data are given
 _SLOW = 0.1  # s; a solver that took longer is not timed again
+_LONG = 1.0  # s; a solver that took longer is given one problem of a kind only, one that is going to take longer none
 
 Outcome = tuple[np.ndarray, np.ndarray | None] | None
 """Impulse, and jump where it was computed apart from it; None where the solver says that it has no answer."""
@@ -69,10 +70,11 @@ def run(study: SolverStudy, progress: Callable[[str], object] = lambda _: None) 
     """Return one row per solver, family, size and condition.
 
     Columns: family; contacts; condition; solver; setting of an iterative one; data it was given (dense or sparse);
-    solved, the part of the problems; time per impact, s, median; residual and energy error, the largest of the
-    problems that it solved (see `work_precision_problems.ExactProblem.errors`).
+    problems that it was given; solved, the part of them; time per impact, s, median; residual and energy error, the
+    largest of the problems that it solved (see `work_precision_problems.ExactProblem.errors`). A bare solver that would
+    take seconds, if its time grows like the number of contacts, is given no problem.
     """
-    rows = []
+    rows, per_contact = [], {}
     for family, contacts, condition in kinds(study):
         progress(f"{family}, h = {contacts}, condition {condition:.0e}")
         build = dense if family == "dense" else chain
@@ -81,7 +83,11 @@ def run(study: SolverStudy, progress: Callable[[str], object] = lambda _: None) 
             for candidate in candidates(family, contacts, sparse=sparse):
                 row = {"family": family, "contacts": contacts, "condition": condition}
                 row |= {"solver": candidate.name, "setting": candidate.setting, "data": "sparse" if sparse else "dense"}
-                rows.append(row | _measure(study, candidate, problems, sparse))
+                kind = family, condition, candidate.name, candidate.setting, sparse
+                short = candidate.name == CERTIFIED or per_contact.get(kind, 0.0) * contacts <= _LONG
+                measured = _measure(study, candidate, problems if short else [], sparse)
+                per_contact[kind] = measured["seconds"] / contacts
+                rows.append(row | measured)
     return pd.DataFrame(rows)
 
 
@@ -141,9 +147,13 @@ def _outcome(solution: Solution) -> Outcome:
     return (solution.impulse, None) if solution.status is Status.SOLVED else None
 
 
-def _measure(study: SolverStudy, candidate: Candidate, problems: list[ExactProblem], sparse: bool) -> dict[str, object]:
+def _measure(study: SolverStudy, candidate: Candidate, problems: list[ExactProblem], sparse: bool) -> dict[str, float]:
+    if not problems:
+        return dict.fromkeys(("solved", "seconds", "residual", "energy_error"), np.nan) | {"problems": 0}
     spent, errors = [], []
     for exact in problems:
+        if spent and spent[-1] > _LONG:
+            break
         given = exact if sparse or not isinstance(exact.gradients, csr_array) else _as_dense(exact)
         problem = given.problem()
         begin = time.perf_counter()
@@ -154,7 +164,8 @@ def _measure(study: SolverStudy, candidate: Candidate, problems: list[ExactProbl
             errors.append(exact.errors(*outcome))
     residual, energy = np.max(errors, axis=0) if errors else (np.nan, np.nan)
     return {
-        "solved": len(errors) / len(problems),
+        "problems": len(spent),
+        "solved": len(errors) / len(spent),
         "seconds": float(np.median(spent)),
         "residual": residual,
         "energy_error": energy,
