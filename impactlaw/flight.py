@@ -127,9 +127,9 @@ class Flights:
         """Return whether a contact is near now; frames must be current."""
         return bool(self._detector.look(data, self._near).pattern)
 
-    def is_quiet(self, data: mujoco.MjData, pattern: Pattern, silent: float) -> bool:
-        """Return whether the contacts near now are those of a plain pattern, closed and no faster than this, m/s."""
-        return self._detector.is_quiet(data, self._near, pattern, (-CORRECTED * self.tolerance, self.tolerance), silent)
+    def are_closed(self, data: mujoco.MjData, pattern: Pattern) -> bool:
+        """Return whether the contacts near now are those of a plain pattern, closed, and need no correction."""
+        return self._detector.are_closed(data, self._near, pattern, (-CORRECTED * self.tolerance, self.tolerance))
 
     def fly(
         self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool

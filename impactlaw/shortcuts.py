@@ -1,7 +1,7 @@
 """Steps whose contacts need no look but one at the end, to see that the last step's answer holds once more.
 
 - `Apart`: nothing is near, neither before nor after.
-- `Together`: contacts are closed, and their velocities rounding, without any force; so they are after.
+- `Together`: contacts are closed, and still, without any force; they are closed after.
 - `Rest`: nothing has moved in the last step, and nothing moves in this one if the contacts exert the same forces.
 
 A shortcut tries the flow of a whole step. Where its condition does not hold at the end, the flow is forgotten, and the
@@ -49,19 +49,19 @@ class Apart:
 
 @dataclass(frozen=True, eq=False)
 class Together:
-    """All contacts are closed and still, and no force is needed for that.
+    """All contacts are closed and were still, and no force is needed for that.
+
+    One that begins to approach or to separate is noticed as soon as its gap is not closed any more.
 
     Attributes:
         pattern: of these contacts, the only ones near.
-        silent: contact velocity that is rounding, m/s.
     """
 
     pattern: Pattern
-    silent: float
 
     def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
         """See `Shortcut`."""
-        return self if flights.leap(data) and flights.is_quiet(data, self.pattern, self.silent) else None
+        return self if flights.leap(data) and flights.are_closed(data, self.pattern) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ class Rest:
 
 def find_together(end: Moment) -> Together | None:
     """Return that contacts stay together by themselves if they do so at the end of a step; None if they do not."""
-    return Together(end.touch.pattern, SILENT * end.still) if end.quiet and end.touch.pattern.plain else None
+    return Together(end.touch.pattern) if end.quiet and end.touch.pattern.plain else None
 
 
 def is_still(flights: Flights, velocity: np.ndarray, still: float) -> bool:

@@ -280,7 +280,9 @@ def test_a_rest_allows_for_rounding_only(velocity, shift, lasts):
         (4, 1e-10, 0.0, True),
         (4, 1e-8, 0.0, False),  # open
         (4, -1e-10, 0.0, False),  # overlaps by more than a correction
-        (4, 0.0, 1e-9, False),  # moves
+        (4, 0.0, -1e-9, True),
+        (4, 0.0, -1e-8, False),  # begins to overlap
+        (4, 0.0, 1e-6, False),  # opens
         (4, 1e-3, 0.0, False),  # far
         (0, -1e-3, 0.0, False),
     ],
