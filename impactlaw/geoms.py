@@ -48,6 +48,11 @@ def vague_contacts(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
     return np.logical_and(several, ~one_contact(model, geoms))
 
 
+def rolling_contacts(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
+    """Return which vague contacts run along one edge or face, not from piece to piece of a surface, bool (n,)."""
+    return vague_contacts(model, geoms) & ~np.any(_PIECES[model.geom_type[geoms]], axis=1)
+
+
 def several_contacts(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
     """Return for which pairs of geoms MuJoCo looks for several contacts between faces (``multiccd``), bool (n,)."""
     kind = model.geom_type[geoms]

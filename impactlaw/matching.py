@@ -53,7 +53,7 @@ def refound(known: np.ndarray, held: np.ndarray, touch: Touch, flow: Flow) -> np
     """
     start, known = flow.start.touch, known.copy()
     for lost in held[(held >= 0) & ~np.isin(held, known)]:
-        new = np.flatnonzero((known < 0) & touch.pattern.vague & (touch.pattern.key == start.pattern.key[lost]))
+        new = np.flatnonzero((known < 0) & touch.pattern.rolling & (touch.pattern.key == start.pattern.key[lost]))
         if len(new):
             away = np.linalg.norm(touch.contacts.position[new] - start.contacts.position[lost], axis=1)
             known[new[away.argmin()]] = lost
@@ -79,7 +79,9 @@ def elsewhere(arrival: Arrival, flow: Flow, deepest: int, gap: float) -> tuple[f
         return None
     velocity = start.contact_velocity
     bent = gap - start.gap - velocity * tau
-    held = (velocity <= start.rounding) | ((velocity * tau) ** 2 <= -4.0 * bent * flow.tolerance)
+    held = velocity <= start.rounding
+    if touch.pattern.rolling[deepest]:
+        held |= (velocity * tau) ** 2 <= -4.0 * bent * flow.tolerance
     held &= start.closed & (start.touch.pattern.key == touch.pattern.key[deepest])
     if not np.count_nonzero(held):
         return None
@@ -107,7 +109,7 @@ def _match_points(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, flow
     near |= np.isfinite(least) & touch.pattern.single
     index[near] = nearest[near]
     moved[:, ~start.closed] = np.inf
-    moved[:, start.contact_velocity > start.rounding] += _LAST
+    moved[:, start.contact_velocity > start.rounding] += np.where(touch.pattern.rolling, _LAST, np.inf)[:, None]
     vague = np.flatnonzero(~near & np.isfinite(moved).any(axis=1) & touch.pattern.vague)
     if len(vague) and not flow.smooth:
         J = gap_gradients(model, data, contacts.select(vague))

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.contacts import contact_labels, sorted_geoms
-from impactlaw.geoms import one_contact, several_contacts, touching_distance, vague_contacts
+from impactlaw.geoms import one_contact, rolling_contacts, several_contacts, touching_distance, vague_contacts
 from impactlaw.limits import NO_GEOM
 from impactlaw.tangents import Grip, learn_grip
 
@@ -27,6 +27,7 @@ class Pattern:
         all_single: whether all are.
         distinct: whether no two contacts are of the same pair.
         vague: which contacts may be anywhere in common faces, bool (h,).
+        rolling: which of those run along one edge or face, not from piece to piece of a surface, bool (h,).
         skin: distance at which the geoms touch, m, (h,); None if 0 for all.
         several: whether MuJoCo is to look for several contacts of a pair.
         index: 0, 1, .., (h,).
@@ -45,6 +46,7 @@ class Pattern:
     all_single: bool
     distinct: bool
     vague: np.ndarray
+    rolling: np.ndarray
     skin: np.ndarray | None
     several: bool
     index: np.ndarray
@@ -105,6 +107,7 @@ class Patterns:
                 key=np.concatenate([pattern.key, self._model.ngeom**2 + code]),
                 single=np.concatenate([pattern.single, ~none]),
                 vague=np.concatenate([pattern.vague, none]),
+                rolling=np.concatenate([pattern.rolling, none]),
                 skin=None if pattern.skin is None else np.concatenate([pattern.skin, np.zeros(n)]),
                 index=np.arange(h),
                 ones=np.ones(h),
@@ -134,6 +137,7 @@ class Patterns:
             all_single=all_single,
             distinct=distinct,
             vague=vague_contacts(model, geoms),
+            rolling=rolling_contacts(model, geoms),
             skin=skin if skin.any() else None,
             several=self._faces and bool(several_contacts(model, geoms).any()),
             index=np.arange(len(key)),
