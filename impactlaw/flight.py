@@ -16,7 +16,7 @@ from impactlaw.contacts import update_positions
 from impactlaw.detection import Detector
 from impactlaw.flow import Frames, Travel, advance, restore_state
 from impactlaw.location import Guess, locate, parabola
-from impactlaw.matching import elsewhere, match, refound
+from impactlaw.matching import elsewhere, match, refound, runs_on
 from impactlaw.moment import CORRECTED, Arrival, Flow, Moment, stays
 from impactlaw.patterns import Pattern
 from impactlaw.plan import Plan
@@ -149,7 +149,8 @@ class Flights:
         begun = elsewhere(flight.arrival, tried, flight.deepest, flight.gap)
         if begun is not None:
             half, (straight, bent) = again(0.5 * tried.duration), begun
-            if abs(half.gap - straight - 0.25 * bent) <= _SMOOTH * abs(bent):
+            smooth = abs(half.gap - straight - 0.25 * bent) <= _SMOOTH * abs(bent)
+            if smooth or runs_on(half.arrival, flight.arrival, tried, flight.deepest):
                 held = again(tried.duration, smooth=True)
                 if held.gap >= -self.tolerance:
                     return held, False

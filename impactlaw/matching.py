@@ -121,6 +121,24 @@ def _match_points(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, flow
     return index
 
 
+def runs_on(half: Arrival, end: Arrival, flow: Flow, deepest: int) -> bool:
+    """Return whether a contact at the end is one that is held after half of the flow, and has run on as before.
+
+    Args:
+        half: the contacts after half of the flow.
+        end: the contacts at its end.
+        flow: what led to the end.
+        deepest: index of the contact at the end.
+    """
+    pattern = end.now.touch.pattern
+    held = np.flatnonzero(half.sustained & (half.now.touch.pattern.key == pattern.key[deepest]))
+    if not pattern.rolling[deepest] or len(held) != 1 or half.known[held[0]] < 0:
+        return False
+    start = flow.start.touch.contacts.position[half.known[held[0]]]
+    middle, now = half.now.touch.contacts.position[held[0]], end.now.touch.contacts.position[deepest]
+    return bool(np.linalg.norm(now - middle) <= 2.0 * np.linalg.norm(middle - start))
+
+
 def _moved(contacts: Contacts, before: Contacts, frames: Frames, data: mujoco.MjData) -> np.ndarray:
     """Distances of contact points from earlier ones, seen from that of the two geoms for which they are smaller."""
     distances = []

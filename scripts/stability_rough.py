@@ -5,6 +5,7 @@ A body that stops within a timestep h stops late by up to mu g h^2 / 8: its fric
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from functools import partial
 
@@ -97,6 +98,23 @@ def _thrown(mu: float, ratio: float, law: str, solver: str, quick: bool) -> Meas
     watch.step(100 if quick else 500)
     note = f"restitution scaled down in {watch.scaled} collisions" if watch.scaled else ""
     return watch.measurement(energy_scale=max(ratio, 1.0), note=note)
+
+
+def _coin(law: str, solver: str, quick: bool) -> Measurement:
+    """A coin spins and rolls on its rim until it lies: the contact point runs round faster than the coin moves."""
+    world = f"""{_floor(0.3)}<body pos="0 0 .2"><freejoint/>
+        <geom name="coin" type="cylinder" size=".1 .005" mass="1" friction=".3"/></body>"""
+    watch = Watch(compiled(_option(), world), law)
+    watch.data.qpos[3:7] = np.cos(0.5), np.sin(0.5), 0.0, 0.0
+    watch.data.qvel[3:] = 0.3, 2.0, 10.0
+    slowest = 0.0
+    for _ in range(100 if quick else 800):
+        start = time.perf_counter()
+        watch.step()
+        slowest = max(slowest, time.perf_counter() - start)
+    return watch.measurement(
+        energy_scale=2.2, note=f"{watch.collisions} collisions, slowest step {1e3 * slowest:.0f} ms"
+    )
 
 
 def _rod(mu: float, slope: float, law: str, solver: str, quick: bool) -> Measurement:
@@ -254,6 +272,8 @@ def _moving() -> Iterator[Case]:
     for power in (-3, 3):
         thrown = partial(_thrown, 0.5, 10.0**power)
         yield _case(f"box thrown at another, mass ratio 1e{power:+d}", thrown, THROWN, shortened=short, energy=order)
+    laws = ("maximal-dissipation", "moreau 0.5")
+    yield _case("coin that rolls on its rim", _coin, laws, shortened="100 steps instead of 800", energy=1e-3)
     for mu, slope in ((3.0, 1.0), (3.0, 2.0), (10.0, 2.0)):
         rod = partial(_rod, mu, slope)
         title = f"rod that jams (Painleve), friction {mu:g}, slope {slope:g}"

@@ -177,11 +177,12 @@ def _stiff() -> Iterator[Case]:
     unstable = Expected(REFUSED, reason, "DivergenceError")
     for kind in ("weld", "connect"):
         measure = partial(_equality, kind, "-1e5 -600", "rigid")
-        limits = Limits(energy=2e-2, deviation=1e-3)  # between collisions they are MuJoCo's, and give and gain
+        # Constraints of MuJoCo give; one that moves does work in a collision as a moving surface does.
+        limits = Limits(energy=2e-2, deviation=1e-3)
         yield Case(f"stiff {kind} during impact, rigid", "stepping", measure, LAWS, limits=limits)
         for stiffness, rules in (("-1e5 -600", ()), ("0.002 1", ()), ("-1e6 -2000", (unstable,))):
             soft = partial(_equality, kind, stiffness, "soft")
-            limits = Limits(energy=1e-3, penetration=5e-3, deviation=5e-3)
+            limits = Limits(energy=2e-2, penetration=5e-3, deviation=5e-3)
             short = "300 steps instead of 1 000"
             name = f"stiff {kind} during impact, soft, solref {stiffness}"
             yield Case(name, "stepping", soft, LAWS, expected=rules, limits=limits, shortened=short)
