@@ -1,6 +1,7 @@
 """Rigid stepping: collisions by a chosen law at located times, contact-free flow between them.
 
-One step of duration h, from a state in which no gap is below minus the tolerance (`overlap`):
+A step whose contacts need no more than one look is taken by a shortcut (`shortcuts`). Any other of duration h, from a
+state in which no gap is below minus the tolerance (`overlap`):
 
 1. Closed contacts (gap <= tolerance) that approach collide: the law gives v+, again and again until none approaches
    (`collide.Collider`).
