@@ -176,7 +176,7 @@ class _Reasons:
         )
         yield self._part(
             "rest",
-            "trial of the last contact forces, for steps in which nothing moves",
+            "trial of the last contact forces, for scenes at rest",
             lambda: "contacts are not looked at, nor forces solved for, while it lasts",
             "equality constraints, moving surfaces or limits of tendons",
         )
