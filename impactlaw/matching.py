@@ -124,6 +124,8 @@ def _match_points(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, flow
 def runs_on(half: Arrival, end: Arrival, flow: Flow, deepest: int) -> bool:
     """Return whether a contact at the end is one that is held after half of the flow, and has run on as before.
 
+    That is ``|p(tau) - p(tau / 2)| <= 2 |p(tau / 2) - p(0)|`` for the contact point p, m; another edge is further away.
+
     Args:
         half: the contacts after half of the flow.
         end: the contacts at its end.
