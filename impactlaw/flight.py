@@ -79,6 +79,11 @@ class Flights:
         self.options = self._detector.options
         self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
 
+    @property
+    def is_steady(self) -> bool:
+        """Whether no surface moves by itself in this step."""
+        return self.surfaces is None or (self.surfaces.still and not self.surfaces.run)
+
     def update(self, data: mujoco.MjData) -> None:
         """Bring frames and inertia up to data.qpos, and surfaces that move by themselves to where they are now."""
         if self.surfaces is not None:

@@ -99,8 +99,8 @@ def make_plan(
         "surfaces": bool(_moves(model, geoms).any()) or (rigid and bool((pairs.friction & _runs(model, geoms)).any())),
         "inertia": (len(geoms) > 0 or bool(Limits(model))) and not has_constant_inertia(model),
     }
-    moved = flags["bilateral"] or flags["surfaces"] or model.tendon_limited.any()
-    flags["rest"] = rigid and (flags["detection"] or flags["limits"]) and not moved
+    given = flags["bilateral"] or model.tendon_limited.any()
+    flags["rest"] = rigid and (flags["detection"] or flags["limits"]) and not given
     reasons = _Reasons(model, pairs, flags)
     parts = tuple(reasons.rigid() if rigid else reasons.soft())
     return Plan(contact_model=contact_model, **flags, pairs=pairs, parts=parts)
@@ -178,7 +178,7 @@ class _Reasons:
             "rest",
             "trial of the last contact forces, for scenes at rest",
             lambda: "contacts are not looked at, nor forces solved for, while it lasts",
-            "equality constraints, moving surfaces or limits of tendons",
+            "equality constraints or limits of tendons",
         )
         yield from self._mujoco()
         friction = int(np.count_nonzero(self.pairs.friction))

@@ -116,8 +116,7 @@ class RigidStepping:
         self.unlocated += jumps > _JUMPS or max(len(events), closings) > self._collider.most
         self._left = data.qpos.tobytes(), data.qvel.tobytes(), timestep, self._active(data)
         self._next = start
-        if surfaces is None:
-            self._shortcut = self._find_shortcut(data, start, bool(events))
+        self._shortcut = self._find_shortcut(data, start, bool(events))
         return tuple(events)
 
     def _lasts(self, data: mujoco.MjData, shortcut: Shortcut) -> bool:
@@ -128,6 +127,8 @@ class RigidStepping:
         same = self._left[0] == data.qpos.tobytes()
         self._shortcut = shortcut.lasts(self._model, data, self._flights) if same else None
         if self._shortcut is not None:
+            if self._flights.surfaces is not None:
+                self._flights.surfaces.end(data)
             self._next, self._restless = None, False
             self._left = data.qpos.tobytes(), data.qvel.tobytes(), self._options.timestep, self._active(data)
             return True
@@ -139,7 +140,7 @@ class RigidStepping:
         """Return what the next step may find as the last one has left it."""
         if not end.touch.pattern:
             return Apart(self._flights.frames(data))
-        if collided or not self._plan.rest:
+        if collided or not self._plan.rest or not self._flights.is_steady:
             return None
         if not is_still(self._flights, end.velocity, end.still):
             self._restless = False
@@ -154,7 +155,10 @@ class RigidStepping:
 
         They are those that the last step has left, if nothing has changed.
         """
-        if self._next is not None and self._flights.surfaces is None and self._is_unchanged(data):
+        surfaces = self._flights.surfaces
+        if self._next is not None and (surfaces is None or surfaces.goes_on) and self._is_unchanged(data):
+            if surfaces is not None:
+                self._flights.update(data)
             return self._next, False
         self._flights.update(data)
         start = self._flights.look(data)

@@ -61,7 +61,7 @@ class Together:
 
     def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
         """See `Shortcut`."""
-        return self if flights.leap(data) and flights.are_closed(data, self.pattern) else None
+        return self if flights.is_steady and flights.leap(data) and flights.are_closed(data, self.pattern) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +88,8 @@ class Rest:
 
     def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
         """See `Shortcut`."""
+        if not flights.is_steady:
+            return None
         applied = data.qfrc_applied
         own = applied.copy()
         applied += self.force

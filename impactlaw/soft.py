@@ -103,7 +103,7 @@ class SoftStepping:
             or data.ncon
             or data.nl
             or time != self._left_at
-            or surfaces is not None
+            or (surfaces is not None and not surfaces.still)
             or get_mjcb_control() is not None
         ):
             events = self._step_from_start(data, integrator)

@@ -22,6 +22,9 @@ from impactlaw.contacts import Contacts
 BLOW = 0.1
 """Change of a surface's mean velocity from step to step, m/s, above which its velocity jumps, which is a collision."""
 
+_CROSS = np.zeros((3, 9))  # w @ _CROSS is the matrix, row by row, of the cross product with w
+_CROSS[0, [7, 5]] = _CROSS[1, [2, 6]] = _CROSS[2, [3, 1]] = 1.0, -1.0
+
 
 class Motion(NamedTuple):
     """How the second surface of each contact moves by itself, as seen from the first.
@@ -43,6 +46,11 @@ class Surfaces:
     Args:
         model: the scene.
         geoms: pairs of geoms that can meet, (p, 2).
+
+    Attributes:
+        run: whether surfaces run like belts.
+        still: whether no body moves in this step, nor did at the end of the one before.
+        goes_on: whether the velocities at the start of this step are those at the end of the one before.
     """
 
     def __init__(self, model: mujoco.MjModel, geoms: np.ndarray):
@@ -50,16 +58,22 @@ class Surfaces:
         mocap = model.body_mocapid[model.body_rootid[model.geom_bodyid]]
         self._mocap = np.append(mocap, -1)  # limits have geom -1
         used = np.unique(mocap[np.unique(geoms)]) if len(geoms) else np.zeros(0, dtype=int)
-        self.move = bool((used >= 0).any())
+        self._move = bool((used >= 0).any())
         self._belts = np.append(model.geom_surfacevel.any(axis=1), False)
         self.run = bool(self._belts[np.unique(geoms)].any()) if len(geoms) else False
         self._arm = np.zeros(model.nmocap)
-        for geom in np.unique(geoms[np.isfinite(model.geom_rbound[geoms])]) if self.move else ():
+        for geom in np.unique(geoms[np.isfinite(model.geom_rbound[geoms])]) if self._move else ():
             if mocap[geom] >= 0:
                 self._arm[mocap[geom]] = max(self._arm[mocap[geom]], self._distance(geom))
         self._time, self._duration = np.nan, 1.0
         self._start = self._target = np.zeros((model.nmocap, 7))
         self._before = self._mean = self._first = self._last = np.zeros((model.nmocap, 6))
+        self.still = self.goes_on = False
+
+    @property
+    def move(self) -> bool:
+        """Whether bodies of the scene that can meet others move in this step."""
+        return self._move and not self.still
 
     def _distance(self, geom: int) -> float:
         """Return how far from its mocap body a geom can reach, m, joints between them left out."""
@@ -74,8 +88,12 @@ class Surfaces:
 
         They stand still if that step did not end now.
         """
-        target = np.hstack([data.mocap_pos, data.mocap_quat])
-        going_on = self._time == data.time
+        target = np.empty_like(self._target)
+        target[:, :3], target[:, 3:] = data.mocap_pos, data.mocap_quat
+        self.goes_on = going_on = self._time == data.time
+        self._time, self._duration = data.time, duration
+        if going_on and self.still and np.array_equal(target, self._target):
+            return
         start = self._target if going_on else target
         mean = np.zeros_like(self._mean)
         for i, (one, other) in enumerate(zip(start, target, strict=True)):
@@ -84,16 +102,19 @@ class Surfaces:
             mean[i, :3] = (other[:3] - one[:3]) / duration
             mujoco.mju_rotVecQuat(mean[i, 3:], turn / duration, one[3:])
         known = self._mean if going_on else mean
-        struck = (self._speeds(mean - known) > BLOW)[:, None]
-        self._before = self._last if going_on else mean
-        self._first = np.where(struck, mean, self._before)
-        self._last = np.where(struck, mean, 1.5 * mean - 0.5 * known)
+        struck = self._speeds(mean - known) > BLOW
+        self._before = self._first = self._last if going_on else mean
+        self._last = 1.5 * mean - 0.5 * known
+        if np.count_nonzero(struck):
+            self.goes_on = False
+            self._first = np.where(struck[:, None], mean, self._first)
+            self._last = np.where(struck[:, None], mean, self._last)
         self._start, self._target, self._mean = start, target, mean
-        self._time, self._duration = data.time, duration
+        self.still = not any(np.count_nonzero(v) for v in (self._before, self._first, self._last, mean))
 
     def _speeds(self, velocity: np.ndarray) -> np.ndarray:
-        """Return how fast a point of each body can be at velocities (nmocap, 6), m/s, (nmocap,)."""
-        linear, turning = velocity[:, :3], velocity[:, 3:]
+        """Return how fast a point of each body can be at velocities (.., nmocap, 6), m/s, (.., nmocap)."""
+        linear, turning = velocity[..., :3], velocity[..., 3:]
         return np.sqrt(np.vecdot(linear, linear)) + self._arm * np.sqrt(np.vecdot(turning, turning))
 
     def end(self, data: mujoco.MjData) -> None:
@@ -108,7 +129,7 @@ class Surfaces:
     def place(self, data: mujoco.MjData) -> None:
         """Put the bodies where they are now."""
         s = (data.time - self._time) / self._duration
-        if s >= 1.0 - 1e-9:
+        if self.still or s >= 1.0 - 1e-9:
             self.aim(data)
             return
         first, last, mean = s * (1 - s) ** 2, s * s * (s - 1), s * s * (3 - 2 * s)
@@ -124,13 +145,15 @@ class Surfaces:
 
     def jumps(self, data: mujoco.MjData) -> bool:
         """Whether it is the start of the step, and a velocity is another one than at the end of the step before."""
-        return data.time == self._time and not np.array_equal(self._first, self._before)
+        return data.time == self._time and self._first is not self._before
 
     @property
     def speed(self) -> float:
         """How fast a point of a moving surface is at most, m/s."""
+        if self.still:
+            return 0.0
         ends = (self._first, self._last, 1.5 * self._mean - 0.25 * (self._first + self._last))
-        return float(max(self._speeds(velocity).max(initial=0.0) for velocity in ends))
+        return float(self._speeds(np.stack(ends)).max())
 
     def _now(self, data: mujoco.MjData) -> np.ndarray:
         s = (data.time - self._time) / self._duration
@@ -160,14 +183,16 @@ class Surfaces:
         linear, spin = np.zeros((2, len(contacts), 3))
         if not self.move:
             return linear, spin
+        turning = (velocity[:, 3:] @ _CROSS).reshape(-1, 3, 3)
         for sign, geom in ((-1.0, contacts.geoms[:, 0]), (1.0, contacts.geoms[:, 1])):
             body = self._mocap[geom]
             on = np.flatnonzero(body >= 0)
             if len(on) == 0:
                 continue
-            v, w = velocity[body[on], :3], velocity[body[on], 3:]
-            linear[on] += sign * (v + cross(w, contacts.position[on] - data.mocap_pos[body[on]]))
-            spin[on] += sign * w
+            body = body[on]
+            arm = contacts.position[on] - data.mocap_pos[body]
+            linear[on] += sign * (velocity[body, :3] + np.matmul(turning[body], arm[:, :, None])[:, :, 0])
+            spin[on] += sign * velocity[body, 3:]
         return linear, spin
 
 
