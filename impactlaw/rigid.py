@@ -140,7 +140,7 @@ class RigidStepping:
         """Return what the next step may find as the last one has left it."""
         if not end.touch.pattern:
             return Apart(self._flights.frames(data))
-        if collided or not self._plan.rest or not self._flights.is_steady:
+        if collided or not self._plan.rest:
             return None
         if not is_still(self._flights, end.velocity, end.still):
             self._restless = False
@@ -157,8 +157,6 @@ class RigidStepping:
         """
         surfaces = self._flights.surfaces
         if self._next is not None and (surfaces is None or surfaces.goes_on) and self._is_unchanged(data):
-            if surfaces is not None:
-                self._flights.update(data)
             return self._next, False
         self._flights.update(data)
         start = self._flights.look(data)

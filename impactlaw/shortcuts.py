@@ -61,7 +61,7 @@ class Together:
 
     def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
         """See `Shortcut`."""
-        return self if flights.is_steady and flights.leap(data) and flights.are_closed(data, self.pattern) else None
+        return self if flights.leap(data) and flights.are_closed(data, self.pattern) else None
 
 
 @dataclass(frozen=True, eq=False)
