@@ -161,3 +161,14 @@ def test_velocities_of_a_table_are_those_of_a_solid_that_turns():
     ball = list(contact.geoms[0]).index(model.geom("ball").id)
     world = (turn.reshape(3, 3) @ spin) * (1 if ball == 0 else -1)
     np.testing.assert_allclose(velocity, np.cross(world, contact.position[0]), rtol=1e-3)
+
+
+@pytest.mark.parametrize("speed", [0.3, 3.0])
+def test_a_table_that_was_still_strikes_a_ball_in_soft_stepping(speed):
+    model, data = scene(BALL.replace("0 0 .1", "0 0 .105"))
+    model.opt.gravity[:] = 0
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft")
+    for i in range(-3, 40):
+        data.mocap_pos[0, 2] = speed * 0.005 * max(i, 0)
+        stepper.step(data)
+    assert data.qvel[2] == pytest.approx(1.5 * speed, rel=1e-12)
