@@ -1,4 +1,4 @@
-"""Steps that need no look at contacts where surfaces can move by themselves: while they stand still, or nothing is near."""
+"""Steps that need no look at contacts where surfaces can move: while these stand still, or nothing is near."""
 
 import mujoco
 import numpy as np
