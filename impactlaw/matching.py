@@ -51,8 +51,12 @@ def refound(known: np.ndarray, held: np.ndarray, touch: Touch, flow: Flow) -> np
 
     A correction of position can move a contact point further than the bodies, as on the rim of a coin.
     """
+    found = set(known.tolist())
+    missing = [index for index in held.tolist() if index >= 0 and index not in found]
+    if not missing:
+        return known
     start, known = flow.start.touch, known.copy()
-    for lost in held[(held >= 0) & ~np.isin(held, known)]:
+    for lost in missing:
         new = np.flatnonzero((known < 0) & touch.pattern.rolling & (touch.pattern.key == start.pattern.key[lost]))
         if len(new):
             away = np.linalg.norm(touch.contacts.position[new] - start.contacts.position[lost], axis=1)
