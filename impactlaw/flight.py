@@ -7,15 +7,15 @@ fell below minus the tolerance, repeated up to the time at which it closes (`loc
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import mujoco
 import numpy as np
 
 from impactlaw.contacts import update_positions
+from impactlaw.courses import Courses
 from impactlaw.detection import Detector
 from impactlaw.flow import Frames, Travel, advance, restore_state
-from impactlaw.location import Guess, locate, parabola
+from impactlaw.flown import Flight, expected, further
+from impactlaw.location import locate
 from impactlaw.matching import elsewhere, match, refound, runs_on
 from impactlaw.moment import CORRECTED, Arrival, Flow, Moment, stays
 from impactlaw.patterns import Pattern
@@ -28,27 +28,8 @@ _LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located
 _SMOOTH = 0.1  # part of its bent depth by which a smooth gap may miss a quarter of it after half of the flow
 _SHORTER = 0.1  # part of a flow over which a contact that closes in its end may rest instead
 _NEAR = 1e3  # gap tolerances within which contacts are looked for
-
-
-class Flight(NamedTuple):
-    """A flow that has been tried: the contacts at its end, and the smallest gap among those that are not held.
-
-    Attributes:
-        flow: what has been tried.
-        arrival: the contacts at its end.
-        gap: smallest gap among those that are not held, m. A contact that was deeper at the start counts as touching.
-        deepest: index of that contact, -1 where none is near.
-    """
-
-    flow: Flow
-    arrival: Arrival
-    gap: float
-    deepest: int
-
-    @property
-    def rate(self) -> float:
-        """Contact velocity of the deepest contact, m/s; 0 where none is near."""
-        return float(self.arrival.now.contact_velocity[self.deepest]) if self.deepest >= 0 else 0.0
+_AHEAD = 3  # flows at most up to where a gap is expected to close, before one over all that remains
+_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
 class Flights:
@@ -140,17 +121,65 @@ class Flights:
         self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool
     ) -> tuple[Flight, bool]:
         """Advance from a saved state by at most ``duration``; return where that led, and whether a gap closed there."""
-        flight = self._try_safely(data, state, start, duration, hold_all=hold_all)
-        if hold_all or flight.gap >= -self.tolerance:
+        if hold_all:
+            return self._try_safely(data, state, start, duration, hold_all=True), False
+        courses, time = None, expected(start, self.tolerance)
+        if time < duration:
+            courses = self._courses(start)
+            flight = self._fly_ahead(data, state, start, (time, duration), courses)
+            if flight is not None:
+                located = flight.gap >= -_LOCATED * self.tolerance
+                return (flight, True) if located else self._locate(data, state, flight, courses)
+        flight = self._try_safely(data, state, start, duration)
+        if flight.gap >= -self.tolerance:
             return flight, False
+        courses = self._courses(start) if courses is None else courses
+        courses.add(flight.duration, flight.sights)
+        return self._locate(data, state, flight, courses)
+
+    def _fly_ahead(
+        self, data: mujoco.MjData, state: np.ndarray, start: Moment, times: tuple[float, float], courses: Courses
+    ) -> Flight | None:
+        """Fly up to where a gap is expected to close; return that flight if one has closed there or before.
+
+        Otherwise data is at the start again.
+
+        Args:
+            data: the state.
+            state: the same, saved.
+            start: contacts at the start.
+            times: at which a gap is expected to close, and up to which one is looked for, s.
+            courses: to add what the flights have shown.
+        """
+        time, last = times
+        for _ in range(_AHEAD):
+            flight = self._try_safely(data, state, start, time)
+            courses.add(flight.duration, flight.sights)
+            if abs(flight.gap) > _LOCATED * self.tolerance:
+                if flight.gap < 0:
+                    return flight
+            elif flight.approaches:
+                return flight
+            restore_state(self._model, data, state)
+            time = courses.ahead(flight.duration)
+            if time >= last:
+                break
+        self.update(data)
+        return None
+
+    def _courses(self, start: Moment) -> Courses:
+        return Courses(start.gap, start.contact_velocity, exact=self._model.opt.integrator == _RK4)
+
+    def _locate(self, data: mujoco.MjData, state: np.ndarray, flight: Flight, courses: Courses) -> tuple[Flight, bool]:
+        """Return the flight up to the first gap that closes, where one has closed after a longer one, and whether."""
+        start, tried = flight.flow.start, flight.flow
+        reach = 4.0 * abs(flight.gap) + self._near
 
         def again(time: float, *, smooth: bool = False) -> Flight:
             restore_state(self._model, data, state)
             return self._try(data, start, time, reach=reach, smooth=smooth)
 
-        tried, reach = flight.flow, 4.0 * abs(flight.gap) + self._near
         longest = self._travel.between(start.touch.frames, data).max()
-        guess = self._guess(data, flight)
         begun = elsewhere(flight.arrival, tried, flight.deepest, flight.gap)
         if begun is not None:
             half, (straight, bent) = again(0.5 * tried.duration), begun
@@ -163,23 +192,22 @@ class Flights:
         located = locate(
             again,
             flight,
-            tried.duration,
-            guess,
+            courses,
             target=_LOCATED * self.tolerance,
             tolerance=self.tolerance,
             shortest=shortest,
             enough=self._rests,
         )
-        if self._was_closed(located) and located.flow.duration > 2.0 * shortest:
+        if self._was_closed(located) and located.duration > 2.0 * shortest:
             # at rest over shorter flows (`sustained.stays`), not over longer ones: it rests up to there
-            held = again(located.flow.duration - 2.0 * shortest)
-            return (held, True) if held.gap >= -self.tolerance else (again(located.flow.duration), True)
+            held = again(located.duration - 2.0 * shortest)
+            return (held, True) if held.gap >= -self.tolerance else (again(located.duration), True)
         return located, True
 
     def _rests(self, end: Flight, shorter: Flight) -> bool:
         """Return whether the contact that closes in the end, closed at the start, stays closed over a shorter flow."""
         before = end.arrival.known[end.deepest]
-        if shorter.gap < -self.tolerance or before < 0 or shorter.flow.duration < _SHORTER * end.flow.duration:
+        if shorter.gap < -self.tolerance or before < 0 or shorter.duration < _SHORTER * end.duration:
             return False
         return bool(shorter.arrival.sustained[shorter.arrival.known == before].any())
 
@@ -191,7 +219,7 @@ class Flights:
         return bool(before >= 0 and abs(start.gap[before]) <= self.tolerance)
 
     def _try_safely(
-        self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool
+        self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool = False
     ) -> Flight:
         while True:
             self.advance(data, duration)
@@ -243,14 +271,14 @@ class Flights:
         now = self.look(data)
         known = match(self._model, data, now.touch, flow)
         if not now.touch.pattern:
-            return Flight(flow, Arrival(now, known, known), self._further(data, reach), -1)
+            return self._clear(flow, Arrival(now, known, known), data, reach)
         if (
             now.quiet
             and flow.start.quiet
             and now.touch.pattern is flow.start.touch.pattern
             and now.touch.pattern.all_single
         ):
-            return Flight(flow, Arrival(now, known, now.closed), self._further(data, reach), -1)
+            return self._clear(flow, Arrival(now, known, now.closed), data, reach)
         arrival = Arrival(now, known, stays(now.gap, known, flow))
         if np.count_nonzero(arrival.sustained & now.closed):
             held = known[arrival.sustained]
@@ -260,36 +288,14 @@ class Flights:
                 return now, refound(match(self._model, data, now.touch, flow), held, now.touch, flow)
 
             arrival = hold(self._model, data, arrival, flow, look_again)
-        smallest, deepest = self._smallest_gap(data, arrival, flow, reach)
-        return Flight(flow, arrival, smallest, deepest)
-
-    def _smallest_gap(self, data: mujoco.MjData, arrival: Arrival, flow: Flow, reach: float) -> tuple[float, int]:
         if np.count_nonzero(arrival.sustained) == len(arrival.sustained):
-            return self._further(data, reach), -1
-        opened = np.flatnonzero(~arrival.sustained)
-        clear = arrival.now.gap[opened]
-        if len(flow.start.gap):
-            known = arrival.known[opened]
-            before = np.where(known >= 0, flow.start.gap[known], 0.0)
-            clear = clear - np.where(before < -self.tolerance, before, 0.0)
-        least = int(clear.argmin())
-        return float(clear[least]), int(opened[least])
+            return self._clear(flow, arrival, data, reach)
+        return Flight.of(flow, arrival)
 
-    def _further(self, data: mujoco.MjData, reach: float) -> float:
-        """Return the smallest gap, up to ``reach``, of contacts that are not near."""
+    def _clear(self, flow: Flow, arrival: Arrival, data: mujoco.MjData, reach: float) -> Flight:
+        """Return a flight where all contacts near are held; others are looked for up to a gap of ``reach``, m."""
         if reach <= self._near:
-            return self._near
-        gap = self._detector.look(data, reach).contacts.gap
-        return float(gap[gap > self._near].min(initial=reach))
-
-    def _guess(self, data: mujoco.MjData, end: Flight) -> Guess:
-        """Guess when the deepest contact that is not held has closed, from its velocities at both ends of the flow."""
-        start, duration = end.flow.start, end.flow.duration
-        before = end.arrival.known[end.deepest]
-        if before >= 0:
-            gap, velocity = float(start.gap[before]), float(start.contact_velocity[before])
-        else:
-            touch = end.arrival.now.touch
-            velocity, after = (float(touch.contact_velocity(v)[end.deepest]) for v in (start.velocity, data.qvel))
-            gap = end.gap - 0.5 * (velocity + after) * duration
-        return parabola(max(gap, 0.0), velocity, end.gap, duration, self.tolerance)
+            return Flight(flow, arrival, self._near, -1)
+        touch = Touch(self._detector.look(data, reach), data, self.surfaces)
+        sights = further(touch, self._near, flow.start.velocity, data.qvel)
+        return Flight(flow, arrival, min(sights[0].gap, reach) if sights else reach, -1, sights)

@@ -65,6 +65,7 @@ class Moment(NamedTuple):
         quiet: whether all contacts are closed, and neither move nor need a correction of position.
         pressed: contacts that the last flow had to hold, bool (h,); None if there were none.
         carried: the forces with which it held them where there is friction; None if there were none.
+        bend: b of ``gap + velocity t + b t^2`` over the last flow, m/s^2, (h,), 0 if unknown; None without any.
     """
 
     touch: Touch
@@ -76,6 +77,7 @@ class Moment(NamedTuple):
     quiet: bool
     pressed: np.ndarray | None = None
     carried: Carried | None = None
+    bend: np.ndarray | None = None
 
     @classmethod
     def of(
@@ -102,7 +104,11 @@ class Moment(NamedTuple):
     ) -> Moment:
         """Return the same contacts with the velocities of now."""
         velocity, gamma, noise, _ = _motion(model, data, self.touch, SILENT * self.still)
-        return Moment(self.touch, self.closed, self.still, velocity, gamma, noise, False, pressed, carried)
+        return Moment(self.touch, self.closed, self.still, velocity, gamma, noise, False, pressed, carried, self.bend)
+
+    def bending(self, bend: np.ndarray) -> Moment:
+        """Return the same contacts after a flow that has bent their gaps, m/s^2, (h,)."""
+        return self._replace(bend=bend)
 
     @property
     def gap(self) -> np.ndarray:

@@ -1,0 +1,174 @@
+"""Gaps as functions of the duration of a flow, as far as flows have shown them, and when they close."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+_ROOT = 1e-15  # part of a stretch to which the zero of its cubic is found
+_HALVINGS = 60
+
+
+class Sight(NamedTuple):
+    """A contact at the end of a flow.
+
+    Attributes:
+        contact: a number that tells it from others, the same after flows of any duration.
+        gap: m.
+        rate: contact velocity, m/s.
+        before: contact velocity at the start of the flow, m/s.
+    """
+
+    contact: int
+    gap: float
+    rate: float
+    before: float
+
+
+class _Node(NamedTuple):
+    time: float
+    gap: float
+    slope: float
+
+
+class Courses:
+    """The gaps of contacts that are not held, as functions of the duration of a flow from one start.
+
+    Args:
+        gap: of the contacts at the start, m, (h,); their indices tell them. One that overlaps counts as touching.
+        velocity: contact velocities there, m/s, (h,).
+        exact: whether the velocity at the end of a flow is the derivative of the position by its duration. So it is
+            with RK4; the semi-implicit integrators move with the velocity of the end, and there the slope is that of
+            the parabola through the last two gaps.
+
+    Attributes:
+        low: longest duration, s, after which no gap was seen to be negative.
+    """
+
+    def __init__(self, gap: np.ndarray, velocity: np.ndarray, *, exact: bool):
+        self._start, self._exact = (gap, velocity), exact
+        self._nodes: dict[int, list[_Node]] = {}
+        self._deep: dict[float, list[int]] = {}
+        self.low = 0.0
+
+    def add(self, time: float, sights: Iterable[Sight]) -> None:
+        """Add what a flow of this duration, s, has shown at its end."""
+        deep = self._deep[time] = []
+        for contact, gap, rate, before in sights:
+            nodes = self._nodes.get(contact)
+            if nodes is None:
+                nodes = self._nodes[contact] = [self._first(contact, time, gap, rate, before)]
+            place = bisect_right(nodes, time, key=lambda node: node.time)
+            last = nodes[place - 1]
+            if last.time == time:
+                continue  # of two contacts of one pair the first one
+            slope = rate if self._exact else 2.0 * (gap - last.gap) / (time - last.time) - last.slope
+            nodes.insert(place, _Node(time, gap, slope))
+            if gap < 0:
+                deep.append(contact)
+        if not deep:
+            self.low = max(self.low, time)
+
+    def _first(self, contact: int, time: float, gap: float, rate: float, before: float) -> _Node:
+        """Return a contact at the start; one that was too far away to be seen there has come by a parabola."""
+        if contact >= 0:
+            return _Node(0.0, max(self._start[0].item(contact), 0.0), self._start[1].item(contact))
+        travel = (0.5 * (before + rate) if self._exact else rate) * time
+        return _Node(0.0, max(gap - travel, 0.0), before)
+
+    def closing(self, low: float, high: float) -> float | None:
+        """Return when the first of the gaps that are negative after one flow has closed; None if that does not show.
+
+        Args:
+            low: duration, s, after which no gap is negative.
+            high: duration of a flow that has been added, s.
+        """
+        earliest = math.inf
+        for contact in self._deep[high]:
+            nodes = self._nodes[contact]
+            last = bisect_right(nodes, low, key=lambda node: node.time)
+            time = _first_zero(nodes[last - 1], nodes[last])
+            if low < time < earliest:
+                earliest = time
+        return earliest if earliest < high else None
+
+    def ahead(self, time: float) -> float:
+        """Return when the first gap will close after the longest flow so far, of this duration, s; inf if none."""
+        earliest = math.inf
+        for nodes in self._nodes.values():
+            if len(nodes) > 1 and nodes[-1].time == time:
+                earliest = min(earliest, _next_zero(nodes[-2], nodes[-1]))
+        return earliest
+
+
+def parabola_closes(gap: float, velocity: float, bend: float) -> float:
+    """Return the first time, s, after which ``gap + velocity t + bend t^2``, m, is negative; infinite if none is."""
+    square = velocity * velocity - 4.0 * bend * gap
+    if square < 0.0 or (velocity >= 0.0 and bend >= 0.0):
+        return math.inf
+    root = math.sqrt(square)
+    if velocity > 0.0:
+        return (velocity + root) / (-2.0 * bend)
+    return 2.0 * gap / (root - velocity) if root > velocity else math.inf
+
+
+def _cubic(one: _Node, other: _Node) -> tuple[float, float, float, float]:
+    """Return the coefficients of the cubic through two nodes, over the part of the way from one to the other."""
+    d = other.time - one.time
+    rise, first, last = other.gap - one.gap, one.slope * d, other.slope * d
+    return one.gap, first, 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise
+
+
+def _next_zero(one: _Node, other: _Node) -> float:
+    """Return where the cubic through two nodes, bent on as it is bent at the second one, becomes negative; or inf."""
+    _, _, two, three = _cubic(one, other)
+    d = other.time - one.time
+    return other.time + parabola_closes(max(other.gap, 0.0), other.slope, (two + 3.0 * three) / d**2)
+
+
+def _first_zero(one: _Node, other: _Node) -> float:
+    """Return where the cubic through two nodes first becomes negative in between; infinite if it starts below."""
+    zero, first, second, third = _cubic(one, other)
+    if zero <= 0.0:
+        if first <= 0.0:
+            return math.inf
+        zero, first, second, third = first, second, third, 0.0  # what touches at the start opens first
+    at = [0.0, *_extremes(first, second, third), 1.0]
+    for low, high in pairwise(at):
+        if zero + high * (first + high * (second + high * third)) < 0.0:
+            return one.time + (other.time - one.time) * _falling_zero((zero, first, second, third), low, high)
+    return math.inf
+
+
+def _extremes(first: float, second: float, third: float) -> list[float]:
+    """Return where ``first + 2 second s + 3 third s^2`` is zero between 0 and 1, ascending."""
+    square = second * second - 3.0 * first * third
+    if square <= 0.0:
+        return []
+    q = -(second + math.copysign(math.sqrt(square), second))
+    zeros = [x / y for x, y in ((q, 3.0 * third), (first, q)) if y != 0.0]
+    return sorted(s for s in zeros if 0.0 < s < 1.0)
+
+
+def _falling_zero(c: tuple[float, float, float, float], low: float, high: float) -> float:
+    """Return the zero of a cubic that falls from low to high, by Newton steps within the bracket, else halves."""
+    s = 0.5 * (low + high)
+    for _ in range(_HALVINGS):
+        value = c[0] + s * (c[1] + s * (c[2] + s * c[3]))
+        if value > 0.0:
+            low = s
+        else:
+            high = s
+        slope = c[1] + s * (2.0 * c[2] + s * 3.0 * c[3])
+        following = s - value / slope if slope < 0.0 else low
+        if not low < following < high:
+            following = 0.5 * (low + high)
+        if abs(following - s) <= _ROOT * following:
+            return following
+        s = following
+    return s

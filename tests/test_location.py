@@ -1,0 +1,132 @@
+"""When gaps close: cubics through what flows have shown, and how many flows that takes."""
+
+import math
+
+import numpy as np
+import pytest
+from scenes import compiled
+
+from impactlaw import Moreau, Stepper
+from impactlaw.courses import Courses, Sight, parabola_closes
+from impactlaw.flight import Flights
+from impactlaw.location import locate
+
+
+class Flown:
+    """A flow after which contacts 0, 1, .. have gaps that are functions of its duration."""
+
+    def __init__(self, duration, gaps, slopes):
+        self.duration = duration
+        self.sights = [
+            Sight(i, gap(duration), slope(duration), slope(0.0))
+            for i, (gap, slope) in enumerate(zip(gaps, slopes, strict=True))
+        ]
+        self.gap = min(sight.gap for sight in self.sights)
+
+
+def located(gaps, slopes, duration, tolerance=1e-9):
+    """Return the flow up to the first gap that closes, and the durations of all flows that were flown."""
+    courses = Courses(np.array([g(0.0) for g in gaps]), np.array([s(0.0) for s in slopes]), exact=True)
+    flown = []
+
+    def fly(time):
+        flown.append(time)
+        return Flown(time, gaps, slopes)
+
+    end = fly(duration)
+    courses.add(duration, end.sights)
+    found = locate(
+        fly,
+        end,
+        courses,
+        target=1e-2 * tolerance,
+        tolerance=tolerance,
+        shortest=1e-12,
+        enough=lambda end, shorter: False,
+    )
+    return found, flown
+
+
+def test_first_gap_to_close_is_found_where_another_one_is_deeper_in_the_end():
+    gaps = [lambda t: 0.1 - t, lambda t: 0.3 - 5 * t**2]
+    found, flown = located(gaps, [lambda t: -1.0, lambda t: -10 * t], 0.5)
+    assert found.duration == pytest.approx(0.1, abs=1e-11)
+    assert len(flown) <= 3
+
+
+def test_contact_that_opens_at_the_start_closes_later_than_that():
+    found, flown = located([lambda t: t - 50 * t**2], [lambda t: 1 - 100 * t], 1.0)
+    assert found.duration == pytest.approx(0.02, abs=1e-11)
+    assert len(flown) <= 2
+
+
+def test_gap_that_is_no_cubic_is_found_in_a_few_flows():
+    gap, slope = lambda t: math.sin(20 * t) + 0.05 * t, lambda t: 20 * math.cos(20 * t) + 0.05
+    found, flown = located([gap], [slope], 0.25)
+    assert abs(found.gap) <= 1e-11
+    assert found.duration == pytest.approx(math.pi / 20, rel=1e-2)
+    assert len(flown) <= 5
+
+
+def test_gap_that_jumps_is_found_by_bisection():
+    found, _ = located([lambda t: 1.0 if t < 0.3 else -1.0], [lambda t: 0.0], 1.0)
+    assert 0.3 <= found.duration <= 0.3 + 1e-11
+    assert found.gap == -1.0
+
+
+def test_gap_that_was_not_seen_at_the_start_has_come_by_a_parabola():
+    courses = Courses(np.zeros(0), np.zeros(0), exact=True)
+    gap, slope = lambda t: 1.0 - 2.0 * t - 3.0 * t**2, lambda t: -2.0 - 6.0 * t
+    courses.add(1.0, [Sight(-7, gap(1.0), slope(1.0), slope(0.0))])
+    assert courses.closing(0.0, 1.0) == pytest.approx(1.0 / 3.0, abs=1e-14)
+
+
+def test_slopes_of_semi_implicit_steps_are_those_of_gaps_not_of_velocities():
+    courses = Courses(np.array([1.0]), np.array([-1.0]), exact=False)
+    gap, velocity = lambda t: 1.0 - t - 3.0 * t**2, lambda t: -1.0 - 3.0 * t  # q' = q + t v', v' = v + a t
+    courses.add(1.0, [Sight(0, gap(1.0), velocity(1.0), -1.0)])
+    assert courses.closing(0.0, 1.0) == pytest.approx((math.sqrt(13.0) - 1.0) / 6.0, abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("gap", "velocity", "bend", "closes"),
+    [(0.0, 2.0, -4.0, 0.5), (3.0, -1.0, 0.0, 3.0), (1.0, 1.0, 1.0, math.inf), (1.0, -1.0, 1.0, math.inf)],
+)
+def test_parabola_closes_when_it_first_becomes_negative(gap, velocity, bend, closes):
+    assert parabola_closes(gap, velocity, bend) == pytest.approx(closes)
+
+
+def link(name, damping, limits, tip, more=""):
+    """A rod along x that turns about y, and what hangs on its tip."""
+    joint = f'<joint name="{name}" axis="0 1 0" damping="{damping}" range="{limits}"/>'
+    return f'{joint}<geom type="capsule" size=".03" fromto="0 0 0 {tip} 0 0"/>{more}'
+
+
+HAND = link("hand", 0, "-25 10", 0.3)
+FOREARM = link("elbow", 0.1, "-20 15", 0.3, f'<body pos=".3 0 0">{HAND}</body>')
+ARM = f'<body pos="0 0 2">{link("shoulder", 0.2, "-30 20", 0.4, f"""<body pos=".4 0 0">{FOREARM}</body>""")}</body>'
+
+
+@pytest.fixture
+def flows(monkeypatch):
+    """The duration of every flow, in order."""
+    durations, advance = [], Flights.advance
+
+    def counted(self, data, duration):
+        durations.append(duration)
+        advance(self, data, duration)
+
+    monkeypatch.setattr(Flights, "advance", counted)
+    return durations
+
+
+@pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicitfast"])
+def test_limits_that_bounce_take_few_flows(flows, integrator):
+    model, data = compiled(ARM, option=f'timestep="0.004" integrator="{integrator}"', geom='contype="0"')
+    stepper, collisions = Stepper(model, Moreau(0.3)), 0
+    for _ in range(120):
+        stepper.step(data)
+        collisions += len(stepper.events)
+    assert collisions > 60
+    assert len(flows) < 120 + 2 * collisions
+    assert stepper.unlocated == 0
