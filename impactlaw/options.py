@@ -8,7 +8,7 @@ import mujoco
 
 _CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 _FLOW_OFF = _CONTACT | int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-_LOOK_ON = _CONTACT | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+_CONSTRAINT = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 _SINGLE = int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
 _EQUALITY, _LOSS = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY), int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS)
 _LIMIT = int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
@@ -31,8 +31,9 @@ class BorrowedOptions:
 
     Attributes:
         timestep: that the user has set, s.
+        disabled: flags of what the user has disabled.
         several: whether MuJoCo is to look for several contacts of faces, as the user has set.
-        limited: whether limits are on, as the user has set.
+        limited: whether limits are on, as the user has set. (Contacts that are off are not reported.)
     """
 
     def __init__(self, model: mujoco.MjModel, *, convex: bool, limits: bool, bilateral: bool = False):
@@ -45,14 +46,15 @@ class BorrowedOptions:
     def __enter__(self) -> BorrowedOptions:
         opt = self._opt = self._model.opt
         self.timestep = opt.timestep
-        disabled, enabled = opt.disableflags, opt.enableflags
+        self.disabled, enabled = opt.disableflags, opt.enableflags
+        disabled = self.disabled
         self._kept = disabled, enabled, opt.o_margin
         self.several = not disabled & _SINGLE
-        self.limited = not disabled & _LIMIT
+        self.limited = not disabled & (_LIMIT | _CONSTRAINT)
         self._jacobian = opt.jacobian
         self._sparse = self._large if self._jacobian == _AUTO else self._jacobian != _DENSE
         self._flow = disabled | _FLOW_OFF | _LIMIT, enabled & ~_SLEEP
-        look = (disabled | _SINGLE | _LOSS | _LIMIT | (0 if self._bilateral else _EQUALITY)) & ~_LOOK_ON
+        look = disabled | _SINGLE | _LOSS | _LIMIT | (0 if self._bilateral else _EQUALITY)
         if self._limits:
             look &= ~_LIMIT | disabled
             self._kept_margins = self._model.jnt_margin.copy(), self._model.tendon_margin.copy()

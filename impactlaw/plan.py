@@ -16,6 +16,7 @@ from impactlaw.limits import Limits
 from impactlaw.scene import GeomPairs, geom_pairs, thickness
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+_NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 _HINGE, _SLIDE, _FREE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{name}")) for name in ("HINGE", "SLIDE", "FREE"))
 
 
@@ -218,6 +219,8 @@ class _Reasons:
         n = len(self.pairs.geoms)
         if self.flags["detection"] and not n:
             return Part("collision detection", True, "a flex can collide")
+        if self.model.opt.disableflags & _NO_CONTACT:
+            return Part("collision detection", False, "the scene's options disable contact")
         why = f"{n} pair{'s' if n > 1 else ''} of geoms can meet" if n else "no two geoms can meet"
         return Part("collision detection", n > 0, why)
 

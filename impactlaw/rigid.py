@@ -62,7 +62,7 @@ class RigidStepping:
         self._flights = Flights(model, plan, gap_tolerance, exact=exact)
         self._options = self._flights.options
         self._before, self._state = empty_state(model), empty_state(model)
-        self._left: tuple[bytes, bytes, float, bytes] = b"", b"", 0.0, b""
+        self._left: tuple[bytes, bytes, float, int, bytes] = b"", b"", 0.0, 0, b""
         self._next: Moment | None = None
         self._shortcut: Shortcut | None = None
         self._restless = False  # whether the last rest found was none
@@ -114,7 +114,7 @@ class RigidStepping:
         if surfaces is not None:
             surfaces.end(data)
         self.unlocated += jumps > _JUMPS or max(len(events), closings) > self._collider.most
-        self._left = data.qpos.tobytes(), data.qvel.tobytes(), timestep, self._active(data)
+        self._left = self._now(data)
         self._next = start
         self._shortcut = self._find_shortcut(data, start, bool(events))
         return tuple(events)
@@ -124,13 +124,13 @@ class RigidStepping:
 
         Velocities may have been changed: those at the end decide.
         """
-        same = self._left[0] == data.qpos.tobytes()
+        same = self._is_left(data)
         self._shortcut = shortcut.lasts(self._model, data, self._flights) if same else None
         if self._shortcut is not None:
             if self._flights.surfaces is not None:
                 self._flights.surfaces.end(data)
             self._next, self._restless = None, False
-            self._left = data.qpos.tobytes(), data.qvel.tobytes(), self._options.timestep, self._active(data)
+            self._left = self._now(data)
             return True
         if same:
             restore_state(self._model, data, self._before)
@@ -160,7 +160,7 @@ class RigidStepping:
             return self._next, False
         self._flights.update(data)
         start = self._flights.look(data)
-        pushed = self._left[0] != data.qpos.tobytes() and overlaps(start.touch, self._tolerance)
+        pushed = not self._is_left(data) and overlaps(start.touch, self._tolerance)
         if pushed:
             if not self._push_out:
                 reason = f"move them apart (up to {self._tolerance:g} m counts as touching)"
@@ -168,15 +168,19 @@ class RigidStepping:
             start = push_out(self._model, data, self._flights, start, self._tolerance)
         return (self._collide(data, start, events) if start.collides else start), pushed
 
+    def _is_left(self, data: mujoco.MjData) -> bool:
+        """Return whether the same contacts are near, and no other, as the last step has left it."""
+        return self._left[0] == data.qpos.tobytes() and self._left[3] == self._options.disabled
+
     def _is_unchanged(self, data: mujoco.MjData) -> bool:
         """Return whether everything that contacts depend on is as the last step has left it."""
-        qpos, qvel, timestep, active = self._left
-        same = qpos == data.qpos.tobytes() and qvel == data.qvel.tobytes()
-        return same and timestep == self._options.timestep and active == self._active(data)
+        return self._left == self._now(data)
 
-    def _active(self, data: mujoco.MjData) -> bytes:
-        """Which equality constraints are on."""
-        return data.eq_active.tobytes() if self._plan.bilateral else b""
+    def _now(self, data: mujoco.MjData) -> tuple[bytes, bytes, float, int, bytes]:
+        """Return what contacts depend on: position, velocity, timestep, what is disabled, which equalities are on."""
+        active = data.eq_active.tobytes() if self._plan.bilateral else b""
+        options = self._options
+        return data.qpos.tobytes(), data.qvel.tobytes(), options.timestep, options.disabled, active
 
     def _collide(self, data: mujoco.MjData, start: Moment, events: list[ImpactEvent]) -> Moment:
         """Resolve the collisions of now; frames and inertia of data are those of the start."""

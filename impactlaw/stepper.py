@@ -28,8 +28,9 @@ class Stepper:
     the law takes over collisions only; a step without one is `mj_step`, bit for bit (`impactlaw.soft`).
 
     Args:
-        model: the compiled scene. Its options are read at every step, so they may be changed between steps; shapes,
-            limits and friction are read when the stepper is made or a contact is first seen.
+        model: the compiled scene. Its options are read at every step, so they may be changed between steps (contacts
+            and limits that they disable are off); shapes, limits and friction are read when the stepper is made or a
+            contact is first seen.
         law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`impactlaw.scene`).
         contact_model: "rigid" or "soft".
         friction: "coulomb" is exact Coulomb friction in collisions and in sustained contact, with the coefficients of
