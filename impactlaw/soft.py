@@ -54,11 +54,12 @@ from impactlaw.surfaces import Surfaces
 REST_SPEED = 0.1
 """Closing speed, m/s, above which a soft contact collides."""
 
-_RK4, _EULER = int(mujoco.mjtIntegrator.mjINT_RK4), int(mujoco.mjtIntegrator.mjINT_EULER)
+_RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
 _POSITION, _VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
 _ENERGY, _COMPARE = int(mujoco.mjtEnableBit.mjENBL_ENERGY), int(mujoco.mjtEnableBit.mjENBL_FWDINV)
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _NO_RESET = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+_NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
 _NOTHING: tuple[tuple[ImpactEvent, ...], int] = (), _VELOCITY
 _BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")]
 
@@ -134,9 +135,7 @@ class SoftStepping:
         if self._surfaces is not None:
             self._surfaces.begin(data, self._options.timestep)
         events, stage = self._collide(data) if data.ncon or data.nl else _NOTHING
-        if stage != _VELOCITY:
-            self._update_velocity(data)
-        mujoco.mj_step2(self._model, data)
+        self._finish_step(data, stage)
         _refuse_reset(data, time, count)
         if self._surfaces is not None:
             self._surfaces.end(data)
@@ -145,12 +144,15 @@ class SoftStepping:
     def _step_from_start(self, data: mujoco.MjData, integrator: int) -> tuple[ImpactEvent, ...]:
         """Do what `mj_step` does, with the law before the forces."""
         model, options = self._model, self._options
-        if get_mjcb_control() is None:
+        if get_mjcb_control() is None or (integrator == _DISCRETE and not options.disableflags & _NO_ACTUATION):
             mj_step1(model, data)
         else:
             self._look(data)
         contacts = data.ncon + data.nl
         events, stage = self._collide(data) if contacts else _NOTHING
+        if integrator == _DISCRETE:  # has no function of its own but mj_step2, which calls no control callback
+            self._finish_step(data, stage)
+            return events
         mj_forwardSkip(model, data, stage, 0)
         mj_checkAcc(model, data)
         if options.enableflags & _COMPARE:
@@ -165,6 +167,12 @@ class SoftStepping:
         else:
             mj_implicit(model, data)
         return events
+
+    def _finish_step(self, data: mujoco.MjData, stage: int) -> None:
+        """Do what follows the velocity stage, which is brought up to date if it is not among those that are."""
+        if stage != _VELOCITY:
+            self._update_velocity(data)
+        mujoco.mj_step2(self._model, data)
 
     def _look(self, data: mujoco.MjData) -> None:
         """Do what `mj_step1` does, except for the control callback: `mj_forwardSkip` calls it."""

@@ -5,7 +5,7 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
-INTEGRATORS = ("Euler", "implicit", "implicitfast", "RK4")
+INTEGRATORS = ("Euler", "implicit", "implicitfast", "discrete", "RK4")
 
 
 def compiled(world, rest="", *, option="", geom=""):

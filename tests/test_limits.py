@@ -22,7 +22,7 @@ compiled = partial(scenes.compiled, option='gravity="0 0 0" timestep="0.01" inte
 
 
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
-@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "discrete", "RK4"])
 def test_a_cart_bounces_between_the_ends_of_its_rail(e, integrator):
     model, data = compiled(SLIDE, option=f'gravity="0 0 0" timestep="0.05" integrator="{integrator}"')
     data.qvel[0] = 3.7
@@ -186,7 +186,7 @@ def test_read_contacts_tells_a_limit():
     assert len(read_contacts(model, data, within=3.5)) == 2
 
 
-@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "discrete", "RK4"])
 @pytest.mark.parametrize("e", [0.0, 0.5, 0.9])
 def test_soft_stepping_bounces_on_limits(integrator, e):
     """At a fine step the limit's own spring adds little: the rebound is the law's."""

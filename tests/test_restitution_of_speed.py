@@ -189,7 +189,7 @@ def test_bouncing_ball_of_johnson():
     assert_flies(Newton(johnson), at)
 
 
-@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "discrete", "RK4"])
 def test_soft_steps_give_each_collision_its_own_coefficient(integrator):
     """Exactly so from the speed at the start of the step; over the motion to the first order of the step."""
     errors = []

@@ -43,7 +43,7 @@ def sloped(angle, option=RK4):
     return f'{option} gravity="{G * math.sin(angle)} 0 {-G * math.cos(angle)}"'
 
 
-@pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicitfast"])
+@pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicitfast", "discrete"])
 @pytest.mark.parametrize("friction", ["coulomb", "convex"])
 def test_a_box_sticks_to_an_incline_and_does_not_creep(integrator, friction):
     """tan(0.45) = 0.483 < 0.5, for 10 s."""

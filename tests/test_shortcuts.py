@@ -56,7 +56,7 @@ def settled(model, data, **options):
     return stepper
 
 
-@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicit", "implicitfast"])
+@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicit", "implicitfast", "discrete"])
 @pytest.mark.parametrize(("condim", "slope"), [(1, 0.0), (3, 0.0), (3, 20.0), (4, 20.0), (6, 0.0)])
 def test_a_box_at_rest_is_looked_at_no_more(integrator, condim, slope, monkeypatch):
     model, data = scene(integrator, condim=condim, slope=slope)
