@@ -84,13 +84,18 @@ def check_rigid(model: mujoco.MjModel) -> None:
     """Refuse what rigid stepping would simulate wrongly.
 
     Raises:
-        SceneError: flexes, adhesion.
+        SceneError: flexes, adhesion, delays.
     """
     if model.nflex:
         raise SceneError('rigid stepping is between geoms only, but the scene has a flex; use contact_model="soft"')
     adhesion = int(mujoco.mjtTrn.mjTRN_BODY)
     if model.flg_adhesion or (model.nu and (model.actuator_trntype == adhesion).any()):
         raise SceneError('rigid contacts do not pull, but the scene has adhesion; use contact_model="soft"')
+    if model.nhistory:
+        raise SceneError(
+            "MuJoCo's buffers of delayed actuators and sensors take one sample a step, but rigid steps are cut at "
+            'collisions; use contact_model="soft", or leave out delay and nsample'
+        )
 
 
 def thickness(model: mujoco.MjModel) -> np.ndarray:

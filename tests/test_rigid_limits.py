@@ -103,6 +103,11 @@ def test_overlap_made_between_steps_is_named_too():
     [
         (FLOOR.replace("/>", ' adhesion="1"/>') + ball(), "", "adhesion"),
         (FLOOR + ball(), '<actuator><adhesion body="ball" ctrlrange="0 1"/></actuator>', "adhesion"),
+        (
+            FLOOR + ball().replace("/>", ' name="free"/>', 1),
+            '<actuator><motor joint="free" gear="1 0 0 0 0 0" delay="0.01" nsample="9"/></actuator>',
+            "delay",
+        ),
     ],
 )
 def test_what_rigid_stepping_does_not_cover_is_refused(world, rest, message):

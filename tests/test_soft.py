@@ -46,7 +46,7 @@ MACHINE = """
   </tendon>
   <equality><joint joint1="shoulder" joint2="twin"/></equality>
   <actuator>
-    <motor name="drive" joint="shoulder" gear="3"/>
+    <motor name="drive" joint="shoulder" gear="3" delay="0.01" nsample="4"/>
     <general joint="elbow" dyntype="filter" dynprm=".05" gainprm="2"/>
     <position tendon="pair" kp="4"/>
   </actuator>
@@ -54,6 +54,7 @@ MACHINE = """
     <accelerometer site="corner"/><gyro site="corner"/><force site="hand"/><torque site="hand"/><touch site="corner"/>
     <framelinvel objtype="body" objname="ball"/><tendonpos tendon="string"/><subtreeangmom body="arm"/>
     <actuatorfrc actuator="drive"/><clock/><e_kinetic/>
+    <jointpos joint="elbow" delay="0.008" nsample="3"/>
   </sensor>
 </mujoco>
 """
