@@ -194,8 +194,3 @@ class Surfaces:
             linear[on] += sign * (velocity[body, :3] + np.matmul(turning[body], arm[:, :, None])[:, :, 0])
             spin[on] += sign * velocity[body, 3:]
         return linear, spin
-
-
-def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the cross products of the rows, (k, 3), at a fraction of the cost of numpy's own."""
-    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]

@@ -2,18 +2,37 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from impactlaw.contacts import Contacts
-from impactlaw.surfaces import Surfaces, cross
+from impactlaw.surfaces import Surfaces
 
 MIN_FRICTION = 1e-10
 """Coefficient up to which there is no friction."""
 
 _TORSION = 2  # rows of a contact are two of sliding, one of torsion, two of rolling
+
+
+class Span(NamedTuple):
+    """The rows of one contact.
+
+    Attributes:
+        first: the first one; those of sliding come first.
+        turning: the first one of torsion or rolling.
+        last: the first one of another contact.
+        contact: its index.
+        bodies: of its geoms, -1 for one that is fixed to the world.
+    """
+
+    first: int
+    turning: int
+    last: int
+    contact: int
+    bodies: tuple[int, ...]
 
 
 class Grip(NamedTuple):
@@ -23,11 +42,15 @@ class Grip(NamedTuple):
         contact: index of the contact of each row, ascending, int (k,).
         kind: 0 and 1 for sliding, 2 for torsion, 3 and 4 for rolling, int (k,).
         coefficient: of each row: 1 for sliding, m for the others, (k,).
+        axis: of each row: 0 for the normal, 1 and 2 for the directions of sliding, int (k,).
+        spans: rows by contacts.
     """
 
     contact: np.ndarray
     kind: np.ndarray
     coefficient: np.ndarray
+    axis: np.ndarray
+    spans: tuple[Span, ...]
 
 
 class Tangents(NamedTuple):
@@ -70,7 +93,14 @@ def learn_grip(model: mujoco.MjModel, geoms: np.ndarray) -> Grip | None:
     if not rows.any():
         return None
     contact, kind = np.nonzero(rows)
-    return Grip(contact, kind, mu[contact, kind])
+    slides = kind < _TORSION
+    bodies = model.geom_bodyid[geoms]
+    bodies = np.where(model.body_weldid[bodies] != 0, bodies, -1)
+    spans = []
+    for i in np.unique(contact).tolist():
+        first, last = np.searchsorted(contact, [i, i + 1]).tolist()
+        spans.append(Span(first, first + int(slides[first:last].sum()), last, i, tuple(bodies[i].tolist())))
+    return Grip(contact, kind, mu[contact, kind], np.where(slides, kind + 1, kind - _TORSION), tuple(spans))
 
 
 def find_tangents(
@@ -81,26 +111,30 @@ def find_tangents(
     The directions are MuJoCo's: the second axis is the world's y, or z where the normal is near to that, made
     perpendicular.
     """
-    contact, kind = grip.contact, grip.kind
-    position = contacts.position[contact]
-    slides = (kind < _TORSION)[:, None]
-    axis = _axes(contacts.normal)[np.where(kind < _TORSION, kind + 1, kind - _TORSION), contact]
-    force, torque = np.where(slides, axis, 0.0), np.where(slides, 0.0, axis)
-    J = np.zeros((len(kind), model.nv))
-    jacp, jacr = np.empty((2, 3, model.nv))
-    bodies = model.geom_bodyid[contacts.geoms[contact]]
-    for sign, body in ((-1.0, bodies[:, 0]), (1.0, bodies[:, 1])):
-        for b in set(body.tolist()):
-            if model.body_weldid[b] != 0:
-                on = np.flatnonzero(body == b)
-                mujoco.mj_jacBody(model, data, jacp, jacr, b)
-                turned = cross(position[on] - data.xpos[b], force[on]) + torque[on]
-                J[on] += sign * (force[on].dot(jacp) + turned.dot(jacr))
-    drift = np.zeros(len(kind))
+    axis = _axes(contacts.normal)[grip.axis, grip.contact]
+    J = np.empty((len(axis), model.nv))
+    for first, turning, last, i, bodies in grip.spans:
+        slide, turn = _relative(model, data, contacts.position[i], bodies)
+        J[first:turning] = axis[first:turning].dot(slide)
+        if turning < last:
+            J[turning:last] = axis[turning:last].dot(turn)
+    drift = np.zeros(len(axis))
     if surfaces is not None:
-        velocity, spin, belt = (part[contact] for part in surfaces.motion(data, contacts))
-        drift = np.vecdot(force, velocity + belt) + np.vecdot(torque, spin)
+        velocity, spin, belt = (part[grip.contact] for part in surfaces.motion(data, contacts))
+        slides = (grip.kind < _TORSION)[:, None]
+        drift = np.vecdot(axis, np.where(slides, velocity + belt, spin))
     return Tangents(grip, J, drift)
+
+
+def _relative(
+    model: mujoco.MjModel, data: mujoco.MjData, point: np.ndarray, bodies: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return Jacobians of how the second body moves and turns seen from the first one, at a point, (3, nv) each."""
+    one, other = np.zeros((2, 2, 3, model.nv))
+    for jacobian, body in zip((one, other), bodies, strict=True):
+        if body >= 0:
+            mujoco.mj_jac(model, data, jacobian[0], jacobian[1], point, body)
+    return other[0] - one[0], other[1] - one[1]
 
 
 def tangential_impulses(model: mujoco.MjModel, contacts: Contacts, friction_impulse: np.ndarray) -> np.ndarray:
@@ -122,9 +156,12 @@ def tangential_impulses(model: mujoco.MjModel, contacts: Contacts, friction_impu
 
 def _axes(normal: np.ndarray) -> np.ndarray:
     """Return the axes of contacts, normals first, then two tangents, (3, h, 3)."""
-    upright = np.abs(normal[:, 1]) >= 0.5
-    second = np.zeros_like(normal)
-    second[:, 1], second[:, 2] = ~upright, upright
-    second -= np.vecdot(normal, second)[:, None] * normal
-    second /= np.sqrt(np.vecdot(second, second))[:, None]
-    return np.stack([normal, second, cross(normal, second)])
+    axes = np.empty((3, *normal.shape))
+    axes[0] = normal
+    for i, (x, y, z) in enumerate(normal.tolist()):
+        p, q, r = (-x * z, -y * z, 1.0 - z * z) if abs(y) >= 0.5 else (-x * y, 1.0 - y * y, -z * y)
+        length = sqrt(p * p + q * q + r * r)
+        p, q, r = p / length, q / length, r / length
+        axes[1, i] = p, q, r
+        axes[2, i] = y * r - z * q, z * p - x * r, x * q - y * p
+    return axes

@@ -92,8 +92,9 @@ class Touch:
             J, drift = self.jacobian, np.zeros(len(contact)) if self.drift is None else self.drift
             tangents = self.tangents(model, data)
             if tangents is not None:
-                (of, which, mu), sliding, more = tangents
-                contact, kind = np.concatenate([contact, of]), np.concatenate([kind, which + 1])
+                grip, sliding, more = tangents
+                contact, kind = np.concatenate([contact, grip.contact]), np.concatenate([kind, grip.kind + 1])
+                mu = grip.coefficient
                 J, drift = np.vstack([J, mu[:, None] * sliding]), np.concatenate([drift, mu * more])
                 order = np.argsort(contact, kind="stable")
                 contact, kind, J, drift = contact[order], kind[order], J[order], drift[order]

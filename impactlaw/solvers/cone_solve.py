@@ -10,11 +10,13 @@ import numpy as np
 from impactlaw.solvers.cone_lagrangian import augmented_lagrangian
 from impactlaw.solvers.cone_newton import continuation, newton, share
 from impactlaw.solvers.cone_problem import ENOUGH, ConeAnswer, ConeProblem, ConeStatus, project
+from impactlaw.solvers.cone_single import single
 
 _WARM = 8  # Newton steps that a guess is worth
 _COLD = 15  # Newton steps from rest, before what is slower
 _VARIANTS = ((1e-12, 1.0), (1e-12, 1.0), (1e-8, 1.0), (1e-12, 0.1), (1e-10, 10.0), (1e-8, 0.3))
 """Regularization and step of the map that are tried in turn: where one cycles another one need not."""
+_ALONE = 1e-13  # relative residual with which the answer for a contact alone needs no Newton step
 _AFTER = 20  # Newton steps after each round of what is slower
 
 
@@ -40,6 +42,7 @@ BRIEF = Effort(4, False, 0)
 def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, effort: Effort = THOROUGH) -> ConeAnswer:
     """Solve a problem of contacts with friction.
 
+    One contact alone has a closed form, or nearly so (`cone_single`).
     Newton's method is started from the guess, then from no impulse. What it cannot do is tried by a fixed point: de
     Saxcé's correction ``s = |u_t|`` is held, the convex problem that remains is solved by augmented Lagrangians, and
     Newton's method starts from there; by following the solution of compliant contacts to rigid ones; and last by
@@ -54,6 +57,10 @@ def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, effort
     Returns:
         The best answer found; its status is "solved" if its residual is at most 1e-10 of the problem's scale.
     """
+    if problem.exact and problem.shape[0] == 1:
+        x = single(problem, guess)
+        if x is not None and (residual := problem.residual(x, problem.velocity(x))) <= _ALONE * problem.scale:
+            return problem.answer(x, residual, ConeStatus.SOLVED, 0)
     with np.errstate(all="ignore"):
         x, residual, taken = _attempts(problem, guess, effort)
     status = ConeStatus.SOLVED if residual <= ENOUGH * problem.scale else ConeStatus.STOPPED
