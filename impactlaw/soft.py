@@ -198,19 +198,23 @@ class SoftStepping:
     def _collide(self, data: mujoco.MjData) -> tuple[tuple[ImpactEvent, ...], int]:
         """Resolve the collisions of now; return them and the last stage that is still current."""
         rows, speed, surfaces = data.efc_vel, self._rest_speed, self._surfaces
-        if surfaces is None and (
+        still = surfaces is None or surfaces.still
+        if still and (
             not len(rows) or not rows.item(rows.argmin()) < -speed or not closes(self._model, data, rows, speed)
         ):
             return _NOTHING
         if is_huge(data):  # MuJoCo says so itself when it next looks
             return _NOTHING
         contacts, jacobian = self._active(data)
+        drift = None if surfaces is None else surfaces.drift(data, contacts)
+        if not still and not np.count_nonzero(jacobian.dot(data.qvel) + drift < -speed):
+            return _NOTHING
         bilateral = bilateral_rows(self._model, data, self._bilateral) if data.ne else None
         h = len(contacts)
         events: list[ImpactEvent] = []
         velocity = self._collider.collide(
             kinetic_metric(self._model, data),
-            Closed(contacts, jacobian, bilateral, None if surfaces is None else surfaces.drift(data, contacts)),
+            Closed(contacts, jacobian, bilateral, drift),
             data.qvel.copy(),
             approach=np.full(h, self._rest_speed),
             rounding=np.zeros(h),

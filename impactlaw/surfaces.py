@@ -12,7 +12,7 @@ it takes along by friction, and never pushes.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -22,6 +22,7 @@ from impactlaw.contacts import Contacts
 BLOW = 0.1
 """Change of a surface's mean velocity from step to step, m/s, above which its velocity jumps, which is a collision."""
 
+_REMEMBERED = 256  # sequences of contacts
 _CROSS = np.zeros((3, 9))  # w @ _CROSS is the matrix, row by row, of the cross product with w
 _CROSS[0, [7, 5]] = _CROSS[1, [2, 6]] = _CROSS[2, [3, 1]] = 1.0, -1.0
 
@@ -69,6 +70,7 @@ class Surfaces:
         self._start = self._target = np.zeros((model.nmocap, 7))
         self._before = self._mean = self._first = self._last = np.zeros((model.nmocap, 6))
         self.still = self.goes_on = False
+        self._known: dict[bytes, tuple[tuple[float, int, Any], ...]] = {}
 
     @property
     def move(self) -> bool:
@@ -96,11 +98,11 @@ class Surfaces:
             return
         start = self._target if going_on else target
         mean = np.zeros_like(self._mean)
-        for i, (one, other) in enumerate(zip(start, target, strict=True)):
+        mean[:, :3] = (target[:, :3] - start[:, :3]) / duration
+        for i in np.flatnonzero((target[:, 3:] != start[:, 3:]).any(axis=1)):
             turn = np.zeros(3)
-            mujoco.mju_subQuat(turn, other[3:], one[3:])
-            mean[i, :3] = (other[:3] - one[:3]) / duration
-            mujoco.mju_rotVecQuat(mean[i, 3:], turn / duration, one[3:])
+            mujoco.mju_subQuat(turn, target[i, 3:], start[i, 3:])
+            mujoco.mju_rotVecQuat(mean[i, 3:], turn / duration, start[i, 3:])
         known = self._mean if going_on else mean
         struck = self._speeds(mean - known) > BLOW
         self._before = self._first = self._last if going_on else mean
@@ -181,16 +183,23 @@ class Surfaces:
 
     def _relative(self, data: mujoco.MjData, contacts: Contacts, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         linear, spin = np.zeros((2, len(contacts), 3))
-        if not self.move:
-            return linear, spin
-        turning = (velocity[:, 3:] @ _CROSS).reshape(-1, 3, 3)
-        for sign, geom in ((-1.0, contacts.geoms[:, 0]), (1.0, contacts.geoms[:, 1])):
-            body = self._mocap[geom]
-            on = np.flatnonzero(body >= 0)
-            if len(on) == 0:
-                continue
-            body = body[on]
+        for sign, body, on in self._carried(contacts.geoms) if self.move else ():
+            v, w = velocity[body, :3], velocity[body, 3:]
             arm = contacts.position[on] - data.mocap_pos[body]
-            linear[on] += sign * (velocity[body, :3] + np.matmul(turning[body], arm[:, :, None])[:, :, 0])
-            spin[on] += sign * velocity[body, 3:]
+            linear[on] += sign * (v + arm.dot(w.dot(_CROSS).reshape(3, 3).T))
+            spin[on] += sign * w
         return linear, spin
+
+    def _carried(self, geoms: np.ndarray) -> tuple[tuple[float, int, Any], ...]:
+        """Return which of these contacts, (h, 2), are on which mocap body, with the sign of its velocity there."""
+        seen = geoms.tobytes()
+        if seen not in self._known:
+            if len(self._known) >= _REMEMBERED:
+                self._known.clear()
+            sides = [(sign, self._mocap[geom]) for sign, geom in ((-1.0, geoms[:, 0]), (1.0, geoms[:, 1]))]
+            self._known[seen] = tuple(
+                (sign, int(body), slice(None) if (bodies == body).all() else np.flatnonzero(bodies == body))
+                for sign, bodies in sides
+                for body in np.unique(bodies[bodies >= 0])
+            )
+        return self._known[seen]
