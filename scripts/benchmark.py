@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Annotated, Literal, get_args
 
 import benchmark_chains
+import benchmark_floor
 import benchmark_impacts
 import benchmark_import
 import benchmark_laws
@@ -31,7 +32,7 @@ from benchmark_goals import as_table, goals
 from benchmark_growth import growth
 from tqdm import tqdm
 
-Part = Literal["laws", "chains", "impacts", "steps", "walkers", "omissions", "memory", "import", "profile"]
+Part = Literal["laws", "chains", "impacts", "steps", "walkers", "omissions", "memory", "import", "profile", "floor"]
 _THREADS = "OPENBLAS_NUM_THREADS"
 _QUICK_ENVIRONMENTS = ("Hopper-v5",)
 
@@ -51,6 +52,7 @@ class Benchmark:
     memory: benchmark_memory.Memory = field(default_factory=benchmark_memory.Memory)
     imports: benchmark_import.ImportTime = field(default_factory=benchmark_import.ImportTime)
     profile: benchmark_profile.Profile = field(default_factory=benchmark_profile.Profile)
+    floor: benchmark_floor.Floor = field(default_factory=benchmark_floor.Floor)
 
     def quickly(self) -> Benchmark:
         """Return the same with fewer and smaller cases: for a look, and for the tests."""
@@ -67,6 +69,7 @@ class Benchmark:
             memory=benchmark_memory.Memory(contacts=(16,), cradles=(5,)),
             imports=benchmark_import.ImportTime(processes=1),
             profile=benchmark_profile.Profile(steps=100),
+            floor=benchmark_floor.Floor(scenes=("box_drop", *_QUICK_ENVIRONMENTS), steps=100, seconds=0.05),
         )
 
 
@@ -82,6 +85,7 @@ def parts(study: Benchmark) -> dict[Part, tuple[int, Callable[[Callable[[], obje
         "memory": (len(benchmark_memory.cases(study.memory)), partial(benchmark_memory.run, study.memory)),
         "import": (study.imports.processes, partial(benchmark_import.run, study.imports)),
         "profile": (len(study.profile.scenes), partial(benchmark_profile.run, study.profile)),
+        "floor": (len(study.floor.scenes), partial(benchmark_floor.run, study.floor)),
     }
     return {name: part for name, part in known.items() if name in study.parts}
 
