@@ -57,7 +57,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         WrapperError: the environment does not step MuJoCo in a known way, or has a law already.
         UnknownNameError: no such law or option, or the law is for contacts that the scene cannot have.
         RestitutionError: the restitution does not fit the law.
-        SceneError: the scene has a flex or adhesion, and contact_model is "rigid".
+        SceneError: the scene has a flex, adhesion or delays, and contact_model is "rigid".
         RecordingError: the log cannot be written.
     """
 
@@ -178,7 +178,7 @@ def put_law(
         WrapperError: the environment is not one of dm_control, or has a law already.
         UnknownNameError: no such law or option, or the law is for contacts that the scene cannot have.
         RestitutionError: the restitution does not fit the law.
-        SceneError: the scene has a flex or adhesion, and contact_model is "rigid".
+        SceneError: the scene has a flex, adhesion or delays, and contact_model is "rigid".
         RecordingError: the log cannot be written.
     """
     if isinstance(env, gymnasium.Env) or not hasattr(env, "physics"):
