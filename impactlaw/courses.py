@@ -44,7 +44,7 @@ class Courses:
         velocity: contact velocities there, m/s, (h,).
         exact: whether the velocity at the end of a flow is the derivative of the position by its duration. So it is
             with RK4; the semi-implicit integrators move with the velocity of the end, and there the slope is that of
-            the parabola through the last two gaps.
+            the parabola through the nearest gaps.
 
     Attributes:
         low: longest duration, s, after which no gap was seen to be negative.
@@ -62,24 +62,28 @@ class Courses:
         for contact, gap, rate, before in sights:
             nodes = self._nodes.get(contact)
             if nodes is None:
-                nodes = self._nodes[contact] = [self._first(contact, time, gap, rate, before)]
+                nodes = self._nodes[contact] = self._first(contact, time, gap, rate, before)
             place = bisect_right(nodes, time, key=lambda node: node.time)
-            last = nodes[place - 1]
-            if last.time == time:
+            if place and nodes[place - 1].time == time:
                 continue  # of two contacts of one pair the first one
-            slope = rate if self._exact else 2.0 * (gap - last.gap) / (time - last.time) - last.slope
+            slope = rate if self._exact or not nodes else _bent_slope(nodes, time, gap)
             nodes.insert(place, _Node(time, gap, slope))
             if gap < 0:
                 deep.append(contact)
         if not deep:
             self.low = max(self.low, time)
 
-    def _first(self, contact: int, time: float, gap: float, rate: float, before: float) -> _Node:
-        """Return a contact at the start; one that was too far away to be seen there has come by a parabola."""
+    def _first(self, contact: int, time: float, gap: float, rate: float, before: float) -> list[_Node]:
+        """Return a contact at the start; one that was too far away to be seen there has come by a parabola, if so."""
         if contact >= 0:
-            return _Node(0.0, max(self._start[0].item(contact), 0.0), self._start[1].item(contact))
+            return [_Node(0.0, max(self._start[0].item(contact), 0.0), self._start[1].item(contact))]
         travel = (0.5 * (before + rate) if self._exact else rate) * time
-        return _Node(0.0, max(gap - travel, 0.0), before)
+        return [_Node(0.0, gap - travel, before)] if gap > travel else []
+
+    def falls(self, time: float) -> bool:
+        """Return whether the smallest gap after a flow of this duration, s, was larger after shorter ones."""
+        nodes = [node for course in self._nodes.values() for node in course if node.time == time]
+        return bool(nodes) and min(nodes, key=lambda node: node.gap).slope < 0.0
 
     def closing(self, low: float, high: float) -> float | None:
         """Return when the first of the gaps that are negative after one flow has closed; None if that does not show.
@@ -92,7 +96,7 @@ class Courses:
         for contact in self._deep[high]:
             nodes = self._nodes[contact]
             last = bisect_right(nodes, low, key=lambda node: node.time)
-            time = _first_zero(nodes[last - 1], nodes[last])
+            time = _first_zero(nodes[last - 1], nodes[last]) if last else _zero_before(nodes[0])
             if low < time < earliest:
                 earliest = time
         return earliest if earliest < high else None
@@ -104,6 +108,16 @@ class Courses:
             if len(nodes) > 1 and nodes[-1].time == time:
                 earliest = min(earliest, _next_zero(nodes[-2], nodes[-1]))
         return earliest
+
+
+def _bent_slope(nodes: list[_Node], time: float, gap: float) -> float:
+    """Return the slope in a gap of the parabola through it and the two nearest nodes, or through the only one."""
+    one, *others = sorted(nodes, key=lambda node: abs(node.time - time))
+    chord = (gap - one.gap) / (time - one.time)
+    if not others:
+        return 2.0 * chord - one.slope
+    other = others[0]
+    return chord + (gap - other.gap) / (time - other.time) - (one.gap - other.gap) / (one.time - other.time)
 
 
 def parabola_closes(gap: float, velocity: float, bend: float) -> float:
@@ -129,6 +143,11 @@ def _next_zero(one: _Node, other: _Node) -> float:
     _, _, two, three = _cubic(one, other)
     d = other.time - one.time
     return other.time + parabola_closes(max(other.gap, 0.0), other.slope, (two + 3.0 * three) / d**2)
+
+
+def _zero_before(node: _Node) -> float:
+    """Return where the tangent in a node becomes negative; infinite if it rises."""
+    return node.time - node.gap / node.slope if node.slope < 0.0 else math.inf
 
 
 def _first_zero(one: _Node, other: _Node) -> float:

@@ -158,7 +158,7 @@ class Flights:
             if abs(flight.gap) > _LOCATED * self.tolerance:
                 if flight.gap < 0:
                     return flight
-            elif flight.approaches:
+            elif courses.falls(flight.duration):
                 return flight
             restore_state(self._model, data, state)
             time = courses.ahead(flight.duration)

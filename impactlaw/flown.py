@@ -48,11 +48,6 @@ class Flight(NamedTuple):
         return self.flow.duration
 
     @property
-    def approaches(self) -> bool:
-        """Whether the deepest contact approaches."""
-        return self.deepest >= 0 and bool(self.arrival.now.contact_velocity[self.deepest] < 0)
-
-    @property
     def sights(self) -> Iterator[Sight]:
         """Contacts that are not held, by their gaps; those that were not near at the start are told by their geoms."""
         now, known, sustained = self.arrival

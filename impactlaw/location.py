@@ -59,14 +59,17 @@ def locate(
         it is the earliest flight after the jump.
     """
     low, high = courses.low, end.duration
-    for evaluation in range(_EVALUATIONS):
-        time = courses.closing(low, high) if evaluation < _PATIENCE else None
+    patience = _PATIENCE
+    for _ in range(_EVALUATIONS):
+        time = courses.closing(low, high) if patience else None
         if time is None:
             time = 0.5 * (low + high)
+        else:
+            patience -= 1
         if high - low <= shortest or not low < time < high:
             break
         flight = fly(time)
-        if abs(flight.gap) <= (target if evaluation < _PATIENCE else tolerance) or enough(end, flight):
+        if abs(flight.gap) <= (target if patience else tolerance) or enough(end, flight):
             return flight
         courses.add(time, flight.sights)
         if flight.gap > 0:

@@ -1,6 +1,7 @@
 """When gaps close: cubics through what flows have shown, and how many flows that takes."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,9 +25,9 @@ class Flown:
         self.gap = min(sight.gap for sight in self.sights)
 
 
-def located(gaps, slopes, duration, tolerance=1e-9):
+def located(gaps, slopes, duration, tolerance=1e-9, *, exact=True):
     """Return the flow up to the first gap that closes, and the durations of all flows that were flown."""
-    courses = Courses(np.array([g(0.0) for g in gaps]), np.array([s(0.0) for s in slopes]), exact=True)
+    courses = Courses(np.array([g(0.0) for g in gaps]), np.array([s(0.0) for s in slopes]), exact=exact)
     flown = []
 
     def fly(time):
@@ -86,6 +87,47 @@ def test_slopes_of_semi_implicit_steps_are_those_of_gaps_not_of_velocities():
     gap, velocity = lambda t: 1.0 - t - 3.0 * t**2, lambda t: -1.0 - 3.0 * t  # q' = q + t v', v' = v + a t
     courses.add(1.0, [Sight(0, gap(1.0), velocity(1.0), -1.0)])
     assert courses.closing(0.0, 1.0) == pytest.approx((math.sqrt(13.0) - 1.0) / 6.0, abs=1e-14)
+
+
+def test_gaps_of_semi_implicit_steps_are_found_in_a_few_flows():
+    gap, velocity = lambda t: 1e-3 - 0.3 * t - 40.0 * t**2 - 2e4 * t**3, lambda t: -0.3 - 40.0 * t
+    found, flown = located([gap], [velocity], 0.01, exact=False)
+    assert abs(found.gap) <= 1e-11
+    assert len(flown) <= 6
+
+
+def test_gap_out_of_sight_at_the_start_is_found_from_where_it_was_seen():
+    near, gap, slope = 1e-6, lambda t: 9e-6 - 0.33 * t - 20 * t**2, lambda t: -0.33 - 40 * t
+    courses, flown = Courses(np.zeros(0), np.zeros(0), exact=True), []
+
+    def fly(time):
+        flown.append(time)
+        seen = gap(time) <= near
+        sights = [Sight(-6, gap(time), slope(time), 0.1)] if seen else []  # whatever it was that moved at the start
+        return SimpleNamespace(duration=time, gap=gap(time) if seen else near, sights=sights)
+
+    end = fly(0.01)
+    courses.add(0.01, end.sights)
+    options = {"target": 1e-11, "tolerance": 1e-9, "shortest": 1e-12, "enough": lambda end, shorter: False}
+    found = locate(fly, end, courses, **options)
+    assert abs(found.gap) <= 1e-11
+    assert len(flown) <= 7
+
+
+@pytest.mark.parametrize(("slope", "falls"), [(-1.0, True), (1.0, False)])
+def test_smallest_gap_tells_whether_it_falls(slope, falls):
+    courses = Courses(np.array([1.0, 1.0]), np.zeros(2), exact=True)
+    courses.add(0.5, [Sight(0, 0.0, slope, 0.0), Sight(1, 0.5, -slope, 0.0)])
+    assert courses.falls(0.5) is falls
+    assert not courses.falls(0.4)
+
+
+def test_what_returns_to_its_contact_within_a_semi_implicit_step_is_found_at_once():
+    """The gap falls with the flow's duration although the contact velocity still separates: J turns with the body."""
+    courses = Courses(np.array([0.0]), np.array([2.7e-3]), exact=False)
+    time = 6.3e-5
+    courses.add(time, [Sight(0, 0.0, 1.25e-3, 2.7e-3)])
+    assert courses.falls(time)
 
 
 @pytest.mark.parametrize(
