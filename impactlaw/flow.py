@@ -182,9 +182,8 @@ class Travel:
 
     def between(self, start: Frames, data: mujoco.MjData) -> np.ndarray:
         """Return a bound on the travel of each geom's surface from the start to now, m, (ngeom,)."""
-        shift = np.linalg.norm(data.geom_xpos - start.position, axis=1)
-        turn = np.linalg.norm(data.geom_xmat - start.rotation, axis=1)
-        return shift + self._lever * turn / np.sqrt(2.0)
+        shift, turn = data.geom_xpos - start.position, data.geom_xmat - start.rotation
+        return np.sqrt(np.vecdot(shift, shift)) + self._lever * np.sqrt(0.5 * np.vecdot(turn, turn))
 
     def suspects(self, start: Frames, travel: np.ndarray) -> np.ndarray:
         """Return the indices of pairs that may have passed through each other."""
@@ -192,9 +191,10 @@ class Travel:
             return np.zeros(0, dtype=int)
         first, second = self._pairs.T
         moved = travel[first] + travel[second]
+        far = np.flatnonzero(moved > self._thickness)
+        first, second, moved = first[far], second[far], moved[far]
         apart = np.linalg.norm(start.position[first] - start.position[second], axis=1)
-        apart -= self._radius[first] + self._radius[second]
-        return np.flatnonzero((moved > self._thickness) & (apart <= moved))
+        return far[apart - (self._radius[first] + self._radius[second]) <= moved]
 
     def is_safe(self, start: Frames, before: np.ndarray, data: mujoco.MjData, duration: float) -> bool:
         """Return whether no body has passed through another in a flow from these frames, and velocity, until now."""
