@@ -7,6 +7,8 @@ fell below minus the tolerance, repeated up to the time at which it closes (`loc
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 
@@ -121,6 +123,13 @@ class Flights:
         self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool
     ) -> tuple[Flight, bool]:
         """Advance from a saved state by at most ``duration``; return where that led, and whether a gap closed there."""
+        flight, closed = self._fly(data, state, start, duration, hold_all=hold_all)
+        return flight.kept(), closed
+
+    def _fly(
+        self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool
+    ) -> tuple[Flight, bool]:
+        """Fly, and leave data at the end of the flight returned."""
         if hold_all:
             return self._try_safely(data, state, start, duration, hold_all=True), False
         courses, time = None, expected(start, self.tolerance)
@@ -279,7 +288,7 @@ class Flights:
             and now.touch.pattern.all_single
         ):
             return self._clear(flow, Arrival(now, known, now.closed), data, reach)
-        arrival = Arrival(now, known, stays(now.gap, known, flow))
+        arrival, keep = Arrival(now, known, stays(now.gap, known, flow)), None
         if np.count_nonzero(arrival.sustained & now.closed):
             held = known[arrival.sustained]
 
@@ -287,15 +296,22 @@ class Flights:
                 now = self.look(data, within)
                 return now, refound(match(self._model, data, now.touch, flow), held, now.touch, flow)
 
-            arrival = hold(self._model, data, arrival, flow, look_again)
+            arrival, keep = hold(self._model, data, arrival, flow, look_again)
         if np.count_nonzero(arrival.sustained) == len(arrival.sustained):
-            return self._clear(flow, arrival, data, reach)
-        return Flight.of(flow, arrival)
+            return self._clear(flow, arrival, data, reach, keep)
+        return Flight.of(flow, arrival, keep)
 
-    def _clear(self, flow: Flow, arrival: Arrival, data: mujoco.MjData, reach: float) -> Flight:
+    def _clear(
+        self,
+        flow: Flow,
+        arrival: Arrival,
+        data: mujoco.MjData,
+        reach: float,
+        keep: Callable[[], Arrival] | None = None,
+    ) -> Flight:
         """Return a flight where all contacts near are held; others are looked for up to a gap of ``reach``, m."""
         if reach <= self._near:
-            return Flight(flow, arrival, self._near, -1)
+            return Flight(flow, arrival, self._near, -1, keep=keep)
         touch = Touch(self._detector.look(data, reach), data, self.surfaces)
         sights = further(touch, self._near, flow.start.velocity, data.qvel)
-        return Flight(flow, arrival, min(sights[0].gap, reach) if sights else reach, -1, sights)
+        return Flight(flow, arrival, min(sights[0].gap, reach) if sights else reach, -1, sights, keep)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import chain
 from typing import NamedTuple
 
@@ -25,6 +25,7 @@ class Flight(NamedTuple):
         gap: smallest gap among those that are not held, m. A contact that was deeper at the start counts as touching.
         deepest: index of that contact, -1 where none is near.
         further: contacts that are not near.
+        keep: what is left to do if the flow is to be kept, see `kept`; None if nothing is.
     """
 
     flow: Flow
@@ -32,15 +33,24 @@ class Flight(NamedTuple):
     gap: float
     deepest: int
     further: tuple[Sight, ...] = ()
+    keep: Callable[[], Arrival] | None = None
 
     @classmethod
-    def of(cls, flow: Flow, arrival: Arrival) -> Flight:
+    def of(cls, flow: Flow, arrival: Arrival, keep: Callable[[], Arrival] | None = None) -> Flight:
         """Look at the contacts at the end of a flow, of which some are not held."""
         now, known, sustained = arrival
         opened = np.flatnonzero(~sustained)
         clear = _clear(now.gap[opened], known[opened], flow)
         least = int(clear.argmin())
-        return cls(flow, Arrival(now.bending(_bend(arrival, flow)), known, sustained), clear.item(least), opened[least])
+        bent = Arrival(now.bending(_bend(arrival, flow)), known, sustained)
+        return cls(flow, bent, clear.item(least), opened.item(least), keep=keep)
+
+    def kept(self) -> Flight:
+        """Return the flight with all velocities as they are with contacts held; data must be at its end."""
+        if self.keep is None:
+            return self
+        now, known, sustained = self.keep()
+        return self._replace(arrival=Arrival(now._replace(bend=self.arrival.now.bend), known, sustained), keep=None)
 
     @property
     def duration(self) -> float:

@@ -13,6 +13,7 @@ creep: what gravity has moved, friction moves back. What is left of gaps is corr
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -38,8 +39,8 @@ def hold_gripping(
     flow: Flow,
     look_again: Callable[[float], tuple[Moment, np.ndarray]],
     correct: Callable[[Arrival], Arrival],
-) -> Arrival:
-    """Bring position and velocity back to the sustained contacts; data and its frames change.
+) -> tuple[Arrival, Callable[[], Arrival]]:
+    """Bring the position back to the sustained contacts; data and its frames change.
 
     Args:
         model: the scene.
@@ -50,7 +51,8 @@ def hold_gripping(
         correct: opens sustained contacts that overlap.
 
     Returns:
-        The contacts after the correction.
+        The contacts after the correction, and what brings back the velocity, too, and returns them with that. Before it
+        they have the velocity of the impulses that act where the flow has led: enough for a flow that is only tried.
 
     Raises:
         SolverError: no solver has found the impulses.
@@ -58,7 +60,8 @@ def hold_gripping(
     free = arrival.now.velocity
     impulse, grasp, carried = _press(model, data, arrival, flow, free, None)
     part = 0.5 if model.opt.integrator == _RK4 else 1.0
-    shift = (part * flow.duration) * jump(model, data, grasp.along, impulse)
+    change = jump(model, data, grasp.along, impulse)
+    shift = (part * flow.duration) * change
     if np.count_nonzero(shift):
         arrival, carried = _settle(model, data, arrival, shift, carried, flow, look_again)
     arrival = _with_more(arrival, flow)
@@ -66,12 +69,22 @@ def hold_gripping(
         before, arrival = arrival.known, _with_more(correct(arrival), flow)
         carried = _matched(carried, before, arrival.known)
     now, known, sustained = arrival
-    impulse, grasp, carried = _press(model, data, arrival, flow, free, carried)
+    data.qvel[:] = free + change
+    tried = Arrival(now._replace(contact_velocity=now.touch.contact_velocity(data.qvel)), known, sustained)
+    return tried, partial(_hold_velocity, model, data, arrival, flow, free, carried)
+
+
+def _hold_velocity(
+    model: mujoco.MjModel, data: mujoco.MjData, arrival: Arrival, flow: Flow, free: np.ndarray, guess: np.ndarray
+) -> Arrival:
+    """Give the sustained contacts the velocity that they have after impulses; return them with these impulses."""
+    impulse, grasp, carried = _press(model, data, arrival, flow, free, guess)
     turned = _turned(model, data, arrival, flow, grasp)
     if turned is not None:
         free = free + jump(model, data, turned, 0.5 * impulse)
         impulse, grasp, carried = _press(model, data, arrival, flow, free, carried)
     data.qvel[:] = free + jump(model, data, grasp.along, impulse)
+    now, known, sustained = arrival
     return Arrival(
         now.moving(model, data, carried[:, 0] > 0, Carried(grasp, carried / flow.duration)), known, sustained
     )

@@ -66,9 +66,9 @@ class Limits:
         The gaps are ``q - lower`` and ``upper - q``.
         """
         gap = (data.qpos[self._position] - self._bound) * self._side
-        if not min(gap.tolist()) < within:
+        near = (gap < within).nonzero()[0]
+        if not len(near):
             return None
-        near = np.flatnonzero(gap < within)
         J = np.zeros((len(near), self._model.nv))
         J[np.arange(len(near)), self._dof[near]] = self._side[near]
         return LimitRows(self._code_of[near], gap[near], J)

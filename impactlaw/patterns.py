@@ -10,7 +10,7 @@ import numpy as np
 from impactlaw.contacts import contact_labels, sorted_geoms
 from impactlaw.geoms import one_contact, rolling_contacts, several_contacts, touching_distance, vague_contacts
 from impactlaw.limits import NO_GEOM
-from impactlaw.tangents import Grip, learn_grip
+from impactlaw.tangents import Grip, GripRows, grip_rows, learn_grip
 
 _REMEMBERED = 256  # patterns; a pile has many
 
@@ -35,6 +35,7 @@ class Pattern:
         order: indices that bring MuJoCo's contacts into order; None if they are in it.
         sign: -1 where MuJoCo has the higher geom id first, else 1, (h, 1); None if 1 for all.
         grip: which rows of friction they have; None if they have none, or it is ignored.
+        rows: how rows of pressing and of friction are put together, see `impactlaw.tangents.GripRows`.
         found: geom ids in MuJoCo's order, as bytes.
         plain: whether each pair has one contact, whose distance in MuJoCo is the gap, and nothing else has rows.
     """
@@ -54,6 +55,7 @@ class Pattern:
     order: np.ndarray | None
     sign: np.ndarray | None
     grip: Grip | None
+    rows: GripRows
     found: bytes
     plain: bool
 
@@ -111,6 +113,7 @@ class Patterns:
                 skin=None if pattern.skin is None else np.concatenate([pattern.skin, np.zeros(n)]),
                 index=np.arange(h),
                 ones=np.ones(h),
+                rows=grip_rows(pattern.grip, h),
             )
             self._remember(seen, known)
         return known
@@ -129,6 +132,7 @@ class Patterns:
         distinct = len(np.unique(key)) == len(key)
         all_single = bool(single.all()) and distinct
         skin = touching_distance(model, geoms)
+        grip = learn_grip(model, geoms) if self._friction else None
         return Pattern(
             labels=contact_labels(geoms, self._names),
             geoms=geoms,
@@ -144,7 +148,8 @@ class Patterns:
             ones=np.ones(len(key)),
             order=None if np.array_equal(order, np.arange(len(order))) else order,
             sign=np.where(swapped, -1.0, 1.0)[:, None] if swapped.any() else None,
-            grip=learn_grip(model, geoms) if self._friction else None,
+            grip=grip,
+            rows=grip_rows(grip, len(key)),
             found=found.tobytes(),
             plain=all_single and self._alone and not skin.any(),
         )

@@ -40,7 +40,7 @@ def hold(
     arrival: Arrival,
     flow: Flow,
     look_again: Callable[[float], tuple[Moment, np.ndarray]],
-) -> Arrival:
+) -> tuple[Arrival, Callable[[], Arrival] | None]:
     """Bring position and velocity back to the sustained contacts; data and its frames change.
 
     Args:
@@ -51,7 +51,7 @@ def hold(
         look_again: detects the contacts of now up to a gap at least, m, and matches them with the start.
 
     Returns:
-        The contacts after the correction.
+        The contacts after the correction, and what is left to do if the flow is to be kept: see `hold_gripping`.
     """
     if arrival.now.touch.pattern.grip is not None:
 
@@ -67,8 +67,8 @@ def hold(
     now, known, sustained = arrival
     if np.count_nonzero(sustained & now.closed & (now.contact_velocity < -now.noise)):
         pressed = _hold_velocity(model, data, arrival, flow, guess)
-        return Arrival(now.moving(model, data, pressed), known, sustained)
-    return arrival
+        return Arrival(now.moving(model, data, pressed), known, sustained), None
+    return arrival, None
 
 
 def _hold_position(

@@ -53,6 +53,20 @@ class Grip(NamedTuple):
     spans: tuple[Span, ...]
 
 
+class GripRows(NamedTuple):
+    """Rows of pressing, (h,), and of friction, (k,), contact by contact, pressing first.
+
+    Attributes:
+        contact: index of the contact of each row, int (h + k,).
+        kind: 0 for pressing, 1 to 5 for friction, int (h + k,).
+        order: where each row comes from, ``[rows of pressing, rows of friction][order]``.
+    """
+
+    contact: np.ndarray
+    kind: np.ndarray
+    order: np.ndarray
+
+
 class Tangents(NamedTuple):
     """The rows of friction at one configuration.
 
@@ -101,6 +115,15 @@ def learn_grip(model: mujoco.MjModel, geoms: np.ndarray) -> Grip | None:
         first, last = np.searchsorted(contact, [i, i + 1]).tolist()
         spans.append(Span(first, first + int(slides[first:last].sum()), last, i, tuple(bodies[i].tolist())))
     return Grip(contact, kind, mu[contact, kind], np.where(slides, kind + 1, kind - _TORSION), tuple(spans))
+
+
+def grip_rows(grip: Grip | None, contacts: int) -> GripRows:
+    """Return how the rows of this many contacts are put together."""
+    contact, kind = np.arange(contacts), np.zeros(contacts, dtype=int)
+    if grip is not None:
+        contact, kind = np.concatenate([contact, grip.contact]), np.concatenate([kind, grip.kind + 1])
+    order = np.argsort(contact, kind="stable")
+    return GripRows(contact[order], kind[order], order)
 
 
 def find_tangents(

@@ -88,16 +88,14 @@ class Touch:
     def rows(self, model: mujoco.MjModel, data: mujoco.MjData) -> Rows:
         """Return the rows of pressing and of friction; see `tangents` for when to ask first."""
         if self._rows is None:
-            contact, kind = np.arange(len(self.contacts)), np.zeros(len(self.contacts), dtype=int)
-            J, drift = self.jacobian, np.zeros(len(contact)) if self.drift is None else self.drift
+            contact, kind, order = self.pattern.rows
+            J, drift = self.jacobian, np.zeros(len(self.contacts)) if self.drift is None else self.drift
             tangents = self.tangents(model, data)
             if tangents is not None:
                 grip, sliding, more = tangents
-                contact, kind = np.concatenate([contact, grip.contact]), np.concatenate([kind, grip.kind + 1])
                 mu = grip.coefficient
-                J, drift = np.vstack([J, mu[:, None] * sliding]), np.concatenate([drift, mu * more])
-                order = np.argsort(contact, kind="stable")
-                contact, kind, J, drift = contact[order], kind[order], J[order], drift[order]
+                J = np.concatenate([J, mu[:, None] * sliding])[order]
+                drift = np.concatenate([drift, mu * more])[order]
             self.whitened(model, data)
             self._rows = Rows(contact, kind, J, drift, *self.confine(model, data, J))
         return self._rows

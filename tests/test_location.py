@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scenes import compiled
 
-from impactlaw import Moreau, Stepper
+from impactlaw import Moreau, Stepper, gripped
 from impactlaw.courses import Courses, Sight, parabola_closes
 from impactlaw.flight import Flights
 from impactlaw.location import locate
@@ -172,3 +172,31 @@ def test_limits_that_bounce_take_few_flows(flows, integrator):
     assert collisions > 60
     assert len(flows) < 120 + 2 * collisions
     assert stepper.unlocated == 0
+
+
+def test_flow_that_is_only_tried_is_not_given_its_last_velocity(monkeypatch):
+    """A ball slides under an arm whose limits bounce: one impulse is enough to tell when."""
+    solves, arrive, solve = [], Flights._arrive, gripped.solve_grasp
+
+    def arrived(self, *args):
+        solves.append(0)
+        return arrive(self, *args)
+
+    def solved(*args, **options):
+        solves[-1] += 1
+        return solve(*args, **options)
+
+    monkeypatch.setattr(Flights, "_arrive", arrived)
+    monkeypatch.setattr(gripped, "solve_grasp", solved)
+    ball = '<body pos="0 2 .1"><freejoint/><geom size=".1" contype="1" friction="0.1"/></body>'
+    floor = '<geom type="plane" size="9 9 1" contype="1" friction="0.1"/>'
+    model, data = compiled(ARM + ball + floor, option='timestep="0.004" integrator="RK4"', geom='contype="0"')
+    data.joint(3).qvel[0] = 3.0
+    stepper, collisions = Stepper(model, Moreau(0.3)), 0
+    for _ in range(120):
+        stepper.step(data)
+        collisions += len(stepper.events)
+    assert collisions > 30
+    assert solves.count(1) > 10
+    assert solves.count(0) == 0
+    assert data.joint(3).qvel[0] == pytest.approx(3.0 - 0.1 * 9.81 * 120 * 0.004, abs=1e-9)
