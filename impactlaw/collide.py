@@ -50,16 +50,17 @@ class Closed(NamedTuple):
     def collision(self, chosen: np.ndarray, metric: KineticMetric, velocity: np.ndarray) -> Collision:
         """Return the collision of some of the contacts, (k,) indices, at a velocity, (nv,)."""
         before, after = self.drift_before, self.drift
+        all_chosen = len(chosen) == len(self.contacts)
         return Collision(
             metric.mass_matrix,
-            self.jacobian[chosen],
+            self.jacobian if all_chosen else self.jacobian[chosen],
             velocity,
-            labels=tuple(self.contacts.labels[i] for i in chosen),
+            labels=self.contacts.labels if all_chosen else tuple(self.contacts.labels[i] for i in chosen),
             metric=metric,
             bilateral_jacobian=self.bilateral,
             surface_velocity=_part(after if before is None else before, chosen),
             post_surface_velocity=None if before is None else _part(after, chosen),
-            friction=None if self.friction is None else self.friction.select(chosen),
+            friction=self.friction if self.friction is None or all_chosen else self.friction.select(chosen),
         )
 
     def resting(self, velocity: np.ndarray, rounding: np.ndarray) -> Closed:

@@ -16,7 +16,7 @@ from impactlaw.contacts import update_positions
 from impactlaw.courses import Courses
 from impactlaw.detection import Detector
 from impactlaw.flow import Frames, Travel, advance, restore_state
-from impactlaw.flown import Flight, expected, further
+from impactlaw.flown import Flight, expected, further, rests
 from impactlaw.location import locate
 from impactlaw.matching import elsewhere, match, refound, runs_on
 from impactlaw.moment import CORRECTED, Arrival, Flow, Moment, stays
@@ -28,7 +28,6 @@ from impactlaw.touch import Touch
 
 _LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located
 _SMOOTH = 0.1  # part of its bent depth by which a smooth gap may miss a quarter of it after half of the flow
-_SHORTER = 0.1  # part of a flow over which a contact that closes in its end may rest instead
 _NEAR = 1e3  # gap tolerances within which contacts are looked for
 _AHEAD = 3  # flows at most up to where a gap is expected to close, before one over all that remains
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
@@ -205,27 +204,13 @@ class Flights:
             target=_LOCATED * self.tolerance,
             tolerance=self.tolerance,
             shortest=shortest,
-            enough=self._rests,
+            enough=rests,
         )
-        if self._was_closed(located) and located.duration > 2.0 * shortest:
+        if located.was_closed and located.duration > 2.0 * shortest:
             # at rest over shorter flows (`sustained.stays`), not over longer ones: it rests up to there
             held = again(located.duration - 2.0 * shortest)
             return (held, True) if held.gap >= -self.tolerance else (again(located.duration), True)
         return located, True
-
-    def _rests(self, end: Flight, shorter: Flight) -> bool:
-        """Return whether the contact that closes in the end, closed at the start, stays closed over a shorter flow."""
-        before = end.arrival.known[end.deepest]
-        if shorter.gap < -self.tolerance or before < 0 or shorter.duration < _SHORTER * end.duration:
-            return False
-        return bool(shorter.arrival.sustained[shorter.arrival.known == before].any())
-
-    def _was_closed(self, end: Flight) -> bool:
-        """Return whether the deepest contact penetrates and was closed, and no deeper, at the start of the flow."""
-        if end.gap >= -self.tolerance:
-            return False
-        start, before = end.flow.start, end.arrival.known[end.deepest]
-        return bool(before >= 0 and abs(start.gap[before]) <= self.tolerance)
 
     def _try_safely(
         self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool = False
@@ -290,16 +275,28 @@ class Flights:
             return self._clear(flow, Arrival(now, known, now.closed), data, reach)
         arrival, keep = Arrival(now, known, stays(now.gap, known, flow)), None
         if np.count_nonzero(arrival.sustained & now.closed):
-            held = known[arrival.sustained]
-
-            def look_again(within: float) -> tuple[Moment, np.ndarray]:
-                now = self.look(data, within)
-                return now, refound(match(self._model, data, now.touch, flow), held, now.touch, flow)
-
-            arrival, keep = hold(self._model, data, arrival, flow, look_again)
+            again = self._again(data, flow, arrival)
+            arrival, keep = hold(self._model, data, arrival, flow, again)
         if np.count_nonzero(arrival.sustained) == len(arrival.sustained):
             return self._clear(flow, arrival, data, reach, keep)
         return Flight.of(flow, arrival, keep)
+
+    def _again(self, data: mujoco.MjData, flow: Flow, arrival: Arrival) -> Callable[[float], tuple[Moment, np.ndarray]]:
+        """Return what looks at the contacts of now up to a gap at least, m, and matches them with those at the start.
+
+        Where the same pairs of geoms are near as before, with one contact each, these are the same contacts.
+        """
+        last, held = arrival, arrival.known[arrival.sustained]
+
+        def look_again(within: float) -> tuple[Moment, np.ndarray]:
+            nonlocal last
+            now, known, pattern = self.look(data, within), last.known, last.now.touch.pattern
+            if now.touch.pattern is not pattern or not pattern.distinct:
+                known = refound(match(self._model, data, now.touch, flow), held, now.touch, flow)
+            last = Arrival(now, known, last.sustained)
+            return now, known
+
+        return look_again
 
     def _clear(
         self,

@@ -13,6 +13,7 @@ from impactlaw.courses import Sight, parabola_closes
 from impactlaw.moment import CORRECTED, Arrival, Flow, Moment
 from impactlaw.touch import Touch
 
+_SHORTER = 0.1  # part of a flow over which a contact that closes in its end may rest instead
 _RESTS = 4.0  # gap tolerances ``v t``, up to which a rebound at v of duration t rises by no more than the tolerance
 
 
@@ -58,6 +59,14 @@ class Flight(NamedTuple):
         return self.flow.duration
 
     @property
+    def was_closed(self) -> bool:
+        """Whether the deepest contact penetrates and was closed, and no deeper, at the start of the flow."""
+        if self.gap >= -self.flow.tolerance:
+            return False
+        before = self.arrival.known[self.deepest]
+        return bool(before >= 0 and abs(self.flow.start.gap[before]) <= self.flow.tolerance)
+
+    @property
     def sights(self) -> Iterator[Sight]:
         """Contacts that are not held, by their gaps; those that were not near at the start are told by their geoms."""
         now, known, sustained = self.arrival
@@ -69,6 +78,14 @@ class Flight(NamedTuple):
         gap = _clear(now.gap[opened], known, self.flow)
         before = now.touch.contact_velocity(self.flow.start.velocity)[opened]
         return chain(sighted(contact, gap, now.contact_velocity[opened], before), self.further)
+
+
+def rests(end: Flight, shorter: Flight) -> bool:
+    """Return whether the contact that closes in the end, closed at the start, stays closed over a shorter flow."""
+    before = end.arrival.known[end.deepest]
+    if shorter.gap < -end.flow.tolerance or before < 0 or shorter.duration < _SHORTER * end.duration:
+        return False
+    return bool(shorter.arrival.sustained[shorter.arrival.known == before].any())
 
 
 def further(touch: Touch, near: float, before: np.ndarray, after: np.ndarray) -> tuple[Sight, ...]:

@@ -120,9 +120,16 @@ def _settle(
         if np.abs(now.gap[press]).max(initial=0.0) <= CORRECTED * flow.tolerance:
             break
         along, Y, _ = now.touch.whitened(model, data)
-        z = np.linalg.lstsq(Y[press], -now.gap[press], rcond=_RANK)[0]
-        shift = jump(model, data, along[press], np.linalg.lstsq(Y[press].T, z, rcond=_RANK)[0])
+        shift = jump(model, data, along[press], _opening(Y[press], -now.gap[press]))
     return arrival, carried
+
+
+def _opening(gradients: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Return the least p with ``Y Y^T p = c``, (h,), in the sense of least squares."""
+    if len(wanted) == 1 and (square := gradients[0].dot(gradients[0])) > 0:
+        return wanted / square
+    z = np.linalg.lstsq(gradients, wanted, rcond=_RANK)[0]
+    return np.linalg.lstsq(gradients.T, z, rcond=_RANK)[0]
 
 
 def _matched(carried: np.ndarray, before: np.ndarray, known: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from impactlaw.errors import RestitutionError, SolverError, UnknownNameError
 from impactlaw.friction_impact import FrictionImpact, cone_problem
 from impactlaw.impact import Impact
 from impactlaw.laws.base import Law, Target, coefficient
-from impactlaw.solvers.cone_problem import ConeAnswer, ConeStatus
+from impactlaw.solvers.cone_problem import ConeAnswer, ConeProblem, ConeStatus
 from impactlaw.solvers.cone_solve import BRIEF, THOROUGH, USUAL, Effort, shared, solve_cones
 
 _CREATED = 1e-12
@@ -105,20 +105,23 @@ class _Attempt:
 
     def __init__(self, law: Coulomb, collision: Collision, wanted: np.ndarray):
         self.law, self.collision, self.wanted = law, collision, wanted
+        self.problem: ConeProblem | None = None
         self.sliding = -law.tangential_restitution * collision.pre_sliding_velocity
 
     def __call__(self, s: float, guess: np.ndarray | None, effort: Effort) -> tuple[FrictionImpact | None, ConeAnswer]:
         """Return the impact with restitution scaled by s, None if none is certified, and the solver's answer."""
         targets = np.where(self.wanted > 0, s * self.wanted, self.wanted), s * self.sliding
         exact = self.law.cone == "exact"
-        problem = cone_problem(self.collision, *targets, exact=exact)
+        problem = self.problem = cone_problem(self.collision, *targets, exact=exact, known=self.problem)
         answer = solve_cones(problem, guess, effort=effort)
         if answer.status is not ConeStatus.SOLVED:
             return None, answer
         if problem.is_redundant:
             answer = shared(problem, answer)
         impulse, jump = answer.impulse, answer.jump
-        return FrictionImpact.of_cones(self.collision, impulse, jump, targets, scale=s, exact=exact), answer
+        return FrictionImpact.of_cones(
+            self.collision, impulse, jump, targets, scale=s, exact=exact, problem=problem
+        ), answer
 
     def created(self, impact: FrictionImpact, answer: ConeAnswer) -> float:
         """Work of the impulses of contact, relative to the kinetic energy, less what may be rounding."""

@@ -6,6 +6,7 @@ With the impulses divided by the same coefficients, the friction cone of a conta
 
 from __future__ import annotations
 
+from copy import copy
 from enum import StrEnum
 from math import inf, sqrt
 from typing import NamedTuple
@@ -100,8 +101,22 @@ class ConeProblem:
         self.rows = A / each[:, None]
         self.start = (b / each).reshape(h, m)
         self.delassus = self.rows @ self.rows.T
+        self.scale = self._scale(speed)
+
+    def _scale(self, speed: float) -> float:
         largest = sqrt(np.vecdot(self.start, self.start).max(initial=0.0))
-        self.scale = speed if speed > largest else largest
+        return speed if speed > largest else largest
+
+    def starting(self, offset: np.ndarray, speed: float) -> ConeProblem:
+        """Return the same contacts with another offset, (n,), and speed."""
+        problem = copy(self)
+        if self._place is not None:
+            padded = np.zeros(self.shape)
+            padded.reshape(-1)[self._place] = offset
+            offset = padded
+        problem.start = offset.reshape(self.shape) / self.lengths[:, None]
+        problem.scale = problem._scale(speed)
+        return problem
 
     @property
     def is_redundant(self) -> bool:
