@@ -34,6 +34,7 @@ class _Node(NamedTuple):
     time: float
     gap: float
     slope: float
+    guessed: bool = False  # whether the contact was out of sight there
 
 
 class Courses:
@@ -78,7 +79,7 @@ class Courses:
         if contact >= 0:
             return [_Node(0.0, max(self._start[0].item(contact), 0.0), self._start[1].item(contact))]
         travel = (0.5 * (before + rate) if self._exact else rate) * time
-        return [_Node(0.0, gap - travel, before)] if gap > travel else []
+        return [_Node(0.0, gap - travel, before, guessed=True)] if gap > travel else []
 
     def falls(self, time: float) -> bool:
         """Return whether the smallest gap after a flow of this duration, s, was larger after shorter ones."""
@@ -96,7 +97,7 @@ class Courses:
         for contact in self._deep[high]:
             nodes = self._nodes[contact]
             last = bisect_right(nodes, low, key=lambda node: node.time)
-            time = _first_zero(nodes[last - 1], nodes[last]) if last else _zero_before(nodes[0])
+            time = _zero(nodes, last)
             if low < time < earliest:
                 earliest = time
         return earliest if earliest < high else None
@@ -143,6 +144,22 @@ def _next_zero(one: _Node, other: _Node) -> float:
     _, _, two, three = _cubic(one, other)
     d = other.time - one.time
     return other.time + parabola_closes(max(other.gap, 0.0), other.slope, (two + 3.0 * three) / d**2)
+
+
+def _zero(nodes: list[_Node], i: int) -> float:
+    """Return where a gap became negative before a node; what is guessed of the start gives way to what was seen."""
+    if i == 0:
+        return _zero_before(nodes[0])
+    if nodes[i - 1].guessed and i + 1 < len(nodes):
+        return _last_zero(nodes[i], nodes[i + 1])
+    return _first_zero(nodes[i - 1], nodes[i])
+
+
+def _last_zero(one: _Node, other: _Node) -> float:
+    """Return where the cubic through two nodes, bent on as it is bent at the first one, was zero before; or inf."""
+    _, _, two, _ = _cubic(one, other)
+    before = parabola_closes(-one.gap, one.slope, -two / (other.time - one.time) ** 2)
+    return one.time - before if before < math.inf else math.inf
 
 
 def _zero_before(node: _Node) -> float:

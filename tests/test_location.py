@@ -82,6 +82,15 @@ def test_gap_that_was_not_seen_at_the_start_has_come_by_a_parabola():
     assert courses.closing(0.0, 1.0) == pytest.approx(1.0 / 3.0, abs=1e-14)
 
 
+def test_what_a_contact_was_believed_to_do_out_of_sight_does_not_mislead():
+    """The parabola through its velocities at both ends of a flow misses the start; the flow has bent early."""
+    courses = Courses(np.zeros(0), np.zeros(0), exact=True)
+    gap, rate = lambda t: 0.5 - t + 0.01 * t**2, lambda t: -1.0 + 0.02 * t
+    for time in (1.0, 0.8):
+        courses.add(time, [Sight(-7, gap(time), rate(time), -9.0)])
+    assert gap(courses.closing(0.0, 0.8)) == pytest.approx(0.0, abs=1e-12)
+
+
 def test_slopes_of_semi_implicit_steps_are_those_of_gaps_not_of_velocities():
     courses = Courses(np.array([1.0]), np.array([-1.0]), exact=False)
     gap, velocity = lambda t: 1.0 - t - 3.0 * t**2, lambda t: -1.0 - 3.0 * t  # q' = q + t v', v' = v + a t
