@@ -89,6 +89,11 @@ class Flights:
         touch = Touch(self._detector.look(data, max(self._near, within)), data, self.surfaces)
         return Moment.of(self._model, data, touch, tolerance=self.tolerance, timestep=self.options.timestep)
 
+    def _look_at_places(self, data: mujoco.MjData, within: float) -> Moment:
+        """Return the contacts as `look` does, without their motion."""
+        touch = Touch(self._detector.look(data, max(self._near, within)), data, self.surfaces)
+        return Moment.without_motion(touch, tolerance=self.tolerance, timestep=self.options.timestep)
+
     def refresh(self, data: mujoco.MjData, pattern: Pattern) -> None:
         """Leave in data.contact what `look` leaves there where the pattern is known, and read nothing."""
         self._detector.refresh(data, self._near, pattern)
@@ -287,10 +292,11 @@ class Flights:
         Where the same pairs of geoms are near as before, with one contact each, these are the same contacts.
         """
         last, held = arrival, arrival.known[arrival.sustained]
+        look = self.look if last.now.touch.pattern.grip is None else self._look_at_places
 
         def look_again(within: float) -> tuple[Moment, np.ndarray]:
             nonlocal last
-            now, known, pattern = self.look(data, within), last.known, last.now.touch.pattern
+            now, known, pattern = look(data, within), last.known, last.now.touch.pattern
             if now.touch.pattern is not pattern or not pattern.distinct:
                 known = refound(match(self._model, data, now.touch, flow), held, now.touch, flow)
             last = Arrival(now, known, last.sustained)

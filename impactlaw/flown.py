@@ -39,19 +39,18 @@ class Flight(NamedTuple):
     @classmethod
     def of(cls, flow: Flow, arrival: Arrival, keep: Callable[[], Arrival] | None = None) -> Flight:
         """Look at the contacts at the end of a flow, of which some are not held."""
-        now, known, sustained = arrival
-        opened = np.flatnonzero(~sustained)
-        clear = _clear(now.gap[opened], known[opened], flow)
+        opened = np.flatnonzero(~arrival.sustained)
+        clear = _clear(arrival.now.gap[opened], arrival.known[opened], flow)
         least = int(clear.argmin())
-        bent = Arrival(now.bending(_bend(arrival, flow)), known, sustained)
-        return cls(flow, bent, clear.item(least), opened.item(least), keep=keep)
+        return cls(flow, arrival, clear.item(least), opened.item(least), keep=keep)
 
     def kept(self) -> Flight:
-        """Return the flight with all velocities as they are with contacts held; data must be at its end."""
-        if self.keep is None:
-            return self
-        now, known, sustained = self.keep()
-        return self._replace(arrival=Arrival(now._replace(bend=self.arrival.now.bend), known, sustained), keep=None)
+        """Return the flight with velocities as they are with contacts held, and bends; data must be at its end."""
+        arrival = self.arrival if self.keep is None else self.keep()
+        now, known, sustained = arrival
+        if np.count_nonzero(sustained) < len(sustained):
+            arrival = Arrival(now.bending(_bend(arrival, self.flow)), known, sustained)
+        return self if arrival is self.arrival else self._replace(arrival=arrival, keep=None)
 
     @property
     def duration(self) -> float:

@@ -95,6 +95,13 @@ class Moment(NamedTuple):
         )
         return cls(touch, closed, still, velocity, gamma, noise, quiet)
 
+    @classmethod
+    def without_motion(cls, touch: Touch, *, tolerance: float, timestep: float) -> Moment:
+        """Return contacts whose velocities are not looked at: all zero, until `moving` reads them."""
+        none = np.zeros(touch.jacobian.shape[1])
+        closed, rest = touch.contacts.gap <= tolerance, np.zeros(len(touch.contacts))
+        return cls(touch, closed, _STILL * tolerance / timestep, none, rest, rest, False)
+
     def moving(
         self,
         model: mujoco.MjModel,
