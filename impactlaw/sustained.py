@@ -32,6 +32,7 @@ from impactlaw.touch import Touch, jump, whiten
 _CORRECTIONS = 20  # position corrections at most
 _SMOOTH_CORRECTIONS = 3  # that smooth surfaces need; each gains digits, their curvature decides how many
 _LARGEST_TURN = 0.3  # rad in one flow
+_CONFLICT = 1e-9  # part of the largest of multipliers that prove a conflict above which one takes part in it
 
 
 def hold(
@@ -85,12 +86,11 @@ def _hold_position(
     cuts = np.zeros((0, model.nv)), np.zeros(0)
     for correction in range(_CORRECTIONS):
         now, known, sustained = arrival
-        try:
-            sustained, pressed, wanted = _position_impulse(model, data, arrival, shift, flow, cuts, pressed)
-        except UnsolvableLawError:
-            return arrival, None  # squeezed between bodies that cannot give way: nothing to correct
+        sustained, pressed, wanted = _position_impulse(model, data, arrival, shift, flow, cuts, pressed)
         if correction == 0 and not np.count_nonzero(pressed):
             return Arrival(now, known, sustained), None
+        if correction and np.abs(now.touch.jacobian.dot(wanted - shift)).max() <= CORRECTED * flow.tolerance:
+            break  # what still overlaps is squeezed between bodies that cannot give way
         if correction >= _SMOOTH_CORRECTIONS:  # the contacts jump between points of a face: keep them all
             J = now.touch.jacobian[sustained]
             cuts = np.vstack([cuts[0], J]), np.concatenate([cuts[1], J.dot(shift) - now.gap[sustained]])
@@ -149,7 +149,7 @@ def _position_impulse(
             more_gradients, more = touch.confine(model, data, cuts[0])
             gradients, least = np.vstack([gradients, more_gradients]), np.concatenate([least, cuts[1]])
             part = np.vstack([part, more])
-        p = _pushing(part, least, None if guess is None else guess[rows])
+        p = _opening(part, least, None if guess is None else guess[rows])
         wanted = jump(model, data, gradients, p)
         if len(rows) == len(gap):
             return sustained, p[: len(rows)] > 0, wanted
@@ -159,6 +159,20 @@ def _position_impulse(
             pressed[rows[p[: len(rows)] > 0]] = True
             return sustained, pressed, wanted
         sustained = sustained | more
+
+
+def _opening(gradients: np.ndarray, least: np.ndarray, guess: np.ndarray | None) -> np.ndarray:
+    """Return what `_pushing` returns, and 0 for contacts of bodies that cannot give way, or not all at once."""
+    able = np.vecdot(gradients, gradients) > 0
+    if np.count_nonzero(able) == len(able):
+        try:
+            return _pushing(gradients, least, guess)
+        except UnsolvableLawError as conflict:
+            able = conflict.ray <= _CONFLICT * conflict.ray.max()
+    p = np.zeros(len(least))
+    if np.count_nonzero(able):
+        p[able] = _opening(gradients[able], least[able], None if guess is None else guess[able])
+    return p
 
 
 def _hold_velocity(

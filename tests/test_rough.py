@@ -299,3 +299,28 @@ def test_a_coin_that_rolls_on_its_rim_stays_in_contact(integrator, restitution):
     assert np.diff(energies).max() < 1e-3
     assert energies[-1] < 0.75 * energies[0]
     assert -1e-9 < read_contacts(model, data).gap.min() < 1e-9
+
+
+def test_what_cannot_give_way_keeps_nothing_else_from_being_corrected():
+    """A block between walls that are 1e-10 m too near, and one that slides on a table through which it cannot move."""
+    floor = '<geom name="floor" type="plane" size="9 9 1"/>'
+    walls = "".join(f'<geom type="box" size=".1 .1 .1" pos="{x} 0 .5"/>' for x in (-1.2, -0.8000000001))
+    block = (
+        '<body pos="-1.00000000005 0 .5"><joint type="slide" axis="1 0 0"/><geom type="box" size=".1 .05 .05"/></body>'
+    )
+    slider = (
+        '<body pos="0 1 .1"><joint type="slide" axis="1 0 0" damping="1"/><geom type="box" size=".1 .1 .1"/></body>'
+    )
+    ball = '<body pos="0 0 .1"><freejoint/><geom size=".1"/></body>'
+    arm = '<body pos="1 0 1"><joint axis="0 1 0" range="0 90"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".02"/>'
+    for friction in ("ignore", "coulomb"):
+        model, data = scenes.compiled(
+            floor + walls + block + slider + ball + arm + "</body>", option='timestep="0.005"'
+        )
+        data.qfrc_applied[-1] = -5.0  # presses the arm to its limit
+        stepper = Stepper(model, Moreau(0.0), friction=friction)
+        for _ in range(40):
+            stepper.step(data)
+            assert data.qpos[-1] >= -1e-9
+            assert data.qpos[4] >= 0.1 - 1e-9
+        assert stepper.unlocated == 0
