@@ -9,7 +9,9 @@ state in which no gap is below minus the tolerance (`overlap`):
    further than they are thick (`flow.Travel`).
 3. Contacts that stay closed are held closed (`sustained`).
 4. If another gap fell below minus the tolerance, the flow is repeated up to the time at which it closes, found by a
-   bracketed search on the smallest gap; then again from 1. (2 to 4: `flight.Flights`)
+   bracketed search on the smallest gap; then again from 1. (2 to 4: `flight.Flights`) After four such flows in a step,
+   pairs that close slowly beside contacts that are held are held, too (`landing`). A gap that has jumped below minus
+   the tolerance, as between points of faces, is opened by the smallest shift (`overlap.push_out`).
 5. More than max_events collisions, or flows ended by a closing gap, in one step, or several flows of no length that end
    without a collision (contact points that jump): E = 0 on every closed contact, and flows for the rest of the step at
    whose end every closed contact is held (time stepping, Moreau and Jean).
@@ -22,7 +24,7 @@ import numpy as np
 
 from impactlaw.collide import Collider
 from impactlaw.contacts import kinetic_metric, update_positions
-from impactlaw.errors import SceneError
+from impactlaw.errors import OverlapError, SceneError
 from impactlaw.events import ImpactEvent
 from impactlaw.flight import Flights
 from impactlaw.flow import advance, check_input, empty_state, restore_state, save_state
@@ -34,6 +36,7 @@ from impactlaw.scene import check_resolved, check_rigid
 from impactlaw.shortcuts import Apart, Shortcut, find_rest, find_together, is_still
 
 _JUMPS = 5  # flows of no length, each ended by another contact that closes without a collision: points that jump
+_LOCATED = 4  # gaps of one step whose closing is located before slow ones are held instead
 _INSTANT = 1e-4  # part of the timestep that such a flow lasts
 
 
@@ -101,11 +104,15 @@ class RigidStepping:
             before = len(events)
             changed = pushed or events or remaining < timestep
             state = save_state(self._model, data, self._state) if changed else self._before
-            flight, closed = self._flights.fly(data, state, start, remaining, hold_all=hold_all)
+            flight, closed = self._flights.fly(
+                data, state, start, remaining, hold_all=hold_all, landing=closings >= _LOCATED
+            )
             closings += closed
             remaining -= flight.flow.duration
             data.time = end - remaining
             start = flight.arrival.now
+            if closed and flight.gap < -self._tolerance:  # it has jumped there
+                start = self._apart(data, start)
             if start.collides:
                 start = self._collide(data, start, events)
             if closed and len(events) == before and flight.flow.duration < _INSTANT * timestep:
@@ -171,6 +178,16 @@ class RigidStepping:
     def _is_left(self, data: mujoco.MjData) -> bool:
         """Return whether the same contacts are near, and no other, as the last step has left it."""
         return self._left[0] == data.qpos.tobytes() and self._left[3] == self._options.disabled
+
+    def _apart(self, data: mujoco.MjData, start: Moment) -> Moment:
+        """Move apart what overlaps because a gap has jumped; leave it where bodies are squeezed."""
+        state = save_state(self._model, data)
+        try:
+            return push_out(self._model, data, self._flights, start, self._tolerance)
+        except OverlapError:
+            restore_state(self._model, data, state)
+            self._flights.update(data)
+            return self._flights.look(data)
 
     def _is_unchanged(self, data: mujoco.MjData) -> bool:
         """Return whether everything that contacts depend on is as the last step has left it."""
