@@ -15,10 +15,8 @@ import numpy as np
 from impactlaw.contacts import update_positions
 from impactlaw.courses import Courses
 from impactlaw.detection import Detector
-from impactlaw.errors import SolverError
 from impactlaw.flow import Frames, Travel, advance, restore_state
 from impactlaw.flown import Flight, expected, further, rests
-from impactlaw.landing import landing_pairs
 from impactlaw.location import locate
 from impactlaw.matching import elsewhere, match, refound, runs_on
 from impactlaw.moment import CORRECTED, Arrival, Flow, Moment, stays
@@ -126,20 +124,20 @@ class Flights:
         return self._detector.are_closed(data, self._near, pattern, (-CORRECTED * self.tolerance, self.tolerance))
 
     def fly(
-        self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool, landing: bool
+        self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool
     ) -> tuple[Flight, bool]:
         """Advance from a saved state by at most ``duration``; return where that led, and whether a gap closed there."""
-        flight, closed = self._fly(data, state, start, duration, hold_all=hold_all, landing=landing)
+        flight, closed = self._fly(data, state, start, duration, hold_all=hold_all)
         return flight.kept(), closed
 
     def _fly(
-        self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool, landing: bool
+        self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool
     ) -> tuple[Flight, bool]:
         """Fly, and leave data at the end of the flight returned."""
         if hold_all:
             return self._try_safely(data, state, start, duration, hold_all=True), False
         courses, time = None, expected(start, self.tolerance)
-        if not landing and time < duration:
+        if time < duration:
             courses = self._courses(start)
             flight = self._fly_ahead(data, state, start, (time, duration), courses)
             if flight is not None:
@@ -148,13 +146,6 @@ class Flights:
         flight = self._try_safely(data, state, start, duration)
         if flight.gap >= -self.tolerance:
             return flight, False
-        pairs = landing_pairs(self._model, data, flight, self.options.timestep) if landing else None
-        if pairs is not None:
-            landed = self._land(data, state, flight, pairs)
-            if landed is not None:
-                return landed
-            restore_state(self._model, data, state)
-            flight = self._try(data, start, flight.duration)
         courses = self._courses(start) if courses is None else courses
         courses.add(flight.duration, flight.sights)
         return self._locate(data, state, flight, courses)
@@ -199,7 +190,7 @@ class Flights:
 
         def again(time: float, *, smooth: bool = False) -> Flight:
             restore_state(self._model, data, state)
-            return self._try(data, start, time, reach=reach, smooth=smooth, landing=tried.landing)
+            return self._try(data, start, time, reach=reach, smooth=smooth)
 
         longest = self._travel.between(start.touch.frames, data).max()
         begun = elsewhere(flight.arrival, tried, flight.deepest, flight.gap)
@@ -225,25 +216,6 @@ class Flights:
             held = again(located.duration - 2.0 * shortest)
             return (held, True) if held.gap >= -self.tolerance else (again(located.duration), True)
         return located, True
-
-    def _land(
-        self, data: mujoco.MjData, state: np.ndarray, end: Flight, landing: np.ndarray
-    ) -> tuple[Flight, bool] | None:
-        """Fly again with contacts of the start, bool (h,), held where they close; None if they cannot be held."""
-        start, deepest = end.flow.start, min(end.gap, -self._near)
-        restore_state(self._model, data, state)
-        try:
-            flight = self._try(data, start, end.duration, landing=landing)
-            if flight.gap >= -self.tolerance:
-                return flight, False
-            if flight.gap < deepest:
-                return None
-            courses = self._courses(start)
-            courses.add(flight.duration, flight.sights)
-            flight, closed = self._locate(data, state, flight, courses)
-        except SolverError:
-            return None
-        return (flight, closed) if flight.gap >= -self._near else None
 
     def _try_safely(
         self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool = False
@@ -281,11 +253,10 @@ class Flights:
         hold_all: bool = False,
         smooth: bool = False,
         reach: float = 0.0,
-        landing: np.ndarray | None = None,
     ) -> Flight:
         self.advance(data, duration)
         return self._arrive(
-            data, Flow(start, duration, self.tolerance, self._travel, hold_all, smooth, self._exact, landing), reach
+            data, Flow(start, duration, self.tolerance, self._travel, hold_all, smooth, self._exact), reach
         )
 
     def _arrive(self, data: mujoco.MjData, flow: Flow, reach: float = 0.0) -> Flight:
@@ -308,14 +279,12 @@ class Flights:
         ):
             return self._clear(flow, Arrival(now, known, now.closed), data, reach)
         arrival, keep = Arrival(now, known, stays(now.gap, known, flow)), None
-        free = None
         if np.count_nonzero(arrival.sustained & now.closed):
-            free = now.velocity
             again = self._again(data, flow, arrival)
             arrival, keep = hold(self._model, data, arrival, flow, again)
         if np.count_nonzero(arrival.sustained) == len(arrival.sustained):
             return self._clear(flow, arrival, data, reach, keep)
-        return Flight.of(flow, arrival, keep, free)
+        return Flight.of(flow, arrival, keep)
 
     def _again(self, data: mujoco.MjData, flow: Flow, arrival: Arrival) -> Callable[[float], tuple[Moment, np.ndarray]]:
         """Return what looks at the contacts of now up to a gap at least, m, and matches them with those at the start.

@@ -27,7 +27,6 @@ class Flight(NamedTuple):
         deepest: index of that contact, -1 where none is near.
         further: contacts that are not near.
         keep: what is left to do if the flow is to be kept, see `kept`; None if nothing is.
-        free: qvel before contacts were held, (nv,); None if none was.
     """
 
     flow: Flow
@@ -36,17 +35,14 @@ class Flight(NamedTuple):
     deepest: int
     further: tuple[Sight, ...] = ()
     keep: Callable[[], Arrival] | None = None
-    free: np.ndarray | None = None
 
     @classmethod
-    def of(
-        cls, flow: Flow, arrival: Arrival, keep: Callable[[], Arrival] | None = None, free: np.ndarray | None = None
-    ) -> Flight:
+    def of(cls, flow: Flow, arrival: Arrival, keep: Callable[[], Arrival] | None = None) -> Flight:
         """Look at the contacts at the end of a flow, of which some are not held."""
         opened = np.flatnonzero(~arrival.sustained)
         clear = _clear(arrival.now.gap[opened], arrival.known[opened], flow)
         least = int(clear.argmin())
-        return cls(flow, arrival, clear.item(least), opened.item(least), keep=keep, free=free)
+        return cls(flow, arrival, clear.item(least), opened.item(least), keep=keep)
 
     def kept(self) -> Flight:
         """Return the flight with velocities as they are with contacts held, and bends; data must be at its end."""

@@ -157,7 +157,6 @@ class Flow(NamedTuple):
         hold_all: whether every contact that is closed at its end is held there (time stepping).
         smooth: whether it is known that contacts between faces have moved smoothly, however far.
         exact: whether friction is exact, or its convex relaxation.
-        landing: which contacts of the start are held where they close, bool (h,); None if none are.
     """
 
     start: Moment
@@ -167,7 +166,6 @@ class Flow(NamedTuple):
     hold_all: bool = False
     smooth: bool = False
     exact: bool = True
-    landing: np.ndarray | None = None
 
 
 class Arrival(NamedTuple):
@@ -188,9 +186,6 @@ def stays(gap: np.ndarray, known: np.ndarray, flow: Flow) -> np.ndarray:
     """Return which contacts are sustained if they end the flow with these gaps, bool (h,)."""
     if flow.hold_all:
         return gap <= flow.tolerance
-    if flow.landing is not None:
-        landed = (known >= 0) & (gap <= flow.tolerance) & flow.landing[known]
-        return landed | stays(gap, known, flow._replace(landing=None))
     start, tau = flow.start, flow.duration
     closed = start.closed
     if not np.count_nonzero(closed):

@@ -9,8 +9,7 @@ state in which no gap is below minus the tolerance (`overlap`):
    further than they are thick (`flow.Travel`).
 3. Contacts that stay closed are held closed (`sustained`).
 4. If another gap fell below minus the tolerance, the flow is repeated up to the time at which it closes, found by a
-   bracketed search on the smallest gap; then again from 1. (2 to 4: `flight.Flights`) After four such flows in a step,
-   pairs that close slowly beside contacts that are held are held, too (`landing`). A gap that has jumped below minus
+   bracketed search on the smallest gap; then again from 1. (2 to 4: `flight.Flights`) A gap that has jumped below minus
    the tolerance, as between points of faces, is opened by the smallest shift (`overlap.push_out`).
 5. More than max_events collisions, or flows ended by a closing gap, in one step, or several flows of no length that end
    without a collision (contact points that jump): E = 0 on every closed contact, and flows for the rest of the step at
@@ -36,7 +35,6 @@ from impactlaw.scene import check_resolved, check_rigid
 from impactlaw.shortcuts import Apart, Shortcut, find_rest, find_together, is_still
 
 _JUMPS = 5  # flows of no length, each ended by another contact that closes without a collision: points that jump
-_LOCATED = 4  # gaps of one step whose closing is located before slow ones are held instead
 _INSTANT = 1e-4  # part of the timestep that such a flow lasts
 
 
@@ -104,9 +102,7 @@ class RigidStepping:
             before = len(events)
             changed = pushed or events or remaining < timestep
             state = save_state(self._model, data, self._state) if changed else self._before
-            flight, closed = self._flights.fly(
-                data, state, start, remaining, hold_all=hold_all, landing=closings >= _LOCATED
-            )
+            flight, closed = self._flights.fly(data, state, start, remaining, hold_all=hold_all)
             closings += closed
             remaining -= flight.flow.duration
             data.time = end - remaining

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import scenes
 
-from impactlaw import Moreau, Stepper, read_contacts
+from impactlaw import Moreau, Stepper, read_contacts, rigid
 from impactlaw.envs import ImpactLaw
 from impactlaw.errors import OverlapError, UnknownNameError
+from impactlaw.flight import Flights
 
 H = 0.002
 FLOOR = '<geom name="floor" type="plane" size="5 5 .1"/>'
@@ -262,3 +263,31 @@ def test_a_heap_thrown_into_itself_is_pulled_apart(shape, least):
     assert read_contacts(model, data).gap.min() < -0.05
     pushed(model, data)
     assert read_contacts(model, data).gap.min(initial=0.0) >= least - 2e-9
+
+
+@pytest.mark.parametrize("squeezed", [False, True])
+def test_a_gap_that_jumps_in_a_flow_is_opened_unless_bodies_are_squeezed(squeezed, monkeypatch):
+    """The flow is told to have ended 1e-6 m deeper than it did, as a contact point that jumps on a face ends it."""
+    model, data = build(FLOOR + '<body pos="0 0 .1"><joint type="slide" axis="0 0 1"/><geom size=".1"/></body>')
+    fly, jumped = Flights.fly, []
+
+    def fly_deeper(self, data, *args, **kwargs):
+        flight, closed = fly(self, data, *args, **kwargs)
+        if jumped:
+            return flight, closed
+        jumped.append(1)
+        data.qpos[0] = -1e-6
+        self.update(data)
+        arrival = flight.arrival._replace(now=self.look(data))
+        return flight._replace(arrival=arrival, gap=-1e-6), True
+
+    def refuse(model, data, *args):
+        data.qpos[0] = 1.0
+        raise OverlapError("bodies are squeezed there")
+
+    monkeypatch.setattr(Flights, "fly", fly_deeper)
+    if squeezed:
+        monkeypatch.setattr(rigid, "push_out", refuse)
+    Stepper(model, Moreau(0.5)).step(data)
+    assert jumped
+    assert data.qpos[0] == pytest.approx(-1e-6 if squeezed else 0.0, abs=1e-9)
