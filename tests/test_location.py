@@ -75,6 +75,12 @@ def test_gap_that_jumps_is_found_by_bisection():
     assert found.gap == -1.0
 
 
+def test_gap_that_jumps_is_found_whatever_its_slopes_promise():
+    found, flown = located([lambda t: 1.0 if t < 0.3 else -1e-6], [lambda t: -1e-3], 1.0)
+    assert 0.3 <= found.duration <= 0.3 + 1e-11
+    assert len(flown) <= 60
+
+
 def test_gap_that_was_not_seen_at_the_start_has_come_by_a_parabola():
     courses = Courses(np.zeros(0), np.zeros(0), exact=True)
     gap, slope = lambda t: 1.0 - 2.0 * t - 3.0 * t**2, lambda t: -2.0 - 6.0 * t
