@@ -223,9 +223,7 @@ class Flights:
         while True:
             self.advance(data, duration)
             if self._is_short(start.velocity, data.qvel, duration):
-                return self._arrive(
-                    data, Flow(start, duration, self.tolerance, self._travel, hold_all, exact=self._exact)
-                )
+                break
             longest = self._travel.longest_turn(start.velocity)
             if duration > longest:
                 restore_state(self._model, data, state)
@@ -234,15 +232,14 @@ class Flights:
             travel = self._travel.between(start.touch.frames, data)
             suspects = self._travel.suspects(start.touch.frames, travel)
             if len(suspects) == 0:
-                return self._arrive(
-                    data, Flow(start, duration, self.tolerance, self._travel, hold_all, exact=self._exact)
-                )
+                break
             restore_state(self._model, data, state)
             self.update(data)
             fraction = self._travel.safe_fraction(data, suspects, travel)
             if fraction >= 1.0:
                 return self._try(data, start, duration, hold_all=hold_all)
             duration *= 0.9 * fraction
+        return self._arrive(data, Flow(start, duration, self.tolerance, self._travel, hold_all, exact=self._exact))
 
     def _try(
         self,
