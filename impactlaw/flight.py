@@ -63,7 +63,7 @@ class Flights:
 
     @property
     def is_steady(self) -> bool:
-        """Whether no surface moves by itself in this step, or can be told to run without a pose to tell."""
+        """Whether no surface moves by itself in this step, nor is a belt that the model may start or stop."""
         return self.surfaces is None or (self.surfaces.still and not self.surfaces.run)
 
     def update(self, data: mujoco.MjData) -> None:

@@ -64,3 +64,14 @@ def test_contact_that_separates_gets_no_impulse():
     x = single(problem, None)
     assert x is not None
     assert not x.any()
+
+
+@pytest.mark.parametrize("sizes", [[3, 3], [1, 3, 2]])
+@pytest.mark.parametrize("speed", [0.0, 1e3])
+def test_the_same_contacts_with_another_offset_are_the_problem_made_anew(sizes, speed):
+    rng, n = np.random.default_rng(0), sum(sizes)
+    A, (b, other) = rng.normal(size=(n, 8)), rng.normal(size=(2, n))
+    made, anew = ConeProblem(A, b, np.array(sizes)), ConeProblem(A, 100 * other, np.array(sizes), speed=speed)
+    again = made.starting(100 * other, speed)
+    np.testing.assert_array_equal(again.start, anew.start)
+    assert again.scale == anew.scale != made.scale
