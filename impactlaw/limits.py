@@ -82,10 +82,11 @@ class Limits:
             unit[row] = 1.0
             mujoco.mj_mulJacTVec(self._model, data, J[i], unit)
             unit[row] = 0.0
-            code[i] = self._code(data, row)
+            code[i] = self.code(data, row)
         return LimitRows(code, data.efc_pos[rows], J)
 
-    def _code(self, data: mujoco.MjData, row: int) -> int:
+    def code(self, data: mujoco.MjData, row: int) -> int:
+        """Return which limit a row of MuJoCo's constraints is of."""
         model, i, gap = self._model, int(data.efc_id[row]), data.efc_pos[row]
         if data.efc_type[row] == _TENDON:
             value, span, number = data.ten_length[i], model.tendon_range[i], model.njnt + i

@@ -78,6 +78,7 @@ def make_plan(
     model: mujoco.MjModel,
     contact_model: Literal["rigid", "soft"] = "rigid",
     *,
+    scheme: Literal["event-driven", "time-stepping"] | None = None,
     friction: Literal["coulomb", "convex", "ignore"] = "coulomb",
 ) -> Plan:
     """Derive from the compiled model, and the options of a `Stepper`, what steps of it take."""

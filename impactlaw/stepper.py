@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Literal
 
 import mujoco
 
@@ -17,6 +18,9 @@ from impactlaw.rigid import RigidStepping
 from impactlaw.scene import check_law, scene_law
 from impactlaw.soft import REST_SPEED, SoftStepping
 from impactlaw.solvers import SOLVERS
+
+if TYPE_CHECKING:
+    from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 
 class Stepper:
@@ -64,23 +68,35 @@ class Stepper:
         law: Law | Literal["scene"],
         *,
         contact_model: Literal["rigid", "soft"] = "rigid",
+        scheme: Literal["event-driven", "time-stepping"] | None = None,
         friction: Literal["coulomb", "convex", "ignore"] = "coulomb",
-        overlap: Literal["refuse", "push-out"] = "refuse",
-        on_inadmissible: Literal["raise", "project", "allow"] = "raise",
-        gap_tolerance: float = GAP_TOLERANCE,
-        rest_speed: float = REST_SPEED,
-        max_events: int = 100,
-        solver: str = "auto",
+        overlap: Literal["refuse", "push-out"] | None = None,
+        on_inadmissible: Literal["raise", "project", "allow"] | None = None,
+        gap_tolerance: float | None = None,
+        rest_speed: float | None = None,
+        max_events: int | None = None,
+        solver: str | None = None,
     ):
         for kind, value, known in (
             ("contact_model", contact_model, ("rigid", "soft")),
+            ("scheme", scheme, (None, "event-driven", "time-stepping")),
             ("friction option", friction, ("coulomb", "convex", "ignore")),
-            ("overlap option", overlap, ("refuse", "push-out")),
-            ("on_inadmissible option", on_inadmissible, ("raise", "project", "allow")),
-            ("solver", solver, ("auto", *SOLVERS)),
+            ("overlap option", overlap, (None, "refuse", "push-out")),
+            ("on_inadmissible option", on_inadmissible, (None, "raise", "project", "allow")),
+            ("solver", solver, (None, "auto", *SOLVERS)),
         ):
             if value not in known:
-                raise UnknownNameError(kind, value, known)
+                raise UnknownNameError(kind, value, [name for name in known if name])
+        way = "soft" if contact_model == "soft" else scheme or "event-driven"
+        given = {
+            "scheme": scheme,
+            "overlap": overlap,
+            "gap_tolerance": gap_tolerance,
+            "rest_speed": rest_speed,
+            "max_events": max_events,
+            "solver": solver,
+        }
+        _refuse_unused(way, {name for name, value in given.items() if value is not None}, overlap)
         if law == "scene":
             law = scene_law(model)
         elif not isinstance(law, Law):
@@ -90,31 +106,57 @@ class Stepper:
         deferred.load_solvers()
         self.model = model
         self.law = law
-        self.events: tuple[ImpactEvent, ...] = ()
-        self.plan = make_plan(model, contact_model, friction=friction)
+        self.plan = make_plan(model, contact_model, scheme=scheme, friction=friction)
         last: Law = MaximalDissipation()
-        if self.plan.friction:
+        if self.plan.friction and way != "time-stepping":
             cone = "exact" if friction == "coulomb" else "convex"
             law = law if isinstance(law, Coulomb) else Coulomb(law, cone=cone)
             last = Coulomb(last, cone=cone)
-        collider = Collider(law, last, on_inadmissible, max_events, solver)
-        self._stepping: RigidStepping | SoftStepping
-        if contact_model == "soft":
-            self._stepping = SoftStepping(model, collider, self.plan, rest_speed=rest_speed)
+        most = 100 if max_events is None else max_events
+        collider = Collider(law, last, on_inadmissible or "raise", most, solver or "auto")
+        self._events: tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]] = ()
+        self._stepping: RigidStepping | SoftStepping | TimeStepping
+        if way == "time-stepping":
+            from impactlaw.stepping.time_stepping.scheme import TimeStepping
+
+            self._stepping = TimeStepping(
+                model, law, self.plan, friction=friction, on_inadmissible=on_inadmissible or "project", rest_speed=rest_speed
+            )
+        elif way == "soft":
+            speed = REST_SPEED if rest_speed is None else rest_speed
+            self._stepping = SoftStepping(model, collider, self.plan, rest_speed=speed)
         else:
             self._stepping = RigidStepping(
                 model,
                 collider,
                 self.plan,
                 exact=friction != "convex",
-                gap_tolerance=gap_tolerance,
+                gap_tolerance=GAP_TOLERANCE if gap_tolerance is None else gap_tolerance,
                 push_out=overlap == "push-out",
             )
 
     @property
+    def events(self) -> tuple[ImpactEvent, ...]:
+        """The collisions of the last step, in order; time stepping resolves its one when it is first asked for."""
+        return self._events() if callable(self._events) else self._events
+
+    @property
     def unlocated(self) -> int:
-        """Steps so far that had more than max_events collisions."""
+        """Steps so far that had more than max_events collisions; 0 under time stepping, which locates none."""
         return self._stepping.unlocated
+
+    @property
+    def shortfall(self) -> float:
+        """Largest amount by which a contact velocity of the last step misses its law, m/s or rad/s.
+
+        Under other schemes than time stepping it is 0: they certify every collision, or refuse it.
+        """
+        return getattr(self._stepping, "shortfall", 0.0)
+
+    @property
+    def short_steps(self) -> int:
+        """Steps so far whose shortfall was above 1e-6 of the largest contact velocity, or 1e-8 m/s (time stepping)."""
+        return getattr(self._stepping, "short_steps", 0)
 
     def step(self, data: mujoco.MjData) -> None:
         """Advance data by one ``model.opt.timestep``.
@@ -134,7 +176,7 @@ class Stepper:
         """
         if data.signature != self.model.signature:
             raise SceneError("data belongs to another model than the one that this stepper was made with")
-        self.events = self._stepping.step(data)
+        self._events = self._stepping.step(data)
 
     def finish_step(self, data: mujoco.MjData) -> None:
         """Do what follows `mj_step1` in a soft step, as `mj_step2` does.
@@ -145,4 +187,25 @@ class Stepper:
         """
         if not isinstance(self._stepping, SoftStepping):
             raise SceneError('only soft stepping can be cut in two halves; use step(), or contact_model="soft"')
-        self.events = self._stepping.finish(data)
+        self._events = self._stepping.finish(data)
+
+
+_UNUSED = {
+    "soft": ("scheme", "overlap", "gap_tolerance"),
+    "event-driven": ("rest_speed",),
+    "time-stepping": ("gap_tolerance", "max_events", "solver"),
+}
+"""Options that a way to step has no use for."""
+
+
+def _refuse_unused(way: str, given: set[str], overlap: str | None) -> None:
+    """Refuse options that would change nothing.
+
+    Raises:
+        SceneError: an option is given that is for another way to step.
+    """
+    for name in _UNUSED[way]:
+        if name in given:
+            raise SceneError(f"{name} means nothing to {way} steps; leave it out")
+    if way == "time-stepping" and overlap == "refuse":
+        raise SceneError('time stepping opens what overlaps, over time; leave overlap="refuse" out')

@@ -1,0 +1,114 @@
+"""Alternating directions with a proximal term and a spectral penalty (Carpentier, Montaut, Le Lidec 2024).
+
+``x`` minimizes the quadratic part, ``y`` is its projection, ``w`` the multiplier of ``x = y``, which tends to the
+velocity. De Saxcé's correction is taken from the w of the step before. The matrix ``G + c + rho`` is inverted by
+``H = I + A^T T A`` with the diagonal ``T = 1 / (c + rho)``, of the size of the degrees of freedom (Woodbury).
+"""
+
+import numpy as np
+from numba import njit
+
+from impactlaw.solvers.cones.loops import Array
+from impactlaw.solvers.cones.blocks import assemble, factor, room, solve
+from impactlaw.solvers.cones.ordering import Blocks
+from impactlaw.solvers.cones.projection import norm_of, project, residual
+from impactlaw.solvers.cones.structure import CONE, Island, jump, rows_times, velocity
+
+_PROXIMAL = 1e-8
+_LEAST = 1e-6  # what stands for the least eigenvalue of G
+_POWER = 0.3  # rho = sqrt(_LEAST L) (L / _LEAST)^power, first power and how far it moves
+_MOVE = 0.05
+_FACTORIZATIONS = 25
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def largest_eigenvalue(P: Island) -> float:
+    """Return about the largest eigenvalue of ``A A^T + c``, from 15 steps of the power method."""
+    n = len(P.b)
+    v, w, z = np.ones(n) / np.sqrt(n), np.empty(n), np.empty(P.nv)
+    zero, L = np.zeros(n), 0.0
+    for _ in range(15):
+        velocity(P, zero, v, z, w)
+        L = norm_of(w, 0, n)
+        if not L > 0.0:
+            break
+        for i in range(n):
+            v[i] = w[i] / L
+    return max(L, 1e-9)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _prepare(P: Island, K: Blocks, rho: float, W: Array, H: Array, pivot: Array, left: Array, row: Array) -> None:
+    """Factor ``I + A^T T A``."""
+    W[:] = 0.0
+    for g in range(len(P.kind)):
+        m = P.start[g + 1] - P.start[g]
+        for k in range(m):
+            W[P.square[g] + k * (m + 1)] = 1.0 / (P.c[P.start[g] + k] + rho)
+    assemble(P, K, W, H, left, row)
+    factor(K, H, pivot, row)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def admm(P: Island, K: Blocks, L: float, x: Array, tolerance: float, most: int) -> int:
+    """Overwrite x by what at most `most` steps from it lead to; return steps taken.
+
+    `L` is the largest eigenvalue of ``A A^T + c``.
+    """
+    n, groups = len(x), len(P.kind)
+    W, H, pivot = np.empty(P.square[groups]), np.empty(K.size), np.empty(max(n, P.nv), np.int64)
+    left, row = np.empty(room(P)), np.empty(max(P.nv, 1))
+    y, w, p, t, z, u = x.copy(), np.empty(n), np.empty(n), np.empty(n), np.empty(P.nv), np.empty(n)
+    g = np.empty(n)
+    point = x.copy()
+    velocity(P, P.b, x, z, u)
+    _shift(P, u, u, 1.0)
+    project(P, u, w)
+    for i in range(groups):
+        if P.kind[i] != CONE:
+            w[P.start[i]] = u[P.start[i]]
+    power = _POWER
+    rho = np.sqrt(_LEAST * L) * (L / _LEAST) ** power
+    _prepare(P, K, rho + _PROXIMAL, W, H, pivot, left, row)
+    count, last = 1, 0
+    for k in range(most):
+        for i in range(n):
+            g[i] = _PROXIMAL * point[i] + rho * y[i] + w[i] - P.b[i]
+        _shift(P, w, g, -1.0)
+        for i in range(n):
+            point[i] = g[i] / (P.c[i] + rho + _PROXIMAL)
+        jump(P, point, z)
+        solve(K, H, pivot, z)
+        rows_times(P, z, t)
+        primal = dual = 0.0
+        for i in range(n):
+            point[i] -= t[i] / (P.c[i] + rho + _PROXIMAL)
+            t[i] = point[i] - w[i] / rho
+        project(P, t, p)
+        for i in range(n):
+            dual = max(dual, rho * abs(p[i] - y[i]))
+            y[i] = p[i]
+            w[i] -= rho * (point[i] - y[i])
+            primal = max(primal, abs(point[i] - y[i]))
+        if k % 5 == 4:
+            velocity(P, P.b, y, z, u)
+            if residual(P, y, u, P.exact) <= tolerance:
+                x[:] = y
+                return k + 1
+            if k - last >= 10 and count < _FACTORIZATIONS and (primal > 10.0 * dual or dual > 10.0 * primal):
+                power += _MOVE if primal > 10.0 * dual else -_MOVE
+                rho = np.sqrt(_LEAST * L) * (L / _LEAST) ** power
+                _prepare(P, K, rho + _PROXIMAL, W, H, pivot, left, row)
+                count += 1
+                last = k
+    x[:] = y
+    return most
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _shift(P: Island, u: Array, v: Array, sign: float) -> None:
+    """Add ``sign |u_t|`` to the normal entries of v, where friction is exact."""
+    if P.exact:
+        for g in range(len(P.kind)):
+            if P.kind[g] == CONE:
+                v[P.start[g]] += sign * norm_of(u, P.start[g] + 1, P.start[g + 1])

@@ -1,0 +1,114 @@
+"""The matrix ``H = I + A^T W A`` of an island: assembly, LU factors by blocks of trees, solution.
+
+W has one m x m block per group. Rows are exchanged inside diagonal blocks only. An island of few degrees of freedom
+is one block, and this is then the dense LU.
+"""
+
+import numpy as np
+from numba import njit
+
+from impactlaw.solvers.cones.loops import Array, add_at, dot, fill, subtract
+from impactlaw.solvers.cones.linear import lu_factor, lu_solve, lu_solve_rows
+from impactlaw.solvers.cones.ordering import Blocks
+from impactlaw.solvers.cones.structure import Island
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def assemble(P: Island, K: Blocks, W: Array, H: Array, left: Array, row: Array) -> None:
+    """Write ``H = I + A^T W A``; W in the order of `Island.square`; `left`, `row`: room for m x k and k numbers."""
+    fill(H, 0, K.size, 0.0)
+    for k in range(len(K.width)):
+        for i in range(K.width[k]):
+            H[K.diagonal[k] + i * (K.width[k] + 1)] = 1.0
+    for g in range(len(P.kind)):
+        m, begin, a = P.start[g + 1] - P.start[g], P.begin[g], P.entry[g]
+        width, w = P.begin[g + 1] - begin, P.square[g]
+        for k in range(m):
+            fill(left, k * width, width, 0.0)
+            for i in range(m):
+                f = W[w + k * m + i]
+                if f != 0.0:
+                    subtract(left, k * width, P.A, a + i * width, -f, width)
+        for i in range(width):
+            fill(row, 0, width, 0.0)
+            for k in range(m):
+                f = P.A[a + k * width + i]
+                if f != 0.0:
+                    subtract(row, 0, left, k * width, -f, width)
+            q = K.first[g] + K.slot[begin + i] * K.many[g]
+            if K.many[g] == 1:
+                base = K.place[q] + np.int64(K.inner[begin + i]) * K.pitch[q]
+                add_at(H, base, row, K.inner, begin, width)
+            else:
+                for j in range(width):
+                    t = q + K.slot[begin + j]
+                    base = K.place[t] + np.int64(K.inner[begin + i]) * K.pitch[t]
+                    H[base + np.int64(K.inner[begin + j])] += row[j]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def factor(K: Blocks, H: Array, pivot: Array, product: Array) -> None:
+    """Factor H in place; `product`: room for one row of a strip."""
+    for k in range(len(K.width)):
+        w, span = K.width[k], K.span[k]
+        lu_factor(H, K.diagonal[k], w, pivot, K.offset[k])
+        if span == 0:
+            continue
+        lu_solve_rows(H, K.diagonal[k], w, pivot, K.offset[k], H, K.upper[k], span)
+        row, begin, end = K.lower[k], K.begin[k], K.begin[k + 1]
+        for a in range(end - begin):
+            for i in range(K.width[K.later[begin + a]]):
+                fill(product, 0, span, 0.0)
+                for l in range(w):
+                    if H[row + l] != 0.0:
+                        subtract(product, 0, H, K.upper[k] + l * span, -H[row + l], span)
+                row += w
+                at = 0
+                for b in range(end - begin):
+                    q = K.pair[k] + a * (end - begin) + b
+                    base, many = K.target[q] + i * K.stride[q], K.width[K.later[begin + b]]
+                    subtract(H, base, product, at, 1.0, many)
+                    at += many
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def solve(K: Blocks, H: Array, pivot: Array, v: Array) -> None:
+    """Overwrite v by ``H^-1 v``, H factored."""
+    nb = len(K.width)
+    for k in range(nb):
+        w, o = K.width[k], K.offset[k]
+        lu_solve(H, K.diagonal[k], w, pivot, o, v, o)
+        row = K.lower[k]
+        for a in range(K.begin[k], K.begin[k + 1]):
+            j = K.later[a]
+            for i in range(K.offset[j], K.offset[j] + K.width[j]):
+                v[i] -= dot(H, row, v, o, w)
+                row += w
+    for k in range(nb - 1, -1, -1):
+        o = K.offset[k]
+        for i in range(K.width[k]):
+            at, s = K.upper[k] + i * K.span[k], v[o + i]
+            for a in range(K.begin[k], K.begin[k + 1]):
+                j = K.later[a]
+                s -= dot(H, at, v, K.offset[j], K.width[j])
+                at += K.width[j]
+            v[o + i] = s
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def room(P: Island) -> int:
+    """Return the most entries that a group has."""
+    most = P.nv
+    for g in range(len(P.kind)):
+        most = max(most, P.entry[g + 1] - P.entry[g])
+    return most
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def flops(P: Island, K: Blocks) -> float:
+    """Return about how many operations one assembly, factorization and line search take."""
+    s = K.flops + 4.0 * K.size
+    for g in range(len(P.kind)):
+        k = P.begin[g + 1] - P.begin[g]
+        s += 2.0 * (P.entry[g + 1] - P.entry[g]) * (k + 8)
+    return s + 100.0

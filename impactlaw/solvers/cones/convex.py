@@ -1,0 +1,192 @@
+"""The convex problem with held correction, by augmented Lagrangians, and the fixed point on de Saxcé's correction.
+
+With the correction s held (``b + s e_n`` for b) the problem is the optimality condition of
+``min |A^T x|^2 / 2 + c |x|^2 / 2 + b^T x, x in the sets``. A proximal step with the compliance kappa minimizes
+``|z|^2 / 2 + sum kappa (y^T P(y) - |P(y)|^2 / 2)`` over z, with ``y = (q x - A z - b) / kappa`` group by group, kappa
+larger than the compliance of the group and ``q = kappa - c``, by Newton's method with a line search; the new x is
+P(y). The correction ``s = |u_t|`` is then found by Anderson's acceleration (Acary & Brogliato 2008, section 13.7, and
+Acary & Cadoux 2013 for the fixed point; Walker & Ni 2011).
+"""
+
+import numpy as np
+from numba import njit
+
+from impactlaw.solvers.cones.loops import Array
+from impactlaw.solvers.cones.blocks import assemble, factor, room, solve
+from impactlaw.solvers.cones.linear import lu_factor, lu_solve
+from impactlaw.solvers.cones.ordering import Blocks
+from impactlaw.solvers.cones.projection import norm_of, project, projection_derivative, residual, slips
+from impactlaw.solvers.cones.structure import Island, jump, rows_times, velocity
+
+_START, _END = 1e-1, 1e-6  # compliance of the first and of the last proximal step
+_STEPS = 50  # of Newton's method for one proximal step
+_MEMORY = 5
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _envelope(P: Island, y: Array, p: Array, kappa: Array) -> float:
+    """Write ``p = P(y)``; return the sum of ``kappa (y^T p - |p|^2 / 2)``."""
+    project(P, y, p)
+    s = 0.0
+    for g in range(len(P.kind)):
+        t = 0.0
+        for i in range(P.start[g], P.start[g + 1]):
+            t += (y[i] - 0.5 * p[i]) * p[i]
+        s += kappa[g] * t
+    return s
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def proximal_step(
+    P: Island, K: Blocks, b: Array, x: Array, z: Array, least: float, tolerance: float, W: Array, H: Array
+) -> int:
+    """Overwrite x by the next proximal point, with compliance `least` at least; z is where Newton starts; return steps."""
+    n, groups, nv = len(x), len(P.kind), P.nv
+    kappa, most_rows = np.empty(groups), 1
+    y, p, yt, pt, w = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    gradient, step, zt, gt = np.empty(nv), np.empty(nv), np.empty(nv), np.empty(nv)
+    pivot, left, row = np.empty(max(n, nv), np.int64), np.empty(room(P)), np.empty(max(nv, 1))
+    rows_times(P, z, w)
+    for g in range(groups):
+        kappa[g] = 0.0
+        for i in range(P.start[g], P.start[g + 1]):
+            kappa[g] = max(kappa[g], P.c[i])
+        kappa[g] += least
+        for i in range(P.start[g], P.start[g + 1]):
+            y[i] = ((kappa[g] - P.c[i]) * x[i] - w[i] - b[i]) / kappa[g]
+        most_rows = max(most_rows, P.start[g + 1] - P.start[g])
+    D = np.empty((most_rows, most_rows))
+    value = 0.5 * norm_of(z, 0, nv) ** 2 + _envelope(P, y, p, kappa)
+    taken = 0
+    while taken < _STEPS:
+        jump(P, p, gradient)
+        for i in range(nv):
+            gradient[i] = z[i] - gradient[i]
+            step[i] = gradient[i]
+        length = norm_of(gradient, 0, nv)
+        if length <= tolerance:
+            break
+        for g in range(groups):
+            m, at = P.start[g + 1] - P.start[g], P.square[g]
+            projection_derivative(P.kind[g], P.bound[g], y, P.start[g], m, D)
+            for i in range(m):
+                for j in range(m):
+                    W[at + i * m + j] = D[i, j] / kappa[g]
+        assemble(P, K, W, H, left, row)
+        factor(K, H, pivot, row)
+        solve(K, H, pivot, step)
+        taken += 1
+        decrease = 0.0
+        for i in range(nv):
+            decrease += gradient[i] * step[i]
+        rows_times(P, step, w)
+        f, ok = 1.0, False
+        for _ in range(30):
+            for g in range(groups):
+                for i in range(P.start[g], P.start[g + 1]):
+                    yt[i] = y[i] + f * w[i] / kappa[g]
+            for i in range(nv):
+                zt[i] = z[i] - f * step[i]
+            new = 0.5 * norm_of(zt, 0, nv) ** 2 + _envelope(P, yt, pt, kappa)
+            if new <= value - 1e-4 * f * decrease:
+                ok = True
+                break
+            jump(P, pt, gt)
+            for i in range(nv):
+                gt[i] -= zt[i]
+            if norm_of(gt, 0, nv) < 0.5 * length:
+                ok = True
+                break
+            f *= 0.5
+        if not ok:
+            break
+        z[:], y[:], p[:], value = zt, yt, pt, new
+    x[:] = p
+    return taken
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def held(P: Island, K: Blocks, b: Array, x: Array, tolerance: float, outer: int, W: Array, H: Array) -> int:
+    """Overwrite x by the solution of the convex problem with the offset b, the best of `outer` proximal steps."""
+    n = len(x)
+    point, z, u, size = x.copy(), np.empty(P.nv), np.empty(n), 0.0
+    for i in range(n):
+        size = max(size, abs(b[i]))
+    jump(P, x, z)
+    taken, bad, low, least = 0, 0, np.inf, _START
+    for _ in range(outer):
+        taken += proximal_step(P, K, b, point, z, least, max(0.1 * tolerance, 3e-15 * size / least), W, H)
+        velocity(P, b, point, z, u)
+        r = residual(P, point, u, False)
+        if r < low:
+            low, bad = r, 0
+            x[:] = point
+        else:
+            bad += 1
+        if r <= tolerance or bad >= 2:
+            break
+        least = max(0.1 * least, _END)
+    return taken
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _accelerated(S: Array, F: Array, count: int, new: Array) -> None:
+    """Write Anderson's next point from the last `count` points S and the steps F there."""
+    q, h = count - 1, len(new)
+    N, right, pivot = np.zeros(q * q), np.zeros(q), np.empty(q, np.int64)
+    trace = 0.0
+    for i in range(q):
+        for k in range(h):
+            right[i] += (F[i + 1, k] - F[i, k]) * F[q, k]
+        for j in range(q):
+            for k in range(h):
+                N[i * q + j] += (F[i + 1, k] - F[i, k]) * (F[j + 1, k] - F[j, k])
+        trace += N[i * (q + 1)]
+    for i in range(q):
+        N[i * (q + 1)] += 1e-12 * trace + 1e-300
+    lu_factor(N, 0, q, pivot, 0)
+    lu_solve(N, 0, q, pivot, 0, right, 0)
+    for k in range(h):
+        s = S[q, k] + F[q, k]
+        for i in range(q):
+            s -= (S[i + 1, k] - S[i, k] + F[i + 1, k] - F[i, k]) * right[i]
+        new[k] = max(s, 0.0)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def corrected(P: Island, K: Blocks, x: Array, tolerance: float, sweeps: int, outer: int) -> int:
+    """Overwrite x by the best of `sweeps` convex problems, the correction found anew after each; return Newton steps."""
+    n, groups = len(x), len(P.kind)
+    s, new, b, u, z = np.zeros(groups), np.empty(groups), np.empty(n), np.empty(n), np.empty(P.nv)
+    S, F, count = np.zeros((_MEMORY + 1, groups)), np.zeros((_MEMORY + 1, groups)), 0
+    W, H = np.empty(P.square[groups]), np.empty(K.size)
+    best, least, taken = x.copy(), np.inf, 0
+    velocity(P, P.b, x, z, u)
+    if P.exact and norm_of(x, 0, n) > 0.0:
+        slips(P, u, s)
+    for _ in range(sweeps):
+        for i in range(n):
+            b[i] = P.b[i]
+        for g in range(groups):
+            b[P.start[g]] += s[g]
+        taken += held(P, K, b, x, 0.1 * tolerance, outer, W, H)
+        velocity(P, P.b, x, z, u)
+        r = residual(P, x, u, P.exact)
+        if r < least:
+            least = r
+            best[:] = x
+        if r <= tolerance or not P.exact:
+            break
+        slips(P, u, new)
+        if count > _MEMORY:
+            for j in range(_MEMORY):
+                S[j], F[j] = S[j + 1], F[j + 1]
+            count = _MEMORY
+        for g in range(groups):
+            S[count, g], F[count, g] = s[g], new[g] - s[g]
+        count += 1
+        if count > 1:
+            _accelerated(S, F, count, new)
+        s[:] = new
+    x[:] = best
+    return taken

@@ -1,0 +1,131 @@
+"""The order of attempts: Newton's method from the guess and from rest, then rounds of what is slower but safer.
+
+In turn alternating directions, and convex problems with accelerated correction; each goes on from where it was, and
+each is followed by Newton's method with another map, step and regularization. The best point of all is kept.
+"""
+
+import numpy as np
+from numba import njit
+
+from impactlaw.solvers.cones.loops import Array
+from impactlaw.solvers.cones.admm import admm, largest_eigenvalue
+from impactlaw.solvers.cones.blocks import flops
+from impactlaw.solvers.cones.convex import corrected
+from impactlaw.solvers.cones.linear import triangular_rows
+from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, newton
+from impactlaw.solvers.cones.ordering import Blocks, lay_out
+from impactlaw.solvers.cones.structure import Island, delassus
+
+_WARM, _COLD, _AFTER = 8, 12, 15  # Newton steps from the guess, from rest, after each round
+_FACTORS = (1.0, 1.0, 0.1, 1.0, 10.0, 0.3)
+_REGULAR = (1e-12, 1e-12, 1e-8, 1e-8, 1e-10, 1e-8)
+_LATE = 8  # round from which more is done
+_WORK = 1.5e7  # operations after which no further round begins ...
+_FACTORIZATIONS = 150.0  # ... or so many factorizations, whatever is more
+_STAGNANT = 6  # rounds without 10 % less
+_LEAST_DELTA = 1e-9  # regularization that the system of the degrees of freedom bears
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def compressed(P: Island) -> tuple[Island, Blocks]:
+    """Return the same problem with at most as many degrees of freedom as rows: ``A Q`` with orthogonal Q."""
+    n, groups = len(P.b), len(P.kind)
+    Y = np.zeros((n, P.nv))
+    for g in range(groups):
+        begin, a = P.begin[g], P.entry[g]
+        for i in range(P.start[g], P.start[g + 1]):
+            for j in range(P.begin[g + 1] - begin):
+                Y[i, P.cols[begin + j]] = P.A[a + j]
+            a += P.begin[g + 1] - begin
+    triangular_rows(Y)
+    begin, entry = np.zeros(groups + 1, np.int64), np.zeros(groups + 1, np.int64)
+    for g in range(groups):  # the rows up to e have e columns
+        e = P.start[g + 1]
+        begin[g + 1] = begin[g] + e
+        entry[g + 1] = entry[g] + (e - P.start[g]) * e
+    cols, A = np.empty(begin[groups], np.int64), np.empty(entry[groups])
+    for g in range(groups):
+        o, e = P.start[g], P.start[g + 1]
+        for j in range(e):
+            cols[begin[g] + j] = j
+            for i in range(o, e):
+                A[entry[g] + (i - o) * e + j] = Y[i, j]
+    one = np.zeros(1, np.int64)
+    K = lay_out(np.zeros((1, 1), np.bool_), one, np.array([n]), begin, cols, np.zeros(n, np.int64), np.arange(n))
+    return Island(P.start, P.kind, P.bound, P.c, P.b, begin, cols.astype(np.uint64), entry, A, P.square, n, P.exact), K
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def solve_island(P: Island, K: Blocks, x: Array, tolerance: float, rounds: int) -> tuple[int, float]:
+    """Overwrite the guess x by the best point found; return steps taken and its natural map."""
+    n = len(x)
+    few = n <= max(P.nv, 6) and float(n) ** 3 <= 1.5 * K.flops + 1e3
+    G = np.empty(n * n if few else 0)
+    if few:
+        delassus(P, G)
+    kind = ALART_CURNIER if P.exact else CONVEX
+    delta = 1e-12 if few else _LEAST_DELTA
+    total, least, point = 0, np.inf, np.zeros(n)
+    warm = False
+    for i in range(n):
+        warm = warm or x[i] != 0.0
+    if warm:
+        point[:] = x
+        total, least = newton(P, K, G, x, tolerance, _WARM, kind, 1.0, delta)
+        if least <= tolerance:
+            return total, least
+    else:
+        x[:] = 0.0
+    start = point.copy()
+    point[:] = 0.0
+    taken, r = newton(P, K, G, point, tolerance, _COLD, kind, 1.0, delta)
+    total += taken
+    if r < least:
+        least = r
+        x[:] = point
+    if least <= tolerance:
+        return total, least
+    if few and n < P.nv:
+        P, K = compressed(P)
+    taken, least = _rounds(P, K, G, x, start, least, tolerance, rounds, few)
+    return total + taken, least
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _rounds(
+    P: Island, K: Blocks, G: Array, x: Array, start: Array, least: float, tolerance: float, rounds: int, few: bool
+) -> tuple[int, float]:
+    """Go on from `start` in rounds, x is the best point; return steps taken and its natural map."""
+    L = largest_eigenvalue(P)
+    alternating, convex, point = start.copy(), start, np.empty(len(x))
+    cost = flops(P, K)
+    apart = 4.0 * len(P.A) + 10.0 * len(x) + 4.0 * K.size  # of a step of alternating directions
+    step = cost if not few else float(len(x)) ** 3 + 20.0 * len(x) ** 2
+    limit = max(_WORK, _FACTORIZATIONS * cost)
+    work, total, before, stagnant = 0.0, 0, least, 0
+    for k in range(rounds):
+        if k % 2 == 0:
+            taken = admm(P, K, L, alternating, tolerance, 50 if k < _LATE else 150)
+            work += taken * apart + 3.0 * cost
+            point[:] = alternating
+        else:
+            taken = corrected(P, K, convex, 1e2 * tolerance, 3 if k < _LATE else 6, 8)
+            work += taken * cost
+            point[:] = convex
+        total += taken
+        v = (k // 2) % 6
+        delta = _REGULAR[v] if few else max(_REGULAR[v], _LEAST_DELTA)
+        kind = (ALART_CURNIER if (k // 2) % 2 == 0 else DE_SAXCE) if P.exact else CONVEX
+        taken, r = newton(P, K, G, point, tolerance, _AFTER, kind, _FACTORS[v], delta)
+        total += taken
+        work += taken * step
+        if r < least:
+            least = r
+            x[:] = point
+        if least <= tolerance or work > limit:
+            break
+        stagnant = 0 if least < 0.9 * before else stagnant + 1
+        before = min(before, least) if stagnant == 0 else before
+        if stagnant >= _STAGNANT:
+            break
+    return total, least

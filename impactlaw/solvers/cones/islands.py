@@ -1,0 +1,112 @@
+"""From the rows of a problem to the scaled problem of one island, with its degrees of freedom in order of elimination."""
+
+import numpy as np
+from numba import njit
+
+from impactlaw.solvers.cones.loops import Array
+from impactlaw.solvers.cones.ordering import Blocks, lay_out, least_degree
+from impactlaw.solvers.cones.structure import Island
+
+_ONE_BLOCK = 48  # degrees of freedom up to which an island is one dense block
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _columns(
+    members: Array, rownnz: Array, rowadr: Array, colind: Array, value: Array, first: Array, size: Array,
+    number: Array, seen: Array, begin: Array, cols: Array, dofs: Array,
+) -> tuple[int, int]:
+    """Number the degrees of freedom as they are met, list the columns of each group; return how many of both."""
+    nv = count = 0
+    for j in range(len(members)):
+        g = members[j]
+        for i in range(first[g], first[g] + size[g]):
+            for k in range(rowadr[i], rowadr[i] + rownnz[i]):
+                d = colind[k]
+                if value[k] != 0.0 and seen[d] != g:
+                    seen[d] = g
+                    if number[d] < 0:
+                        number[d] = nv
+                        dofs[nv] = d
+                        nv += 1
+                    cols[count] = number[d]
+                    count += 1
+        begin[j + 1] = count
+    return nv, count
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _blocks(tree: Array, dofs: Array, begin: Array, cols: Array) -> Blocks:
+    """Return the storage of the matrix: a block for each tree, or one for all; `cols` are renumbered."""
+    nv = len(dofs)
+    home, inside = np.zeros(nv, np.int64), np.arange(nv)
+    wide, nb = np.array([nv]), 1
+    if nv > _ONE_BLOCK:
+        wide, nb = np.zeros(nv, np.int64), 0
+        trees = 0
+        for d in dofs:
+            trees = max(trees, tree[d] + 1)
+        number = np.full(trees, -1, np.int64)
+        for k in range(nv):
+            t = tree[dofs[k]]
+            if number[t] < 0:
+                number[t] = nb
+                nb += 1
+            home[k] = number[t]
+            inside[k] = wide[home[k]]
+            wide[home[k]] += 1
+    joined = np.zeros((nb, nb), np.bool_)
+    if nb > 1:
+        for g in range(len(begin) - 1):
+            for i in range(begin[g], begin[g + 1]):
+                if i == begin[g] or home[cols[i]] != home[cols[i - 1]]:
+                    for j in range(begin[g], i):
+                        joined[home[cols[i]], home[cols[j]]] = joined[home[cols[j]], home[cols[i]]] = True
+    order = np.empty(nb, np.int64)
+    least_degree(joined, wide[:nb], order)
+    return lay_out(joined, order, wide[:nb], begin, cols, home, inside)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def build(
+    members: Array, rownnz: Array, rowadr: Array, colind: Array, value: Array, tree: Array, first: Array, size: Array,
+    kind: Array, bound: Array, c: Array, b: Array, length: Array, exact: bool, number: Array, seen: Array,
+) -> tuple[Island, Blocks]:
+    """Return the scaled problem of the groups `members`, and the storage of its matrix.
+
+    `number` and `seen` (nv,) are room filled with -1, which all islands may share.
+    """
+    groups = len(members)
+    start, begin = np.zeros(groups + 1, np.int64), np.zeros(groups + 1, np.int64)
+    entry, square = np.zeros(groups + 1, np.int64), np.zeros(groups + 1, np.int64)
+    kinds, bounds = np.empty(groups, np.int64), np.empty(groups)
+    count = 0
+    for j in range(groups):
+        g = members[j]
+        start[j + 1] = start[j] + size[g]
+        square[j + 1] = square[j] + size[g] ** 2
+        kinds[j], bounds[j] = kind[g], bound[g] * length[g]
+        for i in range(first[g], first[g] + size[g]):
+            count += rownnz[i]
+    cols, dofs = np.empty(count, np.int64), np.empty(min(count, len(tree)), np.int64)
+    nv, count = _columns(members, rownnz, rowadr, colind, value, first, size, number, seen, begin, cols, dofs)
+    cols = cols[:count]
+    raw = cols.copy()
+    for j in range(groups):
+        entry[j + 1] = entry[j] + (start[j + 1] - start[j]) * (begin[j + 1] - begin[j])
+    K = _blocks(tree, dofs[:nv], begin, cols)
+    for k in range(count):
+        number[dofs[raw[k]]] = cols[k]
+    position = np.empty(nv, np.int64)
+    A, compliance, offset = np.zeros(entry[groups]), np.empty(start[groups]), np.empty(start[groups])
+    for j in range(groups):
+        g, width = members[j], begin[j + 1] - begin[j]
+        for k in range(width):
+            position[cols[begin[j] + k]] = k
+        inverse = 1.0 / length[g]
+        for m in range(size[g]):
+            i, a = first[g] + m, entry[j] + m * width
+            compliance[start[j] + m], offset[start[j] + m] = c[i] * inverse * inverse, b[i] * inverse
+            for k in range(rowadr[i], rowadr[i] + rownnz[i]):
+                if value[k] != 0.0:
+                    A[a + position[number[colind[k]]]] = value[k] * inverse
+    return Island(start, kinds, bounds, compliance, offset, begin, cols.astype(np.uint64), entry, A, square, nv, exact), K

@@ -1,0 +1,62 @@
+"""The innermost loops, over pieces of flat arrays, as vector instructions.
+
+Indices are unsigned, because Python's negative ones keep a compiler from vectorizing. Sums may be reassociated, and
+products contracted, which changes them by rounding only; nothing is assumed about infinities and NaN.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+Array = np.ndarray[Any, Any]
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract"})
+def subtract(v: Array, to: int, w: Array, source: int, f: float, many: int) -> None:
+    """Subtract ``f w[source:source + many]`` from ``v[to:to + many]``."""
+    t, s = np.uint64(to), np.uint64(source)
+    for k in range(np.uint64(many)):
+        v[t + k] -= f * w[s + k]
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract"})
+def dot(v: Array, at: int, w: Array, source: int, many: int) -> float:
+    """Return the product of ``v[at:at + many]`` and ``w[source:source + many]``."""
+    t, s, r = np.uint64(at), np.uint64(source), 0.0
+    for k in range(np.uint64(many)):
+        r += v[t + k] * w[s + k]
+    return r
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract"})
+def gather_dot(v: Array, at: int, z: Array, cols: Array, begin: int, many: int) -> float:
+    """Return the product of ``v[at:at + many]`` and the entries ``cols[begin:begin + many]`` of z."""
+    t, s, r = np.uint64(at), np.uint64(begin), 0.0
+    for k in range(np.uint64(many)):
+        r += v[t + k] * z[cols[s + k]]
+    return r
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract"})
+def scatter_add(v: Array, at: int, f: float, z: Array, cols: Array, begin: int, many: int) -> None:
+    """Add ``f v[at:at + many]`` to the entries ``cols[begin:begin + many]`` of z."""
+    t, s = np.uint64(at), np.uint64(begin)
+    for k in range(np.uint64(many)):
+        z[cols[s + k]] += f * v[t + k]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def fill(v: Array, at: int, many: int, value: float) -> None:
+    """Write a number into ``v[at:at + many]``."""
+    t = np.uint64(at)
+    for k in range(np.uint64(many)):
+        v[t + k] = value
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def add_at(v: Array, base: int, w: Array, cols: Array, begin: int, many: int) -> None:
+    """Add ``w[:many]`` to the entries ``base + cols[begin:begin + many]`` of v."""
+    t, s = np.uint64(base), np.uint64(begin)
+    for k in range(np.uint64(many)):
+        v[t + cols[s + k]] += w[k]

@@ -1,0 +1,229 @@
+"""Semismooth Newton's method for ``x = P(x - R u)``.
+
+Two maps with the same zeros where friction is exact: that of Alart & Curnier (1991), which projects tangential
+impulses on the disk of the normal one, and the natural map of de Saxcé & Feng (1998), which projects on the cone.
+
+With E = D R S, D the derivative of the projection and S that of ``u + |u_t| e_n``, a step solves
+``(I - D + E (A A^T + c + delta)) dx = F``. Where rows are few this is done as it stands. Where there are more rows than
+degrees of freedom, dx is eliminated group by group: with ``B = I - D + E (c + delta)``, ``W = B^-1 E``,
+``(I + A^T W A) dz = A^T B^-1 F`` and ``dx = B^-1 F - W A dz``.
+"""
+
+import numpy as np
+from numba import njit
+
+from impactlaw.solvers.cones.loops import Array, fill, scatter_add, subtract
+from impactlaw.solvers.cones.blocks import assemble, factor, room, solve
+from impactlaw.solvers.cones.linear import lu_factor, lu_solve, lu_solve_rows
+from impactlaw.solvers.cones.ordering import Blocks
+from impactlaw.solvers.cones.projection import norm_of, project, projection_derivative, residual
+from impactlaw.solvers.cones.structure import CONE, Island, rows_times, velocity
+
+ALART_CURNIER, DE_SAXCE, CONVEX = 0, 1, 2
+"""Maps: on disk and half line; on the cone with de Saxcé's correction; on the cone without it."""
+_HALVINGS = 6
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def step_factors(P: Island, kind: int, scale: float, rn: Array, rt: Array) -> None:
+    """Write R of each group: one over the diagonal of ``A A^T + c``, normal and tangential or the larger of both."""
+    for g in range(len(P.kind)):
+        a, width = P.entry[g], P.begin[g + 1] - P.begin[g]
+        normal = tangential = 0.0
+        for i in range(P.start[g], P.start[g + 1]):
+            s = P.c[i]
+            for j in range(width):
+                s += P.A[a + j] * P.A[a + j]
+            a += width
+            if i == P.start[g]:
+                normal = s
+            else:
+                tangential = max(tangential, s)
+        if kind != ALART_CURNIER:
+            normal = tangential = max(normal, tangential)
+        rn[g], rt[g] = scale / max(normal, 1e-6), scale / max(tangential, 1e-6)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def mapping(P: Island, x: Array, u: Array, kind: int, rn: Array, rt: Array, y: Array, p: Array, F: Array) -> float:
+    """Write ``y = x - R (u + shift)``, its projection p and ``F = x - p``; return ``|F|``."""
+    for g in range(len(P.kind)):
+        o, e = P.start[g], P.start[g + 1]
+        shift = norm_of(u, o + 1, e) if kind == DE_SAXCE and P.kind[g] == CONE else 0.0
+        y[o] = x[o] - rn[g] * (u[o] + shift)
+        for k in range(o + 1, e):
+            y[k] = x[k] - rt[g] * u[k]
+    project(P, y, p)
+    if kind == ALART_CURNIER:
+        for g in range(len(P.kind)):
+            if P.kind[g] == CONE:
+                o, e = P.start[g], P.start[g + 1]
+                p[o] = max(y[o], 0.0)
+                r = norm_of(y, o + 1, e)
+                f = 1.0 if r <= p[o] else p[o] / r
+                for k in range(o + 1, e):
+                    p[k] = f * y[k]
+    s = 0.0
+    for i in range(len(x)):
+        F[i] = x[i] - p[i]
+        s += F[i] * F[i]
+    return np.sqrt(s)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _disk_derivative(y: Array, o: int, m: int, D: Array) -> None:
+    """Write the derivative of Alart and Curnier's projection."""
+    for k in range(m):
+        for j in range(m):
+            D[k, j] = 0.0
+    a, r = y[o], norm_of(y, o + 1, o + m)
+    if a > 0.0:
+        D[0, 0] = 1.0
+    n = max(a, 0.0)
+    if r <= n:
+        for k in range(1, m):
+            D[k, k] = 1.0
+        return
+    f = n / r
+    for k in range(1, m):
+        if a > 0.0:
+            D[k, 0] = y[o + k] / r
+        for j in range(1, m):
+            D[k, j] = -f * y[o + k] * y[o + j] / (r * r)
+        D[k, k] += f
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def derivatives(
+    P: Island, y: Array, u: Array, kind: int, rn: Array, rt: Array, delta: float, held: bool, B: Array, E: Array, D: Array
+) -> None:
+    """Write ``E = D R S`` of each group and ``B = I - D + E delta``, or ``B = I - D + E (c + delta)`` if `held`."""
+    for g in range(len(P.kind)):
+        o, w = P.start[g], P.square[g]
+        m = P.start[g + 1] - o
+        if kind == ALART_CURNIER and P.kind[g] == CONE:
+            _disk_derivative(y, o, m, D)
+        else:
+            projection_derivative(P.kind[g], P.bound[g], y, o, m, D)
+        slip = norm_of(u, o + 1, o + m) if kind == DE_SAXCE and P.kind[g] == CONE else 0.0
+        for k in range(m):
+            for j in range(m):
+                s = D[k, j] * (rn[g] if j == 0 else rt[g])
+                if j > 0 and slip > 1e-300:
+                    s += D[k, 0] * rn[g] * u[o + j] / slip
+                E[w + k * m + j] = s
+                s *= delta + P.c[o + j] if held else delta
+                B[w + k * m + j] = s - D[k, j] + (1.0 if k == j else 0.0)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def dense_step(P: Island, G: Array, B: Array, E: Array, M: Array, pivot: Array, step: Array) -> None:
+    """Overwrite `step` by ``(B + E G)^-1 step``; M: room for n x n."""
+    n = len(step)
+    for g in range(len(P.kind)):
+        o, w = P.start[g], P.square[g]
+        m = P.start[g + 1] - o
+        for k in range(m):
+            row = (o + k) * n
+            fill(M, row, n, 0.0)
+            for l in range(m):
+                f = E[w + k * m + l]
+                if f != 0.0:
+                    subtract(M, row, G, (o + l) * n, -f, n)
+                M[row + o + l] += B[w + k * m + l]
+    lu_factor(M, 0, n, pivot, 0)
+    lu_solve(M, 0, n, pivot, 0, step, 0)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def reduced_step(
+    P: Island, K: Blocks, B: Array, E: Array, H: Array, pivot: Array, left: Array, row: Array, z: Array, w: Array,
+    step: Array,
+) -> None:
+    """Overwrite `step` by the same, from the system of the size of the degrees of freedom; B and E are overwritten."""
+    for g in range(len(P.kind)):
+        o, at = P.start[g], P.square[g]
+        m = P.start[g + 1] - o
+        lu_factor(B, at, m, pivot, 0)
+        lu_solve_rows(B, at, m, pivot, 0, E, at, m)
+        lu_solve(B, at, m, pivot, 0, step, o)
+    assemble(P, K, E, H, left, row)
+    factor(K, H, pivot, row)
+    z[:] = 0.0
+    for g in range(len(P.kind)):
+        begin, a = P.begin[g], P.entry[g]
+        for i in range(P.start[g], P.start[g + 1]):
+            scatter_add(P.A, a, step[i], z, P.cols, begin, P.begin[g + 1] - begin)
+            a += P.begin[g + 1] - begin
+    solve(K, H, pivot, z)
+    rows_times(P, z, w)
+    for g in range(len(P.kind)):
+        o, at = P.start[g], P.square[g]
+        m = P.start[g + 1] - o
+        for k in range(m):
+            for j in range(m):
+                step[o + k] -= E[at + k * m + j] * w[o + j]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def newton(
+    P: Island, K: Blocks, G: Array, x: Array, tolerance: float, most: int, kind: int, scale: float, delta: float
+) -> tuple[int, float]:
+    """Overwrite x by the best point of at most `most` steps; return steps taken and its natural map.
+
+    Args:
+        P: the problem.
+        K: storage of the matrix of the size of the degrees of freedom.
+        G: ``A A^T + c`` where the dense system of all rows is to be used, row by row, else empty.
+        x: where to start.
+        tolerance: natural map that is small enough.
+        most: steps.
+        kind: which map.
+        scale: of R.
+        delta: regularization.
+    """
+    n, groups, dense = len(x), len(P.kind), len(G) > 0
+    most_rows = 1
+    for g in range(groups):
+        most_rows = max(most_rows, P.start[g + 1] - P.start[g])
+    rn, rt, D = np.empty(groups), np.empty(groups), np.empty((most_rows, most_rows))
+    y, p, F, u, z = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(P.nv)
+    point, direction, trial, w = x.copy(), np.empty(n), np.empty(n), np.empty(n)
+    B, E = np.empty(P.square[groups]), np.empty(P.square[groups])
+    pivot = np.empty(max(n, P.nv), np.int64)
+    H = np.empty(n * n if dense else K.size)
+    left, row = np.empty(room(P)), np.empty(max(P.nv, 1))
+    step_factors(P, kind, scale, rn, rt)
+    exact = P.exact
+    velocity(P, P.b, point, z, u)
+    least = residual(P, point, u, exact)
+    merit = mapping(P, point, u, kind, rn, rt, y, p, F)
+    taken = 0
+    while taken < most and least > tolerance:
+        derivatives(P, y, u, kind, rn, rt, delta, not dense, B, E, D)
+        direction[:] = F
+        if dense:
+            dense_step(P, G, B, E, H, pivot, direction)
+        else:
+            reduced_step(P, K, B, E, H, pivot, left, row, z, w, direction)
+        taken += 1
+        f = 1.0
+        for k in range(_HALVINGS + 1):
+            if k == _HALVINGS:
+                f = 1.0
+            for i in range(n):
+                trial[i] = point[i] - f * direction[i]
+            velocity(P, P.b, trial, z, u)
+            new = mapping(P, trial, u, kind, rn, rt, y, p, F)
+            if new <= (1.0 - 1e-4 * f) * merit:
+                break
+            f *= 0.5
+        merit = new
+        point[:] = trial
+        if not merit < 1e100:
+            break
+        r = residual(P, point, u, exact)
+        if r < least:
+            least = r
+            x[:] = point
+    return taken, least

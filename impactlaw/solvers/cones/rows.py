@@ -1,0 +1,128 @@
+"""What is needed of the rows as they come, in compressed form: lengths of the groups, islands, velocity, natural map."""
+
+import numpy as np
+from numba import njit
+
+from impactlaw.solvers.cones.loops import Array
+from impactlaw.solvers.cones.projection import group_residual
+
+_NOTHING = 1e-10  # rows shorter than this part of the longest do not move anything
+_SHARE = 1e-3  # least scale of an island, as a part of the largest
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def lengths(rownnz: Array, rowadr: Array, value: Array, first: Array, size: Array, c: Array, length: Array) -> None:
+    """Write the length of each group: of its longest row, else the root of its compliance, else 0 (it cannot move)."""
+    longest = 0.0
+    for g in range(len(first)):
+        most = 0.0
+        for i in range(first[g], first[g] + size[g]):
+            s = 0.0
+            for k in range(rowadr[i], rowadr[i] + rownnz[i]):
+                s += value[k] * value[k]
+            most = max(most, s)
+        length[g] = np.sqrt(most)
+        longest = max(longest, length[g])
+    for g in range(len(first)):
+        if length[g] <= _NOTHING * longest:
+            most = 0.0
+            for i in range(first[g], first[g] + size[g]):
+                most = max(most, c[i])
+            length[g] = np.sqrt(most)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _root(parent: Array, i: int) -> int:
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def islands(
+    rownnz: Array, rowadr: Array, colind: Array, value: Array, tree: Array, first: Array, size: Array, length: Array,
+    label: Array,
+) -> int:
+    """Write the island of each group, -1 for a group that cannot move; return the number of islands."""
+    trees = 0
+    for t in tree:
+        trees = max(trees, t + 1)
+    parent = np.arange(trees)
+    for g in range(len(first)):
+        label[g] = -1
+        if length[g] > 0.0:
+            for i in range(first[g], first[g] + size[g]):
+                for k in range(rowadr[i], rowadr[i] + rownnz[i]):
+                    t = tree[colind[k]]
+                    if value[k] != 0.0 and t != label[g]:
+                        t = _root(parent, t)
+                        if label[g] < 0:
+                            label[g] = t
+                        elif t != label[g]:
+                            root = _root(parent, label[g])
+                            parent[t] = root
+                            label[g] = root
+    number = np.full(trees, -1, np.int64)
+    count = 0
+    for g in range(len(first)):
+        if length[g] > 0.0:
+            if label[g] < 0:  # compliant rows alone
+                label[g] = count
+                count += 1
+                continue
+            t = _root(parent, label[g])
+            if number[t] < 0:
+                number[t] = count
+                count += 1
+            label[g] = number[t]
+    return count
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def impulse_jump(rownnz: Array, rowadr: Array, colind: Array, value: Array, x: Array, z: Array) -> None:
+    """Write ``z = Y^T x``."""
+    z[:] = 0.0
+    for i in range(len(x)):
+        if x[i] != 0.0:
+            for k in range(rowadr[i], rowadr[i] + rownnz[i]):
+                z[colind[k]] += value[k] * x[i]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def certificate(
+    rownnz: Array, rowadr: Array, colind: Array, value: Array, first: Array, size: Array, kind: Array, bound: Array,
+    c: Array, b: Array, x: Array, z: Array, exact: bool, length: Array, label: Array, scale: Array, squares: Array,
+) -> float:
+    """Write scale and squared natural map of each island; return the largest ratio of the two.
+
+    The scale is the largest ``|b| / length`` of the groups of the island, but at least 1e-3 of the largest of all.
+    """
+    scale[:] = 0.0
+    squares[:] = 0.0
+    most = 0
+    for g in range(len(first)):
+        most = max(most, size[g])
+    xs, us = np.empty(most), np.empty(most)
+    largest = 0.0
+    for g in range(len(first)):
+        if label[g] < 0:
+            continue
+        s, inverse = 0.0, 1.0 / length[g]
+        for m in range(size[g]):
+            i = first[g] + m
+            u = b[i] + c[i] * x[i]
+            for k in range(rowadr[i], rowadr[i] + rownnz[i]):
+                u += value[k] * z[colind[k]]
+            us[m], xs[m] = u * inverse, x[i] * length[g]
+            s += b[i] * b[i]
+        s = np.sqrt(s) * inverse
+        largest = max(largest, s)
+        scale[label[g]] = max(scale[label[g]], s)
+        squares[label[g]] += group_residual(kind[g], bound[g] * length[g], xs, us, 0, size[g], exact)
+    worst = 0.0
+    for i in range(len(scale)):
+        scale[i] = max(scale[i], _SHARE * largest, 1e-300)
+        ratio = np.sqrt(squares[i]) / scale[i]
+        worst = max(worst, ratio if ratio >= 0.0 else np.inf)
+    return worst

@@ -1,0 +1,112 @@
+"""Contact problems with friction of one time step: one call for any number of rows.
+
+Islands, which share no degree of freedom, are solved one by one. See `structure` for the problem, `hybrid` for the
+order of attempts.
+"""
+
+import numpy as np
+from numba import njit
+
+from impactlaw.solvers.cones.loops import Array
+from impactlaw.solvers.cones.hybrid import solve_island
+from impactlaw.solvers.cones.islands import build
+from impactlaw.solvers.cones.rows import certificate, impulse_jump, islands, lengths
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def solve(
+    rownnz: Array, rowadr: Array, colind: Array, value: Array, nv: int, tree: Array, first: Array, size: Array,
+    kind: Array, bound: Array, compliance: Array, b: Array, x0: Array, exact: bool, tolerance: float, rounds: int,
+) -> tuple[Array, Array, float, int]:
+    """Return x, ``z = Y^T x``, its relative natural map, and all steps taken.
+
+    Args:
+        rownnz: entries of each row of Y, int32, (n,).
+        rowadr: first entry of each row, int32, (n,).
+        colind: columns of the entries, int32.
+        value: the entries; Y is whitened, so that the kinetic metric is Euclidean.
+        nv: degrees of freedom.
+        tree: kinematic tree of each, int32, (nv,).
+        first: first row of each group, int32, (g,).
+        size: its rows, int32, (g,).
+        kind: `BILATERAL`, `BOX` or `CONE`, int32, (g,).
+        bound: of box rows, (g,).
+        compliance: added to the diagonal of ``Y Y^T``, (n,).
+        b: offset of the velocity, (n,).
+        x0: guess, (n,).
+        exact: exact Coulomb friction, or its convex relaxation.
+        tolerance: of the natural map, relative to the scale of each island.
+        rounds: most rounds of what follows where Newton's method fails.
+    """
+    groups, n = len(first), len(b)
+    x, z = x0.copy(), np.zeros(nv)
+    length, label = np.empty(groups), np.empty(groups, np.int64)
+    lengths(rownnz, rowadr, value, first, size, compliance, length)
+    count = islands(rownnz, rowadr, colind, value, tree, first, size, length, label)
+    scale, squares = np.empty(count), np.empty(count)
+    for g in range(groups):
+        if label[g] < 0:
+            x[first[g] : first[g] + size[g]] = 0.0
+    for i in range(n):
+        if not abs(x[i]) < 1e100:
+            x[i] = 0.0
+    impulse_jump(rownnz, rowadr, colind, value, x, z)
+    worst = certificate(
+        rownnz, rowadr, colind, value, first, size, kind, bound, compliance, b, x, z, exact, length, label, scale, squares
+    )
+    total = 0
+    if worst <= tolerance:
+        return x, z, worst, total
+    begin, order = np.zeros(count + 1, np.int64), np.empty(groups, np.int64)
+    for g in range(groups):
+        if label[g] >= 0:
+            begin[label[g] + 1] += 1
+    for i in range(count):
+        begin[i + 1] += begin[i]
+    at = begin.copy()
+    for g in range(groups):
+        if label[g] >= 0:
+            order[at[label[g]]] = g
+            at[label[g]] += 1
+    number, seen = np.full(nv, -1, np.int64), np.full(nv, -1, np.int64)
+    for i in range(count):
+        if np.sqrt(squares[i]) <= tolerance * scale[i]:
+            continue
+        members = order[begin[i] : begin[i + 1]]
+        P, K = build(
+            members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, exact,
+            number, seen,
+        )
+        point = np.empty(len(P.b))
+        for j in range(len(members)):
+            g = members[j]
+            for k in range(size[g]):
+                point[P.start[j] + k] = x[first[g] + k] * length[g]
+        taken, _ = solve_island(P, K, point, tolerance * scale[i], rounds)
+        total += taken
+        for j in range(len(members)):
+            g = members[j]
+            for k in range(size[g]):
+                x[first[g] + k] = point[P.start[j] + k] / length[g]
+    impulse_jump(rownnz, rowadr, colind, value, x, z)
+    worst = certificate(
+        rownnz, rowadr, colind, value, first, size, kind, bound, compliance, b, x, z, exact, length, label, scale, squares
+    )
+    return x, z, worst, total
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def natural_map(
+    rownnz: Array, rowadr: Array, colind: Array, value: Array, nv: int, tree: Array, first: Array, size: Array,
+    kind: Array, bound: Array, compliance: Array, b: Array, exact: bool, x: Array,
+) -> float:
+    """Return the largest relative natural map of all islands at x; the arguments are those of `solve`."""
+    groups = len(first)
+    z, length, label = np.zeros(nv), np.empty(groups), np.empty(groups, np.int64)
+    lengths(rownnz, rowadr, value, first, size, compliance, length)
+    count = islands(rownnz, rowadr, colind, value, tree, first, size, length, label)
+    impulse_jump(rownnz, rowadr, colind, value, x, z)
+    return certificate(
+        rownnz, rowadr, colind, value, first, size, kind, bound, compliance, b, x, z, exact, length, label,
+        np.empty(count), np.empty(count),
+    )

@@ -1,0 +1,102 @@
+"""The scaled problem of one island, and the products with its rows.
+
+With ``G = A A^T``, ``z = A^T x`` and the compliance ``c >= 0`` of each row the contact velocity is ``u = A z + c x + b``.
+Groups of rows (contacts, or single bilateral and box rows) are divided by their length, so that x and u are in sqrt(J).
+The columns of a group are stored once, for all its rows.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from impactlaw.solvers.cones.loops import Array, gather_dot, scatter_add
+
+BILATERAL, BOX, CONE = 0, 1, 2
+"""Kinds of groups: ``u = 0``; ``x`` in an interval; ``x`` in the cone ``K = {(a, y) : |y| <= a}``."""
+
+
+class Island(NamedTuple):
+    """The problem of one island.
+
+    Attributes:
+        start: first row of each group, and the number of rows n, (g + 1,).
+        kind: kind of each group, (g,).
+        bound: half width of the interval of a box row, (g,).
+        c: compliance, (n,).
+        b: offset of the velocity, (n,).
+        begin: first column of each group in `cols`, (g + 1,).
+        cols: degrees of freedom of the columns of each group, in the order of elimination; unsigned.
+        entry: where the block of each group begins in `A`, (g + 1,).
+        A: blocks of the groups, row by row.
+        square: where a matrix of size m x m of each group begins, if they are stored one after the other, (g + 1,).
+        nv: number of degrees of freedom.
+        exact: exact Coulomb friction after de Saxcé, or its convex relaxation.
+    """
+
+    start: Array
+    kind: Array
+    bound: Array
+    c: Array
+    b: Array
+    begin: Array
+    cols: Array
+    entry: Array
+    A: Array
+    square: Array
+    nv: int
+    exact: bool
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def jump(P: Island, x: Array, z: Array) -> None:
+    """Write ``z = A^T x``."""
+    z[:] = 0.0
+    for g in range(len(P.kind)):
+        begin, a = P.begin[g], P.entry[g]
+        width = P.begin[g + 1] - begin
+        for i in range(P.start[g], P.start[g + 1]):
+            xi = x[i]
+            if xi != 0.0:
+                scatter_add(P.A, a, xi, z, P.cols, begin, width)
+            a += width
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def rows_times(P: Island, z: Array, w: Array) -> None:
+    """Write ``w = A z``."""
+    for g in range(len(P.kind)):
+        begin, a = P.begin[g], P.entry[g]
+        width = P.begin[g + 1] - begin
+        for i in range(P.start[g], P.start[g + 1]):
+            w[i] = gather_dot(P.A, a, z, P.cols, begin, width)
+            a += width
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def velocity(P: Island, b: Array, x: Array, z: Array, u: Array) -> None:
+    """Write ``z = A^T x`` and ``u = A z + c x + b``."""
+    jump(P, x, z)
+    rows_times(P, z, u)
+    for i in range(len(u)):
+        u[i] += P.c[i] * x[i] + b[i]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def delassus(P: Island, G: Array) -> None:
+    """Write the dense matrix ``G = A A^T`` with the compliance on its diagonal, row by row."""
+    row, n, groups = np.zeros(P.nv), len(P.b), len(P.kind)
+    for g in range(groups):
+        begin, width = P.begin[g], P.begin[g + 1] - P.begin[g]
+        for i in range(P.start[g], P.start[g + 1]):
+            a = P.entry[g] + (i - P.start[g]) * width
+            scatter_add(P.A, a, 1.0, row, P.cols, begin, width)
+            for other in range(g + 1):
+                first, many, e = P.begin[other], P.begin[other + 1] - P.begin[other], P.entry[other]
+                for k in range(P.start[other], P.start[other + 1]):
+                    s = gather_dot(P.A, e, row, P.cols, first, many)
+                    e += many
+                    G[i * n + k] = G[k * n + i] = s
+            for j in range(width):
+                row[P.cols[begin + j]] = 0.0
+            G[i * (n + 1)] += P.c[i]

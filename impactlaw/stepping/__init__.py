@@ -1,0 +1,1 @@
+"""Ways to step a scene under an impact law, one folder each."""

@@ -1,0 +1,82 @@
+"""What a step changes in the model for its own time: options and margins, given back at its end."""
+
+from __future__ import annotations
+
+from types import TracebackType
+
+import mujoco
+import numpy as np
+
+_EULER, _RK4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
+_FAST = int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
+_OFF = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET) | int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
+_NO_DAMPING = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP) | int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
+_ON = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE) | int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+_ELLIPTIC, _NEWTON = int(mujoco.mjtCone.mjCONE_ELLIPTIC), int(mujoco.mjtSolver.mjSOL_NEWTON)
+_MARGINS = ("body_margin", "geom_margin", "geom_gap", "pair_margin", "pair_gap", "jnt_margin", "tendon_margin")
+
+
+class BorrowedModel:
+    """Changes options and margins of a model within a ``with`` block: the user's own are read at its start.
+
+    Cones are elliptic, nothing sleeps, and no gap is left out. RK4 becomes Euler, and the
+    implicit integrators the one whose mass matrix is symmetric, implicitfast.
+
+    Args:
+        model: the scene.
+
+    Attributes:
+        cone: of the user's choice.
+        damped: whether the integrator damps implicitly, by a mass matrix of its own.
+        integrator: of MuJoCo, for the forces without contact.
+    """
+
+    def __init__(self, model: mujoco.MjModel):
+        self._model, self._opt = model, model.opt
+        self._margins = [array for name in _MARGINS if (array := getattr(model, name)).size]
+        self._kept = [array.copy() for array in self._margins]
+        self._gaps = [array for name in ("geom_gap", "pair_gap") if (array := getattr(model, name)).size]
+        self.cone = model.opt.cone
+        self.damped = False
+        self.integrator = mujoco.mj_Euler
+
+    def __enter__(self) -> BorrowedModel:
+        opt, model = self._opt, self._model
+        flags, integrator = opt.disableflags, opt.integrator
+        self.cone = opt.cone
+        self._options = flags, opt.enableflags, integrator, opt.solver
+        for kept, array in zip(self._kept, self._margins, strict=True):
+            kept[:] = array
+        for gap in self._gaps:
+            gap[:] = 0.0
+        opt.disableflags = flags | _OFF
+        opt.enableflags &= ~_ON
+        opt.cone, opt.solver = _ELLIPTIC, _NEWTON
+        if integrator in (_EULER, _RK4):
+            opt.integrator, self.integrator = _EULER, mujoco.mj_Euler
+            self.damped = not flags & _NO_DAMPING and _damps(model)
+        else:
+            opt.integrator, self.integrator = _FAST, mujoco.mj_implicit
+            self.damped = True
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        opt = self._opt
+        opt.disableflags, opt.enableflags, opt.integrator, opt.solver = self._options
+        opt.cone = self.cone
+        for kept, array in zip(self._kept, self._margins, strict=True):
+            array[:] = kept
+
+    def __getstate__(self) -> dict[str, object]:
+        raise TypeError("borrowed options are not copied")
+
+
+def _damps(model: mujoco.MjModel) -> bool:
+    """Return whether MuJoCo's Euler integrator damps some joint implicitly."""
+    return bool(
+        np.count_nonzero(model.dof_damping)
+        or np.count_nonzero(model.dof_dampingpoly)
+        or (model.jnt_actuatorid != -1).any()
+    )

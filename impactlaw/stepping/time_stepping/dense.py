@@ -1,0 +1,88 @@
+"""MuJoCo's layouts of arrays and others: sparse rows, full matrices, forces of pyramidal cones."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import mujoco
+import numpy as np
+from numba import njit
+
+_ROWS = 64
+
+
+@lru_cache(maxsize=8)
+def _columns(nv: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    nnz = np.full(rows, nv, dtype=np.int32)
+    return nnz, np.arange(rows, dtype=np.int32) * nv, np.tile(np.arange(nv, dtype=np.int32), rows)
+
+
+def sparse_jacobian(
+    model: mujoco.MjModel, data: mujoco.MjData
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return entries per row, where they begin, their columns, and the entries of MuJoCo's rows; dense ones in full."""
+    if mujoco.mj_isSparse(model):
+        return data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind, data.efc_J
+    nv, n = model.nv, data.nefc
+    rows = _ROWS
+    while rows < n:
+        rows *= 2
+    nnz, adr, col = _columns(nv, rows)
+    return nnz[:n], adr[:n], col[: n * nv], data.efc_J.reshape(-1)
+
+
+@njit(cache=True, error_model="numpy")
+def encode_pyramids(force, elliptic, address, dim, friction, out):
+    """Write forces of rows with elliptic cones as those of rows with pyramidal ones, ``f_n / m ± f_k / mu_k`` halved.
+
+    Args:
+        force: of the rows with elliptic cones, (n,).
+        elliptic: where contacts begin there, (ncon,).
+        address: where they begin with pyramidal ones, (ncon,).
+        dim: of contacts, (ncon,).
+        friction: coefficients, (ncon, 5).
+        out: forces to be written.
+    """
+    first = len(out)
+    for i in range(len(dim)):
+        if address[i] >= 0:
+            first = min(first, address[i])
+    out[:] = 0.0
+    for r in range(min(first, len(force))):
+        out[r] = force[r]
+    for i in range(len(dim)):
+        if address[i] < 0 or elliptic[i] < 0:
+            continue
+        if dim[i] == 1:
+            out[address[i]] = force[elliptic[i]]
+        for k in range(1, dim[i]):
+            normal, along = force[elliptic[i]] / (dim[i] - 1), force[elliptic[i] + k] / friction[i, k - 1]
+            out[address[i] + 2 * (k - 1)] = 0.5 * (normal + along)
+            out[address[i] + 2 * (k - 1) + 1] = 0.5 * (normal - along)
+
+
+@njit(cache=True, error_model="numpy")
+def mass_matrix(factor, Mnnz, Madr, Mcol, inverse):
+    """Return ``M_h = L^T D L``, (nv, nv), from MuJoCo's factor."""
+    nv = len(inverse)
+    M = np.zeros((nv, nv))
+    for k in range(nv):
+        d, end = 1.0 / inverse[k], Madr[k] + Mnnz[k] - 1
+        M[k, k] += d
+        for a in range(Madr[k], end):
+            M[k, Mcol[a]] += d * factor[a]
+            M[Mcol[a], k] += d * factor[a]
+            for b in range(Madr[k], end):
+                M[Mcol[a], Mcol[b]] += d * factor[a] * factor[b]
+    return M
+
+
+@njit(cache=True, error_model="numpy")
+def gradients(rows, Jnnz, Jadr, Jcol, J, nv):
+    """Return some of MuJoCo's sparse rows of constraints as an array, (k, nv)."""
+    full = np.zeros((len(rows), nv))
+    for i in range(len(rows)):
+        r = rows[i]
+        for a in range(Jadr[r], Jadr[r] + Jnnz[r]):
+            full[i, Jcol[a]] += J[a]
+    return full

@@ -1,0 +1,59 @@
+"""What a law asks of the contacts that collide in a step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from impactlaw.collision import Collision
+from impactlaw.errors import SolverError, UnsolvableLawError
+from impactlaw.laws import Coulomb, Law, MaximalDissipation, Moreau, Newton
+from impactlaw.laws.coefficients import ContactCoefficients
+from impactlaw.laws.poisson import Poisson
+
+CollisionOf = Callable[[np.ndarray], Collision]
+"""Makes the collision of some groups of rows, int (k,)."""
+
+
+class LawTargets:
+    """The contact velocities ``gamma^h`` that a law aims at, for the problem of a step.
+
+    Any law can be asked: one with a target, ``gamma^h = -E gamma-`` or another, for that; one with a rule of its own for
+    impulses, such as Poisson's two phases, for the contact velocities that it leads to without friction. Those are
+    reached by ``0 <= Lambda  ⊥  gamma+ - gamma^h >= 0`` again, since the law's own impulses do that.
+
+    Args:
+        law: the law; friction and tangential restitution of a `Coulomb` are left to the caller.
+
+    Attributes:
+        restitution: e of a law that has the same for every contact, which needs no more to be known; else None.
+        alone: whether a contact's target depends on its own velocity only.
+    """
+
+    def __init__(self, law: Law):
+        self.law = law.law if isinstance(law, Coulomb) else law
+        self.restitution = _restitution(self.law)
+        self.alone = isinstance(self.law, ContactCoefficients) and not isinstance(self.law, Poisson)
+
+    def of_each(self, labels: Sequence[str], velocity: np.ndarray) -> np.ndarray:
+        """Return ``gamma^h`` of contacts, (k,), from their labels and ``gamma-``, (k,), where `alone`."""
+        unit = np.eye(len(velocity))
+        return np.asarray(self.law.target(Collision(unit, unit, velocity, labels=tuple(labels))).contact_velocity)
+
+    def of_all(self, collision: Collision) -> np.ndarray:
+        """Return ``gamma^h``, (k,), of all contacts of a collision; E = 0 where the law has no solution."""
+        if type(self.law).resolve is Law.resolve:
+            return np.asarray(self.law.target(collision).contact_velocity, dtype=float)
+        try:
+            return self.law.resolve(collision).post_contact_velocity
+        except (UnsolvableLawError, SolverError):
+            return np.zeros(len(collision.labels))
+
+
+def _restitution(law: Law) -> float | None:
+    if isinstance(law, MaximalDissipation):
+        return 0.0
+    if isinstance(law, (Moreau, Newton)) and isinstance(law.restitution, float):
+        return law.restitution
+    return None

@@ -1,0 +1,347 @@
+"""Time stepping after Moreau and Jean: one look at contacts, one problem for impacts and held contact, every step.
+
+With the timestep h, the integrator's mass matrix ``M_h`` and everything evaluated at the midpoint ``q_M``:
+
+    q_M = q ⊕ (h / 2) v
+    v_free = v + h M_h^-1 f(q_M, v)                          MuJoCo's integrator without contact
+    0 <= Lambda  ⊥  J v+ - gamma^h >= 0,  v+ = v_free + M_h^-1 J^T Lambda      and friction in its cones
+    q+ = q_M ⊕ ((h / 2) v+ + h w)                            w opens overlaps, beside the velocities
+
+(J. J. Moreau, *Numerical aspects of the sweeping process*, Comput. Methods Appl. Mech. Eng. 177, 1999; M. Jean, same
+volume.) ``gamma^h`` is the law's where contacts collide (`targets`). What contact does in a step is
+``Lambda^T (gamma- + gamma+) / 2``, and forces that do not depend on velocity do their work to second order: so no energy
+comes from contact, and an elastic ball keeps its own exactly.
+
+No step fails: what cannot be reached is left at the nearest point, and ``shortfall`` says by how much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Literal
+
+import mujoco
+import numpy as np
+from mujoco import (
+    mj_comPos,
+    mj_comVel,
+    mj_fwdAcceleration,
+    mj_fwdActuation,
+    mj_fwdPosition,
+    mj_fwdVelocity,
+    mj_integratePos,
+    mj_kinematics,
+    mj_mulJacTVec,
+)
+
+from impactlaw.contacts import Contacts, geom_names
+from impactlaw.equalities import bilateral_constraints
+from impactlaw.errors import DivergenceError
+from impactlaw.events import ImpactEvent
+from impactlaw.flow import check_input, empty_state, is_huge, restore_state, save_state
+from impactlaw.laws import Coulomb, Law
+from impactlaw.limits import Limits
+from impactlaw.plan import Plan
+from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
+from impactlaw.stepping.time_stepping.contact_problem import (
+    open_overlaps,
+    overlap_targets,
+    recall,
+    shortfall,
+    solve_contacts,
+    velocity_change,
+)
+from impactlaw.stepping.time_stepping.dense import encode_pyramids, sparse_jacobian
+from impactlaw.stepping.time_stepping.events import CollisionRecord
+from impactlaw.stepping.time_stepping.law_targets import LawTargets
+from impactlaw.stepping.time_stepping.margins import body_sizes, set_margins
+from impactlaw.stepping.time_stepping.rows import BILATERAL, CONE, Rows, read_rows
+from impactlaw.stepping.time_stepping.seen import SeenRows, in_order, seen_contacts
+from impactlaw.stepping.time_stepping.targets import CLOSED, contact_targets
+from impactlaw.surfaces import Surfaces
+
+REST_SPEED = 1e-3
+"""Closing speed, m/s or rad/s, up to which a contact does not collide, if forces are not faster within a step."""
+
+RESOLVED = 0.05
+"""Closing speed, m/s or rad/s, from which a contact always collides."""
+
+SHORTFALL_LIMIT = 1e-6
+"""Part of the largest contact velocity of a step by which a step may miss its law without being counted."""
+
+_ROUNDS = 24  # of the slower solvers, where Newton's method fails
+_RESTING = 1e-12  # part of the largest contact velocity up to which a contact in touch does not separate
+_STIFF = 1e-6  # part of their compliance that equality constraints keep in a collision
+_SLOWEST = 1e-2  # m/s: velocity below which shortfalls are compared with this
+_PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
+_ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+_FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
+
+
+class TimeStepping:
+    """The algorithm behind ``Stepper(contact_model="rigid", scheme="time-stepping")``; see there for the options.
+
+    Attributes:
+        shortfall: largest amount by which a contact velocity of the last step misses its law, m/s or rad/s.
+        short_steps: steps so far in which that is above `SHORTFALL_LIMIT` of the largest contact velocity.
+        unlocated: always 0: no collision is located.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        law: Law,
+        plan: Plan,
+        *,
+        friction: Literal["coulomb", "convex", "ignore"],
+        on_inadmissible: Literal["raise", "project", "allow"],
+        rest_speed: float | None,
+    ):
+        self._model = model
+        self._targets = LawTargets(law)
+        self._sliding = law.tangential_restitution if isinstance(law, Coulomb) else 0.0
+        self._law = law
+        self._exact = law.cone == "exact" if isinstance(law, Coulomb) else friction != "convex"
+        self._on_inadmissible = on_inadmissible
+        self._rest_speed = REST_SPEED if rest_speed is None else rest_speed
+        self._friction = plan.friction
+        self._surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces and model.nmocap else None
+        self._borrowed = BorrowedModel(model)
+        self._sizes = body_sizes(model)
+        self._state = empty_state(model)
+        self._bilateral = bilateral_constraints(model)
+        self._names, self._limits = geom_names(model), Limits(model)
+        self._left: tuple[bytes, bytes] = b"", b""
+        self._known: tuple[Any, ...] | None = None
+        self._record: CollisionRecord | None = None
+        self.shortfall = 0.0
+        self.short_steps = self.unlocated = 0
+
+    def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
+        """Advance by one timestep and return what tells its collisions; data is back where it was after an error."""
+        model = self._model
+        state = save_state(model, data, self._state)
+        check_input(model, data, state)
+        try:
+            with self._borrowed:
+                self._step(data)
+            return () if self._record is None else self._record.resolved
+        except BaseException:
+            restore_state(model, data, state)
+            mujoco.mj_fwdPosition(model, data)
+            raise
+
+    def _step(self, data: mujoco.MjData) -> None:
+        model, h = self._model, self._model.opt.timestep
+        self._record, self.shortfall = None, 0.0
+        if (data.qpos.tobytes(), data.qvel.tobytes()) != self._left:
+            self._update_frames(data)
+            self._known = None
+        self._set_margins(data, h)
+        self._velocity = data.qvel.copy()
+        self._to_midpoint(data, h)
+        self._free_step(data)
+        shift = None
+        if data.nefc:
+            shift = self._contact(data, h)
+        else:
+            self._known = None
+            data.qacc[:] = (data.qvel - self._velocity) / h
+        if model.nsensordata:
+            self._sense(data)
+        data.qpos[:] = self._middle
+        mj_integratePos(model, data.qpos, data.qvel, 0.5 * h)
+        if shift is not None:
+            mj_integratePos(model, data.qpos, shift, h)
+        self._finish(data)
+
+    def _update_frames(self, data: mujoco.MjData) -> None:
+        """Bring frames and velocities of bodies up to the state."""
+        mj_kinematics(self._model, data)
+        mj_comPos(self._model, data)
+        mj_comVel(self._model, data)
+
+    def _set_margins(self, data: mujoco.MjData, h: float) -> None:
+        model = self._model
+        gravity = model.opt.gravity
+        set_margins(
+            model.body_margin, model.geom_margin, model.pair_margin, model.jnt_margin, model.tendon_margin,
+            model.geom_bodyid, model.body_rootid, self._sizes, data.xipos, data.subtree_com, data.cvel,
+            model.jnt_dofadr, model.jnt_type, data.qvel, data.qacc, data.ten_velocity, h,
+            float(np.sqrt(gravity.dot(gravity))),
+        )  # fmt: skip
+
+    def _to_midpoint(self, data: mujoco.MjData, h: float) -> None:
+        """Put bodies where they are in the middle of the step, and compute all forces but those of contact there."""
+        model, surfaces = self._model, self._surfaces
+        if surfaces is not None:
+            surfaces.begin(data, h)
+            data.time += 0.5 * h
+            surfaces.place(data)
+            data.time -= 0.5 * h
+        mj_integratePos(model, data.qpos, self._velocity, 0.5 * h)
+        self._middle = data.qpos.copy()
+        warnings = data.warning.number[_FULL].sum()
+        mj_fwdPosition(model, data)
+        if data.warning.number[_FULL].sum() != warnings:
+            self.shortfall = np.inf
+        if model.nsensordata:
+            mujoco.mj_sensorPos(model, data)
+        mj_fwdVelocity(model, data)
+        if model.nsensordata:
+            mujoco.mj_sensorVel(model, data)
+        control = mujoco.get_mjcb_control()
+        if control is not None:
+            control(model, data)
+        mj_fwdActuation(model, data)
+        mj_fwdAcceleration(model, data)
+
+    def _free_step(self, data: mujoco.MjData) -> None:
+        """Let MuJoCo's integrator advance velocity, activations and time without contact."""
+        data.qacc[:] = data.qacc_smooth
+        data.qfrc_constraint[:] = 0.0
+        self._borrowed.integrator(self._model, data)
+
+    def _contact(self, data: mujoco.MjData, h: float) -> np.ndarray | None:
+        """Add what contact does to the velocity, and return the velocity that opens overlaps, if any has to be."""
+        model, damped = self._model, self._borrowed.damped
+        factor, inverse = (data.qH, data.qHDiagInv) if damped else (data.qLD, data.qLDiagInv)
+        contact, metric = data.contact, (factor, model.M_rownnz, model.M_rowadr, model.M_colind)
+        rows = Rows(
+            *read_rows(
+                data.efc_type, data.efc_id, data.efc_pos, data.efc_vel, data.efc_aref, data.efc_R, data.efc_frictionloss,
+                *sparse_jacobian(model, data),
+                contact.efc_address, contact.dim, contact.geom, contact.friction,
+                model.M_rownnz, model.M_rowadr, model.M_colind, factor, inverse,
+                model.dof_treeid, model.tree_dofadr, model.tree_dofnum,
+                self._velocity, data.qvel, h, self._friction,
+            )
+        )  # fmt: skip
+        if self._surfaces is not None and self._surfaces.move:
+            self._add_surfaces(data, rows, h)
+        e = self._targets.restitution
+        target, collides = contact_targets(
+            rows.kind, rows.first, rows.gap, rows.before, rows.free, h, 0.0 if e is None else e, self._rest_speed, RESOLVED
+        )
+        some = bool(collides.any())
+        if some and e is None:
+            self._ask_law(data, rows, target, collides)
+        if some and data.ne:
+            equal = rows.first[rows.kind == BILATERAL]
+            rows.compliance[equal[self._bilateral[data.efc_id[rows.row[equal]]]]] *= _STIFF
+        sliding = -self._sliding * rows.before if self._sliding and some else np.zeros(len(rows.free))
+        known, n = self._known, len(rows.free)
+        guess = np.zeros(n) if known is None else recall(rows.key, rows.size, rows.first, *known[:4], rows.scale, known[4], n)
+        x, z, _, _, after, target = solve_contacts(
+            rows.rownnz, rows.rowadr, rows.colind, rows.value, rows.first, rows.size, rows.kind, rows.bound, rows.scale,
+            rows.before, rows.free, rows.rest, rows.compliance, target, sliding, collides, guess, model.dof_treeid,
+            self._exact, self._on_inadmissible == "project", _ROUNDS,
+        )  # fmt: skip
+        self._known = rows.key, rows.size, rows.first, x, rows.scale
+        if not np.isfinite(z).all():
+            raise DivergenceError(f"the forces at t = {data.time - h:.6g} s are not finite")
+        missed = shortfall(rows.kind, rows.first, target, after)
+        self.shortfall = max(self.shortfall, missed)
+        fastest = max(_SLOWEST, float(np.abs(rows.before).max()), float(np.abs(rows.free).max()))
+        self.short_steps += self.shortfall > SHORTFALL_LIMIT * fastest
+        data.qvel += velocity_change(z, *metric, inverse)
+        if some:
+            self._record = self._record_of(data, rows, in_order(rows, collides), target, sliding)
+        self._write_forces(data, rows, x, h)
+        need, overlaps = overlap_targets(rows.kind, rows.first, rows.gap, rows.before, after, h)
+        if not overlaps:
+            return None
+        w = open_overlaps(
+            rows.rownnz, rows.rowadr, rows.colind, rows.value, rows.first, rows.kind, need, rows.compliance,
+            model.dof_treeid, _ROUNDS,
+        )  # fmt: skip
+        return velocity_change(w, *metric, inverse)
+
+    def _add_surfaces(self, data: mujoco.MjData, rows: Rows, h: float) -> None:
+        """Add the velocities of mocap bodies to those of the rows of contacts."""
+        contact, surfaces = data.contact, self._surfaces
+        assert surfaces is not None
+        seen = Contacts((), contact.geom, contact.dist, contact.pos, contact.frame[:, :3])
+        data.time -= 0.5 * h
+        velocity, spin, _ = surfaces.motion(data, seen)
+        data.time += 0.5 * h
+        for g in np.flatnonzero(rows.source >= 0):
+            i, first = rows.source[g], rows.first[g]
+            axes = contact.frame[i].reshape(3, 3)
+            moved = np.concatenate([axes @ velocity[i], axes @ spin[i]])
+            which = slice(first, first + rows.size[g])
+            drift = moved[rows.row[which] - contact.efc_address[i]]
+            rows.before[which] += drift
+            rows.free[which] += drift
+
+    def _ask_law(self, data: mujoco.MjData, rows: Rows, target: np.ndarray, collides: np.ndarray) -> None:
+        """Write the law's targets of the contacts that collide, and of those in touch that a law of all looks at."""
+        gamma, law = rows.before[rows.first], self._targets
+        if law.alone:
+            groups = in_order(rows, collides)
+            labels = seen_contacts(self._model, data, rows, groups, self._names, self._limits).labels
+            target[groups] = law.of_each(labels, gamma[groups])
+            return
+        touching = (rows.kind == CONE) & (rows.gap <= CLOSED) & (gamma <= _RESTING * np.abs(gamma).max())
+        groups = in_order(rows, collides | touching)
+        collides[groups] = True
+        record = self._record_of(data, rows, groups, target, np.zeros(len(rows.free)))
+        target[groups] = law.of_all(replace(record.collision, friction=None))
+
+    def _record_of(
+        self, data: mujoco.MjData, rows: Rows, groups: np.ndarray, target: np.ndarray, sliding: np.ndarray
+    ) -> CollisionRecord:
+        """Copy what is known of a collision of some groups, int (h,)."""
+        model, damped = self._model, self._borrowed.damped
+        factor, inverse = (data.qH, data.qHDiagInv) if damped else (data.qLD, data.qLDiagInv)
+        seen = SeenRows.of(model, data, rows, groups)
+        return CollisionRecord(
+            model,
+            data.time - 0.5 * model.opt.timestep,
+            self._middle,
+            self._velocity,
+            factor.copy(),
+            inverse.copy(),
+            seen_contacts(model, data, rows, groups, self._names, self._limits),
+            seen,
+            target[groups],
+            sliding[seen.tangential],
+            self._exact,
+        )
+
+    def _write_forces(self, data: mujoco.MjData, rows: Rows, x: np.ndarray, h: float) -> None:
+        """Let sensors and whoever reads ``efc_force`` and ``qfrc_constraint`` see the impulses of the step over h."""
+        force = np.zeros(data.nefc)
+        force[rows.row] = rows.scale * x / h
+        mj_mulJacTVec(self._model, data, data.qfrc_constraint, force)
+        data.qacc[:] = (data.qvel - self._velocity) / h
+        if self._borrowed.cone == _PYRAMIDAL and data.ncon:  # as whoever decodes forces takes them to be
+            self._model.opt.cone = _PYRAMIDAL
+            elliptic = data.contact.efc_address.copy()
+            mujoco.mj_makeConstraint(self._model, data)
+            contact = data.contact
+            encode_pyramids(force, elliptic, contact.efc_address, contact.dim, contact.friction, data.efc_force)
+        else:
+            data.efc_force[:] = force
+
+    def _sense(self, data: mujoco.MjData) -> None:
+        """Compute the sensors that depend on accelerations and forces, at the middle of the step."""
+        after = data.qvel.copy()
+        data.qvel[:] = self._velocity
+        mujoco.mj_sensorAcc(self._model, data)
+        data.qvel[:] = after
+
+    def _finish(self, data: mujoco.MjData) -> None:
+        """Bring frames up to the end of the step, and look whether all is finite."""
+        if is_huge(data):
+            raise DivergenceError(f"position or velocity is not finite, or huge, at t = {data.time:.6g} s")
+        if self._surfaces is not None:
+            self._surfaces.end(data)
+        self._update_frames(data)
+        if self._model.opt.enableflags & _ENERGY:
+            mujoco.mj_makeM(self._model, data)
+            mujoco.mj_energyPos(self._model, data)
+            mujoco.mj_energyVel(self._model, data)
+        data.qacc_warmstart[:] = data.qacc
+        self._left = data.qpos.tobytes(), data.qvel.tobytes()
