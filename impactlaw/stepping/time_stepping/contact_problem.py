@@ -19,68 +19,65 @@ _OPENING = 0.2  # m/s or rad/s at which overlaps of the start are opened
 
 
 @njit(cache=True, error_model="numpy")
-def recall(key, size, first, known_key, known_size, known_first, known, scale, known_scale, n):
+def recall(groups, key, scale, known_groups, known_key, known_scale, known):
     """Return the impulses of the step before where the same group has as many rows, else zeros, (n,).
 
     Groups of one key are matched in their order. The search goes on where the last match was: the order rarely changes.
     """
-    x = np.zeros(n)
+    x = np.zeros(len(scale))
     m, at = len(known_key), 0
     for g in range(len(key)):
         for step in range(m):
-            j = at + step
-            if j >= m:
-                j -= m
-            if known_key[j] == key[g]:
-                if known_size[j] == size[g]:
-                    for k in range(size[g]):
-                        old = known[known_first[j] + k]
-                        x[first[g] + k] = old * known_scale[known_first[j] + k] / scale[first[g] + k]
-                at = j + 1 if j + 1 < m else 0
-                break
+            j = at + step if at + step < m else at + step - m
+            if known_key[j] != key[g]:
+                continue
+            if known_groups[1, j] == groups[1, g]:
+                for k in range(groups[1, g]):
+                    old = known_groups[0, j] + k
+                    x[groups[0, g] + k] = known[old] * known_scale[old] / scale[groups[0, g] + k]
+            at = j + 1 if j + 1 < m else 0
+            break
     return x
 
 
 @njit(cache=True, error_model="numpy")
-def contact_work(kind, first, size, scale, before, after, x):
-    """Return ``Lambda^T (gamma- + gamma+) / 2`` of all contacts, J, and the sum of the sizes of its terms."""
-    work, total = 0.0, 0.0
-    for g in range(len(kind)):
-        if kind[g] == CONE:
-            for k in range(first[g], first[g] + size[g]):
-                part = 0.5 * x[k] * scale[k] * (before[k] + after[k])
-                work += part
-                total += abs(0.5 * x[k] * scale[k]) * (abs(before[k]) + abs(after[k]))
-    return work, total
-
-
-@njit(cache=True, error_model="numpy")
-def row_velocities(rownnz, rowadr, colind, value, scale, free, z):
+def row_velocities(sparse, colind, value, rates, z):
     """Return the velocity of each row after impulses that change the whitened velocity by z, (n,)."""
-    after = free.copy()
-    for r in range(len(free)):
+    after = rates[2].copy()
+    for r in range(len(after)):
         s = 0.0
-        for a in range(rowadr[r], rowadr[r] + rownnz[r]):
+        for a in range(sparse[1, r], sparse[1, r] + sparse[0, r]):
             s += value[a] * z[colind[a]]
-        after[r] += s / scale[r]
+        after[r] += s / rates[0, r]
     return after
 
 
 @njit(cache=True, error_model="numpy")
-def shortfall(kind, first, target, after):
-    """Return the largest amount by which a contact velocity misses its target, m/s or rad/s."""
-    worst = 0.0
-    for g in range(len(kind)):
-        if kind[g] == CONE:
-            worst = max(worst, target[g] - after[first[g]])
-    return worst
+def contact_work(groups, rates, after, x):
+    """Return ``Lambda^T (gamma- + gamma+) / 2`` of all contacts, J, and the sum of the sizes of its terms."""
+    work, total = 0.0, 0.0
+    for g in range(groups.shape[1]):
+        if groups[2, g] == CONE:
+            for k in range(groups[0, g], groups[0, g] + groups[1, g]):
+                impulse = 0.5 * x[k] * rates[0, k]
+                work += impulse * (rates[1, k] + after[k])
+                total += abs(impulse) * (abs(rates[1, k]) + abs(after[k]))
+    return work, total
+
+
+@njit(cache=True, error_model="numpy")
+def solve_rows(sparse, colind, value, groups, amounts, rates, b, guess, tree, exact, rounds):
+    """Solve the problem of a step with the offset b, (n,); see `impactlaw.solvers.cones.solve`."""
+    return solve(
+        sparse[0], sparse[1], colind, value, len(tree), tree, groups[0], groups[1], groups[2], amounts[1], rates[4], b,
+        guess, exact, TOLERANCE, rounds,
+    )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy")
 def solve_contacts(
-    rownnz, rowadr, colind, value, first, size, kind, bound, scale, before, free, rest, compliance,
-    target, sliding, collides, guess, tree, exact, dissipative, rounds,
-):  # fmt: skip
+    sparse, colind, value, groups, amounts, rates, target, sliding, collides, guess, tree, exact, dissipative, rounds
+):
     """Solve the problem of a step, with all restitution scaled so that contact creates no energy.
 
     ``0 <= Lambda  ⊥  J v+ - s gamma^h >= 0`` where contacts collide, with friction in its cones: s is 1 unless that would
@@ -89,84 +86,107 @@ def solve_contacts(
 
     Returns:
         Impulses (n,), in units of the problem; whitened jump of velocities (nv,); natural map relative to the velocity
-        of the problem; iterations; velocities of rows afterwards (n,); the targets with s (g,).
+        of the problem; velocities of rows afterwards (n,); the targets with s (g,); s.
     """
     low, high, s = 0.0, 1.0, 1.0
+    some = collides.any()
     scaled, aimed = target.copy(), sliding.copy()
-    steps = 0
     for search in range(_SEARCHES + 1):
-        for g in range(len(kind)):
-            if collides[g]:
-                scaled[g] = s * target[g] if target[g] > 0.0 else target[g]
-                for k in range(first[g] + 1, first[g] + size[g]):
-                    aimed[k] = s * sliding[k]
-        b = offsets(kind, first, size, scale, free, rest, scaled, aimed)
-        x, z, residual, iterations = solve(
-            rownnz, rowadr, colind, value, len(tree), tree, first, size, kind, bound, compliance, b, guess, exact,
-            TOLERANCE, rounds,
-        )  # fmt: skip
-        steps += iterations
-        after = row_velocities(rownnz, rowadr, colind, value, scale, free, z)
-        if not dissipative or (s == 1.0 and not collides.any()):
+        if s < 1.0:
+            for g in range(len(target)):
+                if collides[g]:
+                    scaled[g] = s * target[g] if target[g] > 0.0 else target[g]
+                    for k in range(groups[0, g] + 1, groups[0, g] + groups[1, g]):
+                        aimed[k] = s * sliding[k]
+        b = offsets(groups, rates, scaled, aimed)
+        x, z, residual, _ = solve_rows(
+            sparse, colind, value, groups, amounts, rates, b, guess, tree, exact, rounds
+        )
+        after = row_velocities(sparse, colind, value, rates, z)
+        if not (dissipative and some):
             break
-        work, total = contact_work(kind, first, size, scale, before, after, x)
+        work, total = contact_work(groups, rates, after, x)
         if work <= _CREATED * total:
-            if s == 1.0 or search >= _SEARCHES - 1:
+            if s == 1.0 or search >= _SEARCHES:
                 break
             low = s
         else:
             high = s
         guess = x
         s = low if search == _SEARCHES - 1 else 0.5 * (low + high)
-    return x, z, residual, steps, after, scaled
+    return x, z, residual, after, scaled, s
 
 
 @njit(cache=True, error_model="numpy")
-def overlap_targets(kind, first, gap, before, after, timestep):
+def overlap_targets(groups, amounts, rates, after, timestep):
     """Return how fast positions beside the velocities are to open overlaps, m/s, (g,), and whether any has to.
 
     What the velocities open counts. Overlaps that came about in the step before are opened at once, those of the start
     at a limited speed.
     """
-    need = np.zeros(len(kind))
+    need = np.zeros(groups.shape[1])
     some = False
-    for g in range(len(kind)):
-        if kind[g] == CONE:
-            speed = _OPENING + abs(before[first[g]])
-            aim = min(0.0, gap[g] + timestep * speed)
-            need[g] = (aim - gap[g]) / timestep - after[first[g]]
-            some = some or (gap[g] < 0.0 and need[g] > _SLOP / timestep)
+    for g in range(len(need)):
+        if groups[2, g] == CONE:
+            row, gap = groups[0, g], amounts[0, g]
+            aim = min(0.0, gap + timestep * (_OPENING + abs(rates[1, row])))
+            need[g] = (aim - gap) / timestep - after[row]
+            some = some or (gap < 0.0 and need[g] > _SLOP / timestep)
     return need, some
 
 
 @njit(cache=True, error_model="numpy")
-def open_overlaps(rownnz, rowadr, colind, value, first, kind, need, compliance, tree, rounds):
+def open_overlaps(sparse, colind, value, groups, rates, need, tree, rounds):
     """Return the least whitened velocity, (nv,), that moves positions as is needed: ``J w >= need``, no friction."""
-    groups = len(kind)
-    keep = np.zeros(groups, np.bool_)
-    for g in range(groups):
-        keep[g] = kind[g] == CONE or kind[g] == BILATERAL
+    keep = (groups[2] == CONE) | (groups[2] == BILATERAL)
     m = int(keep.sum())
-    nnz, adr = np.empty(m, np.int32), np.empty(m, np.int32)
-    start, one, kinds = np.empty(m, np.int32), np.ones(m, np.int32), np.empty(m, np.int32)
-    b, soft = np.zeros(m), np.zeros(m)
+    rows, table, soft = np.zeros((3, m), np.int32), np.zeros((4, m), np.int32), np.zeros((5, m))
+    b = np.zeros(m)
     i = 0
-    for g in range(groups):
+    for g in range(len(need)):
         if keep[g]:
-            nnz[i], adr[i], start[i], kinds[i] = rownnz[first[g]], rowadr[first[g]], i, kind[g]
-            if kind[g] == CONE:
+            first = groups[0, g]
+            rows[0, i], rows[1, i] = sparse[0, first], sparse[1, first]
+            table[0, i], table[1, i], table[2, i] = i, 1, groups[2, g]
+            if groups[2, g] == CONE:
                 b[i] = -need[g]
             else:
-                soft[i] = compliance[first[g]]
+                soft[4, i] = rates[4, first]
             i += 1
-    _, z, _, _ = solve(
-        nnz, adr, colind, value, len(tree), tree, start, one, kinds, np.zeros(m), soft, b, np.zeros(m), True, TOLERANCE,
-        rounds,
-    )  # fmt: skip
+    none = np.zeros((2, m))
+    _, z, _, _ = solve_rows(rows, colind, value, table, none, soft, b, np.zeros(m), tree, True, rounds)
     return z
 
 
 @njit(cache=True, error_model="numpy")
-def velocity_change(z, factor, Mnnz, Madr, Mcol, inverse):
-    """Return the change of velocity, (nv,), of a whitened one."""
-    return unwhiten(z, factor, Mnnz, Madr, Mcol, np.sqrt(inverse))
+def resolve_step(
+    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
+    known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, tree,
+    factor, inverse, Mnnz, Madr, Mcol,
+):  # fmt: skip
+    """Return what the contacts of a step do.
+
+    Returns:
+        Impulses (n,), in units of the problem; the change of velocity (nv,); the velocity that opens overlaps (nv,), empty
+        if none has to be; the targets reached for (g,); the largest amount by which a contact velocity misses its target,
+        and the largest velocity of a row, m/s or rad/s; the share s of restitution.
+    """
+    guess = recall(groups, key, rates[0], known_groups, known_key, known_scale, known)
+    x, z, residual, after, reached, s = solve_contacts(
+        sparse, colind, value, groups, amounts, rates, target, sliding, collides, guess, tree, exact, dissipative, rounds
+    )
+    root = np.sqrt(inverse)
+    change = unwhiten(z, factor, Mnnz, Madr, Mcol, root)
+    missed, fastest = 0.0, 0.0
+    for g in range(len(reached)):
+        if groups[2, g] == CONE:
+            row = groups[0, g]
+            missed = max(missed, reached[g] - after[row])
+            for k in range(row, row + groups[1, g]):
+                fastest = max(fastest, abs(rates[1, k]), abs(rates[2, k]))
+    need, overlaps = overlap_targets(groups, amounts, rates, after, timestep)
+    shift = np.empty(0)
+    if overlaps:
+        w = open_overlaps(sparse, colind, value, groups, rates, need, tree, rounds)
+        shift = unwhiten(w, factor, Mnnz, Madr, Mcol, root)
+    return x, change, shift, reached, missed, fastest, s

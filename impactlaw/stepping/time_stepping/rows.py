@@ -24,42 +24,75 @@ class Rows(NamedTuple):
     """The rows of a step, group by group; a group is a contact, a limit, a row of an equality or of dry friction.
 
     Attributes:
-        rownnz: entries of each row of Y, int32 (n,).
-        rowadr: where they begin, int32 (n,).
-        colind: their degrees of freedom, int32.
+        sparse: entries of each row of Y, where they begin, and MuJoCo's row, int32 (3, n).
+        colind: degrees of freedom of the entries, int32.
         value: the entries.
-        first: first row of each group, int32 (g,).
-        size: rows of each group, int32 (g,).
-        kind: `BILATERAL`, `BOX` or `CONE`, int32 (g,).
-        bound: largest impulse of a group of dry friction, N s, (g,).
-        source: number of the contact among MuJoCo's, of a limit ``-1 - row``, else -1, int32 (g,).
+        groups: first row, number of rows, kind (`BILATERAL`, `BOX`, `CONE`) and source of each group, int32 (4, g). The
+            source is the number of a contact among MuJoCo's, ``-2 - row`` for a limit, and -1 for anything else.
         key: what tells a group from others from step to step, int64 (g,).
-        gap: of contacts and limits, m or rad, (g,).
-        row: MuJoCo's row of each row, int32 (n,).
-        scale: coefficient of friction of rows of friction, else 1, (n,).
-        before: ``J v``, velocity of each row at the start of the step, m/s or rad/s, (n,).
-        free: ``J v_free``, that to which the forces without contact lead, (n,).
-        rest: velocity at which an equality is met, (n,).
-        compliance: R of MuJoCo's soft equalities, else 0, (n,).
+        amounts: of each group the gap, m or rad, and the largest impulse of dry friction, N s, (2, g).
+        rates: of each row, (5, n): the coefficient of friction of a row of friction, else 1; ``J v``, the velocity at the
+            start of the step, m/s or rad/s; ``J v_free``, to which the forces without contact lead; the velocity at
+            which an equality is met; and its compliance R, 0 for what is rigid.
     """
 
-    rownnz: np.ndarray
-    rowadr: np.ndarray
+    sparse: np.ndarray
     colind: np.ndarray
     value: np.ndarray
-    first: np.ndarray
-    size: np.ndarray
-    kind: np.ndarray
-    bound: np.ndarray
-    source: np.ndarray
+    groups: np.ndarray
     key: np.ndarray
-    gap: np.ndarray
-    row: np.ndarray
-    scale: np.ndarray
-    before: np.ndarray
-    free: np.ndarray
-    rest: np.ndarray
-    compliance: np.ndarray
+    amounts: np.ndarray
+    rates: np.ndarray
+
+    @property
+    def first(self) -> np.ndarray:
+        """First row of each group, int32 (g,)."""
+        return self.groups[0]
+
+    @property
+    def size(self) -> np.ndarray:
+        """Rows of each group, int32 (g,)."""
+        return self.groups[1]
+
+    @property
+    def kind(self) -> np.ndarray:
+        """Kind of each group, int32 (g,)."""
+        return self.groups[2]
+
+    @property
+    def source(self) -> np.ndarray:
+        """Source of each group, int32 (g,)."""
+        return self.groups[3]
+
+    @property
+    def gap(self) -> np.ndarray:
+        """Gap of each group, m or rad, (g,)."""
+        return self.amounts[0]
+
+    @property
+    def row(self) -> np.ndarray:
+        """MuJoCo's row of each row, int32 (n,)."""
+        return self.sparse[2]
+
+    @property
+    def scale(self) -> np.ndarray:
+        """Coefficient of friction of rows of friction, else 1, (n,)."""
+        return self.rates[0]
+
+    @property
+    def before(self) -> np.ndarray:
+        """``J v``, (n,)."""
+        return self.rates[1]
+
+    @property
+    def free(self) -> np.ndarray:
+        """``J v_free``, (n,)."""
+        return self.rates[2]
+
+    @property
+    def compliance(self) -> np.ndarray:
+        """R of soft equalities, else 0, (n,)."""
+        return self.rates[4]
 
 
 @njit(cache=True, error_model="numpy")
@@ -166,30 +199,28 @@ def read_rows(
                 entries += treenum[t]
         for k in range(Jadr[row], Jadr[row] + Jnnz[row]):
             mark[tree[Jcol[k]]] = False
-    first, size_of, kind_of = np.empty(groups, np.int32), np.empty(groups, np.int32), np.empty(groups, np.int32)
-    source, key, gap, bound = (
-        np.full(groups, -1, np.int32), np.empty(groups, np.int64), np.zeros(groups), np.zeros(groups)
-    )  # fmt: skip
-    rownnz, rowadr, place = np.empty(rows, np.int32), np.empty(rows, np.int32), np.empty(rows, np.int32)
-    scale, was, is_free = np.ones(rows), np.zeros(rows), np.zeros(rows)
-    rest, compliance = np.zeros(rows), np.zeros(rows)
+    sparse, table = np.empty((3, rows), np.int32), np.full((4, groups), -1, np.int32)
+    key, amounts, rates = np.empty(groups, np.int64), np.zeros((2, groups)), np.zeros((5, rows))
+    rownnz, rowadr, place = sparse[0], sparse[1], sparse[2]
+    gap, bound = amounts[0], amounts[1]
+    scale, was, is_free, rest, compliance = rates[0], rates[1], rates[2], rates[3], rates[4]
     colind, value = np.empty(entries, np.int32), np.empty(entries)
     root, work = np.sqrt(inverse), np.zeros(nv)
     row, g, r, end = 0, 0, 0, 0
     while row < n:
         kind, size, step = _group(kinds, address, dim, friction, number, row, frictional)
-        first[g], size_of[g], kind_of[g] = r, size, kind
+        table[0, g], table[1, g], table[2, g] = r, size, kind
         key[g] = -1 - (np.int64(number[row]) * 8 + kinds[row])
         if kind == BOX:
             bound[g] = timestep * loss[row]
         elif kind == CONE:
             gap[g] = position[row]
             if kinds[row] >= 5:
-                source[g] = number[row]
+                table[3, g] = number[row]
                 one, other = geoms[number[row], 0], geoms[number[row], 1]
                 key[g] = (np.int64(min(one, other)) << 32) + max(one, other)
             else:
-                source[g] = -1 - row
+                table[3, g] = -2 - row
         for k in range(step):
             if k > 0:
                 if not frictional:
@@ -198,6 +229,8 @@ def read_rows(
                 if not mu > _NO_FRICTION:
                     continue
                 scale[r] = mu
+            else:
+                scale[r] = 1.0
             i = row + k
             place[r] = i
             if kind == BILATERAL:
@@ -220,7 +253,4 @@ def read_rows(
             r += 1
         row += step
         g += 1
-    return (
-        rownnz, rowadr, colind[:end], value[:end], first, size_of, kind_of, bound, source, key, gap, place, scale, was,
-        is_free, rest, compliance,
-    )  # fmt: skip
+    return sparse, colind[:end], value[:end], table, key, amounts, rates

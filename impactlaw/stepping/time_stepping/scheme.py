@@ -44,14 +44,7 @@ from impactlaw.laws import Coulomb, Law
 from impactlaw.limits import Limits
 from impactlaw.plan import Plan
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
-from impactlaw.stepping.time_stepping.contact_problem import (
-    open_overlaps,
-    overlap_targets,
-    recall,
-    shortfall,
-    solve_contacts,
-    velocity_change,
-)
+from impactlaw.stepping.time_stepping.contact_problem import resolve_step
 from impactlaw.stepping.time_stepping.dense import encode_pyramids, sparse_jacobian
 from impactlaw.stepping.time_stepping.events import CollisionRecord
 from impactlaw.stepping.time_stepping.law_targets import LawTargets
@@ -207,7 +200,7 @@ class TimeStepping:
         """Add what contact does to the velocity, and return the velocity that opens overlaps, if any has to be."""
         model, damped = self._model, self._borrowed.damped
         factor, inverse = (data.qH, data.qHDiagInv) if damped else (data.qLD, data.qLDiagInv)
-        contact, metric = data.contact, (factor, model.M_rownnz, model.M_rowadr, model.M_colind)
+        contact = data.contact
         rows = Rows(
             *read_rows(
                 data.efc_type, data.efc_id, data.efc_pos, data.efc_vel, data.efc_aref, data.efc_R, data.efc_frictionloss,
@@ -222,41 +215,36 @@ class TimeStepping:
             self._add_surfaces(data, rows, h)
         e = self._targets.restitution
         target, collides = contact_targets(
-            rows.kind, rows.first, rows.gap, rows.before, rows.free, h, 0.0 if e is None else e, self._rest_speed, RESOLVED
+            rows.groups, rows.amounts, rows.rates, h, 0.0 if e is None else e, self._rest_speed, RESOLVED
         )
-        some = bool(collides.any())
-        if some and e is None:
+        some = bool(np.count_nonzero(collides))
+        if some:
+            self._collide(data, rows, target, collides)
+        n = len(rows.scale)
+        sliding = -self._sliding * rows.before if self._sliding and some else np.zeros(n)
+        known = self._known or (rows.groups, rows.key, rows.scale, np.zeros(n))
+        x, change, shift, reached, missed, fastest, share = resolve_step(
+            *rows, target, sliding, collides, *known, h, self._exact, self._on_inadmissible == "project", _ROUNDS,
+            model.dof_treeid, factor, inverse, model.M_rownnz, model.M_rowadr, model.M_colind,
+        )  # fmt: skip
+        self._known = rows.groups, rows.key, rows.scale, x
+        if not np.isfinite(missed):
+            raise DivergenceError(f"the forces at t = {data.time - h:.6g} s are not finite")
+        self.shortfall = max(self.shortfall, missed)
+        self.short_steps += self.shortfall > SHORTFALL_LIMIT * max(_SLOWEST, fastest)
+        data.qvel += change
+        if some:
+            self._record = self._record_of(data, rows, in_order(rows, collides), reached, share * sliding)
+        self._write_forces(data, rows, x, h)
+        return shift if len(shift) else None
+
+    def _collide(self, data: mujoco.MjData, rows: Rows, target: np.ndarray, collides: np.ndarray) -> None:
+        """Ask the law, and let equality constraints keep their velocity in the collision."""
+        if self._targets.restitution is None:
             self._ask_law(data, rows, target, collides)
-        if some and data.ne:
+        if data.ne:
             equal = rows.first[rows.kind == BILATERAL]
             rows.compliance[equal[self._bilateral[data.efc_id[rows.row[equal]]]]] *= _STIFF
-        sliding = -self._sliding * rows.before if self._sliding and some else np.zeros(len(rows.free))
-        known, n = self._known, len(rows.free)
-        guess = np.zeros(n) if known is None else recall(rows.key, rows.size, rows.first, *known[:4], rows.scale, known[4], n)
-        x, z, _, _, after, target = solve_contacts(
-            rows.rownnz, rows.rowadr, rows.colind, rows.value, rows.first, rows.size, rows.kind, rows.bound, rows.scale,
-            rows.before, rows.free, rows.rest, rows.compliance, target, sliding, collides, guess, model.dof_treeid,
-            self._exact, self._on_inadmissible == "project", _ROUNDS,
-        )  # fmt: skip
-        self._known = rows.key, rows.size, rows.first, x, rows.scale
-        if not np.isfinite(z).all():
-            raise DivergenceError(f"the forces at t = {data.time - h:.6g} s are not finite")
-        missed = shortfall(rows.kind, rows.first, target, after)
-        self.shortfall = max(self.shortfall, missed)
-        fastest = max(_SLOWEST, float(np.abs(rows.before).max()), float(np.abs(rows.free).max()))
-        self.short_steps += self.shortfall > SHORTFALL_LIMIT * fastest
-        data.qvel += velocity_change(z, *metric, inverse)
-        if some:
-            self._record = self._record_of(data, rows, in_order(rows, collides), target, sliding)
-        self._write_forces(data, rows, x, h)
-        need, overlaps = overlap_targets(rows.kind, rows.first, rows.gap, rows.before, after, h)
-        if not overlaps:
-            return None
-        w = open_overlaps(
-            rows.rownnz, rows.rowadr, rows.colind, rows.value, rows.first, rows.kind, need, rows.compliance,
-            model.dof_treeid, _ROUNDS,
-        )  # fmt: skip
-        return velocity_change(w, *metric, inverse)
 
     def _add_surfaces(self, data: mujoco.MjData, rows: Rows, h: float) -> None:
         """Add the velocities of mocap bodies to those of the rows of contacts."""

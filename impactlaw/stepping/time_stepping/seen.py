@@ -43,7 +43,7 @@ def seen_contacts(
     geoms[swapped], normal[swapped] = geoms[swapped, ::-1], -normal[swapped]
     labels = [f"{names[a]}/{names[b]}" for a, b in geoms]
     position = found.pos[index]
-    reached = -1 - source[source < 0]
+    reached = -2 - source[source < -1]
     if len(reached):
         code = np.array([limits.code(data, int(row)) for row in reached])
         places, axes = limits.places(data, code)

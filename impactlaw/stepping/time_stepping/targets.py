@@ -12,7 +12,7 @@ CLOSED = 1e-5
 
 
 @njit(cache=True, error_model="numpy")
-def contact_targets(kind, first, gap, before, free, timestep, restitution, slowest, resolved):
+def contact_targets(groups, amounts, rates, timestep, restitution, slowest, resolved):
     """Return the targets of Moreau's and Jean's scheme, and which contacts collide.
 
     A contact collides if it approaches, ``gamma- < -threshold``, and is closed, or would be before the next look at
@@ -21,11 +21,9 @@ def contact_targets(kind, first, gap, before, free, timestep, restitution, slowe
     within a step, ``h |J a|``, at least ``slowest`` and at most ``resolved``: slower collisions are not resolved.
 
     Args:
-        kind: of each group, (g,).
-        first: first row of each group, (g,).
-        gap: of contacts and limits, m or rad, (g,).
-        before: ``gamma-``, velocity of each row at the start, (n,).
-        free: that to which the forces without contact lead, (n,).
+        groups: see `rows.Rows`, like the two that follow.
+        amounts: gaps first.
+        rates: velocities of rows at the start of the step, and without contact.
         timestep: h, s.
         restitution: e.
         slowest: least threshold, m/s or rad/s.
@@ -34,6 +32,7 @@ def contact_targets(kind, first, gap, before, free, timestep, restitution, slowe
     Returns:
         ``gamma^h``, (g,), and whether each group collides, bool (g,).
     """
+    first, kind, gap, before, free = groups[0], groups[2], amounts[0], rates[1], rates[2]
     target, collides = np.zeros(len(kind)), np.zeros(len(kind), np.bool_)
     for g in range(len(kind)):
         if kind[g] != CONE:
@@ -49,19 +48,17 @@ def contact_targets(kind, first, gap, before, free, timestep, restitution, slowe
 
 
 @njit(cache=True, error_model="numpy")
-def offsets(kind, first, size, scale, free, rest, target, sliding):
+def offsets(groups, rates, target, sliding):
     """Return b of the problem ``u = Y Y^T x + c x + b``, (n,): velocities without contact, less those aimed at.
 
     Args:
-        kind: of each group, (g,).
-        first: first row of each group, (g,).
-        size: rows of each group, (g,).
-        scale: coefficient of friction of rows of friction, else 1, (n,).
-        free: velocity of each row without contact, (n,).
-        rest: velocity at which an equality is met, (n,).
+        groups: see `rows.Rows`.
+        rates: see `rows.Rows`.
         target: ``gamma^h``, (g,).
         sliding: sliding velocities aimed at, (n,).
     """
+    first, size, kind = groups[0], groups[1], groups[2]
+    scale, free, rest = rates[0], rates[2], rates[3]
     b = np.empty(len(free))
     for g in range(len(kind)):
         f = first[g]
