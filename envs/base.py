@@ -40,6 +40,7 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             environment's own one if not given.
         restitution: what the law takes; the scene's own coefficient if the law needs one and none is given.
         contact_model: "rigid", or "soft" for MuJoCo's contacts between collisions.
+        scheme: of rigid contact: "event-driven", if not given, or "time-stepping"; see `Stepper`.
         frame_skip: timesteps per step; the environment's own number if not given.
         render_mode: "rgb_array", "human" or None.
         log: file to record every timestep to (`impactlaw.recording`), from the first reset on until `close`; one
@@ -72,6 +73,7 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         law: str | Law | None = None,
         restitution: Any = None,
         contact_model: Literal["rigid", "soft"] = "rigid",
+        scheme: Literal["event-driven", "time-stepping"] | None = None,
         frame_skip: int | None = None,
         render_mode: str | None = None,
         log: str | Path | None = None,
@@ -85,7 +87,9 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self.law = choose_law(self.model, self.LAW if law is None else law, restitution)
-        self.stepper = Stepper(self.model, self.law, contact_model=contact_model, on_inadmissible="project")
+        self.stepper = Stepper(
+            self.model, self.law, contact_model=contact_model, scheme=scheme, on_inadmissible="project"
+        )
         self.render_mode = render_mode
         self.observation_space = _box(self.OBSERVATION)
         self.action_space = _box(self.ACTION)

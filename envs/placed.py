@@ -26,16 +26,19 @@ class LawOptions:
     law: str | Law
     restitution: Any
     contact_model: Literal["rigid", "soft"]
-    rest_speed: float
+    scheme: Literal["event-driven", "time-stepping"] | None
+    rest_speed: float | None
     on_inadmissible: Literal["raise", "project", "allow"]
 
     def stepper(self, model: mujoco.MjModel) -> Stepper:
         """Return a stepper for the model."""
+        rigid = self.contact_model == "rigid"
         return Stepper(
             model,
             choose_law(model, self.law, self.restitution),
             contact_model=self.contact_model,
-            overlap="push-out",  # a reset is not the user's to change
+            scheme=(self.scheme or "time-stepping") if rigid else self.scheme,
+            overlap="push-out" if rigid else None,  # a reset is not the user's to change
             rest_speed=self.rest_speed,
             on_inadmissible=self.on_inadmissible,
         )

@@ -13,7 +13,6 @@ from impactlaw.envs.placed_gymnasium import place
 from impactlaw.errors import WrapperError
 from impactlaw.events import ImpactEvent
 from impactlaw.laws import Law
-from impactlaw.soft import REST_SPEED
 
 if TYPE_CHECKING:
     import dm_env
@@ -45,9 +44,9 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         law: name of a law (`impactlaw.make_law`), "scene" for what the MJCF itself carries, or a `Law`.
         restitution: what the law takes.
         contact_model: "soft" keeps MuJoCo's contacts and friction between collisions; with "rigid" contact is the
-            law's, with exact Coulomb friction, and what overlaps after a reset is pushed out by its first step
-            (`Stepper`'s ``overlap``).
-        rest_speed: closing speed, m/s, above which a soft contact collides.
+            law's, with exact Coulomb friction, and what overlaps after a reset is opened.
+        scheme: of rigid contact: "time-stepping", if not given, or "event-driven"; see `Stepper`.
+        rest_speed: closing speed, m/s, above which a contact collides; see `Stepper`.
         on_inadmissible: what to do with an outcome of the law outside of S(v-): "raise", "project" it onto S(v-), or
             "allow" it; ``info["impact/inadmissible"]`` counts them.
         log: file to record every timestep to, until `close`. A model that the environment compiles later goes to
@@ -57,7 +56,8 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         WrapperError: the environment does not step MuJoCo in a known way, or has a law already.
         UnknownNameError: no such law or option, or the law is for contacts that the scene cannot have.
         RestitutionError: the restitution does not fit the law.
-        SceneError: the scene has a flex, adhesion or delays, and contact_model is "rigid".
+        SceneError: the scene has a flex or delays, and contact_model is "rigid"; or an option means nothing to that way to
+            step.
         RecordingError: the log cannot be written.
     """
 
@@ -68,7 +68,8 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         restitution: Any = None,
         *,
         contact_model: Literal["rigid", "soft"] = "soft",
-        rest_speed: float = REST_SPEED,
+        scheme: Literal["event-driven", "time-stepping"] | None = None,
+    rest_speed: float | None = None,
         on_inadmissible: Literal["raise", "project", "allow"] = "project",
         log: str | Path | None = None,
     ):
@@ -77,12 +78,13 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
             law=law,
             restitution=restitution,
             contact_model=contact_model,
+            scheme=scheme,
             rest_speed=rest_speed,
             on_inadmissible=on_inadmissible,
             log=log,
         )
         super().__init__(env)
-        self._options = LawOptions(law, restitution, contact_model, rest_speed, on_inadmissible)
+        self._options = LawOptions(law, restitution, contact_model, scheme, rest_speed, on_inadmissible)
         self._placed: PlacedLaw | None = place(env, self._options, _run_log(log, env.spec.id if env.spec else None))
         self._observation: Any = None
 
@@ -154,7 +156,8 @@ def put_law(
     restitution: Any = None,
     *,
     contact_model: Literal["rigid", "soft"] = "soft",
-    rest_speed: float = REST_SPEED,
+    scheme: Literal["event-driven", "time-stepping"] | None = None,
+    rest_speed: float | None = None,
     on_inadmissible: Literal["raise", "project", "allow"] = "project",
     log: str | Path | None = None,
 ) -> PlacedLaw:
@@ -170,7 +173,8 @@ def put_law(
         law: as for `ImpactLaw`, like the arguments below.
         restitution: what the law takes.
         contact_model: "soft" or "rigid".
-        rest_speed: closing speed, m/s, above which a soft contact collides.
+        scheme: of rigid contact: "time-stepping", if not given, or "event-driven".
+        rest_speed: closing speed, m/s, above which a contact collides.
         on_inadmissible: "raise", "project" or "allow".
         log: file to record every timestep to.
 
@@ -178,7 +182,8 @@ def put_law(
         WrapperError: the environment is not one of dm_control, or has a law already.
         UnknownNameError: no such law or option, or the law is for contacts that the scene cannot have.
         RestitutionError: the restitution does not fit the law.
-        SceneError: the scene has a flex, adhesion or delays, and contact_model is "rigid".
+        SceneError: the scene has a flex or delays, and contact_model is "rigid"; or an option means nothing to that way to
+            step.
         RecordingError: the log cannot be written.
     """
     if isinstance(env, gymnasium.Env) or not hasattr(env, "physics"):
@@ -186,7 +191,7 @@ def put_law(
         raise WrapperError(f"{type(env).__name__} is not an environment of dm_control: {hint}")
     from impactlaw.envs.placed_dm_control import OnDmControl
 
-    options = LawOptions(law, restitution, contact_model, rest_speed, on_inadmissible)
+    options = LawOptions(law, restitution, contact_model, scheme, rest_speed, on_inadmissible)
     return OnDmControl(env, options, _run_log(log, None))
 
 

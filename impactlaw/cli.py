@@ -35,6 +35,8 @@ class Compare:
     """Folder for table, picture and recordings; out/<scene> if not given."""
     friction: Literal["coulomb", "convex", "ignore"] = "coulomb"
     """Friction of rigid contacts: exact Coulomb friction, its convex relaxation, or none."""
+    scheme: Literal["event-driven", "time-stepping"] = "event-driven"
+    """How the laws are stepped: collisions located in time, or all contact once a step at a bounded price."""
     view: bool = False
     """Open the rerun viewer on the runs as they happen; needs a display."""
 
@@ -49,6 +51,7 @@ class Compare:
             duration=self.duration,
             timestep=self.timestep,
             friction=self.friction,
+            scheme=self.scheme,
             view=self.view,
         )
         out = Path("out") / Path(self.scene).stem if self.out is None else self.out
@@ -113,6 +116,8 @@ class Plan:
     """Name of a scene (see `impactlaw scenes`) or path of an MJCF file."""
     contact_model: Literal["rigid", "soft"] = "rigid"
     """Who owns sustained contact: the law layer, or MuJoCo."""
+    scheme: Literal["event-driven", "time-stepping"] | None = None
+    """How rigid contact is stepped; event-driven if not given."""
     friction: Literal["coulomb", "convex", "ignore"] = "coulomb"
     """Friction of rigid contacts: exact Coulomb friction, its convex relaxation, or none."""
 
@@ -120,12 +125,14 @@ class Plan:
         """Print the plan."""
         from impactlaw.models import load
         from impactlaw.plan import format_plan, make_plan
-        from impactlaw.scene import check_rigid
+        from impactlaw.scene import check_rigid, check_time_stepping
 
         model, _ = load(self.scene)
         if self.contact_model == "rigid":
-            check_rigid(model)
-        print(format_plan(make_plan(model, self.contact_model, friction=self.friction)))
+            (check_time_stepping if self.scheme == "time-stepping" else check_rigid)(model)
+        elif self.scheme is not None:
+            raise SceneError("scheme means nothing to soft steps; leave it out")
+        print(format_plan(make_plan(model, self.contact_model, scheme=self.scheme, friction=self.friction)))
 
 
 @contextmanager

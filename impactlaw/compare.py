@@ -38,6 +38,7 @@ class Comparison:
     duration: float | None = None
     timestep: float | None = None
     friction: Literal["coulomb", "convex", "ignore"] = "coulomb"
+    scheme: Literal["event-driven", "time-stepping"] = "event-driven"
     view: bool = False
 
 
@@ -72,9 +73,8 @@ def compare(study: Comparison, folder: Path) -> pd.DataFrame:
         for run, law in laws.items():
             bar.set_description(run)
             recorder = record(run, law, model)
-            runs.append(
-                run_law(model, start, run, law, steps, friction=study.friction, recorder=recorder, progress=bar.update)
-            )
+            options = {"scheme": study.scheme, "friction": study.friction}
+            runs.append(run_law(model, start, run, law, steps, options=options, recorder=recorder, progress=bar.update))
         reference = next((run for run in runs if run.first is not None), None)
         for run, soft in (("mujoco", model), ("mujoco-tuned", tuned_contacts(model, restitution))):
             bar.set_description(run)

@@ -41,6 +41,7 @@ class Plan:
 
     Attributes:
         contact_model: "rigid" or "soft".
+        scheme: of rigid stepping, "event-driven" or "time-stepping"; None for soft stepping.
         limits: joints or tendons have limits, which are contacts like any other.
         detection: collision detection: some geoms can meet.
         convex: exact settings of MuJoCo's general convex collider: some pairs are measured by it.
@@ -58,6 +59,7 @@ class Plan:
     """
 
     contact_model: Literal["rigid", "soft"]
+    scheme: Literal["event-driven", "time-stepping"] | None
     limits: bool
     detection: bool
     convex: bool
@@ -88,24 +90,27 @@ def make_plan(
     solid = geoms[np.isfinite(thin[geoms]).all(axis=1)]
     several = ~one_contact(model, geoms)
     rigid = contact_model == "rigid"
+    located = rigid and scheme != "time-stepping"
     flags = {
         "limits": bool(Limits(model)),
         "detection": len(geoms) > 0 or (not rigid and model.nflex > 0),
-        "convex": rigid and bool((touching_distance(model, geoms) > 0).any()),
-        "faces": rigid and bool(several_contacts(model, geoms).any()),
-        "points": rigid and bool(several.any()),
-        "passing": rigid and len(solid) > 0,
-        "turning": rigid and bool((model.geom_rbound[solid] > thin[solid]).any()),
+        "convex": located and bool((touching_distance(model, geoms) > 0).any()),
+        "faces": located and bool(several_contacts(model, geoms).any()),
+        "points": located and bool(several.any()),
+        "passing": located and len(solid) > 0,
+        "turning": located and bool((model.geom_rbound[solid] > thin[solid]).any()),
         "bilateral": bool(bilateral_constraints(model).any()),
         "friction": rigid and friction != "ignore" and bool(pairs.friction.any()),
         "surfaces": bool(_moves(model, geoms).any()) or (rigid and bool((pairs.friction & _runs(model, geoms)).any())),
         "inertia": (len(geoms) > 0 or bool(Limits(model))) and not has_constant_inertia(model),
     }
     given = flags["bilateral"] or model.tendon_limited.any()
-    flags["rest"] = rigid and (flags["detection"] or flags["limits"]) and not given
+    flags["inertia"] &= located or not rigid
+    flags["rest"] = located and (flags["detection"] or flags["limits"]) and not given
     reasons = _Reasons(model, pairs, flags)
-    parts = tuple(reasons.rigid() if rigid else reasons.soft())
-    return Plan(contact_model=contact_model, **flags, pairs=pairs, parts=parts)
+    parts = tuple(reasons.soft() if not rigid else reasons.rigid() if located else reasons.time_stepping())
+    scheme = (scheme or "event-driven") if rigid else None
+    return Plan(contact_model=contact_model, scheme=scheme, **flags, pairs=pairs, parts=parts)
 
 
 def _moves(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
@@ -183,15 +188,29 @@ class _Reasons:
             "equality constraints or limits of tendons",
         )
         yield from self._mujoco()
+        yield from self._friction()
+        yield Part("copies for events and logs", False, "made when something collides")
+
+    def time_stepping(self) -> Iterator[Part]:
+        yield self._detection()
+        yield Part("location of collisions in time", False, "one look at contacts, one problem for all of them, every step")
+        rk4 = self.model.opt.integrator == _RK4
+        yield Part("stages of the integrator", False, "RK4 becomes the midpoint rule" if rk4 else "it has one")
+        yield self._solver()
+        yield from self._mujoco()
+        yield from self._friction()
+        yield Part("events", False, "resolved when they are read")
+
+    def _friction(self) -> Iterator[Part]:
+        geoms = self.pairs.geoms
         friction = int(np.count_nonzero(self.pairs.friction))
         runs = self.flags["friction"]
         why = f"{friction} of {len(geoms)} pairs" if runs else f"ignored on {friction} pairs"
         yield Part("friction", runs, why if friction else "no pair has friction")
         moves = _moves(self.model, geoms) | _runs(self.model, geoms)
         yield self._part(
-            "surfaces", "moving surfaces", lambda: first(moves), "no mocap body collides, and no belt has friction"
+            "surfaces", "moving surfaces", lambda: self._first(moves), "no mocap body collides, and no belt has friction"
         )
-        yield Part("copies for events and logs", False, "made when something collides")
 
     def soft(self) -> Iterator[Part]:
         yield self._detection()

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -92,7 +93,7 @@ def run_law(
     law: Law,
     steps: int,
     *,
-    friction: str = "coulomb",
+    options: Mapping[str, Any] | None = None,
     recorder: Recorder | None = None,
     progress: Callable[[], object] = lambda: None,
 ) -> Run:
@@ -104,7 +105,7 @@ def run_law(
         name: of the run.
         law: the law.
         steps: how many timesteps.
-        friction: as for `Stepper`.
+        options: of the `Stepper`.
         recorder: where to record.
         progress: called after every step.
 
@@ -112,7 +113,7 @@ def run_law(
         SceneError: the scene is not one for rigid stepping.
     """
     data = _copy(model, start)
-    stepper = Stepper(model, law, friction=friction)  # pyright: ignore[reportArgumentType]
+    stepper = Stepper(model, law, **(options or {}))
     trajectory = _Trajectory(model)
     trajectory.add(data)
     first: ImpactEvent | None = None

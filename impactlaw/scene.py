@@ -86,15 +86,26 @@ def check_rigid(model: mujoco.MjModel) -> None:
     Raises:
         SceneError: flexes, adhesion, delays.
     """
-    if model.nflex:
-        raise SceneError('rigid stepping is between geoms only, but the scene has a flex; use contact_model="soft"')
+    check_time_stepping(model)
     adhesion = int(mujoco.mjtTrn.mjTRN_BODY)
     if model.flg_adhesion or (model.nu and (model.actuator_trntype == adhesion).any()):
-        raise SceneError('rigid contacts do not pull, but the scene has adhesion; use contact_model="soft"')
+        raise SceneError(
+            'located contacts do not pull, but the scene has adhesion; use scheme="time-stepping" or contact_model="soft"'
+        )
+
+
+def check_time_stepping(model: mujoco.MjModel) -> None:
+    """Refuse what no scheme of rigid stepping covers.
+
+    Raises:
+        SceneError: flexes, delays.
+    """
+    if model.nflex:
+        raise SceneError('rigid stepping is between geoms only, but the scene has a flex; use contact_model="soft"')
     if model.nhistory:
         raise SceneError(
-            "MuJoCo's buffers of delayed actuators and sensors take one sample a step, but rigid steps are cut at "
-            'collisions; use contact_model="soft", or leave out delay and nsample'
+            "MuJoCo's buffers of delayed actuators and sensors take one sample a step of MuJoCo's own; "
+            'use contact_model="soft", or leave out delay and nsample'
         )
 
 

@@ -6,10 +6,9 @@ velocity. De Saxcé's correction is taken from the w of the step before. The mat
 """
 
 import numpy as np
-from numba import njit
 
-from impactlaw.solvers.cones.loops import Array
 from impactlaw.solvers.cones.blocks import assemble, factor, room, solve
+from impactlaw.solvers.cones.loops import FIRST, Array, kernel, once
 from impactlaw.solvers.cones.ordering import Blocks
 from impactlaw.solvers.cones.projection import norm_of, project, residual
 from impactlaw.solvers.cones.structure import CONE, Island, jump, rows_times, velocity
@@ -21,7 +20,7 @@ _MOVE = 0.05
 _FACTORIZATIONS = 25
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@once
 def largest_eigenvalue(P: Island) -> float:
     """Return about the largest eigenvalue of ``A A^T + c``, from 15 steps of the power method."""
     n = len(P.b)
@@ -29,7 +28,7 @@ def largest_eigenvalue(P: Island) -> float:
     zero, L = np.zeros(n), 0.0
     for _ in range(15):
         velocity(P, zero, v, z, w)
-        L = norm_of(w, 0, n)
+        L = norm_of(w, FIRST, n)
         if not L > 0.0:
             break
         for i in range(n):
@@ -37,7 +36,7 @@ def largest_eigenvalue(P: Island) -> float:
     return max(L, 1e-9)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _prepare(P: Island, K: Blocks, rho: float, W: Array, H: Array, pivot: Array, left: Array, row: Array) -> None:
     """Factor ``I + A^T T A``."""
     W[:] = 0.0
@@ -49,7 +48,7 @@ def _prepare(P: Island, K: Blocks, rho: float, W: Array, H: Array, pivot: Array,
     factor(K, H, pivot, row)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@once
 def admm(P: Island, K: Blocks, L: float, x: Array, tolerance: float, most: int) -> int:
     """Overwrite x by what at most `most` steps from it lead to; return steps taken.
 
@@ -105,7 +104,7 @@ def admm(P: Island, K: Blocks, L: float, x: Array, tolerance: float, most: int) 
     return most
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _shift(P: Island, u: Array, v: Array, sign: float) -> None:
     """Add ``sign |u_t|`` to the normal entries of v, where friction is exact."""
     if P.exact:

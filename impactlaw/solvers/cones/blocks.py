@@ -5,18 +5,17 @@ is one block, and this is then the dense LU.
 """
 
 import numpy as np
-from numba import njit
 
-from impactlaw.solvers.cones.loops import Array, add_at, dot, fill, subtract
 from impactlaw.solvers.cones.linear import lu_factor, lu_solve, lu_solve_rows
+from impactlaw.solvers.cones.loops import FIRST, Array, add_at, dot, fill, kernel, subtract
 from impactlaw.solvers.cones.ordering import Blocks
 from impactlaw.solvers.cones.structure import Island
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def assemble(P: Island, K: Blocks, W: Array, H: Array, left: Array, row: Array) -> None:
     """Write ``H = I + A^T W A``; W in the order of `Island.square`; `left`, `row`: room for m x k and k numbers."""
-    fill(H, 0, K.size, 0.0)
+    fill(H, FIRST, K.size, 0.0)
     for k in range(len(K.width)):
         for i in range(K.width[k]):
             H[K.diagonal[k] + i * (K.width[k] + 1)] = 1.0
@@ -30,11 +29,11 @@ def assemble(P: Island, K: Blocks, W: Array, H: Array, left: Array, row: Array) 
                 if f != 0.0:
                     subtract(left, k * width, P.A, a + i * width, -f, width)
         for i in range(width):
-            fill(row, 0, width, 0.0)
+            fill(row, FIRST, width, 0.0)
             for k in range(m):
                 f = P.A[a + k * width + i]
                 if f != 0.0:
-                    subtract(row, 0, left, k * width, -f, width)
+                    subtract(row, FIRST, left, k * width, -f, width)
             q = K.first[g] + K.slot[begin + i] * K.many[g]
             if K.many[g] == 1:
                 base = K.place[q] + np.int64(K.inner[begin + i]) * K.pitch[q]
@@ -46,7 +45,7 @@ def assemble(P: Island, K: Blocks, W: Array, H: Array, left: Array, row: Array) 
                     H[base + np.int64(K.inner[begin + j])] += row[j]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def factor(K: Blocks, H: Array, pivot: Array, product: Array) -> None:
     """Factor H in place; `product`: room for one row of a strip."""
     for k in range(len(K.width)):
@@ -58,10 +57,10 @@ def factor(K: Blocks, H: Array, pivot: Array, product: Array) -> None:
         row, begin, end = K.lower[k], K.begin[k], K.begin[k + 1]
         for a in range(end - begin):
             for i in range(K.width[K.later[begin + a]]):
-                fill(product, 0, span, 0.0)
+                fill(product, FIRST, span, 0.0)
                 for l in range(w):
                     if H[row + l] != 0.0:
-                        subtract(product, 0, H, K.upper[k] + l * span, -H[row + l], span)
+                        subtract(product, FIRST, H, K.upper[k] + l * span, -H[row + l], span)
                 row += w
                 at = 0
                 for b in range(end - begin):
@@ -71,7 +70,7 @@ def factor(K: Blocks, H: Array, pivot: Array, product: Array) -> None:
                     at += many
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def solve(K: Blocks, H: Array, pivot: Array, v: Array) -> None:
     """Overwrite v by ``H^-1 v``, H factored."""
     nb = len(K.width)
@@ -95,7 +94,7 @@ def solve(K: Blocks, H: Array, pivot: Array, v: Array) -> None:
             v[o + i] = s
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def room(P: Island) -> int:
     """Return the most entries that a group has."""
     most = P.nv
@@ -104,7 +103,7 @@ def room(P: Island) -> int:
     return most
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def flops(P: Island, K: Blocks) -> float:
     """Return about how many operations one assembly, factorization and line search take."""
     s = K.flops + 4.0 * K.size

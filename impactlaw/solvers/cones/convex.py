@@ -9,11 +9,10 @@ Acary & Cadoux 2013 for the fixed point; Walker & Ni 2011).
 """
 
 import numpy as np
-from numba import njit
 
-from impactlaw.solvers.cones.loops import Array
 from impactlaw.solvers.cones.blocks import assemble, factor, room, solve
 from impactlaw.solvers.cones.linear import lu_factor, lu_solve
+from impactlaw.solvers.cones.loops import FIRST, Array, kernel, once
 from impactlaw.solvers.cones.ordering import Blocks
 from impactlaw.solvers.cones.projection import norm_of, project, projection_derivative, residual, slips
 from impactlaw.solvers.cones.structure import Island, jump, rows_times, velocity
@@ -21,9 +20,10 @@ from impactlaw.solvers.cones.structure import Island, jump, rows_times, velocity
 _START, _END = 1e-1, 1e-6  # compliance of the first and of the last proximal step
 _STEPS = 50  # of Newton's method for one proximal step
 _MEMORY = 5
+_EXACT = np.bool_(False)  # the convex problem is not
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _envelope(P: Island, y: Array, p: Array, kappa: Array) -> float:
     """Write ``p = P(y)``; return the sum of ``kappa (y^T p - |p|^2 / 2)``."""
     project(P, y, p)
@@ -36,7 +36,7 @@ def _envelope(P: Island, y: Array, p: Array, kappa: Array) -> float:
     return s
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def proximal_step(
     P: Island, K: Blocks, b: Array, x: Array, z: Array, least: float, tolerance: float, W: Array, H: Array
 ) -> int:
@@ -56,14 +56,14 @@ def proximal_step(
             y[i] = ((kappa[g] - P.c[i]) * x[i] - w[i] - b[i]) / kappa[g]
         most_rows = max(most_rows, P.start[g + 1] - P.start[g])
     D = np.empty((most_rows, most_rows))
-    value = 0.5 * norm_of(z, 0, nv) ** 2 + _envelope(P, y, p, kappa)
+    value = 0.5 * norm_of(z, FIRST, nv) ** 2 + _envelope(P, y, p, kappa)
     taken = 0
     while taken < _STEPS:
         jump(P, p, gradient)
         for i in range(nv):
             gradient[i] = z[i] - gradient[i]
             step[i] = gradient[i]
-        length = norm_of(gradient, 0, nv)
+        length = norm_of(gradient, FIRST, nv)
         if length <= tolerance:
             break
         for g in range(groups):
@@ -87,14 +87,14 @@ def proximal_step(
                     yt[i] = y[i] + f * w[i] / kappa[g]
             for i in range(nv):
                 zt[i] = z[i] - f * step[i]
-            new = 0.5 * norm_of(zt, 0, nv) ** 2 + _envelope(P, yt, pt, kappa)
+            new = 0.5 * norm_of(zt, FIRST, nv) ** 2 + _envelope(P, yt, pt, kappa)
             if new <= value - 1e-4 * f * decrease:
                 ok = True
                 break
             jump(P, pt, gt)
             for i in range(nv):
                 gt[i] -= zt[i]
-            if norm_of(gt, 0, nv) < 0.5 * length:
+            if norm_of(gt, FIRST, nv) < 0.5 * length:
                 ok = True
                 break
             f *= 0.5
@@ -105,7 +105,7 @@ def proximal_step(
     return taken
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@once
 def held(P: Island, K: Blocks, b: Array, x: Array, tolerance: float, outer: int, W: Array, H: Array) -> int:
     """Overwrite x by the solution of the convex problem with the offset b, the best of `outer` proximal steps."""
     n = len(x)
@@ -117,7 +117,7 @@ def held(P: Island, K: Blocks, b: Array, x: Array, tolerance: float, outer: int,
     for _ in range(outer):
         taken += proximal_step(P, K, b, point, z, least, max(0.1 * tolerance, 3e-15 * size / least), W, H)
         velocity(P, b, point, z, u)
-        r = residual(P, point, u, False)
+        r = residual(P, point, u, _EXACT)
         if r < low:
             low, bad = r, 0
             x[:] = point
@@ -129,7 +129,7 @@ def held(P: Island, K: Blocks, b: Array, x: Array, tolerance: float, outer: int,
     return taken
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _accelerated(S: Array, F: Array, count: int, new: Array) -> None:
     """Write Anderson's next point from the last `count` points S and the steps F there."""
     q, h = count - 1, len(new)
@@ -144,8 +144,8 @@ def _accelerated(S: Array, F: Array, count: int, new: Array) -> None:
         trace += N[i * (q + 1)]
     for i in range(q):
         N[i * (q + 1)] += 1e-12 * trace + 1e-300
-    lu_factor(N, 0, q, pivot, 0)
-    lu_solve(N, 0, q, pivot, 0, right, 0)
+    lu_factor(N, FIRST, q, pivot, FIRST)
+    lu_solve(N, FIRST, q, pivot, FIRST, right, FIRST)
     for k in range(h):
         s = S[q, k] + F[q, k]
         for i in range(q):
@@ -153,7 +153,7 @@ def _accelerated(S: Array, F: Array, count: int, new: Array) -> None:
         new[k] = max(s, 0.0)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@once
 def corrected(P: Island, K: Blocks, x: Array, tolerance: float, sweeps: int, outer: int) -> int:
     """Overwrite x by the best of `sweeps` convex problems, the correction found anew after each; return Newton steps."""
     n, groups = len(x), len(P.kind)
@@ -162,7 +162,7 @@ def corrected(P: Island, K: Blocks, x: Array, tolerance: float, sweeps: int, out
     W, H = np.empty(P.square[groups]), np.empty(K.size)
     best, least, taken = x.copy(), np.inf, 0
     velocity(P, P.b, x, z, u)
-    if P.exact and norm_of(x, 0, n) > 0.0:
+    if P.exact and norm_of(x, FIRST, n) > 0.0:
         slips(P, u, s)
     for _ in range(sweeps):
         for i in range(n):

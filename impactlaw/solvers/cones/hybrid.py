@@ -5,18 +5,17 @@ each is followed by Newton's method with another map, step and regularization. T
 """
 
 import numpy as np
-from numba import njit
 
-from impactlaw.solvers.cones.loops import Array
 from impactlaw.solvers.cones.admm import admm, largest_eigenvalue
 from impactlaw.solvers.cones.blocks import flops
 from impactlaw.solvers.cones.convex import corrected
 from impactlaw.solvers.cones.linear import triangular_rows
+from impactlaw.solvers.cones.loops import Array, once
 from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, newton
 from impactlaw.solvers.cones.ordering import Blocks, lay_out
 from impactlaw.solvers.cones.structure import Island, delassus
 
-_WARM, _COLD, _AFTER = 8, 12, 15  # Newton steps from the guess, from rest, after each round
+_WARM, _COLD, _AFTER = np.int64(8), np.int64(12), np.int64(15)  # Newton steps from the guess, from rest, after each round
 _FACTORS = (1.0, 1.0, 0.1, 1.0, 10.0, 0.3)
 _REGULAR = (1e-12, 1e-12, 1e-8, 1e-8, 1e-10, 1e-8)
 _LATE = 8  # round from which more is done
@@ -26,7 +25,7 @@ _STAGNANT = 6  # rounds without 10 % less
 _LEAST_DELTA = 1e-9  # regularization that the system of the degrees of freedom bears
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@once
 def compressed(P: Island) -> tuple[Island, Blocks]:
     """Return the same problem with at most as many degrees of freedom as rows: ``A Q`` with orthogonal Q."""
     n, groups = len(P.b), len(P.kind)
@@ -55,7 +54,7 @@ def compressed(P: Island) -> tuple[Island, Blocks]:
     return Island(P.start, P.kind, P.bound, P.c, P.b, begin, cols.astype(np.uint64), entry, A, P.square, n, P.exact), K
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@once
 def solve_island(P: Island, K: Blocks, x: Array, tolerance: float, rounds: int) -> tuple[int, float]:
     """Overwrite the guess x by the best point found; return steps taken and its natural map."""
     n = len(x)
@@ -91,7 +90,7 @@ def solve_island(P: Island, K: Blocks, x: Array, tolerance: float, rounds: int) 
     return total + taken, least
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@once
 def _rounds(
     P: Island, K: Blocks, G: Array, x: Array, start: Array, least: float, tolerance: float, rounds: int, few: bool
 ) -> tuple[int, float]:

@@ -1,16 +1,15 @@
 """From the rows of a problem to the scaled problem of one island, with its degrees of freedom in order of elimination."""
 
 import numpy as np
-from numba import njit
 
-from impactlaw.solvers.cones.loops import Array
+from impactlaw.solvers.cones.loops import Array, once
 from impactlaw.solvers.cones.ordering import Blocks, lay_out, least_degree
 from impactlaw.solvers.cones.structure import Island
 
 _ONE_BLOCK = 48  # degrees of freedom up to which an island is one dense block
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@once
 def _columns(
     members: Array, rownnz: Array, rowadr: Array, colind: Array, value: Array, first: Array, size: Array,
     number: Array, seen: Array, begin: Array, cols: Array, dofs: Array,
@@ -34,7 +33,7 @@ def _columns(
     return nv, count
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@once
 def _blocks(tree: Array, dofs: Array, begin: Array, cols: Array) -> Blocks:
     """Return the storage of the matrix: a block for each tree, or one for all; `cols` are renumbered."""
     nv = len(dofs)
@@ -66,7 +65,7 @@ def _blocks(tree: Array, dofs: Array, begin: Array, cols: Array) -> Blocks:
     return lay_out(joined, order, wide[:nb], begin, cols, home, inside)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@once
 def build(
     members: Array, rownnz: Array, rowadr: Array, colind: Array, value: Array, tree: Array, first: Array, size: Array,
     kind: Array, bound: Array, c: Array, b: Array, length: Array, exact: bool, number: Array, seen: Array,

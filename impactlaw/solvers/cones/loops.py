@@ -10,9 +10,18 @@ import numpy as np
 from numba import njit
 
 Array = np.ndarray[Any, Any]
+_INNER = {"error_model": "numpy", "nogil": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+kernel = njit(**_INNER)
+"""Compile a function that only compiled functions call; `solve` is stored on disk with all that it calls."""
+once = njit(**_INNER, inline="always")
+"""The same for a function that is called from one place: it becomes a part of its caller, which halves compile time."""
+sums = njit(**_INNER, fastmath={"reassoc", "contract"})
+"""The same for sums that may be reassociated."""
+FIRST = np.int64(0)
+"""The first index; numba would compile functions once more for a literal 0."""
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract"})
+@sums
 def subtract(v: Array, to: int, w: Array, source: int, f: float, many: int) -> None:
     """Subtract ``f w[source:source + many]`` from ``v[to:to + many]``."""
     t, s = np.uint64(to), np.uint64(source)
@@ -20,7 +29,7 @@ def subtract(v: Array, to: int, w: Array, source: int, f: float, many: int) -> N
         v[t + k] -= f * w[s + k]
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract"})
+@sums
 def dot(v: Array, at: int, w: Array, source: int, many: int) -> float:
     """Return the product of ``v[at:at + many]`` and ``w[source:source + many]``."""
     t, s, r = np.uint64(at), np.uint64(source), 0.0
@@ -29,7 +38,7 @@ def dot(v: Array, at: int, w: Array, source: int, many: int) -> float:
     return r
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract"})
+@sums
 def gather_dot(v: Array, at: int, z: Array, cols: Array, begin: int, many: int) -> float:
     """Return the product of ``v[at:at + many]`` and the entries ``cols[begin:begin + many]`` of z."""
     t, s, r = np.uint64(at), np.uint64(begin), 0.0
@@ -38,7 +47,7 @@ def gather_dot(v: Array, at: int, z: Array, cols: Array, begin: int, many: int) 
     return r
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract"})
+@sums
 def scatter_add(v: Array, at: int, f: float, z: Array, cols: Array, begin: int, many: int) -> None:
     """Add ``f v[at:at + many]`` to the entries ``cols[begin:begin + many]`` of z."""
     t, s = np.uint64(at), np.uint64(begin)
@@ -46,7 +55,7 @@ def scatter_add(v: Array, at: int, f: float, z: Array, cols: Array, begin: int, 
         z[cols[s + k]] += f * v[t + k]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def fill(v: Array, at: int, many: int, value: float) -> None:
     """Write a number into ``v[at:at + many]``."""
     t = np.uint64(at)
@@ -54,7 +63,7 @@ def fill(v: Array, at: int, many: int, value: float) -> None:
         v[t + k] = value
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def add_at(v: Array, base: int, w: Array, cols: Array, begin: int, many: int) -> None:
     """Add ``w[:many]`` to the entries ``base + cols[begin:begin + many]`` of v."""
     t, s = np.uint64(base), np.uint64(begin)

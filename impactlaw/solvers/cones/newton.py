@@ -10,11 +10,10 @@ degrees of freedom, dx is eliminated group by group: with ``B = I - D + E (c + d
 """
 
 import numpy as np
-from numba import njit
 
-from impactlaw.solvers.cones.loops import Array, fill, scatter_add, subtract
 from impactlaw.solvers.cones.blocks import assemble, factor, room, solve
 from impactlaw.solvers.cones.linear import lu_factor, lu_solve, lu_solve_rows
+from impactlaw.solvers.cones.loops import FIRST, Array, fill, kernel, once, scatter_add, subtract
 from impactlaw.solvers.cones.ordering import Blocks
 from impactlaw.solvers.cones.projection import norm_of, project, projection_derivative, residual
 from impactlaw.solvers.cones.structure import CONE, Island, rows_times, velocity
@@ -24,7 +23,7 @@ ALART_CURNIER, DE_SAXCE, CONVEX = 0, 1, 2
 _HALVINGS = 6
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@once
 def step_factors(P: Island, kind: int, scale: float, rn: Array, rt: Array) -> None:
     """Write R of each group: one over the diagonal of ``A A^T + c``, normal and tangential or the larger of both."""
     for g in range(len(P.kind)):
@@ -44,7 +43,7 @@ def step_factors(P: Island, kind: int, scale: float, rn: Array, rt: Array) -> No
         rn[g], rt[g] = scale / max(normal, 1e-6), scale / max(tangential, 1e-6)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def mapping(P: Island, x: Array, u: Array, kind: int, rn: Array, rt: Array, y: Array, p: Array, F: Array) -> float:
     """Write ``y = x - R (u + shift)``, its projection p and ``F = x - p``; return ``|F|``."""
     for g in range(len(P.kind)):
@@ -70,7 +69,7 @@ def mapping(P: Island, x: Array, u: Array, kind: int, rn: Array, rt: Array, y: A
     return np.sqrt(s)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _disk_derivative(y: Array, o: int, m: int, D: Array) -> None:
     """Write the derivative of Alart and Curnier's projection."""
     for k in range(m):
@@ -93,7 +92,7 @@ def _disk_derivative(y: Array, o: int, m: int, D: Array) -> None:
         D[k, k] += f
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@once
 def derivatives(
     P: Island, y: Array, u: Array, kind: int, rn: Array, rt: Array, delta: float, held: bool, B: Array, E: Array, D: Array
 ) -> None:
@@ -116,7 +115,7 @@ def derivatives(
                 B[w + k * m + j] = s - D[k, j] + (1.0 if k == j else 0.0)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@once
 def dense_step(P: Island, G: Array, B: Array, E: Array, M: Array, pivot: Array, step: Array) -> None:
     """Overwrite `step` by ``(B + E G)^-1 step``; M: room for n x n."""
     n = len(step)
@@ -131,11 +130,11 @@ def dense_step(P: Island, G: Array, B: Array, E: Array, M: Array, pivot: Array, 
                 if f != 0.0:
                     subtract(M, row, G, (o + l) * n, -f, n)
                 M[row + o + l] += B[w + k * m + l]
-    lu_factor(M, 0, n, pivot, 0)
-    lu_solve(M, 0, n, pivot, 0, step, 0)
+    lu_factor(M, FIRST, n, pivot, FIRST)
+    lu_solve(M, FIRST, n, pivot, FIRST, step, FIRST)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@once
 def reduced_step(
     P: Island, K: Blocks, B: Array, E: Array, H: Array, pivot: Array, left: Array, row: Array, z: Array, w: Array,
     step: Array,
@@ -144,9 +143,9 @@ def reduced_step(
     for g in range(len(P.kind)):
         o, at = P.start[g], P.square[g]
         m = P.start[g + 1] - o
-        lu_factor(B, at, m, pivot, 0)
-        lu_solve_rows(B, at, m, pivot, 0, E, at, m)
-        lu_solve(B, at, m, pivot, 0, step, o)
+        lu_factor(B, at, m, pivot, FIRST)
+        lu_solve_rows(B, at, m, pivot, FIRST, E, at, m)
+        lu_solve(B, at, m, pivot, FIRST, step, o)
     assemble(P, K, E, H, left, row)
     factor(K, H, pivot, row)
     z[:] = 0.0
@@ -165,7 +164,7 @@ def reduced_step(
                 step[o + k] -= E[at + k * m + j] * w[o + j]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def newton(
     P: Island, K: Blocks, G: Array, x: Array, tolerance: float, most: int, kind: int, scale: float, delta: float
 ) -> tuple[int, float]:

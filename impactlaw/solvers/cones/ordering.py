@@ -7,10 +7,8 @@ order of least degree; the blocks that fill in are found once and used by all fa
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from impactlaw.solvers.cones.loops import Array
-
+from impactlaw.solvers.cones.loops import Array, kernel
 
 
 class Blocks(NamedTuple):
@@ -59,7 +57,7 @@ class Blocks(NamedTuple):
     flops: float
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def least_degree(joined: Array, width: Array, order: Array) -> None:
     """Write an order of elimination by least degree; `joined` (nb, nb) is overwritten by the graph with its fill."""
     nb = len(width)
@@ -91,7 +89,7 @@ def least_degree(joined: Array, width: Array, order: Array) -> None:
                     degree[i] += width[j]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _block(i: int, j: int, spot: Array, diagonal: Array, upper: Array, lower: Array, span: Array, width: Array):
     """Return storage and stride of the block (i, j)."""
     if i == j:
@@ -101,7 +99,7 @@ def _block(i: int, j: int, spot: Array, diagonal: Array, upper: Array, lower: Ar
     return lower[j] + spot[j, i] * width[j], width[j]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def lay_out(joined: Array, order: Array, wide: Array, begin: Array, cols: Array, home: Array, inside: Array) -> Blocks:
     """Return the storage of the blocks.
 

@@ -5,13 +5,12 @@ Exact Coulomb friction after de Saxcé & Feng (1998): ``K ∋ x  ⊥  u + |u_t| 
 """
 
 import numpy as np
-from numba import njit
 
-from impactlaw.solvers.cones.loops import Array
+from impactlaw.solvers.cones.loops import Array, kernel
 from impactlaw.solvers.cones.structure import BILATERAL, BOX, CONE, Island
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def norm_of(v: Array, start: int, stop: int) -> float:
     """Return ``|v[start:stop]|``."""
     s = 0.0
@@ -20,7 +19,7 @@ def norm_of(v: Array, start: int, stop: int) -> float:
     return np.sqrt(s)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def project(P: Island, y: Array, p: Array) -> None:
     """Write the point of the sets that is nearest to y."""
     for g in range(len(P.kind)):
@@ -43,7 +42,7 @@ def project(P: Island, y: Array, p: Array) -> None:
             p[o] = y[o]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def group_residual(kind: int, bound: float, x: Array, u: Array, o: int, e: int, exact: bool) -> float:
     """Return the square of the natural map of the group with the rows o to e."""
     s = 0.0
@@ -72,7 +71,7 @@ def group_residual(kind: int, bound: float, x: Array, u: Array, o: int, e: int, 
     return s
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def residual(P: Island, x: Array, u: Array, exact: bool) -> float:
     """Return the length of the natural map; infinite where a number is none."""
     s = 0.0
@@ -81,14 +80,14 @@ def residual(P: Island, x: Array, u: Array, exact: bool) -> float:
     return np.sqrt(s) if s >= 0.0 else np.inf
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def slips(P: Island, u: Array, s: Array) -> None:
     """Write de Saxcé's correction ``|u_t|`` of each group; 0 for those that are no cones."""
     for g in range(len(P.kind)):
         s[g] = norm_of(u, P.start[g] + 1, P.start[g + 1]) if P.kind[g] == CONE else 0.0
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def projection_derivative(kind: int, bound: float, y: Array, o: int, m: int, D: Array) -> None:
     """Write a generalized derivative of the projection at the group of m rows from o; symmetric, between 0 and 1."""
     for k in range(m):

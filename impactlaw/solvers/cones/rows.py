@@ -1,16 +1,15 @@
 """What is needed of the rows as they come, in compressed form: lengths of the groups, islands, velocity, natural map."""
 
 import numpy as np
-from numba import njit
 
-from impactlaw.solvers.cones.loops import Array
+from impactlaw.solvers.cones.loops import FIRST, Array, kernel
 from impactlaw.solvers.cones.projection import group_residual
 
 _NOTHING = 1e-10  # rows shorter than this part of the longest do not move anything
 _SHARE = 1e-3  # least scale of an island, as a part of the largest
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def lengths(rownnz: Array, rowadr: Array, value: Array, first: Array, size: Array, c: Array, length: Array) -> None:
     """Write the length of each group: of its longest row, else the root of its compliance, else 0 (it cannot move)."""
     longest = 0.0
@@ -31,7 +30,7 @@ def lengths(rownnz: Array, rowadr: Array, value: Array, first: Array, size: Arra
             length[g] = np.sqrt(most)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _root(parent: Array, i: int) -> int:
     while parent[i] != i:
         parent[i] = parent[parent[i]]
@@ -39,7 +38,7 @@ def _root(parent: Array, i: int) -> int:
     return i
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def islands(
     rownnz: Array, rowadr: Array, colind: Array, value: Array, tree: Array, first: Array, size: Array, length: Array,
     label: Array,
@@ -54,7 +53,7 @@ def islands(
         if length[g] > 0.0:
             for i in range(first[g], first[g] + size[g]):
                 for k in range(rowadr[i], rowadr[i] + rownnz[i]):
-                    t = tree[colind[k]]
+                    t = np.int64(tree[colind[k]])
                     if value[k] != 0.0 and t != label[g]:
                         t = _root(parent, t)
                         if label[g] < 0:
@@ -79,7 +78,7 @@ def islands(
     return count
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def impulse_jump(rownnz: Array, rowadr: Array, colind: Array, value: Array, x: Array, z: Array) -> None:
     """Write ``z = Y^T x``."""
     z[:] = 0.0
@@ -89,7 +88,7 @@ def impulse_jump(rownnz: Array, rowadr: Array, colind: Array, value: Array, x: A
                 z[colind[k]] += value[k] * x[i]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def certificate(
     rownnz: Array, rowadr: Array, colind: Array, value: Array, first: Array, size: Array, kind: Array, bound: Array,
     c: Array, b: Array, x: Array, z: Array, exact: bool, length: Array, label: Array, scale: Array, squares: Array,
@@ -119,7 +118,7 @@ def certificate(
         s = np.sqrt(s) * inverse
         largest = max(largest, s)
         scale[label[g]] = max(scale[label[g]], s)
-        squares[label[g]] += group_residual(kind[g], bound[g] * length[g], xs, us, 0, size[g], exact)
+        squares[label[g]] += group_residual(np.int64(kind[g]), bound[g] * length[g], xs, us, FIRST, np.int64(size[g]), exact)
     worst = 0.0
     for i in range(len(scale)):
         scale[i] = max(scale[i], _SHARE * largest, 1e-300)

@@ -7,9 +7,9 @@ order of attempts.
 import numpy as np
 from numba import njit
 
-from impactlaw.solvers.cones.loops import Array
 from impactlaw.solvers.cones.hybrid import solve_island
 from impactlaw.solvers.cones.islands import build
+from impactlaw.solvers.cones.loops import Array
 from impactlaw.solvers.cones.rows import certificate, impulse_jump, islands, lengths
 
 

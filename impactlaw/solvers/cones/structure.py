@@ -8,9 +8,8 @@ The columns of a group are stored once, for all its rows.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from impactlaw.solvers.cones.loops import Array, gather_dot, scatter_add
+from impactlaw.solvers.cones.loops import Array, gather_dot, kernel, scatter_add
 
 BILATERAL, BOX, CONE = 0, 1, 2
 """Kinds of groups: ``u = 0``; ``x`` in an interval; ``x`` in the cone ``K = {(a, y) : |y| <= a}``."""
@@ -48,7 +47,7 @@ class Island(NamedTuple):
     exact: bool
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def jump(P: Island, x: Array, z: Array) -> None:
     """Write ``z = A^T x``."""
     z[:] = 0.0
@@ -62,7 +61,7 @@ def jump(P: Island, x: Array, z: Array) -> None:
             a += width
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def rows_times(P: Island, z: Array, w: Array) -> None:
     """Write ``w = A z``."""
     for g in range(len(P.kind)):
@@ -73,7 +72,7 @@ def rows_times(P: Island, z: Array, w: Array) -> None:
             a += width
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def velocity(P: Island, b: Array, x: Array, z: Array, u: Array) -> None:
     """Write ``z = A^T x`` and ``u = A z + c x + b``."""
     jump(P, x, z)
@@ -82,7 +81,7 @@ def velocity(P: Island, b: Array, x: Array, z: Array, u: Array) -> None:
         u[i] += P.c[i] * x[i] + b[i]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def delassus(P: Island, G: Array) -> None:
     """Write the dense matrix ``G = A A^T`` with the compliance on its diagonal, row by row."""
     row, n, groups = np.zeros(P.nv), len(P.b), len(P.kind)

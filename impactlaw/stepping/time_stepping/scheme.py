@@ -43,6 +43,7 @@ from impactlaw.flow import check_input, empty_state, is_huge, restore_state, sav
 from impactlaw.laws import Coulomb, Law
 from impactlaw.limits import Limits
 from impactlaw.plan import Plan
+from impactlaw.scene import check_time_stepping
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.contact_problem import resolve_step
 from impactlaw.stepping.time_stepping.dense import encode_pyramids, sparse_jacobian
@@ -91,6 +92,7 @@ class TimeStepping:
         on_inadmissible: Literal["raise", "project", "allow"],
         rest_speed: float | None,
     ):
+        check_time_stepping(model)
         self._model = model
         self._targets = LawTargets(law)
         self._sliding = law.tangential_restitution if isinstance(law, Coulomb) else 0.0

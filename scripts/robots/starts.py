@@ -1,0 +1,58 @@
+"""Where a case starts, and what its actuators are told."""
+
+from __future__ import annotations
+
+import copy
+from typing import Literal
+
+import mujoco
+import numpy as np
+
+from .scenes import Loaded
+
+Start = Literal["drop", "random"]
+HELD = 20
+"""Steps for which random controls stay as they are."""
+_FREE, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{name}")) for name in ("FREE", "SLIDE"))
+_LEVEL = 0.9  # of the vertical part of a slide's axis, from which it lifts a base
+
+
+def start(loaded: Loaded, raised: float) -> mujoco.MjData:
+    """Return the state to start from.
+
+    It is the keyframe "home", else what a reset of the environment gives, else the first keyframe, else qpos0; floating
+    bases, those of objects included, are raised.
+    """
+    model = loaded.model
+    names = [model.key(i).name for i in range(model.nkey)]
+    if loaded.data is not None and "home" not in names:
+        data = copy.copy(loaded.data)
+    else:
+        data = mujoco.MjData(model)
+        if names:
+            mujoco.mj_resetDataKeyframe(model, data, names.index("home") if "home" in names else 0)
+    data.time = 0.0
+    for place in lifting(model):
+        data.qpos[place] += raised
+    return data
+
+
+def lifting(model: mujoco.MjModel) -> list[int]:
+    """Return the coordinates in qpos that lift a body off the ground: of free joints, and of upright slides."""
+    places = []
+    for joint, kind in enumerate(model.jnt_type):
+        rooted = model.body_parentid[model.jnt_bodyid[joint]] == 0
+        if rooted and kind == _FREE:
+            places.append(int(model.jnt_qposadr[joint]) + 2)
+        elif rooted and kind == _SLIDE and model.jnt_axis[joint, 2] > _LEVEL and not model.jnt_limited[joint]:
+            places.append(int(model.jnt_qposadr[joint]))
+    return places
+
+
+def controls(model: mujoco.MjModel, kind: Start, held: np.ndarray, blocks: int, seed: int) -> np.ndarray:
+    """Return the controls of each block of `HELD` steps, (blocks, nu)."""
+    if kind == "drop":
+        return np.tile(held, (blocks, 1))
+    limited = model.actuator_ctrllimited.astype(bool)
+    low, high = np.where(limited, model.actuator_ctrlrange.T, np.array([[-1.0], [1.0]]))
+    return np.random.default_rng(seed).uniform(low, high, (blocks, model.nu))

@@ -1,0 +1,87 @@
+"""The numbers of one case: what each step took, and what the state after it showed."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from .watch import Watch
+
+SETTLED = 100
+"""Steps after which depths count: what overlaps at the start has been opened by then."""
+SHORT = 1e-6
+"""Shortfall relative to the speed, below which a step met its law."""
+_SLOWEST = 1e-2  # m/s, of what a shortfall is relative to
+_TINY = 1e-12  # J
+_MICRO, _MILLI = 1e6, 1e3
+_FALLEN = 0.8  # of the height at the start, below which MuJoCo's own run counts as fallen
+_STANDING = 0.1  # of MuJoCo's height, by which ours may be lower
+
+
+class Tally:
+    """Collects steps, looks at their states when nothing is timed, and sums up.
+
+    Attributes:
+        bare: processor time of MuJoCo's steps, s.
+    """
+
+    def __init__(self, steps: int, watch: Watch, data: mujoco.MjData):
+        self._watch = watch
+        self.bare, self._spent, self._short = (np.full(steps, np.nan) for _ in range(3))
+        self._depth, self._limit = np.zeros(steps), np.zeros(steps)
+        self._states: list[tuple[int, np.ndarray, np.ndarray]] = []
+        self._seen = watch.look(data, data.qpos, data.qvel)
+        self._start_height = watch.height(data.qpos)
+        self._energy = self._largest = self._seen.energy
+        self._scale, self._growth = max(_TINY, abs(self._seen.energy)), 0.0
+        self._deepest, self._pair, self._count = 0.0, "", 0
+
+    def add(self, number: int, spent: float, data: mujoco.MjData, before: np.ndarray, shortfall: float) -> None:
+        """Note one step; its state is looked at later."""
+        self._spent[number] = spent
+        self._short[number] = shortfall / max(_SLOWEST, float(np.abs(before).max(initial=0.0)))
+        self._states.append((number, data.qpos.copy(), data.qvel.copy()))
+        self._count = number + 1
+
+    def look(self, data: mujoco.MjData) -> None:
+        """Look at the states noted since the last look."""
+        for number, qpos, qvel in self._states:
+            seen = self._watch.look(data, qpos, qvel)
+            self._depth[number], self._limit[number] = seen.depth, seen.limit
+            if number >= SETTLED and seen.depth > self._deepest:
+                self._deepest, self._pair = seen.depth, seen.pair
+            self._growth = max(self._growth, (seen.energy - self._largest) / self._scale)
+            self._largest = max(self._largest, seen.energy)
+            self._scale = max(self._scale, abs(seen.energy))
+        self._states.clear()
+
+    def row(self, *, bare: bool) -> dict[str, object]:
+        """Return the columns of times, depths, energy and shortfall.
+
+        Args:
+            bare: whether MuJoCo ran beside, and is what the cost is compared with.
+        """
+        n = self._count
+        row: dict[str, object] = {"steps": n, "start_depth": self._seen.depth, "start_limit": self._seen.limit}
+        if n == 0:
+            return row
+        spent, short = self._spent[:n], self._short[:n]
+        mean, late = spent.mean(), slice(SETTLED, n)
+        mj = self.bare[:n].mean() if bare else np.nan
+        row |= {"mean_us": _MICRO * mean, "mj_us": _MICRO * mj, "ratio": mean / mj}
+        row |= {"largest_ms": _MILLI * spent.max(), "over_mean": spent.max() / mean, "largest_at": int(spent.argmax())}
+        row |= {"depth": self._depth[late].max(initial=0.0), "depth_between": self._pair}
+        row |= {"depth_at": SETTLED + int(self._depth[late].argmax()) if n > SETTLED else -1}
+        row |= {"limit": self._limit[late].max(initial=0.0)}
+        row |= {"growth": self._growth if self._watch.passive else np.nan}
+        if np.isfinite(short).all():
+            row |= {"met": float((short < SHORT).mean()), "short": short.max(), "short_at": int(short.argmax())}
+        return row
+
+    def heights(self, ours: mujoco.MjData, bare: mujoco.MjData, *, drop: bool) -> dict[str, object]:
+        """Return the columns about standing, which is asked after a drop only: height now and of MuJoCo's own run."""
+        first, height, theirs = self._start_height, self._watch.height(ours.qpos), self._watch.height(bare.qpos)
+        row: dict[str, object] = {"height": height, "mj_height": theirs, "stands": "-"}
+        if drop and first > 0.0 and theirs > _FALLEN * first:
+            row["stands"] = "yes" if height > (1.0 - _STANDING) * theirs else "no"
+        return row

@@ -1,0 +1,98 @@
+"""What a state shows by itself, whoever stepped to it: depth, limits, energy, height. Nothing of it is timed."""
+
+from __future__ import annotations
+
+import copy
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from .starts import lifting
+
+_LIMITS = [int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT), int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON)]
+_SINGLE, _OVERRIDE = int(mujoco.mjtDisableBit.mjDSBL_MULTICCD), int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
+_SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+_CCD_TOLERANCE, _CCD_ITERATIONS = 1e-10, 100
+
+
+class Seen(NamedTuple):
+    """What one state shows.
+
+    Attributes:
+        depth: of the deepest contact between geoms, m, 0 without one.
+        pair: the geoms of that contact.
+        limit: largest violation of a joint's or tendon's limit, m or rad.
+        energy: potential and kinetic, J.
+    """
+
+    depth: float
+    pair: str
+    limit: float
+    energy: float
+
+
+class Watch:
+    """Looks at states of a scene with data and options of its own: margins 0, exact convex collisions.
+
+    Attributes:
+        passive: whether nothing in the scene can feed energy: no actuators, mocap bodies, belts, nor gravity lifted.
+    """
+
+    def __init__(self, model: mujoco.MjModel):
+        self._model = own = copy.copy(model)
+        own.geom_margin[:] = own.geom_gap[:] = own.pair_margin[:] = own.pair_gap[:] = 0.0
+        own.jnt_margin[:] = own.tendon_margin[:] = 0.0
+        own.opt.disableflags |= _SINGLE
+        own.opt.enableflags &= ~(_OVERRIDE | _SLEEP)
+        own.opt.ccd_tolerance = min(own.opt.ccd_tolerance, _CCD_TOLERANCE)
+        own.opt.ccd_iterations = max(own.opt.ccd_iterations, _CCD_ITERATIONS)
+        self._data = mujoco.MjData(own)
+        fed = model.nu or model.nmocap or model.geom_surfacevel.any() or model.body_gravcomp.any()
+        self.passive = not fed
+        self._base = _base(model)
+
+    def look(self, data: mujoco.MjData, qpos: np.ndarray, qvel: np.ndarray) -> Seen:
+        """Return what position and velocity show; mocap poses and active constraints are those of data."""
+        own, model = self._data, self._model
+        own.mocap_pos[:], own.mocap_quat[:], own.eq_active[:] = data.mocap_pos, data.mocap_quat, data.eq_active
+        own.qpos[:], own.qvel[:] = qpos, qvel
+        mujoco.mj_fwdPosition(model, own)
+        between = (own.contact.geom >= 0).all(axis=1)
+        dist = np.where(between, own.contact.dist, 0.0)
+        worst = int(np.argmin(dist)) if len(dist) else -1
+        deep = worst >= 0 and dist[worst] < 0.0
+        of_limits = own.efc_pos[np.isin(own.efc_type, _LIMITS)]
+        energy = np.nan
+        if self.passive:
+            mujoco.mj_energyPos(model, own)
+            mujoco.mj_energyVel(model, own)
+            energy = float(own.energy.sum())
+        pair = "/".join(_name(model, int(g)) for g in own.contact.geom[worst]) if deep else ""
+        return Seen(-float(dist[worst]) if deep else 0.0, pair, 0.0 - float(of_limits.min(initial=0.0)), energy)
+
+    def height(self, qpos: np.ndarray) -> float:
+        """Return the height of the floating base, or of the centre of mass where many bodies float, m; else nan."""
+        if self._base < 0:
+            return np.nan
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        places = self._data.subtree_com if self._base == 0 else self._data.xpos
+        return float(places[self._base, 2])
+
+
+def _base(model: mujoco.MjModel) -> int:
+    """Return the body whose height tells whether the scene stands: 0 for all of them, -1 for none."""
+    floating = {int(model.jnt_bodyid[np.flatnonzero(model.jnt_qposadr <= place)[-1]]) for place in lifting(model)}
+    if not floating:
+        return -1
+    heaviest = max(floating, key=lambda body: model.body_subtreemass[body])
+    moving = sum(model.body_subtreemass[body] for body in np.unique(model.body_rootid[model.dof_bodyid]))
+    if 2.0 * model.body_subtreemass[heaviest] > moving:
+        return heaviest
+    return 0 if len(floating) > 2 else -1
+
+
+def _name(model: mujoco.MjModel, geom: int) -> str:
+    return model.geom(geom).name or f"{model.body(int(model.geom_bodyid[geom])).name or 'world'}:{geom}"
