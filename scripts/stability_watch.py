@@ -64,7 +64,7 @@ class Watch:
             model,
             law_of(law),
             contact_model=contact_model,  # pyright: ignore[reportArgumentType]
-            gap_tolerance=gap_tolerance,
+            gap_tolerance=gap_tolerance if contact_model == "rigid" else None,
             max_events=MOST,
         )
         self._every = every

@@ -10,19 +10,23 @@ from impactlaw.solvers.cones.admm import admm, largest_eigenvalue
 from impactlaw.solvers.cones.blocks import flops
 from impactlaw.solvers.cones.convex import corrected
 from impactlaw.solvers.cones.linear import triangular_rows
-from impactlaw.solvers.cones.loops import Array, once
+from impactlaw.solvers.cones.loops import FIRST, Array, once
 from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, newton
 from impactlaw.solvers.cones.ordering import Blocks, lay_out
+from impactlaw.solvers.cones.projection import norm_of
 from impactlaw.solvers.cones.structure import Island, delassus
 
-_WARM, _COLD, _AFTER = np.int64(8), np.int64(12), np.int64(15)  # Newton steps from the guess, from rest, after each round
-_FACTORS = (1.0, 1.0, 0.1, 1.0, 10.0, 0.3)
-_REGULAR = (1e-12, 1e-12, 1e-8, 1e-8, 1e-10, 1e-8)
+_FIRST_STEPS = np.array([8, 8, 30, 30])  # Newton steps from the guess, from rest, and from both again with another map
+_AFTER = np.int64(25)  # Newton steps after each round
+_KINDS = np.array([DE_SAXCE, DE_SAXCE, ALART_CURNIER, DE_SAXCE, ALART_CURNIER, DE_SAXCE, DE_SAXCE, ALART_CURNIER])
+_FACTORS = np.array([1.0, 1.0, 0.1, 1.0, 1.0, 0.1, 0.3, 1.0])
+_EASE = np.array([0.1, 0.0, 1.0, 0.01, 0.0, 0.1, 0.0, 1.0])  # regularization per relative natural map
+_DENSE, _REDUCED = 1e-12, 1e-9  # least regularization of the system of all rows, and of the degrees of freedom
 _LATE = 8  # round from which more is done
 _WORK = 1.5e7  # operations after which no further round begins ...
 _FACTORIZATIONS = 150.0  # ... or so many factorizations, whatever is more
+_ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances are near enough: such problems are degenerate
 _STAGNANT = 6  # rounds without 10 % less
-_LEAST_DELTA = 1e-9  # regularization that the system of the degrees of freedom bears
 
 
 @once
@@ -55,44 +59,44 @@ def compressed(P: Island) -> tuple[Island, Blocks]:
 
 
 @once
-def solve_island(P: Island, K: Blocks, x: Array, tolerance: float, rounds: int) -> tuple[int, float]:
-    """Overwrite the guess x by the best point found; return steps taken and its natural map."""
+def solve_island(P: Island, K: Blocks, x: Array, scale: float, tolerance: float, rounds: int) -> tuple[int, float]:
+    """Overwrite the guess x by the best point found; return steps taken and its natural map.
+
+    `scale` is that of the velocities, `tolerance` the natural map that is small enough.
+    """
     n = len(x)
     few = n <= max(P.nv, 6) and float(n) ** 3 <= 1.5 * K.flops + 1e3
     G = np.empty(n * n if few else 0)
     if few:
         delassus(P, G)
-    kind = ALART_CURNIER if P.exact else CONVEX
-    delta = 1e-12 if few else _LEAST_DELTA
-    total, least, point = 0, np.inf, np.zeros(n)
-    warm = False
-    for i in range(n):
-        warm = warm or x[i] != 0.0
-    if warm:
-        point[:] = x
-        total, least = newton(P, K, G, x, tolerance, _WARM, kind, 1.0, delta)
+    delta = _DENSE if few else _REDUCED
+    start, point, total, least = x.copy(), x.copy(), 0, np.inf
+    warm = norm_of(x, FIRST, n) > 0.0
+    for k in range(4):
+        if k % 2 == 0 and not warm:
+            continue
+        point[:] = start
+        if k % 2 == 1:
+            point[:] = 0.0
+        kind = CONVEX if not P.exact else ALART_CURNIER if k < 2 else DE_SAXCE
+        ease = 0.0 if k < 2 else _EASE[0] / scale
+        taken, r = newton(P, K, G, point, tolerance, _FIRST_STEPS[k], kind, 1.0, delta, ease)
+        total += taken
+        if r < least:
+            least = r
+            x[:] = point
         if least <= tolerance:
             return total, least
-    else:
-        x[:] = 0.0
-    start = point.copy()
-    point[:] = 0.0
-    taken, r = newton(P, K, G, point, tolerance, _COLD, kind, 1.0, delta)
-    total += taken
-    if r < least:
-        least = r
-        x[:] = point
-    if least <= tolerance:
-        return total, least
     if few and n < P.nv:
         P, K = compressed(P)
-    taken, least = _rounds(P, K, G, x, start, least, tolerance, rounds, few)
+    taken, least = _rounds(P, K, G, x, start, least, scale, tolerance, rounds, few)
     return total + taken, least
 
 
 @once
 def _rounds(
-    P: Island, K: Blocks, G: Array, x: Array, start: Array, least: float, tolerance: float, rounds: int, few: bool
+    P: Island, K: Blocks, G: Array, x: Array, start: Array, least: float, scale: float, tolerance: float, rounds: int,
+    few: bool,
 ) -> tuple[int, float]:
     """Go on from `start` in rounds, x is the best point; return steps taken and its natural map."""
     L = largest_eigenvalue(P)
@@ -112,16 +116,16 @@ def _rounds(
             work += taken * cost
             point[:] = convex
         total += taken
-        v = (k // 2) % 6
-        delta = _REGULAR[v] if few else max(_REGULAR[v], _LEAST_DELTA)
-        kind = (ALART_CURNIER if (k // 2) % 2 == 0 else DE_SAXCE) if P.exact else CONVEX
-        taken, r = newton(P, K, G, point, tolerance, _AFTER, kind, _FACTORS[v], delta)
+        v = k % len(_EASE)
+        kind = CONVEX if not P.exact else _KINDS[v]
+        delta = _DENSE if few else _REDUCED
+        taken, r = newton(P, K, G, point, tolerance, _AFTER, kind, _FACTORS[v], delta, _EASE[v] / scale)
         total += taken
         work += taken * step
         if r < least:
             least = r
             x[:] = point
-        if least <= tolerance or work > limit:
+        if least <= tolerance or work > limit or (k >= _ENOUGH and least <= _NEAR * tolerance):
             break
         stagnant = 0 if least < 0.9 * before else stagnant + 1
         before = min(before, least) if stagnant == 0 else before

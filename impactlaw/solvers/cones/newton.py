@@ -21,6 +21,8 @@ from impactlaw.solvers.cones.structure import CONE, Island, rows_times, velocity
 ALART_CURNIER, DE_SAXCE, CONVEX = 0, 1, 2
 """Maps: on disk and half line; on the cone with de Saxcé's correction; on the cone without it."""
 _HALVINGS = 6
+_MOST = 1e-1  # largest regularization
+_QUICK = 0.1  # more steps are taken while each leaves less than this part of the natural map
 
 
 @once
@@ -166,9 +168,10 @@ def reduced_step(
 
 @kernel
 def newton(
-    P: Island, K: Blocks, G: Array, x: Array, tolerance: float, most: int, kind: int, scale: float, delta: float
+    P: Island, K: Blocks, G: Array, x: Array, tolerance: float, most: int, kind: int, scale: float, delta: float,
+    share: float,
 ) -> tuple[int, float]:
-    """Overwrite x by the best point of at most `most` steps; return steps taken and its natural map.
+    """Overwrite x by the best point on the way; return steps taken and its natural map.
 
     Args:
         P: the problem.
@@ -176,10 +179,11 @@ def newton(
         G: ``A A^T + c`` where the dense system of all rows is to be used, row by row, else empty.
         x: where to start.
         tolerance: natural map that is small enough.
-        most: steps.
+        most: steps; up to twice as many while they converge.
         kind: which map.
         scale: of R.
-        delta: regularization.
+        delta: least regularization.
+        share: regularization per natural map.
     """
     n, groups, dense = len(x), len(P.kind), len(G) > 0
     most_rows = 1
@@ -197,9 +201,10 @@ def newton(
     velocity(P, P.b, point, z, u)
     least = residual(P, point, u, exact)
     merit = mapping(P, point, u, kind, rn, rt, y, p, F)
-    taken = 0
-    while taken < most and least > tolerance:
-        derivatives(P, y, u, kind, rn, rt, delta, not dense, B, E, D)
+    taken, r, before = 0, least, least
+    while least > tolerance and (taken < most or (r < _QUICK * before and taken < 2 * most)):
+        before = r
+        derivatives(P, y, u, kind, rn, rt, max(delta, min(share * r, _MOST)), not dense, B, E, D)
         direction[:] = F
         if dense:
             dense_step(P, G, B, E, H, pivot, direction)

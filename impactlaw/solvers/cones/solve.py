@@ -82,7 +82,7 @@ def solve(
             g = members[j]
             for k in range(size[g]):
                 point[P.start[j] + k] = x[first[g] + k] * length[g]
-        taken, _ = solve_island(P, K, point, tolerance * scale[i], rounds)
+        taken, _ = solve_island(P, K, point, scale[i], tolerance * scale[i], rounds)
         total += taken
         for j in range(len(members)):
             g = members[j]

@@ -15,7 +15,8 @@ TOLERANCE = 1e-10
 _SEARCHES = 8  # of the share of restitution that creates no energy
 _CREATED = 1e-9  # part of the largest energy of a contact, up to which its creation is rounding
 _SLOP = 1e-8  # m or rad: overlaps up to this are left to the velocities
-_OPENING = 0.2  # m/s or rad/s at which overlaps of the start are opened
+_OPENING = 0.2  # m/s or rad/s at which overlaps of the start are opened at least
+_OPENING_TIME = 0.1  # s in which most of a deep one is
 
 
 @njit(cache=True, error_model="numpy")
@@ -129,7 +130,7 @@ def overlap_targets(groups, amounts, rates, after, timestep):
     for g in range(len(need)):
         if groups[2, g] == CONE:
             row, gap = groups[0, g], amounts[0, g]
-            aim = min(0.0, gap + timestep * (_OPENING + abs(rates[1, row])))
+            aim = min(0.0, gap + timestep * (_OPENING + abs(rates[1, row]) - min(gap, 0.0) / _OPENING_TIME))
             need[g] = (aim - gap) / timestep - after[row]
             some = some or (gap < 0.0 and need[g] > _SLOP / timestep)
     return need, some

@@ -180,7 +180,7 @@ def read_rows(
 ):  # fmt: skip
     """Return what `Rows` holds, as a tuple in its order; the arguments are MuJoCo's arrays of now.
 
-    Dense rows are given as sparse ones with all entries.
+    Dense rows are given as sparse ones with all entries. Without velocities of rows, (0,), those of belts are left out.
     """
     n, nv, ntree = len(kinds), len(before), len(treeadr)
     groups, rows, entries = 0, 0, 0
@@ -234,7 +234,7 @@ def read_rows(
             i = row + k
             place[r] = i
             if kind == BILATERAL:
-                rest[r] = velocity[i] + timestep * reference[i]
+                rest[r] = velocity[i] + timestep * reference[i] if len(velocity) > 0 else 0.0
                 compliance[r] = regularizer[i]
             rowadr[r] = end
             for a in range(Jadr[i], Jadr[i] + Jnnz[i]):
@@ -247,7 +247,7 @@ def read_rows(
             for a in range(end, end + rownnz[r]):
                 value[a] *= scale[r]
             end += rownnz[r]
-            if kind == CONE:  # MuJoCo's has the velocity of belts in it
+            if kind == CONE and len(velocity) > 0:  # MuJoCo's has the velocity of belts in it
                 is_free[r] += velocity[i] - was[r]
                 was[r] = velocity[i]
             r += 1

@@ -51,6 +51,7 @@ from impactlaw.stepping.time_stepping.events import CollisionRecord
 from impactlaw.stepping.time_stepping.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.margins import body_sizes, set_margins
 from impactlaw.stepping.time_stepping.rows import BILATERAL, CONE, Rows, read_rows
+from impactlaw.stepping.time_stepping.second_look import SecondLook
 from impactlaw.stepping.time_stepping.seen import SeenRows, in_order, seen_contacts
 from impactlaw.stepping.time_stepping.targets import CLOSED, contact_targets
 from impactlaw.surfaces import Surfaces
@@ -104,12 +105,16 @@ class TimeStepping:
         self._surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces and model.nmocap else None
         self._borrowed = BorrowedModel(model)
         self._sizes = body_sizes(model)
+        self._second_look = SecondLook(model, self._sizes)
         self._state = empty_state(model)
         self._bilateral = bilateral_constraints(model)
         self._names, self._limits = geom_names(model), Limits(model)
         self._left: tuple[bytes, bytes] = b"", b""
         self._known: tuple[Any, ...] | None = None
         self._record: CollisionRecord | None = None
+        self._rows: Rows | None = None
+        self._metric: tuple[np.ndarray, np.ndarray] = np.zeros(0), np.zeros(0)
+        self._middle, self._velocity = np.zeros(0), np.zeros(0)
         self.shortfall = 0.0
         self.short_steps = self.unlocated = 0
 
@@ -129,7 +134,8 @@ class TimeStepping:
 
     def _step(self, data: mujoco.MjData) -> None:
         model, h = self._model, self._model.opt.timestep
-        self._record, self.shortfall = None, 0.0
+        self._record = self._rows = None
+        self.shortfall = 0.0
         if (data.qpos.tobytes(), data.qvel.tobytes()) != self._left:
             self._update_frames(data)
             self._known = None
@@ -149,6 +155,14 @@ class TimeStepping:
         mj_integratePos(model, data.qpos, data.qvel, 0.5 * h)
         if shift is not None:
             mj_integratePos(model, data.qpos, shift, h)
+        if is_huge(data):
+            raise DivergenceError(f"position or velocity is not finite, or huge, at t = {data.time:.6g} s")
+        if self._surfaces is not None:
+            self._surfaces.end(data)
+        self._update_frames(data)
+        if self._rows is not None and (shift := self._second_look.shift(data, self._rows, self._metric, _ROUNDS)) is not None:
+            mj_integratePos(model, data.qpos, shift, h)
+            self._update_frames(data)
         self._finish(data)
 
     def _update_frames(self, data: mujoco.MjData) -> None:
@@ -198,11 +212,14 @@ class TimeStepping:
         data.qfrc_constraint[:] = 0.0
         self._borrowed.integrator(self._model, data)
 
+    def _metric_of(self, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+        """Return L and 1 / D of the mass matrix of the step."""
+        return (data.qH, data.qHDiagInv) if self._borrowed.damped else (data.qLD, data.qLDiagInv)
+
     def _contact(self, data: mujoco.MjData, h: float) -> np.ndarray | None:
         """Add what contact does to the velocity, and return the velocity that opens overlaps, if any has to be."""
-        model, damped = self._model, self._borrowed.damped
-        factor, inverse = (data.qH, data.qHDiagInv) if damped else (data.qLD, data.qLDiagInv)
-        contact = data.contact
+        model, contact = self._model, data.contact
+        factor, inverse = self._metric = self._metric_of(data)
         rows = Rows(
             *read_rows(
                 data.efc_type, data.efc_id, data.efc_pos, data.efc_vel, data.efc_aref, data.efc_R, data.efc_frictionloss,
@@ -213,6 +230,7 @@ class TimeStepping:
                 self._velocity, data.qvel, h, self._friction,
             )
         )  # fmt: skip
+        self._rows = rows
         if self._surfaces is not None and self._surfaces.move:
             self._add_surfaces(data, rows, h)
         e = self._targets.restitution
@@ -283,8 +301,7 @@ class TimeStepping:
         self, data: mujoco.MjData, rows: Rows, groups: np.ndarray, target: np.ndarray, sliding: np.ndarray
     ) -> CollisionRecord:
         """Copy what is known of a collision of some groups, int (h,)."""
-        model, damped = self._model, self._borrowed.damped
-        factor, inverse = (data.qH, data.qHDiagInv) if damped else (data.qLD, data.qLDiagInv)
+        model, (factor, inverse) = self._model, self._metric
         seen = SeenRows.of(model, data, rows, groups)
         return CollisionRecord(
             model,
@@ -323,12 +340,7 @@ class TimeStepping:
         data.qvel[:] = after
 
     def _finish(self, data: mujoco.MjData) -> None:
-        """Bring frames up to the end of the step, and look whether all is finite."""
-        if is_huge(data):
-            raise DivergenceError(f"position or velocity is not finite, or huge, at t = {data.time:.6g} s")
-        if self._surfaces is not None:
-            self._surfaces.end(data)
-        self._update_frames(data)
+        """Leave what a step leaves beside the state."""
         if self._model.opt.enableflags & _ENERGY:
             mujoco.mj_makeM(self._model, data)
             mujoco.mj_energyPos(self._model, data)

@@ -1,0 +1,123 @@
+"""A look at the end of a step: contacts of bodies that turn fast are not where their gradients of the middle say."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numba import njit
+
+from impactlaw.stepping.time_stepping.contact_problem import open_overlaps
+from impactlaw.stepping.time_stepping.dense import sparse_jacobian
+from impactlaw.stepping.time_stepping.rows import CONE, Rows, read_rows, unwhiten
+
+_SEEN = 1e-6
+"""Depth, m, that is worth a second look."""
+
+
+@njit(cache=True, error_model="numpy")
+def bend(groups, amounts, rates, geoms, body_of_geom, velocity, size, timestep):
+    """Return how far contacts can be from where their gradients say at the end of a step, m; 0 if below `_SEEN`.
+
+    A point of a body that turns at ``w`` at a distance r leaves its straight line by ``w^2 r (h / 2)^2 / 2``.
+
+    Args:
+        groups: see `rows.Rows`, like the two that follow.
+        amounts: gaps first.
+        rates: ``J v_free`` third.
+        geoms: of MuJoCo's contacts, (ncon, 2).
+        body_of_geom: (ngeom,).
+        velocity: MuJoCo's cvel at the end of the step, (nbody, 6).
+        size: `margins.body_sizes`, (nbody,).
+        timestep: h, s.
+    """
+    most = 0.0
+    for g in range(groups.shape[1]):
+        source = groups[3, g]
+        if source < 0:
+            continue
+        turn = 0.0
+        for side in range(2):
+            body = body_of_geom[geoms[source, side]]
+            w = velocity[body, 0] ** 2 + velocity[body, 1] ** 2 + velocity[body, 2] ** 2
+            turn += 0.125 * timestep**2 * w * size[body]
+        if turn > _SEEN and amounts[0, g] + timestep * min(rates[2, groups[0, g]], 0.0) < turn:
+            most = max(most, turn)
+    return most
+
+
+@njit(cache=True, error_model="numpy")
+def end_targets(groups, amounts, depth, timestep):
+    """Return how fast positions are to move, m/s, (g,), so that overlaps up to a depth, m, are opened, and if any is."""
+    need, some = np.zeros(groups.shape[1]), False
+    for g in range(len(need)):
+        if groups[2, g] == CONE:
+            gap = amounts[0, g]
+            need[g] = -gap / timestep if gap >= 0.0 else min(-gap, depth) / timestep
+            some = some or gap < -1e-8
+    return need, some
+
+
+class SecondLook:
+    """Finds overlaps at the end of a step, and the shift of positions that opens them.
+
+    Args:
+        model: the scene.
+        size: `margins.body_sizes`.
+    """
+
+    def __init__(self, model: mujoco.MjModel, size: np.ndarray):
+        self._model, self._size = model, size
+        self._scratch: mujoco.MjData | None = None
+
+    def shift(
+        self, data: mujoco.MjData, rows: Rows, metric: tuple[np.ndarray, np.ndarray], rounds: int
+    ) -> np.ndarray | None:
+        """Return the velocity, (nv,), that moves data from overlaps within one timestep; None if there are none.
+
+        Args:
+            data: at the end of the step; frames and velocities of bodies current, contacts those of the middle.
+            rows: of the step.
+            metric: L and 1 / D of the step's mass matrix.
+            rounds: as for `open_overlaps`.
+        """
+        model, h = self._model, self._model.opt.timestep
+        depth = bend(
+            rows.groups, rows.amounts, rows.rates, data.contact.geom, model.geom_bodyid, data.cvel, self._size, h
+        )
+        if depth == 0.0:
+            return None
+        now, nothing = self._look(data), np.zeros(model.nv)
+        if not now.ncon:
+            return None
+        found, factor, inverse = now.contact, *metric
+        layout = model.M_rownnz, model.M_rowadr, model.M_colind
+        seen = Rows(
+            *read_rows(
+                now.efc_type, now.efc_id, now.efc_pos, nothing[:0], now.efc_aref, now.efc_R, now.efc_frictionloss,
+                *sparse_jacobian(model, now), found.efc_address, found.dim, found.geom, found.friction,
+                *layout, factor, inverse, model.dof_treeid, model.tree_dofadr, model.tree_dofnum, nothing, nothing, h, False,
+            )
+        )  # fmt: skip
+        need, some = end_targets(seen.groups, seen.amounts, 4.0 * depth, h)
+        if not some:
+            return None
+        w = open_overlaps(
+            seen.sparse, seen.colind, seen.value, seen.groups, seen.rates, need, model.dof_treeid, rounds
+        )
+        return unwhiten(w, factor, *layout, np.sqrt(inverse))
+
+    def _look(self, data: mujoco.MjData) -> mujoco.MjData:
+        """Return the contacts of now."""
+        model = self._model
+        if self._scratch is None:
+            self._scratch = mujoco.MjData(model)
+        now = self._scratch
+        now.qpos[:], now.eq_active[:] = data.qpos, data.eq_active
+        now.mocap_pos[:], now.mocap_quat[:] = data.mocap_pos, data.mocap_quat
+        mujoco.mj_kinematics(model, now)
+        mujoco.mj_comPos(model, now)
+        if model.ntendon:
+            mujoco.mj_tendon(model, now)
+        mujoco.mj_collision(model, now)
+        mujoco.mj_makeConstraint(model, now)
+        return now
