@@ -58,9 +58,9 @@ def factor(K: Blocks, H: Array, pivot: Array, product: Array) -> None:
         for a in range(end - begin):
             for i in range(K.width[K.later[begin + a]]):
                 fill(product, FIRST, span, 0.0)
-                for l in range(w):
-                    if H[row + l] != 0.0:
-                        subtract(product, FIRST, H, K.upper[k] + l * span, -H[row + l], span)
+                for q in range(w):
+                    if H[row + q] != 0.0:
+                        subtract(product, FIRST, H, K.upper[k] + q * span, -H[row + q], span)
                 row += w
                 at = 0
                 for b in range(end - begin):

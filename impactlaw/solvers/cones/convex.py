@@ -40,7 +40,7 @@ def _envelope(P: Island, y: Array, p: Array, kappa: Array) -> float:
 def proximal_step(
     P: Island, K: Blocks, b: Array, x: Array, z: Array, least: float, tolerance: float, W: Array, H: Array
 ) -> int:
-    """Overwrite x by the next proximal point, with compliance `least` at least; z is where Newton starts; return steps."""
+    """Overwrite x by the next proximal point, with at least the compliance `least`, from z; return Newton steps."""
     n, groups, nv = len(x), len(P.kind), P.nv
     kappa, most_rows = np.empty(groups), 1
     y, p, yt, pt, w = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
@@ -80,7 +80,7 @@ def proximal_step(
         for i in range(nv):
             decrease += gradient[i] * step[i]
         rows_times(P, step, w)
-        f, ok = 1.0, False
+        f, ok, new = 1.0, False, value
         for _ in range(30):
             for g in range(groups):
                 for i in range(P.start[g], P.start[g + 1]):
@@ -155,7 +155,7 @@ def _accelerated(S: Array, F: Array, count: int, new: Array) -> None:
 
 @once
 def corrected(P: Island, K: Blocks, x: Array, tolerance: float, sweeps: int, outer: int) -> int:
-    """Overwrite x by the best of `sweeps` convex problems, the correction found anew after each; return Newton steps."""
+    """Overwrite x by the best of `sweeps` convex problems, each with a new correction; return Newton steps."""
     n, groups = len(x), len(P.kind)
     s, new, b, u, z = np.zeros(groups), np.empty(groups), np.empty(n), np.empty(n), np.empty(P.nv)
     S, F, count = np.zeros((_MEMORY + 1, groups)), np.zeros((_MEMORY + 1, groups)), 0

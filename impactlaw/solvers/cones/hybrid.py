@@ -25,7 +25,7 @@ _DENSE, _REDUCED = 1e-12, 1e-9  # least regularization of the system of all rows
 _LATE = 8  # round from which more is done
 _WORK = 1.5e7  # operations after which no further round begins ...
 _FACTORIZATIONS = 150.0  # ... or so many factorizations, whatever is more
-_ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances are near enough: such problems are degenerate
+_ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances will do: such problems are degenerate
 _STAGNANT = 6  # rounds without 10 % less
 
 
@@ -95,7 +95,15 @@ def solve_island(P: Island, K: Blocks, x: Array, scale: float, tolerance: float,
 
 @once
 def _rounds(
-    P: Island, K: Blocks, G: Array, x: Array, start: Array, least: float, scale: float, tolerance: float, rounds: int,
+    P: Island,
+    K: Blocks,
+    G: Array,
+    x: Array,
+    start: Array,
+    least: float,
+    scale: float,
+    tolerance: float,
+    rounds: int,
     few: bool,
 ) -> tuple[int, float]:
     """Go on from `start` in rounds, x is the best point; return steps taken and its natural map."""

@@ -1,4 +1,4 @@
-"""From the rows of a problem to the scaled problem of one island, with its degrees of freedom in order of elimination."""
+"""From the rows of a problem to the scaled problem of one island, its columns in order of elimination."""
 
 import numpy as np
 
@@ -11,8 +11,18 @@ _ONE_BLOCK = 48  # degrees of freedom up to which an island is one dense block
 
 @once
 def _columns(
-    members: Array, rownnz: Array, rowadr: Array, colind: Array, value: Array, first: Array, size: Array,
-    number: Array, seen: Array, begin: Array, cols: Array, dofs: Array,
+    members: Array,
+    rownnz: Array,
+    rowadr: Array,
+    colind: Array,
+    value: Array,
+    first: Array,
+    size: Array,
+    number: Array,
+    seen: Array,
+    begin: Array,
+    cols: Array,
+    dofs: Array,
 ) -> tuple[int, int]:
     """Number the degrees of freedom as they are met, list the columns of each group; return how many of both."""
     nv = count = 0
@@ -67,8 +77,22 @@ def _blocks(tree: Array, dofs: Array, begin: Array, cols: Array) -> Blocks:
 
 @once
 def build(
-    members: Array, rownnz: Array, rowadr: Array, colind: Array, value: Array, tree: Array, first: Array, size: Array,
-    kind: Array, bound: Array, c: Array, b: Array, length: Array, exact: bool, number: Array, seen: Array,
+    members: Array,
+    rownnz: Array,
+    rowadr: Array,
+    colind: Array,
+    value: Array,
+    tree: Array,
+    first: Array,
+    size: Array,
+    kind: Array,
+    bound: Array,
+    c: Array,
+    b: Array,
+    length: Array,
+    exact: bool,
+    number: Array,
+    seen: Array,
 ) -> tuple[Island, Blocks]:
     """Return the scaled problem of the groups `members`, and the storage of its matrix.
 
@@ -108,4 +132,5 @@ def build(
             for k in range(rowadr[i], rowadr[i] + rownnz[i]):
                 if value[k] != 0.0:
                     A[a + position[number[colind[k]]]] = value[k] * inverse
-    return Island(start, kinds, bounds, compliance, offset, begin, cols.astype(np.uint64), entry, A, square, nv, exact), K
+    unsigned = cols.astype(np.uint64)
+    return Island(start, kinds, bounds, compliance, offset, begin, unsigned, entry, A, square, nv, exact), K

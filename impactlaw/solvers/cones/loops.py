@@ -10,14 +10,17 @@ import numpy as np
 from numba import njit
 
 Array = np.ndarray[Any, Any]
-_INNER = {"error_model": "numpy", "nogil": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-kernel = njit(**_INNER)
-"""Compile a function that only compiled functions call; `solve` is stored on disk with all that it calls."""
-once = njit(**_INNER, inline="always")
+_INNER: Any = {"error_model": "numpy", "nogil": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+kernel: Any = njit(**_INNER)
+"""Compile a function that only compiled functions call.
+
+`solve` is stored on disk with all that it calls; only a newer solve.py makes numba compile it again.
+"""
+once: Any = njit(**_INNER, inline="always")
 """The same for a function that is called from one place: it becomes a part of its caller, which halves compile time."""
-sums = njit(**_INNER, fastmath={"reassoc", "contract"})
+sums: Any = njit(**_INNER, fastmath={"reassoc", "contract"})
 """The same for sums that may be reassociated."""
-FIRST = np.int64(0)
+FIRST: Any = np.int64(0)
 """The first index; numba would compile functions once more for a literal 0."""
 
 

@@ -96,7 +96,17 @@ def _disk_derivative(y: Array, o: int, m: int, D: Array) -> None:
 
 @once
 def derivatives(
-    P: Island, y: Array, u: Array, kind: int, rn: Array, rt: Array, delta: float, held: bool, B: Array, E: Array, D: Array
+    P: Island,
+    y: Array,
+    u: Array,
+    kind: int,
+    rn: Array,
+    rt: Array,
+    delta: float,
+    held: bool,
+    B: Array,
+    E: Array,
+    D: Array,
 ) -> None:
     """Write ``E = D R S`` of each group and ``B = I - D + E delta``, or ``B = I - D + E (c + delta)`` if `held`."""
     for g in range(len(P.kind)):
@@ -127,18 +137,27 @@ def dense_step(P: Island, G: Array, B: Array, E: Array, M: Array, pivot: Array, 
         for k in range(m):
             row = (o + k) * n
             fill(M, row, n, 0.0)
-            for l in range(m):
-                f = E[w + k * m + l]
+            for j in range(m):
+                f = E[w + k * m + j]
                 if f != 0.0:
-                    subtract(M, row, G, (o + l) * n, -f, n)
-                M[row + o + l] += B[w + k * m + l]
+                    subtract(M, row, G, (o + j) * n, -f, n)
+                M[row + o + j] += B[w + k * m + j]
     lu_factor(M, FIRST, n, pivot, FIRST)
     lu_solve(M, FIRST, n, pivot, FIRST, step, FIRST)
 
 
 @once
 def reduced_step(
-    P: Island, K: Blocks, B: Array, E: Array, H: Array, pivot: Array, left: Array, row: Array, z: Array, w: Array,
+    P: Island,
+    K: Blocks,
+    B: Array,
+    E: Array,
+    H: Array,
+    pivot: Array,
+    left: Array,
+    row: Array,
+    z: Array,
+    w: Array,
     step: Array,
 ) -> None:
     """Overwrite `step` by the same, from the system of the size of the degrees of freedom; B and E are overwritten."""
@@ -168,7 +187,15 @@ def reduced_step(
 
 @kernel
 def newton(
-    P: Island, K: Blocks, G: Array, x: Array, tolerance: float, most: int, kind: int, scale: float, delta: float,
+    P: Island,
+    K: Blocks,
+    G: Array,
+    x: Array,
+    tolerance: float,
+    most: int,
+    kind: int,
+    scale: float,
+    delta: float,
     share: float,
 ) -> tuple[int, float]:
     """Overwrite x by the best point on the way; return steps taken and its natural map.
@@ -211,7 +238,7 @@ def newton(
         else:
             reduced_step(P, K, B, E, H, pivot, left, row, z, w, direction)
         taken += 1
-        f = 1.0
+        f, new = 1.0, merit
         for k in range(_HALVINGS + 1):
             if k == _HALVINGS:
                 f = 1.0

@@ -1,4 +1,4 @@
-"""What is needed of the rows as they come, in compressed form: lengths of the groups, islands, velocity, natural map."""
+"""What is needed of the compressed rows as they come: lengths of the groups, islands, the jump, natural map."""
 
 import numpy as np
 
@@ -40,7 +40,14 @@ def _root(parent: Array, i: int) -> int:
 
 @kernel
 def islands(
-    rownnz: Array, rowadr: Array, colind: Array, value: Array, tree: Array, first: Array, size: Array, length: Array,
+    rownnz: Array,
+    rowadr: Array,
+    colind: Array,
+    value: Array,
+    tree: Array,
+    first: Array,
+    size: Array,
+    length: Array,
     label: Array,
 ) -> int:
     """Write the island of each group, -1 for a group that cannot move; return the number of islands."""
@@ -90,8 +97,23 @@ def impulse_jump(rownnz: Array, rowadr: Array, colind: Array, value: Array, x: A
 
 @kernel
 def certificate(
-    rownnz: Array, rowadr: Array, colind: Array, value: Array, first: Array, size: Array, kind: Array, bound: Array,
-    c: Array, b: Array, x: Array, z: Array, exact: bool, length: Array, label: Array, scale: Array, squares: Array,
+    rownnz: Array,
+    rowadr: Array,
+    colind: Array,
+    value: Array,
+    first: Array,
+    size: Array,
+    kind: Array,
+    bound: Array,
+    c: Array,
+    b: Array,
+    x: Array,
+    z: Array,
+    exact: bool,
+    length: Array,
+    label: Array,
+    scale: Array,
+    squares: Array,
 ) -> float:
     """Write scale and squared natural map of each island; return the largest ratio of the two.
 
@@ -118,7 +140,8 @@ def certificate(
         s = np.sqrt(s) * inverse
         largest = max(largest, s)
         scale[label[g]] = max(scale[label[g]], s)
-        squares[label[g]] += group_residual(np.int64(kind[g]), bound[g] * length[g], xs, us, FIRST, np.int64(size[g]), exact)
+        half = bound[g] * length[g]
+        squares[label[g]] += group_residual(np.int64(kind[g]), half, xs, us, FIRST, np.int64(size[g]), exact)
     worst = 0.0
     for i in range(len(scale)):
         scale[i] = max(scale[i], _SHARE * largest, 1e-300)

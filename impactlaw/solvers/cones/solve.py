@@ -15,8 +15,22 @@ from impactlaw.solvers.cones.rows import certificate, impulse_jump, islands, len
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def solve(
-    rownnz: Array, rowadr: Array, colind: Array, value: Array, nv: int, tree: Array, first: Array, size: Array,
-    kind: Array, bound: Array, compliance: Array, b: Array, x0: Array, exact: bool, tolerance: float, rounds: int,
+    rownnz: Array,
+    rowadr: Array,
+    colind: Array,
+    value: Array,
+    nv: int,
+    tree: Array,
+    first: Array,
+    size: Array,
+    kind: Array,
+    bound: Array,
+    compliance: Array,
+    b: Array,
+    x0: Array,
+    exact: bool,
+    tolerance: float,
+    rounds: int,
 ) -> tuple[Array, Array, float, int]:
     """Return x, ``z = Y^T x``, its relative natural map, and all steps taken.
 
@@ -52,7 +66,23 @@ def solve(
             x[i] = 0.0
     impulse_jump(rownnz, rowadr, colind, value, x, z)
     worst = certificate(
-        rownnz, rowadr, colind, value, first, size, kind, bound, compliance, b, x, z, exact, length, label, scale, squares
+        rownnz,
+        rowadr,
+        colind,
+        value,
+        first,
+        size,
+        kind,
+        bound,
+        compliance,
+        b,
+        x,
+        z,
+        exact,
+        length,
+        label,
+        scale,
+        squares,
     )
     total = 0
     if worst <= tolerance:
@@ -74,8 +104,22 @@ def solve(
             continue
         members = order[begin[i] : begin[i + 1]]
         P, K = build(
-            members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, exact,
-            number, seen,
+            members,
+            rownnz,
+            rowadr,
+            colind,
+            value,
+            tree,
+            first,
+            size,
+            kind,
+            bound,
+            compliance,
+            b,
+            length,
+            exact,
+            number,
+            seen,
         )
         point = np.empty(len(P.b))
         for j in range(len(members)):
@@ -90,15 +134,43 @@ def solve(
                 x[first[g] + k] = point[P.start[j] + k] / length[g]
     impulse_jump(rownnz, rowadr, colind, value, x, z)
     worst = certificate(
-        rownnz, rowadr, colind, value, first, size, kind, bound, compliance, b, x, z, exact, length, label, scale, squares
+        rownnz,
+        rowadr,
+        colind,
+        value,
+        first,
+        size,
+        kind,
+        bound,
+        compliance,
+        b,
+        x,
+        z,
+        exact,
+        length,
+        label,
+        scale,
+        squares,
     )
     return x, z, worst, total
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def natural_map(
-    rownnz: Array, rowadr: Array, colind: Array, value: Array, nv: int, tree: Array, first: Array, size: Array,
-    kind: Array, bound: Array, compliance: Array, b: Array, exact: bool, x: Array,
+    rownnz: Array,
+    rowadr: Array,
+    colind: Array,
+    value: Array,
+    nv: int,
+    tree: Array,
+    first: Array,
+    size: Array,
+    kind: Array,
+    bound: Array,
+    compliance: Array,
+    b: Array,
+    exact: bool,
+    x: Array,
 ) -> float:
     """Return the largest relative natural map of all islands at x; the arguments are those of `solve`."""
     groups = len(first)
@@ -107,6 +179,21 @@ def natural_map(
     count = islands(rownnz, rowadr, colind, value, tree, first, size, length, label)
     impulse_jump(rownnz, rowadr, colind, value, x, z)
     return certificate(
-        rownnz, rowadr, colind, value, first, size, kind, bound, compliance, b, x, z, exact, length, label,
-        np.empty(count), np.empty(count),
+        rownnz,
+        rowadr,
+        colind,
+        value,
+        first,
+        size,
+        kind,
+        bound,
+        compliance,
+        b,
+        x,
+        z,
+        exact,
+        length,
+        label,
+        np.empty(count),
+        np.empty(count),
     )

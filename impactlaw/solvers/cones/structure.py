@@ -1,6 +1,6 @@
 """The scaled problem of one island, and the products with its rows.
 
-With ``G = A A^T``, ``z = A^T x`` and the compliance ``c >= 0`` of each row the contact velocity is ``u = A z + c x + b``.
+With ``z = A^T x`` and the compliance ``c >= 0`` of each row the contact velocity is ``u = A z + c x + b``.
 Groups of rows (contacts, or single bilateral and box rows) are divided by their length, so that x and u are in sqrt(J).
 The columns of a group are stored once, for all its rows.
 """

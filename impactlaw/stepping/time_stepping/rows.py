@@ -171,6 +171,20 @@ def unwhiten(z, factor, Mnnz, Madr, Mcol, root):
 
 
 @njit(cache=True, error_model="numpy")
+def solve_inertia(force, factor, Mnnz, Madr, Mcol, inverse):
+    """Return ``M_h^-1 f``, (nv,)."""
+    x = force.copy()
+    for i in range(len(x) - 1, -1, -1):
+        for a in range(Madr[i], Madr[i] + Mnnz[i] - 1):
+            x[Mcol[a]] -= factor[a] * x[i]
+    for i in range(len(x)):
+        x[i] *= inverse[i]
+        for a in range(Madr[i], Madr[i] + Mnnz[i] - 1):
+            x[i] -= factor[a] * x[Mcol[a]]
+    return x
+
+
+@njit(cache=True, error_model="numpy")
 def read_rows(
     kinds, number, position, velocity, reference, regularizer, loss,
     Jnnz, Jadr, Jcol, J,

@@ -42,7 +42,7 @@ from impactlaw.events import ImpactEvent
 from impactlaw.flow import check_input, empty_state, is_huge, restore_state, save_state
 from impactlaw.laws import Coulomb, Law
 from impactlaw.limits import Limits
-from impactlaw.plan import Plan
+from impactlaw.plan import Plan, has_constant_inertia
 from impactlaw.scene import check_time_stepping
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.contact_problem import resolve_step
@@ -50,7 +50,7 @@ from impactlaw.stepping.time_stepping.dense import encode_pyramids, sparse_jacob
 from impactlaw.stepping.time_stepping.events import CollisionRecord
 from impactlaw.stepping.time_stepping.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.margins import body_sizes, set_margins
-from impactlaw.stepping.time_stepping.rows import BILATERAL, CONE, Rows, read_rows
+from impactlaw.stepping.time_stepping.rows import BILATERAL, CONE, Rows, read_rows, solve_inertia
 from impactlaw.stepping.time_stepping.second_look import SecondLook
 from impactlaw.stepping.time_stepping.seen import SeenRows, in_order, seen_contacts
 from impactlaw.stepping.time_stepping.targets import CLOSED, contact_targets
@@ -105,6 +105,7 @@ class TimeStepping:
         self._surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces and model.nmocap else None
         self._borrowed = BorrowedModel(model)
         self._sizes = body_sizes(model)
+        self._turning, self._bias = not has_constant_inertia(model), np.zeros(model.nv)
         self._second_look = SecondLook(model, self._sizes)
         self._state = empty_state(model)
         self._bilateral = bilateral_constraints(model)
@@ -207,19 +208,29 @@ class TimeStepping:
         mj_fwdAcceleration(model, data)
 
     def _free_step(self, data: mujoco.MjData) -> None:
-        """Let MuJoCo's integrator advance velocity, activations and time without contact."""
+        """Let MuJoCo's integrator advance velocity, activations and time without contact.
+
+        Where the mass matrix depends on the configuration, Coriolis and gyroscopic forces are those of the velocity in
+        the middle of the step, ``v + (h / 2) a``: at that of the start they would make energy.
+        """
+        model, h = self._model, self._model.opt.timestep
         data.qacc[:] = data.qacc_smooth
         data.qfrc_constraint[:] = 0.0
-        self._borrowed.integrator(self._model, data)
-
-    def _metric_of(self, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
-        """Return L and 1 / D of the mass matrix of the step."""
-        return (data.qH, data.qHDiagInv) if self._borrowed.damped else (data.qLD, data.qLDiagInv)
+        self._borrowed.integrator(model, data)
+        self._metric = (data.qH, data.qHDiagInv) if self._borrowed.damped else (data.qLD, data.qLDiagInv)
+        if self._turning:
+            velocity = self._velocity
+            data.qvel[:] = velocity + (0.5 * h) * data.qacc_smooth
+            mj_comVel(model, data)
+            mujoco.mj_rne(model, data, 0, self._bias)
+            force = data.qfrc_smooth + data.qfrc_bias - self._bias
+            layout = model.M_rownnz, model.M_rowadr, model.M_colind
+            data.qvel[:] = velocity + h * solve_inertia(force, self._metric[0], *layout, self._metric[1])
 
     def _contact(self, data: mujoco.MjData, h: float) -> np.ndarray | None:
         """Add what contact does to the velocity, and return the velocity that opens overlaps, if any has to be."""
         model, contact = self._model, data.contact
-        factor, inverse = self._metric = self._metric_of(data)
+        factor, inverse = self._metric
         rows = Rows(
             *read_rows(
                 data.efc_type, data.efc_id, data.efc_pos, data.efc_vel, data.efc_aref, data.efc_R, data.efc_frictionloss,
