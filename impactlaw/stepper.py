@@ -118,7 +118,9 @@ class Stepper:
         self._stepping: RigidStepping | SoftStepping | TimeStepping
         if way == "time-stepping":
             from impactlaw.stepping.time_stepping.scheme import TimeStepping
+            from impactlaw.stepping.time_stepping.warm_up import warm_up
 
+            warm_up()
             self._stepping = TimeStepping(
                 model, law, self.plan, friction=friction, on_inadmissible=on_inadmissible or "project", rest_speed=rest_speed
             )

@@ -16,11 +16,11 @@ from impactlaw.solvers.cones.ordering import Blocks, lay_out
 from impactlaw.solvers.cones.projection import norm_of
 from impactlaw.solvers.cones.structure import Island, delassus
 
-_FIRST_STEPS = np.array([8, 8, 30, 30])  # Newton steps from the guess, from rest, and from both again with another map
-_AFTER = np.int64(25)  # Newton steps after each round
+_FIRST_STEPS = np.array([8, 30, 8, 30])  # Newton steps with two maps from the guess, and from rest
+_AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
 _KINDS = np.array([DE_SAXCE, DE_SAXCE, ALART_CURNIER, DE_SAXCE, ALART_CURNIER, DE_SAXCE, DE_SAXCE, ALART_CURNIER])
 _FACTORS = np.array([1.0, 1.0, 0.1, 1.0, 1.0, 0.1, 0.3, 1.0])
-_EASE = np.array([0.1, 0.0, 1.0, 0.01, 0.0, 0.1, 0.0, 1.0])  # regularization per relative natural map
+_EASE = np.array([0.1, 0.01, 1.0, 0.0, 0.0, 0.1, 0.0, 1.0])  # regularization per relative natural map
 _DENSE, _REDUCED = 1e-12, 1e-9  # least regularization of the system of all rows, and of the degrees of freedom
 _LATE = 8  # round from which more is done
 _WORK = 1.5e7  # operations after which no further round begins ...
@@ -73,13 +73,13 @@ def solve_island(P: Island, K: Blocks, x: Array, scale: float, tolerance: float,
     start, point, total, least = x.copy(), x.copy(), 0, np.inf
     warm = norm_of(x, FIRST, n) > 0.0
     for k in range(4):
-        if k % 2 == 0 and not warm:
+        if (k < 2) != warm and k < 3:
             continue
         point[:] = start
-        if k % 2 == 1:
+        if k > 1:
             point[:] = 0.0
-        kind = CONVEX if not P.exact else ALART_CURNIER if k < 2 else DE_SAXCE
-        ease = 0.0 if k < 2 else _EASE[0] / scale
+        kind = CONVEX if not P.exact else ALART_CURNIER if k % 2 == 0 else DE_SAXCE
+        ease = 0.0 if k % 2 == 0 else _EASE[0] / scale
         taken, r = newton(P, K, G, point, tolerance, _FIRST_STEPS[k], kind, 1.0, delta, ease)
         total += taken
         if r < least:
@@ -113,12 +113,15 @@ def _rounds(
     apart = 4.0 * len(P.A) + 10.0 * len(x) + 4.0 * K.size  # of a step of alternating directions
     step = cost if not few else float(len(x)) ** 3 + 20.0 * len(x) ** 2
     limit = max(_WORK, _FACTORIZATIONS * cost)
-    work, total, before, stagnant = 0.0, 0, least, 0
+    work, total, before, stagnant, many = 0.0, 0, least, 0, len(K.width) > 1
     for k in range(rounds):
         if k % 2 == 0:
             taken = admm(P, K, L, alternating, tolerance, 50 if k < _LATE else 150)
             work += taken * apart + 3.0 * cost
             point[:] = alternating
+        elif many and k < _LATE:  # convex problems cost more than Newton steps from the best point
+            taken = 0
+            point[:] = x
         else:
             taken = corrected(P, K, convex, 1e2 * tolerance, 3 if k < _LATE else 6, 8)
             work += taken * cost
@@ -127,7 +130,7 @@ def _rounds(
         v = k % len(_EASE)
         kind = CONVEX if not P.exact else _KINDS[v]
         delta = _DENSE if few else _REDUCED
-        taken, r = newton(P, K, G, point, tolerance, _AFTER, kind, _FACTORS[v], delta, _EASE[v] / scale)
+        taken, r = newton(P, K, G, point, tolerance, _LONG if many else _AFTER, kind, _FACTORS[v], delta, _EASE[v] / scale)
         total += taken
         work += taken * step
         if r < least:

@@ -14,7 +14,8 @@ _INNER: Any = {"error_model": "numpy", "nogil": True, "no_cpython_wrapper": True
 kernel: Any = njit(**_INNER)
 """Compile a function that only compiled functions call.
 
-`solve` is stored on disk with all that it calls; only a newer solve.py makes numba compile it again.
+`solve` is stored on disk with all that it calls, and numba looks at the text of solve.py alone to see whether that
+is still valid: delete `__pycache__/*.nb*` after a change of other files.
 """
 once: Any = njit(**_INNER, inline="always")
 """The same for a function that is called from one place: it becomes a part of its caller, which halves compile time."""

@@ -31,7 +31,7 @@ def sparse_jacobian(
     return nnz[:n], adr[:n], col[: n * nv], data.efc_J.reshape(-1)
 
 
-@njit(cache=True, error_model="numpy")
+@njit("(float64[::1],int32[:],int32[:],int32[:],float64[:,:],float64[::1])", cache=True, error_model="numpy")
 def encode_pyramids(force, elliptic, address, dim, friction, out):
     """Write forces of rows with elliptic cones as those of rows with pyramidal ones, ``f_n / m ± f_k / mu_k`` halved.
 

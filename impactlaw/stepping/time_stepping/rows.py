@@ -184,7 +184,15 @@ def solve_inertia(force, factor, Mnnz, Madr, Mcol, inverse):
     return x
 
 
-@njit(cache=True, error_model="numpy")
+@njit(
+    # MuJoCo's arrays of contacts have gaps between entries, but numpy says otherwise where there is only one contact
+    "(int32[::1],int32[::1],float64[::1],float64[::1],float64[::1],float64[::1],float64[::1],"
+    "int32[::1],int32[::1],int32[::1],float64[::1],int32[:],int32[:],int32[:,:],float64[:,:],"
+    "int32[::1],int32[::1],int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1],"
+    "float64[::1],float64[::1],float64,boolean)",
+    cache=True,
+    error_model="numpy",
+)
 def read_rows(
     kinds, number, position, velocity, reference, regularizer, loss,
     Jnnz, Jadr, Jcol, J,

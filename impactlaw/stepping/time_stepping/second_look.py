@@ -14,7 +14,11 @@ _SEEN = 1e-6
 """Depth, m, that is worth a second look."""
 
 
-@njit(cache=True, error_model="numpy")
+@njit(
+    "(int32[:,::1],float64[:,::1],float64[:,::1],int32[:,:],int32[::1],float64[:,::1],float64[::1],float64)",
+    cache=True,
+    error_model="numpy",
+)
 def bend(groups, amounts, rates, geoms, body_of_geom, velocity, size, timestep):
     """Return how far contacts can be from where their gradients say at the end of a step, m; 0 if below `_SEEN`.
 
