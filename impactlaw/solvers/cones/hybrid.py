@@ -26,7 +26,7 @@ _LATE = 8  # round from which more is done
 _WORK = 1.5e7  # operations after which no further round begins ...
 _FACTORIZATIONS = 150.0  # ... or so many factorizations, whatever is more
 _ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances will do: such problems are degenerate
-_STAGNANT = 6  # rounds without 10 % less
+_STAGNANT = 4  # rounds without 10 % less
 
 
 @once

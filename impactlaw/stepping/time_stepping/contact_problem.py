@@ -87,9 +87,9 @@ def solve_contacts(
 
     Returns:
         Impulses (n,), in units of the problem; whitened jump of velocities (nv,); natural map relative to the velocity
-        of the problem; velocities of rows afterwards (n,); the targets with s (g,); s.
+        of the problem; velocities of rows afterwards (n,); the targets with s (g,); s; the energy created, J.
     """
-    low, high, s = 0.0, 1.0, 1.0
+    low, high, s, created = 0.0, 1.0, 1.0, 0.0
     some = collides.any()
     scaled, aimed = target.copy(), sliding.copy()
     for search in range(_SEARCHES + 1):
@@ -104,10 +104,13 @@ def solve_contacts(
             sparse, colind, value, groups, amounts, rates, b, guess, tree, exact, rounds
         )
         after = row_velocities(sparse, colind, value, rates, z)
-        if not (dissipative and some):
+        if not some:
             break
         work, total = contact_work(groups, rates, after, x)
-        if work <= _CREATED * total:
+        created = work if work > _CREATED * total else 0.0
+        if not dissipative:
+            break
+        if created == 0.0:
             if s == 1.0 or search >= _SEARCHES:
                 break
             low = s
@@ -115,7 +118,7 @@ def solve_contacts(
             high = s
         guess = x
         s = low if search == _SEARCHES - 1 else 0.5 * (low + high)
-    return x, z, residual, after, scaled, s
+    return x, z, residual, after, scaled, s, created
 
 
 @njit(cache=True, error_model="numpy")
@@ -170,10 +173,11 @@ def resolve_step(
     Returns:
         Impulses (n,), in units of the problem; the change of velocity (nv,); the velocity that opens overlaps (nv,), empty
         if none has to be; the targets reached for (g,); the largest amount by which a contact velocity misses its target,
-        and the largest velocity of a row, m/s or rad/s; the share s of restitution.
+        and the largest velocity of a row, m/s or rad/s; the share s of restitution; and the
+        energy that contact creates, J.
     """
     guess = recall(groups, key, rates[0], known_groups, known_key, known_scale, known)
-    x, z, residual, after, reached, s = solve_contacts(
+    x, z, _, after, reached, s, created = solve_contacts(
         sparse, colind, value, groups, amounts, rates, target, sliding, collides, guess, tree, exact, dissipative, rounds
     )
     root = np.sqrt(inverse)
@@ -190,4 +194,4 @@ def resolve_step(
     if overlaps:
         w = open_overlaps(sparse, colind, value, groups, rates, need, tree, rounds)
         shift = unwhiten(w, factor, Mnnz, Madr, Mcol, root)
-    return x, change, shift, reached, missed, fastest, s
+    return x, change, shift, reached, missed, fastest, s, created

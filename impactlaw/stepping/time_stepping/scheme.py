@@ -37,7 +37,7 @@ from mujoco import (
 
 from impactlaw.contacts import Contacts, geom_names
 from impactlaw.equalities import bilateral_constraints
-from impactlaw.errors import DivergenceError
+from impactlaw.errors import DivergenceError, InadmissibleImpactError
 from impactlaw.events import ImpactEvent
 from impactlaw.flow import check_input, empty_state, is_huge, restore_state, save_state
 from impactlaw.laws import Coulomb, Law
@@ -53,7 +53,7 @@ from impactlaw.stepping.time_stepping.margins import body_sizes, set_margins
 from impactlaw.stepping.time_stepping.rows import BILATERAL, CONE, Rows, read_rows, solve_inertia
 from impactlaw.stepping.time_stepping.second_look import SecondLook
 from impactlaw.stepping.time_stepping.seen import SeenRows, in_order, seen_contacts
-from impactlaw.stepping.time_stepping.targets import CLOSED, contact_targets
+from impactlaw.stepping.time_stepping.targets import CLOSED, contact_targets, reached_groups
 from impactlaw.surfaces import Surfaces
 
 REST_SPEED = 1e-3
@@ -254,18 +254,25 @@ class TimeStepping:
         n = len(rows.scale)
         sliding = -self._sliding * rows.before if self._sliding and some else np.zeros(n)
         known = self._known or (rows.groups, rows.key, rows.scale, np.zeros(n))
-        x, change, shift, reached, missed, fastest, share = resolve_step(
+        x, change, shift, reached, missed, fastest, share, created = resolve_step(
             *rows, target, sliding, collides, *known, h, self._exact, self._on_inadmissible == "project", _ROUNDS,
             model.dof_treeid, factor, inverse, model.M_rownnz, model.M_rowadr, model.M_colind,
         )  # fmt: skip
         self._known = rows.groups, rows.key, rows.scale, x
         if not np.isfinite(missed):
             raise DivergenceError(f"the forces at t = {data.time - h:.6g} s are not finite")
+        if created > 0.0 and self._on_inadmissible == "raise":
+            raise InadmissibleImpactError(
+                f"{self._law!r} creates {created:.3g} J at t = {data.time - h:.6g} s; choose a dissipative law, or "
+                'on_inadmissible="project" or "allow"'
+            )
         self.shortfall = max(self.shortfall, missed)
         self.short_steps += self.shortfall > SHORTFALL_LIMIT * max(_SLOWEST, fastest)
         data.qvel += change
         if some:
-            self._record = self._record_of(data, rows, in_order(rows, collides), reached, share * sliding)
+            taking_part = self._reached(rows, collides)
+            reached[taking_part & ~collides] = 0.0
+            self._record = self._record_of(data, rows, in_order(rows, taking_part), reached, share * sliding)
         self._write_forces(data, rows, x, h)
         return shift if len(shift) else None
 
@@ -302,11 +309,16 @@ class TimeStepping:
             labels = seen_contacts(self._model, data, rows, groups, self._names, self._limits).labels
             target[groups] = law.of_each(labels, gamma[groups])
             return
-        touching = (rows.kind == CONE) & (rows.gap <= CLOSED) & (gamma <= _RESTING * np.abs(gamma).max())
-        groups = in_order(rows, collides | touching)
-        collides[groups] = True
+        collides |= self._reached(rows, collides)
+        groups = in_order(rows, collides)
         record = self._record_of(data, rows, groups, target, np.zeros(len(rows.free)))
         target[groups] = law.of_all(replace(record.collision, friction=None))
+
+    def _reached(self, rows: Rows, collides: np.ndarray) -> np.ndarray:
+        """Return the contacts that collide, and those in touch that do not separate and that they reach, bool (g,)."""
+        gamma = rows.before[rows.first]
+        touching = (rows.kind == CONE) & (rows.gap <= CLOSED) & (gamma <= _RESTING * np.abs(gamma).max())
+        return reached_groups(rows.groups, rows.sparse, rows.colind, self._model.dof_treeid, collides, touching)
 
     def _record_of(
         self, data: mujoco.MjData, rows: Rows, groups: np.ndarray, target: np.ndarray, sliding: np.ndarray

@@ -69,3 +69,35 @@ def offsets(groups, rates, target, sliding):
         else:
             b[f] = free[f] - rest[f]
     return b
+
+
+@njit(cache=True, error_model="numpy")
+def reached_groups(groups, sparse, colind, tree, collides, touching):
+    """Return which groups collide, or touch a kinematic tree that an impulse of these can reach through others.
+
+    Args:
+        groups: see `rows.Rows`, like the two that follow.
+        sparse: where rows begin and how long they are.
+        colind: degrees of freedom of their entries.
+        tree: of each degree of freedom, (nv,).
+        collides: bool (g,).
+        touching: which others may take part, bool (g,).
+    """
+    mark = np.zeros(tree.max() + 1 if len(tree) else 0, np.bool_)
+    reached = np.zeros(len(collides), np.bool_)
+    more = True
+    while more:
+        more = False
+        for g in range(len(reached)):
+            if reached[g] or not (collides[g] or touching[g]):
+                continue
+            row = groups[0, g]
+            begin, end = sparse[1, row], sparse[1, row] + sparse[0, row]
+            near = collides[g]
+            for a in range(begin, end):
+                near = near or mark[tree[colind[a]]]
+            if near:
+                reached[g] = more = True
+                for a in range(begin, end):
+                    mark[tree[colind[a]]] = True
+    return reached
