@@ -19,14 +19,15 @@ from impactlaw.solvers.cones.structure import Island, delassus
 _FIRST_STEPS = np.array([8, 30, 8, 30])  # Newton steps with two maps from the guess, and from rest
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
 _KINDS = np.array([DE_SAXCE, DE_SAXCE, ALART_CURNIER, DE_SAXCE, ALART_CURNIER, DE_SAXCE, DE_SAXCE, ALART_CURNIER])
-_FACTORS = np.array([1.0, 1.0, 0.1, 1.0, 1.0, 0.1, 0.3, 1.0])
-_EASE = np.array([0.1, 0.01, 1.0, 0.0, 0.0, 0.1, 0.0, 1.0])  # regularization per relative natural map
+_FACTORS = np.array([1.0, 1.0, 1.0, 1.0, 0.1, 0.1, 0.3, 1.0])
+_EASE = np.array([0.1, 0.01, 0.0, 0.0, 1.0, 0.1, 0.0, 1.0])  # regularization per relative natural map
 _DENSE, _REDUCED = 1e-12, 1e-9  # least regularization of the system of all rows, and of the degrees of freedom
 _LATE = 8  # round from which more is done
 _WORK = 1.5e7  # operations after which no further round begins ...
 _FACTORIZATIONS = 150.0  # ... or so many factorizations, whatever is more
 _ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances will do: such problems are degenerate
-_STAGNANT = 4  # rounds without 10 % less
+_STAGNANT, _HOPELESS = 4, 8  # rounds without 10 % less after which to stop if they were long, and in any case
+_SHORT = 0.25  # what is not long, as a part of the work allowed
 
 
 @once
@@ -114,6 +115,7 @@ def _rounds(
     step = cost if not few else float(len(x)) ** 3 + 20.0 * len(x) ** 2
     limit = max(_WORK, _FACTORIZATIONS * cost)
     work, total, before, stagnant, many = 0.0, 0, least, 0, len(K.width) > 1
+    after = _LONG if many else _AFTER
     for k in range(rounds):
         if k % 2 == 0:
             taken = admm(P, K, L, alternating, tolerance, 50 if k < _LATE else 150)
@@ -130,7 +132,7 @@ def _rounds(
         v = k % len(_EASE)
         kind = CONVEX if not P.exact else _KINDS[v]
         delta = _DENSE if few else _REDUCED
-        taken, r = newton(P, K, G, point, tolerance, _LONG if many else _AFTER, kind, _FACTORS[v], delta, _EASE[v] / scale)
+        taken, r = newton(P, K, G, point, tolerance, after, kind, _FACTORS[v], delta, _EASE[v] / scale)
         total += taken
         work += taken * step
         if r < least:
@@ -140,6 +142,6 @@ def _rounds(
             break
         stagnant = 0 if least < 0.9 * before else stagnant + 1
         before = min(before, least) if stagnant == 0 else before
-        if stagnant >= _STAGNANT:
+        if stagnant >= _HOPELESS or (stagnant >= _STAGNANT and work > _SHORT * limit):
             break
     return total, least

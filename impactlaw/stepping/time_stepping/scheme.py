@@ -161,7 +161,7 @@ class TimeStepping:
         if self._surfaces is not None:
             self._surfaces.end(data)
         self._update_frames(data)
-        if self._rows is not None and (shift := self._second_look.shift(data, self._rows, self._metric, _ROUNDS)) is not None:
+        if self._rows is not None and (shift := self._second_look.shift(data, self._rows, self._metric)) is not None:
             mj_integratePos(model, data.qpos, shift, h)
             self._update_frames(data)
         self._finish(data)

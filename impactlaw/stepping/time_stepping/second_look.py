@@ -10,7 +10,7 @@ from impactlaw.stepping.time_stepping.contact_problem import open_overlaps
 from impactlaw.stepping.time_stepping.dense import sparse_jacobian
 from impactlaw.stepping.time_stepping.rows import CONE, Rows, read_rows, unwhiten
 
-_SEEN = 1e-6
+_SEEN = 3e-6
 """Depth, m, that is worth a second look."""
 
 
@@ -74,7 +74,7 @@ class SecondLook:
         self._scratch: mujoco.MjData | None = None
 
     def shift(
-        self, data: mujoco.MjData, rows: Rows, metric: tuple[np.ndarray, np.ndarray], rounds: int
+        self, data: mujoco.MjData, rows: Rows, metric: tuple[np.ndarray, np.ndarray]
     ) -> np.ndarray | None:
         """Return the velocity, (nv,), that moves data from overlaps within one timestep; None if there are none.
 
@@ -82,7 +82,6 @@ class SecondLook:
             data: at the end of the step; frames and velocities of bodies current, contacts those of the middle.
             rows: of the step.
             metric: L and 1 / D of the step's mass matrix.
-            rounds: as for `open_overlaps`.
         """
         model, h = self._model, self._model.opt.timestep
         depth = bend(
@@ -105,9 +104,7 @@ class SecondLook:
         need, some = end_targets(seen.groups, seen.amounts, 4.0 * depth, h)
         if not some:
             return None
-        w = open_overlaps(
-            seen.sparse, seen.colind, seen.value, seen.groups, seen.rates, need, model.dof_treeid, rounds
-        )
+        w = open_overlaps(seen.sparse, seen.colind, seen.value, seen.groups, seen.rates, need, model.nv)
         return unwhiten(w, factor, *layout, np.sqrt(inverse))
 
     def _look(self, data: mujoco.MjData) -> mujoco.MjData:
