@@ -16,7 +16,7 @@ from impactlaw.solvers.cones.ordering import Blocks, lay_out
 from impactlaw.solvers.cones.projection import norm_of
 from impactlaw.solvers.cones.structure import Island, delassus
 
-_FIRST_STEPS = np.array([8, 30, 8, 30])  # Newton steps with two maps from the guess, and from rest
+_FIRST_STEPS = np.array([8, 30, 12, 30])  # Newton steps with two maps from the guess, and from rest
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
 _KINDS = np.array([DE_SAXCE, DE_SAXCE, ALART_CURNIER, DE_SAXCE, ALART_CURNIER, DE_SAXCE, DE_SAXCE, ALART_CURNIER])
 _FACTORS = np.array([1.0, 1.0, 1.0, 1.0, 0.1, 0.1, 0.3, 1.0])

@@ -12,7 +12,7 @@ from impactlaw.stepping.time_stepping.targets import offsets
 TOLERANCE = 1e-10
 """Natural map, relative to the largest velocity of the problem, that solvers aim at."""
 
-_SEARCHES = 8  # of the share of restitution that creates no energy
+_SEARCHES = 12  # of the share of restitution that creates no energy
 _CREATED = 1e-9  # part of the largest energy of a contact, up to which its creation is rounding
 _SLOP = 1e-8  # m or rad: overlaps up to this are left to the velocities
 _SWEEPS = 40  # over contacts that overlap
@@ -78,49 +78,86 @@ def solve_rows(sparse, colind, value, groups, amounts, rates, b, guess, tree, ex
 
 
 @njit(cache=True, error_model="numpy")
-def solve_contacts(
-    sparse, colind, value, groups, amounts, rates, target, sliding, collides, guess, tree, exact, dissipative, rounds
-):
-    """Solve the problem of a step, with all restitution scaled so that contact creates no energy.
-
-    ``0 <= Lambda  ⊥  J v+ - s gamma^h >= 0`` where contacts collide, with friction in its cones: s is 1 unless that would
-    make ``Lambda^T (gamma- + gamma+) / 2`` positive (T. R. Kane, *A dynamics puzzle*, 1984); then it is the largest one
-    found that does not.
+def solve_scaled(
+    sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, guess, tree, exact, rounds
+):  # fmt: skip
+    """Solve the problem of a step with all restitution of contacts that collide scaled by s.
 
     Returns:
-        Impulses (n,), in units of the problem; whitened jump of velocities (nv,); natural map relative to the velocity
-        of the problem; velocities of rows afterwards (n,); the targets with s (g,); s; the energy created, J.
+        Impulses (n,), in units of the problem; whitened jump of velocities (nv,); velocities of rows afterwards (n,); the
+        targets with s, (g,).
     """
-    low, high, s, created = 0.0, 1.0, 1.0, 0.0
-    some = collides.any()
     scaled, aimed = target.copy(), sliding.copy()
-    for search in range(_SEARCHES + 1):
-        if s < 1.0:
-            for g in range(len(target)):
-                if collides[g]:
-                    scaled[g] = s * target[g] if target[g] > 0.0 else target[g]
-                    for k in range(groups[0, g] + 1, groups[0, g] + groups[1, g]):
-                        aimed[k] = s * sliding[k]
-        b = offsets(groups, rates, scaled, aimed)
-        x, z, residual, _ = solve_rows(
-            sparse, colind, value, groups, amounts, rates, b, guess, tree, exact, rounds
+    for g in range(len(target)):
+        if collides[g] and s < 1.0:
+            scaled[g] = s * target[g] if target[g] > 0.0 else target[g]
+            for k in range(groups[0, g] + 1, groups[0, g] + groups[1, g]):
+                aimed[k] = s * sliding[k]
+    b = offsets(groups, rates, scaled, aimed)
+    x, z, _, _ = solve_rows(sparse, colind, value, groups, amounts, rates, b, guess, tree, exact, rounds)
+    return x, z, row_velocities(sparse, colind, value, rates, z), scaled
+
+
+@njit(cache=True, error_model="numpy")
+def largest_share(
+    sparse, colind, value, groups, amounts, rates, target, sliding, collides, guess, tree, exact, rounds
+):  # fmt: skip
+    """Return the largest s found with which the collision by itself creates no energy, and what it creates with 1, J.
+
+    The collision by itself starts from v- and knows no forces; its contacts do ``Lambda^T (gamma- + gamma+) / 2``. With
+    friction, or a matrix E, that can be positive (T. R. Kane, *A dynamics puzzle*, 1984); with s = 0 it is not.
+    """
+    alone = rates.copy()
+    alone[2] = rates[1]
+    for g in range(len(target)):
+        if groups[2, g] == BILATERAL:
+            alone[3, groups[0, g]] = rates[1, groups[0, g]]
+    low, high, s, gained = 0.0, 1.0, 1.0, 0.0
+    for search in range(_SEARCHES):
+        x, _, after, _ = solve_scaled(
+            sparse, colind, value, groups, amounts, alone, target, sliding, collides, s, guess, tree, exact, rounds
         )
-        after = row_velocities(sparse, colind, value, rates, z)
-        if not some:
-            break
-        work, total = contact_work(groups, rates, after, x)
-        created = work if work > _CREATED * total else 0.0
-        if not dissipative:
-            break
-        if created == 0.0:
-            if s == 1.0 or search >= _SEARCHES:
-                break
+        work, total = contact_work(groups, alone, after, x)
+        if work <= _CREATED * total:
             low = s
+            if s == 1.0:
+                break
         else:
             high = s
+            gained = work if search == 0 else gained
         guess = x
-        s = low if search == _SEARCHES - 1 else 0.5 * (low + high)
-    return x, z, residual, after, scaled, s, created
+        s = 0.5 * (low + high)
+    return low, gained
+
+
+@njit(cache=True, error_model="numpy")
+def solve_contacts(
+    sparse, colind, value, groups, amounts, rates, target, sliding, collides, guess, tree, exact, dissipative, rounds
+):  # fmt: skip
+    """Solve the problem of a step, with all restitution scaled so that collisions create no energy.
+
+    ``0 <= Lambda  ⊥  J v+ - s gamma^h >= 0`` where contacts collide, with friction in its cones.
+
+    Returns:
+        What `solve_scaled` returns; s; and the energy that the collision would create with s = 1, J.
+    """
+    s, created = 1.0, 0.0
+    x, z, after, scaled = solve_scaled(
+        sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, guess, tree, exact, rounds
+    )
+    if collides.any():
+        work, total = contact_work(groups, rates, after, x)
+        if work > _CREATED * total:
+            s, created = largest_share(
+                sparse, colind, value, groups, amounts, rates, target, sliding, collides, x, tree, exact, rounds
+            )
+            if not dissipative:
+                s = 1.0
+    if s < 1.0:
+        x, z, after, scaled = solve_scaled(
+            sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, x, tree, exact, rounds
+        )
+    return x, z, after, scaled, s, created
 
 
 @njit(cache=True, error_model="numpy")
@@ -192,7 +229,7 @@ def resolve_step(
         energy that contact creates, J.
     """
     guess = recall(groups, key, rates[0], known_groups, known_key, known_scale, known)
-    x, z, _, after, reached, s, created = solve_contacts(
+    x, z, after, reached, s, created = solve_contacts(
         sparse, colind, value, groups, amounts, rates, target, sliding, collides, guess, tree, exact, dissipative, rounds
     )
     root = np.sqrt(inverse)
