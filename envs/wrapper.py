@@ -56,8 +56,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         WrapperError: the environment does not step MuJoCo in a known way, or has a law already.
         UnknownNameError: no such law or option, or the law is for contacts that the scene cannot have.
         RestitutionError: the restitution does not fit the law.
-        SceneError: the scene has a flex or delays, and contact_model is "rigid"; or an option means nothing to that way to
-            step.
+        SceneError: the scene has a flex or delays, and contact_model is "rigid"; or an option means nothing there.
         RecordingError: the log cannot be written.
     """
 
@@ -69,7 +68,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         *,
         contact_model: Literal["rigid", "soft"] = "soft",
         scheme: Literal["event-driven", "time-stepping"] | None = None,
-    rest_speed: float | None = None,
+        rest_speed: float | None = None,
         on_inadmissible: Literal["raise", "project", "allow"] = "project",
         log: str | Path | None = None,
     ):
@@ -182,8 +181,7 @@ def put_law(
         WrapperError: the environment is not one of dm_control, or has a law already.
         UnknownNameError: no such law or option, or the law is for contacts that the scene cannot have.
         RestitutionError: the restitution does not fit the law.
-        SceneError: the scene has a flex or delays, and contact_model is "rigid"; or an option means nothing to that way to
-            step.
+        SceneError: the scene has a flex or delays, and contact_model is "rigid"; or an option means nothing there.
         RecordingError: the log cannot be written.
     """
     if isinstance(env, gymnasium.Env) or not hasattr(env, "physics"):

@@ -193,7 +193,9 @@ class _Reasons:
 
     def time_stepping(self) -> Iterator[Part]:
         yield self._detection()
-        yield Part("location of collisions in time", False, "one look at contacts, one problem for all of them, every step")
+        yield Part(
+            "location of collisions in time", False, "one look at contacts, one problem for all of them, every step"
+        )
         rk4 = self.model.opt.integrator == _RK4
         yield Part("stages of the integrator", False, "RK4 becomes the midpoint rule" if rk4 else "it has one")
         yield self._solver()
@@ -209,7 +211,10 @@ class _Reasons:
         yield Part("friction", runs, why if friction else "no pair has friction")
         moves = _moves(self.model, geoms) | _runs(self.model, geoms)
         yield self._part(
-            "surfaces", "moving surfaces", lambda: self._first(moves), "no mocap body collides, and no belt has friction"
+            "surfaces",
+            "moving surfaces",
+            lambda: self._first(moves),
+            "no mocap body collides, and no belt has friction",
         )
 
     def soft(self) -> Iterator[Part]:

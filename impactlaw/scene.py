@@ -90,7 +90,8 @@ def check_rigid(model: mujoco.MjModel) -> None:
     adhesion = int(mujoco.mjtTrn.mjTRN_BODY)
     if model.flg_adhesion or (model.nu and (model.actuator_trntype == adhesion).any()):
         raise SceneError(
-            'located contacts do not pull, but the scene has adhesion; use scheme="time-stepping" or contact_model="soft"'
+            "contacts that are located do not pull, but the scene has adhesion; "
+            'use scheme="time-stepping" or contact_model="soft"'
         )
 
 

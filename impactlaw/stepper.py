@@ -122,7 +122,12 @@ class Stepper:
 
             warm_up()
             self._stepping = TimeStepping(
-                model, law, self.plan, friction=friction, on_inadmissible=on_inadmissible or "project", rest_speed=rest_speed
+                model,
+                law,
+                self.plan,
+                friction=friction,
+                on_inadmissible=on_inadmissible or "project",
+                rest_speed=rest_speed,
             )
         elif way == "soft":
             speed = REST_SPEED if rest_speed is None else rest_speed

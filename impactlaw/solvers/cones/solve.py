@@ -5,15 +5,15 @@ order of attempts.
 """
 
 import numpy as np
-from numba import njit
 
+from impactlaw.compiled import compiled
 from impactlaw.solvers.cones.hybrid import solve_island
 from impactlaw.solvers.cones.islands import build
 from impactlaw.solvers.cones.loops import Array
 from impactlaw.solvers.cones.rows import certificate, impulse_jump, islands, lengths
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled()
 def solve(
     rownnz: Array,
     rowadr: Array,
@@ -155,7 +155,7 @@ def solve(
     return x, z, worst, total
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled()
 def natural_map(
     rownnz: Array,
     rowadr: Array,

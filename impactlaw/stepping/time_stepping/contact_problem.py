@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from impactlaw.compiled import compiled
 from impactlaw.solvers.cones.solve import solve
 from impactlaw.stepping.time_stepping.rows import BILATERAL, CONE, unwhiten
 from impactlaw.stepping.time_stepping.targets import offsets
@@ -21,7 +21,7 @@ _OPENING = 0.2  # m/s or rad/s at which overlaps of the start are opened at leas
 _OPENING_TIME = 0.1  # s in which most of a deep one is
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def recall(groups, key, scale, known_groups, known_key, known_scale, known):
     """Return the impulses of the step before where the same group has as many rows, else zeros, (n,).
 
@@ -43,7 +43,7 @@ def recall(groups, key, scale, known_groups, known_key, known_scale, known):
     return x
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def row_velocities(sparse, colind, value, rates, z):
     """Return the velocity of each row after impulses that change the whitened velocity by z, (n,)."""
     after = rates[2].copy()
@@ -55,7 +55,7 @@ def row_velocities(sparse, colind, value, rates, z):
     return after
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def contact_work(groups, rates, after, x):
     """Return ``Lambda^T (gamma- + gamma+) / 2`` of all contacts, J, and the sum of the sizes of its terms."""
     work, total = 0.0, 0.0
@@ -68,7 +68,7 @@ def contact_work(groups, rates, after, x):
     return work, total
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def solve_rows(sparse, colind, value, groups, amounts, rates, b, guess, tree, exact, rounds):
     """Solve the problem of a step with the offset b, (n,); see `impactlaw.solvers.cones.solve`."""
     return solve(
@@ -77,15 +77,15 @@ def solve_rows(sparse, colind, value, groups, amounts, rates, b, guess, tree, ex
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def solve_scaled(
     sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, guess, tree, exact, rounds
 ):  # fmt: skip
     """Solve the problem of a step with all restitution of contacts that collide scaled by s.
 
     Returns:
-        Impulses (n,), in units of the problem; whitened jump of velocities (nv,); velocities of rows afterwards (n,); the
-        targets with s, (g,).
+        Impulses (n,), in units of the problem; whitened jump of velocities (nv,); velocities of rows afterwards (n,);
+        the targets with s, (g,).
     """
     scaled, aimed = target.copy(), sliding.copy()
     for g in range(len(target)):
@@ -98,7 +98,7 @@ def solve_scaled(
     return x, z, row_velocities(sparse, colind, value, rates, z), scaled
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def largest_share(
     sparse, colind, value, groups, amounts, rates, target, sliding, collides, guess, tree, exact, rounds
 ):  # fmt: skip
@@ -130,7 +130,7 @@ def largest_share(
     return low, gained
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def solve_contacts(
     sparse, colind, value, groups, amounts, rates, target, sliding, collides, guess, tree, exact, dissipative, rounds
 ):  # fmt: skip
@@ -160,7 +160,7 @@ def solve_contacts(
     return x, z, after, scaled, s, created
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def overlap_targets(groups, amounts, rates, after, timestep):
     """Return how fast positions beside the velocities are to open overlaps, m/s, (g,), and whether any has to.
 
@@ -178,7 +178,7 @@ def overlap_targets(groups, amounts, rates, after, timestep):
     return need, some
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def open_overlaps(sparse, colind, value, groups, rates, need, nv):
     """Return a small whitened velocity, (nv,), that moves positions as is needed: ``J w >= need``, no friction.
 
@@ -214,7 +214,7 @@ def open_overlaps(sparse, colind, value, groups, rates, need, nv):
     return z
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def resolve_step(
     sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
     known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, tree,
@@ -223,15 +223,16 @@ def resolve_step(
     """Return what the contacts of a step do.
 
     Returns:
-        Impulses (n,), in units of the problem; the change of velocity (nv,); the velocity that opens overlaps (nv,), empty
-        if none has to be; the targets reached for (g,); the largest amount by which a contact velocity misses its target,
-        and the largest velocity of a row, m/s or rad/s; the share s of restitution; and the
-        energy that contact creates, J.
+        Impulses (n,), in units of the problem; the change of velocity (nv,); the velocity that opens overlaps (nv,),
+        empty if none has to be; the targets reached for (g,); the largest amount by which a contact velocity misses its
+        target, and the largest velocity of a row, m/s or rad/s; the share s of restitution; and the energy that the
+        collision would create without it, J.
     """
     guess = recall(groups, key, rates[0], known_groups, known_key, known_scale, known)
     x, z, after, reached, s, created = solve_contacts(
-        sparse, colind, value, groups, amounts, rates, target, sliding, collides, guess, tree, exact, dissipative, rounds
-    )
+        sparse, colind, value, groups, amounts, rates, target, sliding, collides, guess, tree, exact, dissipative,
+        rounds,
+    )  # fmt: skip
     root = np.sqrt(inverse)
     change = unwhiten(z, factor, Mnnz, Madr, Mcol, root)
     missed, fastest = 0.0, 0.0

@@ -6,7 +6,8 @@ from functools import lru_cache
 
 import mujoco
 import numpy as np
-from numba import njit
+
+from impactlaw.compiled import compiled
 
 _ROWS = 64
 
@@ -31,7 +32,7 @@ def sparse_jacobian(
     return nnz[:n], adr[:n], col[: n * nv], data.efc_J.reshape(-1)
 
 
-@njit("(float64[::1],int32[:],int32[:],int32[:],float64[:,:],float64[::1])", cache=True, error_model="numpy")
+@compiled("(float64[::1],int32[:],int32[:],int32[:],float64[:,:],float64[::1])")
 def encode_pyramids(force, elliptic, address, dim, friction, out):
     """Write forces of rows with elliptic cones as those of rows with pyramidal ones, ``f_n / m ± f_k / mu_k`` halved.
 
@@ -61,7 +62,7 @@ def encode_pyramids(force, elliptic, address, dim, friction, out):
             out[address[i] + 2 * (k - 1) + 1] = 0.5 * (normal - along)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def mass_matrix(factor, Mnnz, Madr, Mcol, inverse):
     """Return ``M_h = L^T D L``, (nv, nv), from MuJoCo's factor."""
     nv = len(inverse)
@@ -77,7 +78,7 @@ def mass_matrix(factor, Mnnz, Madr, Mcol, inverse):
     return M
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def gradients(rows, Jnnz, Jadr, Jcol, J, nv):
     """Return some of MuJoCo's sparse rows of constraints as an array, (k, nv)."""
     full = np.zeros((len(rows), nv))

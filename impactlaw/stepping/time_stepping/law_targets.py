@@ -19,8 +19,8 @@ CollisionOf = Callable[[np.ndarray], Collision]
 class LawTargets:
     """The contact velocities ``gamma^h`` that a law aims at, for the problem of a step.
 
-    Any law can be asked: one with a target, ``gamma^h = -E gamma-`` or another, for that; one with a rule of its own for
-    impulses, such as Poisson's two phases, for the contact velocities that it leads to without friction. Those are
+    Any law can be asked: one with a target, ``gamma^h = -E gamma-`` or another, for that; one with a rule of its own
+    for impulses, such as Poisson's two phases, for the contact velocities that it leads to without friction. Those are
     reached by ``0 <= Lambda  ⊥  gamma+ - gamma^h >= 0`` again, since the law's own impulses do that.
 
     Args:

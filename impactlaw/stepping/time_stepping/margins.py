@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from numba import njit
+
+from impactlaw.compiled import compiled
 
 _LEAST = 1e-5
 """Reach at rest, m or rad: contacts that are held are to be found."""
@@ -21,7 +22,7 @@ def body_sizes(model: mujoco.MjModel) -> np.ndarray:
     return size
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def set_margins(
     body_margin, geom_margin, pair_margin, joint_margin, tendon_margin, body_of_geom, root, size, center, subtree,
     velocity, dof_of_joint, type_of_joint, qvel, qacc, tendon_velocity, timestep, gravity,

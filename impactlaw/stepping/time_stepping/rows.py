@@ -10,7 +10,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from impactlaw.compiled import compiled
 
 BILATERAL, BOX, CONE = 0, 1, 2
 """Kinds of groups of rows, see `impactlaw.solvers.cones.solve`."""
@@ -31,9 +32,9 @@ class Rows(NamedTuple):
             source is the number of a contact among MuJoCo's, ``-2 - row`` for a limit, and -1 for anything else.
         key: what tells a group from others from step to step, int64 (g,).
         amounts: of each group the gap, m or rad, and the largest impulse of dry friction, N s, (2, g).
-        rates: of each row, (5, n): the coefficient of friction of a row of friction, else 1; ``J v``, the velocity at the
-            start of the step, m/s or rad/s; ``J v_free``, to which the forces without contact lead; the velocity at
-            which an equality is met; and its compliance R, 0 for what is rigid.
+        rates: of each row, (5, n): the coefficient of friction of a row of friction, else 1; ``J v``, the velocity at
+            the start of the step, m/s or rad/s; ``J v_free``, to which the forces without contact lead; the velocity
+            at which an equality is met; and its compliance R, 0 for what is rigid.
     """
 
     sparse: np.ndarray
@@ -95,7 +96,7 @@ class Rows(NamedTuple):
         return self.rates[4]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def _group(kinds, address, dim, friction, number, row, frictional):
     """Return the kind of the group that begins at a row, and its rows, those without friction left out."""
     kind = kinds[row]
@@ -113,7 +114,7 @@ def _group(kinds, address, dim, friction, number, row, frictional):
     return CONE, rows, dim[contact]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def whiten(nnz, adr, col, val, start, work, mark, factor, Mnnz, Madr, Mcol, root, tree, treeadr, treenum, out, colout):
     """Write one row of ``Y = J L^-1 D^-1/2`` to the end of what is known of Y and return the number of its entries.
 
@@ -158,7 +159,7 @@ def whiten(nnz, adr, col, val, start, work, mark, factor, Mnnz, Madr, Mcol, root
     return count - start
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def unwhiten(z, factor, Mnnz, Madr, Mcol, root):
     """Return ``L^-1 D^-1/2 z``, the velocity of whitened coordinates, (nv,)."""
     v = np.empty_like(z)
@@ -170,7 +171,7 @@ def unwhiten(z, factor, Mnnz, Madr, Mcol, root):
     return v
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def solve_inertia(force, factor, Mnnz, Madr, Mcol, inverse):
     """Return ``M_h^-1 f``, (nv,)."""
     x = force.copy()
@@ -184,14 +185,12 @@ def solve_inertia(force, factor, Mnnz, Madr, Mcol, inverse):
     return x
 
 
-@njit(
+@compiled(
     # MuJoCo's arrays of contacts have gaps between entries, but numpy says otherwise where there is only one contact
     "(int32[::1],int32[::1],float64[::1],float64[::1],float64[::1],float64[::1],float64[::1],"
     "int32[::1],int32[::1],int32[::1],float64[::1],int32[:],int32[:],int32[:,:],float64[:,:],"
     "int32[::1],int32[::1],int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1],"
-    "float64[::1],float64[::1],float64,boolean)",
-    cache=True,
-    error_model="numpy",
+    "float64[::1],float64[::1],float64,boolean)"
 )
 def read_rows(
     kinds, number, position, velocity, reference, regularizer, loss,

@@ -9,8 +9,8 @@ With the timestep h, the integrator's mass matrix ``M_h`` and everything evaluat
 
 (J. J. Moreau, *Numerical aspects of the sweeping process*, Comput. Methods Appl. Mech. Eng. 177, 1999; M. Jean, same
 volume.) ``gamma^h`` is the law's where contacts collide (`targets`). What contact does in a step is
-``Lambda^T (gamma- + gamma+) / 2``, and forces that do not depend on velocity do their work to second order: so no energy
-comes from contact, and an elastic ball keeps its own exactly.
+``Lambda^T (gamma- + gamma+) / 2``, and forces that do not depend on velocity do their work to second order: so no
+energy comes from contact, and an elastic ball keeps its own exactly.
 
 No step fails: what cannot be reached is left at the nearest point, and ``shortfall`` says by how much.
 """
@@ -233,8 +233,8 @@ class TimeStepping:
         factor, inverse = self._metric
         rows = Rows(
             *read_rows(
-                data.efc_type, data.efc_id, data.efc_pos, data.efc_vel, data.efc_aref, data.efc_R, data.efc_frictionloss,
-                *sparse_jacobian(model, data),
+                data.efc_type, data.efc_id, data.efc_pos, data.efc_vel, data.efc_aref, data.efc_R,
+                data.efc_frictionloss, *sparse_jacobian(model, data),
                 contact.efc_address, contact.dim, contact.geom, contact.friction,
                 model.M_rownnz, model.M_rowadr, model.M_colind, factor, inverse,
                 model.dof_treeid, model.tree_dofadr, model.tree_dofnum,

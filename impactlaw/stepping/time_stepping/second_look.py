@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from numba import njit
 
+from impactlaw.compiled import compiled
 from impactlaw.stepping.time_stepping.contact_problem import open_overlaps
 from impactlaw.stepping.time_stepping.dense import sparse_jacobian
 from impactlaw.stepping.time_stepping.rows import CONE, Rows, read_rows, unwhiten
@@ -14,11 +14,7 @@ _SEEN = 3e-6
 """Depth, m, that is worth a second look."""
 
 
-@njit(
-    "(int32[:,::1],float64[:,::1],float64[:,::1],int32[:,:],int32[::1],float64[:,::1],float64[::1],float64)",
-    cache=True,
-    error_model="numpy",
-)
+@compiled("(int32[:,::1],float64[:,::1],float64[:,::1],int32[:,:],int32[::1],float64[:,::1],float64[::1],float64)")
 def bend(groups, amounts, rates, geoms, body_of_geom, velocity, size, timestep):
     """Return how far contacts can be from where their gradients say at the end of a step, m; 0 if below `_SEEN`.
 
@@ -49,9 +45,9 @@ def bend(groups, amounts, rates, geoms, body_of_geom, velocity, size, timestep):
     return most
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def end_targets(groups, amounts, depth, timestep):
-    """Return how fast positions are to move, m/s, (g,), so that overlaps up to a depth, m, are opened, and if any is."""
+    """Return how fast positions have to move, m/s, (g,), to open overlaps up to a depth, m, and if any has to."""
     need, some = np.zeros(groups.shape[1]), False
     for g in range(len(need)):
         if groups[2, g] == CONE:
@@ -73,9 +69,7 @@ class SecondLook:
         self._model, self._size = model, size
         self._scratch: mujoco.MjData | None = None
 
-    def shift(
-        self, data: mujoco.MjData, rows: Rows, metric: tuple[np.ndarray, np.ndarray]
-    ) -> np.ndarray | None:
+    def shift(self, data: mujoco.MjData, rows: Rows, metric: tuple[np.ndarray, np.ndarray]) -> np.ndarray | None:
         """Return the velocity, (nv,), that moves data from overlaps within one timestep; None if there are none.
 
         Args:
@@ -98,7 +92,8 @@ class SecondLook:
             *read_rows(
                 now.efc_type, now.efc_id, now.efc_pos, nothing[:0], now.efc_aref, now.efc_R, now.efc_frictionloss,
                 *sparse_jacobian(model, now), found.efc_address, found.dim, found.geom, found.friction,
-                *layout, factor, inverse, model.dof_treeid, model.tree_dofadr, model.tree_dofnum, nothing, nothing, h, False,
+                *layout, factor, inverse, model.dof_treeid, model.tree_dofadr, model.tree_dofnum,
+                nothing, nothing, h, False,
             )
         )  # fmt: skip
         need, some = end_targets(seen.groups, seen.amounts, 4.0 * depth, h)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from impactlaw.compiled import compiled
 from impactlaw.stepping.time_stepping.rows import CONE
 
 CLOSED = 1e-5
 """Gap, m or rad, up to which a contact counts as closed where a law asks for all closed contacts."""
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def contact_targets(groups, amounts, rates, timestep, restitution, slowest, resolved):
     """Return the targets of Moreau's and Jean's scheme, and which contacts collide.
 
@@ -47,7 +47,7 @@ def contact_targets(groups, amounts, rates, timestep, restitution, slowest, reso
     return target, collides
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def offsets(groups, rates, target, sliding):
     """Return b of the problem ``u = Y Y^T x + c x + b``, (n,): velocities without contact, less those aimed at.
 
@@ -71,7 +71,7 @@ def offsets(groups, rates, target, sliding):
     return b
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def reached_groups(groups, sparse, colind, tree, collides, touching):
     """Return which groups collide, or touch a kinematic tree that an impulse of these can reach through others.
 

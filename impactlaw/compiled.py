@@ -1,0 +1,54 @@
+"""Compiled functions: numba's, in a cache on disk that no other version of the code can be mistaken for.
+
+Numba looks at the file of a function alone to see whether what it has in its cache is still right, not at the files of
+the functions that it calls. So the cache is in a folder named by all sources that are compiled, and by numba's version.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core import config
+
+_COMPILED = ("solvers/cones", "stepping/time_stepping")
+"""Folders of this package whose functions are compiled."""
+
+
+@cache
+def cache_folder() -> Path | None:
+    """Return where the compiled functions of this version are kept; None if nothing can be written there.
+
+    It is in ``NUMBA_CACHE_DIR``, if that is set, else in ``XDG_CACHE_HOME`` or ``~/.cache``.
+    """
+    digest, root = hashlib.sha256(f"{numba.__version__} {sys.version}".encode()), Path(__file__).parent
+    for folder in _COMPILED:
+        for path in sorted((root / folder).glob("*.py")):
+            digest.update(path.read_bytes())
+    base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    folder = Path(base) / "impactlaw" / digest.hexdigest()[:16]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return folder if os.access(folder, os.W_OK) else None
+
+
+def compiled(*signature: str) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator that compiles a function when it is first called, or at once if its signature is given."""
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        folder, settings = cache_folder(), {"error_model": "numpy", "nogil": True}
+        kept, config.CACHE_DIR = config.CACHE_DIR, "" if folder is None else str(folder)
+        try:
+            return numba.jit(*signature, nopython=True, cache=folder is not None, **settings)(function)
+        finally:
+            config.CACHE_DIR = kept
+
+    return decorate
