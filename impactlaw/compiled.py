@@ -12,10 +12,9 @@ import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numba
-from numba.core import config
 
 _COMPILED = ("solvers/cones", "stepping/time_stepping")
 """Folders of this package whose functions are compiled."""
@@ -44,11 +43,13 @@ def compiled(*signature: str) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator that compiles a function when it is first called, or at once if its signature is given."""
 
     def decorate(function: Callable[..., Any]) -> Any:
-        folder, settings = cache_folder(), {"error_model": "numpy", "nogil": True}
-        kept, config.CACHE_DIR = config.CACHE_DIR, "" if folder is None else str(folder)
+        folder, settings = cache_folder(), cast(Any, numba).config
+        kept, settings.CACHE_DIR = settings.CACHE_DIR, "" if folder is None else str(folder)
         try:
-            return numba.jit(*signature, nopython=True, cache=folder is not None, **settings)(function)
+            return cast(Any, numba.njit)(*signature, cache=folder is not None, error_model="numpy", nogil=True)(
+                function
+            )
         finally:
-            config.CACHE_DIR = kept
+            settings.CACHE_DIR = kept
 
     return decorate

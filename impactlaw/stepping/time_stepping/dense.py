@@ -79,11 +79,33 @@ def mass_matrix(factor, Mnnz, Madr, Mcol, inverse):
 
 
 @compiled()
-def gradients(rows, Jnnz, Jadr, Jcol, J, nv):
-    """Return some of MuJoCo's sparse rows of constraints as an array, (k, nv)."""
-    full = np.zeros((len(rows), nv))
-    for i in range(len(rows)):
-        r = rows[i]
-        for a in range(Jadr[r], Jadr[r] + Jnnz[r]):
-            full[i, Jcol[a]] += J[a]
-    return full
+def gradients(which, sparse, colind, value, scale, factor, Mnnz, Madr, Mcol, inverse):
+    """Return some rows of J, (k, nv), from those of ``Y = J L^-1 D^-1/2``: ``J = Y D^1/2 L``.
+
+    Args:
+        which: rows, int64 (k,).
+        sparse: see `rows.Rows`, like the two that follow.
+        colind: degrees of freedom of entries.
+        value: entries.
+        scale: coefficients of friction, by which rows of Y are multiplied, (n,).
+        factor: L.
+        Mnnz: entries of each row of M.
+        Madr: where they begin.
+        Mcol: their columns, the diagonal last.
+        inverse: ``1 / D``, (nv,).
+    """
+    nv = len(inverse)
+    J = np.zeros((len(which), nv))
+    for k in range(len(which)):
+        row = which[k]
+        for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
+            i = colind[a]
+            y = value[a] / (scale[row] * np.sqrt(inverse[i]))
+            J[k, i] += y
+            for b in range(Madr[i], Madr[i] + Mnnz[i] - 1):
+                J[k, Mcol[b]] += y * factor[b]
+        rounding = 1e-14 * np.abs(J[k]).max()
+        for i in range(nv):
+            if abs(J[k, i]) <= rounding:
+                J[k, i] = 0.0
+    return J

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import mujoco
 import numpy as np
 
 from impactlaw.collision import Collision
-from impactlaw.contacts import Contacts
 from impactlaw.errors import SolverError, UnsolvableLawError
 from impactlaw.events import ImpactEvent
 from impactlaw.friction_impact import FrictionImpact, cone_problem
@@ -18,8 +16,7 @@ from impactlaw.laws import MaximalDissipation, Target
 from impactlaw.laws.base import jump_problem
 from impactlaw.solvers import solve_with_jump
 from impactlaw.solvers.cone_solve import solve_cones
-from impactlaw.stepping.time_stepping.dense import mass_matrix
-from impactlaw.stepping.time_stepping.seen import SeenRows
+from impactlaw.stepping.time_stepping.seen import Seen, in_order
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,27 +27,21 @@ class CollisionRecord:
     step: ``v+ = v- + M_h^-1 J^T Lambda`` reaches the same contact velocities as the step.
 
     Attributes:
-        model: the scene, for the sparsity of its mass matrix.
+        seen: contacts, rows and inertia of the middle of the step.
+        chosen: the groups that collide, and those that they reach, bool (g,).
         time: of the middle of the step, s.
         qpos: configuration there, (nq,).
         velocity: v-, (nv,).
-        factor: L of ``M_h = L^T D L``.
-        inverse: ``1 / D``, (nv,).
-        contacts: that collide, and those that they reach.
-        rows: their gradients and velocities.
-        target: ``gamma^h``, (h,).
-        sliding: sliding velocities aimed at, (k,).
+        target: ``gamma^h`` of groups, (g,).
+        sliding: sliding velocities aimed at, (n,).
         exact: exact Coulomb friction, or its convex relaxation.
     """
 
-    model: mujoco.MjModel
+    seen: Seen
+    chosen: np.ndarray
     time: float
     qpos: np.ndarray
     velocity: np.ndarray
-    factor: np.ndarray
-    inverse: np.ndarray
-    contacts: Contacts
-    rows: SeenRows
     target: np.ndarray
     sliding: np.ndarray
     exact: bool
@@ -61,25 +52,21 @@ class CollisionRecord:
 
     @cached_property
     def _events(self) -> tuple[ImpactEvent, ...]:
-        return (ImpactEvent(self.time, self.contacts, self._impact(), self.qpos),)
+        groups = in_order(self.seen.rows, self.chosen)
+        contacts = self.seen.contacts(groups)
+        collision = self.seen.collision(groups, self.velocity, contacts.labels, friction=True)
+        return (ImpactEvent(self.time, contacts, self._impact(collision, groups), self.qpos),)
 
-    @cached_property
-    def collision(self) -> Collision:
-        """What collides."""
-        model = self.model
-        M = mass_matrix(self.factor, model.M_rownnz, model.M_rowadr, model.M_colind, self.inverse)
-        return self.rows.collision(M, self.velocity, self.contacts.labels)
-
-    def _impact(self) -> Impact:
-        collision = self.collision
+    def _impact(self, collision: Collision, groups: np.ndarray) -> Impact:
+        target = self.target[groups]
         if collision.friction is None:
-            problem = jump_problem(collision, Target(self.target))
+            problem = jump_problem(collision, Target(target))
             try:
                 answer = solve_with_jump(problem, collision.labels, shared=False)
             except (UnsolvableLawError, SolverError):  # the step went to the nearest point; the event shows E = 0
                 return MaximalDissipation().resolve(collision)
-            return Impact.solved(collision, problem, answer, self.target)
-        targets = self.target, self.sliding
+            return Impact.solved(collision, problem, answer, target)
+        targets = target, self.sliding[self.seen.tangential(groups)[0]]
         problem = cone_problem(collision, *targets, exact=self.exact)
         answer = solve_cones(problem)
         return FrictionImpact.of_cones(

@@ -18,7 +18,6 @@ No step fails: what cannot be reached is left at the nearest point, and ``shortf
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, Literal
 
 import mujoco
@@ -52,7 +51,7 @@ from impactlaw.stepping.time_stepping.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.margins import body_sizes, set_margins
 from impactlaw.stepping.time_stepping.rows import BILATERAL, CONE, Rows, read_rows, solve_inertia
 from impactlaw.stepping.time_stepping.second_look import SecondLook
-from impactlaw.stepping.time_stepping.seen import SeenRows, in_order, seen_contacts
+from impactlaw.stepping.time_stepping.seen import Seen, in_order
 from impactlaw.stepping.time_stepping.targets import CLOSED, contact_targets, reached_groups
 from impactlaw.surfaces import Surfaces
 
@@ -69,6 +68,8 @@ _ROUNDS = 24  # of the slower solvers, where Newton's method fails
 _RESTING = 1e-12  # part of the largest contact velocity up to which a contact in touch does not separate
 _STIFF = 1e-6  # part of their compliance that equality constraints keep in a collision
 _SLOWEST = 1e-2  # m/s: velocity below which shortfalls are compared with this
+_TURNING = [int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)]
+_ROUND = 1e-9  # relative difference of moments of inertia that is rounding
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 _FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
@@ -105,7 +106,7 @@ class TimeStepping:
         self._surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces and model.nmocap else None
         self._borrowed = BorrowedModel(model)
         self._sizes = body_sizes(model)
-        self._turning, self._bias = not has_constant_inertia(model), np.zeros(model.nv)
+        self._turning, self._bias = _has_inertial_forces(model), np.zeros(model.nv)
         self._second_look = SecondLook(model, self._sizes)
         self._state = empty_state(model)
         self._bilateral = bilateral_constraints(model)
@@ -210,8 +211,8 @@ class TimeStepping:
     def _free_step(self, data: mujoco.MjData) -> None:
         """Let MuJoCo's integrator advance velocity, activations and time without contact.
 
-        Where the mass matrix depends on the configuration, Coriolis and gyroscopic forces are those of the velocity in
-        the middle of the step, ``v + (h / 2) a``: at that of the start they would make energy.
+        Coriolis and gyroscopic forces, where there are any, are those of the velocity in the middle of the step,
+        ``v + (h / 2) a``: at that of the start they would make energy.
         """
         model, h = self._model, self._model.opt.timestep
         data.qacc[:] = data.qacc_smooth
@@ -272,7 +273,10 @@ class TimeStepping:
         if some:
             taking_part = self._reached(rows, collides)
             reached[taking_part & ~collides] = 0.0
-            self._record = self._record_of(data, rows, in_order(rows, taking_part), reached, share * sliding)
+            self._record = CollisionRecord(
+                self._seen(data, rows, taking_part), taking_part, data.time - 0.5 * h, self._middle, self._velocity,
+                reached, share * sliding, self._exact,
+            )  # fmt: skip
         self._write_forces(data, rows, x, h)
         return shift if len(shift) else None
 
@@ -303,42 +307,25 @@ class TimeStepping:
 
     def _ask_law(self, data: mujoco.MjData, rows: Rows, target: np.ndarray, collides: np.ndarray) -> None:
         """Write the law's targets of the contacts that collide, and of those in touch that a law of all looks at."""
-        gamma, law = rows.before[rows.first], self._targets
+        law = self._targets
+        if not law.alone:
+            collides |= self._reached(rows, collides)
+        groups, seen = in_order(rows, collides), self._seen(data, rows, collides)
+        labels = seen.contacts(groups).labels
         if law.alone:
-            groups = in_order(rows, collides)
-            labels = seen_contacts(self._model, data, rows, groups, self._names, self._limits).labels
-            target[groups] = law.of_each(labels, gamma[groups])
-            return
-        collides |= self._reached(rows, collides)
-        groups = in_order(rows, collides)
-        record = self._record_of(data, rows, groups, target, np.zeros(len(rows.free)))
-        target[groups] = law.of_all(replace(record.collision, friction=None))
+            target[groups] = law.of_each(labels, rows.before[rows.first[groups]])
+        else:
+            target[groups] = law.of_all(seen.collision(groups, self._velocity, labels, friction=False))
+
+    def _seen(self, data: mujoco.MjData, rows: Rows, chosen: np.ndarray) -> Seen:
+        """Copy what is known of contacts, and of limits among the chosen groups, bool (g,)."""
+        return Seen.of(self._model, data, rows, chosen, self._names, self._limits, self._metric)
 
     def _reached(self, rows: Rows, collides: np.ndarray) -> np.ndarray:
         """Return the contacts that collide, and those in touch that do not separate and that they reach, bool (g,)."""
         gamma = rows.before[rows.first]
         touching = (rows.kind == CONE) & (rows.gap <= CLOSED) & (gamma <= _RESTING * np.abs(gamma).max())
         return reached_groups(rows.groups, rows.sparse, rows.colind, self._model.dof_treeid, collides, touching)
-
-    def _record_of(
-        self, data: mujoco.MjData, rows: Rows, groups: np.ndarray, target: np.ndarray, sliding: np.ndarray
-    ) -> CollisionRecord:
-        """Copy what is known of a collision of some groups, int (h,)."""
-        model, (factor, inverse) = self._model, self._metric
-        seen = SeenRows.of(model, data, rows, groups)
-        return CollisionRecord(
-            model,
-            data.time - 0.5 * model.opt.timestep,
-            self._middle,
-            self._velocity,
-            factor.copy(),
-            inverse.copy(),
-            seen_contacts(model, data, rows, groups, self._names, self._limits),
-            seen,
-            target[groups],
-            sliding[seen.tangential],
-            self._exact,
-        )
 
     def _write_forces(self, data: mujoco.MjData, rows: Rows, x: np.ndarray, h: float) -> None:
         """Let sensors and whoever reads ``efc_force`` and ``qfrc_constraint`` see the impulses of the step over h."""
@@ -370,3 +357,11 @@ class TimeStepping:
             mujoco.mj_energyVel(self._model, data)
         data.qacc_warmstart[:] = data.qacc
         self._left = data.qpos.tobytes(), data.qvel.tobytes()
+
+
+def _has_inertial_forces(model: mujoco.MjModel) -> bool:
+    """Return whether Coriolis or gyroscopic forces can act: bodies turn whose inertia depends on the direction."""
+    if not has_constant_inertia(model):
+        return True
+    inertia = model.body_inertia[model.jnt_bodyid[np.isin(model.jnt_type, _TURNING)]]
+    return bool((np.ptp(inertia, axis=1) > _ROUND * inertia.max(axis=1)).any()) if len(inertia) else False

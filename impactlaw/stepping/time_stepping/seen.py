@@ -1,4 +1,4 @@
-"""The groups of rows of a step as contacts and as a collision, for laws, events and whoever reads them."""
+"""What a step has seen of its contacts, kept for laws, events and whoever reads them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from impactlaw.collision import Collision
 from impactlaw.contacts import Contacts
 from impactlaw.friction import Friction
 from impactlaw.limits import NO_GEOM, Limits
-from impactlaw.stepping.time_stepping.dense import gradients, sparse_jacobian
+from impactlaw.stepping.time_stepping.dense import gradients, mass_matrix
 from impactlaw.stepping.time_stepping.rows import BILATERAL, Rows
 
 _ROUNDING = 1e-12
@@ -23,94 +23,118 @@ def in_order(rows: Rows, chosen: np.ndarray) -> np.ndarray:
     return groups[np.lexsort((rows.key[groups], rows.source[groups] < 0))]
 
 
-def seen_contacts(
-    model: mujoco.MjModel, data: mujoco.MjData, rows: Rows, groups: np.ndarray, names: tuple[str, ...], limits: Limits
-) -> Contacts:
-    """Return some groups, int (k,), as contacts; limits last.
-
-    Args:
-        model: the scene.
-        data: its constraint rows of now.
-        rows: the rows of the step.
-        groups: contacts, and after them limits.
-        names: of all geoms, as in contact labels.
-        limits: of joints and tendons.
-    """
-    found, source = data.contact, rows.source[groups]
-    index = source[source >= 0]
-    geoms, normal = found.geom[index].astype(int), found.frame[index, :3].copy()
-    swapped = geoms[:, 0] > geoms[:, 1]
-    geoms[swapped], normal[swapped] = geoms[swapped, ::-1], -normal[swapped]
-    labels = [f"{names[a]}/{names[b]}" for a, b in geoms]
-    position = found.pos[index]
-    reached = -2 - source[source < -1]
-    if len(reached):
-        code = np.array([limits.code(data, int(row)) for row in reached])
-        places, axes = limits.places(data, code)
-        labels += [limits.labels[i] for i in code]
-        geoms = np.vstack([geoms, np.full((len(code), 2), NO_GEOM)])
-        position, normal = np.vstack([position, places]), np.vstack([normal, axes])
-    return Contacts(tuple(labels), geoms, rows.gap[groups], position, normal)
-
-
 @dataclass(frozen=True, eq=False)
-class SeenRows:
-    """Gradients and velocities of some groups as full arrays.
+class Seen:
+    """Contacts, rows and inertia of the middle of a step, copied.
 
     Attributes:
-        jacobian: gap gradients, (h, nv).
-        velocity: ``gamma-``, that of moving surfaces included, (h,).
-        tangents: gradients of rows of friction, (k, nv).
-        sliding: velocities of these rows, (k,).
-        contact: the contact of each, int (k,).
-        coefficient: of each, (k,).
-        tangential: which rows of the step they are, int (k,).
-        bilateral: gradients of equality constraints, (m, nv).
+        model: the scene, for the sparsity of its mass matrix.
+        names: of all geoms, as in contact labels.
+        limits: of joints and tendons.
+        rows: of the step.
+        geoms: of MuJoCo's contacts, (ncon, 2).
+        frame: of these, normals first, (ncon, 9).
+        position: of these, m, (ncon, 3).
+        limit_code: of limits by MuJoCo's row, int.
+        limit_places: their positions and normals, by MuJoCo's row.
+        factor: L of ``M_h = L^T D L``.
+        inverse: ``1 / D``, (nv,).
     """
 
-    jacobian: np.ndarray
-    velocity: np.ndarray
-    tangents: np.ndarray
-    sliding: np.ndarray
-    contact: np.ndarray
-    coefficient: np.ndarray
-    tangential: np.ndarray
-    bilateral: np.ndarray
+    model: mujoco.MjModel
+    names: tuple[str, ...]
+    limits: Limits
+    rows: Rows
+    geoms: np.ndarray
+    frame: np.ndarray
+    position: np.ndarray
+    limit_code: dict[int, int]
+    limit_places: dict[int, tuple[np.ndarray, np.ndarray]]
+    factor: np.ndarray
+    inverse: np.ndarray
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, data: mujoco.MjData, rows: Rows, groups: np.ndarray) -> SeenRows:
-        """Return those of some groups, int (h,)."""
-        sparse = sparse_jacobian(model, data)
-        first, more = rows.first[groups], rows.size[groups] - 1
-        contact = np.repeat(np.arange(len(groups)), more)
-        tangential = first[contact] + 1 + np.arange(len(contact)) - np.repeat(np.cumsum(more) - more, more)
-        equal = rows.first[rows.kind == BILATERAL]
-        return cls(
-            gradients(rows.row[first], *sparse, model.nv),
-            rows.before[first],
-            gradients(rows.row[tangential], *sparse, model.nv),
-            rows.before[tangential],
-            contact,
-            rows.scale[tangential],
-            tangential,
-            gradients(rows.row[equal], *sparse, model.nv),
+    def of(
+        cls,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        rows: Rows,
+        chosen: np.ndarray,
+        names: tuple[str, ...],
+        limits: Limits,
+        metric: tuple[np.ndarray, np.ndarray],
+    ) -> Seen:
+        """Return what is seen now; of limits those among the chosen groups, bool (g,)."""
+        contact, code, places = data.contact, {}, {}
+        for row in (-2 - rows.source[chosen & (rows.source < -1)]).tolist():
+            code[row] = limits.code(data, row)
+            position, normal = limits.places(data, np.array([code[row]]))
+            places[row] = position[0].copy(), normal[0].copy()
+        copies = contact.geom.copy(), contact.frame.copy(), contact.pos.copy()
+        return cls(model, names, limits, rows, *copies, code, places, metric[0].copy(), metric[1].copy())
+
+    def contacts(self, groups: np.ndarray) -> Contacts:
+        """Return some groups, contacts first and then limits, int (h,), as contacts."""
+        source = self.rows.source[groups]
+        index, limits = source[source >= 0], (-2 - source[source < -1]).tolist()
+        geoms, normal = self.geoms[index].astype(int), self.frame[index, :3]
+        swapped = geoms[:, 0] > geoms[:, 1]
+        geoms[swapped], normal[swapped] = geoms[swapped, ::-1], -normal[swapped]
+        labels = [f"{self.names[a]}/{self.names[b]}" for a, b in geoms]
+        labels += [self.limits.labels[self.limit_code[row]] for row in limits]
+        places = [self.limit_places[row] for row in limits]
+        return Contacts(
+            tuple(labels),
+            np.concatenate([geoms, np.full((len(limits), 2), NO_GEOM)]),
+            self.rows.gap[groups],
+            np.concatenate([self.position[index], *(place[None] for place, _ in places)]),
+            np.concatenate([normal, *(axis[None] for _, axis in places)]),
         )
 
-    def collision(self, mass_matrix: np.ndarray, velocity: np.ndarray, labels: tuple[str, ...]) -> Collision:
-        """Return the collision at v-, (nv,)."""
-        surface = _beside(self.velocity, self.jacobian @ velocity)
-        friction = None
-        if len(self.contact):
-            along = _beside(self.sliding, self.tangents @ velocity)
-            friction = Friction(self.tangents, self.contact, self.coefficient, along)
+    def tangential(self, groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows of friction of some groups, int (k,), and the contact of each among these, int (k,)."""
+        first, more = self.rows.first[groups], self.rows.size[groups] - 1
+        contact = np.repeat(np.arange(len(groups)), more)
+        return first[contact] + 1 + np.arange(len(contact)) - np.repeat(np.cumsum(more) - more, more), contact
+
+    def collision(
+        self, groups: np.ndarray, velocity: np.ndarray, labels: tuple[str, ...], *, friction: bool
+    ) -> Collision:
+        """Return the collision of some groups, int (h,), at v-, (nv,)."""
+        rows, friction_of_rows = self.rows, None
+        first, (tangential, contact) = rows.first[groups], self.tangential(groups)
+        J = self._gradients(first)
+        if friction and len(contact):
+            J_t = self._gradients(tangential)
+            along = _beside(rows.before[tangential], J_t @ velocity)
+            friction_of_rows = Friction(J_t, contact, rows.scale[tangential], along)
+        surface, equal = _beside(rows.before[first], J @ velocity), rows.first[rows.kind == BILATERAL]
         return Collision(
-            mass_matrix,
-            self.jacobian,
+            mass_matrix(self.factor, *self._layout, self.inverse),
+            J,
             velocity,
             labels=labels,
-            friction=friction,
+            friction=friction_of_rows,
             surface_velocity=surface if surface.any() else None,
-            bilateral_jacobian=self.bilateral if len(self.bilateral) else None,
+            bilateral_jacobian=self._gradients(equal) if len(equal) else None,
+        )
+
+    @property
+    def _layout(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self.model.M_rownnz, self.model.M_rowadr, self.model.M_colind
+
+    def _gradients(self, which: np.ndarray) -> np.ndarray:
+        """Return some rows of J, (k, nv)."""
+        rows = self.rows
+        return gradients(
+            which.astype(np.int64),
+            rows.sparse,
+            rows.colind,
+            rows.value,
+            rows.scale,
+            self.factor,
+            *self._layout,
+            self.inverse,
         )
 
 

@@ -18,7 +18,7 @@ def contact_targets(groups, amounts, rates, timestep, restitution, slowest, reso
     A contact collides if it approaches, ``gamma- < -threshold``, and is closed, or would be before the next look at
     contacts, ``gap + h gamma_free < 0``. Then ``gamma^h = -e gamma-``. Any other may come as close as to touch,
     ``gamma^h = -gap / h`` while it is open and 0 when it is not. The threshold is what forces make of a contact at rest
-    within a step, ``h |J a|``, at least ``slowest`` and at most ``resolved``: slower collisions are not resolved.
+    within a step, ``h |J a|``, but at most ``resolved``, and at least ``slowest``: slower collisions are not resolved.
 
     Args:
         groups: see `rows.Rows`, like the two that follow.
@@ -27,7 +27,7 @@ def contact_targets(groups, amounts, rates, timestep, restitution, slowest, reso
         timestep: h, s.
         restitution: e.
         slowest: least threshold, m/s or rad/s.
-        resolved: largest threshold.
+        resolved: what forces make counts up to this.
 
     Returns:
         ``gamma^h``, (g,), and whether each group collides, bool (g,).
@@ -38,7 +38,7 @@ def contact_targets(groups, amounts, rates, timestep, restitution, slowest, reso
         if kind[g] != CONE:
             continue
         gamma, led = before[first[g]], free[first[g]]
-        threshold = min(max(slowest, gamma - led), resolved)
+        threshold = max(slowest, min(gamma - led, resolved))
         if gamma < -threshold and (gap[g] <= 0.0 or gap[g] + timestep * led < 0.0):
             collides[g] = True
             target[g] = -restitution * gamma
