@@ -8,7 +8,7 @@ A table is printed and written with all cases, then a line per goal of time step
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -82,8 +82,8 @@ def plan(study: Study) -> list[Case]:
     return cases
 
 
-def run(cases: list[Case], jobs: int = 1, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
-    """Run the cases, each in its own process, and return one row per case in their order.
+def run(cases: list[Case], jobs: int = 1) -> Iterator[Row]:
+    """Run the cases, each in its own process, and return their rows in order, as they come.
 
     Columns: scene, source, way, e, start; nv, dt; steps taken; start_depth and start_limit, overlap at the start;
     mean_us of a step, mj_us of MuJoCo's beside it, ratio; largest_ms, over_mean and largest_at, the largest step;
@@ -93,26 +93,28 @@ def run(cases: list[Case], jobs: int = 1, progress: Callable[[], object] = lambd
     unlocated; warnings, MuJoCo's; outcome, "fine" or why it stopped; stopped_at, the last step begun.
     """
     processes.prepare()
-    parallel = joblib.Parallel(n_jobs=jobs, backend="threading")
-    rows = parallel(joblib.delayed(_tracked)(case, progress) for case in cases)
-    return pd.DataFrame([row for row in rows if row is not None])
-
-
-def _tracked(case: Case, progress: Callable[[], object]) -> Row:
-    row = processes.apart(case)
-    progress()
-    return row
+    if any(case.way == "time-stepping" for case in cases):
+        processes.compile_first("time-stepping")
+    parallel = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator")
+    for row in parallel(joblib.delayed(processes.apart)(case) for case in cases):
+        assert row is not None
+        yield row
 
 
 def main() -> None:
-    """Run the study of the command line."""
+    """Run the study of the command line; interrupted, it shows what it has."""
     options = tyro.cli(Options, description=__doc__)
     processes.prepare()
     cases = plan(options.study.quickly() if options.quick else options.study)
-    with tqdm(total=len(cases), unit="case", disable=None) as bar:
-        table = run(cases, options.jobs, bar.update)
-    print(report.show(table))
-    report.write(table, options.out)
+    rows: list[Row] = []
+    try:
+        rows.extend(tqdm(run(cases, options.jobs), total=len(cases), unit="case", disable=None))
+    except KeyboardInterrupt:
+        print(f"interrupted after {len(rows)} of {len(cases)} cases")
+    if rows:
+        table = pd.DataFrame(rows)
+        print(report.show(table))
+        report.write(table, options.out)
 
 
 if __name__ == "__main__":

@@ -81,6 +81,7 @@ def run(case: Case, report: Report = lambda row: None, begin: Callable[[int], No
     tally = Tally(case.steps, watch, data)
     try:
         ways.warm_up(case.way, case.restitution)
+        ways.rehearse(model, data, case.way, case.restitution)
         ours = None if case.way == "mujoco" else ways.stepper(model, case.way, case.restitution)
     except Exception as error:
         return case.row() | {"nv": model.nv, "steps": 0, "outcome": described(error)}

@@ -10,10 +10,11 @@ from typing import Any
 
 import mujoco
 
-from .case import Case, Row, run
+from .case import Case, Row, described, run
+from .ways import Way, warm_up
 
-LOADING = 60.0
-"""Wall time that loading a scene may take, s."""
+LOADING = 180.0
+"""Wall time that loading a scene may take, s: solvers may have to be compiled anew."""
 HANGING = 30.0
 """Wall time of one step after which it is cut where a case has more than that, s."""
 _GRACE = 2.0
@@ -24,6 +25,13 @@ def prepare() -> None:
     """Let all processes started from now on use one BLAS thread each, and no graphics."""
     os.environ.update(_ENVIRONMENT)
     os.environ.setdefault("MUJOCO_GL", "disable")
+
+
+def compile_first(way: Way) -> None:
+    """Warm up in a process of its own: what is compiled once and kept on disk takes longer than any case may."""
+    process = multiprocessing.get_context("spawn").Process(target=warm_up, args=(way, 0.5))
+    process.start()
+    process.join()
 
 
 def apart(case: Case) -> Row:
@@ -64,6 +72,9 @@ def _work(case: Case, sending: Connection, step: Any) -> None:
 
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)  # where libraries may leave their logs
-        row = run(case, lambda row: sending.send((row, False)), begin)
+        try:
+            row = run(case, lambda row: sending.send((row, False)), begin)
+        except Exception as error:  # not of a step: the study's own, or MuJoCo's about the state that a step has left
+            row = case.row() | {"outcome": f"not measurable: {described(error)}"}
         os.chdir("/")
     sending.send((row, True))

@@ -94,7 +94,11 @@ def _lines(goals: pd.DataFrame) -> list[str]:
 
 
 def _text(table: pd.DataFrame) -> str:
-    return table.to_string(index=False, float_format=lambda x: f"{x:.3g}", na_rep="-")
+    return table.to_string(index=False, float_format=_number, na_rep="-")
+
+
+def _number(x: float) -> str:
+    return f"{x:.0f}" if abs(x) < 1e6 and x == round(x) else f"{x:.3g}"
 
 
 def write(table: pd.DataFrame, folder: Path) -> None:

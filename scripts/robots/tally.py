@@ -74,7 +74,7 @@ class Tally:
         row |= {"depth_at": SETTLED + int(self._depth[late].argmax()) if n > SETTLED else -1}
         row |= {"limit": self._limit[late].max(initial=0.0)}
         row |= {"growth": self._growth if self._watch.passive else np.nan}
-        if np.isfinite(short).all():
+        if not np.isnan(short).any():  # infinite where contacts were lost
             row |= {"met": float((short < SHORT).mean()), "short": short.max(), "short_at": int(short.argmax())}
         return row
 

@@ -13,6 +13,8 @@ from .starts import lifting
 _LIMITS = [int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT), int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON)]
 _SINGLE, _OVERRIDE = int(mujoco.mjtDisableBit.mjDSBL_MULTICCD), int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 _SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+_STAGES = mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_collision, mujoco.mj_makeConstraint
+"""Of `mj_fwdPosition` what contacts and limits take; the rest fails where hundreds of contacts fill the arena."""
 _CCD_TOLERANCE, _CCD_ITERATIONS = 1e-10, 100
 
 
@@ -57,7 +59,8 @@ class Watch:
         own, model = self._data, self._model
         own.mocap_pos[:], own.mocap_quat[:], own.eq_active[:] = data.mocap_pos, data.mocap_quat, data.eq_active
         own.qpos[:], own.qvel[:] = qpos, qvel
-        mujoco.mj_fwdPosition(model, own)
+        for stage in _STAGES:
+            stage(model, own)
         between = (own.contact.geom >= 0).all(axis=1)
         dist = np.where(between, own.contact.dist, 0.0)
         worst = int(np.argmin(dist)) if len(dist) else -1
@@ -65,6 +68,7 @@ class Watch:
         of_limits = own.efc_pos[np.isin(own.efc_type, _LIMITS)]
         energy = np.nan
         if self.passive:
+            mujoco.mj_makeM(model, own)
             mujoco.mj_energyPos(model, own)
             mujoco.mj_energyVel(model, own)
             energy = float(own.energy.sum())

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.compiled import compiled
+from impactlaw.solvers.cones import BILATERAL, CONE
 from impactlaw.solvers.cones.solve import solve
-from impactlaw.stepping.time_stepping.rows import BILATERAL, CONE, unwhiten
+from impactlaw.stepping.time_stepping.rows import unwhiten
 from impactlaw.stepping.time_stepping.targets import offsets
 
 TOLERANCE = 1e-10

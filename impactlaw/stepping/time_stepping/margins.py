@@ -25,7 +25,7 @@ def body_sizes(model: mujoco.MjModel) -> np.ndarray:
 @compiled()
 def set_margins(
     body_margin, geom_margin, pair_margin, joint_margin, tendon_margin, body_of_geom, root, size, center, subtree,
-    velocity, dof_of_joint, type_of_joint, qvel, qacc, tendon_velocity, timestep, gravity,
+    velocity, mocap, surface_speed, dof_of_joint, type_of_joint, qvel, qacc, tendon_velocity, timestep, gravity,
 ):  # fmt: skip
     """Write margins of bodies, geoms, pairs, joints and tendons, m or rad, for one step.
 
@@ -43,6 +43,8 @@ def set_margins(
         center: centers of mass of bodies, (nbody, 3).
         subtree: centers of mass of subtrees, (nbody, 3).
         velocity: MuJoCo's cvel, about the center of mass of the tree, (nbody, 6).
+        mocap: which mocap body each body is, or -1, (nbody,).
+        surface_speed: of the fastest point of mocap bodies, m/s.
         dof_of_joint: first degree of freedom of each joint, (njnt,).
         type_of_joint: (njnt,).
         qvel: velocity, (nv,).
@@ -61,6 +63,8 @@ def set_margins(
         v1 = velocity[i, 4] + w2 * r0 - w0 * r2
         v2 = velocity[i, 5] + w0 * r1 - w1 * r0
         speed = np.sqrt(v0 * v0 + v1 * v1 + v2 * v2) + np.sqrt(w0 * w0 + w1 * w1 + w2 * w2) * size[i]
+        if mocap[root[i]] >= 0:
+            speed += surface_speed
         reach = 0.0 if i == 0 else 2.0 * timestep * (speed + timestep * gravity) + _LEAST
         body_margin[i] = reach
         far = max(far, reach)

@@ -12,9 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlaw.compiled import compiled
-
-BILATERAL, BOX, CONE = 0, 1, 2
-"""Kinds of groups of rows, see `impactlaw.solvers.cones.solve`."""
+from impactlaw.solvers.cones import BILATERAL, BOX, CONE
 
 _EQUALITY, _LOSS, _LIMIT, _ELLIPTIC = 0, (1, 2), (3, 4), 7  # mjtConstraint
 _NO_FRICTION = 1.0000001e-5

@@ -43,13 +43,14 @@ from impactlaw.laws import Coulomb, Law
 from impactlaw.limits import Limits
 from impactlaw.plan import Plan, has_constant_inertia
 from impactlaw.scene import check_time_stepping
+from impactlaw.solvers.cones import BILATERAL, CONE
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.contact_problem import resolve_step
 from impactlaw.stepping.time_stepping.dense import encode_pyramids, sparse_jacobian
 from impactlaw.stepping.time_stepping.events import CollisionRecord
 from impactlaw.stepping.time_stepping.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.margins import body_sizes, set_margins
-from impactlaw.stepping.time_stepping.rows import BILATERAL, CONE, Rows, read_rows, solve_inertia
+from impactlaw.stepping.time_stepping.rows import Rows, read_rows, solve_inertia
 from impactlaw.stepping.time_stepping.second_look import SecondLook
 from impactlaw.stepping.time_stepping.seen import Seen, in_order
 from impactlaw.stepping.time_stepping.targets import CLOSED, contact_targets, reached_groups
@@ -141,6 +142,8 @@ class TimeStepping:
         if (data.qpos.tobytes(), data.qvel.tobytes()) != self._left:
             self._update_frames(data)
             self._known = None
+        if self._surfaces is not None:
+            self._surfaces.begin(data, h)
         self._set_margins(data, h)
         self._velocity = data.qvel.copy()
         self._to_midpoint(data, h)
@@ -179,6 +182,7 @@ class TimeStepping:
         set_margins(
             model.body_margin, model.geom_margin, model.pair_margin, model.jnt_margin, model.tendon_margin,
             model.geom_bodyid, model.body_rootid, self._sizes, data.xipos, data.subtree_com, data.cvel,
+            model.body_mocapid, 0.0 if self._surfaces is None else self._surfaces.speed,
             model.jnt_dofadr, model.jnt_type, data.qvel, data.qacc, data.ten_velocity, h,
             float(np.sqrt(gravity.dot(gravity))),
         )  # fmt: skip
@@ -187,7 +191,6 @@ class TimeStepping:
         """Put bodies where they are in the middle of the step, and compute all forces but those of contact there."""
         model, surfaces = self._model, self._surfaces
         if surfaces is not None:
-            surfaces.begin(data, h)
             data.time += 0.5 * h
             surfaces.place(data)
             data.time -= 0.5 * h

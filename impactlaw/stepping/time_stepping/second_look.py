@@ -6,9 +6,10 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import compiled
+from impactlaw.solvers.cones import CONE
 from impactlaw.stepping.time_stepping.contact_problem import open_overlaps
 from impactlaw.stepping.time_stepping.dense import sparse_jacobian
-from impactlaw.stepping.time_stepping.rows import CONE, Rows, read_rows, unwhiten
+from impactlaw.stepping.time_stepping.rows import Rows, read_rows, unwhiten
 
 _SEEN = 3e-6
 """Depth, m, that is worth a second look."""

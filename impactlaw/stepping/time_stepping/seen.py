@@ -11,8 +11,9 @@ from impactlaw.collision import Collision
 from impactlaw.contacts import Contacts
 from impactlaw.friction import Friction
 from impactlaw.limits import NO_GEOM, Limits
+from impactlaw.solvers.cones import BILATERAL
 from impactlaw.stepping.time_stepping.dense import gradients, mass_matrix
-from impactlaw.stepping.time_stepping.rows import BILATERAL, Rows
+from impactlaw.stepping.time_stepping.rows import Rows
 
 _ROUNDING = 1e-12
 

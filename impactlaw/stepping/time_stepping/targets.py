@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.compiled import compiled
-from impactlaw.stepping.time_stepping.rows import CONE
+from impactlaw.solvers.cones import CONE
 
 CLOSED = 1e-5
 """Gap, m or rad, up to which a contact counts as closed where a law asks for all closed contacts."""
