@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 _EULER, _RK4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
+_BODY = int(mujoco.mjtTrn.mjTRN_BODY)
 _FAST = int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
 _OFF = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET) | int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
 _NO_DAMPING = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP) | int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
@@ -19,8 +20,8 @@ _MARGINS = ("body_margin", "geom_margin", "geom_gap", "pair_margin", "pair_gap",
 class BorrowedModel:
     """Changes options and margins of a model within a ``with`` block: the user's own are read at its start.
 
-    Cones are elliptic, nothing sleeps, and no gap is left out. RK4 becomes Euler, and the
-    implicit integrators the one whose mass matrix is symmetric, implicitfast.
+    Cones are elliptic, nothing sleeps, and MuJoCo's gaps count where something sticks across them only. RK4 becomes
+    Euler, and the implicit integrators the one whose mass matrix is symmetric, implicitfast.
 
     Args:
         model: the scene.
@@ -36,6 +37,9 @@ class BorrowedModel:
         self._margins = [array for name in _MARGINS if (array := getattr(model, name)).size]
         self._kept = [array.copy() for array in self._margins]
         self._gaps = [array for name in ("geom_gap", "pair_gap") if (array := getattr(model, name)).size]
+        sticks = model.flg_adhesion or (model.nu and bool((model.actuator_trntype == _BODY).any()))
+        if sticks:  # across the gap
+            self._gaps = []
         self.cone = model.opt.cone
         self.damped = False
         self.integrator = mujoco.mj_Euler
@@ -44,14 +48,14 @@ class BorrowedModel:
         opt, model = self._opt, self._model
         flags, integrator = opt.disableflags, opt.integrator
         self.cone = opt.cone
-        self._options = flags, opt.enableflags, integrator, opt.solver
+        self._options = flags, opt.enableflags, integrator, opt.solver, opt.noslip_iterations
         for kept, array in zip(self._kept, self._margins, strict=True):
             kept[:] = array
         for gap in self._gaps:
             gap[:] = 0.0
         opt.disableflags = flags | _OFF
         opt.enableflags &= ~_ON
-        opt.cone, opt.solver = _ELLIPTIC, _NEWTON
+        opt.cone, opt.solver, opt.noslip_iterations = _ELLIPTIC, _NEWTON, 0
         if integrator in (_EULER, _RK4):
             opt.integrator, self.integrator = _EULER, mujoco.mj_Euler
             self.damped = not flags & _NO_DAMPING and _damps(model)
@@ -60,11 +64,16 @@ class BorrowedModel:
             self.damped = True
         return self
 
+    def scale_margins(self, share: float) -> None:
+        """Leave a share of all margins."""
+        for array in self._margins:
+            array *= share
+
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         opt = self._opt
-        opt.disableflags, opt.enableflags, opt.integrator, opt.solver = self._options
+        opt.disableflags, opt.enableflags, opt.integrator, opt.solver, opt.noslip_iterations = self._options
         opt.cone = self.cone
         for kept, array in zip(self._kept, self._margins, strict=True):
             array[:] = kept

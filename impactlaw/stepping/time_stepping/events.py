@@ -12,7 +12,7 @@ from impactlaw.errors import SolverError, UnsolvableLawError
 from impactlaw.events import ImpactEvent
 from impactlaw.friction_impact import FrictionImpact, cone_problem
 from impactlaw.impact import Impact
-from impactlaw.laws import MaximalDissipation, Target
+from impactlaw.laws import Target
 from impactlaw.laws.base import jump_problem
 from impactlaw.solvers import solve_with_jump
 from impactlaw.solvers.cone_solve import solve_cones
@@ -32,6 +32,7 @@ class CollisionRecord:
         time: of the middle of the step, s.
         qpos: configuration there, (nq,).
         velocity: v-, (nv,).
+        after: velocity at the end of the step, (nv,).
         target: ``gamma^h`` of groups, (g,).
         sliding: sliding velocities aimed at, (n,).
         exact: exact Coulomb friction, or its convex relaxation.
@@ -42,6 +43,7 @@ class CollisionRecord:
     time: float
     qpos: np.ndarray
     velocity: np.ndarray
+    after: np.ndarray
     target: np.ndarray
     sliding: np.ndarray
     exact: bool
@@ -63,8 +65,8 @@ class CollisionRecord:
             problem = jump_problem(collision, Target(target))
             try:
                 answer = solve_with_jump(problem, collision.labels, shared=False)
-            except (UnsolvableLawError, SolverError):  # the step went to the nearest point; the event shows E = 0
-                return MaximalDissipation().resolve(collision)
+            except (UnsolvableLawError, SolverError):  # the step went to the nearest point
+                return Impact.observed(collision, self.after)
             return Impact.solved(collision, problem, answer, target)
         targets = target, self.sliding[self.seen.tangential(groups)[0]]
         problem = cone_problem(collision, *targets, exact=self.exact)

@@ -9,6 +9,7 @@ from impactlaw.compiled import compiled
 
 _LEAST = 1e-5
 """Reach at rest, m or rad: contacts that are held are to be found."""
+_ALWAYS = 1e6
 _PLANE, _FIELD = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)
 
 
@@ -23,18 +24,31 @@ def body_sizes(model: mujoco.MjModel) -> np.ndarray:
 
 
 @compiled()
+def _speed(velocity, arm, size):
+    """Return how fast a point of a body can be, m/s, from its row of MuJoCo's cvel."""
+    w0, w1, w2 = velocity[0], velocity[1], velocity[2]
+    v0 = velocity[3] + w1 * arm[2] - w2 * arm[1]
+    v1 = velocity[4] + w2 * arm[0] - w0 * arm[2]
+    v2 = velocity[5] + w0 * arm[1] - w1 * arm[0]
+    return np.sqrt(v0 * v0 + v1 * v1 + v2 * v2) + np.sqrt(w0 * w0 + w1 * w1 + w2 * w2) * size
+
+
+@compiled()
 def set_margins(
-    body_margin, geom_margin, pair_margin, joint_margin, tendon_margin, body_of_geom, root, size, center, subtree,
-    velocity, mocap, surface_speed, dof_of_joint, type_of_joint, qvel, qacc, tendon_velocity, timestep, gravity,
+    body_margin, geom_margin, geom_gap, pair_margin, pair_gap, joint_margin, tendon_margin, body_of_geom, root, size, center, subtree,
+    velocity, led_to, mocap, surface_speed, tendon_velocity, timestep, gravity,
 ):  # fmt: skip
     """Write margins of bodies, geoms, pairs, joints and tendons, m or rad, for one step.
 
-    MuJoCo takes the larger margin of two geoms: it is twice what the body itself can travel in the step.
+    MuJoCo takes the larger margin of two geoms: it is twice what the body itself can travel in the step. Limits of
+    joints are always found; those that are far are left out by `rows.read_rows`.
 
     Args:
         body_margin: to be written, like the other margins, (nbody,).
         geom_margin: (ngeom,).
+        geom_gap: what lies within it on top of what is to be found, m, (ngeom,).
         pair_margin: (npair,).
+        pair_gap: the same of pairs, m, (npair,).
         joint_margin: (njnt,).
         tendon_margin: (ntendon,).
         body_of_geom: body of each geom, (ngeom,).
@@ -43,44 +57,29 @@ def set_margins(
         center: centers of mass of bodies, (nbody, 3).
         subtree: centers of mass of subtrees, (nbody, 3).
         velocity: MuJoCo's cvel, about the center of mass of the tree, (nbody, 6).
+        led_to: the same where forces lead without contact, (nbody, 6).
         mocap: which mocap body each body is, or -1, (nbody,).
         surface_speed: of the fastest point of mocap bodies, m/s.
-        dof_of_joint: first degree of freedom of each joint, (njnt,).
-        type_of_joint: (njnt,).
-        qvel: velocity, (nv,).
-        qacc: acceleration of the last step, (nv,).
         tendon_velocity: (ntendon,).
         timestep: h, s.
         gravity: its magnitude, m/s^2.
     """
-    far = 0.0
+    far, arm = 0.0, np.zeros(3)
     for i in range(len(body_margin)):
-        w0, w1, w2 = velocity[i, 0], velocity[i, 1], velocity[i, 2]
-        r0 = center[i, 0] - subtree[root[i], 0]
-        r1 = center[i, 1] - subtree[root[i], 1]
-        r2 = center[i, 2] - subtree[root[i], 2]
-        v0 = velocity[i, 3] + w1 * r2 - w2 * r1
-        v1 = velocity[i, 4] + w2 * r0 - w0 * r2
-        v2 = velocity[i, 5] + w0 * r1 - w1 * r0
-        speed = np.sqrt(v0 * v0 + v1 * v1 + v2 * v2) + np.sqrt(w0 * w0 + w1 * w1 + w2 * w2) * size[i]
+        for k in range(3):
+            arm[k] = center[i, k] - subtree[root[i], k]
+        speed = max(_speed(velocity[i], arm, size[i]), _speed(led_to[i], arm, size[i]))
         if mocap[root[i]] >= 0:
             speed += surface_speed
         reach = 0.0 if i == 0 else 2.0 * timestep * (speed + timestep * gravity) + _LEAST
         body_margin[i] = reach
         far = max(far, reach)
     for i in range(len(geom_margin)):
-        geom_margin[i] = body_margin[body_of_geom[i]]
+        geom_margin[i] = body_margin[body_of_geom[i]] + geom_gap[i]
+    for i in range(len(geom_margin)):
+        body_margin[body_of_geom[i]] = max(body_margin[body_of_geom[i]], geom_margin[i])
     for i in range(len(pair_margin)):
-        pair_margin[i] = far
-    for i in range(len(joint_margin)):
-        rows = 1
-        if type_of_joint[i] == 1:
-            rows = 3
-        elif type_of_joint[i] == 0:
-            rows = 0
-        speed = 0.0
-        for k in range(dof_of_joint[i], dof_of_joint[i] + rows):
-            speed = max(speed, abs(qvel[k]) + timestep * abs(qacc[k]))
-        joint_margin[i] = 2.0 * timestep * speed + _LEAST
+        pair_margin[i] = far + pair_gap[i]
+    joint_margin[:] = _ALWAYS
     for i in range(len(tendon_margin)):
         tendon_margin[i] = 2.0 * timestep * abs(tendon_velocity[i]) + _LEAST

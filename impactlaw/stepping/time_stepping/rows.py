@@ -14,6 +14,9 @@ import numpy as np
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import BILATERAL, BOX, CONE
 
+NEAR = 1e-5
+"""Gap, m or rad, up to which a contact takes part whatever its velocity."""
+
 _EQUALITY, _LOSS, _LIMIT, _ELLIPTIC = 0, (1, 2), (3, 4), 7  # mjtConstraint
 _NO_FRICTION = 1.0000001e-5
 """Coefficient up to which a row of friction is left out: MuJoCo's own smallest one, which stands for none."""
@@ -113,6 +116,47 @@ def _group(kinds, address, dim, friction, number, row, frictional):
 
 
 @compiled()
+def _is_near(row, position, Jnnz, Jadr, Jcol, J, one, other, reach):
+    if position[row] <= NEAR:
+        return True
+    first, second = 0.0, 0.0
+    for k in range(Jadr[row], Jadr[row] + Jnnz[row]):
+        first += J[k] * one[Jcol[k]]
+        second += J[k] * other[Jcol[k]]
+    return position[row] + reach * min(first, second) < 0.0
+
+
+@compiled(
+    "(int32[::1],float64[::1],int32[::1],int32[::1],int32[::1],float64[::1],int32[:],float64[::1],float64[::1],float64)"
+)
+def near_rows(kinds, position, Jnnz, Jadr, Jcol, J, address, one, other, reach):
+    """Return which of MuJoCo's rows begin a contact or limit that is in touch, or would be soon, bool (nefc,).
+
+    That is, ``gap + reach min(J v, 0) < 0`` with one of two velocities. Rows of anything else are among them.
+
+    Args:
+        kinds: of rows, (nefc,).
+        position: gaps, (nefc,).
+        Jnnz: entries of rows of J.
+        Jadr: where they begin.
+        Jcol: their degrees of freedom.
+        J: the entries.
+        address: first rows of contacts, (ncon,).
+        one: velocity, (nv,).
+        other: another one, (nv,).
+        reach: time, s.
+    """
+    near = kinds <= 2
+    for row in range(len(kinds)):
+        if kinds[row] == 3 or kinds[row] == 4:
+            near[row] = _is_near(row, position, Jnnz, Jadr, Jcol, J, one, other, reach)
+    for row in address:
+        if row >= 0:
+            near[row] = _is_near(row, position, Jnnz, Jadr, Jcol, J, one, other, reach)
+    return near
+
+
+@compiled()
 def whiten(nnz, adr, col, val, start, work, mark, factor, Mnnz, Madr, Mcol, root, tree, treeadr, treenum, out, colout):
     """Write one row of ``Y = J L^-1 D^-1/2`` to the end of what is known of Y and return the number of its entries.
 
@@ -188,29 +232,35 @@ def solve_inertia(force, factor, Mnnz, Madr, Mcol, inverse):
     "(int32[::1],int32[::1],float64[::1],float64[::1],float64[::1],float64[::1],float64[::1],"
     "int32[::1],int32[::1],int32[::1],float64[::1],int32[:],int32[:],int32[:,:],float64[:,:],"
     "int32[::1],int32[::1],int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1],"
-    "float64[::1],float64[::1],float64,boolean)"
+    "float64[::1],float64[::1],boolean[::1],float64,boolean)"
 )
 def read_rows(
     kinds, number, position, velocity, reference, regularizer, loss,
     Jnnz, Jadr, Jcol, J,
     address, dim, geoms, friction,
     Mnnz, Madr, Mcol, factor, inverse, tree, treeadr, treenum,
-    before, free, timestep, frictional,
+    before, free, near, timestep, frictional,
 ):  # fmt: skip
     """Return what `Rows` holds, as a tuple in its order; the arguments are MuJoCo's arrays of now.
 
-    Dense rows are given as sparse ones with all entries. Without velocities of rows, (0,), those of belts are left out.
+    Only groups whose first row is ``near`` take part. Dense rows are given as sparse ones with all entries.
+    Without velocities of rows, (0,), those of belts are left out.
     """
     n, nv, ntree = len(kinds), len(before), len(treeadr)
     groups, rows, entries = 0, 0, 0
     row = 0
+    keep = np.zeros(n, np.bool_)
     while row < n:
         kind, size, step = _group(kinds, address, dim, friction, number, row, frictional)
-        groups += 1
-        rows += size
+        if near[row]:
+            keep[row : row + step] = True
+            groups += 1
+            rows += size
         row += step
     mark = np.zeros(ntree, np.bool_)
     for row in range(n):
+        if not keep[row]:
+            continue
         for k in range(Jadr[row], Jadr[row] + Jnnz[row]):
             t = tree[Jcol[k]]
             if J[k] != 0.0 and not mark[t]:
@@ -228,6 +278,9 @@ def read_rows(
     row, g, r, end = 0, 0, 0, 0
     while row < n:
         kind, size, step = _group(kinds, address, dim, friction, number, row, frictional)
+        if not keep[row]:
+            row += step
+            continue
         table[0, g], table[1, g], table[2, g] = r, size, kind
         key[g] = -1 - (np.int64(number[row]) * 8 + kinds[row])
         if kind == BOX:

@@ -50,10 +50,10 @@ from impactlaw.stepping.time_stepping.dense import encode_pyramids, sparse_jacob
 from impactlaw.stepping.time_stepping.events import CollisionRecord
 from impactlaw.stepping.time_stepping.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.margins import body_sizes, set_margins
-from impactlaw.stepping.time_stepping.rows import Rows, read_rows, solve_inertia
+from impactlaw.stepping.time_stepping.rows import NEAR, Rows, near_rows, read_rows, solve_inertia
 from impactlaw.stepping.time_stepping.second_look import SecondLook
 from impactlaw.stepping.time_stepping.seen import Seen, in_order
-from impactlaw.stepping.time_stepping.targets import CLOSED, contact_targets, reached_groups
+from impactlaw.stepping.time_stepping.targets import contact_targets, reached_groups
 from impactlaw.surfaces import Surfaces
 
 REST_SPEED = 1e-3
@@ -66,11 +66,16 @@ SHORTFALL_LIMIT = 1e-6
 """Part of the largest contact velocity of a step by which a step may miss its law without being counted."""
 
 _ROUNDS = 24  # of the slower solvers, where Newton's method fails
+_FEW_ROUNDS = 3  # of these where they have failed in the step before, too
+_LOOKS = 3  # at most, for contacts that the velocity after a collision closes
 _RESTING = 1e-12  # part of the largest contact velocity up to which a contact in touch does not separate
 _STIFF = 1e-6  # part of their compliance that equality constraints keep in a collision
 _SLOWEST = 1e-2  # m/s: velocity below which shortfalls are compared with this
+_TURNS = 8  # rounds at most, each of which halves what is left at least, for bodies that turn by 1 rad in a step
+_SETTLED = 1e-4  # part of the velocity that is no change any more
 _TURNING = [int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)]
 _ROUND = 1e-9  # relative difference of moments of inertia that is rounding
+_MARGINS = 0.2, 0.0  # what is left of margins where there are too many contacts
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 _FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
@@ -81,7 +86,9 @@ class TimeStepping:
 
     Attributes:
         shortfall: largest amount by which a contact velocity of the last step misses its law, m/s or rad/s.
-        short_steps: steps so far in which that is above `SHORTFALL_LIMIT` of the largest contact velocity.
+        short_steps: steps so far in which that is above `SHORTFALL_LIMIT` of the largest contact velocity, or for which
+            MuJoCo had no room for all contacts.
+        solved: whether the last step with contact was none of them.
         unlocated: always 0: no collision is located.
     """
 
@@ -118,8 +125,10 @@ class TimeStepping:
         self._rows: Rows | None = None
         self._metric: tuple[np.ndarray, np.ndarray] = np.zeros(0), np.zeros(0)
         self._middle, self._velocity = np.zeros(0), np.zeros(0)
-        self.shortfall = 0.0
+        self._gained = np.zeros(model.nv)  # velocity by the forces of the last step, without contact
+        self.shortfall = self._fastest = 0.0
         self.short_steps = self.unlocated = 0
+        self.solved, self._overflown = True, False
 
     def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
         """Advance by one timestep and return what tells its collisions; data is back where it was after an error."""
@@ -141,7 +150,7 @@ class TimeStepping:
         self.shortfall = 0.0
         if (data.qpos.tobytes(), data.qvel.tobytes()) != self._left:
             self._update_frames(data)
-            self._known = None
+            self._known, self._gained = None, np.zeros(model.nv)
         if self._surfaces is not None:
             self._surfaces.begin(data, h)
         self._set_margins(data, h)
@@ -151,6 +160,8 @@ class TimeStepping:
         shift = None
         if data.nefc:
             shift = self._contact(data, h)
+            self.solved = self.shortfall <= SHORTFALL_LIMIT * max(_SLOWEST, self._fastest) and not self._overflown
+            self.short_steps += not self.solved
         else:
             self._known = None
             data.qacc[:] = (data.qvel - self._velocity) / h
@@ -177,13 +188,17 @@ class TimeStepping:
         mj_comVel(self._model, data)
 
     def _set_margins(self, data: mujoco.MjData, h: float) -> None:
-        model = self._model
+        model, velocity, now = self._model, data.qvel.copy(), data.cvel.copy()
         gravity = model.opt.gravity
+        data.qvel += self._gained
+        mj_comVel(model, data)
+        data.qvel[:] = velocity
         set_margins(
-            model.body_margin, model.geom_margin, model.pair_margin, model.jnt_margin, model.tendon_margin,
-            model.geom_bodyid, model.body_rootid, self._sizes, data.xipos, data.subtree_com, data.cvel,
+            model.body_margin, model.geom_margin, model.geom_gap, model.pair_margin, model.pair_gap,
+            model.jnt_margin, model.tendon_margin,
+            model.geom_bodyid, model.body_rootid, self._sizes, data.xipos, data.subtree_com, now, data.cvel,
             model.body_mocapid, 0.0 if self._surfaces is None else self._surfaces.speed,
-            model.jnt_dofadr, model.jnt_type, data.qvel, data.qacc, data.ten_velocity, h,
+            data.ten_velocity, h,
             float(np.sqrt(gravity.dot(gravity))),
         )  # fmt: skip
 
@@ -196,10 +211,7 @@ class TimeStepping:
             data.time -= 0.5 * h
         mj_integratePos(model, data.qpos, self._velocity, 0.5 * h)
         self._middle = data.qpos.copy()
-        warnings = data.warning.number[_FULL].sum()
-        mj_fwdPosition(model, data)
-        if data.warning.number[_FULL].sum() != warnings:
-            self.shortfall = np.inf
+        self._find_contacts(data)
         if model.nsensordata:
             mujoco.mj_sensorPos(model, data)
         mj_fwdVelocity(model, data)
@@ -211,43 +223,113 @@ class TimeStepping:
         mj_fwdActuation(model, data)
         mj_fwdAcceleration(model, data)
 
-    def _free_step(self, data: mujoco.MjData) -> None:
-        """Let MuJoCo's integrator advance velocity, activations and time without contact.
+    def _find_contacts(self, data: mujoco.MjData) -> None:
+        """Compute all that depends on positions; where MuJoCo has no room for all contacts, with smaller margins."""
+        self._overflown = False
+        for share in _MARGINS:
+            seen = data.warning.number[_FULL].sum()
+            mj_fwdPosition(self._model, data)
+            if data.warning.number[_FULL].sum() == seen:
+                return
+            self._borrowed.scale_margins(share)
+        mj_fwdPosition(self._model, data)
+        self._overflown = True
 
-        Coriolis and gyroscopic forces, where there are any, are those of the velocity in the middle of the step,
-        ``v + (h / 2) a``: at that of the start they would make energy.
-        """
+    def _free_step(self, data: mujoco.MjData) -> None:
+        """Let MuJoCo's integrator advance velocity, activations and time without contact."""
         model, h = self._model, self._model.opt.timestep
         data.qacc[:] = data.qacc_smooth
         data.qfrc_constraint[:] = 0.0
         self._borrowed.integrator(model, data)
         self._metric = (data.qH, data.qHDiagInv) if self._borrowed.damped else (data.qLD, data.qLDiagInv)
         if self._turning:
-            velocity = self._velocity
-            data.qvel[:] = velocity + (0.5 * h) * data.qacc_smooth
-            mj_comVel(model, data)
-            mujoco.mj_rne(model, data, 0, self._bias)
-            force = data.qfrc_smooth + data.qfrc_bias - self._bias
+            self._turn(data, h)
+        self._gained = data.qvel - self._velocity
+
+    def _turn(self, data: mujoco.MjData, h: float) -> None:
+        """Let Coriolis and gyroscopic forces be those of the mean velocity, in which they do no work."""
+        model, velocity, (factor, inverse) = self._model, self._velocity, self._metric
+        free = data.qvel.copy()
+        for _ in range(_TURNS):
+            before, free = free, self._led_to(data, 0.5 * (velocity + free), h)
+            if np.abs(free - before).max() <= _SETTLED * np.abs(free).max():
+                break
+        else:  # they turn too fast for the timestep: at least no energy comes of it
             layout = model.M_rownnz, model.M_rowadr, model.M_colind
-            data.qvel[:] = velocity + h * solve_inertia(force, self._metric[0], *layout, self._metric[1])
+            free = velocity + h * solve_inertia(data.qfrc_smooth, factor, *layout, inverse)
+            free *= min(1.0, np.sqrt(self._allowed_energy(data, free, h)))
+        data.qvel[:] = free
+
+    def _led_to(self, data: mujoco.MjData, mean: np.ndarray, h: float) -> np.ndarray:
+        """Return where forces lead without contact, with Coriolis and gyroscopic ones of a mean velocity, (nv,)."""
+        model, (factor, inverse) = self._model, self._metric
+        kept = data.qvel.copy()
+        data.qvel[:] = mean
+        mj_comVel(model, data)
+        mujoco.mj_rne(model, data, 0, self._bias)
+        data.qvel[:] = kept
+        force = data.qfrc_smooth + data.qfrc_bias - self._bias
+        layout = model.M_rownnz, model.M_rowadr, model.M_colind
+        return self._velocity + h * solve_inertia(force, factor, *layout, inverse)
+
+    def _allowed_energy(self, data: mujoco.MjData, free: np.ndarray, h: float) -> float:
+        """Return ``v^T M v`` of the start, with twice the work of other forces, relative to ``v^T M v`` of the end."""
+        model, velocity, momentum = self._model, self._velocity, np.empty(self._model.nv)
+        mujoco.mj_mulM(model, data, momentum, free)
+        after = float(momentum @ free)
+        mujoco.mj_mulM(model, data, momentum, velocity)
+        work = h * float((data.qfrc_smooth + data.qfrc_bias) @ (velocity + free))
+        return (float(momentum @ velocity) + max(0.0, work)) / after if after > 0.0 else 1.0
 
     def _contact(self, data: mujoco.MjData, h: float) -> np.ndarray | None:
-        """Add what contact does to the velocity, and return the velocity that opens overlaps, if any has to be."""
+        """Add what contact does to the velocity, and return the velocity that opens overlaps, if any has to be.
+
+        Contacts that are far from closing are left out. If the velocity found would close one of them, it takes part.
+        After a collision the mean velocity is another one, and so are Coriolis and gyroscopic forces: they are corrected.
+        """
+        free = data.qvel.copy()
+        near, look = self._near(data, self._velocity, free, 2.0 * h), 1
+        rows, shift = self._try(data, near, free, h)
+        while look < _LOOKS and np.count_nonzero(found := self._near(data, data.qvel, data.qvel, h) & ~near):
+            near, look = near | found, look + 1
+            rows, shift = self._try(data, near, free, h)
+        if self._record is not None and self._turning:
+            mean = 0.5 * (self._velocity + data.qvel)
+            rows, shift = self._try(data, near, self._led_to(data, mean, h), h)
+        self._write_forces(data, rows, h)
+        return shift
+
+    def _try(self, data: mujoco.MjData, near: np.ndarray, free: np.ndarray, h: float) -> tuple[Rows, np.ndarray | None]:
+        """Solve the problem of the rows that are near; return them and the velocity that opens overlaps."""
+        rows = self._read_rows(data, near, free, h)
+        self._rows = rows if len(rows.key) else None
+        return rows, None if self._rows is None else self._resolve(data, rows, free, h)
+
+    def _near(self, data: mujoco.MjData, one: np.ndarray, other: np.ndarray, reach: float) -> np.ndarray:
+        if self._surfaces is not None and self._surfaces.move:  # what comes near need not move itself
+            return np.ones(data.nefc, dtype=bool)
+        jacobian = sparse_jacobian(self._model, data)
+        return near_rows(data.efc_type, data.efc_pos, *jacobian, data.contact.efc_address, one, other, reach)
+
+    def _read_rows(self, data: mujoco.MjData, near: np.ndarray, free: np.ndarray, h: float) -> Rows:
         model, contact = self._model, data.contact
-        factor, inverse = self._metric
         rows = Rows(
             *read_rows(
                 data.efc_type, data.efc_id, data.efc_pos, data.efc_vel, data.efc_aref, data.efc_R,
                 data.efc_frictionloss, *sparse_jacobian(model, data),
                 contact.efc_address, contact.dim, contact.geom, contact.friction,
-                model.M_rownnz, model.M_rowadr, model.M_colind, factor, inverse,
+                model.M_rownnz, model.M_rowadr, model.M_colind, *self._metric,
                 model.dof_treeid, model.tree_dofadr, model.tree_dofnum,
-                self._velocity, data.qvel, h, self._friction,
+                self._velocity, free, near, h, self._friction,
             )
         )  # fmt: skip
-        self._rows = rows
         if self._surfaces is not None and self._surfaces.move:
             self._add_surfaces(data, rows, h)
+        return rows
+
+    def _resolve(self, data: mujoco.MjData, rows: Rows, free: np.ndarray, h: float) -> np.ndarray | None:
+        """Solve the problem of these rows, and set the velocity after it; see `_contact`."""
+        model, (factor, inverse) = self._model, self._metric
         e = self._targets.restitution
         target, collides = contact_targets(
             rows.groups, rows.amounts, rows.rates, h, 0.0 if e is None else e, self._rest_speed, RESOLVED
@@ -259,7 +341,8 @@ class TimeStepping:
         sliding = -self._sliding * rows.before if self._sliding and some else np.zeros(n)
         known = self._known or (rows.groups, rows.key, rows.scale, np.zeros(n))
         x, change, shift, reached, missed, fastest, share, created = resolve_step(
-            *rows, target, sliding, collides, *known, h, self._exact, self._on_inadmissible == "project", _ROUNDS,
+            *rows, target, sliding, collides, *known, h, self._exact, self._on_inadmissible == "project",
+            _ROUNDS if self.solved else _FEW_ROUNDS,
             model.dof_treeid, factor, inverse, model.M_rownnz, model.M_rowadr, model.M_colind,
         )  # fmt: skip
         self._known = rows.groups, rows.key, rows.scale, x
@@ -270,17 +353,16 @@ class TimeStepping:
                 f"{self._law!r} creates {created:.3g} J at t = {data.time - h:.6g} s; choose a dissipative law, or "
                 'on_inadmissible="project" or "allow"'
             )
-        self.shortfall = max(self.shortfall, missed)
-        self.short_steps += self.shortfall > SHORTFALL_LIMIT * max(_SLOWEST, fastest)
-        data.qvel += change
+        self.shortfall, self._fastest = missed, fastest
+        data.qvel[:] = free + change
+        self._record = None
         if some:
-            taking_part = self._reached(rows, collides)
+            taking_part = self._reached(rows, collides, x[rows.first] > 0.0)
             reached[taking_part & ~collides] = 0.0
             self._record = CollisionRecord(
                 self._seen(data, rows, taking_part), taking_part, data.time - 0.5 * h, self._middle, self._velocity,
-                reached, share * sliding, self._exact,
+                data.qvel.copy(), reached, share * sliding, self._exact,
             )  # fmt: skip
-        self._write_forces(data, rows, x, h)
         return shift if len(shift) else None
 
     def _collide(self, data: mujoco.MjData, rows: Rows, target: np.ndarray, collides: np.ndarray) -> None:
@@ -324,16 +406,20 @@ class TimeStepping:
         """Copy what is known of contacts, and of limits among the chosen groups, bool (g,)."""
         return Seen.of(self._model, data, rows, chosen, self._names, self._limits, self._metric)
 
-    def _reached(self, rows: Rows, collides: np.ndarray) -> np.ndarray:
-        """Return the contacts that collide, and those in touch that do not separate and that they reach, bool (g,)."""
+    def _reached(self, rows: Rows, collides: np.ndarray, pushed: np.ndarray | None = None) -> np.ndarray:
+        """Return the contacts that collide, and those they reach in touch that do not separate, or are pushed, bool (g,)."""
         gamma = rows.before[rows.first]
-        touching = (rows.kind == CONE) & (rows.gap <= CLOSED) & (gamma <= _RESTING * np.abs(gamma).max())
+        stays = gamma <= _RESTING * np.abs(gamma).max()
+        touching = (rows.kind == CONE) & (rows.gap <= NEAR) & (stays if pushed is None else stays | pushed)
         return reached_groups(rows.groups, rows.sparse, rows.colind, self._model.dof_treeid, collides, touching)
 
-    def _write_forces(self, data: mujoco.MjData, rows: Rows, x: np.ndarray, h: float) -> None:
+    def _write_forces(self, data: mujoco.MjData, rows: Rows, h: float) -> None:
         """Let sensors and whoever reads ``efc_force`` and ``qfrc_constraint`` see the impulses of the step over h."""
         force = np.zeros(data.nefc)
-        force[rows.row] = rows.scale * x / h
+        if self._rows is None:
+            self._known = None
+        elif self._known is not None:
+            force[rows.row] = rows.scale * self._known[3] / h
         mj_mulJacTVec(self._model, data, data.qfrc_constraint, force)
         data.qacc[:] = (data.qvel - self._velocity) / h
         if self._borrowed.cone == _PYRAMIDAL and data.ncon:  # as whoever decodes forces takes them to be

@@ -13,6 +13,8 @@ from impactlaw.stepping.time_stepping.rows import Rows, read_rows, unwhiten
 
 _SEEN = 3e-6
 """Depth, m, that is worth a second look."""
+_DEEP = 1e-4
+"""Depth, m or rad, of an overlap that is opened over time."""
 
 
 @compiled("(int32[:,::1],float64[:,::1],float64[:,::1],int32[:,:],int32[::1],float64[:,::1],float64[::1],float64)")
@@ -84,6 +86,8 @@ class SecondLook:
         )
         if depth == 0.0:
             return None
+        if rows.gap.min() > -_DEEP:  # what overlaps does so since this step
+            depth = np.inf
         now, nothing = self._look(data), np.zeros(model.nv)
         if not now.ncon:
             return None
@@ -94,10 +98,10 @@ class SecondLook:
                 now.efc_type, now.efc_id, now.efc_pos, nothing[:0], now.efc_aref, now.efc_R, now.efc_frictionloss,
                 *sparse_jacobian(model, now), found.efc_address, found.dim, found.geom, found.friction,
                 *layout, factor, inverse, model.dof_treeid, model.tree_dofadr, model.tree_dofnum,
-                nothing, nothing, h, False,
+                nothing, nothing, np.ones(now.nefc, dtype=bool), h, False,
             )
         )  # fmt: skip
-        need, some = end_targets(seen.groups, seen.amounts, 4.0 * depth, h)
+        need, some = end_targets(seen.groups, seen.amounts, depth, h)
         if not some:
             return None
         w = open_overlaps(seen.sparse, seen.colind, seen.value, seen.groups, seen.rates, need, model.nv)

@@ -7,9 +7,6 @@ import numpy as np
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
 
-CLOSED = 1e-5
-"""Gap, m or rad, up to which a contact counts as closed where a law asks for all closed contacts."""
-
 
 @compiled()
 def contact_targets(groups, amounts, rates, timestep, restitution, slowest, resolved):
