@@ -226,8 +226,8 @@ def resolve_step(
     Returns:
         Impulses (n,), in units of the problem; the change of velocity (nv,); the velocity that opens overlaps (nv,),
         empty if none has to be; the targets reached for (g,); the largest amount by which a contact velocity misses its
-        target, and the largest velocity of a row, m/s or rad/s; the share s of restitution; and the energy that the
-        collision would create without it, J.
+        target, and the largest velocity of a row, m/s or rad/s; the share s of restitution; the energy that the
+        collision would create without it, J; and the work of contact, J, with what of it is rounding.
     """
     guess = recall(groups, key, rates[0], known_groups, known_key, known_scale, known)
     x, z, after, reached, s, created = solve_contacts(
@@ -248,4 +248,5 @@ def resolve_step(
     if overlaps:
         w = open_overlaps(sparse, colind, value, groups, rates, need, len(tree))
         shift = unwhiten(w, factor, Mnnz, Madr, Mcol, root)
-    return x, change, shift, reached, missed, fastest, s, created
+    work, total = contact_work(groups, rates, after, x)
+    return x, change, shift, reached, missed, fastest, s, created, work, _CREATED * total

@@ -35,8 +35,8 @@ def _speed(velocity, arm, size):
 
 @compiled()
 def set_margins(
-    body_margin, geom_margin, geom_gap, pair_margin, pair_gap, joint_margin, tendon_margin, body_of_geom, root, size, center, subtree,
-    velocity, led_to, mocap, surface_speed, tendon_velocity, timestep, gravity,
+    body_margin, geom_margin, geom_gap, pair_margin, pair_gap, joint_margin, tendon_margin, body_of_geom, root, size,
+    center, subtree, velocity, led_to, mocap, surface_speed, tendon_velocity, timestep, gravity,
 ):  # fmt: skip
     """Write margins of bodies, geoms, pairs, joints and tendons, m or rad, for one step.
 

@@ -71,8 +71,8 @@ _LOOKS = 3  # at most, for contacts that the velocity after a collision closes
 _RESTING = 1e-12  # part of the largest contact velocity up to which a contact in touch does not separate
 _STIFF = 1e-6  # part of their compliance that equality constraints keep in a collision
 _SLOWEST = 1e-2  # m/s: velocity below which shortfalls are compared with this
-_TURNS = 8  # rounds at most, each of which halves what is left at least, for bodies that turn by 1 rad in a step
-_SETTLED = 1e-4  # part of the velocity that is no change any more
+_TURNS = 6  # rounds at most, for bodies that turn fast
+_SETTLED = 1e-2  # part of the velocity by which a round may change it and be the last one
 _TURNING = [int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)]
 _ROUND = 1e-9  # relative difference of moments of inertia that is rounding
 _MARGINS = 0.2, 0.0  # what is left of margins where there are too many contacts
@@ -127,6 +127,7 @@ class TimeStepping:
         self._middle, self._velocity = np.zeros(0), np.zeros(0)
         self._gained = np.zeros(model.nv)  # velocity by the forces of the last step, without contact
         self.shortfall = self._fastest = 0.0
+        self._work = [0.0, 0.0]
         self.short_steps = self.unlocated = 0
         self.solved, self._overflown = True, False
 
@@ -285,7 +286,8 @@ class TimeStepping:
         """Add what contact does to the velocity, and return the velocity that opens overlaps, if any has to be.
 
         Contacts that are far from closing are left out. If the velocity found would close one of them, it takes part.
-        After a collision the mean velocity is another one, and so are Coriolis and gyroscopic forces: they are corrected.
+        A collision changes the mean velocity, in which Coriolis and gyroscopic forces do no work: where they have done
+        more than contact has taken, they are corrected.
         """
         free = data.qvel.copy()
         near, look = self._near(data, self._velocity, free, 2.0 * h), 1
@@ -293,9 +295,15 @@ class TimeStepping:
         while look < _LOOKS and np.count_nonzero(found := self._near(data, data.qvel, data.qvel, h) & ~near):
             near, look = near | found, look + 1
             rows, shift = self._try(data, near, free, h)
-        if self._record is not None and self._turning:
-            mean = 0.5 * (self._velocity + data.qvel)
-            rows, shift = self._try(data, near, self._led_to(data, mean, h), h)
+        created = self._created(data, h)
+        while look < _LOOKS + _TURNS and created > self._work[1]:
+            known, free, look = (free, created), self._led_to(data, 0.5 * (self._velocity + data.qvel), h), look + 1
+            rows, shift = self._try(data, near, free, h)
+            created = self._created(data, h)
+            if not created < 0.5 * known[1]:  # they turn too fast for that
+                if created > known[1]:
+                    rows, shift = self._try(data, near, known[0], h)
+                break
         self._write_forces(data, rows, h)
         return shift
 
@@ -304,6 +312,12 @@ class TimeStepping:
         rows = self._read_rows(data, near, free, h)
         self._rows = rows if len(rows.key) else None
         return rows, None if self._rows is None else self._resolve(data, rows, free, h)
+
+    def _created(self, data: mujoco.MjData, h: float) -> float:
+        """Return the work of contact in a collision and of Coriolis and gyroscopic forces, J; 0 where there is none."""
+        if self._record is None or not self._turning:
+            return 0.0
+        return self._work[0] - 0.5 * h * float(self._bias @ (self._velocity + data.qvel))
 
     def _near(self, data: mujoco.MjData, one: np.ndarray, other: np.ndarray, reach: float) -> np.ndarray:
         if self._surfaces is not None and self._surfaces.move:  # what comes near need not move itself
@@ -340,7 +354,7 @@ class TimeStepping:
         n = len(rows.scale)
         sliding = -self._sliding * rows.before if self._sliding and some else np.zeros(n)
         known = self._known or (rows.groups, rows.key, rows.scale, np.zeros(n))
-        x, change, shift, reached, missed, fastest, share, created = resolve_step(
+        x, change, shift, reached, missed, fastest, share, created, *self._work = resolve_step(
             *rows, target, sliding, collides, *known, h, self._exact, self._on_inadmissible == "project",
             _ROUNDS if self.solved else _FEW_ROUNDS,
             model.dof_treeid, factor, inverse, model.M_rownnz, model.M_rowadr, model.M_colind,
@@ -407,7 +421,7 @@ class TimeStepping:
         return Seen.of(self._model, data, rows, chosen, self._names, self._limits, self._metric)
 
     def _reached(self, rows: Rows, collides: np.ndarray, pushed: np.ndarray | None = None) -> np.ndarray:
-        """Return the contacts that collide, and those they reach in touch that do not separate, or are pushed, bool (g,)."""
+        """Return which contacts collide, or are reached by these and do not separate, or are pushed, bool (g,)."""
         gamma = rows.before[rows.first]
         stays = gamma <= _RESTING * np.abs(gamma).max()
         touching = (rows.kind == CONE) & (rows.gap <= NEAR) & (stays if pushed is None else stays | pushed)
