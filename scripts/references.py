@@ -27,11 +27,11 @@ _SPACING = 0.004  # s, of the knots that a piece is interpolated between
 Field = Callable[[float, np.ndarray], np.ndarray]
 
 
-def bouncing_ball(duration: float, tolerance: float) -> list[Arc]:
-    """Return parabolas between impacts that halve the speed; exact, whatever the tolerance."""
+def bouncing_ball(duration: float, tolerance: float, height: float = 1.0) -> list[Arc]:
+    """Return parabolas between impacts that halve the speed, from a height in m; exact, whatever the tolerance."""
     del tolerance
     arcs: list[Arc] = []
-    begin, height, speed = 0.0, 1.0, 0.0
+    begin, speed = 0.0, 0.0
     while begin < duration:
         end = begin + (speed + math.sqrt(speed**2 + 2 * G * height)) / G
 
@@ -134,7 +134,7 @@ def rocking_block(duration: float, tolerance: float) -> list[Arc]:
     begin, y, side = 0.0, np.array([0.125, 0.0]), 1.0
     while begin < duration:
         field, embed = _on_one_foot(partial(_block_height, side), inertia=(0.25**2 + 1) / 12, gravity=G)
-        arc, y = _flight(field, y, partial(_towards_upright, side), embed, (begin, duration), tolerance)
+        arc, y = flight(field, y, partial(_towards_upright, side), embed, (begin, duration), tolerance)
         arcs.append(arc)
         begin, side, y = arc.end, -side, np.array([0.0, 0.7 * y[1]])
     return arcs
@@ -207,21 +207,26 @@ def _flights(
     arcs: list[Arc] = []
     begin, y = span[0], start
     while not arcs or not math.isclose(arcs[-1].end, span[1], rel_tol=1e-12):
-        arc, y = _flight(field, y, closing, embed, (begin, span[1]), tolerance)
+        arc, y = flight(field, y, closing, embed, (begin, span[1]), tolerance)
         arcs.append(arc)
         begin, y = arc.end, collide(y)
     return arcs
 
 
-def _flight(
+def flight(
     field: Field,
     start: np.ndarray,
     closing: Callable[[float, np.ndarray], float],
     embed: Callable[[np.ndarray], np.ndarray],
     span: tuple[float, float],
     tolerance: float,
+    *,
+    spacing: float = _SPACING,
 ) -> tuple[Arc, np.ndarray]:
-    """Integrate up to the next collision or the end of the span; return that piece and the state at its end."""
+    """Integrate up to the next collision or the end of the span; return that piece and the state at its end.
+
+    A collision is an upward crossing of zero by `closing`; the piece is interpolated between knots of this spacing, s.
+    """
 
     def event(t: float, y: np.ndarray) -> float:
         return closing(t, y)
@@ -239,6 +244,6 @@ def _flight(
         max_step=_LONGEST,
     )
     end = float(found.t[-1])
-    times = np.linspace(span[0], end, max(16, math.ceil((end - span[0]) / _SPACING)))
+    times = np.linspace(span[0], end, max(16, math.ceil((end - span[0]) / spacing)))
     spline = make_interp_spline(times, embed(found.sol(times).T), k=7)  # keeps the digits, and is faster to evaluate
     return Arc(span[0], end, spline), found.y[:, -1]

@@ -6,11 +6,10 @@ import copy
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal
 
 import mujoco
 import numpy as np
-from time_stepping import TimeStepping
 
 from impactlaw import ImpactEvent, Law, Stepper
 from impactlaw.soft_contact import tuned_contacts
@@ -19,12 +18,8 @@ _MOST_STATES = 2000  # kept of one trajectory of MuJoCo's
 _SHORT = 0.05  # s; faster runs are timed three times and the fastest counts
 
 
-class Steps(Protocol):
-    """Anything that advances a scene by one timestep."""
-
-    def step(self, data: mujoco.MjData) -> None:
-        """Advance by one timestep."""
-        ...
+Way = Literal["event-driven", "time-stepping", "soft"]
+"""How a scene is stepped under an impact law."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +27,8 @@ class Trajectory:
     """States of one simulation.
 
     Attributes:
-        points: t, q and v side by side, (n, 1 + 2 nv): after every step, and before and after every located impact;
-            of MuJoCo's soft contacts at most 2 000, evenly chosen.
+        points: t, q and v side by side, (n, 1 + 2 nv), rotations of free bodies as vectors: after every step, and
+            before and after every located impact; of MuJoCo's soft contacts at most 2 000, evenly chosen.
         seconds: processor time of the whole simulation, which other work on the machine does not add to.
     """
 
@@ -42,20 +37,25 @@ class Trajectory:
 
 
 def rigid(
-    model: mujoco.MjModel, start: mujoco.MjData, law: Law, steps: int, *, contact_model: str = "rigid"
+    model: mujoco.MjModel,
+    start: mujoco.MjData,
+    law: Law,
+    steps: int,
+    *,
+    way: Way = "event-driven",
+    repeat: bool = True,
 ) -> Trajectory:
-    """Simulate with impact laws, impacts located (rigid) or seen at the start of a step (soft)."""
+    """Simulate with an impact law, collisions located (event-driven) or not (time stepping, soft contacts).
+
+    Steppers are made before the clock starts: the first one of time stepping compiles. Short runs are repeated for the
+    clock's sake.
+    """
 
     def simulate() -> Trajectory:
-        stepper = Stepper(model, law, contact_model=contact_model)  # pyright: ignore[reportArgumentType]
-        return _stepped(stepper, model, start, steps, located=contact_model == "rigid")
+        stepper = Stepper(model, law, contact_model="soft") if way == "soft" else Stepper(model, law, scheme=way)
+        return _stepped(stepper, model, start, steps, located=way == "event-driven")
 
-    return _repeat(simulate)
-
-
-def time_stepping(model: mujoco.MjModel, start: mujoco.MjData, law: Law, steps: int) -> Trajectory:
-    """Simulate with impact laws but without locating impacts."""
-    return _repeat(lambda: _stepped(TimeStepping(model, law), model, start, steps))
+    return _repeat(simulate) if repeat else simulate()
 
 
 def soft(model: mujoco.MjModel, start: mujoco.MjData, steps: int) -> Trajectory:
@@ -102,29 +102,25 @@ def _repeat(simulate: Callable[[], Trajectory]) -> Trajectory:
 
 def _copy(model: mujoco.MjModel, start: mujoco.MjData) -> mujoco.MjData:
     data = mujoco.MjData(model)
-    data.qpos[:], data.qvel[:] = start.qpos, start.qvel
+    data.qpos[:], data.qvel[:], data.ctrl[:] = start.qpos, start.qvel, start.ctrl
     return data
 
 
-def _stepped(
-    stepper: Steps, model: mujoco.MjModel, start: mujoco.MjData, steps: int, *, located: bool = False
-) -> Trajectory:
+def _stepped(stepper: Stepper, model: mujoco.MjModel, start: mujoco.MjData, steps: int, *, located: bool) -> Trajectory:
     """Take the steps one by one; keeping the states costs 1 us of each, little beside a step in Python."""
-    data, nv = _copy(model, start), model.nv
-    points = np.empty((steps + 1, 1 + 2 * nv))
-    points[0] = _point(data)
-    events = []
+    data, nq = _copy(model, start), model.nq
+    states = np.empty((steps + 1, 1 + nq + model.nv))
+    states[0] = _state(data)
+    events: list[ImpactEvent] = []
     begin = time.process_time()
     for i in range(steps):
         stepper.step(data)
-        row = points[i + 1]
-        row[0], row[1 : 1 + nv], row[1 + nv :] = data.time, data.qpos, data.qvel
-        if getattr(stepper, "events", ()):
-            events += stepper.events  # pyright: ignore[reportAttributeAccessIssue]
+        row = states[i + 1]
+        row[0], row[1 : 1 + nq], row[1 + nq :] = data.time, data.qpos, data.qvel
+        if located and stepper.events:
+            events += stepper.events
     seconds = time.process_time() - begin
-    if located:
-        points = np.vstack([points, *(_before_and_after(event) for event in events)])
-    return Trajectory(points, seconds)
+    return Trajectory(_points(model, np.vstack([states, *(_before_and_after(event) for event in events)])), seconds)
 
 
 def _before_and_after(event: ImpactEvent) -> np.ndarray:
@@ -136,19 +132,30 @@ def _mujoco(model: mujoco.MjModel, start: mujoco.MjData, steps: int) -> Trajecto
     data = _copy(model, start)
     every = -(-steps // _MOST_STATES)
     chunks = [every] * (steps // every) + [steps % every] * (steps % every > 0)
-    points = [_point(data)]
+    states = [_state(data)]
     begin = time.process_time()
     for chunk in chunks:
         mujoco.mj_step(model, data, nstep=chunk)
-        points.append(_point(data))
+        states.append(_state(data))
     seconds = time.process_time() - begin
     if every == 1:  # then keeping states costs as much as the steps: time them without
         data = _copy(model, start)
         begin = time.process_time()
         mujoco.mj_step(model, data, nstep=steps)
         seconds = time.process_time() - begin
-    return Trajectory(np.array(points), seconds)
+    return Trajectory(_points(model, np.array(states)), seconds)
 
 
-def _point(data: mujoco.MjData) -> np.ndarray:
+def _state(data: mujoco.MjData) -> np.ndarray:
     return np.concatenate([[data.time], data.qpos, data.qvel])
+
+
+def _points(model: mujoco.MjModel, states: np.ndarray) -> np.ndarray:
+    """Return t, q and v from t, qpos and qvel: the rotation of a free body as a vector, (n, 1 + 2 nv)."""
+    nq, nv = model.nq, model.nv
+    if nq == nv:
+        return states
+    points = np.column_stack([states[:, 0], np.zeros((len(states), nv)), states[:, 1 + nq :]])
+    for state, point in zip(states, points, strict=True):
+        mujoco.mj_differentiatePos(model, point[1 : 1 + nv], 1.0, model.qpos0, state[1 : 1 + nq])
+    return points

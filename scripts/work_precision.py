@@ -1,7 +1,7 @@
 """Study "work-precision": what error costs how much run time, of the solvers and of stepping.
 
 Writes tables (CSV) and pictures into a folder, prints measured orders beside the expected ones, and how much smaller
-the error of rigid stepping with located impacts is than that of MuJoCo's best soft contact at equal run time.
+the errors of event-driven and of time stepping are than that of MuJoCo's best soft contact at equal run time.
 """
 
 from __future__ import annotations
@@ -17,25 +17,27 @@ import tyro
 import work_precision_solvers as solvers
 import work_precision_stepping as stepping
 from tqdm import tqdm
+from work_precision_orders import OrderStudy, time_stepping_orders
 from work_precision_pictures import draw_compact, draw_solvers, draw_stepping
 from work_precision_results import advantage, orders
 from work_precision_solvers import SolverStudy
 from work_precision_stepping import SteppingStudy
 
 QUICK_STEPPING = SteppingStudy(
-    scenes=("bouncing ball", "cradle, Moreau", "falling rod"),
+    scenes=("bouncing ball", "cradle, Moreau", "falling rod", "sliding block", "rod with friction", "quadruped"),
     timesteps=(10**-1.5, 1e-2, 10**-2.5),
     methods=(
-        "rigid located RK4",
-        "rigid located Euler",
-        "rigid time stepping",
+        "event-driven RK4",
+        "event-driven Euler",
+        "time stepping",
         "soft layer RK4",
         "MuJoCo default RK4",
         "MuJoCo tuned 30 RK4",
         "MuJoCo tuned 100 Euler",
     ),
-    finest=1e-4,
+    finest=10**-3.5,
 )
+QUICK_ORDERS = OrderStudy(scenes=QUICK_STEPPING.scenes, groups=3, neighbours=4)
 QUICK_SOLVERS = SolverStudy(contacts=(1, 4, 16), chains=(32,), conditions=(1.0, 1e12), problems=1, seconds=0.002)
 
 
@@ -48,7 +50,7 @@ class WorkPrecision:
     out: Path = Path("out/work_precision")
     """Folder for tables and pictures."""
     picture: Path | None = None
-    """Also draw the small picture of bouncing ball and cradle into this file."""
+    """Also draw the small picture of four scenes into this file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +61,14 @@ class Results:
         solvers: see `work_precision_solvers.run`.
         stepping: see `work_precision_stepping.run`.
         orders: see `work_precision_results.orders`.
+        time_stepping: see `work_precision_orders.time_stepping_orders`.
         advantage: see `work_precision_results.advantage`.
     """
 
     solvers: pd.DataFrame
     stepping: pd.DataFrame
     orders: pd.DataFrame
+    time_stepping: pd.DataFrame
     advantage: pd.DataFrame
 
 
@@ -72,7 +76,8 @@ def run(study: WorkPrecision) -> Results:
     """Return all tables; shows a progress bar where there is a terminal."""
     of_solvers = QUICK_SOLVERS if study.quick else SolverStudy()
     of_stepping = QUICK_STEPPING if study.quick else SteppingStudy()
-    total = len(list(solvers.kinds(of_solvers))) + len(list(stepping.cells(of_stepping)))
+    of_orders = QUICK_ORDERS if study.quick else OrderStudy()
+    total = len(list(solvers.kinds(of_solvers))) + len(list(stepping.cells(of_stepping))) + len(of_orders.scenes)
     with tqdm(total=total, disable=None, unit="run") as bar:
 
         def progress(what: str) -> None:
@@ -81,13 +86,14 @@ def run(study: WorkPrecision) -> Results:
 
         solved = solvers.run(of_solvers, progress)
         stepped = stepping.run(of_stepping, progress)
-    return Results(solved, stepped, orders(stepped), advantage(stepped))
+        of_time_stepping = time_stepping_orders(of_orders, progress)
+    return Results(solved, stepped, orders(stepped), of_time_stepping, advantage(stepped))
 
 
 def write(results: Results, study: WorkPrecision) -> None:
     """Write every table as CSV, the machine as JSON beside them, and the pictures."""
     study.out.mkdir(parents=True, exist_ok=True)
-    for name in ("solvers", "stepping", "orders", "advantage"):
+    for name in ("solvers", "stepping", "orders", "time_stepping", "advantage"):
         getattr(results, name).to_csv(study.out / f"{name}.csv", index=False)
     (study.out / "machine.json").write_text(json.dumps(machine.describe(), indent=2) + "\n")
     footer = machine.one_line()
@@ -103,6 +109,7 @@ def show(results: Results) -> str:
     parts = (
         ("Solvers, errors and time per impact", results.solvers),
         ("Orders in the timestep (expected 0: exact where the error is rounding, else not convergent)", results.orders),
+        ("Order of time stepping, over timesteps close to each other", results.time_stepping),
         ("Error of MuJoCo's best soft contact over that of rigid stepping, at equal run time", results.advantage),
     )
     texts = [f"{title}\n{table.to_string(index=False, float_format=number, na_rep='')}" for title, table in parts]

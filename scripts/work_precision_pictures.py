@@ -8,19 +8,22 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from work_precision_results import envelope, where
-from work_precision_stepping import LOCATED, TUNED
+from work_precision_stepping import DEFAULT, LOCATED, TIME_STEPPING, TUNED
 
 STYLES = {
     LOCATED: ("#0072B2", "o", "-"),
-    "rigid located Euler": ("#56B4E9", "s", "-"),
-    "rigid time stepping": ("#009E73", "D", "-"),
+    "event-driven Euler": ("#56B4E9", "s", "-"),
+    TIME_STEPPING: ("#009E73", "D", "-"),
     "soft layer": ("#E69F00", "^", "--"),
     TUNED: ("#D55E00", "v", "-"),
-    "MuJoCo default": ("#000000", "x", ":"),
+    DEFAULT: ("#000000", "x", ":"),
 }
 """Colour (distinguishable by the colour-blind), marker and line of each family of methods."""
+COMPACT = ("bouncing ball", "cradle, Moreau", "rod with friction", "quadruped")
+"""Scenes of the README's picture."""
 _SOLVERS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
 _LEAST = 1e-17  # errors of exactly zero are drawn here
+_MOST = 10.0  # errors from here on, of simulations that have gone astray, are not drawn
 
 
 def draw_stepping(table: pd.DataFrame, path: Path, footer: str) -> None:
@@ -29,7 +32,7 @@ def draw_stepping(table: pd.DataFrame, path: Path, footer: str) -> None:
     columns = min(3, len(scenes))
     rows = -(-len(scenes) // columns)
     figure = _figure((4.4 * columns, 3.3 * rows + 1.1))
-    figure.suptitle("Error of the trajectory against run time of the simulation, timesteps 0.1 s to 0.0001 s and less")
+    figure.suptitle("Error of the trajectory against run time of the simulation, timesteps 0.1 s to 0.00001 s")
     axes = figure.subplots(rows, columns, sharey=True, squeeze=False)
     for axis, scene in zip(axes.flat, scenes, strict=False):
         _draw_scene(axis, where(table, table.scene == scene))
@@ -46,59 +49,48 @@ def draw_stepping(table: pd.DataFrame, path: Path, footer: str) -> None:
 
 
 def draw_compact(table: pd.DataFrame, path: Path, footer: str) -> None:
-    """Draw bouncing ball and cradle side by side, lines labelled directly: the picture of the README."""
-    scenes = [scene for scene in ("bouncing ball", "cradle, reversal", "cradle, Moreau") if scene in set(table.scene)]
-    scenes = [scenes[0], scenes[-1]] if len(scenes) > 1 else scenes
-    figure = _figure((10.0, 4.3))
-    figure.suptitle("Error of the trajectory against run time of the simulation", fontsize=12)
-    axes = figure.subplots(1, len(scenes), sharey=True, squeeze=False)
-    for axis, scene in zip(axes.flat, scenes, strict=True):
-        group = where(table, table.scene == scene)
-        _draw_scene(axis, group)
-        _label(axis, group)
-        axis.set_title(scene, loc="left", fontsize=11)
-        axis.set_xlabel("run time (processor), s")
-    axes[0, 0].set_ylabel("distance from the exact graph\nin (t, q), scaled")
+    """Draw four scenes: the picture of the README, to be read at a width of 800 pixels."""
+    scenes = [scene for scene in COMPACT if scene in set(table.scene)]
+    rows = -(-len(scenes) // 2)
+    figure = _figure((9.0, 3.1 * rows + 1.2))
+    figure.suptitle("Error of the trajectory against run time of the simulation", fontsize=13)
+    axes = figure.subplots(rows, 2, sharey="row", squeeze=False)
+    for axis, scene in zip(axes.flat, scenes, strict=False):
+        _draw_scene(axis, where(table, table.scene == scene))
+        axis.set_title(scene, loc="left", fontsize=12)
+        axis.tick_params(labelsize=10)
+    for axis in axes.flat[len(scenes) :]:
+        axis.set_visible(False)
+    for row in range(rows):
+        _limit(axes[row], where(table, table.scene.isin(scenes[2 * row : 2 * row + 2])))
+        axes[row, 0].set_ylabel("distance from the exact\ngraph in (t, q), scaled", fontsize=11)
+    for axis in axes[-1]:
+        axis.set_xlabel("run time (processor), s", fontsize=11)
+    handles, labels = axes.flat[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=11, borderaxespad=1.6)
     _finish(figure, path, footer, dpi=100)
+
+
+def _limit(axes: Any, table: pd.DataFrame) -> None:
+    """Let the axes of a row begin at a power of ten below the least error."""
+    least = float(table.error.clip(_LEAST).min())
+    low = 10.0 ** np.floor(np.log10(least) - 0.3)
+    for axis in axes:
+        axis.set_ylim(low, _MOST)
+        axis.set_yticks(10.0 ** np.arange(np.ceil(np.log10(low)), 1, 4 if low < 1e-10 else 2))
 
 
 def _draw_scene(axis: Any, table: pd.DataFrame) -> None:
     for family, (color, marker, line) in STYLES.items():
-        runs = where(table, (table.family == family) & np.isfinite(table.error))
+        runs = where(table, (table.family == family) & (table.error < _MOST))
         if len(runs) == 0:
             continue
         best = envelope(runs) if runs.method.nunique() > 1 else runs.sort_values("seconds")
         axis.loglog(runs.seconds, runs.error.clip(_LEAST), marker, color=color, markersize=3, alpha=0.3)
         axis.loglog(best.seconds, best.error.clip(_LEAST), line, marker=marker, color=color, markersize=5, label=family)
-    axis.set_ylim(1e-17, 10)
+    axis.set_ylim(1e-17, _MOST)
     axis.set_yticks(10.0 ** np.arange(-16, 1, 4))
     axis.grid(alpha=0.3)
-
-
-def _label(axis: Any, table: pd.DataFrame) -> None:
-    """Write the family's name beside the end of its line, moved apart vertically where names would overlap."""
-    ends = []
-    for family, (color, _, _) in STYLES.items():
-        runs = where(table, (table.family == family) & np.isfinite(table.error))
-        if len(runs):
-            last = (envelope(runs) if runs.method.nunique() > 1 else runs.sort_values("seconds")).iloc[-1]
-            ends.append([family, color, last.seconds, max(last.error, _LEAST)])
-    low, high = axis.get_xlim()
-    axis.set_xlim(low, high * (high / low) ** 0.45)
-    ends.sort(key=lambda end: -end[3])
-    below = np.inf
-    for family, color, seconds, error in ends:
-        height = min(error, below / 10)
-        axis.annotate(
-            family,
-            (seconds, error),
-            (high * 1.3, height),
-            color=color,
-            fontsize=8.5,
-            va="center",
-            arrowprops={"arrowstyle": "-", "color": color, "alpha": 0.35, "linewidth": 0.8},
-        )
-        below = height
 
 
 def draw_solvers(table: pd.DataFrame, family: str, path: Path, footer: str) -> None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
-from work_precision_stepping import EXACT, LOCATED, SCENES
+from work_precision_scenes import EXACT, SCENES
+from work_precision_stepping import LOCATED, TIME_STEPPING
 
 _FLOOR = 2e-11  # smaller errors are those of located gaps and of rounding
+_RUN_TIMES = (0.01, 0.1, 1.0)  # s, at which errors are compared
 _ROUNDING = 1e-12  # error up to which a method counts as exact
 
 
@@ -65,31 +67,50 @@ def error_at(runs: pd.DataFrame, seconds: np.ndarray) -> np.ndarray:
 
 
 def advantage(table: pd.DataFrame) -> pd.DataFrame:
-    """Return, per scene, the ratio of MuJoCo's least error to that of located rigid stepping at equal run time.
+    """Return, per scene and way of rigid stepping, the ratio of MuJoCo's least error to its own at equal run time.
 
     MuJoCo's is the envelope of all of its contacts, tuned or not, with every integrator and timestep. The run times
-    are those of the rigid runs that MuJoCo has run at least as long as; the columns give the smallest and the largest
-    ratio, and the run time and the two errors of the largest.
+    are those of the rigid runs that MuJoCo has run at least as long as. Columns: those of the largest ratio (run time,
+    s; the two errors; ratio); the ratio at a run time of 10, 100 and 1 000 ms, empty where one of the two has no such
+    run; smallest ratio; and the run time up to which MuJoCo is nearer, s, empty where it never is.
     """
     rows = []
     for scene in dict.fromkeys(table.scene):
         group = where(table, table.scene == scene)
-        theirs = where(group, group.method.str.startswith("MuJoCo"))
-        ours = envelope(where(group, group.method == LOCATED))
-        ours = where(ours, ours.seconds <= theirs.seconds.max())
-        if len(ours) == 0 or len(theirs) == 0:
-            continue
-        least = error_at(theirs, ours.seconds.to_numpy())
-        ratio = least / ours.error.to_numpy()
-        top = int(np.argmax(ratio))
-        rows.append(
-            {
+        theirs = where(group, group.method.str.startswith("MuJoCo") & np.isfinite(group.error))
+        for method in (LOCATED, TIME_STEPPING):
+            runs = where(group, group.method == method)
+            ours = envelope(runs)
+            ours = where(ours, ours.seconds <= theirs.seconds.max())
+            if len(ours) == 0 or len(theirs) == 0:
+                continue
+            least = error_at(theirs, ours.seconds.to_numpy())
+            ratio = least / ours.error.to_numpy()
+            top, behind = int(np.argmax(ratio)), np.flatnonzero(ratio < 1)
+            row = {
                 "scene": scene,
+                "method": method,
                 "run time": ours.seconds.iloc[top],
-                "rigid located": ours.error.iloc[top],
+                "error": ours.error.iloc[top],
                 "MuJoCo's best": least[top],
                 "ratio": ratio[top],
-                "smallest ratio": ratio.min(),
             }
-        )
+            row |= {f"at {1e3 * at:g} ms": _ratio_at(runs, theirs, at) for at in _RUN_TIMES}
+            rows.append(
+                row
+                | {
+                    "smallest ratio": ratio.min(),
+                    "MuJoCo nearer up to": ours.seconds.iloc[behind[-1]] if len(behind) else np.nan,
+                }
+            )
     return pd.DataFrame(rows)
+
+
+def _ratio_at(ours: pd.DataFrame, theirs: pd.DataFrame, seconds: float) -> float:
+    """Return the ratio of errors at a run time, not a number where one of the two has no runs on both sides of it."""
+    for runs in (ours, theirs):
+        done = where(runs, np.isfinite(runs.error)).seconds
+        if not done.min() <= seconds <= done.max():
+            return np.nan
+    at = np.array([seconds])
+    return float(error_at(theirs, at)[0] / error_at(ours, at)[0])

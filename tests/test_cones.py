@@ -117,14 +117,9 @@ def test_hard_problems_are_solved(seed):
     assert answer.status is ConeStatus.SOLVED
 
 
-def test_starting_again_finds_what_the_rest_does_not():
-    restarts, without = Effort(1, False, 60), Effort(1, False, 0)
-    solved = {
-        effort: sum(solve_cones(hard(seed), effort=effort).status is ConeStatus.SOLVED for seed in HARD)
-        for effort in (restarts, without)
-    }
-    assert solved[restarts] > solved[without]
-    assert solved[restarts] >= 9
+def test_hard_problems_need_no_starting_again():
+    brief = Effort(0, False, 0)
+    assert all(solve_cones(hard(seed), effort=brief).status is ConeStatus.SOLVED for seed in HARD)
 
 
 @pytest.mark.parametrize("seed", range(8))

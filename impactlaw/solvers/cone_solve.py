@@ -100,7 +100,8 @@ def _compiled(problem: ConeProblem, guess: np.ndarray | None) -> tuple[np.ndarra
         _ROUNDS,
     )
     x = x.reshape(h, m)
-    residual = problem.residual(x, problem.velocity(x))
+    with np.errstate(all="ignore"):
+        residual = problem.residual(x, problem.velocity(x))
     return x, residual if residual >= 0 else np.inf, int(taken)
 
 

@@ -314,10 +314,14 @@ class TimeStepping:
         return rows, None if self._rows is None else self._resolve(data, rows, free, h)
 
     def _created(self, data: mujoco.MjData, h: float) -> float:
-        """Return the work of contact in a collision and of Coriolis and gyroscopic forces, J; 0 where there is none."""
+        """Return the work of contact in a collision and of Coriolis and gyroscopic forces, J; 0 where there is none.
+
+        Where nothing is to be lost either, its size.
+        """
         if self._record is None or not self._turning:
             return 0.0
-        return self._work[0] - 0.5 * h * float(self._bias @ (self._velocity + data.qvel))
+        work = self._work[0] - 0.5 * h * float(self._bias @ (self._velocity + data.qvel))
+        return abs(work) if self._targets.restitution == 1.0 else work
 
     def _near(self, data: mujoco.MjData, one: np.ndarray, other: np.ndarray, reach: float) -> np.ndarray:
         if self._surfaces is not None and self._surfaces.move:  # what comes near need not move itself
@@ -383,6 +387,8 @@ class TimeStepping:
         """Ask the law, and let equality constraints keep their velocity in the collision."""
         if self._targets.restitution is None:
             self._ask_law(data, rows, target, collides)
+        in_touch = self._reached(rows, collides, np.ones(len(collides), dtype=bool)) & ~collides
+        target[in_touch] = np.maximum(target[in_touch], 0.0)  # as the law has it, however small their gap
         if data.ne:
             equal = rows.first[rows.kind == BILATERAL]
             rows.compliance[equal[self._bilateral[data.efc_id[rows.row[equal]]]]] *= _STIFF

@@ -35,7 +35,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def table(folder):
-    return run(plan(Study(scene=(folder,), ways=("soft",), restitution=(0.5,), steps=STEPS)), jobs=2)
+    return pd.DataFrame(run(plan(Study(scene=(folder,), ways=("soft",), restitution=(0.5,), steps=STEPS)), jobs=2))
 
 
 def test_rows(table):
@@ -69,7 +69,7 @@ def test_in_this_process(folder, way):
 
 def test_what_fails_costs_a_row(tmp_path):
     (tmp_path / "broken.xml").write_text("<mujoco><nothing/></mujoco>")
-    table = run(plan(Study(scene=(tmp_path,), ways=("mujoco",), starts=("drop",), steps=1)))
+    table = pd.DataFrame(run(plan(Study(scene=(tmp_path,), ways=("mujoco",), starts=("drop",), steps=1))))
     assert table["outcome"].str.startswith("not loaded: ValueError").all()
     assert "broken.xml is left out" in report.show(table)
 

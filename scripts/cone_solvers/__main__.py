@@ -1,0 +1,92 @@
+"""Problems of contact with friction, captured from time stepping of 15 scenes, by our solver and by others.
+
+Each problem is solved from the guess that the scheme had, and from rest. A solver is judged by the largest natural map
+of a contact, relative to the largest offset of one, and by processor time. The others are nonsmooth Gauss-Seidel,
+Clarabel (convex programs, in a fixed point where friction is exact) and, for contacts of three rows, Pinocchio's ADMM,
+where these are installed. Two tables are printed, and written with all rows: by solver, and by scene for ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import pandas as pd
+import tyro
+from tqdm import tqdm
+
+from scripts import machine
+from scripts.robots.scenes import Scene, chosen
+
+from . import capture, measure, report
+from .catalogue import QUICK, catalogue
+from .problem import Problem
+from .solvers import Solver, solvers
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """Which problems, and for whom."""
+
+    problems: int = 1080
+    """Of all scenes together, as many of each."""
+    only: tuple[str, ...] = ()
+    """Names of scenes, or parts of names; all without."""
+    friction: capture.FrictionModel = "coulomb"
+    """Exact friction, or the convex relaxation."""
+    seed: int = 0
+    """Of drops, speeds and controls."""
+    most_rows: int = 300
+    """Rows of a problem up to which Clarabel and Pinocchio get it."""
+
+    def quickly(self) -> Study:
+        """Return the same with 100 problems of 5 scenes, less than a minute."""
+        return replace(self, problems=100, only=self.only or QUICK, most_rows=100)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What the command line asks for."""
+
+    study: Annotated[Study, tyro.conf.arg(name="")] = Study()
+    quick: bool = False
+    """100 problems of 5 scenes."""
+    out: Path = Path("out/cone_solvers")
+    """Folder of the files."""
+
+
+def captured(study: Study, scenes: list[Scene]) -> list[Problem]:
+    """Return the problems of all scenes."""
+    share = -(-study.problems // max(1, len(scenes)))
+    found = []
+    for scene in tqdm(scenes, desc="capturing", unit="scene", disable=None):
+        found += capture.problems_of(scene, share, study.friction, study.seed)
+    return found
+
+
+def run(study: Study, problems: Iterable[Problem], who: list[Solver]) -> pd.DataFrame:
+    """Return one row per problem, solver and start; see `measure.rows_of`."""
+    rows = []
+    for number, problem in enumerate(problems):
+        rows += measure.rows_of(number, problem, who, study.most_rows)
+    return pd.DataFrame(rows)
+
+
+def main() -> None:
+    """Run the study of the command line."""
+    options = tyro.cli(Options, description=__doc__)
+    study = options.study.quickly() if options.quick else options.study
+    who = solvers()
+    problems = captured(study, chosen(catalogue(), study.only))
+    print(f"{len(problems)} problems of {len({problem.scene for problem in problems})} scenes")
+    measure.warm_up(who, problems)
+    table = run(study, tqdm(problems, desc="solving", unit="problem", disable=None), who)
+    print(report.show(table))
+    print(machine.one_line())
+    report.write(table, options.out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,136 @@
+"""Contact problems with friction as time stepping poses them: its own calls, seen from outside.
+
+A scene is stepped from drops and with random controls, with e = 0 and 0.5, under several seeds; every few steps what
+the scheme hands to its solver is copied. Problems that no impulse solves already are left out.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Literal
+from unittest import mock
+
+import mujoco
+import numpy as np
+from scipy import sparse
+
+from impactlaw import ImpactLawError, Moreau, Stepper
+from impactlaw.solvers.cones import CONE
+from impactlaw.stepping.time_stepping import scheme
+from impactlaw.stepping.time_stepping.contact_problem import recall
+from impactlaw.stepping.time_stepping.targets import offsets
+from scripts.robots import starts
+from scripts.robots.scenes import Loaded, Scene
+
+from .catalogue import load_with_friction
+from .problem import Problem, scaled
+
+FrictionModel = Literal["coulomb", "convex"]
+_RUNS = 24  # at most, per scene
+_SHARES = 6  # runs that the problems of a scene are taken from, at least
+_MANY = 100  # degrees of freedom from which runs are short and slow
+_STEPS, _FEW_STEPS = 600, 80
+_SPEED, _SLOW = 1.0, 0.1  # standard deviation of velocities at the start, m/s or rad/s
+_FASTEST = 300.0  # m/s or rad/s: from there on a motion diverges, and says nothing about robots
+_BETWEEN, _FEW_BETWEEN = (3, 15), (1, 5)  # steps from one problem to the next
+_TRIVIAL = 1e-8  # natural map of no impulse
+_FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+
+
+def problems_of(scene: Scene, count: int, friction: FrictionModel = "coulomb", seed: int = 0) -> list[Problem]:
+    """Return up to so many problems of a scene, the same ones each time."""
+    loaded = load_with_friction(scene)
+    share, taken = -(-count // _SHARES), []
+    for run in range(_RUNS):
+        if len(taken) == count:
+            break
+        wanted = min(share, count - len(taken))
+        taken += _problems_of_run(scene, loaded, wanted, friction, np.random.default_rng([seed, run]), run)
+    return taken
+
+
+def _problems_of_run(
+    scene: Scene, loaded: Loaded, count: int, friction: FrictionModel, rng: np.random.Generator, run: int
+) -> list[Problem]:
+    """Return the problems of one run, whose number decides about restitution and controls."""
+    model = loaded.model
+    data = _start(scene, loaded, rng)
+    stepper = Stepper(model, Moreau((0.0, 0.5)[run % 2]), scheme="time-stepping", friction=friction, overlap="push-out")
+    steps, between = (_STEPS, _BETWEEN) if model.nv < _MANY else (_FEW_STEPS, _FEW_BETWEEN)
+    kind = "drop" if run // 2 % 2 or not model.nu else "random"
+    controls = starts.controls(model, kind, data.ctrl.copy(), -(-steps // starts.HELD), int(rng.integers(1 << 31)))
+    taken: list[Problem] = []
+    seen: list[Problem] = []
+    due = int(rng.integers(*between))
+    with _watched(lambda arguments: seen.append(_problem(scene.name, arguments))):
+        for step in range(steps):
+            data.ctrl[:] = controls[step // starts.HELD]
+            seen.clear()
+            try:
+                stepper.step(data)
+            except (ImpactLawError, mujoco.FatalError):  # a motion that diverges, more contacts than memory
+                break
+            if not np.abs(data.qvel).max() < _FASTEST or not np.isfinite(stepper.shortfall):
+                break
+            if step >= due and seen and _is_worth_solving(problem := scaled(seen[0])):
+                taken.append(problem)
+                due = step + int(rng.integers(*between))
+            if len(taken) == count:
+                break
+    return taken
+
+
+def _start(scene: Scene, loaded: Loaded, rng: np.random.Generator) -> mujoco.MjData:
+    """Return the scene's start, raised and set in motion at random."""
+    model = loaded.model
+    data = starts.start(loaded, 2.0 * scene.raised * rng.uniform())
+    moved = np.ones(model.nv, bool)
+    if model.nv < _MANY and (model.jnt_type == _FREE).any():  # free bodies alone
+        moved = model.jnt_type[model.dof_jntid] == _FREE
+    data.qvel[moved] += (_SPEED if model.nv < _MANY else _SLOW) * rng.normal(size=np.count_nonzero(moved))
+    return data
+
+
+@contextmanager
+def _watched(look: Callable[[dict[str, Any]], object]) -> Iterator[None]:
+    """Let somebody look at the arguments, by name, of every call of the scheme's `resolve_step`."""
+    own = scheme.resolve_step
+    names = inspect.signature(own.py_func)
+
+    def seam(*arguments: object) -> object:
+        look(names.bind(*arguments).arguments)
+        return own(*arguments)
+
+    with mock.patch.object(scheme, "resolve_step", seam):
+        yield
+
+
+def _problem(scene: str, given: dict[str, Any]) -> Problem:
+    """Return the problem of `resolve_step`, not scaled; all of it is copied."""
+    groups, amounts, rates, tree = given["groups"], given["amounts"], given["rates"], given["tree"]
+    nnz, shape = given["sparse"][0], (groups[1].sum(), len(tree))
+    indptr = np.concatenate([[0], np.cumsum(nnz)]).astype(np.int32)
+    assert (given["sparse"][1] == indptr[:-1]).all()
+    rows = sparse.csr_array((given["value"].copy(), given["colind"].copy(), indptr), shape=shape)
+    known = given["known_groups"], given["known_key"], given["known_scale"], given["known"]
+    return Problem(
+        scene=scene,
+        rows=rows,
+        tree=tree.copy(),
+        size=groups[1].copy(),
+        kind=groups[2].copy(),
+        bound=amounts[1].copy(),
+        compliance=rates[4].copy(),
+        offset=offsets(groups, rates, given["target"], given["sliding"]),
+        guess=recall(groups, given["key"], rates[0], *known),
+        exact=given["exact"],
+        rounds=given["rounds"],
+    )
+
+
+def _is_worth_solving(problem: Problem) -> bool:
+    """Return whether there is friction, and an impulse is needed."""
+    rubs = (problem.kind == CONE) & (problem.size > 1)
+    return bool(rubs.any() and problem.scale > 0.0 and problem.natural_map(0.0 * problem.offset) > _TRIVIAL)

@@ -1,0 +1,40 @@
+"""The fifteen scenes: what the package, its dependencies and its development tools ship, two of them built here."""
+
+from __future__ import annotations
+
+import importlib.util
+
+import mujoco
+
+from impactlaw import models
+from scripts.robots.scenes import NEEDS, Loaded, Scene, load
+
+QUICK = ("Hopper-v5", "Ant-v5", "Humanoid-v5", "dm/stacker", "box_drop")
+_GYMNASIUM = ("Hopper", "Walker2d", "HalfCheetah", "Ant", "Humanoid")
+_DOMAINS = ("quadruped walk", "dog stand", "humanoid_CMU stand", "manipulator bring_ball", "stacker stack_4")
+_OWN = ("box_drop", "billiard_rack")
+_BUILT = ("dominoes", "cards kicked")
+_FRICTION, _CONDIM = 0.5, 3  # of our own models, which have none
+
+
+def catalogue() -> list[Scene]:
+    """Return the scenes whose packages are installed; the others are named on screen."""
+    known = [Scene(f"{name}-v5", "gymnasium", f"{name}-v5") for name in _GYMNASIUM]
+    known += [Scene(f"dm/{key.split()[0]}", "dm_control", key) for key in _DOMAINS]
+    known += [Scene("HandManipulateBlock", "gymnasium-robotics", "HandManipulateBlock")]
+    known += [Scene(name, "file", str(models.scene_path(name))) for name in _OWN]
+    known += [Scene(name, "built", name, raised=0.0) for name in _BUILT]
+    missing = {source for source, package in NEEDS.items() if importlib.util.find_spec(package) is None}
+    for source in sorted(missing & {scene.source for scene in known}):
+        print(f"{source} is not installed: its scenes are left out")
+    return [scene for scene in known if scene.source not in missing]
+
+
+def load_with_friction(scene: Scene) -> Loaded:
+    """Compile the scene; our own models get friction."""
+    loaded = load(scene)
+    mujoco.set_mju_user_warning(lambda message: None)  # about motions that diverge: they would be logged, or filed
+    if scene.name in _OWN:
+        loaded.model.geom_condim[:] = _CONDIM
+        loaded.model.geom_friction[:, 0] = _FRICTION
+    return loaded

@@ -1,0 +1,133 @@
+"""A robot of four legs stands, lands and is held under time stepping, with feet of every condim."""
+
+import mujoco
+import numpy as np
+import pytest
+from scenes import energy
+
+from impactlaw import MaximalDissipation, Moreau, Newton, Poisson, Stepper
+
+STANCE = np.tile([0.0, 0.7, -1.4], 4)
+
+
+def quadruped(condim=3, *, timestep=4e-3, servo=True, integrator="implicitfast", armature=0.0):
+    legs, actuators = "", ""
+    for name, x, y in (("fl", 0.2, 0.12), ("fr", 0.2, -0.12), ("rl", -0.2, 0.12), ("rr", -0.2, -0.12)):
+        legs += f"""<body name="{name}_hip" pos="{x} {y} 0"><joint name="{name}_roll" axis="1 0 0" range="-60 60"/>
+            <geom type="capsule" fromto="0 0 0 0 {np.sign(y) * 0.05} 0" size=".03" mass=".7"/>
+            <body pos="0 {np.sign(y) * 0.05} 0"><joint name="{name}_thigh" axis="0 1 0" range="-90 120"/>
+            <geom type="capsule" fromto="0 0 0 0 0 -.21" size=".02" mass=".8"/>
+            <body pos="0 0 -.21"><joint name="{name}_knee" axis="0 1 0" range="-150 -30"/>
+            <geom type="capsule" fromto="0 0 0 0 0 -.18" size=".012" mass=".15"/>
+            <geom name="{name}" size=".02" pos="0 0 -.21" mass=".05" condim="{condim}"
+                friction=".8 .02 .01" contype="1"/>
+            </body></body></body>"""
+        actuators += "".join(
+            f'<position joint="{name}_{joint}" kp="120" kv="4"/>' for joint in ("roll", "thigh", "knee")
+        )
+    xml = f"""<mujoco><option timestep="{timestep}" integrator="{integrator}"/>
+        <default><geom contype="0" conaffinity="0"/><joint armature="{armature}"/></default><worldbody>
+        <geom name="floor" type="plane" size="9 9 1" contype="1" conaffinity="1"/>
+        <body name="trunk" pos="0 0 .4"><freejoint/><geom type="box" size=".25 .09 .05" mass="8"/>
+        {legs}</body></worldbody>
+        {f"<actuator>{actuators}</actuator>" if servo else ""}</mujoco>"""
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    data.qpos[7:] = STANCE
+    mujoco.mj_forward(model, data)
+    feet = [model.geom(name).id for name in ("fl", "fr", "rl", "rr")]
+    data.qpos[2] += 0.02 - data.geom_xpos[feet, 2].min()
+    if servo:
+        data.ctrl[:] = STANCE
+    return model, data, feet
+
+
+def gaps(model, data, feet):
+    mujoco.mj_kinematics(model, data)
+    return data.geom_xpos[feet, 2] - model.geom_size[feet, 0]
+
+
+def stepping(model, law, **options):
+    return Stepper(model, law, scheme="time-stepping", **options)
+
+
+def run_to(stepper, data, time):
+    while data.time < time - 1e-9:
+        stepper.step(data)
+
+
+@pytest.mark.parametrize("condim", [3, 4, 6])
+@pytest.mark.parametrize("law", [MaximalDissipation(), Moreau(0.5), Poisson(0.5)], ids=["0", "moreau", "poisson"])
+def test_it_stands_for_five_seconds_and_does_not_drift(condim, law):
+    model, data, feet = quadruped(condim)
+    data.qpos[2] += 0.05
+    stepper = stepping(model, law)
+    run_to(stepper, data, 2.0)
+    start = data.qpos.copy()
+    run_to(stepper, data, 5.0)
+    assert 0.2 < data.qpos[2] < 0.4
+    assert data.qpos[:3] == pytest.approx(start[:3], abs=1e-4)
+    assert data.qpos[3:7] == pytest.approx(start[3:7], abs=5e-4)
+    assert data.qpos[7:] == pytest.approx(start[7:], abs=1e-3)
+    assert ((gaps(model, data, feet) >= -1e-8) & (gaps(model, data, feet) <= 1e-6)).all()
+    assert stepper.short_steps <= 0.01 * 5.0 / model.opt.timestep
+
+
+@pytest.mark.parametrize("condim", [3, 6])
+def test_it_stands_by_a_controller_of_ones_own(condim):
+    """PD through qfrc_applied, so explicit."""
+    model, data, feet = quadruped(condim, servo=False, integrator="Euler", timestep=2e-3, armature=0.02)
+    stepper = stepping(model, Moreau(0.0))
+    start = None
+    for i in range(1500):
+        data.qfrc_applied[6:] = 120 * (STANCE - data.qpos[7:]) - 4 * data.qvel[6:]
+        stepper.step(data)
+        if i == 1000:
+            start = data.qpos.copy()
+    assert data.qpos[:3] == pytest.approx(start[:3], abs=1e-4)
+    assert data.qpos[3:] == pytest.approx(start[3:], abs=1e-3)
+    assert ((gaps(model, data, feet) >= -1e-8) & (gaps(model, data, feet) <= 1e-6)).all()
+
+
+@pytest.mark.parametrize("condim", [3, 6])
+def test_feet_never_sink_and_the_law_is_met_while_it_is_moved(condim):
+    model, data, feet = quadruped(condim, timestep=2e-3)
+    stepper, rng = stepping(model, Newton(0.3)), np.random.default_rng(1)
+    worst, deepest = 0.0, 0.0
+    for i in range(500):
+        if i % 20 == 0:
+            data.ctrl[:] = STANCE + rng.uniform(-0.3, 0.3, 12)
+        stepper.step(data)
+        worst = max(worst, stepper.shortfall)
+        if i > 100:
+            deepest = min(deepest, gaps(model, data, feet).min())
+    assert deepest > -1e-5
+    assert worst < 1e-2
+    assert stepper.short_steps <= 5
+
+
+def test_it_falls_without_a_controller_and_loses_energy_only():
+    model, data, _ = quadruped(servo=False, timestep=1e-3)
+    stepper = stepping(model, Moreau(0.3))
+    start = energy(model, data)
+    last = start
+    for _ in range(400):
+        stepper.step(data)
+        now = energy(model, data)
+        assert now <= last + 1e-4 * start
+        last = now
+    assert last < start
+
+
+def test_it_slides_on_ice_and_is_braked_on_felt():
+    """Pushed at 0.5 m/s: without friction it goes on, with it it stops."""
+    speeds = []
+    for friction in ("ignore", "coulomb"):
+        model, data, _ = quadruped(3)
+        stepper = stepping(model, Moreau(0.0), friction=friction)
+        run_to(stepper, data, 0.5)
+        data.qvel[0] += 0.5
+        run_to(stepper, data, 4.0)
+        speeds.append(abs(data.qvel[0]))
+    assert speeds[0] > 0.4
+    assert speeds[1] < 1e-3
