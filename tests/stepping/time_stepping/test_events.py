@@ -76,7 +76,7 @@ def test_events_are_admissible_and_what_the_step_did(scene, law):
             pushed = data.efc_pos[
                 (data.efc_force > 1e-9) & (data.efc_type >= int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT))
             ]
-            whole = (pushed > 1e-5).sum() == ((event.contacts.gap > 1e-5) & (impact.impulse > 1e-12)).sum()
+            whole = not (pushed > 1e-9).any()
             if whole or not isinstance(law, type(Fremond.reversal())):  # the only one here that can create energy
                 assert impact.violations.is_admissible(1e-7)
                 assert impact.energy_change <= 1e-9 * impact.collision.kinetic_energy
