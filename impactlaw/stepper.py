@@ -27,8 +27,10 @@ class Stepper:
     """Advances a scene by its own timestep under an impact law.
 
     With ``contact_model="rigid"`` MuJoCo does everything but contact and the law owns the contacts, with the friction
-    of the scene: each step locates the times at which gaps close, resolves every collision by the law, and keeps
-    touching contacts touching (`impactlaw.rigid`). With ``contact_model="soft"`` MuJoCo keeps contact and friction, and
+    of the scene. Event-driven steps locate the times at which gaps close, resolve every collision by the law, and keep
+    touching contacts touching (`impactlaw.rigid`): exact, at a price without bound. Time stepping solves one problem a
+    step for impacts and held contact together (`impactlaw.stepping.time_stepping.scheme`): of first order in
+    collisions, at a bounded price, and after the constructor nothing about contact raises. With ``contact_model="soft"`` MuJoCo keeps contact and friction, and
     the law takes over collisions only; a step without one is `mj_step`, bit for bit (`impactlaw.soft`).
 
     Args:
@@ -37,27 +39,35 @@ class Stepper:
             contact is first seen.
         law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`impactlaw.scene`).
         contact_model: "rigid" or "soft".
+        scheme: "event-driven", if not given, or "time-stepping" (rigid).
         friction: "coulomb" is exact Coulomb friction in collisions and in sustained contact, with the coefficients of
             the scene; "convex" its convex relaxation, in which contacts that slide also separate; "ignore" leaves it
             out (rigid). A law that is not a `Coulomb` becomes one where contacts have friction.
         overlap: "refuse" geoms that overlap and joints beyond their limits by more than gap_tolerance, or "push-out":
             move the configuration by the smallest shift in the kinetic metric that opens all gaps, with the velocity as
             it is (`impactlaw.overlap`). Looked at where the configuration is not the one that the last step has left,
-            as at the start and after a reset (rigid).
+            as at the start and after a reset (event-driven; time stepping opens what overlaps over time).
         on_inadmissible: what to do with an outcome of the law outside of S(v-), that is one that would create
-            energy or penetrate: "raise", "project" it onto S(v-), or "allow" it.
-        gap_tolerance: gap up to which a contact counts as closed, and largest penetration at an event, m (rigid).
-        rest_speed: closing speed above which a soft contact collides, m/s (soft).
-        max_events: collisions of one step; what is left of a step with more is finished with E = 0.
-        solver: a name from `impactlaw.solvers.SOLVERS`, or "auto".
+            energy or penetrate: "raise", the default, "project" it onto S(v-), or "allow" it. Under time stepping, where
+            nothing penetrates, "project", the default, scales all restitution of a collision so that it creates none.
+        gap_tolerance: gap up to which a contact counts as closed, and largest penetration at an event, m; 1e-9 if not
+            given (event-driven).
+        rest_speed: closing speed above which a contact collides, m/s or rad/s: 0.1 for soft contacts if not given; 1e-3
+            under time stepping, where forces must not have made more within a step.
+        max_events: collisions of one step, 100 if not given; what is left of a step with more is finished with E = 0
+            (event-driven, soft).
+        solver: a name from `impactlaw.solvers.SOLVERS`, or "auto" (event-driven, soft).
 
     Attributes:
         events: the collisions of the last step, in order.
         plan: what a step does in this scene and what it leaves out (`impactlaw.plan`).
         unlocated: steps so far that had more than max_events collisions.
+        shortfall: by how much a contact velocity of the last step missed its law (time stepping).
+        short_steps: steps so far in which that was too much (time stepping).
 
     Raises:
-        SceneError: the scene holds something rigid stepping does not cover; the message says what to do.
+        SceneError: the scene holds something rigid stepping does not cover, or an option means nothing to this way to
+            step; the message says what to do.
         RestitutionError: law="scene" and the scene carries none.
         UnknownNameError: no such option, or the law is keyed by contacts that the scene cannot have.
     """

@@ -78,8 +78,13 @@ class BorrowedModel:
         for kept, array in zip(self._kept, self._margins, strict=True):
             array[:] = kept
 
-    def __getstate__(self) -> dict[str, object]:
-        raise TypeError("borrowed options are not copied")
+    def __getstate__(self) -> dict[str, mujoco.MjModel]:
+        """A copy borrows from the copy of the model."""
+        return {"model": self._model}
+
+    def __setstate__(self, state: dict[str, mujoco.MjModel]) -> None:
+        """Begin anew."""
+        self.__init__(state["model"])
 
 
 def _damps(model: mujoco.MjModel) -> bool:
