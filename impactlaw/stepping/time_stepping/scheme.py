@@ -41,16 +41,17 @@ from impactlaw.events import ImpactEvent
 from impactlaw.flow import check_input, empty_state, is_huge, restore_state, save_state
 from impactlaw.laws import Coulomb, Law
 from impactlaw.limits import Limits
-from impactlaw.plan import Plan, has_constant_inertia
+from impactlaw.plan import Plan
 from impactlaw.scene import check_time_stepping
 from impactlaw.solvers.cones import BILATERAL, CONE
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.contact_problem import resolve_step
 from impactlaw.stepping.time_stepping.dense import encode_pyramids, sparse_jacobian
 from impactlaw.stepping.time_stepping.events import CollisionRecord
+from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, InertialForces
 from impactlaw.stepping.time_stepping.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.margins import body_sizes, set_margins
-from impactlaw.stepping.time_stepping.rows import NEAR, Rows, near_rows, read_rows, solve_inertia
+from impactlaw.stepping.time_stepping.rows import NEAR, Rows, near_rows, read_rows
 from impactlaw.stepping.time_stepping.second_look import SecondLook
 from impactlaw.stepping.time_stepping.seen import Seen, in_order
 from impactlaw.stepping.time_stepping.targets import contact_targets, reached_groups
@@ -71,10 +72,6 @@ _LOOKS = 3  # at most, for contacts that the velocity after a collision closes
 _RESTING = 1e-12  # part of the largest contact velocity up to which a contact in touch does not separate
 _STIFF = 1e-6  # part of their compliance that equality constraints keep in a collision
 _SLOWEST = 1e-2  # m/s: velocity below which shortfalls are compared with this
-_TURNS = 6  # rounds at most, for bodies that turn fast
-_SETTLED = 1e-2  # part of the velocity by which a round may change it and be the last one
-_TURNING = [int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)]
-_ROUND = 1e-9  # relative difference of moments of inertia that is rounding
 _MARGINS = 0.2, 0.0  # what is left of margins where there are too many contacts
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
@@ -114,7 +111,7 @@ class TimeStepping:
         self._surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces and model.nmocap else None
         self._borrowed = BorrowedModel(model)
         self._sizes = body_sizes(model)
-        self._turning, self._bias = _has_inertial_forces(model), np.zeros(model.nv)
+        self._inertial = InertialForces(model)
         self._second_look = SecondLook(model, self._sizes)
         self._state = empty_state(model)
         self._bilateral = bilateral_constraints(model)
@@ -243,44 +240,9 @@ class TimeStepping:
         data.qfrc_constraint[:] = 0.0
         self._borrowed.integrator(model, data)
         self._metric = (data.qH, data.qHDiagInv) if self._borrowed.damped else (data.qLD, data.qLDiagInv)
-        if self._turning:
-            self._turn(data, h)
+        if self._inertial.act:
+            data.qvel[:] = self._inertial.settle(data, self._velocity, self._metric, h)
         self._gained = data.qvel - self._velocity
-
-    def _turn(self, data: mujoco.MjData, h: float) -> None:
-        """Let Coriolis and gyroscopic forces be those of the mean velocity, in which they do no work."""
-        model, velocity, (factor, inverse) = self._model, self._velocity, self._metric
-        free = data.qvel.copy()
-        for _ in range(_TURNS):
-            before, free = free, self._led_to(data, 0.5 * (velocity + free), h)
-            if np.abs(free - before).max() <= _SETTLED * np.abs(free).max():
-                break
-        else:  # they turn too fast for the timestep: at least no energy comes of it
-            layout = model.M_rownnz, model.M_rowadr, model.M_colind
-            free = velocity + h * solve_inertia(data.qfrc_smooth, factor, *layout, inverse)
-            free *= min(1.0, np.sqrt(self._allowed_energy(data, free, h)))
-        data.qvel[:] = free
-
-    def _led_to(self, data: mujoco.MjData, mean: np.ndarray, h: float) -> np.ndarray:
-        """Return where forces lead without contact, with Coriolis and gyroscopic ones of a mean velocity, (nv,)."""
-        model, (factor, inverse) = self._model, self._metric
-        kept = data.qvel.copy()
-        data.qvel[:] = mean
-        mj_comVel(model, data)
-        mujoco.mj_rne(model, data, 0, self._bias)
-        data.qvel[:] = kept
-        force = data.qfrc_smooth + data.qfrc_bias - self._bias
-        layout = model.M_rownnz, model.M_rowadr, model.M_colind
-        return self._velocity + h * solve_inertia(force, factor, *layout, inverse)
-
-    def _allowed_energy(self, data: mujoco.MjData, free: np.ndarray, h: float) -> float:
-        """Return ``v^T M v`` of the start, with twice the work of other forces, relative to ``v^T M v`` of the end."""
-        model, velocity, momentum = self._model, self._velocity, np.empty(self._model.nv)
-        mujoco.mj_mulM(model, data, momentum, free)
-        after = float(momentum @ free)
-        mujoco.mj_mulM(model, data, momentum, velocity)
-        work = h * float((data.qfrc_smooth + data.qfrc_bias) @ (velocity + free))
-        return (float(momentum @ velocity) + max(0.0, work)) / after if after > 0.0 else 1.0
 
     def _contact(self, data: mujoco.MjData, h: float) -> np.ndarray | None:
         """Add what contact does to the velocity, and return the velocity that opens overlaps, if any has to be.
@@ -296,8 +258,9 @@ class TimeStepping:
             near, look = near | found, look + 1
             rows, shift = self._try(data, near, free, h)
         created = self._created(data, h)
-        while look < _LOOKS + _TURNS and created > self._work[1]:
-            known, free, look = (free, created), self._led_to(data, 0.5 * (self._velocity + data.qvel), h), look + 1
+        while look < _LOOKS + ROUNDS and created > self._work[1]:
+            known, mean, look = (free, created), 0.5 * (self._velocity + data.qvel), look + 1
+            free = self._inertial.lead_to(data, self._velocity, mean, self._metric, h)
             rows, shift = self._try(data, near, free, h)
             created = self._created(data, h)
             if not created < 0.5 * known[1]:  # they turn too fast for that
@@ -318,9 +281,9 @@ class TimeStepping:
 
         Where nothing is to be lost either, its size.
         """
-        if self._record is None or not self._turning:
+        if self._record is None or not self._inertial.act:
             return 0.0
-        work = self._work[0] - 0.5 * h * float(self._bias @ (self._velocity + data.qvel))
+        work = self._work[0] + self._inertial.work(self._velocity, data.qvel, h)
         return abs(work) if self._targets.restitution == 1.0 else work
 
     def _near(self, data: mujoco.MjData, one: np.ndarray, other: np.ndarray, reach: float) -> np.ndarray:
@@ -466,11 +429,3 @@ class TimeStepping:
             mujoco.mj_energyVel(self._model, data)
         data.qacc_warmstart[:] = data.qacc
         self._left = data.qpos.tobytes(), data.qvel.tobytes()
-
-
-def _has_inertial_forces(model: mujoco.MjModel) -> bool:
-    """Return whether Coriolis or gyroscopic forces can act: bodies turn whose inertia depends on the direction."""
-    if not has_constant_inertia(model):
-        return True
-    inertia = model.body_inertia[model.jnt_bodyid[np.isin(model.jnt_type, _TURNING)]]
-    return bool((np.ptp(inertia, axis=1) > _ROUND * inertia.max(axis=1)).any()) if len(inertia) else False
