@@ -18,6 +18,7 @@ _VARIANTS = ((1e-12, 1.0), (1e-12, 1.0), (1e-8, 1.0), (1e-12, 0.1), (1e-10, 10.0
 """Regularization and step of the map that are tried in turn: where one cycles another one need not."""
 _ALONE = 1e-13  # relative residual with which the answer for a contact alone needs no Newton step
 _SHARP, _ROUNDS = 1e-13, 24  # relative residual that the compiled solver aims at, and rounds of its slower methods
+_LAST = 4  # Newton steps after the compiled solver, to the last digits
 _AFTER = 20  # Newton steps after each round of what is slower
 
 
@@ -64,6 +65,11 @@ def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, effort
         if x is not None and (residual := problem.residual(x, problem.velocity(x))) <= _ALONE * problem.scale:
             return problem.answer(x, residual, ConeStatus.SOLVED, 0)
     x, residual, taken = _compiled(problem, guess)
+    with np.errstate(all="ignore"):
+        sharper, least, more = newton(problem, x, most=_LAST, regular=_VARIANTS[0][0], factor=_VARIANTS[0][1])
+    taken += more
+    if least < residual:
+        x, residual = sharper, least
     if not residual <= ENOUGH * problem.scale:
         with np.errstate(all="ignore"):
             other, least, more = _attempts(problem, guess, effort)
