@@ -18,7 +18,6 @@ _VARIANTS = ((1e-12, 1.0), (1e-12, 1.0), (1e-8, 1.0), (1e-12, 0.1), (1e-10, 10.0
 """Regularization and step of the map that are tried in turn: where one cycles another one need not."""
 _ALONE = 1e-13  # relative residual with which the answer for a contact alone needs no Newton step
 _SHARP, _ROUNDS = 1e-13, 24  # relative residual that the compiled solver aims at, and rounds of its slower methods
-_LAST = 4  # Newton steps after the compiled solver, to the last digits
 _AFTER = 20  # Newton steps after each round of what is slower
 
 
@@ -44,11 +43,11 @@ BRIEF = Effort(4, False, 0)
 def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, effort: Effort = THOROUGH) -> ConeAnswer:
     """Solve a problem of contacts with friction.
 
-    One contact alone has a closed form, or nearly so (`cone_single`). Others are solved by the compiled solver of time
-    stepping (`impactlaw.solvers.cones`). What it cannot do, fewer than one in a hundred, is tried by methods that take
-    longer: Newton's method from the guess and from no impulse; a fixed point in which de
-    Saxcé's correction ``s = |u_t|`` is held, the convex problem that remains is solved by augmented Lagrangians, and
-    Newton's method starts from there; by following the solution of compliant contacts to rigid ones; and last by
+    One contact alone has a closed form, or nearly so (`cone_single`). Newton's method is started from the guess, then
+    from no impulse: to the last digits. What it cannot do is left to the compiled solver of time stepping
+    (`impactlaw.solvers.cones`); and what that cannot, fewer than one in a hundred, to methods that take longer: a fixed
+    point, in which de Saxcé's correction ``s = |u_t|`` is held, the convex problem that remains is solved by augmented
+    Lagrangians, and Newton's method starts from there; following the solution of compliant contacts to rigid ones; and
     starting from all these again, displaced by random numbers that are always the same.
     Solutions need not be unique for large coefficients of friction; the same problem always gets the same one.
 
@@ -64,18 +63,18 @@ def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, effort
         x = single(problem, guess)
         if x is not None and (residual := problem.residual(x, problem.velocity(x))) <= _ALONE * problem.scale:
             return problem.answer(x, residual, ConeStatus.SOLVED, 0)
-    x, residual, taken = _compiled(problem, guess)
     with np.errstate(all="ignore"):
-        sharper, least, more = newton(problem, x, most=_LAST, regular=_VARIANTS[0][0], factor=_VARIANTS[0][1])
-    taken += more
-    if least < residual:
-        x, residual = sharper, least
-    if not residual <= ENOUGH * problem.scale:
-        with np.errstate(all="ignore"):
-            other, least, more = _attempts(problem, guess, effort)
-        taken += more
-        if not residual <= least:
-            x, residual = other, least
+        x, residual, taken = _attempts(problem, _first(problem, guess))
+        if not residual <= ENOUGH * problem.scale:
+            other, least, more = _compiled(problem, guess)
+            taken += more
+            if not residual <= least:
+                x, residual = other, least
+        if not residual <= ENOUGH * problem.scale:
+            other, least, more = _attempts(problem, _starts(problem, effort))
+            taken += more
+            if not residual <= least:
+                x, residual = other, least
     status = ConeStatus.SOLVED if residual <= ENOUGH * problem.scale else ConeStatus.STOPPED
     return problem.answer(x, residual, status, taken)
 
@@ -121,11 +120,15 @@ def shared(problem: ConeProblem, answer: ConeAnswer) -> ConeAnswer:
     return problem.answer(least, problem.residual(least, problem.velocity(least)), answer.status, answer.iterations)
 
 
-def _attempts(problem: ConeProblem, guess: np.ndarray | None, effort: Effort) -> tuple[np.ndarray, float, int]:
+_Starts = Iterator[tuple[np.ndarray, int, int, tuple[float, float]]]
+"""Where Newton's method is to start, the steps that led there, the steps to give it, and its variant."""
+
+
+def _attempts(problem: ConeProblem, starts: _Starts) -> tuple[np.ndarray, float, int]:
     """Return the scaled impulse of the first attempt that succeeds, or of the best one; its residual; all steps."""
     enough, taken = ENOUGH * problem.scale, 0
     best: tuple[np.ndarray, float] = np.zeros(problem.shape), np.inf
-    for start, steps, most, variant in _starts(problem, guess, effort):
+    for start, steps, most, variant in starts:
         x, residual, more = newton(problem, start, most=most, regular=variant[0], factor=variant[1])
         taken += steps + more
         if residual < best[1]:
@@ -135,14 +138,16 @@ def _attempts(problem: ConeProblem, guess: np.ndarray | None, effort: Effort) ->
     return *best, taken
 
 
-def _starts(
-    problem: ConeProblem, guess: np.ndarray | None, effort: Effort
-) -> Iterator[tuple[np.ndarray, int, int, tuple[float, float]]]:
-    """Yield where Newton's method is to start, the steps that led there, the steps to give it, and its variant."""
-    x, shift = np.zeros(problem.shape), np.zeros(problem.shape[0])
+def _first(problem: ConeProblem, guess: np.ndarray | None) -> _Starts:
+    """Yield the guess, then no impulse."""
     if guess is not None:
         yield problem.scaled(guess), 0, _WARM, _VARIANTS[0]
-    yield x, 0, _COLD, _VARIANTS[0]
+    yield np.zeros(problem.shape), 0, _COLD, _VARIANTS[0]
+
+
+def _starts(problem: ConeProblem, effort: Effort) -> _Starts:
+    """Yield what slower methods lead to."""
+    x, shift = np.zeros(problem.shape), np.zeros(problem.shape[0])
     enough, tried = (1e-6 if problem.exact else 1e-13) * problem.scale, []
     for k in range(effort.rounds):
         outer, compliance = (6, 1.0) if k == 0 else (6, 1e-2) if problem.exact else (1, 10.0 ** -(5 + k))
@@ -160,7 +165,7 @@ def _starts(
         yield from _displaced(tried, effort.restarts)
 
 
-def _displaced(tried: list[np.ndarray], restarts: int) -> Iterator[tuple[np.ndarray, int, int, tuple[float, float]]]:
+def _displaced(tried: list[np.ndarray], restarts: int) -> _Starts:
     """Yield starts tried before, every other one displaced, for Newton's method with all kinds of variants."""
     rng = np.random.default_rng(0)
     for k in range(restarts):
