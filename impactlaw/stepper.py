@@ -30,8 +30,9 @@ class Stepper:
     of the scene. Event-driven steps locate the times at which gaps close, resolve every collision by the law, and keep
     touching contacts touching (`impactlaw.rigid`): exact, at a price without bound. Time stepping solves one problem a
     step for impacts and held contact together (`impactlaw.stepping.time_stepping.scheme`): of first order in
-    collisions, at a bounded price, and after the constructor nothing about contact raises. With ``contact_model="soft"`` MuJoCo keeps contact and friction, and
-    the law takes over collisions only; a step without one is `mj_step`, bit for bit (`impactlaw.soft`).
+    collisions, at a bounded price, and after the constructor nothing about contact raises. With
+    ``contact_model="soft"`` MuJoCo keeps contact and friction, and the law takes over collisions only; a step without
+    one is `mj_step`, bit for bit (`impactlaw.soft`).
 
     Args:
         model: the compiled scene. Its options are read at every step, so they may be changed between steps (contacts
@@ -48,8 +49,9 @@ class Stepper:
             it is (`impactlaw.overlap`). Looked at where the configuration is not the one that the last step has left,
             as at the start and after a reset (event-driven; time stepping opens what overlaps over time).
         on_inadmissible: what to do with an outcome of the law outside of S(v-), that is one that would create
-            energy or penetrate: "raise", the default, "project" it onto S(v-), or "allow" it. Under time stepping, where
-            nothing penetrates, "project", the default, scales all restitution of a collision so that it creates none.
+            energy or penetrate: "raise", the default, "project" it onto S(v-), or "allow" it. Under time stepping,
+            where nothing penetrates, "project", the default, scales all restitution of a collision so that it creates
+            none.
         gap_tolerance: gap up to which a contact counts as closed, and largest penetration at an event, m; 1e-9 if not
             given (event-driven).
         rest_speed: closing speed above which a contact collides, m/s or rad/s: 0.1 for soft contacts if not given; 1e-3

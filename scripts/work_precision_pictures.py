@@ -32,7 +32,7 @@ def draw_stepping(table: pd.DataFrame, path: Path, footer: str) -> None:
     columns = min(3, len(scenes))
     rows = -(-len(scenes) // columns)
     figure = _figure((4.4 * columns, 3.3 * rows + 1.1))
-    figure.suptitle("Error of the trajectory against run time of the simulation, timesteps 0.1 s to 0.00001 s")
+    figure.suptitle("Error of the trajectory against run time of the simulation, timesteps 0.1 s to 1e-5 s")
     axes = figure.subplots(rows, columns, sharey=True, squeeze=False)
     for axis, scene in zip(axes.flat, scenes, strict=False):
         _draw_scene(axis, where(table, table.scene == scene))
@@ -44,7 +44,7 @@ def draw_stepping(table: pd.DataFrame, path: Path, footer: str) -> None:
     for axis in axes[-1]:
         axis.set_xlabel("run time (processor), s")
     handles, labels = axes.flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False)
+    figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False, borderaxespad=1.6)
     _finish(figure, path, footer, dpi=110)
 
 
@@ -68,16 +68,17 @@ def draw_compact(table: pd.DataFrame, path: Path, footer: str) -> None:
         axis.set_xlabel("run time (processor), s", fontsize=11)
     handles, labels = axes.flat[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=11, borderaxespad=1.6)
-    _finish(figure, path, footer, dpi=100)
+    _finish(figure, path, footer, dpi=90)
 
 
 def _limit(axes: Any, table: pd.DataFrame) -> None:
     """Let the axes of a row begin at a power of ten below the least error."""
     least = float(table.error.clip(_LEAST).min())
     low = 10.0 ** np.floor(np.log10(least) - 0.3)
+    step = 4 if low < 1e-10 else 2
     for axis in axes:
         axis.set_ylim(low, _MOST)
-        axis.set_yticks(10.0 ** np.arange(np.ceil(np.log10(low)), 1, 4 if low < 1e-10 else 2))
+        axis.set_yticks(10.0 ** np.arange(0, np.log10(low) - 0.5, -step))
 
 
 def _draw_scene(axis: Any, table: pd.DataFrame) -> None:

@@ -37,8 +37,7 @@ class Scene:
             order two, where no force acts at the start and at the impacts, as in the cradle.
         time_stepping_order: of time stepping; two where no impact is left between steps.
         coarsest: timestep from which on orders are measured, s; where impacts accumulate it takes smaller ones.
-        smallest: timestep of MuJoCo's tuned contacts and of time stepping, s; so small that MuJoCo's contacts run as
-            long as the event-driven runs.
+        smallest: timestep of MuJoCo's tuned contacts, s; so small that they run as long as the event-driven runs.
         time_stepping_from: timestep from which on the order of time stepping is measured, s. In the cradle under the
             law of reversal its balls have to be in touch when they are hit, which larger steps do not keep.
     """

@@ -44,12 +44,12 @@ def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, effort
     """Solve a problem of contacts with friction.
 
     One contact alone has a closed form, or nearly so (`cone_single`). Newton's method is started from the guess, then
-    from no impulse: to the last digits. What it cannot do is left to the compiled solver of time stepping
-    (`impactlaw.solvers.cones`); and what that cannot, fewer than one in a hundred, to methods that take longer: a fixed
-    point, in which de Saxcé's correction ``s = |u_t|`` is held, the convex problem that remains is solved by augmented
-    Lagrangians, and Newton's method starts from there; following the solution of compliant contacts to rigid ones; and
-    starting from all these again, displaced by random numbers that are always the same.
-    Solutions need not be unique for large coefficients of friction; the same problem always gets the same one.
+    from no impulse. What it cannot do is tried by a fixed point: de Saxcé's correction ``s = |u_t|`` is held, the
+    convex problem that remains is solved by augmented Lagrangians, and Newton's method starts from there; and by
+    following the solution of compliant contacts to rigid ones. Then comes the compiled solver of time stepping
+    (`impactlaw.solvers.cones`); and last, starting from all these again, displaced by random numbers that are always
+    the same. Solutions need not be unique for large coefficients of friction; the same problem always gets the same
+    one.
 
     Args:
         problem: what to solve.
@@ -63,18 +63,21 @@ def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, effort
         x = single(problem, guess)
         if x is not None and (residual := problem.residual(x, problem.velocity(x))) <= _ALONE * problem.scale:
             return problem.answer(x, residual, ConeStatus.SOLVED, 0)
+    x, residual, taken = np.zeros(problem.shape), np.inf, 0
+    methods = (
+        lambda: _attempts(problem, _first(problem, guess)),
+        lambda: _attempts(problem, _starts(problem, effort._replace(restarts=0))),
+        lambda: _compiled(problem, guess),
+        lambda: _attempts(problem, _starts(problem, effort)),
+    )
     with np.errstate(all="ignore"):
-        x, residual, taken = _attempts(problem, _first(problem, guess))
-        if not residual <= ENOUGH * problem.scale:
-            other, least, more = _compiled(problem, guess)
+        for method in methods:
+            other, least, more = method()
             taken += more
             if not residual <= least:
                 x, residual = other, least
-        if not residual <= ENOUGH * problem.scale:
-            other, least, more = _attempts(problem, _starts(problem, effort))
-            taken += more
-            if not residual <= least:
-                x, residual = other, least
+            if residual <= ENOUGH * problem.scale:
+                break
     status = ConeStatus.SOLVED if residual <= ENOUGH * problem.scale else ConeStatus.STOPPED
     return problem.answer(x, residual, status, taken)
 
