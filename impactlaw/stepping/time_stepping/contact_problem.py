@@ -13,6 +13,7 @@ from impactlaw.stepping.time_stepping.targets import offsets
 TOLERANCE = 1e-10
 """Natural map, relative to the largest velocity of the problem, that solvers aim at."""
 
+_FEW = 2  # rounds of slower methods in a search
 _SEARCHES = 12  # of the share of restitution that creates no energy
 _CREATED = 1e-9  # part of the largest energy of a contact, up to which its creation is rounding
 _SLOP = 1e-8  # m or rad: overlaps up to this are left to the velocities
@@ -150,7 +151,19 @@ def solve_contacts(
         work, total = contact_work(groups, rates, after, x)
         if work > _CREATED * total:
             s, created = largest_share(
-                sparse, colind, value, groups, amounts, rates, target, sliding, collides, x, tree, exact, rounds
+                sparse,
+                colind,
+                value,
+                groups,
+                amounts,
+                rates,
+                target,
+                sliding,
+                collides,
+                x,
+                tree,
+                exact,
+                min(rounds, _FEW),
             )
             if not dissipative:
                 s = 1.0

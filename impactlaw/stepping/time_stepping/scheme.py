@@ -124,7 +124,7 @@ class TimeStepping:
         self._middle, self._velocity = np.zeros(0), np.zeros(0)
         self._gained = np.zeros(model.nv)  # velocity by the forces of the last step, without contact
         self.shortfall = self._fastest = 0.0
-        self._work = [0.0, 0.0]
+        self._work, self._rounds = [0.0, 0.0], _ROUNDS
         self.short_steps = self.unlocated = 0
         self.solved, self._overflown = True, False
 
@@ -253,7 +253,9 @@ class TimeStepping:
         """
         free = data.qvel.copy()
         near, look = self._near(data, self._velocity, free, 2.0 * h), 1
+        self._rounds = _ROUNDS if self.solved else _FEW_ROUNDS
         rows, shift = self._try(data, near, free, h)
+        self._rounds = _FEW_ROUNDS
         while look < _LOOKS and np.count_nonzero(found := self._near(data, data.qvel, data.qvel, h) & ~near):
             near, look = near | found, look + 1
             rows, shift = self._try(data, near, free, h)
@@ -323,7 +325,7 @@ class TimeStepping:
         known = self._known or (rows.groups, rows.key, rows.scale, np.zeros(n))
         x, change, shift, reached, missed, fastest, share, created, *self._work = resolve_step(
             *rows, target, sliding, collides, *known, h, self._exact, self._on_inadmissible == "project",
-            _ROUNDS if self.solved else _FEW_ROUNDS,
+            self._rounds,
             model.dof_treeid, factor, inverse, model.M_rownnz, model.M_rowadr, model.M_colind,
         )  # fmt: skip
         self._known = rows.groups, rows.key, rows.scale, x
