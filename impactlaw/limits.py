@@ -30,6 +30,23 @@ class LimitRows(NamedTuple):
     jacobian: np.ndarray
 
 
+class LimitState(NamedTuple):
+    """What MuJoCo's data tells of its limits, copied under the same names."""
+
+    efc_id: np.ndarray
+    efc_type: np.ndarray
+    efc_pos: np.ndarray
+    qpos: np.ndarray
+    ten_length: np.ndarray
+    xanchor: np.ndarray
+    xaxis: np.ndarray
+
+    @classmethod
+    def of(cls, data: mujoco.MjData) -> LimitState:
+        """Return a copy of what data tells now."""
+        return cls(*(getattr(data, name).copy() for name in cls._fields))
+
+
 class Limits:
     """The limits of one scene.
 
@@ -85,7 +102,7 @@ class Limits:
             code[i] = self.code(data, row)
         return LimitRows(code, data.efc_pos[rows], J)
 
-    def code(self, data: mujoco.MjData, row: int) -> int:
+    def code(self, data: mujoco.MjData | LimitState, row: int) -> int:
         """Return which limit a row of MuJoCo's constraints is of."""
         model, i, gap = self._model, int(data.efc_id[row]), data.efc_pos[row]
         if data.efc_type[row] == _TENDON:
@@ -101,7 +118,7 @@ class Limits:
         labels = tuple(self.labels[code] for code in rows.code)
         return Contacts(labels, np.full((len(labels), 2), NO_GEOM), rows.gap, *self.places(data, rows.code))
 
-    def places(self, data: mujoco.MjData, code: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def places(self, data: mujoco.MjData | LimitState, code: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return positions and normals of limits, (l, 3) each; see `Contacts`."""
         number, upper = np.divmod(code, 2)
         side = (1.0 - 2.0 * upper)[:, None]

@@ -64,6 +64,13 @@ class BorrowedModel:
             self.damped = True
         return self
 
+    def tighten_margins(self, reach: float) -> None:
+        """Let no contact be found farther away than reach, m, where nothing sticks across gaps."""
+        if self._gaps:
+            for name in ("body_margin", "geom_margin", "pair_margin"):
+                margin = getattr(self._model, name)
+                np.minimum(margin, reach, out=margin)
+
     def scale_margins(self, share: float) -> None:
         """Leave a share of all margins."""
         for array in self._margins:

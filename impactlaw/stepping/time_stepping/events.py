@@ -28,7 +28,8 @@ class CollisionRecord:
 
     Attributes:
         seen: contacts, rows and inertia of the middle of the step.
-        chosen: the groups that collide, and those that they reach, bool (g,).
+        collides: the groups that do, bool (g,).
+        pushed: those with an impulse, bool (g,).
         time: of the middle of the step, s.
         qpos: configuration there, (nq,).
         velocity: v-, (nv,).
@@ -39,7 +40,8 @@ class CollisionRecord:
     """
 
     seen: Seen
-    chosen: np.ndarray
+    collides: np.ndarray
+    pushed: np.ndarray
     time: float
     qpos: np.ndarray
     velocity: np.ndarray
@@ -54,13 +56,13 @@ class CollisionRecord:
 
     @cached_property
     def _events(self) -> tuple[ImpactEvent, ...]:
-        groups = in_order(self.seen.rows, self.chosen)
+        groups = in_order(self.seen.rows, self.seen.reached(self.collides, self.pushed))
         contacts = self.seen.contacts(groups)
         collision = self.seen.collision(groups, self.velocity, contacts.labels, friction=True)
         return (ImpactEvent(self.time, contacts, self._impact(collision, groups), self.qpos),)
 
     def _impact(self, collision: Collision, groups: np.ndarray) -> Impact:
-        target = self.target[groups]
+        target = np.where(self.collides, self.target, 0.0)[groups]
         if collision.friction is None:
             problem = jump_problem(collision, Target(target))
             try:

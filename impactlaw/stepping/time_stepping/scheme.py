@@ -43,7 +43,7 @@ from impactlaw.laws import Coulomb, Law
 from impactlaw.limits import Limits
 from impactlaw.plan import Plan
 from impactlaw.scene import check_time_stepping
-from impactlaw.solvers.cones import BILATERAL, CONE
+from impactlaw.solvers.cones import BILATERAL
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.contact_problem import resolve_step
 from impactlaw.stepping.time_stepping.dense import encode_pyramids, sparse_jacobian
@@ -51,10 +51,10 @@ from impactlaw.stepping.time_stepping.events import CollisionRecord
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, InertialForces
 from impactlaw.stepping.time_stepping.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.margins import body_sizes, set_margins
-from impactlaw.stepping.time_stepping.rows import NEAR, Rows, near_rows, read_rows
+from impactlaw.stepping.time_stepping.rows import Rows, near_rows, read_rows
 from impactlaw.stepping.time_stepping.second_look import SecondLook
 from impactlaw.stepping.time_stepping.seen import Seen, in_order
-from impactlaw.stepping.time_stepping.targets import contact_targets, reached_groups
+from impactlaw.stepping.time_stepping.targets import close_gaps, contact_targets
 from impactlaw.surfaces import Surfaces
 
 REST_SPEED = 1e-3
@@ -69,7 +69,6 @@ SHORTFALL_LIMIT = 1e-6
 _ROUNDS = 24  # of the slower solvers, where Newton's method fails
 _FEW_ROUNDS = 3  # of these where they have failed in the step before, too
 _LOOKS = 3  # at most, for contacts that the velocity after a collision closes
-_RESTING = 1e-12  # part of the largest contact velocity up to which a contact in touch does not separate
 _STIFF = 1e-6  # part of their compliance that equality constraints keep in a collision
 _SLOWEST = 1e-2  # m/s: velocity below which shortfalls are compared with this
 _MARGINS = 0.2, 0.0  # what is left of margins where there are too many contacts
@@ -112,13 +111,14 @@ class TimeStepping:
         self._borrowed = BorrowedModel(model)
         self._sizes = body_sizes(model)
         self._inertial = InertialForces(model)
-        self._second_look = SecondLook(model, self._sizes)
+        self._second_look = SecondLook(model, self._sizes, self._borrowed)
         self._state = empty_state(model)
         self._bilateral = bilateral_constraints(model)
         self._names, self._limits = geom_names(model), Limits(model)
         self._left: tuple[bytes, bytes] = b"", b""
         self._known: tuple[Any, ...] | None = None
         self._record: CollisionRecord | None = None
+        self._asked: Seen | None = None
         self._rows: Rows | None = None
         self._metric: tuple[np.ndarray, np.ndarray] = np.zeros(0), np.zeros(0)
         self._middle, self._velocity = np.zeros(0), np.zeros(0)
@@ -340,20 +340,18 @@ class TimeStepping:
         data.qvel[:] = free + change
         self._record = None
         if some:
-            taking_part = self._reached(rows, collides, x[rows.first] > 0.0)
-            reached[taking_part & ~collides] = 0.0
             self._record = CollisionRecord(
-                self._seen(data, rows, taking_part), taking_part, data.time - 0.5 * h, self._middle, self._velocity,
-                data.qvel.copy(), reached, share * sliding, self._exact,
+                self._asked or self._seen(data, rows), collides, x[rows.first] > 0.0, data.time - 0.5 * h,
+                self._middle, self._velocity, data.qvel.copy(), reached, share * sliding, self._exact,
             )  # fmt: skip
         return shift if len(shift) else None
 
     def _collide(self, data: mujoco.MjData, rows: Rows, target: np.ndarray, collides: np.ndarray) -> None:
         """Ask the law, and let equality constraints keep their velocity in the collision."""
-        if self._targets.restitution is None:
-            self._ask_law(data, rows, target, collides)
-        in_touch = self._reached(rows, collides, np.ones(len(collides), dtype=bool)) & ~collides
-        target[in_touch] = np.maximum(target[in_touch], 0.0)  # as the law has it, however small their gap
+        self._asked = None if self._targets.restitution is not None else self._ask_law(data, rows, target, collides)
+        close_gaps(
+            rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, self._model.dof_treeid, collides, target
+        )
         if data.ne:
             equal = rows.first[rows.kind == BILATERAL]
             rows.compliance[equal[self._bilateral[data.efc_id[rows.row[equal]]]]] *= _STIFF
@@ -375,28 +373,22 @@ class TimeStepping:
             rows.before[which] += drift
             rows.free[which] += drift
 
-    def _ask_law(self, data: mujoco.MjData, rows: Rows, target: np.ndarray, collides: np.ndarray) -> None:
+    def _ask_law(self, data: mujoco.MjData, rows: Rows, target: np.ndarray, collides: np.ndarray) -> Seen:
         """Write the law's targets of the contacts that collide, and of those in touch that a law of all looks at."""
-        law = self._targets
+        law, seen = self._targets, self._seen(data, rows)
         if not law.alone:
-            collides |= self._reached(rows, collides)
-        groups, seen = in_order(rows, collides), self._seen(data, rows, collides)
+            collides |= seen.reached(collides, np.zeros(len(collides), dtype=bool))
+        groups = in_order(rows, collides)
         labels = seen.contacts(groups).labels
         if law.alone:
             target[groups] = law.of_each(labels, rows.before[rows.first[groups]])
         else:
             target[groups] = law.of_all(seen.collision(groups, self._velocity, labels, friction=False))
+        return seen
 
-    def _seen(self, data: mujoco.MjData, rows: Rows, chosen: np.ndarray) -> Seen:
-        """Copy what is known of contacts, and of limits among the chosen groups, bool (g,)."""
-        return Seen.of(self._model, data, rows, chosen, self._names, self._limits, self._metric)
-
-    def _reached(self, rows: Rows, collides: np.ndarray, pushed: np.ndarray | None = None) -> np.ndarray:
-        """Return which contacts collide, or are reached by these and do not separate, or are pushed, bool (g,)."""
-        gamma = rows.before[rows.first]
-        stays = gamma <= _RESTING * np.abs(gamma).max()
-        touching = (rows.kind == CONE) & (rows.gap <= NEAR) & (stays if pushed is None else stays | pushed)
-        return reached_groups(rows.groups, rows.sparse, rows.colind, self._model.dof_treeid, collides, touching)
+    def _seen(self, data: mujoco.MjData, rows: Rows) -> Seen:
+        """Copy what is known of contacts and limits."""
+        return Seen.of(self._model, data, rows, self._names, self._limits, self._metric)
 
     def _write_forces(self, data: mujoco.MjData, rows: Rows, h: float) -> None:
         """Let sensors and whoever reads ``efc_force`` and ``qfrc_constraint`` see the impulses of the step over h."""

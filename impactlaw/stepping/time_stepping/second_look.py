@@ -7,6 +7,7 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
+from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.contact_problem import open_overlaps
 from impactlaw.stepping.time_stepping.dense import sparse_jacobian
 from impactlaw.stepping.time_stepping.rows import Rows, read_rows, unwhiten
@@ -15,6 +16,10 @@ _SEEN = 3e-6
 """Depth, m, that is worth a second look."""
 _DEEP = 1e-4
 """Depth, m or rad, of an overlap that is opened over time."""
+
+_SLOP = 1e-8
+"""Depth, m or rad, that is left as it is."""
+_LAST_LOSS = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON)
 
 
 @compiled("(int32[:,::1],float64[:,::1],float64[:,::1],int32[:,:],int32[::1],float64[:,::1],float64[::1],float64)")
@@ -56,7 +61,7 @@ def end_targets(groups, amounts, depth, timestep):
         if groups[2, g] == CONE:
             gap = amounts[0, g]
             need[g] = -gap / timestep if gap >= 0.0 else min(-gap, depth) / timestep
-            some = some or gap < -1e-8
+            some = some or gap < -_SLOP
     return need, some
 
 
@@ -66,10 +71,11 @@ class SecondLook:
     Args:
         model: the scene.
         size: `margins.body_sizes`.
+        borrowed: the margins of the step, which get smaller.
     """
 
-    def __init__(self, model: mujoco.MjModel, size: np.ndarray):
-        self._model, self._size = model, size
+    def __init__(self, model: mujoco.MjModel, size: np.ndarray, borrowed: BorrowedModel):
+        self._model, self._size, self._borrowed = model, size, borrowed
         self._scratch: mujoco.MjData | None = None
 
     def shift(self, data: mujoco.MjData, rows: Rows, metric: tuple[np.ndarray, np.ndarray]) -> np.ndarray | None:
@@ -86,11 +92,14 @@ class SecondLook:
         )
         if depth == 0.0:
             return None
+        self._borrowed.tighten_margins(depth)
+        now, nothing = self._look(data), np.zeros(model.nv)
+        always = now.efc_type <= _LAST_LOSS
+        if not now.ncon or not np.count_nonzero((now.efc_pos < -_SLOP) & ~always):
+            return None
+        near = always | (now.efc_pos < depth)
         if rows.gap.min() > -_DEEP:  # what overlaps does so since this step
             depth = np.inf
-        now, nothing = self._look(data), np.zeros(model.nv)
-        if not now.ncon:
-            return None
         found, factor, inverse = now.contact, *metric
         layout = model.M_rownnz, model.M_rowadr, model.M_colind
         seen = Rows(
@@ -98,7 +107,7 @@ class SecondLook:
                 now.efc_type, now.efc_id, now.efc_pos, nothing[:0], now.efc_aref, now.efc_R, now.efc_frictionloss,
                 *sparse_jacobian(model, now), found.efc_address, found.dim, found.geom, found.friction,
                 *layout, factor, inverse, model.dof_treeid, model.tree_dofadr, model.tree_dofnum,
-                nothing, nothing, np.ones(now.nefc, dtype=bool), h, False,
+                nothing, nothing, near, h, False,
             )
         )  # fmt: skip
         need, some = end_targets(seen.groups, seen.amounts, depth, h)

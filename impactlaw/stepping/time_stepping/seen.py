@@ -10,10 +10,11 @@ import numpy as np
 from impactlaw.collision import Collision
 from impactlaw.contacts import Contacts
 from impactlaw.friction import Friction
-from impactlaw.limits import NO_GEOM, Limits
+from impactlaw.limits import NO_GEOM, Limits, LimitState
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.stepping.time_stepping.dense import gradients, mass_matrix
 from impactlaw.stepping.time_stepping.rows import Rows
+from impactlaw.stepping.time_stepping.targets import reached_groups
 
 _ROUNDING = 1e-12
 
@@ -36,8 +37,7 @@ class Seen:
         geoms: of MuJoCo's contacts, (ncon, 2).
         frame: of these, normals first, (ncon, 9).
         position: of these, m, (ncon, 3).
-        limit_code: of limits by MuJoCo's row, int.
-        limit_places: their positions and normals, by MuJoCo's row.
+        limit_state: of joints and tendons, where some limit is among the rows.
         factor: L of ``M_h = L^T D L``.
         inverse: ``1 / D``, (nv,).
     """
@@ -49,8 +49,7 @@ class Seen:
     geoms: np.ndarray
     frame: np.ndarray
     position: np.ndarray
-    limit_code: dict[int, int]
-    limit_places: dict[int, tuple[np.ndarray, np.ndarray]]
+    limit_state: LimitState | None
     factor: np.ndarray
     inverse: np.ndarray
 
@@ -60,37 +59,37 @@ class Seen:
         model: mujoco.MjModel,
         data: mujoco.MjData,
         rows: Rows,
-        chosen: np.ndarray,
         names: tuple[str, ...],
         limits: Limits,
         metric: tuple[np.ndarray, np.ndarray],
     ) -> Seen:
-        """Return what is seen now; of limits those among the chosen groups, bool (g,)."""
-        contact, code, places = data.contact, {}, {}
-        for row in (-2 - rows.source[chosen & (rows.source < -1)]).tolist():
-            code[row] = limits.code(data, row)
-            position, normal = limits.places(data, np.array([code[row]]))
-            places[row] = position[0].copy(), normal[0].copy()
+        """Return what is seen now."""
+        contact = data.contact
+        state = LimitState.of(data) if np.count_nonzero(rows.source < -1) else None
         copies = contact.geom.copy(), contact.frame.copy(), contact.pos.copy()
-        return cls(model, names, limits, rows, *copies, code, places, metric[0].copy(), metric[1].copy())
+        return cls(model, names, limits, rows, *copies, state, metric[0].copy(), metric[1].copy())
 
     def contacts(self, groups: np.ndarray) -> Contacts:
         """Return some groups, contacts first and then limits, int (h,), as contacts."""
         source = self.rows.source[groups]
-        index, limits = source[source >= 0], (-2 - source[source < -1]).tolist()
+        index = source[source >= 0]
+        codes = self._limit_codes(source[source < -1])
         geoms, normal = self.geoms[index].astype(int), self.frame[index, :3]
         swapped = geoms[:, 0] > geoms[:, 1]
         geoms[swapped], normal[swapped] = geoms[swapped, ::-1], -normal[swapped]
         labels = [f"{self.names[a]}/{self.names[b]}" for a, b in geoms]
-        labels += [self.limits.labels[self.limit_code[row]] for row in limits]
-        places = [self.limit_places[row] for row in limits]
-        return Contacts(
-            tuple(labels),
-            np.concatenate([geoms, np.full((len(limits), 2), NO_GEOM)]),
-            self.rows.gap[groups],
-            np.concatenate([self.position[index], *(place[None] for place, _ in places)]),
-            np.concatenate([normal, *(axis[None] for _, axis in places)]),
-        )
+        labels += [self.limits.labels[code] for code in codes]
+        position = self.position[index]
+        if self.limit_state is not None:
+            place, axis = self.limits.places(self.limit_state, codes)
+            position, normal = np.concatenate([position, place]), np.concatenate([normal, axis])
+        geoms = np.concatenate([geoms, np.full((len(codes), 2), NO_GEOM)])
+        return Contacts(tuple(labels), geoms, self.rows.gap[groups], position, normal)
+
+    def _limit_codes(self, source: np.ndarray) -> np.ndarray:
+        """Return which limits these sources of groups are, int (l,)."""
+        state = self.limit_state
+        return np.array([] if state is None else [self.limits.code(state, row) for row in (-2 - source).tolist()], int)
 
     def tangential(self, groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows of friction of some groups, int (k,), and the contact of each among these, int (k,)."""
@@ -118,6 +117,13 @@ class Seen:
             friction=friction_of_rows,
             surface_velocity=surface if surface.any() else None,
             bilateral_jacobian=self._gradients(equal) if len(equal) else None,
+        )
+
+    def reached(self, collides: np.ndarray, pushed: np.ndarray) -> np.ndarray:
+        """Return which groups take part in a collision, bool (g,); see `targets.reached_groups`."""
+        rows = self.rows
+        return reached_groups(
+            rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, self.model.dof_treeid, collides, pushed
         )
 
     @property

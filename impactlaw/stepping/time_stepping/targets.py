@@ -6,6 +6,10 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
+from impactlaw.stepping.time_stepping.rows import NEAR
+
+_RESTING = 1e-12
+"""Part of the largest contact velocity up to which a contact in touch does not separate."""
 
 
 @compiled()
@@ -69,26 +73,36 @@ def offsets(groups, rates, target, sliding):
 
 
 @compiled()
-def reached_groups(groups, sparse, colind, tree, collides, touching):
-    """Return which groups collide, or touch a kinematic tree that an impulse of these can reach through others.
+def reached_groups(groups, sparse, colind, amounts, rates, tree, collides, pushed):
+    """Return which contacts collide, or are reached by these through others and do not separate, bool (g,).
+
+    A contact is reached if it touches a kinematic tree that an impulse can reach. It does not separate if its velocity
+    says so, or if it is pushed.
 
     Args:
-        groups: see `rows.Rows`, like the two that follow.
+        groups: see `rows.Rows`, like the four that follow.
         sparse: where rows begin and how long they are.
         colind: degrees of freedom of their entries.
+        amounts: gaps first.
+        rates: velocities at the start of the step second.
         tree: of each degree of freedom, (nv,).
         collides: bool (g,).
-        touching: which others may take part, bool (g,).
+        pushed: bool (g,).
     """
+    fastest = 0.0
+    for g in range(len(collides)):
+        fastest = max(fastest, abs(rates[1, groups[0, g]]))
     mark = np.zeros(tree.max() + 1 if len(tree) else 0, np.bool_)
     reached = np.zeros(len(collides), np.bool_)
     more = True
     while more:
         more = False
         for g in range(len(reached)):
-            if reached[g] or not (collides[g] or touching[g]):
-                continue
             row = groups[0, g]
+            touches = groups[2, g] == CONE and amounts[0, g] <= NEAR
+            touches = touches and (pushed[g] or rates[1, row] <= _RESTING * fastest)
+            if reached[g] or not (collides[g] or touches):
+                continue
             begin, end = sparse[1, row], sparse[1, row] + sparse[0, row]
             near = collides[g]
             for a in range(begin, end):
@@ -98,3 +112,21 @@ def reached_groups(groups, sparse, colind, tree, collides, touching):
                 for a in range(begin, end):
                     mark[tree[colind[a]]] = True
     return reached
+
+
+@compiled()
+def close_gaps(groups, sparse, colind, amounts, rates, tree, collides, target):
+    """Let contacts in touch that a collision reaches stay closed, ``gamma^h = 0``, however small their gap is.
+
+    ``target``, (g,), is written; for the others see `reached_groups`.
+    """
+    some = False
+    for g in range(len(target)):
+        some = some or (groups[2, g] == CONE and not collides[g] and target[g] < 0.0 and amounts[0, g] <= NEAR)
+    if not some:
+        return
+    pushed = np.ones(len(collides), np.bool_)
+    reached = reached_groups(groups, sparse, colind, amounts, rates, tree, collides, pushed)
+    for g in range(len(target)):
+        if reached[g] and not collides[g]:
+            target[g] = max(target[g], 0.0)
