@@ -18,13 +18,15 @@ from impactlaw.solvers.cones.structure import Island, delassus
 
 _FIRST_STEPS = np.array([8, 30, 12, 30])  # Newton steps with two maps from the guess, and from rest
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
+_PATIENCE, _ENDLESS = np.int64(8), np.int64(1000)
 _KINDS = np.array([DE_SAXCE, DE_SAXCE, ALART_CURNIER, DE_SAXCE, ALART_CURNIER, DE_SAXCE, DE_SAXCE, ALART_CURNIER])
 _FACTORS = np.array([1.0, 1.0, 1.0, 1.0, 0.1, 0.1, 0.3, 1.0])
 _EASE = np.array([0.1, 0.01, 0.0, 0.0, 1.0, 0.1, 0.0, 1.0])  # regularization per relative natural map
 _DENSE, _REDUCED = 1e-12, 1e-9  # least regularization of the system of all rows, and of the degrees of freedom
 _LATE = 8  # round from which more is done
 _WORK = 1.5e7  # operations after which no further round begins ...
-_FACTORIZATIONS = 150.0  # ... or so many factorizations, whatever is more
+_FACTORIZATIONS = 150.0  # ... or so many factorizations of one block, whatever is more ...
+_OF_MANY = 30.0  # ... or of many blocks
 _ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances will do: such problems are degenerate
 _STAGNANT, _HOPELESS = 4, 8  # rounds without 10 % less after which to stop if they were long, and in any case
 _SHORT = 0.25  # what is not long, as a part of the work allowed
@@ -72,16 +74,17 @@ def solve_island(P: Island, K: Blocks, x: Array, scale: float, tolerance: float,
         delassus(P, G)
     delta = _DENSE if few else _REDUCED
     start, point, total, least = x.copy(), x.copy(), 0, np.inf
+    patience = _PATIENCE if len(K.width) > 1 else _ENDLESS
     warm = norm_of(x, FIRST, n) > 0.0
     for k in range(4):
-        if (k < 2) != warm and k < 3:
+        if (k < 2) != warm and (k < 3 or rounds < 2):
             continue
         point[:] = start
         if k > 1:
             point[:] = 0.0
         kind = CONVEX if not P.exact else ALART_CURNIER if k % 2 == 0 else DE_SAXCE
         ease = 0.0 if k % 2 == 0 else _EASE[0] / scale
-        taken, r = newton(P, K, G, point, tolerance, _FIRST_STEPS[k], kind, 1.0, delta, ease)
+        taken, r = newton(P, K, G, point, tolerance, _FIRST_STEPS[k], kind, 1.0, delta, ease, patience)
         total += taken
         if r < least:
             least = r
@@ -110,12 +113,12 @@ def _rounds(
     """Go on from `start` in rounds, x is the best point; return steps taken and its natural map."""
     L = largest_eigenvalue(P)
     alternating, convex, point = start.copy(), start, np.empty(len(x))
-    cost = flops(P, K)
+    cost, many = flops(P, K), len(K.width) > 1
     apart = 4.0 * len(P.A) + 10.0 * len(x) + 4.0 * K.size  # of a step of alternating directions
     step = cost if not few else float(len(x)) ** 3 + 20.0 * len(x) ** 2
-    limit = max(_WORK, _FACTORIZATIONS * cost)
-    work, total, before, stagnant, many = 0.0, 0, least, 0, len(K.width) > 1
-    after = _LONG if many else _AFTER
+    limit = _OF_MANY * cost if many else max(_WORK, _FACTORIZATIONS * cost)
+    work, total, before, stagnant = 0.0, 0, least, 0
+    after, patience = (_LONG, _PATIENCE) if many else (_AFTER, _ENDLESS)
     for k in range(rounds):
         if k % 2 == 0:
             taken = admm(P, K, L, alternating, tolerance, 50 if k < _LATE else 150)
@@ -132,7 +135,7 @@ def _rounds(
         v = k % len(_EASE)
         kind = CONVEX if not P.exact else _KINDS[v]
         delta = _DENSE if few else _REDUCED
-        taken, r = newton(P, K, G, point, tolerance, after, kind, _FACTORS[v], delta, _EASE[v] / scale)
+        taken, r = newton(P, K, G, point, tolerance, after, kind, _FACTORS[v], delta, _EASE[v] / scale, patience)
         total += taken
         work += taken * step
         if r < least:

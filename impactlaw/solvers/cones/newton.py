@@ -22,6 +22,7 @@ ALART_CURNIER, DE_SAXCE, CONVEX = 0, 1, 2
 """Maps: on disk and half line; on the cone with de Saxcé's correction; on the cone without it."""
 _HALVINGS = 6
 _MOST = 1e-1  # largest regularization
+_BETTER = 0.9  # part of the natural map that a step leaves which is of use
 _QUICK = 0.1  # more steps are taken while each leaves less than this part of the natural map
 
 
@@ -197,6 +198,7 @@ def newton(
     scale: float,
     delta: float,
     share: float,
+    patience: int,
 ) -> tuple[int, float]:
     """Overwrite x by the best point on the way; return steps taken and its natural map.
 
@@ -211,6 +213,7 @@ def newton(
         scale: of R.
         delta: least regularization.
         share: regularization per natural map.
+        patience: steps in a row without a natural map that is 10 % less, after which to stop.
     """
     n, groups, dense = len(x), len(P.kind), len(G) > 0
     most_rows = 1
@@ -229,8 +232,11 @@ def newton(
     least = residual(P, point, u, exact)
     merit = mapping(P, point, u, kind, rn, rt, y, p, F)
     taken, r, before = 0, least, least
+    fruitless = 0
     while least > tolerance and (taken < most or (r < _QUICK * before and taken < 2 * most)):
         before = r
+        if fruitless == patience:
+            break
         derivatives(P, y, u, kind, rn, rt, max(delta, min(share * r, _MOST)), not dense, B, E, D)
         direction[:] = F
         if dense:
@@ -254,7 +260,9 @@ def newton(
         if not merit < 1e100:
             break
         r = residual(P, point, u, exact)
+        fruitless += 1
         if r < least:
+            fruitless = 0 if r < _BETTER * least else fruitless
             least = r
             x[:] = point
     return taken, least

@@ -13,7 +13,9 @@ from impactlaw.stepping.time_stepping.targets import offsets
 TOLERANCE = 1e-10
 """Natural map, relative to the largest velocity of the problem, that solvers aim at."""
 
-_FEW = 2  # rounds of slower methods in a search
+_UNSOLVED = 1e-8  # natural map above which normal velocities are corrected ...
+_CORRECTIONS = 2  # ... so many times
+_FEW = 0  # rounds of slower methods in a search
 _SEARCHES = 12  # of the share of restitution that creates no energy
 _CREATED = 1e-9  # part of the largest energy of a contact, up to which its creation is rounding
 _SLOP = 1e-8  # m or rad: overlaps up to this are left to the velocities
@@ -72,11 +74,56 @@ def contact_work(groups, rates, after, x):
 
 @compiled()
 def solve_rows(sparse, colind, value, groups, amounts, rates, b, guess, tree, exact, rounds):
-    """Solve the problem of a step with the offset b, (n,); see `impactlaw.solvers.cones.solve`."""
-    return solve(
+    """Return x and z of the problem of a step with the offset b, (n,); see `impactlaw.solvers.cones.solve`."""
+    x, z, residual, _ = solve(
         sparse[0], sparse[1], colind, value, len(tree), tree, groups[0], groups[1], groups[2], amounts[1], rates[4], b,
         guess, exact, TOLERANCE, rounds,
     )  # fmt: skip
+    if residual > _UNSOLVED:
+        for _ in range(_CORRECTIONS):
+            y, w, left = correct_normals(sparse, colind, value, groups, amounts, rates, b, x, tree, rounds)
+            if left > _UNSOLVED:  # normal velocities contradict each other
+                break
+            x, z = y, w
+    return x, z
+
+
+@compiled()
+def correct_normals(sparse, colind, value, groups, amounts, rates, b, guess, tree, rounds):
+    """Return x and z where normal velocities are exact, and the natural map of what was solved for that.
+
+    Friction is held: cut to its cone, and the same in a solution.
+
+    It is what makes problems hard: what is left, ``0 <= Lambda_n  ⊥  u_n >= 0``, is convex.
+    """
+    nv, x, offset = len(tree), guess.copy(), b.copy()
+    friction = np.zeros(nv)
+    for g in range(groups.shape[1]):
+        if groups[2, g] != CONE:
+            continue
+        row, end = groups[0, g], groups[0, g] + groups[1, g]
+        size = 0.0
+        for k in range(row + 1, end):
+            size += x[k] * x[k]
+        share = min(1.0, x[row] / np.sqrt(size)) if size > 0.0 else 1.0
+        for k in range(row + 1, end):
+            for a in range(sparse[1, k], sparse[1, k] + sparse[0, k]):
+                friction[colind[a]] += share * x[k] * value[a]
+            x[k] *= share
+    for r in range(len(b)):
+        for a in range(sparse[1, r], sparse[1, r] + sparse[0, r]):
+            offset[r] += value[a] * friction[colind[a]]
+    start, size = x.copy(), np.ones_like(groups[1])
+    for g in range(groups.shape[1]):
+        for k in range(groups[0, g] + 1, groups[0, g] + groups[1, g]):
+            start[k] = 0.0
+    normal, z, left, _ = solve(
+        sparse[0], sparse[1], colind, value, nv, tree, groups[0], size, groups[2], amounts[1], rates[4], offset,
+        start, False, TOLERANCE, rounds,
+    )  # fmt: skip
+    for g in range(groups.shape[1]):
+        x[groups[0, g]] = normal[groups[0, g]]
+    return x, z + friction, left
 
 
 @compiled()
@@ -96,7 +143,7 @@ def solve_scaled(
             for k in range(groups[0, g] + 1, groups[0, g] + groups[1, g]):
                 aimed[k] = s * sliding[k]
     b = offsets(groups, rates, scaled, aimed)
-    x, z, _, _ = solve_rows(sparse, colind, value, groups, amounts, rates, b, guess, tree, exact, rounds)
+    x, z = solve_rows(sparse, colind, value, groups, amounts, rates, b, guess, tree, exact, rounds)
     return x, z, row_velocities(sparse, colind, value, rates, z), scaled
 
 

@@ -67,7 +67,7 @@ SHORTFALL_LIMIT = 1e-6
 """Part of the largest contact velocity of a step by which a step may miss its law without being counted."""
 
 _ROUNDS = 24  # of the slower solvers, where Newton's method fails
-_FEW_ROUNDS = 3  # of these where they have failed in the step before, too
+_FEW_ROUNDS = 1  # of these where they have failed in the step before, too
 _LOOKS = 3  # at most, for contacts that the velocity after a collision closes
 _STIFF = 1e-6  # part of their compliance that equality constraints keep in a collision
 _SLOWEST = 1e-2  # m/s: velocity below which shortfalls are compared with this
