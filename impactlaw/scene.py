@@ -9,9 +9,8 @@ import numpy as np
 
 from impactlaw.contacts import geom_names
 from impactlaw.errors import RestitutionError, SceneError, UnknownNameError
-from impactlaw.laws import Law, Newton
+from impactlaw.laws import Newton
 from impactlaw.laws.base import coefficient
-from impactlaw.laws.labels import check_labels
 from impactlaw.limits import Limits
 from impactlaw.tangents import MIN_FRICTION, pair_friction
 
@@ -148,19 +147,6 @@ def scene_law(model: mujoco.MjModel) -> Newton:
             "or pass a law"
         )
     return Newton(table, default=default)
-
-
-def check_law(model: mujoco.MjModel, law: Law) -> None:
-    """Refuse a law that is keyed by contacts that the scene cannot have.
-
-    Raises:
-        UnknownNameError: no such contact; names the nearest ones.
-    """
-    used = getattr(law, "contact_labels", None)
-    if used:
-        names = geom_names(model)
-        pairs = tuple(f"{names[a]}/{names[b]}" for a, b in geom_pairs(model).geoms)
-        check_labels(used, pairs + Limits(model).names)
 
 
 def scene_number(model: mujoco.MjModel, name: str) -> float | None:

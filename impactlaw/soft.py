@@ -19,6 +19,8 @@ its start; if there is a collision at the end of that, the law resolves it there
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 from mujoco import (
@@ -47,6 +49,7 @@ from impactlaw.equalities import bilateral_constraints, bilateral_rows
 from impactlaw.errors import DivergenceError
 from impactlaw.events import ImpactEvent
 from impactlaw.flow import is_huge
+from impactlaw.laws import Law
 from impactlaw.limits import Limits, joined
 from impactlaw.plan import Plan
 from impactlaw.surfaces import Surfaces
@@ -83,6 +86,10 @@ class SoftStepping:
         self._left_at = np.nan
         self._last: tuple[ImpactEvent, ...] = ()
         self.unlocated = 0
+
+    def set_law(self, law: Law) -> None:
+        """Let the collisions of the next steps be by another law."""
+        self._collider = replace(self._collider, law=law)
 
     def step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
         """Advance by one timestep and return the collisions.

@@ -68,6 +68,11 @@ class ContactCoefficients:
         """Labels the law was keyed with, in canonical order; empty if it was not."""
         return frozenset(self._table or ())
 
+    @property
+    def contact_count(self) -> int | None:
+        """Number of contacts that the law is for; None if for any."""
+        return len(self.restitution) if isinstance(self.restitution, tuple) else None
+
     def coefficients(self, collision: Collision) -> np.ndarray:
         """Return ``e_1 .. e_h`` for the contacts of this collision, shape (h,).
 

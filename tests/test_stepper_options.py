@@ -1,0 +1,227 @@
+"""What a stepper is told it does, at once or from the next step on; anything else it refuses when it is told."""
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from impactlaw import Coulomb, Fremond, LinearMap, MaximalDissipation, Moreau, Newton, Poisson, Stepper
+from impactlaw.errors import ImpactLawError, OptionError, RestitutionError, SceneError, SettledError, UnknownNameError
+from impactlaw.models import load
+
+WAYS = {
+    "soft": {"contact_model": "soft"},
+    "event-driven": {},
+    "time-stepping": {"scheme": "time-stepping"},
+}
+every_way = pytest.mark.parametrize("way", WAYS)
+
+
+def ball(condim=1, option="", numeric=""):
+    """A ball 1 m above a floor."""
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco><option timestep="0.002" {option}/><custom>{numeric}</custom>
+      <worldbody><geom name="floor" type="plane" size="1 1 1" condim="{condim}"/>
+      <body pos="0 0 1.1"><freejoint/><geom name="ball" size=".1" mass="1" condim="{condim}"/></body></worldbody>
+      </mujoco>""")
+    return model, mujoco.MjData(model)
+
+
+def rebound(stepper, data):
+    """The part of its speed that the ball keeps in its next collision."""
+    for _ in range(2000):
+        stepper.step(data)
+        if stepper.events:
+            impact = stepper.events[0].impact
+            return -impact.post_contact_velocity[0] / impact.collision.pre_contact_velocity[0]
+    raise AssertionError("the ball has not hit the floor")
+
+
+# The law
+
+
+@every_way
+@pytest.mark.parametrize("condim", [1, 3])
+def test_another_law_takes_effect_with_the_next_step(way, condim):
+    model, data = ball(condim)
+    stepper = Stepper(model, Moreau(0.9), **WAYS[way])
+    seen = []
+    for law in (Moreau(0.9), Newton(0.8), Newton({("ball", "floor"): 0.6}), Fremond.reversal(0.7), Moreau(0.5)):
+        stepper.law = law
+        assert stepper.law is law
+        seen.append(rebound(stepper, data))
+    assert seen == pytest.approx([0.9, 0.8, 0.6, 0.7, 0.5], abs=1e-9)
+
+
+@every_way
+def test_the_next_step_is_as_of_a_stepper_made_with_that_law(way):
+    """To the last bit, in the middle of a run too."""
+    ends = []
+    for change in (True, False):
+        model, data = ball(3)
+        data.qvel[0] = 1.0
+        stepper = Stepper(model, Moreau(0.9 if change else 0.5), **WAYS[way])
+        for i in range(600):
+            if change and i == 100:
+                stepper.law = Moreau(0.5)
+            stepper.step(data)
+        ends.append(np.append(data.qpos, data.qvel))
+    np.testing.assert_array_equal(*ends)
+
+
+def test_tangential_restitution_and_cone_come_with_the_law():
+    for scheme in ("event-driven", "time-stepping"):
+        model, data = ball(3)
+        data.qvel[0] = 1.0
+        stepper = Stepper(model, Moreau(0.5), scheme=scheme)
+        stepper.law = Coulomb(Moreau(0.5), tangential_restitution=1.0)
+        assert rebound(stepper, data) == pytest.approx(0.5, abs=1e-9)
+        impact = stepper.events[0].impact
+        np.testing.assert_allclose(impact.post_sliding_velocity, -impact.pre_sliding_velocity, atol=1e-9)
+        assert np.linalg.norm(impact.pre_sliding_velocity) > 0.9
+
+
+@every_way
+def test_the_law_of_the_scene_can_be_set(way):
+    model, data = ball(numeric='<numeric name="restitution/ball/floor" data="0.3"/>')
+    stepper = Stepper(model, Moreau(0.9), **WAYS[way])
+    stepper.law = "scene"
+    assert rebound(stepper, data) == pytest.approx(0.3, abs=1e-9)
+
+
+@every_way
+@pytest.mark.parametrize(
+    ("law", "error"),
+    [
+        ("moreau", UnknownNameError),
+        (None, UnknownNameError),
+        (Newton({("ball", "flor"): 0.5}), UnknownNameError),
+        (Newton([0.5, 0.5]), RestitutionError),
+        ("scene", RestitutionError),
+    ],
+    ids=str,
+)
+def test_a_law_that_does_not_fit_is_refused_and_the_old_one_stays(way, law, error):
+    model, data = ball()
+    stepper = Stepper(model, Moreau(0.9), **WAYS[way])
+    with pytest.raises(error):
+        stepper.law = law
+    assert stepper.law == Moreau(0.9)
+    assert rebound(stepper, data) == pytest.approx(0.9, abs=1e-9)
+
+
+def test_a_law_without_friction_is_refused_where_the_constructor_refuses_it():
+    stepper = Stepper(ball(3)[0], Moreau(0.9))
+    with pytest.raises(RestitutionError, match="rule of its own"):
+        stepper.law = Poisson(0.5)
+    assert stepper.law == Moreau(0.9)
+
+
+# Everything else
+
+
+@every_way
+@pytest.mark.parametrize(
+    "name",
+    [
+        "model", "plan", "contact_model", "scheme", "friction", "overlap", "on_inadmissible", "gap_tolerance",
+        "rest_speed", "max_events", "solver",
+    ],
+)  # fmt: skip
+def test_other_options_can_be_read_and_setting_them_is_an_error(way, name):
+    stepper = Stepper(ball()[0], Moreau(0.5), **WAYS[way])
+    before = getattr(stepper, name)
+    with pytest.raises(SettledError, match=rf"{name} of Stepper .* make a new Stepper"):
+        setattr(stepper, name, "ignore")
+    assert getattr(stepper, name) is before
+
+
+@pytest.mark.parametrize("way", ["soft", "time-stepping"])
+@pytest.mark.parametrize("speed", [math.nan, -0.1, math.inf, "fast"])
+def test_a_rest_speed_that_is_none(way, speed):
+    with pytest.raises(OptionError, match="rest_speed must be a speed"):
+        Stepper(ball()[0], Moreau(0.5), rest_speed=speed, **WAYS[way])
+
+
+@pytest.mark.parametrize("way", ["soft", "event-driven"])
+@pytest.mark.parametrize("count", [0, -1, math.nan, 2.5])
+def test_a_number_of_events_that_is_none(way, count):
+    with pytest.raises(OptionError, match="max_events must be a whole number"):
+        Stepper(ball()[0], Moreau(0.5), max_events=count, **WAYS[way])
+
+
+def test_a_number_of_numpy_is_a_number():
+    Stepper(ball()[0], Moreau(0.5), contact_model="soft", rest_speed=np.float32(0.1), max_events=np.int64(3))
+
+
+@every_way
+@pytest.mark.parametrize(
+    ("law", "message"),
+    [
+        (Newton([0.2, 0.9]), "for 2 contacts, but the scene never has more than 1"),
+        (Poisson([0.2, 0.9]), "for 2 contacts"),
+        (Fremond(np.eye(3)), "for 3 contacts"),
+        (Coulomb(Newton([0.2, 0.9])), "for 2 contacts"),
+        (LinearMap(np.eye(3)), "3 degrees of freedom, but the scene has 6"),
+    ],
+    ids=repr,
+)
+def test_coefficients_for_more_contacts_than_there_can_be(way, law, message):
+    with pytest.raises(RestitutionError, match=message):
+        Stepper(ball()[0], law, **WAYS[way])
+
+
+def test_as_many_coefficients_as_contacts_are_taken():
+    for law in (Newton([0.5]), Fremond([[0.5]])):
+        model, data = ball()
+        assert rebound(Stepper(model, law), data) == pytest.approx(0.5, abs=1e-9)
+    Stepper(load("ball_chain")[0], Fremond([[0, 1], [1, 0]]))
+    Stepper(load("box_drop")[0], Newton([0.5] * 4))
+
+
+@every_way
+def test_restitution_of_the_scene_between_geoms_that_cannot_meet(way):
+    model, _ = ball(numeric='<numeric name="restitution/ball/ghost" data="0.3"/>')
+    with pytest.raises(UnknownNameError, match="ball/ghost"):
+        Stepper(model, "scene", **WAYS[way])
+    both = '<geom name="ball" size=".1"/><geom name="hat" size=".1" pos="0 0 .1"/>'
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><custom><numeric name="restitution/ball/hat" data="0.3"/></custom>'
+        f"<worldbody><body><freejoint/>{both}</body></worldbody></mujoco>"
+    )
+    with pytest.raises(UnknownNameError, match="ball/hat"):
+        Stepper(model, "scene", **WAYS[way])
+
+
+def test_friction_means_nothing_to_soft_steps():
+    for friction in ("coulomb", "convex", "ignore"):
+        with pytest.raises(SceneError, match="friction means nothing to soft steps"):
+            Stepper(ball(3)[0], Moreau(0.5), contact_model="soft", friction=friction)
+    with pytest.raises(RestitutionError, match="friction is MuJoCo's in soft steps"):
+        Stepper(ball(3)[0], Coulomb(Moreau(0.5), tangential_restitution=0.5), contact_model="soft")
+
+
+@pytest.mark.parametrize("scheme", ["event-driven", "time-stepping"])
+def test_friction_of_the_law_and_of_the_option_do_not_contradict(scheme):
+    for friction, cone in (("ignore", "exact"), ("convex", "exact"), ("coulomb", "convex")):
+        with pytest.raises(RestitutionError, match="friction"):
+            Stepper(ball(3)[0], Coulomb(Moreau(0.5), cone=cone), friction=friction, scheme=scheme)
+    Stepper(ball(3)[0], Coulomb(Moreau(0.5), cone="convex"), friction="convex", scheme=scheme)
+    stepper = Stepper(ball(3)[0], Moreau(0.5), friction="ignore", scheme=scheme)
+    with pytest.raises(RestitutionError, match="leaves friction out"):
+        stepper.law = Coulomb(Moreau(0.5))
+
+
+def test_data_of_another_model_is_refused_by_both_halves_of_a_soft_step():
+    stepper = Stepper(ball()[0], Moreau(0.5), contact_model="soft")
+    for step in (stepper.step, stepper.finish_step):
+        with pytest.raises(SceneError, match="another model"):
+            step(load("box_drop")[1])
+
+
+def test_errors_of_options_are_of_this_package():
+    assert issubclass(SettledError, ImpactLawError)
+    assert issubclass(SettledError, AttributeError)
+    assert issubclass(OptionError, ImpactLawError)
+    stepper = Stepper(ball()[0], MaximalDissipation())
+    assert not hasattr(stepper, "no_such_thing")
