@@ -7,10 +7,11 @@ from impactlaw.envs.billiards import Billiards
 from impactlaw.envs.juggler import Juggler
 from impactlaw.envs.newtons_cradle import NewtonsCradle
 from impactlaw.envs.rendering import choose_backend
+from impactlaw.envs.restart import restart
 from impactlaw.envs.rocking_block import RockingBlock
 from impactlaw.envs.wrapper import ImpactLaw, put_law
 
-__all__ = ["Billiards", "ImpactEnv", "ImpactLaw", "Juggler", "NewtonsCradle", "RockingBlock", "put_law"]
+__all__ = ["Billiards", "ImpactEnv", "ImpactLaw", "Juggler", "NewtonsCradle", "RockingBlock", "put_law", "restart"]
 
 for _entry_point, _steps, _solved in (
     (NewtonsCradle, 300, 0.95),

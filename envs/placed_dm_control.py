@@ -9,7 +9,9 @@ import mujoco
 from dm_control.mujoco.engine import Physics
 from dm_control.rl.control import PhysicsError
 
-from impactlaw.envs.placed import LawOptions, PlacedLaw, RunLog
+from impactlaw.envs.episode_log import EpisodeLog
+from impactlaw.envs.law_options import LawOptions
+from impactlaw.envs.placed import PlacedLaw
 from impactlaw.errors import DivergenceError, WrapperError
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
@@ -27,7 +29,7 @@ class OnDmControl(PlacedLaw):
 
     method = "step"
 
-    def __init__(self, env: Any, options: LawOptions, log: RunLog | None):
+    def __init__(self, env: Any, options: LawOptions, log: EpisodeLog | None):
         physics = getattr(env, "physics", None)
         if not isinstance(physics, Physics):
             raise WrapperError(f"{type(env).__name__} does not step MuJoCo: it has no dm_control Physics")
@@ -50,6 +52,9 @@ class OnDmControl(PlacedLaw):
 
     def _target(self) -> Any:
         return self._physics
+
+    def _simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        return self._physics.model.ptr, self._physics.data.ptr
 
     def _after_compile(self, physics: Any, _random_state: Any) -> None:
         if not self._removed:
@@ -84,5 +89,5 @@ class OnDmControl(PlacedLaw):
 
 
 def _has_bad_state(physics: Any) -> bool:
-    bad = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")]
+    bad = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC", "CTRL")]
     return bool(physics.data.ptr.warning.number[bad].any())

@@ -20,6 +20,7 @@ its start; if there is a collision at the end of that, the law resolves it there
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -86,6 +87,15 @@ class SoftStepping:
         self._left_at = np.nan
         self._last: tuple[ImpactEvent, ...] = ()
         self.unlocated = 0
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the options, which are part of the model."""
+        return self.__dict__ | {"_options": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take the options of the copy's own model."""
+        self.__dict__.update(state)
+        self._options = self._model.opt
 
     def set_law(self, law: Law) -> None:
         """Let the collisions of the next steps be by another law."""

@@ -127,7 +127,8 @@ class Stepper:
         deferred.load_solvers()
         for name, value in {**given, "contact_model": contact_model, "on_inadmissible": on_inadmissible}.items():
             setattr(self, name, value)
-        self.model, self._signature, self._way = model, model.signature, way
+        self.model = self._model = model
+        self._way = way
         self._law = self._known(law)
         self.plan = make_plan(model, contact_model, scheme=scheme, friction=friction or "coulomb")
         law, last = self._with_friction(self._law), self._with_friction(MaximalDissipation())
@@ -216,7 +217,7 @@ class Stepper:
             DivergenceError: position or velocity is not finite.
             SceneError: data is of a model with other bodies, joints or geoms.
         """
-        if data.signature != self._signature:
+        if data.signature != self._model.signature:
             raise _other_model()
         self._events = self._stepping.step(data)
 
@@ -227,7 +228,7 @@ class Stepper:
             SceneError: the contact model is not "soft", or data is of another model.
             ImpactLawError: as by `step`.
         """
-        if data.signature != self._signature:
+        if data.signature != self._model.signature:
             raise _other_model()
         if not isinstance(self._stepping, SoftStepping):
             raise SceneError('only soft stepping can be cut in two halves; use step(), or contact_model="soft"')

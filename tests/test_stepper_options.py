@@ -1,6 +1,8 @@
 """What a stepper is told it does, at once or from the next step on; anything else it refuses when it is told."""
 
+import copy
 import math
+import pickle
 
 import mujoco
 import numpy as np
@@ -217,6 +219,25 @@ def test_data_of_another_model_is_refused_by_both_halves_of_a_soft_step():
     for step in (stepper.step, stepper.finish_step):
         with pytest.raises(SceneError, match="another model"):
             step(load("box_drop")[1])
+
+
+@every_way
+@pytest.mark.parametrize(
+    "copied", [copy.deepcopy, lambda pair: pickle.loads(pickle.dumps(pair))], ids=["copy", "pickle"]
+)
+def test_a_copy_has_the_options_of_its_own_model(way, copied):
+    model, data = ball(3)
+    stepper = Stepper(model, Moreau(0.5), **WAYS[way])
+    stepper.step(data)
+    twin, its = copied((stepper, data))
+    twin.model.opt.timestep = 0.001
+    twin.step(its)
+    assert its.time == pytest.approx(0.003)
+    stepper.step(data)
+    assert data.time == pytest.approx(0.004)
+    twin.law = Moreau(0.25)
+    assert (stepper.law, twin.law) == (Moreau(0.5), Moreau(0.25))
+    assert rebound(twin, its) == pytest.approx(0.25, abs=1e-6)
 
 
 def test_errors_of_options_are_of_this_package():
