@@ -9,9 +9,19 @@ from impactlaw.envs.newtons_cradle import NewtonsCradle
 from impactlaw.envs.rendering import choose_backend
 from impactlaw.envs.restart import restart
 from impactlaw.envs.rocking_block import RockingBlock
-from impactlaw.envs.wrapper import ImpactLaw, put_law
+from impactlaw.envs.wrapper import ImpactLaw, placed_law, put_law
 
-__all__ = ["Billiards", "ImpactEnv", "ImpactLaw", "Juggler", "NewtonsCradle", "RockingBlock", "put_law", "restart"]
+__all__ = [
+    "Billiards",
+    "ImpactEnv",
+    "ImpactLaw",
+    "Juggler",
+    "NewtonsCradle",
+    "RockingBlock",
+    "placed_law",
+    "put_law",
+    "restart",
+]
 
 for _entry_point, _steps, _solved in (
     (NewtonsCradle, 300, 0.95),

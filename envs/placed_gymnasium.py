@@ -91,10 +91,11 @@ def place(env: gymnasium.Env, options: LawOptions, log: EpisodeLog | None, *, re
             return kind(target, options, log)
     inner: Any = getattr(base, "_env", None)
     if "dm_control.mujoco.engine" in sys.modules and hasattr(inner, "physics"):
-        from impactlaw.envs.placed_dm_control import OnDmControl
+        from impactlaw.envs.placed_dm_control import OnDmControl, law_on
 
-        if replace:
-            _lift(inner.physics, OnDmControl.method)
+        there = law_on(inner.physics) if replace else None
+        if there is not None:
+            there.remove()
         return OnDmControl(inner, options, log)
     raise WrapperError(
         f"{name_of(base)} does not step MuJoCo in a way that is known: not a MujocoEnv of gymnasium, nor a robot of "

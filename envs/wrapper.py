@@ -267,7 +267,8 @@ def put_law(
     ``placed = put_law(suite.load("hopper", "hop"), "moreau", 0.5)``. The environment itself is changed; the handle has
     the collisions of the last environment step (``events``), the numbers of `ImpactLaw`'s info (``info()``), and
     takes the law off again (``remove()``) or ends the recording (``close()``). If the simulation leaves the finite
-    numbers, dm_control raises its `PhysicsError`, as without the law. A copy of the environment has no law.
+    numbers, dm_control raises its `PhysicsError`, as without the law. A copy of the environment, or of its
+    physics, has the law as well, but does not record: `placed_law` returns its handle.
 
     Args:
         env: the environment.
@@ -307,6 +308,14 @@ def put_law(
     return OnDmControl(env, options, _episode_log(log, log_every))
 
 
+def placed_law(env: dm_env.Environment) -> PlacedLaw | None:
+    """Return the handle on the law of a bare dm_control environment, such as a copy; None if it has no law."""
+    from impactlaw.envs.placed_dm_control import law_on
+
+    physics = getattr(env, "physics", None)
+    return None if physics is None else law_on(physics)
+
+
 def _episode_log(path: str | Path | None, every: int) -> EpisodeLog | None:
     check_log_every(path, every)
     return None if path is None else EpisodeLog(path, every=every)
@@ -318,7 +327,7 @@ def _is_bad(action: Any) -> bool:
     return values.dtype.kind == "f" and not np.isfinite(values).all()
 
 
-def _generator(env: gymnasium.Env) -> dict[str, Any] | None:
+def _generator(env: gymnasium.Env) -> Mapping[str, Any] | None:
     """Return the state of the generator that the environment draws an episode from; None if it is not numpy's own."""
     generator = env.unwrapped.np_random
     return generator.bit_generator.state if isinstance(generator, np.random.Generator) else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -170,12 +171,12 @@ def episode_table(episodes: tuple[Episode, ...], collisions: pd.DataFrame) -> pd
     """
     import pandas as pd
 
-    counts = collisions["episode"].value_counts()
+    counts = Counter(collisions["episode"].tolist())
     columns = ["episode", "seed", "law", "frames", "steps", "duration", "return", "ended", "collisions"]
     rows = [
         [
             e.number, e.seed, e.law, len(e.time), len(e.rewards), float(e.time[-1] - e.time[0]),
-            float(e.rewards.sum()) if len(e.rewards) else float("nan"), e.ended, int(counts.get(e.number, 0)),
+            float(e.rewards.sum()) if len(e.rewards) else float("nan"), e.ended, counts[e.number],
         ]
         for e in episodes
     ]  # fmt: skip

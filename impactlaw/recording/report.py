@@ -55,10 +55,11 @@ def _extent(recording: Recording) -> str:
 def _episodes(recording: Recording, limit: int) -> str:
     """Return a line per episode; nothing for a run that no environment has made, and that is one episode."""
     table = recording.episode_summary()
-    if len(table) < 2 and not table["steps"].any():
+    told = any(len(episode.rewards) for episode in recording.episodes)
+    if len(table) < 2 and not told:
         return ""
     shown = table.head(limit).fillna({"law": "-"})
-    if not table["steps"].any():
+    if not told:
         shown = shown.drop(columns=["steps", "return", "ended"])
     left = len(table) - len(shown)
     return "episodes\n" + _table(shown) + (f"\n... and {left} more" if left else "")
