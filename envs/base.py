@@ -202,12 +202,12 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._set(restitution=restitution)
 
     @property
-    def spec(self) -> EnvSpec | None:  # pyright: ignore[reportIncompatibleVariableOverride]
+    def spec(self) -> EnvSpec | None:
         """What `gymnasium.make` makes the same environment from; a law in it is written so that JSON can have it."""
         return self._spec
 
     @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:
+    def spec(self, spec: EnvSpec | None) -> None:  # pyright: ignore[reportIncompatibleVariableOverride]
         self._spec = None if spec is None else dataclasses.replace(spec, kwargs=portable_options(spec.kwargs))
 
     def reset(

@@ -24,9 +24,11 @@ class Compare:
     scene: Annotated[str, tyro.conf.Positional] = "newtons_cradle"
     """Name of a scene (see `impactlaw scenes`) or path of an MJCF file."""
     laws: tuple[str, ...] | None = None
-    """Laws by name (see `impactlaw laws`); "scene" is what the MJCF itself carries. All of them if not given."""
+    """Laws by name (see `impactlaw laws`), but fremond, which needs a matrix; "scene" is what the MJCF itself carries.
+    If not given: maximal-dissipation, moreau, reversal, and scene where that differs between pairs of geoms."""
     restitution: float | None = None
-    """Coefficient of restitution; the scene's own, or 1, if not given."""
+    """Coefficient of restitution, of every law that takes one: all but maximal-dissipation and scene. The scene's own,
+    or 1, if not given."""
     duration: float | None = None
     """Simulated time, s; the scene's own, or 2, if not given."""
     timestep: float | None = None
