@@ -14,6 +14,7 @@ import gymnasium
 import mujoco
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
+from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 
 from impactlaw.envs.episode_log import EpisodeLog
@@ -80,6 +81,7 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012
 
     _spec: EnvSpec | None = None
+    _begun = False
 
     SCENE: ClassVar[str]
     LAW: ClassVar[str]
@@ -232,6 +234,7 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key(START).id)
         self.driven = 0.0, 0.0
         self.start()
+        self._begun = True
         mujoco.mj_forward(self.model, self.data)
         if self._log is not None:
             self._log.name_run(self.spec.id if self.spec is not None else self.SCENE, self.np_random_seed)
@@ -244,9 +247,12 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Advance by `frame_skip` timesteps.
 
         Raises:
+            ResetNeeded: there was no reset yet (gymnasium's own error).
             ActionError: the action has the wrong shape or is not finite.
             ImpactLawError: as by `Stepper.step`, but for `DivergenceError`, which ends the episode.
         """
+        if not self._begun:
+            raise ResetNeeded("an episode begins with reset(); call it before step()")
         self.act(self._within_space(action))
         tally, before, driven = ImpactTally(), save_state(self.model, self.data), self.driven
         try:
@@ -317,7 +323,10 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def _within_space(self, action: np.ndarray) -> np.ndarray:
         space = self.action_space
         assert isinstance(space, Box)
-        action = np.asarray(action, dtype=float)
+        try:
+            action = np.asarray(action, dtype=float)
+        except (TypeError, ValueError):
+            raise ActionError(f"an action is {space.shape[0]} finite number(s), got {action!r}") from None
         if action.shape != space.shape or not np.isfinite(action).all():
             raise ActionError(f"an action is {space.shape[0]} finite number(s), got {action}")
         return np.clip(action, space.low, space.high)

@@ -91,7 +91,10 @@ def check_reset(options: Mapping[str, Any] | None) -> None:
 
     Raises:
         UnknownNameError: there is no such option.
+        OptionError: they are not a mapping.
     """
+    if options is not None and not isinstance(options, Mapping):
+        raise OptionError(f"options of a reset are a mapping of {', '.join(RESET)} to values, got {options!r}")
     for name in options or ():
         if name not in RESET:
             raise UnknownNameError("option of reset", name, RESET)

@@ -8,12 +8,25 @@ import numbers
 import mujoco
 
 from impactlaw.contacts import geom_names
-from impactlaw.errors import OptionError, RestitutionError
+from impactlaw.errors import OptionError, RestitutionError, SceneError
 from impactlaw.geoms import one_contact
 from impactlaw.laws import Coulomb, Law, LinearMap
 from impactlaw.laws.labels import check_labels
 from impactlaw.limits import Limits
 from impactlaw.scene import geom_pairs
+
+
+def check_model(model: object) -> None:
+    """Refuse what is no compiled scene.
+
+    Raises:
+        SceneError: it is something else, such as the path of a file.
+    """
+    if not isinstance(model, mujoco.MjModel):
+        raise SceneError(
+            f"a model is a mujoco.MjModel, got {model!r:.100}; impactlaw.models.load and mujoco.MjModel.from_xml_path "
+            "make one of a file"
+        )
 
 
 def check_law(model: mujoco.MjModel, law: Law) -> None:

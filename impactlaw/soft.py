@@ -19,6 +19,7 @@ its start; if there is a collision at the end of that, the law resolves it there
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -49,7 +50,7 @@ from impactlaw.contacts import (
 from impactlaw.equalities import bilateral_constraints, bilateral_rows
 from impactlaw.errors import DivergenceError
 from impactlaw.events import ImpactEvent
-from impactlaw.flow import is_huge
+from impactlaw.flow import check_timestep, is_huge
 from impactlaw.laws import Law
 from impactlaw.limits import Limits, joined
 from impactlaw.plan import Plan
@@ -106,10 +107,13 @@ class SoftStepping:
 
         Raises:
             DivergenceError: MuJoCo met a state that is not finite, or huge; it resets the simulation then.
+            SceneError: the timestep is not positive, or not finite.
         """
         model, opt = self._model, self._options
-        time = data.time
-        count = None if time >= opt.timestep and not opt.disableflags & _NO_RESET else _bad_states(data)
+        time, timestep = data.time, opt.timestep
+        if not 0.0 < timestep < math.inf:
+            check_timestep(timestep)
+        count = None if time >= timestep and not opt.disableflags & _NO_RESET else _bad_states(data)
         integrator, surfaces = opt.integrator, self._surfaces
         if surfaces is not None:
             surfaces.begin(data, opt.timestep)

@@ -12,7 +12,7 @@ from impactlaw.collide import Collider
 from impactlaw.contacts import GAP_TOLERANCE
 from impactlaw.errors import SceneError, UnknownNameError
 from impactlaw.events import ImpactEvent
-from impactlaw.fitting import check_count, check_friction, check_law, check_speed
+from impactlaw.fitting import check_count, check_friction, check_law, check_model, check_speed
 from impactlaw.laws import Coulomb, Law, MaximalDissipation
 from impactlaw.plan import make_plan
 from impactlaw.rigid import RigidStepping
@@ -111,6 +111,7 @@ class Stepper:
         ):
             if value not in known:
                 raise UnknownNameError(kind, value, [name for name in known if name])
+        check_model(model)
         way = "soft" if contact_model == "soft" else scheme or "event-driven"
         given = {
             "scheme": scheme,

@@ -8,9 +8,12 @@ import sys
 import gymnasium
 import numpy as np
 import pytest
-from wrapped import V5, make_any, theirs
+from gymnasium.error import ResetNeeded
+from own_envs import bare
+from wrapped import V5, hopper, make_any, theirs
 
 from impactlaw.envs import ImpactLaw
+from impactlaw.errors import ActionError, OptionError
 
 pytestmark = theirs
 
@@ -61,12 +64,35 @@ def test_nan_that_a_wrapper_inside_makes_ends_the_episode_too(name):
     np.testing.assert_array_equal(last, observation)
 
 
+# Own environments
+
+
+def test_a_step_before_the_first_reset():
+    with pytest.raises(ResetNeeded, match=r"begins with reset\(\)"):
+        bare("impactlaw.envs:impactlaw/Juggler-v0").step(np.zeros(1))
+
+
+def test_actions_that_are_no_numbers():
+    env = bare("impactlaw.envs:impactlaw/Juggler-v0")
+    env.reset(seed=0)
+    for action in ("up", None, {"up": 1}, [[1.0], [2.0, 3.0]]):
+        with pytest.raises(ActionError, match=r"1 finite number"):
+            env.step(action)
+
+
+def test_options_that_are_no_mapping():
+    for env in (bare("impactlaw.envs:impactlaw/Juggler-v0"), hopper()):
+        with pytest.raises(OptionError, match="options of a reset are a mapping"):
+            env.reset(options=["law"])
+
+
 # Pictures
 
 
 TWO = """
 import gymnasium, numpy as np, sys
 from impactlaw.envs import ImpactLaw
+from impactlaw.errors import ActionError, OptionError
 def make(name):
     env = gymnasium.make(name, render_mode="rgb_array")
     env = env if name.startswith("impactlaw") else ImpactLaw(env, "moreau", 0.5)

@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 from impactlaw import Coulomb, Fremond, LinearMap, MaximalDissipation, Moreau, Newton, Poisson, Stepper
-from impactlaw.errors import ImpactLawError, OptionError, RestitutionError, SceneError, SettledError, UnknownNameError
+from impactlaw.errors import (
+    DivergenceError,
+    ImpactLawError,
+    OptionError,
+    RestitutionError,
+    SceneError,
+    SettledError,
+    UnknownNameError,
+)
 from impactlaw.models import load
 
 WAYS = {
@@ -193,6 +201,96 @@ def test_restitution_of_the_scene_between_geoms_that_cannot_meet(way):
     )
     with pytest.raises(UnknownNameError, match="ball/hat"):
         Stepper(model, "scene", **WAYS[way])
+
+
+@pytest.mark.parametrize("data", ["0.5 0.9", None], ids=["two numbers", "three zeros"])
+@pytest.mark.parametrize("name", ["restitution", "restitution/ball/floor"])
+def test_restitution_of_the_scene_is_one_number(name, data):
+    """The rest of the numbers was ignored; with a size and no data it was 0."""
+    given = 'size="3"' if data is None else f'data="{data}"'
+    model, _ = ball(numeric=f'<numeric name="{name}" {given}/>')
+    with pytest.raises(RestitutionError, match=f"{name} of the scene must be one number"):
+        Stepper(model, "scene")
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Newton([]),
+        lambda: Poisson({}),
+        lambda: Newton({0.5, 0.9}),
+        lambda: Fremond(np.zeros((0, 0))),
+        lambda: LinearMap(np.zeros((0, 0))),
+    ],
+)
+def test_laws_without_coefficients_or_an_order_of_them(make):
+    with pytest.raises(RestitutionError):
+        make()
+
+
+@every_way
+@pytest.mark.parametrize("timestep", [0.0, -0.01, math.nan, math.inf])
+def test_a_timestep_that_is_none(way, timestep):
+    model, data = ball()
+    stepper = Stepper(model, Moreau(0.5), **WAYS[way])
+    model.opt.timestep = timestep
+    with pytest.raises(SceneError, match="timestep must be positive"):
+        stepper.step(data)
+    assert data.time == 0.0
+    assert np.isfinite(data.qpos).all()
+
+
+@every_way
+@pytest.mark.parametrize("field", ["mocap_pos", "mocap_quat"])
+@pytest.mark.usefixtures("quiet")
+def test_a_surface_that_is_nowhere(way, field):
+    """It was ignored, and the ball fell through it."""
+    model, data = load("juggler")
+    stepper = Stepper(model, Moreau(0.5), **WAYS[way])
+    stepper.step(data)
+    getattr(data, field)[0] = math.nan
+    with pytest.raises(DivergenceError):
+        stepper.step(data)
+
+
+@pytest.mark.parametrize("scheme", ["event-driven", "time-stepping"])
+def test_a_time_that_is_none(scheme):
+    model, data = ball()
+    stepper = Stepper(model, Moreau(0.5), scheme=scheme)
+    data.time = math.nan
+    with pytest.raises(DivergenceError, match="time is not finite"):
+        stepper.step(data)
+
+
+def test_a_path_is_no_model():
+    with pytest.raises(SceneError, match=r"a model is a mujoco\.MjModel, got 'scene\.xml'"):
+        Stepper("scene.xml", Moreau(0.5))
+
+
+def test_the_event_of_time_stepping_says_how_much_restitution_was_left():
+    """Newton's restitution and friction would create energy (Kane): all of it is scaled, and the event says so."""
+    model = mujoco.MjModel.from_xml_string("""<mujoco><option gravity="0 0 0" timestep="0.001"/><worldbody>
+      <geom name="floor" type="plane" size="5 5 1" friction="0.7"/>
+      <body pos="0 0 .805" euler="0 37 0"><freejoint/><geom type="capsule" size=".005 1" mass="1" friction="0.7"/>
+      </body>      </worldbody></mujoco>""")
+    data = mujoco.MjData(model)
+    data.qvel[:3] = 1.0, 0.0, -1.0
+    stepper = Stepper(model, Newton(1.0), scheme="time-stepping")
+    scale = None
+    for _ in range(200):
+        stepper.step(data)
+        if stepper.events:
+            scale = stepper.events[0].impact.restitution_scale
+            break
+    assert scale is not None
+    located = Stepper(model, Newton(1.0))
+    mujoco.mj_resetData(model, data)
+    data.qvel[:3] = 1.0, 0.0, -1.0
+    while not located.events:
+        located.step(data)
+    wanted = located.events[0].impact.restitution_scale
+    assert 0.0 < wanted < 1.0
+    assert scale == pytest.approx(wanted, abs=1e-2)
 
 
 def test_friction_means_nothing_to_soft_steps():

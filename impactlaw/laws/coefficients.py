@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -30,7 +30,8 @@ class ContactCoefficients:
         default: coefficient of contacts that the mapping does not name; without it such a contact is an error.
 
     Raises:
-        RestitutionError: a coefficient is not in [0, 1], a contact has two, or a default is given without a mapping.
+        RestitutionError: a coefficient is not in [0, 1], there is none, a contact has two, or a default is given
+            without a mapping.
     """
 
     restitution: Coefficient | Sequence[Coefficient] | Mapping[str | tuple[str, str], Coefficient]
@@ -45,10 +46,16 @@ class ContactCoefficients:
             for key, e in value.items():
                 put(table, canonical(key), _checked(e, f"restitution of {canonical(key)}"))
             value = table
+            if not table and self.default is None:
+                raise RestitutionError(f"{type(self).__name__} has no coefficient: an empty mapping, and no default")
+        elif isinstance(value, Set):
+            raise RestitutionError(f"{type(self).__name__} takes coefficients in order, but a set has none: {value!r}")
         elif callable(value) or isinstance(value, str) or not np.iterable(value):
             value = _checked(value, "restitution")
         else:
             value = tuple(_checked(e, f"restitution of contact {i}") for i, e in enumerate(value))  # pyright: ignore[reportArgumentType]
+        if value == ():
+            raise RestitutionError(f"{type(self).__name__} has no coefficient: the sequence is empty")
         object.__setattr__(self, "restitution", value)
         if isinstance(value, tuple) and not any(map(callable, value)):
             object.__setattr__(self, "_numbers", _frozen(value))

@@ -348,7 +348,7 @@ class TimeStepping:
             reached[taking_part & ~collides] = 0.0
             self._record = CollisionRecord(
                 self._seen(data, rows, taking_part), taking_part, data.time - 0.5 * h, self._middle, self._velocity,
-                data.qvel.copy(), reached, share * sliding, self._exact,
+                data.qvel.copy(), reached, share * sliding, self._exact, float(share),
             )  # fmt: skip
         return shift if len(shift) else None
 
