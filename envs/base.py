@@ -17,9 +17,9 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 
-from impactlaw.envs.episode_log import EpisodeLog
+from impactlaw.envs.episode_log import episode_log
 from impactlaw.envs.info import ImpactTally
-from impactlaw.envs.law_options import LawOptions, check_log_every, check_reset, describe_law, portable_options
+from impactlaw.envs.law_options import LawOptions, check_reset, describe_law, portable_options
 from impactlaw.envs.rendering import Pictures, has_display
 from impactlaw.errors import ActionError, DivergenceError, RenderError, SceneError, UnknownNameError
 from impactlaw.fitting import check_count
@@ -113,10 +113,9 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         _check(self.frame_skip, render_mode)
         for name, pixels in (("width", width), ("height", height)):
             check_count(name, pixels)
-        check_log_every(log, log_every)
         self.contact_model, self.scheme, self.friction = contact_model, scheme, friction
         self.log, self.log_every, self.width, self.height = log, log_every, width, height
-        self._log = None if log is None else EpisodeLog(log, every=log_every)
+        self._log = episode_log(log, log_every)
         spec = mujoco.MjSpec.from_file(str(scene_path(self.SCENE)))
         self.edit(spec)
         self.model = spec.compile()

@@ -9,7 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from impactlaw.envs.law_options import LawOptions
+from impactlaw.envs.law_options import LawOptions, check_log_every
 from impactlaw.errors import OptionError, RecordingError
 from impactlaw.events import ImpactEvent
 from impactlaw.fitting import check_count
@@ -155,6 +155,17 @@ class EpisodeLog:
 
     def _named(self, env: int) -> Path:
         return Path(self._path.format(env=env, episode=self._episode) if self._fields else self._path)
+
+
+def episode_log(path: str | Path | None, every: int) -> EpisodeLog | None:
+    """Return the log of an environment; None if it has none.
+
+    Raises:
+        OptionError: the path has other fields, or ``every`` is not a whole number of 1 or more, or means nothing.
+        RecordingError: there is no such folder; or the path has no fields, and there is such a file.
+    """
+    check_log_every(path, every)
+    return None if path is None else EpisodeLog(path, every=every)
 
 
 def _fields(path: str) -> set[str]:

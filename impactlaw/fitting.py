@@ -34,7 +34,7 @@ def check_law(model: mujoco.MjModel, law: Law) -> None:
 
     Raises:
         UnknownNameError: it is keyed by contacts that the scene cannot have; names the nearest ones.
-        RestitutionError: it has more coefficients than the scene can have contacts, or maps other velocities.
+        RestitutionError: it has more coefficients than the scene can have contacts, or none, or maps other velocities.
     """
     inner = law.law if isinstance(law, Coulomb) else law
     used, size = getattr(inner, "contact_labels", None), getattr(inner, "contact_count", None)
@@ -46,6 +46,8 @@ def check_law(model: mujoco.MjModel, law: Law) -> None:
         names = geom_names(model)
         pairs = tuple(f"{names[a]}/{names[b]}" for a, b in geom_pairs(model).geoms)
         check_labels(used, pairs + Limits(model).names)
+    if size == 0:
+        raise RestitutionError(f"{type(inner).__name__} has coefficients for no contact; key them by contact label")
     if size is not None and size > (most := most_contacts(model)):
         raise RestitutionError(
             f"{type(inner).__name__} has coefficients for {size} contacts, but the scene never has more than {most:g} "
@@ -88,6 +90,16 @@ def check_speed(name: str, value: float | None) -> None:
     """
     if value is not None and not (isinstance(value, numbers.Real) and 0.0 <= float(value) < math.inf):
         raise OptionError(f"{name} must be a speed of 0 m/s or more, got {value!r}")
+
+
+def check_length(name: str, value: float | None) -> None:
+    """Refuse what is no length.
+
+    Raises:
+        OptionError: not a number, NaN, infinite, or not positive.
+    """
+    if value is not None and not (isinstance(value, numbers.Real) and 0.0 < float(value) < math.inf):
+        raise OptionError(f"{name} must be a positive length in m, got {value!r}")
 
 
 def check_count(name: str, value: int | None) -> None:

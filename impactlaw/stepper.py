@@ -12,7 +12,7 @@ from impactlaw.collide import Collider
 from impactlaw.contacts import GAP_TOLERANCE
 from impactlaw.errors import SceneError, UnknownNameError
 from impactlaw.events import ImpactEvent
-from impactlaw.fitting import check_count, check_friction, check_law, check_model, check_speed
+from impactlaw.fitting import check_count, check_friction, check_law, check_length, check_model, check_speed
 from impactlaw.laws import Coulomb, Law, MaximalDissipation
 from impactlaw.plan import make_plan
 from impactlaw.rigid import RigidStepping
@@ -40,8 +40,8 @@ class Stepper:
 
     Args:
         model: the compiled scene. Its options are read at every step, so they may be changed between steps (contacts
-            and limits that they disable are off); shapes, limits and friction are read when the stepper is made or a
-            contact is first seen.
+            and limits that they disable are off). What else of it is changed later has its effect where MuJoCo reads it
+            again; event-driven steps keep shapes, limits and friction as they were when a contact was first seen.
         law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`impactlaw.scene`).
         contact_model: "rigid" or "soft".
         scheme: "event-driven", if not given, or "time-stepping" (rigid).
@@ -78,7 +78,7 @@ class Stepper:
         RestitutionError: law="scene" and the scene carries none, or the law is for more contacts than the scene can
             have, or for other velocities, or for friction where there is none.
         UnknownNameError: no such option, or the law is keyed by contacts that the scene cannot have.
-        OptionError: rest_speed is not a speed, or max_events is no count.
+        OptionError: rest_speed is not a speed, gap_tolerance no length, or max_events no count.
     """
 
     model, plan = Settled(_ANEW), Settled(_ANEW)
@@ -123,6 +123,7 @@ class Stepper:
             "solver": solver,
         }
         _refuse_unused(way, {name for name, value in given.items() if value is not None}, overlap)
+        check_length("gap_tolerance", gap_tolerance)
         check_speed("rest_speed", rest_speed)
         check_count("max_events", max_events)
         deferred.load_solvers()

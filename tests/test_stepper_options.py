@@ -153,6 +153,12 @@ def test_a_rest_speed_that_is_none(way, speed):
         Stepper(ball()[0], Moreau(0.5), rest_speed=speed, **WAYS[way])
 
 
+@pytest.mark.parametrize("length", [0.0, -1e-9, math.nan, math.inf, "small"])
+def test_a_gap_tolerance_that_is_none(length):
+    with pytest.raises(OptionError, match="gap_tolerance must be a positive length"):
+        Stepper(ball()[0], Moreau(0.5), gap_tolerance=length)
+
+
 @pytest.mark.parametrize("way", ["soft", "event-driven"])
 @pytest.mark.parametrize("count", [0, -1, math.nan, 2.5])
 def test_a_number_of_events_that_is_none(way, count):
@@ -216,11 +222,11 @@ def test_restitution_of_the_scene_is_one_number(name, data):
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Newton([]),
+        lambda: Stepper(ball()[0], Newton([])),
+        lambda: Stepper(ball()[0], Fremond(np.zeros((0, 0)))),
+        lambda: Stepper(ball()[0], LinearMap(np.zeros((0, 0)))),
         lambda: Poisson({}),
         lambda: Newton({0.5, 0.9}),
-        lambda: Fremond(np.zeros((0, 0))),
-        lambda: LinearMap(np.zeros((0, 0))),
     ],
 )
 def test_laws_without_coefficients_or_an_order_of_them(make):

@@ -151,7 +151,7 @@ def square_matrix(value: ArrayLike, name: str = "restitution matrix") -> np.ndar
         matrix = np.array(value, dtype=float)
     except (TypeError, ValueError):
         raise RestitutionError(f"{name} must be a square array of numbers, got {value!r}") from None
-    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not matrix.size:
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
         raise RestitutionError(f"{name} must be square, got shape {matrix.shape}")
     if not np.isfinite(matrix).all():
         raise RestitutionError(f"{name} has entries that are not finite")

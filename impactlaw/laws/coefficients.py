@@ -54,8 +54,6 @@ class ContactCoefficients:
             value = _checked(value, "restitution")
         else:
             value = tuple(_checked(e, f"restitution of contact {i}") for i, e in enumerate(value))  # pyright: ignore[reportArgumentType]
-        if value == ():
-            raise RestitutionError(f"{type(self).__name__} has no coefficient: the sequence is empty")
         object.__setattr__(self, "restitution", value)
         if isinstance(value, tuple) and not any(map(callable, value)):
             object.__setattr__(self, "_numbers", _frozen(value))
