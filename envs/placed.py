@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any
 
 import mujoco
-import numpy as np
 
 from impactlaw.envs.episode_log import EpisodeLog
 from impactlaw.envs.info import ImpactTally
@@ -177,7 +176,7 @@ class PlacedLaw(ABC):
 
     def _refuse_bad_controls(self, data: mujoco.MjData) -> None:
         """Raise where MuJoCo would go on without any control: it sets all to 0 if one is not finite, or huge."""
-        if not (np.abs(data.ctrl) <= mujoco.mjMAXVAL).all():
+        if not mujoco.mju_norm(data.ctrl) <= mujoco.mjMAXVAL:
             self.diverged = True
             raise DivergenceError(f"the controls at t = {data.time:g} s are not finite, or huge")
 
