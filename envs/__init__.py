@@ -2,15 +2,27 @@
 
 import gymnasium
 
+from impactlaw.envs.bare_dm_control import placed_law, put_law
 from impactlaw.envs.base import ImpactEnv
 from impactlaw.envs.billiards import Billiards
 from impactlaw.envs.juggler import Juggler
 from impactlaw.envs.newtons_cradle import NewtonsCradle
 from impactlaw.envs.rendering import choose_backend
+from impactlaw.envs.replay import restart
 from impactlaw.envs.rocking_block import RockingBlock
-from impactlaw.envs.wrapper import ImpactLaw, put_law
+from impactlaw.envs.wrapper import ImpactLaw
 
-__all__ = ["Billiards", "ImpactEnv", "ImpactLaw", "Juggler", "NewtonsCradle", "RockingBlock", "put_law"]
+__all__ = [
+    "Billiards",
+    "ImpactEnv",
+    "ImpactLaw",
+    "Juggler",
+    "NewtonsCradle",
+    "RockingBlock",
+    "placed_law",
+    "put_law",
+    "restart",
+]
 
 for _entry_point, _steps, _solved in (
     (NewtonsCradle, 300, 0.95),

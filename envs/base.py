@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
+import numbers
 from abc import abstractmethod
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import gymnasium
 import mujoco
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 
+from impactlaw.envs.episode_log import episode_log
 from impactlaw.envs.info import ImpactTally
+from impactlaw.envs.law_options import LawOptions, check_reset, describe_law, portable_options
 from impactlaw.envs.rendering import Pictures, has_display
-from impactlaw.errors import ActionError, DivergenceError, RenderError, RestitutionError, SceneError, UnknownNameError
+from impactlaw.errors import ActionError, DivergenceError, RenderError, SceneError, UnknownNameError
+from impactlaw.fitting import check_count
 from impactlaw.flow import restore_state, save_state
-from impactlaw.laws import Law, make_law
+from impactlaw.laws import Law
 from impactlaw.models import START, scene_path
-from impactlaw.recording import Recorder
-from impactlaw.scene import scene_law, scene_number
+from impactlaw.settled import Settled
 from impactlaw.stepper import Stepper
+
+_ANEW = "make a new environment"
+_RESET = "pass it to reset(options=...), for an episode, or make a new environment"
 
 
 class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -41,12 +51,20 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         restitution: what the law takes; the scene's own coefficient if the law needs one and none is given.
         contact_model: "rigid", or "soft" for MuJoCo's contacts between collisions.
         scheme: of rigid contact: "event-driven", if not given, or "time-stepping"; see `Stepper`.
+        friction: of rigid contact: "coulomb", if not given, "convex" or "ignore"; see `Stepper`.
         frame_skip: timesteps per step; the environment's own number if not given.
         render_mode: "rgb_array", "human" or None.
-        log: file to record every timestep to (`impactlaw.recording`), from the first reset on until `close`; one
-            environment writes to a file, so vectorised ones need one each.
+        log: file to record every timestep to (`impactlaw.recording`), from the first reset on until `close`, such as
+            ``run.rrd``, or ``run-{env}-{episode}.rrd`` for one per environment and episode (`EpisodeLog`). A file that
+            is there is never written over: that is an error, but where ``{env}`` takes the next number.
+        log_every: record every so many episodes, from the first one on.
         width: of pictures, pixels.
         height: of pictures, pixels.
+
+    ``reset(options=...)`` takes "law", "restitution", "friction" and "scheme" for the episode that begins; the next
+    reset without them has those of the environment again. ``info`` names the law and the restitution in force. A law,
+    or a restitution, that is set on the environment (``env.unwrapped.law = ...``, ``vec.set_attr("law", ...)``) takes
+    effect with the next step and stays; other arguments are settled when it is made, and setting them is an error.
 
     Attributes:
         driven: place and velocity of the mocap body that the task drives, zero at the start of an episode.
@@ -54,11 +72,16 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     Raises:
         UnknownNameError: no such law, contact model or render mode, or a law for contacts that the scene cannot have.
         RestitutionError: the restitution does not fit the law.
-        SceneError: frame_skip is not a positive whole number.
+        SceneError: frame_skip is not a positive whole number, or an option means nothing to the contact model.
+        OptionError: width, height or log_every is not a positive whole number, or log has fields that there are not.
+        RecordingError: there is such a recording already.
         RenderError: render_mode="human" without a display.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012
+
+    _spec: EnvSpec | None = None
+    _begun = False
 
     SCENE: ClassVar[str]
     LAW: ClassVar[str]
@@ -67,29 +90,47 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """Count, lowest and highest value of each group of observed numbers."""
     ACTION: ClassVar[tuple[tuple[int, float, float], ...]]
 
+    model, data, frame_skip = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
+    contact_model, scheme, friction = Settled(_ANEW), Settled(_RESET), Settled(_RESET)
+    log, log_every, width, height = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
+
     def __init__(
         self,
         *,
-        law: str | Law | None = None,
+        law: str | Law | Mapping[str, Any] | None = None,
         restitution: Any = None,
         contact_model: Literal["rigid", "soft"] = "rigid",
         scheme: Literal["event-driven", "time-stepping"] | None = None,
+        friction: Literal["coulomb", "convex", "ignore"] | None = None,
         frame_skip: int | None = None,
         render_mode: str | None = None,
         log: str | Path | None = None,
+        log_every: int = 1,
         width: int = 640,
         height: int = 480,
     ):
         self.frame_skip = self.FRAME_SKIP if frame_skip is None else frame_skip
         _check(self.frame_skip, render_mode)
+        for name, pixels in (("width", width), ("height", height)):
+            check_count(name, pixels)
+        self.contact_model, self.scheme, self.friction = contact_model, scheme, friction
+        self.log, self.log_every, self.width, self.height = log, log_every, width, height
+        self._log = episode_log(log, log_every)
         spec = mujoco.MjSpec.from_file(str(scene_path(self.SCENE)))
         self.edit(spec)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
-        self.law = choose_law(self.model, self.LAW if law is None else law, restitution)
-        self.stepper = Stepper(
-            self.model, self.law, contact_model=contact_model, scheme=scheme, on_inadmissible="project"
+        self._options = self._in_force = LawOptions(
+            law=self.LAW if law is None else law,
+            restitution=restitution,
+            contact_model=contact_model,
+            scheme=scheme,
+            friction=friction,
+            usual_scheme="event-driven",
+            overlap=None,
         )
+        self._stepper = self._options.stepper(self.model)
+        self._named = describe_law(self.law)
         self.render_mode = render_mode
         self.observation_space = _box(self.OBSERVATION)
         self.action_space = _box(self.ACTION)
@@ -98,8 +139,6 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             self.metadata["render_modes"].remove("human")
         self.driven = 0.0, 0.0
         self._pictures = Pictures(self.model, self.data, width, height)
-        self._log = log
-        self._recorder: Recorder | None = None
 
     # -- what a task is made of ------------------------------------------------------------------------------------
 
@@ -135,31 +174,84 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Duration of a step, s."""
         return self.model.opt.timestep * self.frame_skip
 
+    @property
+    def stepper(self) -> Stepper:
+        """What steps the scene, in this episode."""
+        return self._stepper
+
+    @property
+    def law(self) -> Law:
+        """The law in force; set it, to what the argument takes, and it is in force from the next step on.
+
+        Raises:
+            UnknownNameError: as the constructor, and the law stays what it was.
+            RestitutionError: as the constructor, and the law stays what it was.
+        """
+        return self.stepper.law
+
+    @law.setter
+    def law(self, law: str | Law | Mapping[str, Any]) -> None:
+        self._set(law=law, restitution=None)
+
+    @property
+    def restitution(self) -> Any:
+        """The restitution as it was given, None for the scene's own; set it, and the law by its name has that."""
+        return self._options.restitution
+
+    @restitution.setter
+    def restitution(self, restitution: Any) -> None:
+        self._set(restitution=restitution)
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """What `gymnasium.make` makes the same environment from; a law in it is written so that JSON can have it."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:  # pyright: ignore[reportIncompatibleVariableOverride]
+        self._spec = None if spec is None else dataclasses.replace(spec, kwargs=portable_options(spec.kwargs))
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start an episode drawn from the seed; there are no options."""
+        """Start an episode drawn from the seed, under the law that the options ask for.
+
+        Args:
+            seed: of the random generator.
+            options: "law", "restitution", "friction", "scheme", for this episode only, each as the constructor's; a
+                law without a restitution has the scene's own.
+
+        Raises:
+            UnknownNameError: there is no such option, law or scheme.
+            RestitutionError: the restitution does not fit the law.
+            SceneError: the option means nothing to the contact model.
+        """
+        check_reset(options)
+        self._use(self._options.for_reset(options))
         super().reset(seed=seed)
+        generator = self.np_random.bit_generator.state
         mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key(START).id)
         self.driven = 0.0, 0.0
         self.start()
+        self._begun = True
         mujoco.mj_forward(self.model, self.data)
-        if self._log is not None and self._recorder is None:
-            scene = self.spec.id if self.spec is not None else self.SCENE
-            self._recorder = Recorder(self.model, self._log, law=self.law, scene=scene, seed=self.np_random_seed)
-        if self._recorder is not None:
-            self._recorder.step(self.data)
+        if self._log is not None:
+            self._log.name_run(self.spec.id if self.spec is not None else self.SCENE, self.np_random_seed)
+            self._log.begin(self.stepper, self.data, self._in_force, seed=seed, generator=generator)
         if self.render_mode == "human":
             self.render()
-        return self._observation(), ImpactTally().info()
+        return self._observation(), ImpactTally().info() | self._named
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance by `frame_skip` timesteps.
 
         Raises:
+            ResetNeeded: there was no reset yet (gymnasium's own error).
             ActionError: the action has the wrong shape or is not finite.
             ImpactLawError: as by `Stepper.step`, but for `DivergenceError`, which ends the episode.
         """
+        if not self._begun:
+            raise ResetNeeded("an episode begins with reset(); call it before step()")
         self.act(self._within_space(action))
         tally, before, driven = ImpactTally(), save_state(self.model, self.data), self.driven
         try:
@@ -169,11 +261,16 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             restore_state(self.model, self.data, before)
             self.driven = driven
             mujoco.mj_forward(self.model, self.data)
-            return self._observation(), 0.0, False, True, tally.info(diverged=True)
-        reward, terminated = self.judge()
-        if self.render_mode == "human":
+            reward, terminated, diverged = 0.0, False, True
+        else:
+            reward, terminated = self.judge()
+            diverged = False
+        if self._log is not None:
+            self._log.end_step(action, reward, bool(terminated), diverged)
+        if self.render_mode == "human" and not diverged:
             self.render()
-        return self._observation(), float(reward), bool(terminated), False, tally.info()
+        info = tally.info(diverged=diverged) | self._named
+        return self._observation(), float(reward), bool(terminated), diverged, info
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return a picture, uint8 (height, width, 3), or show it in a window, as ``render_mode`` says.
@@ -186,24 +283,35 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def close(self) -> None:
         """End recording and rendering; a second call does nothing."""
         self._pictures.close()
-        if self._recorder is not None:
-            self._recorder.close()
-            self._recorder = self._log = None
+        if self._log is not None:
+            self._log.finish()
+            self._log = None
 
     def __getstate__(self) -> dict[str, Any]:
         """A copy goes on from the same state; it draws by itself and does not record."""
         pictures = Pictures(self.model, self.data, *self._pictures.size)
-        return self.__dict__ | {"_pictures": pictures, "_recorder": None, "_log": None}
+        return self.__dict__ | {"_pictures": pictures, "_log": None}
 
     # -- inside ----------------------------------------------------------------------------------------------------
+
+    def _set(self, **changes: Any) -> None:
+        """Change what stands, and what is in force."""
+        self._use(dataclasses.replace(self._in_force, **changes))
+        self._options = dataclasses.replace(self._options, **changes)
+
+    def _use(self, options: LawOptions) -> None:
+        """Let these be in force."""
+        self._stepper = options.changed_stepper(self._stepper, self._in_force)
+        self._in_force = options
+        self._named = describe_law(self.law)
 
     def _timestep(self, tally: ImpactTally) -> None:
         if self.data.time > 0:
             self.drive()
         self.stepper.step(self.data)
         tally.add(self.stepper.events)
-        if self._recorder is not None:
-            self._recorder.step(self.data, self.stepper.events)
+        if self._log is not None:
+            self._log.step(self.stepper, self.data, self.stepper.events)
         self.watch()
 
     def _observation(self) -> np.ndarray:
@@ -214,39 +322,17 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def _within_space(self, action: np.ndarray) -> np.ndarray:
         space = self.action_space
         assert isinstance(space, Box)
-        action = np.asarray(action, dtype=float)
+        try:
+            action = np.asarray(action, dtype=float)
+        except (TypeError, ValueError):
+            raise ActionError(f"an action is {space.shape[0]} finite number(s), got {action!r}") from None
         if action.shape != space.shape or not np.isfinite(action).all():
             raise ActionError(f"an action is {space.shape[0]} finite number(s), got {action}")
         return np.clip(action, space.low, space.high)
 
 
-def choose_law(model: mujoco.MjModel, law: str | Law, restitution: Any = None) -> Law:
-    """Return the law that an environment was asked for.
-
-    Args:
-        model: the scene.
-        law: a `Law`, its name, or "scene" for the restitution that the MJCF carries pair by pair.
-        restitution: what the law takes; the scene's default coefficient if the law needs one and none is given.
-
-    Raises:
-        UnknownNameError: no such law.
-        RestitutionError: the restitution does not fit the law, or is missing in the scene too.
-    """
-    if law == "scene":
-        if restitution is not None:
-            raise RestitutionError(f"law 'scene' takes its restitution from the scene, got {restitution!r} too")
-        return scene_law(model)
-    try:
-        return make_law(law, restitution)
-    except RestitutionError:
-        own = scene_number(model, "restitution")
-        if restitution is not None or own is None:
-            raise
-        return make_law(law, own)
-
-
 def _check(frame_skip: int, render_mode: str | None) -> None:
-    if int(frame_skip) != frame_skip or frame_skip < 1:
+    if not isinstance(frame_skip, numbers.Integral) or frame_skip < 1:
         raise SceneError(f"frame_skip is a whole number of timesteps, 1 or more, got {frame_skip!r}")
     if render_mode not in (None, *ImpactEnv.metadata["render_modes"]):
         raise UnknownNameError("render mode", render_mode, ImpactEnv.metadata["render_modes"])

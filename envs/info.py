@@ -17,8 +17,14 @@ class ImpactTally:
     | ``impact/surface_work`` | what moving surfaces did of that, 0 where none moves | float, J |
     | ``impact/intensity`` | sum of \|v+ - v-\| in the kinetic metric | float, sqrt(J) |
     | ``impact/distant`` | collisions with a distant effect (an antidissipative contact) | int |
-    | ``impact/inadmissible`` | collisions whose outcome by the law left S(v-), whatever was made of it | int |
+    | ``impact/inadmissible`` | collisions whose outcome by the law left S(v-) and was projected or let through | int |
     | ``impact/diverged`` | 1 if the simulation left the finite numbers, which ends the episode | int |
+
+    Environments add ``impact/law``, the law in force as text, and ``impact/restitution``, its coefficient, NaN where it
+    has not just one (`describe_law`).
+
+    With friction, and under time stepping, restitution that would create energy is scaled instead, so that the outcome
+    is in S(v-): such collisions are not among the inadmissible ones (`FrictionImpact.restitution_scale` tells them).
     """
 
     def __init__(self) -> None:

@@ -3,88 +3,20 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Literal
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
 
 import mujoco
 
-from impactlaw.envs.base import choose_law
+from impactlaw.envs.episode_log import EpisodeLog
 from impactlaw.envs.info import ImpactTally
+from impactlaw.envs.law_options import LawOptions, describe_law
 from impactlaw.errors import DivergenceError, WrapperError
 from impactlaw.events import ImpactEvent
 from impactlaw.flow import is_huge
 from impactlaw.laws import Law
-from impactlaw.recording import Recorder
 from impactlaw.stepper import Stepper
-
-
-@dataclass(frozen=True)
-class LawOptions:
-    """What `ImpactLaw` and `put_law` take; see there."""
-
-    law: str | Law
-    restitution: Any
-    contact_model: Literal["rigid", "soft"]
-    scheme: Literal["event-driven", "time-stepping"] | None
-    rest_speed: float | None
-    on_inadmissible: Literal["raise", "project", "allow"]
-
-    def stepper(self, model: mujoco.MjModel) -> Stepper:
-        """Return a stepper for the model."""
-        rigid = self.contact_model == "rigid"
-        return Stepper(
-            model,
-            choose_law(model, self.law, self.restitution),
-            contact_model=self.contact_model,
-            scheme=(self.scheme or "time-stepping") if rigid else self.scheme,
-            overlap="push-out" if rigid else None,  # a reset is not the user's to change
-            rest_speed=self.rest_speed,
-            on_inadmissible=self.on_inadmissible,
-        )
-
-
-class RunLog:
-    """A recording that follows an environment from model to model: ``run.rrd``, then ``run-2.rrd`` and so on.
-
-    Args:
-        path: the first file.
-        scene: name of the environment.
-    """
-
-    def __init__(self, path: str | Path, scene: str | None):
-        self._path = Path(path)
-        self._scene = scene
-        self._seed: int | None = None
-        self._files = 0
-        self._empty = True
-        self._recorder: Recorder | None = None
-
-    def open(self, model: mujoco.MjModel, law: Law, seed: int | None = None) -> None:
-        """Begin a file for the model; one in which nothing was recorded yet is begun again."""
-        self.close()
-        self._seed = self._seed if seed is None else seed
-        self._files += not (self._files and self._empty)
-        name = self._path.name if self._files == 1 else f"{self._path.stem}-{self._files}{self._path.suffix}"
-        self._recorder = Recorder(model, self._path.with_name(name), law=law, scene=self._scene, seed=self._seed)
-        self._empty = True
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether nothing was recorded in the file of now."""
-        return self._empty
-
-    def step(self, data: mujoco.MjData, events: tuple[ImpactEvent, ...]) -> None:
-        """Record a timestep."""
-        if self._recorder is not None:
-            self._recorder.step(data, events)
-            self._empty = False
-
-    def close(self) -> None:
-        """End the file."""
-        if self._recorder is not None:
-            self._recorder.close()
-            self._recorder = None
 
 
 class PlacedLaw(ABC):
@@ -97,44 +29,79 @@ class PlacedLaw(ABC):
     method: str
     """What is replaced on the instance that steps."""
 
-    def __init__(self, options: LawOptions, log: RunLog | None):
+    def __init__(self, options: LawOptions, log: EpisodeLog | None):
         self.diverged = False
-        self._options = options
+        self._options = self._in_force = options
         self._log = log
         self._events: list[ImpactEvent] = []
         self._stepper: Stepper | None = None
+        self._named: tuple[Law | None, dict[str, Any]] = None, {}
 
     @property
     def law(self) -> Law:
-        """The law of the present model."""
+        """The law in force; set it, to what the argument takes, and it is in force from the next step on.
+
+        Raises:
+            UnknownNameError: as where it was put, and the law stays what it was.
+            RestitutionError: as where it was put, and the law stays what it was.
+        """
         assert self._stepper is not None
         return self._stepper.law
+
+    @law.setter
+    def law(self, law: str | Law | Mapping[str, Any]) -> None:
+        self._set(law=law, restitution=None)
+
+    @property
+    def restitution(self) -> Any:
+        """The restitution as it was given, None for the scene's own; set it, and the law by its name has that."""
+        return self._options.restitution
+
+    @restitution.setter
+    def restitution(self, restitution: Any) -> None:
+        self._set(restitution=restitution)
 
     @property
     def events(self) -> tuple[ImpactEvent, ...]:
         """The collisions of the last environment step, all its timesteps, in order."""
         return tuple(self._events)
 
-    def info(self) -> dict[str, int | float]:
-        """Return what `ImpactTally` says of the last environment step."""
+    def info(self) -> dict[str, int | float | str]:
+        """Return what `ImpactTally` says of the last environment step, and the law and restitution in force."""
         tally = ImpactTally()
         tally.add(self._events)
-        return tally.info(diverged=self.diverged)
+        if self._named[0] is not self.law:
+            self._named = self.law, describe_law(self.law)
+        return tally.info(diverged=self.diverged) | self._named[1]
 
     def clear(self) -> None:
         """Forget the last environment step."""
         self._events = []
         self.diverged = False
 
-    def record_seed(self, seed: int | None) -> None:
-        """Note the seed in the recording, if it has not begun."""
-        if self._log is not None and self._stepper is not None and seed is not None and self._log.is_empty:
-            self._log.open(self._stepper.model, self._stepper.law, seed)
+    def prepare_reset(self, options: Mapping[str, Any] | None) -> None:
+        """Let what a reset asks for be in force in the episode that it begins, and record nothing meanwhile."""
+        self.use(self._options.for_reset(options))
+        if self._log is not None:
+            self._log.pause()
+
+    def begin_episode(self, scene: str | None, seed: int | None, generator: Any) -> None:
+        """Record the start of an episode, as the reset has left it."""
+        if self._log is not None:
+            model, data = self._simulation()
+            self._log.name_run(scene, seed)
+            stepper = self._stepper_for(model)
+            self._log.begin(stepper, data, self._in_force, seed=seed, generator=generator)
+
+    def record_step(self, action: Any, reward: Any, terminated: bool, truncated: bool) -> None:
+        """Record an environment step that is over."""
+        if self._log is not None:
+            self._log.end_step(action, reward, terminated, truncated)
 
     def close(self) -> None:
         """End the recording."""
         if self._log is not None:
-            self._log.close()
+            self._log.finish()
             self._log = None
 
     def remove(self) -> None:
@@ -147,6 +114,15 @@ class PlacedLaw(ABC):
     def __getstate__(self) -> dict[str, Any]:
         """A copy does not record."""
         return self.__dict__ | {"_log": None}
+
+    @property
+    def options(self) -> tuple[LawOptions, LawOptions]:
+        """What was asked for, and what is in force in this episode."""
+        return self._options, self._in_force
+
+    @abstractmethod
+    def _simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        """Return model and data of now."""
 
     @abstractmethod
     def _target(self) -> Any:
@@ -168,14 +144,14 @@ class PlacedLaw(ABC):
 
     def _stepper_for(self, model: mujoco.MjModel) -> Stepper:
         if self._stepper is None or self._stepper.model is not model:
-            self._stepper = self._options.stepper(model)
-            if self._log is not None:
-                self._log.open(model, self._stepper.law)
+            self._stepper = self._in_force.stepper(model)
         return self._stepper
 
     def _advance(self, model: mujoco.MjModel, data: mujoco.MjData, steps: int, *, half: bool = False) -> None:
         """Advance by so many timesteps; the first one by its second half only."""
         stepper = self._stepper_for(model)
+        if self._log is not None:
+            self._log.watch(stepper, data, self._in_force)
         for i in range(steps):
             try:
                 (stepper.finish_step if half and i == 0 else stepper.step)(data)
@@ -185,7 +161,24 @@ class PlacedLaw(ABC):
             if stepper.events:
                 self._events += stepper.events
             if self._log is not None:
-                self._log.step(data, stepper.events)
+                self._log.step(stepper, data, stepper.events)
+
+    def _set(self, **changes: Any) -> None:
+        """Change what stands, and what is in force."""
+        self.use(replace(self._in_force, **changes))
+        self._options = replace(self._options, **changes)
+
+    def use(self, options: LawOptions) -> None:
+        """Let these be in force."""
+        assert self._stepper is not None
+        self._stepper = options.changed_stepper(self._stepper, self._in_force)
+        self._in_force = options
+
+    def _refuse_bad_controls(self, data: mujoco.MjData) -> None:
+        """Raise where MuJoCo would go on without any control: it sets all to 0 if one is not finite, or huge."""
+        if not mujoco.mju_norm(data.ctrl) <= mujoco.mjMAXVAL:
+            self.diverged = True
+            raise DivergenceError(f"the controls at t = {data.time:g} s are not finite, or huge")
 
     def _refuse_bad_state(self, data: mujoco.MjData) -> None:
         """Under RK4 a state that is not finite, or huge, shows in the next timestep only."""

@@ -9,56 +9,52 @@ import mujoco
 from dm_control.mujoco.engine import Physics
 from dm_control.rl.control import PhysicsError
 
-from impactlaw.envs.placed import LawOptions, PlacedLaw, RunLog
+from impactlaw.envs.episode_log import EpisodeLog
+from impactlaw.envs.law_options import LawOptions
+from impactlaw.envs.placed import PlacedLaw
 from impactlaw.errors import DivergenceError, WrapperError
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
-class OnDmControl(PlacedLaw):
-    """A law on a dm_control environment, suite or composer; wrappers around it do not matter.
-
-    A composer environment makes its physics anew at every reset, so the law is put into each of them. A state that is
-    not finite is dm_control's own `PhysicsError`, as without the law.
-
-    Raises:
-        WrapperError: the environment does not step MuJoCo by dm_control's `Physics.step`, or has a law already.
-    """
+class OnPhysics(PlacedLaw):
+    """A law on a dm_control `Physics`; its copies and pickles have it too, but do not record."""
 
     method = "step"
 
-    def __init__(self, env: Any, options: LawOptions, log: RunLog | None):
-        physics = getattr(env, "physics", None)
-        if not isinstance(physics, Physics):
-            raise WrapperError(f"{type(env).__name__} does not step MuJoCo: it has no dm_control Physics")
-        if physics.__class__.step is not Physics.step:
-            raise WrapperError(f"{physics.__class__.__name__} steps MuJoCo in a way of its own (step is overridden)")
+    def __init__(self, physics: Any, options: LawOptions, log: EpisodeLog | None):
         super().__init__(options, log)
         self._physics: Any = physics
-        self._removed = False
+        self._composer = False
         self._install(physics.model.ptr)
-        self._composer = hasattr(env, "add_extra_hook")
-        if self._composer:
-            env.add_extra_hook("after_compile", self._after_compile)
-            env.add_extra_hook("before_step", self._before_step)
 
     def remove(self) -> None:
-        """Let the environment step as it did before, and end the recording."""
+        """Let the physics step as it did before, and end the recording."""
         with contextlib.suppress(ReferenceError):  # a composer environment that was closed has no physics
             super().remove()
-        self._removed = True
+            for name in _COPYING:
+                vars(self._physics).pop(name, None)
+
+    def _install(self, model: mujoco.MjModel) -> None:
+        super()._install(model)
+        self._physics.copy = self._copy
+        self._physics.__reduce_ex__ = self._reduce
+
+    def _copy(self, share_model: bool = False) -> Any:
+        """Stand for `Physics.copy`."""
+        physics = self._physics
+        return _with_law(physics.__class__.copy(physics, share_model=share_model), *self.options)
+
+    def _reduce(self, _protocol: int) -> tuple[Any, ...]:
+        """Tell `copy` and `pickle` what a copy is made of."""
+        physics = self._physics
+        return _remade, (physics.__class__, physics.data, *self.options)
 
     def _target(self) -> Any:
         return self._physics
 
-    def _after_compile(self, physics: Any, _random_state: Any) -> None:
-        if not self._removed:
-            self._physics = physics
-            self._install(physics.model.ptr)
-
-    def _before_step(self, *_: Any) -> None:
-        if not self._removed:
-            self.clear()
+    def _simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        return self._physics.model.ptr, self._physics.data.ptr
 
     def _simulate(self, nstep: int = 1) -> None:
         if not self._composer:  # which steps its physics once per environment step
@@ -83,6 +79,67 @@ class OnDmControl(PlacedLaw):
         mujoco.mj_step1(model, data)
 
 
+class OnDmControl(OnPhysics):
+    """A law on a dm_control environment, suite or composer; wrappers around it do not matter.
+
+    A composer environment makes its physics anew at every reset, so the law is put into each of them. A state that is
+    not finite is dm_control's own `PhysicsError`, as without the law. A copy of a suite's environment has the law, too;
+    dm_control cannot copy composer environments.
+
+    Raises:
+        WrapperError: the environment does not step MuJoCo by dm_control's `Physics.step`, or has a law already.
+    """
+
+    def __init__(self, env: Any, options: LawOptions, log: EpisodeLog | None):
+        physics = getattr(env, "physics", None)
+        if not isinstance(physics, Physics):
+            raise WrapperError(f"{type(env).__name__} does not step MuJoCo: it has no dm_control Physics")
+        if physics.__class__.step is not Physics.step:
+            raise WrapperError(f"{physics.__class__.__name__} steps MuJoCo in a way of its own (step is overridden)")
+        super().__init__(physics, options, log)
+        self._removed = False
+        self._composer = hasattr(env, "add_extra_hook")
+        if self._composer:
+            composed: Any = env
+            composed.add_extra_hook("after_compile", self._after_compile)
+            composed.add_extra_hook("before_step", self._before_step)
+
+    def remove(self) -> None:
+        """Let the environment step as it did before, and end the recording."""
+        super().remove()
+        self._removed = True
+
+    def _after_compile(self, physics: Any, _random_state: Any) -> None:
+        if not self._removed:
+            self._physics = physics
+            self._install(physics.model.ptr)
+
+    def _before_step(self, *_: Any) -> None:
+        if not self._removed:
+            self.clear()
+
+
+def law_on(physics: Any) -> OnPhysics | None:
+    """Return the law that a dm_control `Physics` is stepped by; None if there is none."""
+    holder = getattr(vars(physics).get(OnPhysics.method), "__self__", None)
+    return holder if isinstance(holder, OnPhysics) else None
+
+
+_COPYING = ("copy", "__reduce_ex__")
+"""What is put on an instance beside its `step`, so that copies have the law."""
+
+
+def _remade(kind: type[Physics], data: Any, standing: LawOptions, in_force: LawOptions) -> Any:
+    physics = kind.__new__(kind)
+    physics.__setstate__(data)
+    return _with_law(physics, standing, in_force)
+
+
+def _with_law(physics: Any, standing: LawOptions, in_force: LawOptions) -> Any:
+    OnPhysics(physics, standing, None).use(in_force)
+    return physics
+
+
 def _has_bad_state(physics: Any) -> bool:
-    bad = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")]
+    bad = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC", "CTRL")]
     return bool(physics.data.ptr.warning.number[bad].any())

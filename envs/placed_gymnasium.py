@@ -10,20 +10,25 @@ import mujoco
 import numpy as np
 
 from impactlaw.envs.base import ImpactEnv
-from impactlaw.envs.placed import LawOptions, PlacedLaw, RunLog, name_of
+from impactlaw.envs.episode_log import EpisodeLog
+from impactlaw.envs.law_options import LawOptions
+from impactlaw.envs.placed import PlacedLaw, name_of
 from impactlaw.errors import WrapperError
 
 
 class _OnEnv(PlacedLaw):
     """An environment with ``model`` and ``data``."""
 
-    def __init__(self, env: Any, options: LawOptions, log: RunLog | None):
+    def __init__(self, env: Any, options: LawOptions, log: EpisodeLog | None):
         super().__init__(options, log)
         self._env = env
         self._install(env.model)
 
     def _target(self) -> Any:
         return self._env
+
+    def _simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        return self._env.model, self._env.data
 
 
 class OnGymnasium(_OnEnv):
@@ -34,6 +39,7 @@ class OnGymnasium(_OnEnv):
     def _simulate(self, ctrl: np.ndarray, n_frames: int) -> None:
         env = self._env
         env.data.ctrl[:] = ctrl
+        self._refuse_bad_controls(env.data)
         self._advance(env.model, env.data, n_frames)
         self._refuse_bad_state(env.data)
         mujoco.mj_rnePostConstraint(env.model, env.data)
@@ -46,6 +52,7 @@ class OnRobotics(_OnEnv):
 
     def _simulate(self, action: np.ndarray) -> None:
         env = self._env
+        self._refuse_bad_controls(env.data)
         self._advance(env.model, env.data, env.n_substeps)
         self._refuse_bad_state(env.data)
 
@@ -54,9 +61,15 @@ _KNOWN = (
     ("gymnasium.envs.mujoco.mujoco_env", "MujocoEnv", OnGymnasium),
     ("gymnasium_robotics.envs.robot_env", "MujocoRobotEnv", OnRobotics),
 )
+_DEAF = (
+    ("gymnasium.envs.mujoco.mujoco_env", "MujocoEnv"),
+    ("gymnasium_robotics.envs.robot_env", "BaseRobotEnv"),
+    ("shimmy.dm_control_compatibility", "DmControlCompatibilityV0"),
+)
+"""Classes whose reset takes options and ignores them."""
 
 
-def place(env: gymnasium.Env, options: LawOptions, log: RunLog | None, *, replace: bool = False) -> PlacedLaw:
+def place(env: gymnasium.Env, options: LawOptions, log: EpisodeLog | None, *, replace: bool = False) -> PlacedLaw:
     """Put a law into a gymnasium environment, or into the one that it holds, as mazes do.
 
     Args:
@@ -78,16 +91,28 @@ def place(env: gymnasium.Env, options: LawOptions, log: RunLog | None, *, replac
             return kind(target, options, log)
     inner: Any = getattr(base, "_env", None)
     if "dm_control.mujoco.engine" in sys.modules and hasattr(inner, "physics"):
-        from impactlaw.envs.placed_dm_control import OnDmControl
+        from impactlaw.envs.placed_dm_control import OnDmControl, law_on
 
-        if replace:
-            _lift(inner.physics, OnDmControl.method)
+        there = law_on(inner.physics) if replace else None
+        if there is not None:
+            there.remove()
         return OnDmControl(inner, options, log)
     raise WrapperError(
         f"{name_of(base)} does not step MuJoCo in a way that is known: not a MujocoEnv of gymnasium, nor a robot of "
         "gymnasium-robotics, nor dm_control through shimmy"
         + ("; an environment of impactlaw takes its law as an argument" if isinstance(base, ImpactEnv) else "")
     )
+
+
+def ignores_options(env: gymnasium.Env) -> bool:
+    """Return whether options of a reset are known to change nothing in an environment: all of it is gymnasium's."""
+    while isinstance(env, gymnasium.Wrapper):
+        if not type(env).reset.__module__.startswith("gymnasium."):
+            return False
+        env = env.env
+    method = type(env).reset
+    known = (getattr(getattr(sys.modules.get(module), name, None), "reset", None) for module, name in _DEAF)
+    return any(method is theirs for theirs in known)
 
 
 def _kind(target: Any) -> type[OnGymnasium | OnRobotics] | None:

@@ -67,12 +67,14 @@ class Pictures:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # GLFW says again, several times, what the error says
                 self._renderer = self._open(mode)
+        make_current(self._renderer)
         picture = self._renderer.render(mode)
         return picture if isinstance(picture, np.ndarray) else None
 
     def close(self) -> None:
         """Close the window, if there is one, and free what the drawing needs."""
         if self._renderer is not None:
+            free_contexts(self._renderer)
             self._renderer.close()
             self._renderer = None
 
@@ -91,6 +93,26 @@ class Pictures:
             raise RenderError(_cannot_draw(error)) from None
         atexit.register(_close, weakref.ref(self))  # before OpenGL itself ends, which was registered earlier
         return renderer
+
+
+def make_current(renderer: MujocoRenderer) -> None:
+    """Let what is drawn next be drawn with this renderer's own OpenGL context: the last one made is current else.
+
+    Closing that one would leave none, and black pictures of all others.
+    """
+    if renderer.viewer is not None:
+        renderer.viewer.make_context_current()
+
+
+def free_contexts(renderer: MujocoRenderer) -> None:
+    """Free what a renderer has in its own OpenGL contexts, which must be current for that.
+
+    Else the same numbers would be freed later in whichever context is current then: textures of other pictures.
+    """
+    for viewer in renderer._viewers.values():
+        if viewer is not None:
+            viewer.make_context_current()
+            viewer.con.free()
 
 
 def _require_opengl(mode: str) -> None:

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import gymnasium
+import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 
-from impactlaw.envs.placed import LawOptions, PlacedLaw, RunLog
-from impactlaw.envs.placed_gymnasium import place
+from impactlaw.envs.episode_log import episode_log
+from impactlaw.envs.law_options import RESET, LawOptions, check_reset, portable_options
+from impactlaw.envs.placed import PlacedLaw
+from impactlaw.envs.placed_gymnasium import ignores_options, place
+from impactlaw.envs.rendering import free_contexts, make_current
 from impactlaw.errors import WrapperError
 from impactlaw.events import ImpactEvent
 from impactlaw.laws import Law
+from impactlaw.settled import Settled
 
-if TYPE_CHECKING:
-    import dm_env
+_ANEW = "put another ImpactLaw around the environment, after remove()"
+_RESET = "pass it to reset(options=...), for an episode, or put another ImpactLaw around the environment"
 
 
 class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
@@ -27,9 +34,15 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
     nothing collides stay bit for bit what they were. What a reset simulates is under the law too where the
     environment simulates it in the same way as its steps.
 
-    ``info`` holds the entries of `ImpactTally`, summed over the timesteps of an environment step, zeros at a reset;
-    `events` holds the collisions themselves. The wrapper may be anywhere among others, survives copies, pickling and
-    ``gymnasium.make(env.spec)``, and follows an environment that compiles a new model.
+    ``info`` holds the entries of `ImpactTally`, summed over the timesteps of an environment step, zeros at a reset, and
+    names the law and the restitution in force; `events` holds the collisions themselves. The wrapper may be anywhere
+    among others, survives copies, pickling and ``gymnasium.make(env.spec)``, and follows an environment that compiles a
+    new model.
+
+    ``reset(options=...)`` takes "law", "restitution", "friction" and "scheme" for the episode that begins; the next
+    reset without them has those of the wrapper again. Other options are handed on to an environment that has some. A
+    law, or a restitution, that is set on the wrapper (``env.law = ...``, ``vec.set_attr("law", ...)``) takes effect
+    with the next step and stays; the other arguments are settled when it is made, and setting them is an error.
 
     ``cfrc_ext``, which Ant and Humanoid observe and are charged for, is what MuJoCo's contacts do within a timestep:
     the impulses of the law, which act in no time, are not in it (they are in `events`), so that a hard landing costs
@@ -37,7 +50,11 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
 
     If the simulation leaves the finite numbers, where MuJoCo would silently go on from its initial state, the episode
     is truncated, not terminated, since no state of the task was reached: the observation is the last one before, the
-    reward is 0, and ``info["impact/diverged"]`` is 1.
+    reward is 0, and ``info["impact/diverged"]`` is 1. An action that is not finite does the same, where MuJoCo would
+    silently go on without any control.
+
+    Pictures are drawn in the environment's own OpenGL context, whichever was current, and freed in it. Environments of
+    gymnasium that have no wrapper do neither: where one of them closes, pictures of others can turn black.
 
     Args:
         env: the environment, wrapped or not.
@@ -46,51 +63,83 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         contact_model: "soft" keeps MuJoCo's contacts and friction between collisions; with "rigid" contact is the
             law's, with exact Coulomb friction, and what overlaps after a reset is opened.
         scheme: of rigid contact: "time-stepping", if not given, or "event-driven"; see `Stepper`.
+        friction: of rigid contact: "coulomb", if not given, "convex" or "ignore"; see `Stepper`.
         rest_speed: closing speed, m/s, above which a contact collides; see `Stepper`.
         on_inadmissible: what to do with an outcome of the law outside of S(v-): "raise", "project" it onto S(v-), or
             "allow" it; ``info["impact/inadmissible"]`` counts them.
-        log: file to record every timestep to, until `close`. A model that the environment compiles later goes to
-            ``name-2.rrd`` and so on. A copy of the wrapper does not record.
+        log: file to record every timestep to, from the first reset on until `close`, such as ``run.rrd``, or
+            ``run-{env}-{episode}.rrd`` for one per environment and episode (`EpisodeLog`). A file that is there is
+            never written over: that is an error, but where ``{env}`` takes the next number. A model that the
+            environment compiles later goes to ``name-2.rrd`` and so on. A copy of the wrapper does not record.
+        log_every: record every so many episodes, from the first one on.
 
     Raises:
         WrapperError: the environment does not step MuJoCo in a known way, or has a law already.
         UnknownNameError: no such law or option, or the law is for contacts that the scene cannot have.
         RestitutionError: the restitution does not fit the law.
         SceneError: the scene has a flex or delays, and contact_model is "rigid"; or an option means nothing there.
-        RecordingError: the log cannot be written.
+        OptionError: rest_speed is not a speed, log_every not a count, or log has fields that there are not.
+        RecordingError: there is such a recording already.
     """
+
+    contact_model, scheme, friction = Settled(_ANEW), Settled(_RESET), Settled(_RESET)
+    rest_speed, on_inadmissible, log, log_every = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
 
     def __init__(
         self,
         env: gymnasium.Env,
-        law: str | Law,
+        law: str | Law | Mapping[str, Any],
         restitution: Any = None,
         *,
         contact_model: Literal["rigid", "soft"] = "soft",
         scheme: Literal["event-driven", "time-stepping"] | None = None,
+        friction: Literal["coulomb", "convex", "ignore"] | None = None,
         rest_speed: float | None = None,
         on_inadmissible: Literal["raise", "project", "allow"] = "project",
         log: str | Path | None = None,
+        log_every: int = 1,
     ):
-        RecordConstructorArgs.__init__(
-            self,
-            law=law,
-            restitution=restitution,
-            contact_model=contact_model,
-            scheme=scheme,
-            rest_speed=rest_speed,
-            on_inadmissible=on_inadmissible,
-            log=log,
-        )
+        asked = {
+            "law": law,
+            "restitution": restitution,
+            "contact_model": contact_model,
+            "scheme": scheme,
+            "friction": friction,
+            "rest_speed": rest_speed,
+            "on_inadmissible": on_inadmissible,
+        }
+        logged = {"log": log, "log_every": log_every}
+        RecordConstructorArgs.__init__(self, **portable_options(asked | logged))
         super().__init__(env)
-        self._options = LawOptions(law, restitution, contact_model, scheme, rest_speed, on_inadmissible)
-        self._placed: PlacedLaw | None = place(env, self._options, _run_log(log, env.spec.id if env.spec else None))
+        for name in ("contact_model", "scheme", "friction", "rest_speed", "on_inadmissible"):
+            setattr(self, name, asked[name])
+        self.log, self.log_every = log, log_every
+        self._placed: PlacedLaw | None = place(env, LawOptions(**asked), episode_log(log, log_every))
         self._observation: Any = None
 
     @property
     def law(self) -> Law | None:
-        """The law, or None once it was removed."""
+        """The law in force, or None once it was removed; set it, and it is in force from the next step on.
+
+        Raises:
+            UnknownNameError: as the constructor, and the law stays what it was.
+            RestitutionError: as the constructor, and the law stays what it was.
+            WrapperError: it was removed.
+        """
         return None if self._placed is None else self._placed.law
+
+    @law.setter
+    def law(self, law: str | Law | Mapping[str, Any]) -> None:
+        self._present().law = law
+
+    @property
+    def restitution(self) -> Any:
+        """The restitution as it was given, None for the scene's own; set it, and the law by its name has that."""
+        return None if self._placed is None else self._placed.restitution
+
+    @restitution.setter
+    def restitution(self, restitution: Any) -> None:
+        self._present().restitution = restitution
 
     @property
     def events(self) -> tuple[ImpactEvent, ...]:
@@ -105,13 +154,30 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         return self.env
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start an episode."""
+        """Start an episode.
+
+        Args:
+            seed: of the environment.
+            options: "law", "restitution", "friction", "scheme", for this episode only, each as the constructor's;
+                others are the environment's.
+
+        Raises:
+            UnknownNameError: neither the wrapper nor the environment has such an option.
+            RestitutionError: the restitution does not fit the law.
+            SceneError: the option means nothing to the contact model.
+        """
         placed = self._placed
         if placed is None:
             return self.env.reset(seed=seed, options=options)
-        placed.record_seed(seed)
-        self._observation, info = self.env.reset(seed=seed, options=options)
+        if ignores_options(self.env):
+            check_reset(options)
+        placed.prepare_reset(options)
+        generator = None if seed is not None else _generator(self.env)
+        others = {name: value for name, value in (options or {}).items() if name not in RESET}
+        self._observation, info = self.env.reset(seed=seed, options=others if options and others else None)
         placed.clear()
+        scene = self.env.spec.id if self.env.spec else None
+        placed.begin_episode(scene, seed, generator)
         return self._observation, info | placed.info()
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
@@ -124,74 +190,70 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         if placed is None:
             return self.env.step(action)
         placed.clear()
+        if _is_bad(action):
+            placed.diverged = True
+            return self._cut_off(placed, action)
         try:
             observation, reward, terminated, truncated, info = self.env.step(action)
         except Exception:
             if not placed.diverged:
                 raise
-            return self._observation, 0.0, False, True, placed.info()
+            return self._cut_off(placed, action)
         self._observation = observation
-        return observation, reward, terminated, truncated or placed.diverged, info | placed.info()
+        truncated = truncated or placed.diverged
+        placed.record_step(action, reward, terminated, truncated)
+        return observation, reward, terminated, truncated, info | placed.info()
+
+    def render(self) -> Any:
+        """Return what the environment draws, in its own OpenGL context."""
+        renderer = getattr(self.env.unwrapped, "mujoco_renderer", None)
+        if renderer is not None:
+            make_current(renderer)
+        return super().render()
 
     def close(self) -> None:
         """End the recording and close the environment."""
         if self._placed is not None:
             self._placed.close()
+        renderer = getattr(self.env.unwrapped, "mujoco_renderer", None)
+        if renderer is not None:
+            free_contexts(renderer)
         super().close()
+
+    def _cut_off(self, placed: PlacedLaw, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Return what a step does that has left the finite numbers: the episode ends where it was."""
+        placed.record_step(action, 0.0, False, True)
+        return self._observation, 0.0, False, True, placed.info()
+
+    def _present(self) -> PlacedLaw:
+        if self._placed is None:
+            raise WrapperError("the law was removed from this wrapper; put another ImpactLaw around the environment")
+        return self._placed
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what the environment inside is stepped by: most of them are copied without it."""
-        return self.__dict__ | {"_placed": self._placed is not None, "_observation": None}
+        return self.__dict__ | {
+            "_placed": None if self._placed is None else self._placed.options,
+            "_observation": None,
+        }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Put the law into the copy."""
         self.__dict__.update(state)
-        self._placed = place(self.env, self._options, None, replace=True) if state["_placed"] else None
+        options = state["_placed"]
+        if options is not None:
+            standing, in_force = options
+            self._placed = place(self.env, standing, None, replace=True)
+            self._placed.use(in_force)
 
 
-def put_law(
-    env: dm_env.Environment,
-    law: str | Law,
-    restitution: Any = None,
-    *,
-    contact_model: Literal["rigid", "soft"] = "soft",
-    scheme: Literal["event-driven", "time-stepping"] | None = None,
-    rest_speed: float | None = None,
-    on_inadmissible: Literal["raise", "project", "allow"] = "project",
-    log: str | Path | None = None,
-) -> PlacedLaw:
-    """Put an impact law into a bare dm_control environment, suite or composer, and return a handle on it.
-
-    ``placed = put_law(suite.load("hopper", "hop"), "moreau", 0.5)``. The environment itself is changed; the handle has
-    the collisions of the last environment step (``events``), the numbers of `ImpactLaw`'s info (``info()``), and
-    takes the law off again (``remove()``) or ends the recording (``close()``). If the simulation leaves the finite
-    numbers, dm_control raises its `PhysicsError`, as without the law. A copy of the environment has no law.
-
-    Args:
-        env: the environment.
-        law: as for `ImpactLaw`, like the arguments below.
-        restitution: what the law takes.
-        contact_model: "soft" or "rigid".
-        scheme: of rigid contact: "time-stepping", if not given, or "event-driven".
-        rest_speed: closing speed, m/s, above which a contact collides.
-        on_inadmissible: "raise", "project" or "allow".
-        log: file to record every timestep to.
-
-    Raises:
-        WrapperError: the environment is not one of dm_control, or has a law already.
-        UnknownNameError: no such law or option, or the law is for contacts that the scene cannot have.
-        RestitutionError: the restitution does not fit the law.
-        SceneError: the scene has a flex or delays, and contact_model is "rigid"; or an option means nothing there.
-        RecordingError: the log cannot be written.
-    """
-    if isinstance(env, gymnasium.Env) or not hasattr(env, "physics"):
-        hint = "use impactlaw.envs.ImpactLaw" if isinstance(env, gymnasium.Env) else "it has no physics"
-        raise WrapperError(f"{type(env).__name__} is not an environment of dm_control: {hint}")
-    from impactlaw.envs.placed_dm_control import OnDmControl
-
-    options = LawOptions(law, restitution, contact_model, scheme, rest_speed, on_inadmissible)
-    return OnDmControl(env, options, _run_log(log, None))
+def _is_bad(action: Any) -> bool:
+    """Return whether an action holds numbers that are not finite."""
+    values = np.asarray(action)
+    return values.dtype.kind == "f" and not math.isfinite(values.sum())
 
 
-def _run_log(path: str | Path | None, scene: str | None) -> RunLog | None:
-    return None if path is None else RunLog(path, scene)
+def _generator(env: gymnasium.Env) -> Mapping[str, Any] | None:
+    """Return the state of the generator that the environment draws an episode from; None if it is not numpy's own."""
+    generator = env.unwrapped.np_random
+    return generator.bit_generator.state if isinstance(generator, np.random.Generator) else None

@@ -24,9 +24,11 @@ class Compare:
     scene: Annotated[str, tyro.conf.Positional] = "newtons_cradle"
     """Name of a scene (see `impactlaw scenes`) or path of an MJCF file."""
     laws: tuple[str, ...] | None = None
-    """Laws by name (see `impactlaw laws`); "scene" is what the MJCF itself carries. All of them if not given."""
+    """Laws by name (see `impactlaw laws`), but fremond, which needs a matrix; "scene" is what the MJCF itself carries.
+    If not given: maximal-dissipation, moreau, reversal, and scene where that differs between pairs of geoms."""
     restitution: float | None = None
-    """Coefficient of restitution; the scene's own, or 1, if not given."""
+    """Coefficient of restitution, of every law that takes one: all but maximal-dissipation and scene. The scene's own,
+    or 1, if not given."""
     duration: float | None = None
     """Simulated time, s; the scene's own, or 2, if not given."""
     timestep: float | None = None
@@ -118,8 +120,8 @@ class Plan:
     """Who owns sustained contact: the law layer, or MuJoCo."""
     scheme: Literal["event-driven", "time-stepping"] | None = None
     """How rigid contact is stepped; event-driven if not given."""
-    friction: Literal["coulomb", "convex", "ignore"] = "coulomb"
-    """Friction of rigid contacts: exact Coulomb friction, its convex relaxation, or none."""
+    friction: Literal["coulomb", "convex", "ignore"] | None = None
+    """Friction of rigid contacts: exact Coulomb friction, if not given, its convex relaxation, or none."""
 
     def __call__(self) -> None:
         """Print the plan."""
@@ -130,9 +132,11 @@ class Plan:
         model, _ = load(self.scene)
         if self.contact_model == "rigid":
             (check_time_stepping if self.scheme == "time-stepping" else check_rigid)(model)
-        elif self.scheme is not None:
-            raise SceneError("scheme means nothing to soft steps; leave it out")
-        print(format_plan(make_plan(model, self.contact_model, scheme=self.scheme, friction=self.friction)))
+        for name in ("scheme", "friction") if self.contact_model == "soft" else ():
+            if getattr(self, name) is not None:
+                raise SceneError(f"{name} means nothing to soft steps; leave it out")
+        friction = self.friction or "coulomb"
+        print(format_plan(make_plan(model, self.contact_model, scheme=self.scheme, friction=friction)))
 
 
 @contextmanager

@@ -87,9 +87,9 @@ def compare(study: Comparison, folder: Path) -> pd.DataFrame:
 
 
 def choose_laws(model: mujoco.MjModel, names: Sequence[str] | None, restitution: float) -> dict[str, Law]:
-    """Return the laws by name, each with the restitution if it takes a coefficient; "scene" is the scene's own.
+    """Return the laws by name, each with the restitution if it takes one; "scene" is what the scene itself carries.
 
-    Without names: all that a single coefficient describes, and the scene's own if it differs between pairs.
+    Without names: `DEFAULT_LAWS`, "scene" among them only if its restitution differs between pairs.
 
     Raises:
         UnknownNameError: no such law.
@@ -105,13 +105,13 @@ def choose_laws(model: mujoco.MjModel, names: Sequence[str] | None, restitution:
         if name == "scene":
             laws[name] = scene_law(model)
         else:
-            laws[name] = make_law(name) if name in ("maximal-dissipation", "reversal") else make_law(name, restitution)
+            laws[name] = make_law(name, None if name == "maximal-dissipation" else restitution)
     return laws
 
 
 def format_table(table: pd.DataFrame) -> str:
-    """Return the table for the screen: numbers short, long velocities cut, refusals below it."""
-    shown = table.drop(columns="refused").copy()
+    """Return the table for the screen: numbers short, long velocities cut; refusals, and what each law is, below it."""
+    shown = table.drop(columns=["law", "refused"]).copy()
     shown["v+"] = [_short(v) for v in table["v+"]]
     shown["T+/T-"] = table["T+/T-"].astype(float).round(4) + 0.0
     shown["antidissipative"] = [_first(labels) for labels in table["antidissipative"]]
@@ -129,7 +129,8 @@ def format_table(table: pd.DataFrame) -> str:
     for run, reason in zip(table["run"], table["refused"], strict=True):
         if reason:
             text += f"\n{run} was refused: {reason}"
-    return text
+    laws = zip(table["run"], table["law"], strict=True)
+    return text + "\n\nlaws: " + ", ".join(f"{run} = {law}" for run, law in laws if isinstance(law, str))
 
 
 def _short(values: list[float] | None) -> str:
@@ -153,10 +154,11 @@ def _positive(name: str, value: float) -> float:
 def tabulate(runs: Sequence[Run]) -> pd.DataFrame:
     """Return one row per run.
 
-    Columns: run; velocity after the first collision; T+/T- there; admissible (yes, or what is violated and by how
-    much, sqrt(J)); distance of the outcome from S(v-), sqrt(J), where contacts have no friction; antidissipative
-    contacts; energy kept over the whole run (potential energy counted from its lowest value in any run); deepest
-    penetration, m; events; steps whose events were too many to locate; time per step, microseconds; refused.
+    Columns: run; its law, none for MuJoCo's contacts; velocity after the first collision; T+/T- there; admissible
+    (yes, or what is violated and by how much, sqrt(J)); distance of the outcome from S(v-), sqrt(J), where contacts
+    have no friction; antidissipative contacts; energy kept over the whole run (potential energy counted from its lowest
+    value in any run); deepest penetration, m; events; steps whose events were too many to locate; time per step,
+    microseconds; refused.
     """
     lowest = min(float(run.potential.min()) for run in runs)
     return pd.DataFrame([_row(run, lowest) for run in runs])
@@ -167,6 +169,7 @@ def _row(run: Run, lowest: float) -> dict[str, object]:
     begin = run.kinetic[0] + run.potential[0] - lowest
     row: dict[str, object] = {
         "run": run.name,
+        "law": run.law,
         "v+": None,
         "T+/T-": None,
         "admissible": None,

@@ -87,3 +87,11 @@ class ActionError(ImpactLawError, ValueError):
 
 class WrapperError(ImpactLawError, TypeError):
     """A law cannot be put on an environment: it does not step MuJoCo in a way that is known, or has a law already."""
+
+
+class OptionError(ImpactLawError, ValueError):
+    """An option that does not exist, or with a value that it cannot have."""
+
+
+class SettledError(ImpactLawError, AttributeError):
+    """Something that is settled when its owner is made was set later: it would have no effect."""

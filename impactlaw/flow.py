@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 import mujoco
@@ -16,7 +16,7 @@ _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _FREE, _BALL, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{name}")) for name in ("FREE", "BALL", "SLIDE"))
 _FAR = 1e100  # m: how far a slide may carry what hangs on it
 _HUGE = mujoco.mjMAXVAL  # MuJoCo takes larger numbers for a mistake
-_INPUT = ("qpos", "qvel", "act", "ctrl", "qfrc_applied", "xfrc_applied")
+_INPUT = ("time", "qpos", "qvel", "act", "ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "mocap_quat")
 
 
 def empty_state(model: mujoco.MjModel) -> np.ndarray:
@@ -55,16 +55,26 @@ def check_input(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -
         state: the same, saved: one look at all of it, of which most steps need no more.
 
     Raises:
-        DivergenceError: a position, velocity, activation, control or applied force is not finite, or huge.
-        SceneError: the timestep is not positive.
+        DivergenceError: a position, velocity, activation, control, applied force, pose of a mocap body, or the time is
+            not finite, or huge.
+        SceneError: the timestep is not positive, or not finite.
     """
     if not mujoco.mju_norm(state) <= _HUGE:
         for name in _INPUT:
-            values = getattr(data, name)
+            values = np.asarray(getattr(data, name))
             if values.size and not np.abs(values).max() <= _HUGE:
                 raise DivergenceError(f"{name} is not finite, or huge, at t = {data.time:.6g} s")
-    if not model.opt.timestep > 0:
-        raise SceneError(f"the timestep must be positive, got {model.opt.timestep:g} s")
+    check_timestep(model.opt.timestep)
+
+
+def check_timestep(timestep: float) -> None:
+    """Refuse what no step can advance by.
+
+    Raises:
+        SceneError: it is not positive, or not finite.
+    """
+    if not 0.0 < timestep < inf:
+        raise SceneError(f"the timestep must be positive, got {timestep:g} s")
 
 
 def is_huge(data: mujoco.MjData) -> bool:

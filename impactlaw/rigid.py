@@ -18,6 +18,8 @@ state in which no gap is below minus the tolerance (`overlap`):
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 
@@ -27,6 +29,7 @@ from impactlaw.errors import OverlapError, SceneError
 from impactlaw.events import ImpactEvent
 from impactlaw.flight import Flights
 from impactlaw.flow import advance, check_input, empty_state, restore_state, save_state
+from impactlaw.laws import Law
 from impactlaw.metric import KineticMetric
 from impactlaw.moment import Moment
 from impactlaw.overlap import overlaps, push_out, refuse
@@ -69,6 +72,10 @@ class RigidStepping:
         self._restless = False  # whether the last rest found was none
         self._metric: KineticMetric | None = None
         self.unlocated = 0
+
+    def set_law(self, law: Law) -> None:
+        """Let the collisions of the next steps be by another law."""
+        self._collider = replace(self._collider, law=law)
 
     def step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
         """Advance by one timestep and return the collisions; data is back where it was if an error is raised."""

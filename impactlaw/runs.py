@@ -17,6 +17,7 @@ from impactlaw.flow import restore_state, save_state
 from impactlaw.impact import Impact
 from impactlaw.laws import Law
 from impactlaw.recording import Recorder
+from impactlaw.recording.properties import law_name
 from impactlaw.soft_contact import deepest_gap, soft_outcome
 from impactlaw.stepper import Stepper
 
@@ -39,6 +40,7 @@ class Run:
         first: the first collision's outcome; None if there was none.
         qpos: the configuration it happened at, (nq,).
         refusal: why the law was refused, or an empty string.
+        law: the law in one line; None for soft contacts.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Run:
     first: Impact | None
     qpos: np.ndarray | None
     refusal: str = ""
+    law: str | None = None
 
 
 @dataclass
@@ -143,6 +146,7 @@ def run_law(
         first=None if first is None else first.impact,
         qpos=None if first is None else first.qpos,
         refusal=refusal,
+        law=law_name(law),
     )
 
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from impactlaw.contacts import geom_names
 from impactlaw.errors import RestitutionError, SceneError, UnknownNameError
-from impactlaw.laws import Law, Newton
+from impactlaw.laws import Newton
 from impactlaw.laws.base import coefficient
-from impactlaw.laws.labels import check_labels
 from impactlaw.limits import Limits
 from impactlaw.tangents import MIN_FRICTION, pair_friction
 
@@ -130,7 +130,7 @@ def scene_law(model: mujoco.MjModel) -> Newton:
     """Return the law that the scene itself carries: Newton, keyed by geom pairs, joints and tendons.
 
     Raises:
-        RestitutionError: the scene names no restitution, or a coefficient is not in [0, 1].
+        RestitutionError: the scene names no restitution, or a coefficient is not one number in [0, 1].
         UnknownNameError: a coefficient is of something that the scene does not have.
     """
     names, limits = geom_names(model), Limits(model).names
@@ -139,9 +139,9 @@ def scene_law(model: mujoco.MjModel) -> Newton:
     for i in range(model.nnumeric):
         numeric = model.numeric(i)
         if numeric.name == RESTITUTION:
-            default = coefficient(numeric.data[0], "the scene's restitution")
+            default = _one_coefficient(numeric)
         elif numeric.name.startswith(f"{RESTITUTION}/"):
-            table[_split_name(numeric.name, names, limits)] = coefficient(numeric.data[0], numeric.name)
+            table[_split_name(numeric.name, names, limits)] = _one_coefficient(numeric)
     if default is None and not table:
         raise RestitutionError(
             'the scene carries no restitution; add <custom><numeric name="restitution" data="0.5"/></custom> '
@@ -150,17 +150,15 @@ def scene_law(model: mujoco.MjModel) -> Newton:
     return Newton(table, default=default)
 
 
-def check_law(model: mujoco.MjModel, law: Law) -> None:
-    """Refuse a law that is keyed by contacts that the scene cannot have.
+def _one_coefficient(numeric: Any) -> float:
+    """Return the coefficient that a ``<numeric>`` carries.
 
     Raises:
-        UnknownNameError: no such contact; names the nearest ones.
+        RestitutionError: it has not one value, or that is not in [0, 1].
     """
-    used = getattr(law, "contact_labels", None)
-    if used:
-        names = geom_names(model)
-        pairs = tuple(f"{names[a]}/{names[b]}" for a, b in geom_pairs(model).geoms)
-        check_labels(used, pairs + Limits(model).names)
+    if len(numeric.data) != 1:
+        raise RestitutionError(f"{numeric.name} of the scene must be one number in [0, 1], but has {len(numeric.data)}")
+    return coefficient(numeric.data[0], f"{numeric.name} of the scene")
 
 
 def scene_number(model: mujoco.MjModel, name: str) -> float | None:

@@ -19,6 +19,10 @@ its start; if there is a collision at the end of that, the law resolves it there
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+from typing import Any
+
 import mujoco
 import numpy as np
 from mujoco import (
@@ -46,7 +50,8 @@ from impactlaw.contacts import (
 from impactlaw.equalities import bilateral_constraints, bilateral_rows
 from impactlaw.errors import DivergenceError
 from impactlaw.events import ImpactEvent
-from impactlaw.flow import is_huge
+from impactlaw.flow import check_timestep, is_huge
+from impactlaw.laws import Law
 from impactlaw.limits import Limits, joined
 from impactlaw.plan import Plan
 from impactlaw.surfaces import Surfaces
@@ -84,15 +89,31 @@ class SoftStepping:
         self._last: tuple[ImpactEvent, ...] = ()
         self.unlocated = 0
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the options, which are part of the model."""
+        return self.__dict__ | {"_options": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take the options of the copy's own model."""
+        self.__dict__.update(state)
+        self._options = self._model.opt
+
+    def set_law(self, law: Law) -> None:
+        """Let the collisions of the next steps be by another law."""
+        self._collider = replace(self._collider, law=law)
+
     def step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
         """Advance by one timestep and return the collisions.
 
         Raises:
             DivergenceError: MuJoCo met a state that is not finite, or huge; it resets the simulation then.
+            SceneError: the timestep is not positive, or not finite.
         """
         model, opt = self._model, self._options
-        time = data.time
-        count = None if time >= opt.timestep and not opt.disableflags & _NO_RESET else _bad_states(data)
+        time, timestep = data.time, opt.timestep
+        if not 0.0 < timestep < math.inf:
+            check_timestep(timestep)
+        count = None if time >= timestep and not opt.disableflags & _NO_RESET else _bad_states(data)
         integrator, surfaces = opt.integrator, self._surfaces
         if surfaces is not None:
             surfaces.begin(data, opt.timestep)

@@ -12,15 +12,19 @@ from impactlaw.collide import Collider
 from impactlaw.contacts import GAP_TOLERANCE
 from impactlaw.errors import SceneError, UnknownNameError
 from impactlaw.events import ImpactEvent
+from impactlaw.fitting import check_count, check_friction, check_law, check_length, check_model, check_speed
 from impactlaw.laws import Coulomb, Law, MaximalDissipation
 from impactlaw.plan import make_plan
 from impactlaw.rigid import RigidStepping
-from impactlaw.scene import check_law, scene_law
+from impactlaw.scene import scene_law
+from impactlaw.settled import Settled
 from impactlaw.soft import REST_SPEED, SoftStepping
 from impactlaw.solvers import SOLVERS
 
 if TYPE_CHECKING:
     from impactlaw.stepping.time_stepping.scheme import TimeStepping
+
+_ANEW = "make a new Stepper"
 
 
 class Stepper:
@@ -36,14 +40,14 @@ class Stepper:
 
     Args:
         model: the compiled scene. Its options are read at every step, so they may be changed between steps (contacts
-            and limits that they disable are off); shapes, limits and friction are read when the stepper is made or a
-            contact is first seen.
+            and limits that they disable are off). What else of it is changed later has its effect where MuJoCo reads it
+            again; event-driven steps keep shapes, limits and friction as they were when a contact was first seen.
         law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`impactlaw.scene`).
         contact_model: "rigid" or "soft".
         scheme: "event-driven", if not given, or "time-stepping" (rigid).
-        friction: "coulomb" is exact Coulomb friction in collisions and in sustained contact, with the coefficients of
-            the scene; "convex" its convex relaxation, in which contacts that slide also separate; "ignore" leaves it
-            out (rigid). A law that is not a `Coulomb` becomes one where contacts have friction.
+        friction: "coulomb", if not given, is exact Coulomb friction in collisions and in sustained contact, with the
+            coefficients of the scene; "convex" its convex relaxation, in which contacts that slide also separate;
+            "ignore" leaves it out (rigid). A law that is not a `Coulomb` becomes one where contacts have friction.
         overlap: "refuse" geoms that overlap and joints beyond their limits by more than gap_tolerance, or "push-out":
             move the configuration by the smallest shift in the kinetic metric that opens all gaps, with the velocity as
             it is (`impactlaw.overlap`). Looked at where the configuration is not the one that the last step has left,
@@ -61,6 +65,7 @@ class Stepper:
         solver: a name from `impactlaw.solvers.SOLVERS`, or "auto" (event-driven, soft).
 
     Attributes:
+        law: the law; set to another one, it takes effect with the next step. The other options can be read, not set.
         events: the collisions of the last step, in order.
         plan: what a step does in this scene and what it leaves out (`impactlaw.plan`).
         unlocated: steps so far that had more than max_events collisions.
@@ -70,9 +75,16 @@ class Stepper:
     Raises:
         SceneError: the scene holds something rigid stepping does not cover, or an option means nothing to this way to
             step; the message says what to do.
-        RestitutionError: law="scene" and the scene carries none.
+        RestitutionError: law="scene" and the scene carries none, or the law is for more contacts than the scene can
+            have, or for other velocities, or for friction where there is none.
         UnknownNameError: no such option, or the law is keyed by contacts that the scene cannot have.
+        OptionError: rest_speed is not a speed, gap_tolerance no length, or max_events no count.
     """
+
+    model, plan = Settled(_ANEW), Settled(_ANEW)
+    contact_model, scheme, friction, overlap = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
+    on_inadmissible, gap_tolerance, rest_speed = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
+    max_events, solver = Settled(_ANEW), Settled(_ANEW)
 
     def __init__(
         self,
@@ -81,7 +93,7 @@ class Stepper:
         *,
         contact_model: Literal["rigid", "soft"] = "rigid",
         scheme: Literal["event-driven", "time-stepping"] | None = None,
-        friction: Literal["coulomb", "convex", "ignore"] = "coulomb",
+        friction: Literal["coulomb", "convex", "ignore"] | None = None,
         overlap: Literal["refuse", "push-out"] | None = None,
         on_inadmissible: Literal["raise", "project", "allow"] | None = None,
         gap_tolerance: float | None = None,
@@ -92,16 +104,18 @@ class Stepper:
         for kind, value, known in (
             ("contact_model", contact_model, ("rigid", "soft")),
             ("scheme", scheme, (None, "event-driven", "time-stepping")),
-            ("friction option", friction, ("coulomb", "convex", "ignore")),
+            ("friction option", friction, (None, "coulomb", "convex", "ignore")),
             ("overlap option", overlap, (None, "refuse", "push-out")),
             ("on_inadmissible option", on_inadmissible, (None, "raise", "project", "allow")),
             ("solver", solver, (None, "auto", *SOLVERS)),
         ):
             if value not in known:
                 raise UnknownNameError(kind, value, [name for name in known if name])
+        check_model(model)
         way = "soft" if contact_model == "soft" else scheme or "event-driven"
         given = {
             "scheme": scheme,
+            "friction": friction,
             "overlap": overlap,
             "gap_tolerance": gap_tolerance,
             "rest_speed": rest_speed,
@@ -109,21 +123,17 @@ class Stepper:
             "solver": solver,
         }
         _refuse_unused(way, {name for name, value in given.items() if value is not None}, overlap)
-        if law == "scene":
-            law = scene_law(model)
-        elif not isinstance(law, Law):
-            raise UnknownNameError("law", law, ("scene", "a Law, see impactlaw.make_law"))
-        else:
-            check_law(model, law)
+        check_length("gap_tolerance", gap_tolerance)
+        check_speed("rest_speed", rest_speed)
+        check_count("max_events", max_events)
         deferred.load_solvers()
-        self.model = model
-        self.law = law
-        self.plan = make_plan(model, contact_model, scheme=scheme, friction=friction)
-        last: Law = MaximalDissipation()
-        if self.plan.friction and way != "time-stepping":
-            cone = "exact" if friction == "coulomb" else "convex"
-            law = law if isinstance(law, Coulomb) else Coulomb(law, cone=cone)
-            last = Coulomb(last, cone=cone)
+        for name, value in {**given, "contact_model": contact_model, "on_inadmissible": on_inadmissible}.items():
+            setattr(self, name, value)
+        self.model = self._model = model
+        self._way = way
+        self._law = self._known(law)
+        self.plan = make_plan(model, contact_model, scheme=scheme, friction=friction or "coulomb")
+        law, last = self._with_friction(self._law), self._with_friction(MaximalDissipation())
         most = 100 if max_events is None else max_events
         collider = Collider(law, last, on_inadmissible or "raise", most, solver or "auto")
         self._events: tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]] = ()
@@ -137,7 +147,7 @@ class Stepper:
                 model,
                 law,
                 self.plan,
-                friction=friction,
+                friction=friction or "coulomb",
                 on_inadmissible=on_inadmissible or "project",
                 rest_speed=rest_speed,
             )
@@ -153,6 +163,22 @@ class Stepper:
                 gap_tolerance=GAP_TOLERANCE if gap_tolerance is None else gap_tolerance,
                 push_out=overlap == "push-out",
             )
+
+    @property
+    def law(self) -> Law:
+        """The law; set it to another `Law`, or "scene", and the next step is under that one.
+
+        Raises:
+            RestitutionError: as the constructor, and the law stays what it was.
+            UnknownNameError: as the constructor, and the law stays what it was.
+        """
+        return self._law
+
+    @law.setter
+    def law(self, law: Law | Literal["scene"]) -> None:
+        known = self._known(law)
+        self._stepping.set_law(self._with_friction(known))
+        self._law = known
 
     @property
     def events(self) -> tuple[ImpactEvent, ...]:
@@ -193,24 +219,46 @@ class Stepper:
             DivergenceError: position or velocity is not finite.
             SceneError: data is of a model with other bodies, joints or geoms.
         """
-        if data.signature != self.model.signature:
-            raise SceneError("data belongs to another model than the one that this stepper was made with")
+        if data.signature != self._model.signature:
+            raise _other_model()
         self._events = self._stepping.step(data)
 
     def finish_step(self, data: mujoco.MjData) -> None:
         """Do what follows `mj_step1` in a soft step, as `mj_step2` does.
 
         Raises:
-            SceneError: the contact model is not "soft".
+            SceneError: the contact model is not "soft", or data is of another model.
             ImpactLawError: as by `step`.
         """
+        if data.signature != self._model.signature:
+            raise _other_model()
         if not isinstance(self._stepping, SoftStepping):
             raise SceneError('only soft stepping can be cut in two halves; use step(), or contact_model="soft"')
         self._events = self._stepping.finish(data)
 
+    def _known(self, law: Law | Literal["scene"]) -> Law:
+        """Return the law, if it can be that of the scene and of the way to step."""
+        if isinstance(law, str) and law == "scene":
+            law = scene_law(self.model)
+        if not isinstance(law, Law):
+            raise UnknownNameError("law", law, ("scene", "a Law, see impactlaw.make_law"))
+        check_law(self.model, law)
+        check_friction(law, "soft" if self._way == "soft" else self.friction)
+        return law
+
+    def _with_friction(self, law: Law) -> Law:
+        """Return the law with the friction of the contacts of the scene; time stepping adds it by itself."""
+        if not self.plan.friction or self._way == "time-stepping" or isinstance(law, Coulomb):
+            return law
+        return Coulomb(law, cone="convex" if self.friction == "convex" else "exact")
+
+
+def _other_model() -> SceneError:
+    return SceneError("data belongs to another model than the one that this stepper was made with")
+
 
 _UNUSED = {
-    "soft": ("scheme", "overlap", "gap_tolerance"),
+    "soft": ("scheme", "friction", "overlap", "gap_tolerance"),
     "event-driven": ("rest_speed",),
     "time-stepping": ("gap_tolerance", "max_events", "solver"),
 }

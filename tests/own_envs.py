@@ -18,6 +18,8 @@ INFO = {
     "impact/distant": int,
     "impact/inadmissible": int,
     "impact/diverged": int,
+    "impact/law": str,
+    "impact/restitution": float,
 }
 every_env = pytest.mark.parametrize("name", IDS)
 

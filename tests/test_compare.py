@@ -1,15 +1,17 @@
 """The main job: one scene under several laws and under MuJoCo's soft contacts."""
 
+import inspect
 import math
 
 import mujoco
 import numpy as np
 import pytest
 
-from impactlaw.compare import Comparison, choose_laws, compare, format_table
+from impactlaw.cli import Compare
+from impactlaw.compare import DEFAULT_LAWS, Comparison, choose_laws, compare, format_table
 from impactlaw.contacts import read_collision
 from impactlaw.errors import ImpactLawError, RestitutionError, UnknownNameError
-from impactlaw.laws import Moreau
+from impactlaw.laws import LAWS, Moreau
 from impactlaw.models import SCENES, load
 from impactlaw.recording import read_log
 from impactlaw.soft_contact import soft_outcome, tuned_contacts
@@ -64,8 +66,12 @@ def test_everything_is_written_and_reads_back(cradle):
 
 
 def test_the_table_on_screen_has_a_line_per_run(cradle):
-    text = format_table(cradle[1].reset_index())
+    text, _, laws = format_table(cradle[1].reset_index()).partition("\n\n")
     assert len(text.splitlines()) == 1 + len(cradle[1])
+    assert laws == (
+        "laws: maximal-dissipation = MaximalDissipation(), moreau = Moreau(restitution=1.0), "
+        "reversal = Reversal(restitution=1.0)"
+    )
     assert "(0, 0, 0, 0, 1)" in text
     assert "(-0.6, 0.4, 0.4, 0.4, 0.4)" in text
 
@@ -118,6 +124,28 @@ def test_tuning_leaves_the_scene_alone():
 def test_default_laws_hold_the_scene_law_only_where_it_differs_between_pairs():
     assert "scene" not in choose_laws(load("newtons_cradle")[0], None, 1.0)
     assert "scene" in choose_laws(load("falling_rod")[0], None, 1.0)
+
+
+def test_the_restitution_is_that_of_every_law_that_takes_one(tmp_path):
+    names = tuple(name for name in LAWS if name != "fremond")
+    laws = choose_laws(load("ball_chain")[0], names, 0.5)
+    assert {name: getattr(law, "restitution", None) for name, law in laws.items()} == {
+        "maximal-dissipation": None,
+        "moreau": 0.5,
+        "newton": 0.5,
+        "poisson": 0.5,
+        "reversal": 0.5,
+    }
+    table = compare(Comparison(scene="ball_chain", laws=("reversal",), restitution=0.5, duration=0.02), tmp_path)
+    assert table.set_index("run").loc["reversal", "v+"] == pytest.approx([1 / 6, 1 / 6, 2 / 3])
+    assert table.set_index("run").loc["reversal", "law"] == "Reversal(restitution=0.5)"
+    assert read_log(tmp_path / "reversal.rrd").properties["restitution"] == 0.5
+
+
+def test_the_help_names_the_laws_that_run():
+    text = " ".join((Compare.__doc__ or "", inspect.getsource(Compare)))
+    assert "maximal-dissipation, moreau, reversal, and scene where" in text
+    assert DEFAULT_LAWS == ("maximal-dissipation", "moreau", "scene", "reversal")
 
 
 def test_scene_without_restitution_has_no_law_of_its_own():

@@ -53,6 +53,10 @@ def identity(env):
 
 
 def split_info(info):
+    """The environment's own part of info, and what the law did; its name and restitution are looked at here."""
+    info = dict(info)
+    assert isinstance(info.pop("impact/law"), str)
+    assert type(info.pop("impact/restitution")) is float
     return (
         {key: value for key, value in info.items() if not key.startswith("impact/")},
         {key: value for key, value in info.items() if key.startswith("impact/")},

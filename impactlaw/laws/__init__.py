@@ -8,6 +8,7 @@ from impactlaw.laws.maximal_dissipation import MaximalDissipation
 from impactlaw.laws.moreau import Moreau
 from impactlaw.laws.newton import Newton
 from impactlaw.laws.poisson import Poisson
+from impactlaw.laws.portable import portable, restored
 from impactlaw.laws.registry import DESCRIPTIONS, LAWS, make_law
 
 __all__ = [
@@ -26,4 +27,6 @@ __all__ = [
     "Target",
     "energy_gain",
     "make_law",
+    "portable",
+    "restored",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -30,7 +30,8 @@ class ContactCoefficients:
         default: coefficient of contacts that the mapping does not name; without it such a contact is an error.
 
     Raises:
-        RestitutionError: a coefficient is not in [0, 1], a contact has two, or a default is given without a mapping.
+        RestitutionError: a coefficient is not in [0, 1], there is none, a contact has two, or a default is given
+            without a mapping.
     """
 
     restitution: Coefficient | Sequence[Coefficient] | Mapping[str | tuple[str, str], Coefficient]
@@ -45,6 +46,10 @@ class ContactCoefficients:
             for key, e in value.items():
                 put(table, canonical(key), _checked(e, f"restitution of {canonical(key)}"))
             value = table
+            if not table and self.default is None:
+                raise RestitutionError(f"{type(self).__name__} has no coefficient: an empty mapping, and no default")
+        elif isinstance(value, Set):
+            raise RestitutionError(f"{type(self).__name__} takes coefficients in order, but a set has none: {value!r}")
         elif callable(value) or isinstance(value, str) or not np.iterable(value):
             value = _checked(value, "restitution")
         else:
@@ -67,6 +72,11 @@ class ContactCoefficients:
     def contact_labels(self) -> frozenset[str]:
         """Labels the law was keyed with, in canonical order; empty if it was not."""
         return frozenset(self._table or ())
+
+    @property
+    def contact_count(self) -> int | None:
+        """Number of contacts that the law is for; None if for any."""
+        return len(self.restitution) if isinstance(self.restitution, tuple) else None
 
     def coefficients(self, collision: Collision) -> np.ndarray:
         """Return ``e_1 .. e_h`` for the contacts of this collision, shape (h,).

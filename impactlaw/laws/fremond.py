@@ -64,6 +64,11 @@ class Fremond(RestitutionLaw):
         keys = self.matrix if isinstance(self.matrix, dict) else ()
         return frozenset(name for pair in keys for name in pair)
 
+    @property
+    def contact_count(self) -> int | None:
+        """Number of contacts that the law is for; None if for any."""
+        return None if isinstance(self.matrix, dict) else self.matrix.shape[0]
+
     def restitution_matrix(self, collision: Collision) -> Any:
         """Return E for the contacts of this collision, shape (h, h).
 

@@ -14,6 +14,7 @@ from impactlaw.laws.maximal_dissipation import MaximalDissipation
 from impactlaw.laws.moreau import Moreau
 from impactlaw.laws.newton import Newton
 from impactlaw.laws.poisson import Poisson
+from impactlaw.laws.portable import restored
 
 
 def _maximal_dissipation(restitution: Any) -> Law:
@@ -65,11 +66,12 @@ DESCRIPTIONS: dict[str, str] = {
 """One line per law of the registry."""
 
 
-def make_law(name: str | Law, restitution: Any = None) -> Law:
+def make_law(name: str | Law | Mapping, restitution: Any = None) -> Law:
     """Return the law of that name.
 
     Args:
-        name: "maximal-dissipation", "moreau", "newton", "poisson", "fremond" or "reversal"; a `Law` is returned as is.
+        name: "maximal-dissipation", "moreau", "newton", "poisson", "fremond" or "reversal"; a `Law` is returned as is,
+            and made again from what `impactlaw.laws.portable` has written down.
         restitution: what the law takes: a coefficient (moreau, reversal), one or several or keyed ones, numbers or
             functions of speed (newton, poisson), a matrix or a keyed one (fremond), nothing (maximal-dissipation).
 
@@ -77,6 +79,7 @@ def make_law(name: str | Law, restitution: Any = None) -> Law:
         UnknownNameError: no such law; the message names the nearest ones.
         RestitutionError: the restitution is missing, superfluous or not in range.
     """
+    name, restitution = restored(name), restored(restitution)
     if isinstance(name, Law):
         if restitution is not None:
             raise RestitutionError(f"{name!r} already has its restitution; leave restitution={restitution!r} out")

@@ -9,8 +9,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from impactlaw.friction_impact import FrictionImpact
-from impactlaw.recording.columns import Column, time_columns
-from impactlaw.recording.layout import COLLISION, COLLISION_COLUMNS, COLLISIONS, EXTRA_COLUMNS, MARKS, PLOTTED
+from impactlaw.recording.layout import (
+    COLLISION,
+    COLLISION_COLUMNS,
+    COLLISIONS,
+    EXTRA_COLUMNS,
+    MARKS,
+    PLOTTED,
+    Column,
+    time_columns,
+)
 from impactlaw.tangents import tangential_impulses
 
 if TYPE_CHECKING:
@@ -86,11 +94,14 @@ class CollisionLog:
         model: the scene.
         law: the law's name, written to every record.
         arrow_scale: length of the arrow of an impulse of 1 N s, m.
+
+    Attributes:
+        law: as above; may be changed.
     """
 
     def __init__(self, model: mujoco.MjModel, law: str, arrow_scale: float):
         self._model = model
-        self._law = law
+        self.law = law
         self._arrow_scale = arrow_scale
         self._mark_steps = max(1, math.ceil(MARK_TIME / model.opt.timestep))
         self._count = 0
@@ -103,7 +114,7 @@ class CollisionLog:
             "index": self._count,
             "episode": episode,
             "step": step,
-            "law": self._law,
+            "law": self.law,
         }
         self._count += 1
         self._records.append(record)

@@ -1,4 +1,4 @@
-"""Frames on their way into a recording: body poses, energies and closed contacts, one row per step."""
+"""Frames on their way into a recording: states, body poses, energies and closed contacts, one row per step."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ import mujoco
 import numpy as np
 
 from impactlaw.contacts import GAP_TOLERANCE
-from impactlaw.recording.columns import Column, time_columns
 from impactlaw.recording.geometry import Group
-from impactlaw.recording.layout import CONTACTS, ENERGY, FRAME_TIME, FRAMES
+from impactlaw.recording.layout import CONTACTS, ENERGY, FRAME_TIME, FRAMES, QPOS, QVEL, STATE, Column, time_columns
 
 if TYPE_CHECKING:
     from impactlaw.contacts import Contacts
@@ -39,6 +38,7 @@ class Frames:
         self._time = np.zeros(capacity)
         self._clock = np.zeros(capacity)
         self._energy = np.zeros((capacity, 3))
+        self._qpos, self._qvel = np.zeros((capacity, model.nq)), np.zeros((capacity, model.nv))
         self._position = np.zeros((capacity, len(self._bodies), 3), dtype=np.float32)
         self._quaternion = np.zeros((capacity, len(self._bodies), 4), dtype=np.float32)
         self._contacts: list[np.ndarray] = []
@@ -63,6 +63,7 @@ class Frames:
         potential, kinetic = own.energy
         self._time[i] = data.time
         self._clock[i] = clock
+        self._qpos[i], self._qvel[i] = data.qpos, data.qvel
         self._energy[i] = kinetic, potential, kinetic + potential
         self._position[i] = own.xpos[self._bodies]
         self._quaternion[i] = own.xquat[self._bodies]
@@ -96,6 +97,8 @@ class Frames:
         stream.send_columns(CONTACTS, index, points.partition(lengths), strict=True)
         energies = rr.Scalars.columns(scalars=self._energy[:n].ravel()).partition(np.full(n, 3))
         stream.send_columns(ENERGY, index, energies, strict=True)
+        state = [Column(QPOS, "floats", self._qpos[:n]), Column(QVEL, "floats", self._qvel[:n])]
+        stream.send_columns(STATE, index, state, strict=True)
         stream.send_columns(FRAMES, index, [Column(FRAME_TIME, "float", self._time[:n])], strict=True)
         self._contacts = []
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 if TYPE_CHECKING:
     import pyarrow
@@ -21,6 +24,14 @@ ENERGIES = ("kinetic", "potential", "total")
 PLOTTED = ("intensity", "energy_change")  # columns of a collision that have a plot of their own
 
 FRAME_TIME = "impactlaw.Frame:time"
+STATE, STEPS, EPISODES = "state", "steps", "episodes"
+QPOS, QVEL = "impactlaw.State:qpos", "impactlaw.State:qvel"
+EPISODE, TAKEN = "impactlaw.Episode", "impactlaw.Step"
+STEP_COLUMNS = {"action": "floats", "kind": "text", "reward": "float", "terminated": "bool", "truncated": "bool"}
+"""What an environment step was told and gave, at the frame that it ends with; ``kind`` is type and shape of the action,
+as JSON."""
+EPISODE_COLUMNS = {"number": "int", "seed": "int", "law": "text", "generator": "text", "settings": "text"}
+"""How an episode began, at its first frame; the last two are JSON, and empty cells are what is not known."""
 GEOMETRY_BODIES = "impactlaw.Geometry:bodies"
 COLLISION = "impactlaw.Collision"
 COLLISION_COLUMNS = {
@@ -85,3 +96,38 @@ def cell_type(kind: str) -> pyarrow.DataType:
         "bool": pa.bool_(),
         "vector": pa.list_(pa.float64(), 3),
     }[kind.removesuffix("s")]
+
+
+class Column:
+    """One column of own values; rerun's own ``AnyValues`` would drop an empty one.
+
+    Args:
+        name: ``"archetype:component"``.
+        kind: see `impactlaw.recording.layout.cell_type`; plural when a cell is a sequence.
+        cells: one per row; None leaves it empty.
+    """
+
+    def __init__(self, name: str, kind: str, cells: Sequence[Any] | np.ndarray):
+        import pyarrow as pa
+
+        rows = [[] if cell is None else cell if kind.endswith("s") else [cell] for cell in cells]
+        self._name = name
+        self._array = pa.array(rows, pa.list_(cell_type(kind)))
+
+    def component_descriptor(self) -> Any:
+        """Return rerun's description of the column."""
+        import rerun as rr
+
+        return rr.ComponentDescriptor(self._name, archetype=self._name.partition(":")[0])
+
+    def as_arrow_array(self) -> Any:
+        """Return the cells."""
+        return self._array
+
+
+def time_columns(clock: Sequence[float] | np.ndarray, step: Sequence[int] | np.ndarray) -> list[Any]:
+    """Return the two timelines of rows at these times, in s, and frames."""
+    import rerun as rr
+
+    nanoseconds = np.rint(1e9 * np.asarray(clock, dtype=float)).astype("timedelta64[ns]")
+    return [rr.TimeColumn(SIM_TIME, duration=nanoseconds), rr.TimeColumn(STEP, sequence=np.asarray(step))]

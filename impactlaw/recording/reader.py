@@ -10,6 +10,7 @@ import numpy as np
 
 from impactlaw.errors import RecordingError, UnknownNameError
 from impactlaw.recording import layout
+from impactlaw.recording.episodes import Episode, episode_table, read_episodes
 from impactlaw.recording.properties import PROPERTY_NAMES, decode
 from impactlaw.recording.rrd import Entity, read_entities
 
@@ -47,12 +48,29 @@ class Recording:
         properties: scene, law, restitution, timestep, integrator, seed, versions.
         collisions: one row per collision, in order; columns as in `impactlaw.recording.layout.COLLISION_COLUMNS`, and
             of its `EXTRA_COLUMNS` those that the run needs; those with one value per contact hold lists.
+        episodes: the episodes, in order.
     """
 
     path: Path
     properties: dict[str, Any]
     collisions: pd.DataFrame
+    episodes: tuple[Episode, ...] = field(repr=False)
     _series: dict[str, Series] = field(repr=False)
+
+    def episode(self, number: int) -> Episode:
+        """Return the episode of that number.
+
+        Raises:
+            UnknownNameError: there is none in this file; the message names those that are.
+        """
+        found = [episode for episode in self.episodes if episode.number == number]
+        if not found:
+            raise UnknownNameError("episode", number, [str(episode.number) for episode in self.episodes])
+        return found[0]
+
+    def episode_summary(self) -> pd.DataFrame:
+        """Return one row per episode: number, seed, law, length, return, how it ended, collisions."""
+        return episode_table(self.episodes, self.collisions)
 
     @property
     def series_names(self) -> tuple[str, ...]:
@@ -64,7 +82,8 @@ class Recording:
 
         ``energy/kinetic``, ``energy/potential``, ``energy/total`` (J), ``contacts/count`` and, for every moving body
         with a visible geom, ``position/<body>`` (n, 3) and ``orientation/<body>`` (n, 4, w first; both recorded as
-        float32) have one value per step; ``collision/<column>`` has one per collision. Times are the simulation's
+        float32) have one value per step, as have ``qpos`` (n, nq) and ``qvel`` (n, nv), exactly; ``collision/<column>``
+        has one per collision. Times are the simulation's
         own, so that they start again with each episode.
 
         Raises:
@@ -134,7 +153,9 @@ def read_log(path: str | Path) -> Recording:
     entities = read_entities(path)
     properties = _properties(path, entities)
     collisions = _collision_table(entities.get(layout.COLLISIONS))
-    return Recording(path, properties, collisions, _frame_series(entities) | _collision_series(collisions))
+    series = _frame_series(entities)
+    episodes = read_episodes(entities, series["energy/total"][0] if series else np.zeros(0))
+    return Recording(path, properties, collisions, episodes, series | _collision_series(collisions))
 
 
 def _properties(path: Path, entities: dict[str, Entity]) -> dict[str, Any]:
@@ -186,6 +207,9 @@ def _frame_series(entities: dict[str, Entity]) -> dict[str, Series]:
     energy = entities[layout.ENERGY].numbers("Scalars:scalars")[:n]
     series = {f"energy/{name}": (time, energy[:, i]) for i, name in enumerate(layout.ENERGIES)}
     series["contacts/count"] = (time, entities[layout.CONTACTS].counts("Points3D:positions")[:n].astype(float))
+    if layout.STATE in entities:
+        state = entities[layout.STATE]
+        series |= {"qpos": (time, state.numbers(layout.QPOS)[:n]), "qvel": (time, state.numbers(layout.QVEL)[:n])}
     for path, entity in entities.items():
         if path.startswith(f"{layout.SCENE}/") and len(entity.step):
             bodies = entity.static[layout.GEOMETRY_BODIES]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -12,10 +12,11 @@ import numpy as np
 from impactlaw.errors import RecordingError
 from impactlaw.recording import layout, viewer
 from impactlaw.recording.collisions import CollisionLog
-from impactlaw.recording.columns import Column
+from impactlaw.recording.episodes import EpisodeMarks
 from impactlaw.recording.frames import Frames
 from impactlaw.recording.geometry import Group, body_names, read_geometry
-from impactlaw.recording.properties import encode, run_properties
+from impactlaw.recording.layout import EPISODE_COLUMNS, Column
+from impactlaw.recording.properties import encode, law_name, run_properties
 
 if TYPE_CHECKING:
     from impactlaw.contacts import Contacts
@@ -28,11 +29,12 @@ _ARROW_TIME = 0.2  # s; an impulse is drawn as the path that it gives a body of 
 
 
 class Recorder:
-    """Records a run: geometry once, then poses, energies, closed contacts and collisions of every step.
+    """Records a run: geometry once, then state, poses, energies, closed contacts and collisions of every step.
 
     The file is a rerun recording (``rerun run.rrd`` shows it, `read_log` reads it) on the timeline ``sim_time``.
-    Steps are flushed every `BATCH` of them; a run that is killed leaves all up to the last flush. A step whose time
-    is not later than that of the step before begins a new episode; ``sim_time`` goes on from where it was.
+    Steps are flushed every `BATCH` of them; a run that is killed leaves all up to the last flush. Where nobody calls
+    `begin_episode`, a step whose time is not later than that of the step before begins a new episode; ``sim_time`` goes
+    on from where it was.
 
     Poses and energies are computed on a private copy from the positions and velocities handed over, whatever state
     the derived quantities in ``data`` are in; ``data`` is only read.
@@ -62,7 +64,9 @@ class Recorder:
         view: bool = False,
     ):
         self.path = Path(path)
-        self._step = self._episode = 0
+        self._step, self._episode = 0, -1
+        self._coming: dict[str, Any] | None = None
+        self._told = False  # whether episodes are begun by `begin_episode`
         self._time, self._clock, self._offset = -np.inf, 0.0, 0.0
         self._sizes = model.nq, model.nv
         self._stream: Any = None  # set when all is well
@@ -70,6 +74,7 @@ class Recorder:
         groups = read_geometry(model)
         self._frames = Frames(model, groups, BATCH)
         arrow_scale = _ARROW_TIME / (model.stat.meanmass or 1.0)
+        self._marks = EpisodeMarks()
         self._collisions = CollisionLog(model, properties["law"] or "", arrow_scale)
         stream = _new_stream()
         self._log_once(stream, groups, body_names(model), properties)
@@ -81,6 +86,49 @@ class Recorder:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    @property
+    def law(self) -> str | None:
+        """The law in one line, as collisions from now on name it; may be set to another one, a `Law` or its name."""
+        return self._collisions.law or None
+
+    @law.setter
+    def law(self, law: Any) -> None:
+        self._collisions.law = law_name(law) or ""
+
+    def begin_episode(
+        self,
+        number: int | None = None,
+        *,
+        seed: int | None = None,
+        generator: Mapping[str, Any] | None = None,
+        settings: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Let the next frame be the start of an episode.
+
+        Args:
+            number: of the episode; one more than that of the last one if not given.
+            seed: that it was reset with.
+            generator: state of the random generator that it was drawn with, plain values.
+            settings: how it is stepped, plain values.
+        """
+        self._told = True
+        self._coming = {
+            "number": self._episode + 1 if number is None else int(number),
+            "seed": None if seed is None else int(seed),
+            "generator": None if generator is None else encode(dict(generator)),
+            "settings": None if settings is None else encode(dict(settings)),
+        }
+
+    def end_step(self, action: Any, reward: Any, *, terminated: bool = False, truncated: bool = False) -> None:
+        """Record an environment step, which ends with the last frame: what it was told, and what it gave.
+
+        Raises:
+            RecordingError: no frame has been recorded.
+        """
+        if not self._step:
+            raise RecordingError(f"an environment step ends with a frame, but {self.path} has none yet")
+        self._marks.end_step(self._clock, self._step - 1, action, reward, (terminated, truncated))
 
     def step(self, data: mujoco.MjData, events: Iterable[ImpactEvent] = (), contacts: Contacts | None = None) -> None:
         """Record the state after a simulation step.
@@ -115,6 +163,7 @@ class Recorder:
             return
         first = self._step - len(self._frames)
         self._collisions.send(self._stream, self._clock)
+        self._marks.send(self._stream)
         self._frames.send(self._stream, first)
         self._sync(self._stream)
 
@@ -130,11 +179,17 @@ class Recorder:
             self._disconnect()
 
     def _advance(self, time: float) -> None:
-        if time <= self._time:
+        again = time <= self._time
+        if again:
             self._offset = self._clock
-            self._episode += 1
         self._time = time
         self._clock = self._offset + time
+        if self._coming is None and (not self._step or (again and not self._told)):
+            self._coming = dict.fromkeys(EPISODE_COLUMNS) | {"number": self._episode + 1}
+        if self._coming is not None:
+            self._episode = self._coming["number"]
+            self._marks.begin(self._clock, self._step, {**self._coming, "law": self.law})
+            self._coming = None
 
     def _disconnect(self) -> None:
         if self._stream is not None:

@@ -15,22 +15,23 @@ _COLUMNS = ["time", "contacts", "induced_impulse", "intensity", "energy_change",
 
 
 def describe(recording: Recording, *, limit: int = 50) -> str:
-    """Return what `impactlaw inspect` prints: properties, contact pairs, the worst violation and the collisions.
+    """Return what `impactlaw inspect` prints: properties, episodes, contact pairs, worst violation and collisions.
 
     Args:
         recording: from `read_log`.
-        limit: most collisions listed.
+        limit: most episodes, and most collisions, listed.
     """
     parts = [
         _properties(recording),
         _extent(recording),
+        _episodes(recording, limit),
         "contacts\n" + _table(recording.contact_summary().reset_index()),
         _violation(recording),
         _collisions(recording.collisions, limit),
     ]
     if recording.collisions.empty:
-        parts[2:] = []
-    return "\n\n".join(parts)
+        parts[3:] = []
+    return "\n\n".join(part for part in parts if part)
 
 
 def _properties(recording: Recording) -> str:
@@ -46,9 +47,22 @@ def _extent(recording: Recording) -> str:
     if "energy/total" not in recording.series_names:
         return f"no complete steps, {counted}"
     time, energy = recording.series("energy/total")
-    episodes = 1 + np.count_nonzero(np.diff(time) <= 0)
+    episodes = len(recording.episodes)
     counted += f" in {episodes} episodes" if episodes > 1 else ""
     return f"{len(time)} steps up to t = {time[-1]:.6g} s, {counted}; energy {energy[0]:.6g} J -> {energy[-1]:.6g} J"
+
+
+def _episodes(recording: Recording, limit: int) -> str:
+    """Return a line per episode; nothing for a run that no environment has made, and that is one episode."""
+    table = recording.episode_summary()
+    told = any(len(episode.rewards) for episode in recording.episodes)
+    if len(table) < 2 and not told:
+        return ""
+    shown = table.head(limit).fillna({"law": "-"})
+    if not told:
+        shown = shown.drop(columns=["steps", "return", "ended"])
+    left = len(table) - len(shown)
+    return "episodes\n" + _table(shown) + (f"\n... and {left} more" if left else "")
 
 
 def _violation(recording: Recording) -> str:

@@ -32,7 +32,7 @@ _WARM = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
 
 def stepper(model: mujoco.MjModel, way: Way, restitution: float) -> Stepper:
     """Return the stepper of a way that has one: Moreau's law, exact friction."""
-    return Stepper(model, Moreau(restitution), friction="coulomb", **_OPTIONS[way])
+    return Stepper(model, Moreau(restitution), **_OPTIONS[way])
 
 
 def step_of(model: mujoco.MjModel, way: Way, ours: Stepper | None) -> Callable[[mujoco.MjData], None]:

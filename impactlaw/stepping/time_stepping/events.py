@@ -37,6 +37,7 @@ class CollisionRecord:
         target: ``gamma^h`` of groups, (g,).
         sliding: sliding velocities aimed at, (n,).
         exact: exact Coulomb friction, or its convex relaxation.
+        share: of the law's restitution that was left so that no energy is created, in [0, 1].
     """
 
     seen: Seen
@@ -49,6 +50,7 @@ class CollisionRecord:
     target: np.ndarray
     sliding: np.ndarray
     exact: bool
+    share: float
 
     def resolved(self) -> tuple[ImpactEvent, ...]:
         """Return the collision as an event."""
@@ -74,5 +76,5 @@ class CollisionRecord:
         problem = cone_problem(collision, *targets, exact=self.exact)
         answer = solve_cones(problem)
         return FrictionImpact.of_cones(
-            collision, answer.impulse, answer.jump, targets, exact=self.exact, problem=problem
+            collision, answer.impulse, answer.jump, targets, scale=self.share, exact=self.exact, problem=problem
         )

@@ -100,10 +100,8 @@ class TimeStepping:
     ):
         check_time_stepping(model)
         self._model = model
-        self._targets = LawTargets(law)
-        self._sliding = law.tangential_restitution if isinstance(law, Coulomb) else 0.0
-        self._law = law
-        self._exact = law.cone == "exact" if isinstance(law, Coulomb) else friction != "convex"
+        self._exact_cones = friction != "convex"
+        self.set_law(law)
         self._on_inadmissible = on_inadmissible
         self._rest_speed = REST_SPEED if rest_speed is None else rest_speed
         self._friction = plan.friction
@@ -127,6 +125,12 @@ class TimeStepping:
         self._work, self._rounds = [0.0, 0.0], _ROUNDS
         self.short_steps = self.unlocated = 0
         self.solved, self._overflown = True, False
+
+    def set_law(self, law: Law) -> None:
+        """Let the collisions of the next steps be by another law."""
+        self._law, self._targets = law, LawTargets(law)
+        self._sliding = law.tangential_restitution if isinstance(law, Coulomb) else 0.0
+        self._exact = law.cone == "exact" if isinstance(law, Coulomb) else self._exact_cones
 
     def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
         """Advance by one timestep and return what tells its collisions; data is back where it was after an error."""
@@ -343,6 +347,7 @@ class TimeStepping:
             self._record = CollisionRecord(
                 self._asked or self._seen(data, rows), collides, x[rows.first] > 0.0, data.time - 0.5 * h,
                 self._middle, self._velocity, data.qvel.copy(), reached, share * sliding, self._exact,
+                float(share),
             )  # fmt: skip
         return shift if len(shift) else None
 

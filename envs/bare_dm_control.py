@@ -1,0 +1,85 @@
+"""An impact law for bare environments of dm_control, suite and composer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import gymnasium
+
+from impactlaw.envs.episode_log import episode_log
+from impactlaw.envs.law_options import LawOptions
+from impactlaw.envs.placed import PlacedLaw
+from impactlaw.errors import WrapperError
+from impactlaw.laws import Law
+
+if TYPE_CHECKING:
+    import dm_env
+
+
+def put_law(
+    env: dm_env.Environment,
+    law: str | Law | Mapping[str, Any],
+    restitution: Any = None,
+    *,
+    contact_model: Literal["rigid", "soft"] = "soft",
+    scheme: Literal["event-driven", "time-stepping"] | None = None,
+    friction: Literal["coulomb", "convex", "ignore"] | None = None,
+    rest_speed: float | None = None,
+    on_inadmissible: Literal["raise", "project", "allow"] = "project",
+    log: str | Path | None = None,
+    log_every: int = 1,
+) -> PlacedLaw:
+    """Put an impact law into a bare dm_control environment, suite or composer, and return a handle on it.
+
+    ``placed = put_law(suite.load("hopper", "hop"), "moreau", 0.5)``. The environment itself is changed; the handle has
+    the collisions of the last environment step (``events``), the numbers of `ImpactLaw`'s info (``info()``), and
+    takes the law off again (``remove()``) or ends the recording (``close()``). If the simulation leaves the finite
+    numbers, dm_control raises its `PhysicsError`, as without the law. A copy of the environment, or of its
+    physics, has the law as well, but does not record: `placed_law` returns its handle.
+
+    Args:
+        env: the environment.
+        law: as for `ImpactLaw`, like the arguments below.
+        restitution: what the law takes.
+        contact_model: "soft" or "rigid".
+        scheme: of rigid contact: "time-stepping", if not given, or "event-driven".
+        friction: of rigid contact: "coulomb", if not given, "convex" or "ignore".
+        rest_speed: closing speed, m/s, above which a contact collides.
+        on_inadmissible: "raise", "project" or "allow".
+        log: file to record every timestep to, with states and episodes, but without actions and rewards, of which
+            physics is not told.
+        log_every: record every so many episodes.
+
+    Raises:
+        WrapperError: the environment is not one of dm_control, or has a law already.
+        UnknownNameError: no such law or option, or the law is for contacts that the scene cannot have.
+        RestitutionError: the restitution does not fit the law.
+        SceneError: the scene has a flex or delays, and contact_model is "rigid"; or an option means nothing there.
+        OptionError: rest_speed is not a speed, log_every not a count, or log has fields that there are not.
+        RecordingError: there is such a recording already.
+    """
+    if isinstance(env, gymnasium.Env) or not hasattr(env, "physics"):
+        hint = "use impactlaw.envs.ImpactLaw" if isinstance(env, gymnasium.Env) else "it has no physics"
+        raise WrapperError(f"{type(env).__name__} is not an environment of dm_control: {hint}")
+    from impactlaw.envs.placed_dm_control import OnDmControl
+
+    options = LawOptions(
+        law=law,
+        restitution=restitution,
+        contact_model=contact_model,
+        scheme=scheme,
+        friction=friction,
+        rest_speed=rest_speed,
+        on_inadmissible=on_inadmissible,
+    )
+    return OnDmControl(env, options, episode_log(log, log_every))
+
+
+def placed_law(env: dm_env.Environment) -> PlacedLaw | None:
+    """Return the handle on the law of a bare dm_control environment, such as a copy; None if it has no law."""
+    from impactlaw.envs.placed_dm_control import law_on
+
+    physics = getattr(env, "physics", None)
+    return None if physics is None else law_on(physics)

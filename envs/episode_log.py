@@ -1,0 +1,201 @@
+"""Recordings of an environment: which episodes, and in which files."""
+
+from __future__ import annotations
+
+import string
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from impactlaw.envs.law_options import LawOptions, check_log_every
+from impactlaw.errors import OptionError, RecordingError
+from impactlaw.events import ImpactEvent
+from impactlaw.fitting import check_count
+from impactlaw.recording import Recorder
+from impactlaw.stepper import Stepper
+
+_FIELDS = {"env", "episode"}
+
+
+class EpisodeLog:
+    """Records every so many episodes of an environment, and never over a file that is there.
+
+    ``run.rrd`` holds all of them. In ``run-{env}-{episode}.rrd``, where either part may be left out, ``{episode}`` is
+    the number of the episode, which then has a file of its own, and ``{env}`` that of the environment: the first one
+    from 0 on whose file is not there yet, so that each of several environments, and each later run, has its own. A file
+    is made when its first episode begins. A model that the environment compiles later goes on in ``run-2.rrd``.
+
+    Args:
+        path: of the file, with these fields in it.
+        every: record the episodes 0, ``every``, 2 ``every`` and so on.
+
+    Raises:
+        OptionError: the path has other fields, or ``every`` is not a whole number of 1 or more.
+        RecordingError: there is no such folder; or the path has no fields, and there is such a file.
+    """
+
+    def __init__(self, path: str | Path, *, every: int = 1):
+        check_count("log_every", every)
+        self._path, self._fields = str(path), _fields(str(path))
+        self._every = every
+        self._scene: str | None = None
+        self._seed: int | None = None
+        self._env: int | None = None
+        self._episode, self._models = -1, 1
+        self._on = self._told = False
+        self._time = np.inf
+        self._model: mujoco.MjModel | None = None
+        self._law: Any = None
+        self._last = Path()
+        self._recorder: Recorder | None = None
+        path = self._named(0)
+        if not path.parent.is_dir():
+            raise RecordingError(f"cannot write the recording {path}: there is no folder {path.parent}")
+        if not self._fields and path.exists():
+            raise _exists(path)
+
+    def pause(self) -> None:
+        """Record nothing until the next episode begins: a reset is on its way."""
+        self._on, self._told = False, True
+
+    def name_run(self, scene: str | None, seed: int | None) -> None:
+        """Tell what files that begin from now on say of the run: name of the environment, and its seed."""
+        self._scene, self._seed = scene, seed
+
+    def begin(
+        self,
+        stepper: Stepper,
+        data: mujoco.MjData,
+        options: LawOptions,
+        *,
+        seed: int | None = None,
+        generator: Any = None,
+    ) -> None:
+        """Begin an episode, whose start is in data.
+
+        Args:
+            stepper: by which it is stepped.
+            data: the state at its start.
+            options: by which that was made.
+            seed: that it was reset with.
+            generator: state of the random generator that it was drawn with.
+        """
+        self._episode += 1
+        self._on = self._episode % self._every == 0
+        if "episode" in self._fields:
+            self.finish()
+        if not self._on:
+            return
+        self._open(stepper)
+        assert self._recorder is not None
+        self._law = self._recorder.law = stepper.law
+        settings = options.settings(stepper.law)
+        self._recorder.begin_episode(self._episode, seed=seed, generator=generator, settings=settings)
+        self._recorder.step(data)
+
+    def watch(self, stepper: Stepper, data: mujoco.MjData, options: LawOptions) -> None:
+        """Look at the state before a timestep: where nobody tells of resets, time that goes back is one."""
+        if not self._told and (data.time < self._time or not np.isfinite(self._time)):
+            self.begin(stepper, data, options)
+
+    def step(self, stepper: Stepper, data: mujoco.MjData, events: tuple[ImpactEvent, ...]) -> None:
+        """Record a timestep."""
+        self._time = data.time
+        if not self._on:
+            return
+        if stepper.model is not self._model:
+            self._open(stepper)
+        assert self._recorder is not None
+        if stepper.law is not self._law:
+            self._law = self._recorder.law = stepper.law
+        self._recorder.step(data, events)
+
+    def end_step(self, action: Any, reward: Any, terminated: bool, truncated: bool) -> None:
+        """Record an environment step, which the last timestep has ended."""
+        if self._on and self._recorder is not None:
+            self._recorder.end_step(action, reward, terminated=terminated, truncated=truncated)
+
+    def finish(self) -> None:
+        """End the file of now."""
+        if self._recorder is not None:
+            self._recorder.close()
+            self._recorder = None
+
+    def _open(self, stepper: Stepper) -> None:
+        """Begin a file, unless the one of now is of the same model."""
+        if self._recorder is not None and stepper.model is self._model:
+            return
+        self.finish()
+        path = self._claim()
+        self._model = stepper.model
+        try:
+            self._recorder = Recorder(stepper.model, path, law=stepper.law, scene=self._scene, seed=self._seed)
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
+
+    def _claim(self) -> Path:
+        """Return the path of a file that was not there; it is now, so that nobody else takes it."""
+        if "env" in self._fields and self._env is None:
+            number = 0
+            while not _made(self._named(number)):
+                number += 1
+            self._env, self._last = number, self._named(number)
+            return self._last
+        path = self._named(self._env or 0)
+        self._models = self._models + 1 if path == self._last else 1
+        self._last = path
+        if self._models > 1:
+            path = path.with_name(f"{path.stem}-{self._models}{path.suffix}")
+        if not _made(path):
+            raise _exists(path)
+        return path
+
+    def _named(self, env: int) -> Path:
+        return Path(self._path.format(env=env, episode=self._episode) if self._fields else self._path)
+
+
+def episode_log(path: str | Path | None, every: int) -> EpisodeLog | None:
+    """Return the log of an environment; None if it has none.
+
+    Raises:
+        OptionError: the path has other fields, or ``every`` is not a whole number of 1 or more, or means nothing.
+        RecordingError: there is no such folder; or the path has no fields, and there is such a file.
+    """
+    check_log_every(path, every)
+    return None if path is None else EpisodeLog(path, every=every)
+
+
+def _fields(path: str) -> set[str]:
+    try:
+        found = {name for _, name, _, _ in string.Formatter().parse(path) if name is not None}
+        if found <= _FIELDS:
+            path.format(env=0, episode=0)
+            return found
+    except (ValueError, IndexError):
+        found = {path}
+    raise OptionError(f"log={path!r} can have the fields {{env}} and {{episode}}, such as run-{{env}}-{{episode}}.rrd")
+
+
+def _made(path: Path) -> bool:
+    """Make an empty file; return whether there was none.
+
+    Raises:
+        RecordingError: none can be made.
+    """
+    try:
+        path.open("x").close()
+    except FileExistsError:
+        return False
+    except OSError as error:
+        raise RecordingError(f"cannot write the recording {path}: {error.strerror}") from None
+    return True
+
+
+def _exists(path: Path) -> RecordingError:
+    return RecordingError(
+        f"{path} is there already, and environments do not write over recordings: delete it, choose another name, or "
+        f'number them, as log="{path.stem}-{{env}}{path.suffix}"'
+    )

@@ -1,0 +1,162 @@
+"""What an environment's law and its way to step are, as they are asked for, and what a reset may change of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import mujoco
+
+from impactlaw.errors import OptionError, RestitutionError, UnknownNameError
+from impactlaw.fitting import check_count
+from impactlaw.laws import Coulomb, Law, MaximalDissipation, make_law, portable
+from impactlaw.recording.properties import law_name
+from impactlaw.scene import scene_law, scene_number
+from impactlaw.stepper import Stepper
+
+RESET = ("law", "restitution", "friction", "scheme")
+"""Keys of ``reset(options=...)``."""
+
+_LONGEST = 200  # characters of a law's text in info, which goes from process to process at every step
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LawOptions:
+    """What environments, `ImpactLaw` and `put_law` take; see there.
+
+    Attributes:
+        usual_scheme: of rigid contact, where no scheme is given.
+        overlap: of event-driven and time-stepping steppers.
+    """
+
+    law: str | Law | Mapping[str, Any]
+    restitution: Any = None
+    contact_model: Literal["rigid", "soft"] = "soft"
+    scheme: Literal["event-driven", "time-stepping"] | None = None
+    friction: Literal["coulomb", "convex", "ignore"] | None = None
+    rest_speed: float | None = None
+    on_inadmissible: Literal["raise", "project", "allow"] = "project"
+    usual_scheme: Literal["event-driven", "time-stepping"] = "time-stepping"
+    overlap: Literal["refuse", "push-out"] | None = "push-out"
+
+    def law_for(self, model: mujoco.MjModel) -> Law:
+        """Return the law, for a model."""
+        return choose_law(model, self.law, self.restitution)
+
+    def stepper(self, model: mujoco.MjModel) -> Stepper:
+        """Return a stepper for the model."""
+        rigid = self.contact_model == "rigid"
+        return Stepper(
+            model,
+            self.law_for(model),
+            contact_model=self.contact_model,
+            scheme=(self.scheme or self.usual_scheme) if rigid else self.scheme,
+            friction=self.friction,
+            overlap=self.overlap if rigid else None,
+            rest_speed=self.rest_speed,
+            on_inadmissible=self.on_inadmissible,
+        )
+
+    def changed_stepper(self, stepper: Stepper, before: LawOptions) -> Stepper:
+        """Return the stepper, which was by the options before, with the law of these; or another one if need be."""
+        if self is before:
+            return stepper
+        if (self.friction, self.scheme) != (before.friction, before.scheme):
+            return self.stepper(stepper.model)
+        stepper.law = self.law_for(stepper.model)
+        return stepper
+
+    def for_reset(self, options: Mapping[str, Any] | None) -> LawOptions:
+        """Return what is in force in an episode that is reset with these options; a law comes without restitution."""
+        given = {name: value for name, value in (options or {}).items() if name in RESET}
+        if not given:
+            return self
+        if "law" in given:
+            given.setdefault("restitution", None)
+        return replace(self, **given)
+
+    def settings(self, law: Law) -> dict[str, Any] | None:
+        """Return reset options that make the same, as plain values; None for a law that has none."""
+        try:
+            given = {"law": portable(law), "friction": self.friction, "scheme": self.scheme}
+        except RestitutionError:
+            return None
+        return {name: value for name, value in given.items() if value is not None}
+
+
+def check_reset(options: Mapping[str, Any] | None) -> None:
+    """Refuse options of a reset that would be ignored.
+
+    Raises:
+        UnknownNameError: there is no such option.
+        OptionError: they are not a mapping.
+    """
+    if options is not None and not isinstance(options, Mapping):
+        raise OptionError(f"options of a reset are a mapping of {', '.join(RESET)} to values, got {options!r}")
+    for name in options or ():
+        if name not in RESET:
+            raise UnknownNameError("option of reset", name, RESET)
+
+
+def check_log_every(log: object, log_every: int) -> None:
+    """Refuse to record every so many episodes nowhere.
+
+    Raises:
+        OptionError: there is no log, or it is not a whole number of 1 or more.
+    """
+    check_count("log_every", log_every)
+    if log is None and log_every != 1:
+        raise OptionError(f"log_every={log_every} means nothing without log")
+
+
+def choose_law(model: mujoco.MjModel, law: str | Law | Mapping[str, Any], restitution: Any = None) -> Law:
+    """Return the law that an environment was asked for.
+
+    Args:
+        model: the scene.
+        law: a `Law`, its name, or "scene" for the restitution that the MJCF carries pair by pair.
+        restitution: what the law takes; the scene's default coefficient if the law needs one and none is given.
+
+    Raises:
+        UnknownNameError: no such law.
+        RestitutionError: the restitution does not fit the law, or is missing in the scene too.
+    """
+    if isinstance(law, str) and law == "scene":
+        if restitution is not None:
+            raise RestitutionError(f"law 'scene' takes its restitution from the scene, got {restitution!r} too")
+        return scene_law(model)
+    try:
+        return make_law(law, restitution)
+    except RestitutionError:
+        own = scene_number(model, "restitution")
+        if restitution is not None or own is None:
+            raise
+        return make_law(law, own)
+
+
+def describe_law(law: Law) -> dict[str, str | float]:
+    """Return what ``info`` says of a law: its text, and its coefficient of restitution, NaN where it has not one."""
+    inner = law.law if isinstance(law, Coulomb) else law
+    e = 0.0 if isinstance(inner, MaximalDissipation) else getattr(inner, "restitution", None)
+    if isinstance(e, dict) and not e:
+        e = getattr(inner, "default", None)
+    text = law_name(law) or ""
+    text = text if len(text) <= _LONGEST else f"{type(law).__name__}(...)"
+    return {"impact/law": text, "impact/restitution": e if isinstance(e, float) else math.nan}
+
+
+def portable_options(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return constructor arguments as `gymnasium.EnvSpec` can write them into JSON; what it cannot stays as it is."""
+    result = dict(options)
+    for name in ("law", "restitution"):
+        try:
+            result[name] = portable(result[name]) if name in result else None
+        except RestitutionError:  # json will say so
+            continue
+        if name not in options:
+            del result[name]
+    if result.get("log") is not None:
+        result["log"] = str(result["log"])
+    return result

@@ -1,0 +1,89 @@
+"""Laws as plain values, such as JSON has, and back: for what is written down and made again elsewhere."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from impactlaw.errors import RestitutionError
+from impactlaw.laws.base import Law
+
+_LAW, _FUNCTION, _ENTRIES = "law class", "function", "entries"
+
+
+def portable(value: Any) -> Any:
+    """Return a law, or what a law takes, as numbers, texts, lists and dictionaries, of which `restored` makes it again.
+
+    Raises:
+        RestitutionError: it holds what has no name to be found by, such as a lambda function or a local class.
+    """
+    if isinstance(value, Law):
+        parts = {part.name: portable(getattr(value, part.name)) for part in dataclasses.fields(value) if part.init}
+        return {_LAW: _place(type(value)), **parts}
+    if isinstance(value, Mapping):
+        return {_ENTRIES: [[portable(key), portable(entry)] for key, entry in value.items()]}
+    if isinstance(value, list | tuple):
+        return [portable(entry) for entry in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if callable(value):
+        return {_FUNCTION: _place(value)}
+    if value is None or isinstance(value, str | float | int):
+        return value
+    if callable(getattr(value, "toarray", None)):  # scipy's sparse arrays
+        return value.toarray().tolist()
+    raise RestitutionError(f"{value!r} cannot be written down as plain values")
+
+
+def restored(value: Any) -> Any:
+    """Return what `portable` has made the plain value of; anything else as it is.
+
+    Raises:
+        RestitutionError: it names a law or a function that is not there.
+    """
+    if not isinstance(value, Mapping):
+        return value
+    if _LAW in value:
+        kind = _found(value[_LAW])
+        if not (isinstance(kind, type) and issubclass(kind, Law)):
+            raise RestitutionError(f"{value[_LAW]} is no impact law")
+        return kind(**{name: _listed(entry) for name, entry in value.items() if name != _LAW})
+    if _FUNCTION in value:
+        return _found(value[_FUNCTION])
+    if _ENTRIES in value:
+        return {_key(key): restored(entry) for key, entry in value[_ENTRIES]}
+    return value
+
+
+def _listed(value: Any) -> Any:
+    return [_listed(entry) for entry in value] if isinstance(value, list) else restored(value)
+
+
+def _key(value: Any) -> Any:
+    return tuple(map(_key, value)) if isinstance(value, list) else value
+
+
+def _place(value: Any) -> str:
+    """Return ``module:name`` of a class or function.
+
+    Raises:
+        RestitutionError: it is not to be found there.
+    """
+    place = f"{getattr(value, '__module__', None)}:{getattr(value, '__qualname__', None)}"
+    module = sys.modules.get(getattr(value, "__module__", None) or "")
+    if getattr(module, getattr(value, "__qualname__", ""), None) is not value:
+        raise RestitutionError(f"{place} cannot be written down: it is not at the top of a module")
+    return place
+
+
+def _found(place: str) -> Any:
+    module, _, name = str(place).partition(":")
+    try:
+        return getattr(import_module(module), name)
+    except (ImportError, AttributeError, ValueError):
+        raise RestitutionError(f"there is no {place} here") from None

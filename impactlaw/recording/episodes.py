@@ -1,0 +1,183 @@
+"""Episodes of a recording: how each began, what every environment step was told and gave, and reading one back."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from impactlaw.recording.layout import (
+    EPISODE,
+    EPISODE_COLUMNS,
+    EPISODES,
+    QPOS,
+    QVEL,
+    STATE,
+    STEP_COLUMNS,
+    STEPS,
+    TAKEN,
+    Column,
+    time_columns,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from impactlaw.recording.rrd import Entity
+
+
+class EpisodeMarks:
+    """Starts of episodes, and environment steps, since the last `send`."""
+
+    def __init__(self) -> None:
+        self._starts: list[tuple[float, int, dict[str, Any]]] = []
+        self._steps: list[tuple[float, int, dict[str, Any]]] = []
+
+    def begin(self, clock: float, frame: int, start: dict[str, Any]) -> None:
+        """Take up how the episode begins whose first frame this is; ``clock`` is its place on the timeline, s."""
+        self._starts.append((clock, frame, start))
+
+    def end_step(self, clock: float, frame: int, action: Any, reward: Any, ended: tuple[bool, bool]) -> None:
+        """Take up an environment step that ends with this frame."""
+        terminated, truncated = ended
+        told = np.asarray(action)
+        step = {
+            "action": told.ravel().astype(float).tolist(),
+            "kind": json.dumps([told.dtype.str, told.shape]),
+            "reward": float(reward),
+            "terminated": bool(terminated),
+            "truncated": bool(truncated),
+        }
+        self._steps.append((clock, frame, step))
+
+    def send(self, stream: Any) -> None:
+        """Send what was added to a rerun stream."""
+        for path, kind, names, rows in (
+            (EPISODES, EPISODE, EPISODE_COLUMNS, self._starts),
+            (STEPS, TAKEN, STEP_COLUMNS, self._steps),
+        ):
+            if rows:
+                clocks, frames, cells = zip(*rows, strict=True)
+                columns = [Column(f"{kind}:{name}", what, [c[name] for c in cells]) for name, what in names.items()]
+                stream.send_columns(path, time_columns(clocks, frames), columns, strict=True)
+        self._starts, self._steps = [], []
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """One episode of a recording; `impactlaw.envs.restart` puts an environment to its start.
+
+    Attributes:
+        number: of the episode.
+        seed: that it was reset with; None if with none.
+        generator: state of the environment's random generator before the reset; None if not known.
+        law: the law at its start, as text; None if not known.
+        settings: law and ways to step at its start, as ``reset(options=...)`` takes them; empty if not known.
+        time: of the frames, s, (n,): the start, and the end of every timestep.
+        qpos: (n, nq).
+        qvel: (n, nv).
+        actions: one per environment step, of its type and shape, (k, ...); none where no environment was told.
+        rewards: (k,).
+        frame: which frame each environment step ends with, int (k,).
+        ended: "terminated", "truncated", or "" where it was given up, or ended by what is around the environment.
+    """
+
+    number: int
+    seed: int | None
+    generator: dict[str, Any] | None
+    law: str | None
+    settings: dict[str, Any]
+    time: np.ndarray
+    qpos: np.ndarray
+    qvel: np.ndarray
+    actions: np.ndarray
+    rewards: np.ndarray
+    frame: np.ndarray
+    ended: str = field(default="")
+
+
+def read_episodes(entities: dict[str, Entity], time: np.ndarray) -> tuple[Episode, ...]:
+    """Return the episodes of a recording whose frames have these times, (n,).
+
+    Where no starts are written, an episode begins where time goes back.
+    """
+    n = len(time)
+    if not n:
+        return ()
+    entity = entities.get(EPISODES)
+    if entity is None:
+        first = np.flatnonzero(np.diff(time, prepend=np.inf) <= 0)
+        starts: list[dict[str, Any]] = [{"number": number} for number in range(len(first))]
+    else:
+        first = entity.step
+        cells = {name: entity.cells(f"{EPISODE}:{name}") for name in EPISODE_COLUMNS}
+        starts = [{name: row[i][0] if row[i] else None for name, row in cells.items()} for i in range(len(first))]
+    ends = np.append(first[1:], n)
+    return tuple(
+        _episode(entities, time, start, int(begin), int(end))
+        for start, begin, end in zip(starts, first, ends, strict=True)
+        if begin < n
+    )
+
+
+def _episode(entities: dict[str, Entity], time: np.ndarray, start: dict[str, Any], begin: int, end: int) -> Episode:
+    part = slice(begin, min(end, len(time)))
+    state, steps = entities.get(STATE), entities.get(STEPS)
+    length = len(time[part])
+    qpos, qvel = (
+        np.zeros((length, 0)) if state is None else state.numbers(name)[: len(time)][part] for name in (QPOS, QVEL)
+    )
+    taken: dict[str, list[Any]] = {name: [] for name in STEP_COLUMNS}
+    frame = np.zeros(0, dtype=int)
+    if steps is not None:
+        mine = np.flatnonzero((steps.step >= begin) & (steps.step < part.stop))
+        frame = steps.step[mine] - begin
+        for name in STEP_COLUMNS:
+            cells = steps.cells(f"{TAKEN}:{name}")
+            taken[name] = [cells[i] if name == "action" else cells[i][0] for i in mine]
+    last = [word for word in ("terminated", "truncated") if taken[word] and taken[word][-1]]
+    generator, settings = start.get("generator"), start.get("settings")
+    return Episode(
+        number=int(start["number"]),
+        seed=start.get("seed"),
+        generator=None if generator is None else json.loads(generator),
+        law=start.get("law"),
+        settings={} if settings is None else json.loads(settings),
+        time=time[part],
+        qpos=qpos,
+        qvel=qvel,
+        actions=_actions(taken["action"], taken["kind"]),
+        rewards=np.array(taken["reward"], dtype=float),
+        frame=frame,
+        ended=last[0] if last else "",
+    )
+
+
+def _actions(rows: list[list[float]], kinds: list[str]) -> np.ndarray:
+    if not rows:
+        return np.zeros((0, 0))
+    dtype, shape = json.loads(kinds[0])
+    return np.array([row or [] for row in rows], dtype=float).astype(dtype).reshape(len(rows), *shape)
+
+
+def episode_table(episodes: tuple[Episode, ...], collisions: pd.DataFrame) -> pd.DataFrame:
+    """Return one row per episode.
+
+    Columns: ``episode``; ``seed``; ``law`` at its start; ``frames``; ``steps`` of the environment; ``duration``, s;
+    ``return``, the sum of its rewards; how it ``ended``; ``collisions``.
+    """
+    import pandas as pd
+
+    counts = Counter(collisions["episode"].tolist())
+    columns = ["episode", "seed", "law", "frames", "steps", "duration", "return", "ended", "collisions"]
+    rows = [
+        [
+            e.number, e.seed, e.law, len(e.time), len(e.rewards), float(e.time[-1] - e.time[0]),
+            float(e.rewards.sum()) if len(e.rewards) else float("nan"), e.ended, counts[e.number],
+        ]
+        for e in episodes
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=columns).astype({"seed": "Int64"})

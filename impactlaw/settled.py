@@ -1,0 +1,40 @@
+"""Attributes that are settled when their owner is made."""
+
+from __future__ import annotations
+
+from operator import attrgetter
+from typing import Any
+
+from impactlaw.errors import SettledError
+
+
+class Settled(property):
+    """An attribute that can be read, and set once: a later change would have no effect, so it is an error.
+
+    It is read at the price of a `property` that calls no Python.
+
+    Args:
+        instead: what to do for another value.
+    """
+
+    def __init__(self, instead: str, name: str = ""):
+        super().__init__(attrgetter(f"_settled_{name}"))
+        self._instead = instead
+        self._name = name
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.__init__(self._instead, name)
+
+    def __set__(self, instance: Any, value: Any) -> None:
+        """Set it.
+
+        Raises:
+            SettledError: it has been set before.
+        """
+        kept, place = instance.__dict__, f"_settled_{self._name}"
+        if place in kept:
+            raise SettledError(
+                f"{self._name} of {type(instance).__name__} is settled when it is made, and cannot be set to {value!r} "
+                f"later; {self._instead}"
+            )
+        kept[place] = value
