@@ -23,9 +23,9 @@ from impactlaw.errors import SolverError
 from impactlaw.moment import CORRECTED, Arrival, Carried, Flow, Grasp, Moment, stays
 from impactlaw.solvers.cone_problem import ConeProblem, ConeStatus
 from impactlaw.solvers.cone_solve import solve_cones
+from impactlaw.stepping.event_driven.felt_force import Felt, moving_part
 from impactlaw.touch import Touch, jump, kinetic_norm
 
-_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 _SETTLINGS = 4  # shifts of position at most
 _LARGEST_TURN = 0.3  # rad in one flow
 _RANK = 1e-9  # relative singular value below which contacts press redundantly
@@ -57,11 +57,12 @@ def hold_gripping(
     Raises:
         SolverError: no solver has found the impulses.
     """
-    free = arrival.now.velocity
+    arrival.now.touch.whitened(model, data)
+    felt = Felt.of(model, data, flow.start.force, flow.duration)
+    free = arrival.now.velocity - felt.velocity
     impulse, grasp, carried = _press(model, data, arrival, flow, free, None)
-    part = 0.5 if model.opt.integrator == _RK4 else 1.0
     change = jump(model, data, grasp.along, impulse)
-    shift = (part * flow.duration) * change
+    shift = (moving_part(model) * flow.duration) * change - felt.shift
     if np.count_nonzero(shift):
         arrival, carried = _settle(model, data, arrival, shift, carried, flow, look_again)
     arrival = _with_more(arrival, flow)
@@ -71,11 +72,17 @@ def hold_gripping(
     now, known, sustained = arrival
     data.qvel[:] = free + change
     tried = Arrival(now._replace(contact_velocity=now.touch.contact_velocity(data.qvel)), known, sustained)
-    return tried, partial(_hold_velocity, model, data, arrival, flow, free, carried)
+    return tried, partial(_hold_velocity, model, data, arrival, flow, felt, free, carried)
 
 
 def _hold_velocity(
-    model: mujoco.MjModel, data: mujoco.MjData, arrival: Arrival, flow: Flow, free: np.ndarray, guess: np.ndarray
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    arrival: Arrival,
+    flow: Flow,
+    felt: Felt,
+    free: np.ndarray,
+    guess: np.ndarray,
 ) -> Arrival:
     """Give the sustained contacts the velocity that they have after impulses; return them with these impulses."""
     impulse, grasp, carried = _press(model, data, arrival, flow, free, guess)
@@ -83,11 +90,12 @@ def _hold_velocity(
     if turned is not None:
         free = free + jump(model, data, turned, 0.5 * impulse)
         impulse, grasp, carried = _press(model, data, arrival, flow, free, carried)
-    data.qvel[:] = free + jump(model, data, grasp.along, impulse)
+    change, total = jump(model, data, grasp.along, impulse), impulse.dot(grasp.along)
+    data.qvel[:] = free + change
     now, known, sustained = arrival
-    return Arrival(
-        now.moving(model, data, carried[:, 0] > 0, Carried(grasp, carried / flow.duration)), known, sustained
-    )
+    force = total / flow.duration if felt.is_settled(total, change) else None
+    moment = now.moving(model, data, carried[:, 0] > 0, Carried(grasp, carried / flow.duration), force)
+    return Arrival(moment, known, sustained)
 
 
 def _with_more(arrival: Arrival, flow: Flow) -> Arrival:
@@ -153,14 +161,17 @@ def _press(
     guess: np.ndarray | None,
 ) -> tuple[np.ndarray, Grasp, np.ndarray]:
     """Return the impulses of the sustained contacts, their rows, and the impulses contact by contact, (h, 6)."""
-    now = arrival.now
-    grasp = grasp_of(model, data, now.touch, arrival.sustained & now.closed, free)
+    now, before = arrival.now, flow.start.carried
+    held = now.closed
+    if flow.start.force is not None and before is not None:  # it may have pushed away what it has to pull back
+        held = held | ((arrival.known >= 0) & (before.force[arrival.known, 0] > 0))
+    grasp = grasp_of(model, data, now.touch, arrival.sustained & held, free)
     known = None
     if guess is not None and len(guess) == len(now.gap):
         known = guess[grasp.contact, grasp.kind]
-    elif flow.start.carried is not None:
-        before = arrival.known[grasp.contact]
-        known = np.where(before >= 0, flow.start.carried.force[before, grasp.kind] * flow.duration, 0.0)
+    elif before is not None:
+        index = arrival.known[grasp.contact]
+        known = np.where(index >= 0, before.force[index, grasp.kind] * flow.duration, 0.0)
     impulse = solve_grasp(grasp, known, kinetic_norm(model, data, free), exact=flow.exact)
     carried = np.zeros((len(now.gap), _KINDS))
     carried[grasp.contact, grasp.kind] = impulse

@@ -27,6 +27,7 @@ from impactlaw.errors import UnsolvableLawError
 from impactlaw.gripped import hold_gripping
 from impactlaw.moment import CORRECTED, Arrival, Flow, Moment, stays
 from impactlaw.solvers import Problem, solve_with_jump, with_active
+from impactlaw.stepping.event_driven.felt_force import Felt
 from impactlaw.touch import Touch, jump, whiten
 
 _CORRECTIONS = 20  # position corrections at most
@@ -57,18 +58,24 @@ def hold(
     if arrival.now.touch.pattern.grip is not None:
 
         def correct(overlapping: Arrival) -> Arrival:
-            return _hold_position(model, data, overlapping, flow, None, look_again)[0]
+            return _hold_position(model, data, overlapping, flow, None, look_again, np.zeros(model.nv))[0]
 
         return hold_gripping(model, data, arrival, flow, look_again, correct)
     before, guess = flow.start.pressed, None
     if before is not None:
         guess = (arrival.known >= 0) & before[arrival.known]
-    if np.count_nonzero(arrival.sustained & (arrival.now.gap < -CORRECTED * flow.tolerance)):
-        arrival, guess = _hold_position(model, data, arrival, flow, guess, look_again)
+    arrival.now.touch.whitened(model, data)
+    felt = Felt.of(model, data, flow.start.force, flow.duration)
+    amiss = arrival.now.gap < -CORRECTED * flow.tolerance
+    if guess is not None and flow.start.force is not None:
+        amiss |= guess & (arrival.now.gap > CORRECTED * flow.tolerance)
+    if np.count_nonzero(arrival.sustained & amiss):
+        arrival, guess = _hold_position(model, data, arrival, flow, guess, look_again, felt.shift)
     now, known, sustained = arrival
-    if np.count_nonzero(sustained & now.closed & (now.contact_velocity < -now.noise)):
-        pressed = _hold_velocity(model, data, arrival, flow, guess)
-        return Arrival(now.moving(model, data, pressed), known, sustained), None
+    held = sustained & now.closed
+    if flow.start.force is not None or np.count_nonzero(held & (now.contact_velocity < -now.noise)):
+        pressed, force = _hold_velocity(model, data, arrival, flow, guess, felt)
+        return Arrival(now.moving(model, data, pressed, force=force), known, sustained), None
     return arrival, None
 
 
@@ -79,21 +86,26 @@ def _hold_position(
     flow: Flow,
     guess: np.ndarray | None,
     look_again: Callable[[float], tuple[Moment, np.ndarray]],
+    felt: np.ndarray,
 ) -> tuple[Arrival, np.ndarray | None]:
-    """Return the contacts where those that are sustained do not overlap, and which of them press."""
+    """Return the contacts where those that are sustained do not overlap, and which of them press.
+
+    A shift that they have felt in the flow, (nv,), is theirs: they may pull back so far.
+    """
     end, end_gap = data.qpos.copy(), arrival.now.gap[arrival.sustained]
     shift, pressed = np.zeros(model.nv), guess
     cuts = np.zeros((0, model.nv)), np.zeros(0)
     for correction in range(_CORRECTIONS):
         now, known, sustained = arrival
-        sustained, pressed, wanted = _position_impulse(model, data, arrival, shift, flow, cuts, pressed)
-        if correction == 0 and not np.count_nonzero(pressed):
+        sustained, pressed, wanted = _position_impulse(model, data, arrival, shift + felt, flow, cuts, pressed)
+        wanted = wanted - felt
+        if correction == 0 and not (np.count_nonzero(pressed) or np.count_nonzero(felt)):
             return Arrival(now, known, sustained), None
         if correction and np.abs(now.touch.jacobian.dot(wanted - shift)).max() <= CORRECTED * flow.tolerance:
             break  # what still overlaps is squeezed between bodies that cannot give way
         if correction >= _SMOOTH_CORRECTIONS:  # the contacts jump between points of a face: keep them all
             J = now.touch.jacobian[sustained]
-            cuts = np.vstack([cuts[0], J]), np.concatenate([cuts[1], J.dot(shift) - now.gap[sustained]])
+            cuts = np.vstack([cuts[0], J]), np.concatenate([cuts[1], J.dot(shift + felt) - now.gap[sustained]])
         shift = wanted
         qpos = end.copy()
         mujoco.mj_integratePos(model, qpos, shift, 1.0)
@@ -176,14 +188,17 @@ def _opening(gradients: np.ndarray, least: np.ndarray, guess: np.ndarray | None)
 
 
 def _hold_velocity(
-    model: mujoco.MjModel, data: mujoco.MjData, arrival: Arrival, flow: Flow, guess: np.ndarray | None
-) -> np.ndarray:
-    """Change data.qvel so that no closed contact that is sustained approaches; return which of them press."""
+    model: mujoco.MjModel, data: mujoco.MjData, arrival: Arrival, flow: Flow, guess: np.ndarray | None, felt: Felt
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Change data.qvel so that no closed contact that is sustained approaches; return which of them press, and force."""
     touch, start = arrival.now.touch, flow.start.touch
     held = np.flatnonzero(arrival.sustained & arrival.now.closed)
     along, _, lengths = touch.whitened(model, data)
     lengths = lengths[held]
-    velocity = arrival.now.velocity.copy()
+    velocity = arrival.now.velocity - felt.velocity
+    if not len(held):
+        data.qvel[:] = velocity
+        return np.zeros(len(arrival.known), dtype=bool), None
     guess = None if guess is None else guess[held]
     nu = _pressing(model, data, touch, held, velocity, guess)
     known = arrival.known[held]
@@ -196,10 +211,11 @@ def _hold_velocity(
         if np.count_nonzero(change > 1e-12 * lengths):
             velocity += jump(model, data, difference, 0.5 * nu)
             nu = _pressing(model, data, touch, held, velocity, nu > 0)
-    data.qvel[:] = velocity + jump(model, data, along[held], nu)
+    impulse, change = nu.dot(along[held]), jump(model, data, along[held], nu)
+    data.qvel[:] = velocity + change
     pressed = np.zeros(len(arrival.known), dtype=bool)
     pressed[held] = nu > 0
-    return pressed
+    return pressed, impulse / flow.duration if felt.is_settled(impulse, change) else None
 
 
 def _pressing(
