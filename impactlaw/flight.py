@@ -194,7 +194,7 @@ class Flights:
             restore_state(self._model, data, state)
             return self._try(data, state, start, time, reach=reach, smooth=smooth)
 
-        longest = self._travel.between(start.touch.frames, data).max()
+        longest = max(self._travel.between(start.touch.frames, data).max(initial=0.0), -flight.gap)
         begun = elsewhere(flight.arrival, tried, flight.deepest, flight.gap)
         if begun is not None:
             half, (straight, bent) = again(0.5 * tried.duration), begun
@@ -282,7 +282,7 @@ class Flights:
             return now, known
         now.touch.whitened(self._model, data)
         shift = Felt.of(self._model, data, start.force, flow.duration).shift
-        now = self.look(data, float(np.abs(start.touch.jacobian[pressed].dot(shift)).max()))
+        now = self.look(data, start.touch.opening(shift))
         known = match(self._model, data, now.touch, flow)
         return (now, known) if np.isin(pressed, known).all() else None
 

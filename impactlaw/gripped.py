@@ -1,6 +1,7 @@
 """Sustained contact with friction: impulses in the friction cones that keep contacts closed and resist sliding.
 
-After a contact-free flow of duration tau from velocity to ``v``, the contacts that stay closed take impulses with
+After a flow of duration tau to the velocity ``v``, less what it has felt of contact (`felt_force`), the contacts that
+stay closed take impulses with
 
     u_n = J_n (v + M^-1 J^T Lambda) + w_n,   u_t = J_t (v + M^-1 J^T Lambda) + w_t
     0 <= Lambda_n  ⊥  u_n >= 0,   Coulomb's law between Lambda_t and u_t
@@ -23,7 +24,7 @@ from impactlaw.errors import SolverError
 from impactlaw.moment import CORRECTED, Arrival, Carried, Flow, Grasp, Moment, stays
 from impactlaw.solvers.cone_problem import ConeProblem, ConeStatus
 from impactlaw.solvers.cone_solve import solve_cones
-from impactlaw.stepping.event_driven.felt_force import Felt, moving_part
+from impactlaw.stepping.event_driven.felt_force import Felt, constrained_velocity, moving_part
 from impactlaw.touch import Touch, jump, kinetic_norm
 
 _SETTLINGS = 4  # shifts of position at most
@@ -59,12 +60,13 @@ def hold_gripping(
     """
     arrival.now.touch.whitened(model, data)
     felt = Felt.of(model, data, flow.start.force, flow.duration)
-    free = arrival.now.velocity - felt.velocity
+    free = constrained_velocity(model, data, arrival.now, flow) - felt.velocity
     impulse, grasp, carried = _press(model, data, arrival, flow, free, None)
     change = jump(model, data, grasp.along, impulse)
     shift = (moving_part(model) * flow.duration) * change - felt.shift
     if np.count_nonzero(shift):
-        arrival, carried = _settle(model, data, arrival, shift, carried, flow, look_again)
+        reach = arrival.now.touch.opening(shift + felt.shift)
+        arrival, carried = _settle(model, data, arrival, shift, carried, flow, look_again, reach)
     arrival = _with_more(arrival, flow)
     if np.count_nonzero(arrival.sustained & (arrival.now.gap < -CORRECTED * flow.tolerance)):
         before, arrival = arrival.known, _with_more(correct(arrival), flow)
@@ -112,16 +114,19 @@ def _settle(
     carried: np.ndarray,
     flow: Flow,
     look_again: Callable[[float], tuple[Moment, np.ndarray]],
+    reach: float,
 ) -> tuple[Arrival, np.ndarray]:
-    """Shift the bodies, and then so that contacts that press are closed; return the contacts and their impulses."""
+    """Shift the bodies, and then so that contacts that press are closed; return the contacts and their impulses.
+
+    They are looked for up to a gap of ``reach`` at least, m: surfaces may recede, too.
+    """
     held = arrival.known[arrival.sustained]
     for _ in range(_SETTLINGS):
         qpos = data.qpos.copy()
         mujoco.mj_integratePos(model, qpos, shift, 1.0)
         data.qpos[:] = qpos
         update_positions(model, data)
-        opened = float(np.abs(arrival.now.touch.jacobian.dot(shift)).max(initial=0.0))  # a surface may recede, too
-        before, (now, known) = arrival.known, look_again(opened)
+        before, (now, known) = arrival.known, look_again(max(reach, arrival.now.touch.opening(shift)))
         arrival = Arrival(now, known, (known[:, None] == held[held >= 0]).any(axis=1))
         carried = _matched(carried, before, known)
         press = np.flatnonzero(carried[:, 0] > 0)

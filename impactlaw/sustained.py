@@ -5,7 +5,8 @@ separated so slowly that its rebound rises less than the gap tolerance, ``gamma^
 closing acceleration that the flow shows. This is also what ends a Zeno sequence of ever smaller bounces. The
 acceleration of a contact is looked at again once those below it are held: in a stack that falls freely it is zero.
 
-The flow itself knows no contact; afterwards position and velocity are brought back to the closed contacts:
+The flow itself knows no contact but the forces of the flow before (`felt_force`), which are taken away from where it
+ends; then position and velocity are brought back to the closed contacts:
 
     position:  min |d|,  gap(q + d) >= 0           (kinetic metric; Gauss-Newton on the gaps)
     velocity:  0 <= nu  ⊥  J (w + M^-1 J^T nu) >= 0,   w = v + M^-1 (J_start - J)^T nu' / 2,   v <- w + M^-1 J^T nu
@@ -27,7 +28,7 @@ from impactlaw.errors import UnsolvableLawError
 from impactlaw.gripped import hold_gripping
 from impactlaw.moment import CORRECTED, Arrival, Flow, Moment, stays
 from impactlaw.solvers import Problem, solve_with_jump, with_active
-from impactlaw.stepping.event_driven.felt_force import Felt
+from impactlaw.stepping.event_driven.felt_force import Felt, constrained_velocity
 from impactlaw.touch import Touch, jump, whiten
 
 _CORRECTIONS = 20  # position corrections at most
@@ -66,6 +67,7 @@ def hold(
         guess = (arrival.known >= 0) & before[arrival.known]
     arrival.now.touch.whitened(model, data)
     felt = Felt.of(model, data, flow.start.force, flow.duration)
+    free = constrained_velocity(model, data, arrival.now, flow) - felt.velocity
     amiss = arrival.now.gap < -CORRECTED * flow.tolerance
     if guess is not None and flow.start.force is not None:
         amiss |= guess & (arrival.now.gap > CORRECTED * flow.tolerance)
@@ -74,7 +76,7 @@ def hold(
     now, known, sustained = arrival
     held = sustained & now.closed
     if flow.start.force is not None or np.count_nonzero(held & (now.contact_velocity < -now.noise)):
-        pressed, force = _hold_velocity(model, data, arrival, flow, guess, felt)
+        pressed, force = _hold_velocity(model, data, arrival, flow, guess, free, felt)
         return Arrival(now.moving(model, data, pressed, force=force), known, sustained), None
     return arrival, None
 
@@ -94,14 +96,14 @@ def _hold_position(
     """
     end, end_gap = data.qpos.copy(), arrival.now.gap[arrival.sustained]
     shift, pressed = np.zeros(model.nv), guess
-    cuts = np.zeros((0, model.nv)), np.zeros(0)
+    cuts, reach = (np.zeros((0, model.nv)), np.zeros(0)), arrival.now.touch.opening(felt)
     for correction in range(_CORRECTIONS):
         now, known, sustained = arrival
         sustained, pressed, wanted = _position_impulse(model, data, arrival, shift + felt, flow, cuts, pressed)
         wanted = wanted - felt
         if correction == 0 and not (np.count_nonzero(pressed) or np.count_nonzero(felt)):
             return Arrival(now, known, sustained), None
-        if correction and np.abs(now.touch.jacobian.dot(wanted - shift)).max() <= CORRECTED * flow.tolerance:
+        if correction and now.touch.opening(wanted - shift) <= CORRECTED * flow.tolerance:
             break  # what still overlaps is squeezed between bodies that cannot give way
         if correction >= _SMOOTH_CORRECTIONS:  # the contacts jump between points of a face: keep them all
             J = now.touch.jacobian[sustained]
@@ -111,7 +113,7 @@ def _hold_position(
         mujoco.mj_integratePos(model, qpos, shift, 1.0)
         data.qpos[:] = qpos
         update_positions(model, data)
-        before, (now, known) = known, look_again(0.0)
+        before, (now, known) = known, look_again(reach)
         if known is not before and not np.array_equal(known, before):
             if not np.isin(before[pressed & (before >= 0)], known).all():  # pushed out further than contacts are sought
                 now, known = look_again(float(-end_gap.min()))
@@ -188,14 +190,29 @@ def _opening(gradients: np.ndarray, least: np.ndarray, guess: np.ndarray | None)
 
 
 def _hold_velocity(
-    model: mujoco.MjModel, data: mujoco.MjData, arrival: Arrival, flow: Flow, guess: np.ndarray | None, felt: Felt
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    arrival: Arrival,
+    flow: Flow,
+    guess: np.ndarray | None,
+    velocity: np.ndarray,
+    felt: Felt,
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Change data.qvel so that no closed contact that is sustained approaches; return which of them press, and force."""
+    """Set data.qvel so that no closed contact that is sustained approaches; return which press, and their force.
+
+    Args:
+        model: the scene.
+        data: where sustained contacts do not overlap, frames current.
+        arrival: the contacts there.
+        flow: what led there.
+        guess: which contacts may press, bool (h,).
+        velocity: without contact, (nv,).
+        felt: what the flow has felt.
+    """
     touch, start = arrival.now.touch, flow.start.touch
     held = np.flatnonzero(arrival.sustained & arrival.now.closed)
     along, _, lengths = touch.whitened(model, data)
     lengths = lengths[held]
-    velocity = arrival.now.velocity - felt.velocity
     if not len(held):
         data.qvel[:] = velocity
         return np.zeros(len(arrival.known), dtype=bool), None

@@ -18,6 +18,8 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from impactlaw.moment import Flow, Moment
+
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
@@ -61,6 +63,20 @@ class Felt(NamedTuple):
 def moving_part(model: mujoco.MjModel) -> float:
     """Return the part of ``tau M^-1 Lambda`` by which forces that are constant over a flow have moved the bodies."""
     return 0.5 if model.opt.integrator == _RK4 else 1.0
+
+
+def constrained_velocity(model: mujoco.MjModel, data: mujoco.MjData, now: Moment, flow: Flow) -> np.ndarray:
+    """Return the velocity at the end of a flow as equality constraints had wanted it there, (nv,).
+
+    MuJoCo finds the forces of constraints with M, and then integrates joint damping D implicitly, with ``M + tau D``:
+    where damping is strong that misses what was found, and contact would pass the error on from joint to joint. So the
+    part that constraints fix is taken from ``v + tau a``, a being the acceleration that they were found with.
+    """
+    velocity = now.velocity
+    if now.touch.bilateral is None or model.opt.integrator == _RK4:
+        return velocity
+    wanted = flow.start.velocity + flow.duration * data.qacc
+    return velocity + now.touch.along_constraints(model, data, wanted - velocity)
 
 
 @contextmanager
