@@ -16,6 +16,7 @@ from impactlaw.impact import Impact
 from impactlaw.laws import Law
 from impactlaw.metric import KineticMetric
 from impactlaw.relative import Bilateral
+from impactlaw.stepping.event_driven.work import Work
 
 
 class Closed(NamedTuple):
@@ -103,6 +104,7 @@ class Collider:
         time: float,
         qpos: np.ndarray,
         events: list[ImpactEvent],
+        work: Work | None = None,
     ) -> np.ndarray:
         """Return the velocity after all collisions, (nv,), and append one event for each.
 
@@ -115,10 +117,12 @@ class Collider:
             time: of the collision, s.
             qpos: configuration of the collision, (nq,).
             events: of the step so far.
+            work: counts what the step has taken, if that is limited.
 
         Raises:
             InadmissibleImpactError: an outcome leaves S(v-) and on_inadmissible is "raise".
             UnsolvableLawError: the law has no solution.
+            UnfinishedStepError: that takes too much work.
         """
         Y = None
         closed = closed.resting(velocity, rounding)
@@ -135,6 +139,8 @@ class Collider:
                 if closed.friction is None:
                     Y = closed.whitened(metric) if Y is None else Y
                     chosen = _reached(Y, chosen, approaching)
+            if work is not None:
+                work.collide(len(chosen), friction=closed.friction is not None)
             collision = closed.collision(chosen, metric, velocity)
             law = self.last_law if final else self.law
             impact = self._admissible(law.resolve(collision, solver=self.solver), rounding[chosen], time)

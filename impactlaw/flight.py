@@ -23,6 +23,7 @@ from impactlaw.moment import CORRECTED, Arrival, Flow, Moment, stays
 from impactlaw.patterns import Pattern
 from impactlaw.plan import Plan
 from impactlaw.stepping.event_driven.felt_force import Felt, applied
+from impactlaw.stepping.event_driven.work import Work
 from impactlaw.surfaces import Surfaces
 from impactlaw.sustained import hold
 from impactlaw.touch import Touch
@@ -41,21 +42,24 @@ class Flights:
         model: the scene.
         plan: what the scene can need.
         gap_tolerance: gap up to which a contact counts as closed, m.
+        work: counts what a step has taken.
         exact: whether friction is exact, or its convex relaxation.
 
     Attributes:
         tolerance: the gap tolerance, m.
         farthest: as in `Travel`.
+        work: as given.
         options: to be entered (``with``) around every use.
         surfaces: surfaces that move by themselves; None if the scene has none.
     """
 
-    def __init__(self, model: mujoco.MjModel, plan: Plan, gap_tolerance: float, *, exact: bool):
+    def __init__(self, model: mujoco.MjModel, plan: Plan, gap_tolerance: float, work: Work, *, exact: bool):
         self._model = model
         self.tolerance = gap_tolerance
         self._near = _NEAR * gap_tolerance
         self._detector = Detector(model, convex=plan.convex, faces=plan.faces, friction=plan.friction)
         self._exact = exact
+        self.work = work
         self._travel = Travel(model, plan.pairs, passing=plan.passing, turning=plan.turning)
         self._passing = plan.passing
         self.farthest = self._travel.farthest
@@ -223,6 +227,7 @@ class Flights:
         self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool = False
     ) -> Flight:
         while True:
+            self.work.fly()
             self.advance(data, duration, start.force)
             if self._is_short(start.velocity, data.qvel, duration):
                 break
@@ -237,12 +242,13 @@ class Flights:
                 break
             restore_state(self._model, data, state)
             self.update(data)
+            self.work.look(len(suspects))
             fraction = self._travel.safe_fraction(data, suspects, travel)
             if fraction >= 1.0:
                 self.advance(data, duration, start.force)
                 break
             duration *= 0.9 * fraction
-        flow = Flow(start, duration, self.tolerance, self._travel, hold_all, exact=self._exact)
+        flow = Flow(start, duration, self.tolerance, self._travel, self.work, hold_all, exact=self._exact)
         return self._arrive(data, flow) or self._without_force(data, state, flow)
 
     def _try(
@@ -256,7 +262,7 @@ class Flights:
         reach: float,
     ) -> Flight:
         self.advance(data, duration, start.force)
-        flow = Flow(start, duration, self.tolerance, self._travel, smooth=smooth, exact=self._exact)
+        flow = Flow(start, duration, self.tolerance, self._travel, self.work, smooth=smooth, exact=self._exact)
         return self._arrive(data, flow, reach) or self._without_force(data, state, flow, reach)
 
     def _without_force(self, data: mujoco.MjData, state: np.ndarray, flow: Flow, reach: float = 0.0) -> Flight:
@@ -274,6 +280,7 @@ class Flights:
         Contacts whose force the flow has felt are looked for as far as that can have moved them. None if they are lost.
         """
         now, start = self.look(data), flow.start
+        self.work.look(len(now.gap))
         known = match(self._model, data, now.touch, flow)
         if start.force is None or start.pressed is None:
             return now, known
@@ -329,6 +336,7 @@ class Flights:
         def look_again(within: float) -> tuple[Moment, np.ndarray]:
             nonlocal last
             now, known, pattern = look(data, within), last.known, last.now.touch.pattern
+            self.work.look(len(now.gap))
             if now.touch.pattern is not pattern or not pattern.distinct:
                 known = refound(match(self._model, data, now.touch, flow), held, now.touch, flow)
             last = Arrival(now, known, last.sustained)

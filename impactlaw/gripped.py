@@ -23,8 +23,9 @@ from impactlaw.contacts import update_positions
 from impactlaw.errors import SolverError
 from impactlaw.moment import CORRECTED, Arrival, Carried, Flow, Grasp, Moment, stays
 from impactlaw.solvers.cone_problem import ConeProblem, ConeStatus
-from impactlaw.solvers.cone_solve import solve_cones
+from impactlaw.solvers.cone_solve import BRIEF, solve_cones
 from impactlaw.stepping.event_driven.felt_force import Felt, constrained_velocity, moving_part
+from impactlaw.stepping.event_driven.work import Work
 from impactlaw.touch import Touch, jump, kinetic_norm
 
 _SETTLINGS = 4  # shifts of position at most
@@ -177,7 +178,7 @@ def _press(
     elif before is not None:
         index = arrival.known[grasp.contact]
         known = np.where(index >= 0, before.force[index, grasp.kind] * flow.duration, 0.0)
-    impulse = solve_grasp(grasp, known, kinetic_norm(model, data, free), exact=flow.exact)
+    impulse = solve_grasp(grasp, known, kinetic_norm(model, data, free), flow.work, exact=flow.exact)
     carried = np.zeros((len(now.gap), _KINDS))
     carried[grasp.contact, grasp.kind] = impulse
     return impulse, grasp, carried
@@ -216,14 +217,17 @@ def grasp_of(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, held: np.
     return Grasp(contact[rows], kind[rows], sizes[sizes > 0], along[rows], whitened[rows], gamma[rows])
 
 
-def solve_grasp(grasp: Grasp, guess: np.ndarray | None, speed: float, *, exact: bool) -> np.ndarray:
+def solve_grasp(grasp: Grasp, guess: np.ndarray | None, speed: float, work: Work, *, exact: bool) -> np.ndarray:
     """Return the impulses with E = 0, (n,), those of friction divided by their coefficients.
 
     Raises:
         SolverError: no solver has found them.
+        UnfinishedStepError: that takes too much work.
     """
+    work.press(len(grasp.contact))
     problem = ConeProblem(grasp.whitened, grasp.velocity, grasp.sizes, exact=exact, speed=speed)
-    answer = solve_cones(problem, guess)
+    answer = solve_cones(problem, guess, effort=BRIEF)
+    work.press(len(grasp.contact), answer.iterations)
     if answer.status is not ConeStatus.SOLVED:
         raise SolverError(
             f"no impulses of {len(grasp.sizes)} contacts with friction were found: relative residual "

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.flow import Travel
+from impactlaw.stepping.event_driven.work import Work
 from impactlaw.touch import Touch, kinetic_norm
 
 CORRECTED = 1e-2
@@ -161,12 +162,14 @@ class Flow(NamedTuple):
         hold_all: whether every contact that is closed at its end is held there (time stepping).
         smooth: whether it is known that contacts between faces have moved smoothly, however far.
         exact: whether friction is exact, or its convex relaxation.
+        work: counts what the step has taken.
     """
 
     start: Moment
     duration: float
     tolerance: float
     travel: Travel
+    work: Work
     hold_all: bool = False
     smooth: bool = False
     exact: bool = True

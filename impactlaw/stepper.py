@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal
 
@@ -10,7 +11,7 @@ import mujoco
 from impactlaw import deferred
 from impactlaw.collide import Collider
 from impactlaw.contacts import GAP_TOLERANCE
-from impactlaw.errors import SceneError, UnknownNameError
+from impactlaw.errors import ManyCollisionsWarning, SceneError, UnknownNameError
 from impactlaw.events import ImpactEvent
 from impactlaw.laws import Coulomb, Law, MaximalDissipation
 from impactlaw.plan import make_plan
@@ -18,6 +19,7 @@ from impactlaw.rigid import RigidStepping
 from impactlaw.scene import check_law, scene_law
 from impactlaw.soft import REST_SPEED, SoftStepping
 from impactlaw.solvers import SOLVERS
+from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 
 if TYPE_CHECKING:
     from impactlaw.stepping.time_stepping.scheme import TimeStepping
@@ -84,6 +86,7 @@ class Stepper:
         friction: Literal["coulomb", "convex", "ignore"] = "coulomb",
         overlap: Literal["refuse", "push-out"] | None = None,
         on_inadmissible: Literal["raise", "project", "allow"] | None = None,
+        on_unsolved: Literal["time-stepping", "raise"] | None = None,
         gap_tolerance: float | None = None,
         rest_speed: float | None = None,
         max_events: int | None = None,
@@ -95,6 +98,7 @@ class Stepper:
             ("friction option", friction, ("coulomb", "convex", "ignore")),
             ("overlap option", overlap, (None, "refuse", "push-out")),
             ("on_inadmissible option", on_inadmissible, (None, "raise", "project", "allow")),
+            ("on_unsolved option", on_unsolved, (None, "time-stepping", "raise")),
             ("solver", solver, (None, "auto", *SOLVERS)),
         ):
             if value not in known:
@@ -103,6 +107,7 @@ class Stepper:
         given = {
             "scheme": scheme,
             "overlap": overlap,
+            "on_unsolved": on_unsolved,
             "gap_tolerance": gap_tolerance,
             "rest_speed": rest_speed,
             "max_events": max_events,
@@ -116,6 +121,7 @@ class Stepper:
         else:
             check_law(model, law)
         deferred.load_solvers()
+        given_law = law
         self.model = model
         self.law = law
         self.plan = make_plan(model, contact_model, scheme=scheme, friction=friction)
@@ -152,7 +158,11 @@ class Stepper:
                 exact=friction != "convex",
                 gap_tolerance=GAP_TOLERANCE if gap_tolerance is None else gap_tolerance,
                 push_out=overlap == "push-out",
+                rest=None
+                if on_unsolved == "raise"
+                else RestOfStep(model, given_law, friction=friction, on_inadmissible=on_inadmissible or "raise"),
             )
+        self._warned = False
 
     @property
     def events(self) -> tuple[ImpactEvent, ...]:
@@ -196,6 +206,9 @@ class Stepper:
         if data.signature != self.model.signature:
             raise SceneError("data belongs to another model than the one that this stepper was made with")
         self._events = self._stepping.step(data)
+        if isinstance(self._stepping, RigidStepping) and self._stepping.crowded and not self._warned:
+            self._warned = True
+            warnings.warn(_CROWDED.format(data.time), ManyCollisionsWarning, stacklevel=2)
 
     def finish_step(self, data: mujoco.MjData) -> None:
         """Do what follows `mj_step1` in a soft step, as `mj_step2` does.
@@ -209,10 +222,14 @@ class Stepper:
         self._events = self._stepping.finish(data)
 
 
+_CROWDED = (
+    "a step that ended at t = {:.6g} s had too many collisions to locate them all: the first are located, the others "
+    "resolved at once by time stepping; Stepper.unlocated counts such steps, a larger max_events locates more"
+)
 _UNUSED = {
-    "soft": ("scheme", "overlap", "gap_tolerance"),
+    "soft": ("scheme", "overlap", "on_unsolved", "gap_tolerance"),
     "event-driven": ("rest_speed",),
-    "time-stepping": ("gap_tolerance", "max_events", "solver"),
+    "time-stepping": ("on_unsolved", "gap_tolerance", "max_events", "solver"),
 }
 """Options that a way to step has no use for."""
 

@@ -56,6 +56,7 @@ def hold(
     Returns:
         The contacts after the correction, and what is left to do if the flow is to be kept: see `hold_gripping`.
     """
+    flow.work.hold(len(arrival.now.gap))
     if arrival.now.touch.pattern.grip is not None:
 
         def correct(overlapping: Arrival) -> Arrival:
