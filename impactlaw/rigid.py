@@ -43,6 +43,7 @@ from impactlaw.overlap import overlaps, push_out, refuse
 from impactlaw.plan import Plan
 from impactlaw.scene import check_resolved, check_rigid
 from impactlaw.shortcuts import Apart, Shortcut, find_rest, find_together, is_still
+from impactlaw.solvers.one_thread import one_thread
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 from impactlaw.stepping.event_driven.work import Work
 
@@ -146,7 +147,7 @@ class RigidStepping:
                 self._apart(data, now)
 
     def _step(self, data: mujoco.MjData, events: list[ImpactEvent], *, waits: bool) -> Events:
-        timestep = remaining = self._options.timestep
+        timestep = self._options.timestep
         end = data.time + timestep
         self._part = self._before, timestep, 0
         self._work.begin()
@@ -161,6 +162,22 @@ class RigidStepping:
             return ()
         if waits:
             raise UnfinishedStepError("the step before was not finished")
+        with one_thread():
+            start = self._fly(data, events, end)
+        data.time = end
+        if surfaces is not None:
+            surfaces.end(data)
+        self.unlocated += len(events) > self._collider.most
+        if self._rest is not None:
+            self._rest.succeeded()
+        self._left = self._now(data)
+        self._next = start
+        self._shortcut = self._find_shortcut(data, start, bool(events))
+        return tuple(events)
+
+    def _fly(self, data: mujoco.MjData, events: list[ImpactEvent], end: float) -> Moment:
+        """Fly from collision to collision up to the end of the step; return the contacts there."""
+        timestep = remaining = self._options.timestep
         start, pushed = self._begin(data, events)
         closings = jumps = 0
         while remaining > 1e-12 * timestep:
@@ -182,16 +199,7 @@ class RigidStepping:
                 start = self._collide(data, start, events)
             if closed and len(events) == before and flight.flow.duration < _INSTANT * timestep:
                 jumps += 1
-        data.time = end
-        if surfaces is not None:
-            surfaces.end(data)
-        self.unlocated += len(events) > self._collider.most
-        if self._rest is not None:
-            self._rest.succeeded()
-        self._left = self._now(data)
-        self._next = start
-        self._shortcut = self._find_shortcut(data, start, bool(events))
-        return tuple(events)
+        return start
 
     def _lasts(self, data: mujoco.MjData, shortcut: Shortcut) -> bool:
         """Take a step by a shortcut if nothing stands against it; return whether that was the whole step.

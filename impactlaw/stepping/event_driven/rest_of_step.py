@@ -10,6 +10,7 @@ import mujoco
 from impactlaw.events import ImpactEvent
 from impactlaw.laws import Law
 from impactlaw.plan import make_plan
+from impactlaw.solvers.one_thread import one_thread
 from impactlaw.surfaces import Surfaces
 
 if TYPE_CHECKING:
@@ -77,7 +78,8 @@ class RestOfStep:
         timestep = option.timestep
         option.timestep = remaining
         try:
-            return stepping.step(data)
+            with one_thread():
+                return stepping.step(data)
         finally:
             option.timestep = timestep
 
