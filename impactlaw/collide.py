@@ -13,7 +13,7 @@ from impactlaw.errors import InadmissibleImpactError
 from impactlaw.events import ImpactEvent
 from impactlaw.friction import Friction
 from impactlaw.impact import Impact
-from impactlaw.laws import Law
+from impactlaw.laws import Coulomb, Law
 from impactlaw.metric import KineticMetric
 from impactlaw.relative import Bilateral
 from impactlaw.stepping.event_driven.work import Work
@@ -143,7 +143,8 @@ class Collider:
                 work.collide(len(chosen), friction=closed.friction is not None)
             collision = closed.collision(chosen, metric, velocity)
             law = self.last_law if final else self.law
-            impact = self._admissible(law.resolve(collision, solver=self.solver), rounding[chosen], time)
+            brief = {"brief": True} if work is not None and isinstance(law, Coulomb) else {}
+            impact = self._admissible(law.resolve(collision, solver=self.solver, **brief), rounding[chosen], time)
             events.append(ImpactEvent(time, closed.contacts.select(chosen), impact, qpos.copy()))
             before, velocity = velocity, impact.post_velocity
             if final or np.array_equal(before, velocity):  # a law that changes nothing changes nothing the next time

@@ -15,6 +15,7 @@ from impactlaw.laws.base import Law, Target, coefficient
 from impactlaw.solvers.cone_problem import ConeAnswer, ConeProblem, ConeStatus
 from impactlaw.solvers.cone_solve import BRIEF, THOROUGH, USUAL, Effort, shared, solve_cones
 
+_BRIEFLY = 300  # steps of Newton's method in all, after which a brief search begins no other
 _CREATED = 1e-12
 """Energy, relative to the one before, up to which its creation is rounding."""
 _SEARCHES = 60
@@ -79,12 +80,13 @@ class Coulomb(Law):
         """Return ``gamma^h`` of the inner law."""
         return self.law.target(collision)
 
-    def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
+    def resolve(self, collision: Collision, *, solver: str = "auto", brief: bool = False) -> Impact:
         """Return the impact: a `FrictionImpact` where the collision has friction.
 
         Args:
             collision: what collides.
             solver: of collisions without friction, see `Law.resolve`.
+            brief: whether to give up soon where Newton's method fails, as in the steps of a simulation.
 
         Raises:
             RestitutionError: the law's coefficients do not fit the number of contacts.
@@ -94,8 +96,9 @@ class Coulomb(Law):
         """
         if collision.friction is None or not len(collision.friction):
             return self.law.resolve(collision, solver=solver)
-        attempt = _Attempt(self, collision, np.asarray(self.target(collision).contact_velocity, dtype=float))
-        impact, answer = attempt(1.0, None, USUAL)
+        wanted = np.asarray(self.target(collision).contact_velocity, dtype=float)
+        attempt = _Attempt(self, collision, wanted, _BRIEFLY if brief else np.inf)
+        impact, answer = attempt(1.0, None, BRIEF if brief else USUAL)
         created = np.inf if impact is None else attempt.created(impact, answer)
         return _largest(attempt, created, solver) if impact is None or created > 0.0 else impact
 
@@ -103,8 +106,9 @@ class Coulomb(Law):
 class _Attempt:
     """The law with its restitution scaled."""
 
-    def __init__(self, law: Coulomb, collision: Collision, wanted: np.ndarray):
-        self.law, self.collision, self.wanted = law, collision, wanted
+    def __init__(self, law: Coulomb, collision: Collision, wanted: np.ndarray, most: float):
+        self.law, self.collision, self.wanted, self.most = law, collision, wanted, most
+        self.taken = 0
         self.problem: ConeProblem | None = None
         self.sliding = -law.tangential_restitution * collision.pre_sliding_velocity
 
@@ -112,8 +116,11 @@ class _Attempt:
         """Return the impact with restitution scaled by s, None if none is certified, and the solver's answer."""
         targets = np.where(self.wanted > 0, s * self.wanted, self.wanted), s * self.sliding
         exact = self.law.cone == "exact"
+        if self.taken > self.most:
+            raise SolverError(f"the impact of contacts {', '.join(self.collision.labels)} takes too many steps")
         problem = self.problem = cone_problem(self.collision, *targets, exact=exact, known=self.problem)
         answer = solve_cones(problem, guess, effort=effort)
+        self.taken += answer.iterations
         if answer.status is not ConeStatus.SOLVED:
             return None, answer
         if problem.is_redundant:
@@ -139,7 +146,7 @@ def _largest(attempt: _Attempt, created: float, solver: str) -> FrictionImpact:
         created: energy created with s = 1, infinite if there is no impact.
         solver: of the problem without friction.
     """
-    best, answer = attempt(0.0, None, THOROUGH)
+    best, answer = attempt(0.0, None, THOROUGH if np.isinf(attempt.most) else BRIEF)
     if best is None:
         attempt.law.law.resolve(attempt.collision, solver=solver)  # refuses what no velocity can do
         raise SolverError(
