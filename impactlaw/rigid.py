@@ -14,7 +14,8 @@ state in which no gap is below minus the tolerance (`overlap`):
 5. More than max_events collisions in one step: E = 0 on every closed contact, and flows for the rest of the step at
    whose end every closed contact is held. That ends a collapse, in which ever smaller collisions follow each other. If
    it would cost energy, if no impulses are certified, if contact is not held, if contact points jump, or if the step
-   takes too much work (`work`), time stepping takes the rest of the step instead (`rest_of_step`).
+   takes too much work (`work`), time stepping takes the rest of the step instead (`rest_of_step`), from the last flow
+   on; all of the step where many collisions are the reason, in the middle of which energy is anywhere.
 """
 
 from __future__ import annotations
@@ -54,6 +55,7 @@ _JUMPS = 5  # flows of no length, each ended by another contact that closes with
 _INSTANT = 1e-4  # part of the timestep that such a flow lasts
 _WORK = 120  # units that a step may take at least, whatever max_events is
 _DEEP = 1e3  # gap tolerances by which contact that is held overlaps at most
+_OPENING = 0.15  # part of the work of a step that it may take to open them
 _SLIGHT = 1e5  # gap tolerances by which time stepping may leave bodies overlapping that are opened at once
 _MANY = 0.5  # part of max_events that are many collisions, if they keep a step from being finished
 _ENDED = 1e-6  # part of the kinetic energy that E = 0 may take after max_events collisions
@@ -115,7 +117,9 @@ class RigidStepping:
                     raise
                 if not waits:
                     self._rest.failed()
-                    self.crowded |= len(events) > _MANY * self._collider.most
+                    if len(events) > _MANY * self._collider.most:  # each has only some of the energy by now
+                        self.crowded = True
+                        self._part = state, self._options.timestep, 0
                 return self._finish(data, self._rest, events)
         except BaseException:
             restore_state(self._model, data, state)
@@ -123,7 +127,7 @@ class RigidStepping:
             raise
 
     def _finish(self, data: mujoco.MjData, rest: RestOfStep, events: list[ImpactEvent]) -> Events:
-        """Let time stepping take the step from the last flow on that was not finished."""
+        """Let time stepping take what is left of the step."""
         (state, remaining, count), surfaces = self._part, self._flights.surfaces
         known = tuple(events[:count])
         restore_state(self._model, data, state)
@@ -139,7 +143,7 @@ class RigidStepping:
 
     def _open(self, data: mujoco.MjData) -> None:
         """Open what time stepping has left overlapping by next to nothing; the rest it opens over time."""
-        self._work.begin()
+        self._work.begin(_OPENING)
         with self._options:
             self._flights.update(data)
             now = self._flights.look(data)

@@ -223,8 +223,8 @@ class Stepper:
 
 
 _CROWDED = (
-    "a step that ended at t = {:.6g} s had too many collisions to locate them all: the first are located, the others "
-    "resolved at once by time stepping; Stepper.unlocated counts such steps, a larger max_events locates more"
+    "a step that ended at t = {:.6g} s had too many collisions to locate them all: time stepping has resolved them at "
+    "once; Stepper.unlocated counts such steps, a larger max_events locates more"
 )
 _UNUSED = {
     "soft": ("scheme", "overlap", "on_unsolved", "gap_tolerance"),

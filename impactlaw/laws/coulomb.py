@@ -13,8 +13,9 @@ from impactlaw.friction_impact import FrictionImpact, cone_problem
 from impactlaw.impact import Impact
 from impactlaw.laws.base import Law, Target, coefficient
 from impactlaw.solvers.cone_problem import ConeAnswer, ConeProblem, ConeStatus
-from impactlaw.solvers.cone_solve import BRIEF, THOROUGH, USUAL, Effort, shared, solve_cones
+from impactlaw.solvers.cone_solve import BRIEF, COMPILED, THOROUGH, USUAL, Effort, shared, solve_cones
 
+_FEW = 8  # contacts, up to which a brief search tries what is not compiled
 _BRIEFLY = 300  # steps of Newton's method in all, after which a brief search begins no other
 _CREATED = 1e-12
 """Energy, relative to the one before, up to which its creation is rounding."""
@@ -98,7 +99,7 @@ class Coulomb(Law):
             return self.law.resolve(collision, solver=solver)
         wanted = np.asarray(self.target(collision).contact_velocity, dtype=float)
         attempt = _Attempt(self, collision, wanted, _BRIEFLY if brief else np.inf)
-        impact, answer = attempt(1.0, None, BRIEF if brief else USUAL)
+        impact, answer = attempt(1.0, None, USUAL)
         created = np.inf if impact is None else attempt.created(impact, answer)
         return _largest(attempt, created, solver) if impact is None or created > 0.0 else impact
 
@@ -119,6 +120,8 @@ class _Attempt:
         if self.taken > self.most:
             raise SolverError(f"the impact of contacts {', '.join(self.collision.labels)} takes too many steps")
         problem = self.problem = cone_problem(self.collision, *targets, exact=exact, known=self.problem)
+        if np.isfinite(self.most):
+            effort = BRIEF if len(self.wanted) <= _FEW else COMPILED
         answer = solve_cones(problem, guess, effort=effort)
         self.taken += answer.iterations
         if answer.status is not ConeStatus.SOLVED:
@@ -146,7 +149,7 @@ def _largest(attempt: _Attempt, created: float, solver: str) -> FrictionImpact:
         created: energy created with s = 1, infinite if there is no impact.
         solver: of the problem without friction.
     """
-    best, answer = attempt(0.0, None, THOROUGH if np.isinf(attempt.most) else BRIEF)
+    best, answer = attempt(0.0, None, THOROUGH)
     if best is None:
         attempt.law.law.resolve(attempt.collision, solver=solver)  # refuses what no velocity can do
         raise SolverError(

@@ -39,6 +39,8 @@ class Effort(NamedTuple):
 THOROUGH = Effort(15, True, 60)
 USUAL = Effort(15, True, 0)
 BRIEF = Effort(4, False, 0)
+COMPILED = Effort(0, False, 0)
+"""Newton's method, and what is compiled."""
 
 
 def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, effort: Effort = THOROUGH) -> ConeAnswer:

@@ -8,11 +8,11 @@ from __future__ import annotations
 from impactlaw.errors import UnfinishedStepError
 
 _FLOW, _PER_FREEDOM = 0.05, 0.004
-_LOOK, _PER_CONTACT = 0.1, 0.01
+_LOOK, _PER_CONTACT = 0.08, 0.01
 _HOLD = 0.15
-_CONES, _PER_STEP, _PER_ROW = 0.3, 0.05, 1e-7  # dense solvers: the cube of the number of rows counts
+_CONES, _PER_STEP, _PER_ROW = 0.1, 0.04, 2.5e-7  # dense solvers: the cube of the number of rows counts
 _COLLISION, _PER_PARTNER = 0.4, 0.004
-_RUBBING, _DENSE = 2.0, 3e-6  # collisions with friction are dense: the cube of the degrees of freedom counts, too
+_RUBBING, _DENSE = 1.3, 3e-6  # collisions with friction are dense: the cube of the degrees of freedom counts, too
 _FIRST = 5  # steps of Newton's method that a problem usually takes
 _ATTEMPTS = 30  # steps of Newton's method in a collision with friction
 _ROWS = 3  # of a contact with friction
@@ -29,9 +29,9 @@ class Work:
     def __init__(self, freedoms: int, most: float):
         self._freedoms, self._most, self._spent = freedoms, most, 0.0
 
-    def begin(self) -> None:
-        """Let a step begin."""
-        self._spent = 0.0
+    def begin(self, part: float = 1.0) -> None:
+        """Let a step begin, or what may take a part of the work of one."""
+        self._spent = (1.0 - part) * self._most
 
     def _spend(self, units: float) -> None:
         self._spent += units

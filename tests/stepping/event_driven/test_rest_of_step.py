@@ -92,7 +92,7 @@ def test_many_collisions_are_told_once_and_keep_their_energy():
     assert [warning.category for warning in told] == [ManyCollisionsWarning]
     assert "max_events" in str(told[0].message)
     assert stepper.unlocated > 0
-    assert data.qvel @ (data.qvel * [1.0, 1e4]) == pytest.approx(1e4, rel=0.06)
+    assert data.qvel @ (data.qvel * [1.0, 1e4]) == pytest.approx(1e4, rel=0.01)
 
 
 def test_many_collisions_are_located_where_that_is_asked_for():
@@ -126,7 +126,7 @@ def test_a_table_goes_on_rising_in_what_remains_of_a_step(monkeypatch):
 def test_work_is_counted_and_bounded(monkeypatch):
     """Boxes that fall on each other rattle; whatever the machine, every run is the same."""
     spent, begin = [], Work.begin
-    monkeypatch.setattr(Work, "begin", lambda self: (spent.append(self._spent), begin(self)))
+    monkeypatch.setattr(Work, "begin", lambda self, *part: (spent.append(self._spent), begin(self, *part)))
     bodies = FLOOR + "".join(
         f'<body pos="{0.03 * i} 0 {0.15 + 0.21 * i}" euler="{7 * i} {11 * i} 0"><freejoint/>'
         '<geom type="box" size=".1 .1 .1"/></body>'
