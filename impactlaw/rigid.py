@@ -56,7 +56,7 @@ _INSTANT = 1e-4  # part of the timestep that such a flow lasts
 _WORK = 120  # units that a step may take at least, whatever max_events is
 _DEEP = 1e3  # gap tolerances by which contact that is held overlaps at most
 _OPENING = 0.15  # part of the work of a step that it may take to open them
-_SLIGHT = 1e5  # gap tolerances by which time stepping may leave bodies overlapping that are opened at once
+_SLIGHT = 1e6  # gap tolerances by which time stepping may leave bodies overlapping that are opened at once
 _MANY = 0.5  # part of max_events that are many collisions, if they keep a step from being finished
 _ENDED = 1e-6  # part of the kinetic energy that E = 0 may take after max_events collisions
 _UNFINISHED = DivergenceError, SolverError, UnfinishedStepError, UnsolvableLawError, np.linalg.LinAlgError
@@ -107,7 +107,7 @@ class RigidStepping:
         """Advance by one timestep and return the collisions; data is back where it was if an error is raised."""
         state, events = save_state(self._model, data, self._before), []
         check_input(self._model, data, state)
-        waits = self._rest is not None and self._rest.waits
+        waits = self._rest is not None and self._rest.waits()
         try:
             try:
                 with self._options:

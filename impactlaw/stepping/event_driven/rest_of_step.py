@@ -16,11 +16,12 @@ from impactlaw.surfaces import Surfaces
 if TYPE_CHECKING:
     from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
-_LONGEST_WAIT = 32  # steps
+_LONGEST_WAIT = 128
+_PATIENCE = 4  # as many steps are waited as this goes into the wait, which doubles
 
 
 class RestOfStep:
-    """Takes what remains of steps; and all of those after a step that was not finished, twice as many every time.
+    """Takes what remains of steps; after several that were not finished, all of the next, twice as many every time.
 
     Args:
         model: the scene.
@@ -42,16 +43,15 @@ class RestOfStep:
         self._stepping: TimeStepping | None = None
         self._wait = self._left = 0
 
-    @property
     def waits(self) -> bool:
-        """Whether the next step is to be time stepped from its start; to be asked once a step."""
-        self._left -= self._left > 0
-        return self._left > 0
+        """Return whether the next step is to be time stepped from its start; to be asked once a step."""
+        self._left -= 1
+        return self._left >= 0
 
     def failed(self) -> None:
         """Note that a step was not finished."""
         self._wait = min(max(1, 2 * self._wait), _LONGEST_WAIT)
-        self._left = self._wait
+        self._left = self._wait // _PATIENCE
 
     def succeeded(self) -> None:
         """Note that a step needed nothing of this."""

@@ -10,11 +10,11 @@ from impactlaw.errors import UnfinishedStepError
 _FLOW, _PER_FREEDOM = 0.05, 0.004
 _LOOK, _PER_CONTACT = 0.08, 0.01
 _HOLD = 0.15
-_CONES, _PER_STEP, _PER_ROW = 0.1, 0.04, 2.5e-7  # dense solvers: the cube of the number of rows counts
+_CONES, _PER_STEP, _PER_ROW = 0.1, 0.04, 8e-7  # dense solvers: the cube of the number of rows counts
 _COLLISION, _PER_PARTNER = 0.4, 0.004
-_RUBBING, _DENSE = 1.3, 3e-6  # collisions with friction are dense: the cube of the degrees of freedom counts, too
+_RUBBING, _DENSE = 0.6, 3e-6  # collisions with friction are dense: the cube of the degrees of freedom counts, too
 _FIRST = 5  # steps of Newton's method that a problem usually takes
-_ATTEMPTS = 30  # steps of Newton's method in a collision with friction
+_ATTEMPTS = 50  # steps of Newton's method in a collision with friction
 _ROWS = 3  # of a contact with friction
 
 
