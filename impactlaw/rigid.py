@@ -251,9 +251,18 @@ class RigidStepping:
             if not self._push_out:
                 reason = f"move them apart (up to {self._tolerance:g} m counts as touching)"
                 raise refuse(start.touch, self._tolerance, f'{reason}, or let overlap="push-out" do it')
-            start = push_out(self._model, data, self._flights, start, self._tolerance)
+            start = self._pushed_out(data, start)
         self._check_held(start)
         return (self._collide(data, start, events) if start.collides else start), pushed
+
+    def _pushed_out(self, data: mujoco.MjData, start: Moment) -> Moment:
+        """Push out what overlaps where that was put; what is squeezed is opened over time."""
+        try:
+            return push_out(self._model, data, self._flights, start, self._tolerance)
+        except OverlapError as squeezed:
+            if self._rest is None:
+                raise
+            raise UnfinishedStepError(str(squeezed)) from None
 
     def _check_held(self, moment: Moment) -> None:
         """Raise `UnfinishedStepError` if something overlaps by more than what is left where contact is held."""

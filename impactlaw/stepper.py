@@ -30,9 +30,9 @@ class Stepper:
 
     With ``contact_model="rigid"`` MuJoCo does everything but contact and the law owns the contacts, with the friction
     of the scene. Event-driven steps locate the times at which gaps close, resolve every collision by the law, and keep
-    touching contacts touching (`impactlaw.rigid`): exact, at a price without bound. Time stepping solves one problem a
-    step for impacts and held contact together (`impactlaw.stepping.time_stepping.scheme`): of first order in
-    collisions, at a bounded price, and after the constructor nothing about contact raises. With
+    touching contacts touching (`impactlaw.rigid`): exact; what takes too much work is time stepped. Time stepping
+    solves one problem a step for impacts and held contact together (`impactlaw.stepping.time_stepping.scheme`): of
+    first order in collisions, at a bounded price, and after the constructor nothing about contact raises. With
     ``contact_model="soft"`` MuJoCo keeps contact and friction, and the law takes over collisions only; a step without
     one is `mj_step`, bit for bit (`impactlaw.soft`).
 
@@ -54,18 +54,21 @@ class Stepper:
             energy or penetrate: "raise", the default, "project" it onto S(v-), or "allow" it. Under time stepping,
             where nothing penetrates, "project", the default, scales all restitution of a collision so that it creates
             none.
+        on_unsolved: what to do where no certified impulses are found, where the law has no solution, where contact is
+            not held or cannot be pushed out, and where a step takes too much work, which is counted, not timed: let
+            "time-stepping", the default, take the rest of the step, or "raise" (event-driven).
         gap_tolerance: gap up to which a contact counts as closed, and largest penetration at an event, m; 1e-9 if not
             given (event-driven).
         rest_speed: closing speed above which a contact collides, m/s or rad/s: 0.1 for soft contacts if not given; 1e-3
             under time stepping, where forces must not have made more within a step.
-        max_events: collisions of one step, 100 if not given; what is left of a step with more is finished with E = 0
-            (event-driven, soft).
+        max_events: collisions of one step, 100 if not given; what is left of a step with more is finished with E = 0,
+            or time stepped if that would cost energy (event-driven, soft). A larger one allows more work.
         solver: a name from `impactlaw.solvers.SOLVERS`, or "auto" (event-driven, soft).
 
     Attributes:
         events: the collisions of the last step, in order.
         plan: what a step does in this scene and what it leaves out (`impactlaw.plan`).
-        unlocated: steps so far that had more than max_events collisions.
+        unlocated: steps so far that had more than max_events collisions, or were time stepped in part or as a whole.
         shortfall: by how much a contact velocity of the last step missed its law (time stepping).
         short_steps: steps so far in which that was too much (time stepping).
 
@@ -171,7 +174,7 @@ class Stepper:
 
     @property
     def unlocated(self) -> int:
-        """Steps so far that had more than max_events collisions; 0 under time stepping, which locates none."""
+        """Steps so far that had more than max_events collisions, or were time stepped in part (event-driven)."""
         return self._stepping.unlocated
 
     @property
@@ -195,11 +198,12 @@ class Stepper:
 
         Raises:
             OverlapError: geoms overlap at the start by more than the gap tolerance, or are squeezed so that they cannot
-                be pushed out; names the pairs and depths.
+                be pushed out, and on_unsolved is "raise"; names the pairs and depths.
             InadmissibleImpactError: the law would create energy and on_inadmissible is "raise".
             RestitutionError: the law's coefficients do not fit the contacts that collide.
-            UnsolvableLawError: the law has no solution for the contacts that collide.
-            SolverError: no solver's answer for these contacts passed its certificate.
+            UnsolvableLawError: the law has no solution for the contacts that collide, and on_unsolved is "raise".
+            SolverError: no solver's answer for these contacts passed its certificate, and on_unsolved is "raise".
+            UnfinishedStepError: the step takes too much work, or contact is not held, and on_unsolved is "raise".
             DivergenceError: position or velocity is not finite.
             SceneError: data is of a model with other bodies, joints or geoms.
         """

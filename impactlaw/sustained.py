@@ -29,6 +29,7 @@ from impactlaw.gripped import hold_gripping
 from impactlaw.moment import CORRECTED, Arrival, Flow, Moment, stays
 from impactlaw.solvers import Problem, solve_with_jump, with_active
 from impactlaw.stepping.event_driven.felt_force import Felt, constrained_velocity
+from impactlaw.stepping.event_driven.work import Work
 from impactlaw.touch import Touch, jump, whiten
 
 _CORRECTIONS = 20  # position corrections at most
@@ -160,11 +161,12 @@ def _position_impulse(
         rows = np.flatnonzero(sustained)
         gradients, least, part = along[rows], J[rows].dot(shift) - gap[rows], Y[rows]
         if len(cuts[1]):
+            flow.work.cut(len(least) + len(cuts[1]))
             guess = None
             more_gradients, more = touch.confine(model, data, cuts[0])
             gradients, least = np.vstack([gradients, more_gradients]), np.concatenate([least, cuts[1]])
             part = np.vstack([part, more])
-        p = _opening(part, least, None if guess is None else guess[rows])
+        p = _opening(part, least, None if guess is None else guess[rows], flow.work)
         wanted = jump(model, data, gradients, p)
         if len(rows) == len(gap):
             return sustained, p[: len(rows)] > 0, wanted
@@ -176,17 +178,18 @@ def _position_impulse(
         sustained = sustained | more
 
 
-def _opening(gradients: np.ndarray, least: np.ndarray, guess: np.ndarray | None) -> np.ndarray:
+def _opening(gradients: np.ndarray, least: np.ndarray, guess: np.ndarray | None, work: Work) -> np.ndarray:
     """Return what `_pushing` returns, and 0 for contacts of bodies that cannot give way, or not all at once."""
     able = np.vecdot(gradients, gradients) > 0
     if np.count_nonzero(able) == len(able):
         try:
             return _pushing(gradients, least, guess)
         except UnsolvableLawError as conflict:
+            work.disagree(len(least))
             able = conflict.ray <= _CONFLICT * conflict.ray.max()
     p = np.zeros(len(least))
     if np.count_nonzero(able):
-        p[able] = _opening(gradients[able], least[able], None if guess is None else guess[able])
+        p[able] = _opening(gradients[able], least[able], None if guess is None else guess[able], work)
     return p
 
 

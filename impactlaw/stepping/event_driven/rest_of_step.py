@@ -38,7 +38,8 @@ class RestOfStep:
         friction: Literal["coulomb", "convex", "ignore"],
         on_inadmissible: Literal["raise", "project", "allow"],
     ):
-        self._model, self._law, self._friction = model, law, friction
+        self._model, self._law = model, law
+        self._friction: Literal["coulomb", "convex", "ignore"] = friction
         self._on_inadmissible: Literal["project", "allow"] = "allow" if on_inadmissible == "allow" else "project"
         self._stepping: TimeStepping | None = None
         self._wait = self._left = 0

@@ -9,7 +9,7 @@ from impactlaw.errors import UnfinishedStepError
 
 _FLOW, _PER_FREEDOM = 0.05, 0.004
 _LOOK, _PER_CONTACT = 0.08, 0.01
-_HOLD = 0.15
+_HOLD, _CONFLICT, _CUT = 0.15, 0.25, 2e-3
 _CONES, _PER_STEP, _PER_ROW = 0.1, 0.04, 8e-7  # dense solvers: the cube of the number of rows counts
 _COLLISION, _PER_PARTNER = 0.4, 0.004
 _RUBBING, _DENSE = 0.6, 3e-6  # collisions with friction are dense: the cube of the degrees of freedom counts, too
@@ -56,6 +56,14 @@ class Work:
     def hold(self, contacts: int) -> None:
         """Count bringing so many contacts back."""
         self._spend(_HOLD + _PER_CONTACT * contacts)
+
+    def disagree(self, contacts: int) -> None:
+        """Count one problem of so many contacts that has turned out to have no solution."""
+        self._spend(_CONFLICT * contacts)
+
+    def cut(self, contacts: int) -> None:
+        """Count one problem of contacts that jump between points of faces, and of those seen before."""
+        self._spend(_CUT * contacts**2)
 
     def press(self, rows: int, steps: int = _FIRST) -> None:
         """Count one problem of contacts with friction, before it is solved; and the steps that it took, after."""
