@@ -18,6 +18,8 @@ from impactlaw.metric import KineticMetric
 from impactlaw.relative import Bilateral
 from impactlaw.stepping.event_driven.work import Work
 
+_MANY = 8  # contacts from which a search for impulses with friction gives up soon in a step
+
 
 class Closed(NamedTuple):
     """Closed contacts, and what impulses on them must respect.
@@ -143,7 +145,8 @@ class Collider:
                 work.collide(len(chosen), friction=closed.friction is not None)
             collision = closed.collision(chosen, metric, velocity)
             law = self.last_law if final else self.law
-            brief = {"brief": True} if work is not None and isinstance(law, Coulomb) else {}
+            many = work is not None and len(chosen) > _MANY
+            brief = {"brief": True} if many and isinstance(law, Coulomb) else {}
             impact = self._admissible(law.resolve(collision, solver=self.solver, **brief), rounding[chosen], time)
             events.append(ImpactEvent(time, closed.contacts.select(chosen), impact, qpos.copy()))
             before, velocity = velocity, impact.post_velocity

@@ -116,6 +116,8 @@ class Moment(NamedTuple):
         """Return the same contacts with the velocities of now."""
         velocity, gamma, noise, _ = _motion(model, data, self.touch, SILENT * self.still)
         motion = velocity, gamma, noise, False
+        if np.count_nonzero(self.touch.pattern.vague):  # contact points may jump, and forces with them
+            force = None
         return Moment(self.touch, self.closed, self.still, *motion, pressed, carried, self.bend, force)
 
     def bending(self, bend: np.ndarray) -> Moment:

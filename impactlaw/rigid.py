@@ -185,9 +185,8 @@ class RigidStepping:
         start, pushed = self._begin(data, events)
         closings = jumps = 0
         while remaining > 1e-12 * timestep:
-            if jumps > _JUMPS or closings > max(_WORK, self._collider.most):
-                raise UnfinishedStepError("contact points jump: gaps close again and again without a collision")
-            hold_all, before = len(events) > self._collider.most, len(events)
+            hold_all = jumps > _JUMPS or max(len(events), closings) > self._collider.most
+            before = len(events)
             changed = pushed or events or remaining < timestep
             state = save_state(self._model, data, self._state) if changed else self._before
             self._part = state, remaining, before
@@ -203,6 +202,7 @@ class RigidStepping:
                 start = self._collide(data, start, events)
             if closed and len(events) == before and flight.flow.duration < _INSTANT * timestep:
                 jumps += 1
+        self.unlocated += jumps > _JUMPS or closings > self._collider.most >= len(events)
         return start
 
     def _lasts(self, data: mujoco.MjData, shortcut: Shortcut) -> bool:
@@ -309,14 +309,16 @@ class RigidStepping:
             events=events,
             work=self._work,
         )
-        self._check_ended(events[before:], len(events))
+        self._check_ended(data, events[before:], len(events))
         return start.moving(self._model, data)
 
-    def _check_ended(self, new: list[ImpactEvent], count: int) -> None:
+    def _check_ended(self, data: mujoco.MjData, new: list[ImpactEvent], count: int) -> None:
         """Raise `UnfinishedStepError` if E = 0 after max_events collisions has taken more energy than rounding."""
         if self._rest is not None and count > self._collider.most:
-            lost, before = -new[-1].impact.energy_change, new[-1].impact.collision.kinetic_energy
-            if lost > _ENDED * before:
+            impact = new[-1].impact
+            pushed = self._options.timestep * impact.collision.metric.norm(data.qacc)  # by all but contact, in a step
+            lost = -impact.energy_change
+            if lost > _ENDED * impact.collision.kinetic_energy and impact.intensity > pushed:
                 raise UnfinishedStepError(f"more than {self._collider.most} collisions in a step")
 
     def _metric_at(self, data: mujoco.MjData) -> KineticMetric:

@@ -15,8 +15,8 @@ from impactlaw.laws.base import Law, Target, coefficient
 from impactlaw.solvers.cone_problem import ConeAnswer, ConeProblem, ConeStatus
 from impactlaw.solvers.cone_solve import BRIEF, COMPILED, THOROUGH, USUAL, Effort, shared, solve_cones
 
-_FEW = 8  # contacts, up to which a brief search tries what is not compiled
-_BRIEFLY = 300  # steps of Newton's method in all, after which a brief search begins no other
+_FEW = 4  # contacts, up to which a brief search tries what is not compiled
+_BRIEFLY = 3000, 300  # steps of Newton's method in all with few contacts, and with more, after which it gives up
 _CREATED = 1e-12
 """Energy, relative to the one before, up to which its creation is rounding."""
 _SEARCHES = 60
@@ -98,7 +98,7 @@ class Coulomb(Law):
         if collision.friction is None or not len(collision.friction):
             return self.law.resolve(collision, solver=solver)
         wanted = np.asarray(self.target(collision).contact_velocity, dtype=float)
-        attempt = _Attempt(self, collision, wanted, _BRIEFLY if brief else np.inf)
+        attempt = _Attempt(self, collision, wanted, _BRIEFLY[len(wanted) > _FEW] if brief else np.inf)
         impact, answer = attempt(1.0, None, USUAL)
         created = np.inf if impact is None else attempt.created(impact, answer)
         return _largest(attempt, created, solver) if impact is None or created > 0.0 else impact
@@ -121,7 +121,7 @@ class _Attempt:
             raise SolverError(f"the impact of contacts {', '.join(self.collision.labels)} takes too many steps")
         problem = self.problem = cone_problem(self.collision, *targets, exact=exact, known=self.problem)
         if np.isfinite(self.most):
-            effort = BRIEF if len(self.wanted) <= _FEW else COMPILED
+            effort = min(effort, USUAL) if len(self.wanted) <= _FEW else COMPILED
         answer = solve_cones(problem, guess, effort=effort)
         self.taken += answer.iterations
         if answer.status is not ConeStatus.SOLVED:
