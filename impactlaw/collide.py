@@ -13,9 +13,12 @@ from impactlaw.errors import InadmissibleImpactError
 from impactlaw.events import ImpactEvent
 from impactlaw.friction import Friction
 from impactlaw.impact import Impact
-from impactlaw.laws import Law
+from impactlaw.laws import Coulomb, Law
 from impactlaw.metric import KineticMetric
 from impactlaw.relative import Bilateral
+from impactlaw.stepping.event_driven.work import Work
+
+_MANY = 8  # contacts from which a search for impulses with friction gives up soon in a step
 
 
 class Closed(NamedTuple):
@@ -103,6 +106,7 @@ class Collider:
         time: float,
         qpos: np.ndarray,
         events: list[ImpactEvent],
+        work: Work | None = None,
     ) -> np.ndarray:
         """Return the velocity after all collisions, (nv,), and append one event for each.
 
@@ -115,10 +119,12 @@ class Collider:
             time: of the collision, s.
             qpos: configuration of the collision, (nq,).
             events: of the step so far.
+            work: counts what the step has taken, if that is limited.
 
         Raises:
             InadmissibleImpactError: an outcome leaves S(v-) and on_inadmissible is "raise".
             UnsolvableLawError: the law has no solution.
+            UnfinishedStepError: that takes too much work.
         """
         Y = None
         closed = closed.resting(velocity, rounding)
@@ -135,9 +141,13 @@ class Collider:
                 if closed.friction is None:
                     Y = closed.whitened(metric) if Y is None else Y
                     chosen = _reached(Y, chosen, approaching)
+            if work is not None:
+                work.collide(len(chosen), friction=closed.friction is not None)
             collision = closed.collision(chosen, metric, velocity)
             law = self.last_law if final else self.law
-            impact = self._admissible(law.resolve(collision, solver=self.solver), rounding[chosen], time)
+            many = work is not None and len(chosen) > _MANY
+            brief = {"brief": True} if many and isinstance(law, Coulomb) else {}
+            impact = self._admissible(law.resolve(collision, solver=self.solver, **brief), rounding[chosen], time)
             events.append(ImpactEvent(time, closed.contacts.select(chosen), impact, qpos.copy()))
             before, velocity = velocity, impact.post_velocity
             if final or np.array_equal(before, velocity):  # a law that changes nothing changes nothing the next time

@@ -57,6 +57,14 @@ class SolverError(ImpactLawError):
     """A solver stopped without an answer that its certificate confirms."""
 
 
+class UnfinishedStepError(ImpactLawError):
+    """An event-driven step takes more work than it may, or contact cannot be held."""
+
+
+class ManyCollisionsWarning(UserWarning):
+    """A step had more collisions than are located one by one: the others are time stepped."""
+
+
 class InadmissibleImpactError(ImpactLawError):
     """The law's outcome leaves the set of possible right-velocities: it would create energy."""
 

@@ -22,6 +22,8 @@ from impactlaw.matching import elsewhere, match, refound, runs_on
 from impactlaw.moment import CORRECTED, Arrival, Flow, Moment, stays
 from impactlaw.patterns import Pattern
 from impactlaw.plan import Plan
+from impactlaw.stepping.event_driven.felt_force import Felt, applied
+from impactlaw.stepping.event_driven.work import Work
 from impactlaw.surfaces import Surfaces
 from impactlaw.sustained import hold
 from impactlaw.touch import Touch
@@ -40,21 +42,24 @@ class Flights:
         model: the scene.
         plan: what the scene can need.
         gap_tolerance: gap up to which a contact counts as closed, m.
+        work: counts what a step has taken.
         exact: whether friction is exact, or its convex relaxation.
 
     Attributes:
         tolerance: the gap tolerance, m.
         farthest: as in `Travel`.
+        work: as given.
         options: to be entered (``with``) around every use.
         surfaces: surfaces that move by themselves; None if the scene has none.
     """
 
-    def __init__(self, model: mujoco.MjModel, plan: Plan, gap_tolerance: float, *, exact: bool):
+    def __init__(self, model: mujoco.MjModel, plan: Plan, gap_tolerance: float, work: Work, *, exact: bool):
         self._model = model
         self.tolerance = gap_tolerance
         self._near = _NEAR * gap_tolerance
         self._detector = Detector(model, convex=plan.convex, faces=plan.faces, friction=plan.friction)
         self._exact = exact
+        self.work = work
         self._travel = Travel(model, plan.pairs, passing=plan.passing, turning=plan.turning)
         self._passing = plan.passing
         self.farthest = self._travel.farthest
@@ -72,11 +77,12 @@ class Flights:
             self.surfaces.place(data)
         update_positions(self._model, data)
 
-    def advance(self, data: mujoco.MjData, duration: float) -> None:
-        """Integrate for ``duration`` s without contacts."""
+    def advance(self, data: mujoco.MjData, duration: float, force: np.ndarray | None = None) -> None:
+        """Integrate for ``duration`` s without contacts, or with this force of theirs applied, (nv,)."""
         if self.surfaces is not None:
             self.surfaces.aim(data)
-        advance(self._model, data, self.options, duration)
+        with applied(data, force):
+            advance(self._model, data, self.options, duration)
         self.update(data)
 
     def _is_short(self, before: np.ndarray, after: np.ndarray, duration: float) -> bool:
@@ -190,9 +196,9 @@ class Flights:
 
         def again(time: float, *, smooth: bool = False) -> Flight:
             restore_state(self._model, data, state)
-            return self._try(data, start, time, reach=reach, smooth=smooth)
+            return self._try(data, state, start, time, reach=reach, smooth=smooth)
 
-        longest = self._travel.between(start.touch.frames, data).max()
+        longest = max(self._travel.between(start.touch.frames, data).max(initial=0.0), -flight.gap)
         begun = elsewhere(flight.arrival, tried, flight.deepest, flight.gap)
         if begun is not None:
             half, (straight, bent) = again(0.5 * tried.duration), begun
@@ -221,7 +227,8 @@ class Flights:
         self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool = False
     ) -> Flight:
         while True:
-            self.advance(data, duration)
+            self.work.fly()
+            self.advance(data, duration, start.force)
             if self._is_short(start.velocity, data.qvel, duration):
                 break
             longest = self._travel.longest_turn(start.velocity)
@@ -235,37 +242,71 @@ class Flights:
                 break
             restore_state(self._model, data, state)
             self.update(data)
+            self.work.look(len(suspects))
             fraction = self._travel.safe_fraction(data, suspects, travel)
             if fraction >= 1.0:
-                return self._try(data, start, duration, hold_all=hold_all)
+                self.advance(data, duration, start.force)
+                break
             duration *= 0.9 * fraction
-        return self._arrive(data, Flow(start, duration, self.tolerance, self._travel, hold_all, exact=self._exact))
+        flow = Flow(start, duration, self.tolerance, self._travel, self.work, hold_all, exact=self._exact)
+        return self._arrive(data, flow) or self._without_force(data, state, flow)
 
     def _try(
         self,
         data: mujoco.MjData,
+        state: np.ndarray,
         start: Moment,
         duration: float,
         *,
-        hold_all: bool = False,
-        smooth: bool = False,
-        reach: float = 0.0,
+        smooth: bool,
+        reach: float,
     ) -> Flight:
-        self.advance(data, duration)
-        return self._arrive(
-            data, Flow(start, duration, self.tolerance, self._travel, hold_all, smooth, self._exact), reach
-        )
+        self.advance(data, duration, start.force)
+        flow = Flow(start, duration, self.tolerance, self._travel, self.work, smooth=smooth, exact=self._exact)
+        return self._arrive(data, flow, reach) or self._without_force(data, state, flow, reach)
 
-    def _arrive(self, data: mujoco.MjData, flow: Flow, reach: float = 0.0) -> Flight:
+    def _without_force(self, data: mujoco.MjData, state: np.ndarray, flow: Flow, reach: float = 0.0) -> Flight:
+        """Fly once more, without the force of contacts that are lost."""
+        restore_state(self._model, data, state)
+        flow = flow._replace(start=flow.start._replace(force=None))
+        self.advance(data, flow.duration)
+        flight = self._arrive(data, flow, reach)
+        assert flight is not None
+        return flight
+
+    def _match(self, data: mujoco.MjData, flow: Flow) -> tuple[Moment, np.ndarray] | None:
+        """Return the contacts where the flow has led, and those at its start that they continue; see `match`.
+
+        Contacts whose force the flow has felt are looked for as far as that can have moved them. None if they are lost.
+        """
+        now, start = self.look(data), flow.start
+        self.work.look(len(now.gap))
+        known = match(self._model, data, now.touch, flow)
+        if start.force is None or start.pressed is None:
+            return now, known
+        pressed = np.flatnonzero(start.pressed)
+        if np.isin(pressed, known).all():
+            return now, known
+        now.touch.whitened(self._model, data)
+        shift = Felt.of(self._model, data, start.force, flow.duration).shift
+        now = self.look(data, start.touch.opening(shift))
+        known = match(self._model, data, now.touch, flow)
+        return (now, known) if np.isin(pressed, known).all() else None
+
+    def _arrive(self, data: mujoco.MjData, flow: Flow, reach: float = 0.0) -> Flight | None:
         """Look at the contacts where the flow has led, and hold those that stay closed.
+
+        None if contacts are lost whose force the flow has felt.
 
         Args:
             data: at the end of the flow.
             flow: what led there.
             reach: distance to look further if nothing is near, m.
         """
-        now = self.look(data)
-        known = match(self._model, data, now.touch, flow)
+        found = self._match(data, flow)
+        if found is None:
+            return None
+        now, known = found
         if not now.touch.pattern:
             return self._clear(flow, Arrival(now, known, known), data, reach)
         if (
@@ -276,7 +317,8 @@ class Flights:
         ):
             return self._clear(flow, Arrival(now, known, now.closed), data, reach)
         arrival, keep = Arrival(now, known, stays(now.gap, known, flow)), None
-        if np.count_nonzero(arrival.sustained & now.closed):
+        held = arrival.sustained if flow.start.force is not None else arrival.sustained & now.closed
+        if np.count_nonzero(held):
             again = self._again(data, flow, arrival)
             arrival, keep = hold(self._model, data, arrival, flow, again)
         if np.count_nonzero(arrival.sustained) == len(arrival.sustained):
@@ -294,6 +336,7 @@ class Flights:
         def look_again(within: float) -> tuple[Moment, np.ndarray]:
             nonlocal last
             now, known, pattern = look(data, within), last.known, last.now.touch.pattern
+            self.work.look(len(now.gap))
             if now.touch.pattern is not pattern or not pattern.distinct:
                 known = refound(match(self._model, data, now.touch, flow), held, now.touch, flow)
             last = Arrival(now, known, last.sustained)

@@ -1,6 +1,7 @@
 """Sustained contact with friction: impulses in the friction cones that keep contacts closed and resist sliding.
 
-After a contact-free flow of duration tau from velocity to ``v``, the contacts that stay closed take impulses with
+After a flow of duration tau to the velocity ``v``, less what it has felt of contact (`felt_force`), the contacts that
+stay closed take impulses with
 
     u_n = J_n (v + M^-1 J^T Lambda) + w_n,   u_t = J_t (v + M^-1 J^T Lambda) + w_t
     0 <= Lambda_n  ⊥  u_n >= 0,   Coulomb's law between Lambda_t and u_t
@@ -22,13 +23,15 @@ from impactlaw.contacts import update_positions
 from impactlaw.errors import SolverError
 from impactlaw.moment import CORRECTED, Arrival, Carried, Flow, Grasp, Moment, stays
 from impactlaw.solvers.cone_problem import ConeProblem, ConeStatus
-from impactlaw.solvers.cone_solve import solve_cones
+from impactlaw.solvers.cone_solve import BRIEF, COMPILED, solve_cones
+from impactlaw.stepping.event_driven.felt_force import Felt, constrained_velocity, moving_part
+from impactlaw.stepping.event_driven.work import Work
 from impactlaw.touch import Touch, jump, kinetic_norm
 
-_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 _SETTLINGS = 4  # shifts of position at most
 _LARGEST_TURN = 0.3  # rad in one flow
 _RANK = 1e-9  # relative singular value below which contacts press redundantly
+_FEW_ROWS = 24  # of contacts with friction, up to which what is not compiled is as fast
 _KINDS = 6  # rows that a contact can have: one of pressing, two of sliding, one of torsion, two of rolling
 
 
@@ -57,13 +60,15 @@ def hold_gripping(
     Raises:
         SolverError: no solver has found the impulses.
     """
-    free = arrival.now.velocity
+    arrival.now.touch.whitened(model, data)
+    felt = Felt.of(model, data, flow.start.force, flow.duration)
+    free = constrained_velocity(model, data, arrival.now, flow) - felt.velocity
     impulse, grasp, carried = _press(model, data, arrival, flow, free, None)
-    part = 0.5 if model.opt.integrator == _RK4 else 1.0
     change = jump(model, data, grasp.along, impulse)
-    shift = (part * flow.duration) * change
+    shift = (moving_part(model) * flow.duration) * change - felt.shift
     if np.count_nonzero(shift):
-        arrival, carried = _settle(model, data, arrival, shift, carried, flow, look_again)
+        reach = arrival.now.touch.opening(shift + felt.shift)
+        arrival, carried = _settle(model, data, arrival, shift, carried, flow, look_again, reach)
     arrival = _with_more(arrival, flow)
     if np.count_nonzero(arrival.sustained & (arrival.now.gap < -CORRECTED * flow.tolerance)):
         before, arrival = arrival.known, _with_more(correct(arrival), flow)
@@ -71,11 +76,17 @@ def hold_gripping(
     now, known, sustained = arrival
     data.qvel[:] = free + change
     tried = Arrival(now._replace(contact_velocity=now.touch.contact_velocity(data.qvel)), known, sustained)
-    return tried, partial(_hold_velocity, model, data, arrival, flow, free, carried)
+    return tried, partial(_hold_velocity, model, data, arrival, flow, felt, free, carried)
 
 
 def _hold_velocity(
-    model: mujoco.MjModel, data: mujoco.MjData, arrival: Arrival, flow: Flow, free: np.ndarray, guess: np.ndarray
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    arrival: Arrival,
+    flow: Flow,
+    felt: Felt,
+    free: np.ndarray,
+    guess: np.ndarray,
 ) -> Arrival:
     """Give the sustained contacts the velocity that they have after impulses; return them with these impulses."""
     impulse, grasp, carried = _press(model, data, arrival, flow, free, guess)
@@ -83,11 +94,12 @@ def _hold_velocity(
     if turned is not None:
         free = free + jump(model, data, turned, 0.5 * impulse)
         impulse, grasp, carried = _press(model, data, arrival, flow, free, carried)
-    data.qvel[:] = free + jump(model, data, grasp.along, impulse)
+    change, total = jump(model, data, grasp.along, impulse), impulse.dot(grasp.along)
+    data.qvel[:] = free + change
     now, known, sustained = arrival
-    return Arrival(
-        now.moving(model, data, carried[:, 0] > 0, Carried(grasp, carried / flow.duration)), known, sustained
-    )
+    force = total / flow.duration if felt.is_settled(total, change) else None
+    moment = now.moving(model, data, carried[:, 0] > 0, Carried(grasp, carried / flow.duration), force)
+    return Arrival(moment, known, sustained)
 
 
 def _with_more(arrival: Arrival, flow: Flow) -> Arrival:
@@ -104,16 +116,19 @@ def _settle(
     carried: np.ndarray,
     flow: Flow,
     look_again: Callable[[float], tuple[Moment, np.ndarray]],
+    reach: float,
 ) -> tuple[Arrival, np.ndarray]:
-    """Shift the bodies, and then so that contacts that press are closed; return the contacts and their impulses."""
+    """Shift the bodies, and then so that contacts that press are closed; return the contacts and their impulses.
+
+    They are looked for up to a gap of ``reach`` at least, m: surfaces may recede, too.
+    """
     held = arrival.known[arrival.sustained]
     for _ in range(_SETTLINGS):
         qpos = data.qpos.copy()
         mujoco.mj_integratePos(model, qpos, shift, 1.0)
         data.qpos[:] = qpos
         update_positions(model, data)
-        opened = float(np.abs(arrival.now.touch.jacobian.dot(shift)).max(initial=0.0))  # a surface may recede, too
-        before, (now, known) = arrival.known, look_again(opened)
+        before, (now, known) = arrival.known, look_again(max(reach, arrival.now.touch.opening(shift)))
         arrival = Arrival(now, known, (known[:, None] == held[held >= 0]).any(axis=1))
         carried = _matched(carried, before, known)
         press = np.flatnonzero(carried[:, 0] > 0)
@@ -153,15 +168,18 @@ def _press(
     guess: np.ndarray | None,
 ) -> tuple[np.ndarray, Grasp, np.ndarray]:
     """Return the impulses of the sustained contacts, their rows, and the impulses contact by contact, (h, 6)."""
-    now = arrival.now
-    grasp = grasp_of(model, data, now.touch, arrival.sustained & now.closed, free)
+    now, before = arrival.now, flow.start.carried
+    held = now.closed
+    if flow.start.force is not None and before is not None:  # it may have pushed away what it has to pull back
+        held = held | ((arrival.known >= 0) & (before.force[arrival.known, 0] > 0))
+    grasp = grasp_of(model, data, now.touch, arrival.sustained & held, free)
     known = None
     if guess is not None and len(guess) == len(now.gap):
         known = guess[grasp.contact, grasp.kind]
-    elif flow.start.carried is not None:
-        before = arrival.known[grasp.contact]
-        known = np.where(before >= 0, flow.start.carried.force[before, grasp.kind] * flow.duration, 0.0)
-    impulse = solve_grasp(grasp, known, kinetic_norm(model, data, free), exact=flow.exact)
+    elif before is not None:
+        index = arrival.known[grasp.contact]
+        known = np.where(index >= 0, before.force[index, grasp.kind] * flow.duration, 0.0)
+    impulse = solve_grasp(grasp, known, kinetic_norm(model, data, free), flow.work, exact=flow.exact)
     carried = np.zeros((len(now.gap), _KINDS))
     carried[grasp.contact, grasp.kind] = impulse
     return impulse, grasp, carried
@@ -200,14 +218,17 @@ def grasp_of(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, held: np.
     return Grasp(contact[rows], kind[rows], sizes[sizes > 0], along[rows], whitened[rows], gamma[rows])
 
 
-def solve_grasp(grasp: Grasp, guess: np.ndarray | None, speed: float, *, exact: bool) -> np.ndarray:
+def solve_grasp(grasp: Grasp, guess: np.ndarray | None, speed: float, work: Work, *, exact: bool) -> np.ndarray:
     """Return the impulses with E = 0, (n,), those of friction divided by their coefficients.
 
     Raises:
         SolverError: no solver has found them.
+        UnfinishedStepError: that takes too much work.
     """
+    work.press(len(grasp.contact))
     problem = ConeProblem(grasp.whitened, grasp.velocity, grasp.sizes, exact=exact, speed=speed)
-    answer = solve_cones(problem, guess)
+    answer = solve_cones(problem, guess, effort=BRIEF if len(grasp.contact) <= _FEW_ROWS else COMPILED)
+    work.press(len(grasp.contact), answer.iterations)
     if answer.status is not ConeStatus.SOLVED:
         raise SolverError(
             f"no impulses of {len(grasp.sizes)} contacts with friction were found: relative residual "

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.flow import Travel
+from impactlaw.stepping.event_driven.work import Work
 from impactlaw.touch import Touch, kinetic_norm
 
 CORRECTED = 1e-2
@@ -65,6 +66,7 @@ class Moment(NamedTuple):
         quiet: whether all contacts are closed, and neither move nor need a correction of position.
         pressed: contacts that the last flow had to hold, bool (h,); None if there were none.
         carried: the forces with which it held them where there is friction; None if there were none.
+        force: that these contacts exert on all degrees of freedom, N or N m, (nv,); None if it is not known.
         bend: b of ``gap + velocity t + b t^2`` over the last flow, m/s^2, (h,), 0 if unknown; None without any.
     """
 
@@ -78,6 +80,7 @@ class Moment(NamedTuple):
     pressed: np.ndarray | None = None
     carried: Carried | None = None
     bend: np.ndarray | None = None
+    force: np.ndarray | None = None
 
     @classmethod
     def of(
@@ -108,10 +111,14 @@ class Moment(NamedTuple):
         data: mujoco.MjData,
         pressed: np.ndarray | None = None,
         carried: Carried | None = None,
+        force: np.ndarray | None = None,
     ) -> Moment:
         """Return the same contacts with the velocities of now."""
         velocity, gamma, noise, _ = _motion(model, data, self.touch, SILENT * self.still)
-        return Moment(self.touch, self.closed, self.still, velocity, gamma, noise, False, pressed, carried, self.bend)
+        motion = velocity, gamma, noise, False
+        if np.count_nonzero(self.touch.pattern.vague):  # contact points may jump, and forces with them
+            force = None
+        return Moment(self.touch, self.closed, self.still, *motion, pressed, carried, self.bend, force)
 
     def bending(self, bend: np.ndarray) -> Moment:
         """Return the same contacts after a flow that has bent their gaps, m/s^2, (h,)."""
@@ -157,12 +164,14 @@ class Flow(NamedTuple):
         hold_all: whether every contact that is closed at its end is held there (time stepping).
         smooth: whether it is known that contacts between faces have moved smoothly, however far.
         exact: whether friction is exact, or its convex relaxation.
+        work: counts what the step has taken.
     """
 
     start: Moment
     duration: float
     tolerance: float
     travel: Travel
+    work: Work
     hold_all: bool = False
     smooth: bool = False
     exact: bool = True

@@ -71,6 +71,7 @@ def push_out(model: mujoco.MjModel, data: mujoco.MjData, flights: Flights, start
     qpos, reach = data.qpos.copy(), 2.0 * float(-start.gap.min())
     now, shift, allowed = flights.look(data, reach), np.zeros(model.nv), CORRECTED * tolerance
     for correction in range(_SHIFTS):
+        flights.work.look(len(now.gap))
         touch, gap, last = now.touch, now.gap, correction >= _SMALLEST
         if not touch.pattern or (last and gap.min() >= -allowed):  # or pushed out further than contacts are sought
             return now

@@ -84,9 +84,16 @@ def check_rigid(model: mujoco.MjModel) -> None:
     """Refuse what rigid stepping would simulate wrongly.
 
     Raises:
-        SceneError: flexes, adhesion, delays.
+        SceneError: flexes, adhesion, delays, geoms whose shape is a signed distance function.
     """
     check_time_stepping(model)
+    meeting = geom_pairs(model).geoms
+    shaped = meeting[model.geom_type[meeting] == int(mujoco.mjtGeom.mjGEOM_SDF)]
+    if len(shaped):
+        raise SceneError(
+            f"MuJoCo samples the contacts of signed distance functions ({geom_names(model)[shaped[0]]} is one): "
+            'no gap can be located; use scheme="time-stepping", or contact_model="soft"'
+        )
     adhesion = int(mujoco.mjtTrn.mjTRN_BODY)
     if model.flg_adhesion or (model.nu and (model.actuator_trntype == adhesion).any()):
         raise SceneError(

@@ -90,11 +90,7 @@ class Rest:
         """See `Shortcut`."""
         if not flights.is_steady:
             return None
-        applied = data.qfrc_applied
-        own = applied.copy()
-        applied += self.force
-        flights.advance(data, flights.options.timestep)
-        applied[:] = own
+        flights.advance(data, flights.options.timestep, self.force)
         moved = _difference(model, self.qpos, data.qpos)
         if mujoco.mju_norm(moved) <= self.distance and mujoco.mju_norm(data.qvel) <= self.speed:
             flights.refresh(data, self.pattern)

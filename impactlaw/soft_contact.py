@@ -14,7 +14,6 @@ from impactlaw.detection import Detector
 from impactlaw.friction_impact import FrictionImpact
 from impactlaw.impact import Impact
 
-_OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 _STEPS_IN_CONTACT = 10  # timesteps one bounce of the tuned contact lasts; fewer and the integrator decides the outcome
 _LONGEST_CONTACT = 0.1  # s after which a soft collision that has not come apart is audited as it is, if that is more
 _LONGEST_STEPS = 4 * _STEPS_IN_CONTACT  # than so many timesteps
@@ -23,6 +22,8 @@ _IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # nearly one and constant, so th
 
 def tuned_contacts(model: mujoco.MjModel, restitution: float) -> mujoco.MjModel:
     """Return a copy of the model whose contacts are springs and dampers tuned to a coefficient of restitution.
+
+    Friction is that of the scene.
 
     MuJoCo's direct format ``solref = (-k, -b)`` makes a contact the oscillator ``r'' + b r' + k r = 0`` that pushes
     but does not pull, ``b = 2 zeta sqrt(k)``. It lets go after the time ``t`` with the restitution ``e``:
@@ -39,10 +40,13 @@ def tuned_contacts(model: mujoco.MjModel, restitution: float) -> mujoco.MjModel:
     zeta, time = _damping(max(restitution, 0.01))
     frequency = time / (_STEPS_IN_CONTACT * model.opt.timestep)
     tuned = copy.deepcopy(model)
-    tuned.opt.enableflags |= _OVERRIDE
-    tuned.opt.o_margin = 0.0
-    tuned.opt.o_solref[:] = -(frequency**2), -2.0 * zeta * frequency
-    tuned.opt.o_solimp[:] = _IMPEDANCE
+    for reference in (tuned.geom_solref, tuned.pair_solref, tuned.opt.o_solref):
+        reference[:] = -(frequency**2), -2.0 * zeta * frequency
+    for impedance in (tuned.geom_solimp, tuned.pair_solimp, tuned.opt.o_solimp):
+        impedance[:] = _IMPEDANCE
+    for margin in (tuned.geom_margin, tuned.geom_gap, tuned.pair_margin, tuned.pair_gap):
+        margin[:] = 0.0
+    tuned.opt.o_margin = 0.0  # where the scene overrides contact parameters by itself
     return tuned
 
 

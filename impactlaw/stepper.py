@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal
 
@@ -10,7 +11,7 @@ import mujoco
 from impactlaw import deferred
 from impactlaw.collide import Collider
 from impactlaw.contacts import GAP_TOLERANCE
-from impactlaw.errors import SceneError, UnknownNameError
+from impactlaw.errors import ManyCollisionsWarning, SceneError, UnknownNameError
 from impactlaw.events import ImpactEvent
 from impactlaw.fitting import check_count, check_friction, check_law, check_length, check_model, check_speed
 from impactlaw.laws import Coulomb, Law, MaximalDissipation
@@ -20,6 +21,7 @@ from impactlaw.scene import scene_law
 from impactlaw.settled import Settled
 from impactlaw.soft import REST_SPEED, SoftStepping
 from impactlaw.solvers import SOLVERS
+from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 
 if TYPE_CHECKING:
     from impactlaw.stepping.time_stepping.scheme import TimeStepping
@@ -32,9 +34,9 @@ class Stepper:
 
     With ``contact_model="rigid"`` MuJoCo does everything but contact and the law owns the contacts, with the friction
     of the scene. Event-driven steps locate the times at which gaps close, resolve every collision by the law, and keep
-    touching contacts touching (`impactlaw.rigid`): exact, at a price without bound. Time stepping solves one problem a
-    step for impacts and held contact together (`impactlaw.stepping.time_stepping.scheme`): of first order in
-    collisions, at a bounded price, and after the constructor nothing about contact raises. With
+    touching contacts touching (`impactlaw.rigid`): exact; what takes too much work is time stepped. Time stepping
+    solves one problem a step for impacts and held contact together (`impactlaw.stepping.time_stepping.scheme`): of
+    first order in collisions, at a bounded price, and after the constructor nothing about contact raises. With
     ``contact_model="soft"`` MuJoCo keeps contact and friction, and the law takes over collisions only; a step without
     one is `mj_step`, bit for bit (`impactlaw.soft`).
 
@@ -56,19 +58,22 @@ class Stepper:
             energy or penetrate: "raise", the default, "project" it onto S(v-), or "allow" it. Under time stepping,
             where nothing penetrates, "project", the default, scales all restitution of a collision so that it creates
             none.
+        on_unsolved: what to do where no certified impulses are found, where the law has no solution, where contact is
+            not held or cannot be pushed out, and where a step takes too much work, which is counted, not timed: let
+            "time-stepping", the default, take the rest of the step, or "raise" (event-driven).
         gap_tolerance: gap up to which a contact counts as closed, and largest penetration at an event, m; 1e-9 if not
             given (event-driven).
         rest_speed: closing speed above which a contact collides, m/s or rad/s: 0.1 for soft contacts if not given; 1e-3
             under time stepping, where forces must not have made more within a step.
-        max_events: collisions of one step, 100 if not given; what is left of a step with more is finished with E = 0
-            (event-driven, soft).
+        max_events: collisions of one step, 100 if not given; what is left of a step with more is finished with E = 0,
+            or time stepped if that would cost energy (event-driven, soft). A larger one allows more work.
         solver: a name from `impactlaw.solvers.SOLVERS`, or "auto" (event-driven, soft).
 
     Attributes:
         law: the law; set to another one, it takes effect with the next step. The other options can be read, not set.
         events: the collisions of the last step, in order.
         plan: what a step does in this scene and what it leaves out (`impactlaw.plan`).
-        unlocated: steps so far that had more than max_events collisions.
+        unlocated: steps so far that had more than max_events collisions, or were time stepped in part or as a whole.
         shortfall: by how much a contact velocity of the last step missed its law (time stepping).
         short_steps: steps so far in which that was too much (time stepping).
 
@@ -84,7 +89,7 @@ class Stepper:
     model, plan = Settled(_ANEW), Settled(_ANEW)
     contact_model, scheme, friction, overlap = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
     on_inadmissible, gap_tolerance, rest_speed = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
-    max_events, solver = Settled(_ANEW), Settled(_ANEW)
+    on_unsolved, max_events, solver = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
 
     def __init__(
         self,
@@ -96,6 +101,7 @@ class Stepper:
         friction: Literal["coulomb", "convex", "ignore"] | None = None,
         overlap: Literal["refuse", "push-out"] | None = None,
         on_inadmissible: Literal["raise", "project", "allow"] | None = None,
+        on_unsolved: Literal["time-stepping", "raise"] | None = None,
         gap_tolerance: float | None = None,
         rest_speed: float | None = None,
         max_events: int | None = None,
@@ -107,6 +113,7 @@ class Stepper:
             ("friction option", friction, (None, "coulomb", "convex", "ignore")),
             ("overlap option", overlap, (None, "refuse", "push-out")),
             ("on_inadmissible option", on_inadmissible, (None, "raise", "project", "allow")),
+            ("on_unsolved option", on_unsolved, (None, "time-stepping", "raise")),
             ("solver", solver, (None, "auto", *SOLVERS)),
         ):
             if value not in known:
@@ -117,6 +124,7 @@ class Stepper:
             "scheme": scheme,
             "friction": friction,
             "overlap": overlap,
+            "on_unsolved": on_unsolved,
             "gap_tolerance": gap_tolerance,
             "rest_speed": rest_speed,
             "max_events": max_events,
@@ -162,7 +170,13 @@ class Stepper:
                 exact=friction != "convex",
                 gap_tolerance=GAP_TOLERANCE if gap_tolerance is None else gap_tolerance,
                 push_out=overlap == "push-out",
+                rest=None
+                if on_unsolved == "raise"
+                else RestOfStep(
+                    model, self._law, friction=friction or "coulomb", on_inadmissible=on_inadmissible or "raise"
+                ),
             )
+        self._warned = False
 
     @property
     def law(self) -> Law:
@@ -187,7 +201,7 @@ class Stepper:
 
     @property
     def unlocated(self) -> int:
-        """Steps so far that had more than max_events collisions; 0 under time stepping, which locates none."""
+        """Steps so far that had more than max_events collisions, or were time stepped in part (event-driven)."""
         return self._stepping.unlocated
 
     @property
@@ -211,17 +225,21 @@ class Stepper:
 
         Raises:
             OverlapError: geoms overlap at the start by more than the gap tolerance, or are squeezed so that they cannot
-                be pushed out; names the pairs and depths.
+                be pushed out, and on_unsolved is "raise"; names the pairs and depths.
             InadmissibleImpactError: the law would create energy and on_inadmissible is "raise".
             RestitutionError: the law's coefficients do not fit the contacts that collide.
-            UnsolvableLawError: the law has no solution for the contacts that collide.
-            SolverError: no solver's answer for these contacts passed its certificate.
+            UnsolvableLawError: the law has no solution for the contacts that collide, and on_unsolved is "raise".
+            SolverError: no solver's answer for these contacts passed its certificate, and on_unsolved is "raise".
+            UnfinishedStepError: the step takes too much work, or contact is not held, and on_unsolved is "raise".
             DivergenceError: position or velocity is not finite.
             SceneError: data is of a model with other bodies, joints or geoms.
         """
         if data.signature != self._model.signature:
             raise _other_model()
         self._events = self._stepping.step(data)
+        if isinstance(self._stepping, RigidStepping) and self._stepping.crowded and not self._warned:
+            self._warned = True
+            warnings.warn(_CROWDED.format(data.time), ManyCollisionsWarning, stacklevel=2)
 
     def finish_step(self, data: mujoco.MjData) -> None:
         """Do what follows `mj_step1` in a soft step, as `mj_step2` does.
@@ -257,10 +275,14 @@ def _other_model() -> SceneError:
     return SceneError("data belongs to another model than the one that this stepper was made with")
 
 
+_CROWDED = (
+    "a step that ended at t = {:.6g} s had too many collisions to locate them all: time stepping has resolved them at "
+    "once; Stepper.unlocated counts such steps, a larger max_events locates more"
+)
 _UNUSED = {
-    "soft": ("scheme", "friction", "overlap", "gap_tolerance"),
+    "soft": ("scheme", "friction", "overlap", "on_unsolved", "gap_tolerance"),
     "event-driven": ("rest_speed",),
-    "time-stepping": ("gap_tolerance", "max_events", "solver"),
+    "time-stepping": ("on_unsolved", "gap_tolerance", "max_events", "solver"),
 }
 """Options that a way to step has no use for."""
 

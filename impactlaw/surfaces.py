@@ -12,6 +12,7 @@ it takes along by friction, and never pushes.
 
 from __future__ import annotations
 
+import copy
 from typing import Any, NamedTuple
 
 import mujoco
@@ -118,6 +119,13 @@ class Surfaces:
         """Return how fast a point of each body can be at velocities (.., nmocap, 6), m/s, (.., nmocap)."""
         linear, turning = velocity[..., :3], velocity[..., 3:]
         return np.sqrt(np.vecdot(linear, linear)) + self._arm * np.sqrt(np.vecdot(turning, turning))
+
+    def from_here(self, data: mujoco.MjData) -> Surfaces:
+        """Return the same surfaces as if the step before had ended now, where and as fast as they are now."""
+        here = copy.copy(self)
+        here._time, here._target = data.time, np.hstack([data.mocap_pos, data.mocap_quat])
+        here._mean = here._last = self._before if data.time == self._time else self._now(data)
+        return here
 
     def end(self, data: mujoco.MjData) -> None:
         """Let the step end now, in the poses that it went to."""

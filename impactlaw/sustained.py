@@ -5,7 +5,8 @@ separated so slowly that its rebound rises less than the gap tolerance, ``gamma^
 closing acceleration that the flow shows. This is also what ends a Zeno sequence of ever smaller bounces. The
 acceleration of a contact is looked at again once those below it are held: in a stack that falls freely it is zero.
 
-The flow itself knows no contact; afterwards position and velocity are brought back to the closed contacts:
+The flow itself knows no contact but the forces of the flow before (`felt_force`), which are taken away from where it
+ends; then position and velocity are brought back to the closed contacts:
 
     position:  min |d|,  gap(q + d) >= 0           (kinetic metric; Gauss-Newton on the gaps)
     velocity:  0 <= nu  ⊥  J (w + M^-1 J^T nu) >= 0,   w = v + M^-1 (J_start - J)^T nu' / 2,   v <- w + M^-1 J^T nu
@@ -27,6 +28,8 @@ from impactlaw.errors import UnsolvableLawError
 from impactlaw.gripped import hold_gripping
 from impactlaw.moment import CORRECTED, Arrival, Flow, Moment, stays
 from impactlaw.solvers import Problem, solve_with_jump, with_active
+from impactlaw.stepping.event_driven.felt_force import Felt, constrained_velocity
+from impactlaw.stepping.event_driven.work import Work
 from impactlaw.touch import Touch, jump, whiten
 
 _CORRECTIONS = 20  # position corrections at most
@@ -54,21 +57,29 @@ def hold(
     Returns:
         The contacts after the correction, and what is left to do if the flow is to be kept: see `hold_gripping`.
     """
+    flow.work.hold(len(arrival.now.gap))
     if arrival.now.touch.pattern.grip is not None:
 
         def correct(overlapping: Arrival) -> Arrival:
-            return _hold_position(model, data, overlapping, flow, None, look_again)[0]
+            return _hold_position(model, data, overlapping, flow, None, look_again, np.zeros(model.nv))[0]
 
         return hold_gripping(model, data, arrival, flow, look_again, correct)
     before, guess = flow.start.pressed, None
     if before is not None:
         guess = (arrival.known >= 0) & before[arrival.known]
-    if np.count_nonzero(arrival.sustained & (arrival.now.gap < -CORRECTED * flow.tolerance)):
-        arrival, guess = _hold_position(model, data, arrival, flow, guess, look_again)
+    arrival.now.touch.whitened(model, data)
+    felt = Felt.of(model, data, flow.start.force, flow.duration)
+    free = constrained_velocity(model, data, arrival.now, flow) - felt.velocity
+    amiss = arrival.now.gap < -CORRECTED * flow.tolerance
+    if guess is not None and flow.start.force is not None:
+        amiss |= guess & (arrival.now.gap > CORRECTED * flow.tolerance)
+    if np.count_nonzero(arrival.sustained & amiss):
+        arrival, guess = _hold_position(model, data, arrival, flow, guess, look_again, felt.shift)
     now, known, sustained = arrival
-    if np.count_nonzero(sustained & now.closed & (now.contact_velocity < -now.noise)):
-        pressed = _hold_velocity(model, data, arrival, flow, guess)
-        return Arrival(now.moving(model, data, pressed), known, sustained), None
+    held = sustained & now.closed
+    if flow.start.force is not None or np.count_nonzero(held & (now.contact_velocity < -now.noise)):
+        pressed, force = _hold_velocity(model, data, arrival, flow, guess, free, felt)
+        return Arrival(now.moving(model, data, pressed, force=force), known, sustained), None
     return arrival, None
 
 
@@ -79,27 +90,32 @@ def _hold_position(
     flow: Flow,
     guess: np.ndarray | None,
     look_again: Callable[[float], tuple[Moment, np.ndarray]],
+    felt: np.ndarray,
 ) -> tuple[Arrival, np.ndarray | None]:
-    """Return the contacts where those that are sustained do not overlap, and which of them press."""
+    """Return the contacts where those that are sustained do not overlap, and which of them press.
+
+    A shift that they have felt in the flow, (nv,), is theirs: they may pull back so far.
+    """
     end, end_gap = data.qpos.copy(), arrival.now.gap[arrival.sustained]
     shift, pressed = np.zeros(model.nv), guess
-    cuts = np.zeros((0, model.nv)), np.zeros(0)
+    cuts, reach = (np.zeros((0, model.nv)), np.zeros(0)), arrival.now.touch.opening(felt)
     for correction in range(_CORRECTIONS):
         now, known, sustained = arrival
-        sustained, pressed, wanted = _position_impulse(model, data, arrival, shift, flow, cuts, pressed)
-        if correction == 0 and not np.count_nonzero(pressed):
+        sustained, pressed, wanted = _position_impulse(model, data, arrival, shift + felt, flow, cuts, pressed)
+        wanted = wanted - felt
+        if correction == 0 and not (np.count_nonzero(pressed) or np.count_nonzero(felt)):
             return Arrival(now, known, sustained), None
-        if correction and np.abs(now.touch.jacobian.dot(wanted - shift)).max() <= CORRECTED * flow.tolerance:
+        if correction and now.touch.opening(wanted - shift) <= CORRECTED * flow.tolerance:
             break  # what still overlaps is squeezed between bodies that cannot give way
         if correction >= _SMOOTH_CORRECTIONS:  # the contacts jump between points of a face: keep them all
             J = now.touch.jacobian[sustained]
-            cuts = np.vstack([cuts[0], J]), np.concatenate([cuts[1], J.dot(shift) - now.gap[sustained]])
+            cuts = np.vstack([cuts[0], J]), np.concatenate([cuts[1], J.dot(shift + felt) - now.gap[sustained]])
         shift = wanted
         qpos = end.copy()
         mujoco.mj_integratePos(model, qpos, shift, 1.0)
         data.qpos[:] = qpos
         update_positions(model, data)
-        before, (now, known) = known, look_again(0.0)
+        before, (now, known) = known, look_again(reach)
         if known is not before and not np.array_equal(known, before):
             if not np.isin(before[pressed & (before >= 0)], known).all():  # pushed out further than contacts are sought
                 now, known = look_again(float(-end_gap.min()))
@@ -145,11 +161,12 @@ def _position_impulse(
         rows = np.flatnonzero(sustained)
         gradients, least, part = along[rows], J[rows].dot(shift) - gap[rows], Y[rows]
         if len(cuts[1]):
+            flow.work.cut(len(least) + len(cuts[1]))
             guess = None
             more_gradients, more = touch.confine(model, data, cuts[0])
             gradients, least = np.vstack([gradients, more_gradients]), np.concatenate([least, cuts[1]])
             part = np.vstack([part, more])
-        p = _opening(part, least, None if guess is None else guess[rows])
+        p = _opening(part, least, None if guess is None else guess[rows], flow.work)
         wanted = jump(model, data, gradients, p)
         if len(rows) == len(gap):
             return sustained, p[: len(rows)] > 0, wanted
@@ -161,29 +178,48 @@ def _position_impulse(
         sustained = sustained | more
 
 
-def _opening(gradients: np.ndarray, least: np.ndarray, guess: np.ndarray | None) -> np.ndarray:
+def _opening(gradients: np.ndarray, least: np.ndarray, guess: np.ndarray | None, work: Work) -> np.ndarray:
     """Return what `_pushing` returns, and 0 for contacts of bodies that cannot give way, or not all at once."""
     able = np.vecdot(gradients, gradients) > 0
     if np.count_nonzero(able) == len(able):
         try:
             return _pushing(gradients, least, guess)
         except UnsolvableLawError as conflict:
+            work.disagree(len(least))
             able = conflict.ray <= _CONFLICT * conflict.ray.max()
     p = np.zeros(len(least))
     if np.count_nonzero(able):
-        p[able] = _opening(gradients[able], least[able], None if guess is None else guess[able])
+        p[able] = _opening(gradients[able], least[able], None if guess is None else guess[able], work)
     return p
 
 
 def _hold_velocity(
-    model: mujoco.MjModel, data: mujoco.MjData, arrival: Arrival, flow: Flow, guess: np.ndarray | None
-) -> np.ndarray:
-    """Change data.qvel so that no closed contact that is sustained approaches; return which of them press."""
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    arrival: Arrival,
+    flow: Flow,
+    guess: np.ndarray | None,
+    velocity: np.ndarray,
+    felt: Felt,
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Set data.qvel so that no closed contact that is sustained approaches; return which press, and their force.
+
+    Args:
+        model: the scene.
+        data: where sustained contacts do not overlap, frames current.
+        arrival: the contacts there.
+        flow: what led there.
+        guess: which contacts may press, bool (h,).
+        velocity: without contact, (nv,).
+        felt: what the flow has felt.
+    """
     touch, start = arrival.now.touch, flow.start.touch
     held = np.flatnonzero(arrival.sustained & arrival.now.closed)
     along, _, lengths = touch.whitened(model, data)
     lengths = lengths[held]
-    velocity = arrival.now.velocity.copy()
+    if not len(held):
+        data.qvel[:] = velocity
+        return np.zeros(len(arrival.known), dtype=bool), None
     guess = None if guess is None else guess[held]
     nu = _pressing(model, data, touch, held, velocity, guess)
     known = arrival.known[held]
@@ -196,10 +232,11 @@ def _hold_velocity(
         if np.count_nonzero(change > 1e-12 * lengths):
             velocity += jump(model, data, difference, 0.5 * nu)
             nu = _pressing(model, data, touch, held, velocity, nu > 0)
-    data.qvel[:] = velocity + jump(model, data, along[held], nu)
+    impulse, change = nu.dot(along[held]), jump(model, data, along[held], nu)
+    data.qvel[:] = velocity + change
     pressed = np.zeros(len(arrival.known), dtype=bool)
     pressed[held] = nu > 0
-    return pressed
+    return pressed, impulse / flow.duration if felt.is_settled(impulse, change) else None
 
 
 def _pressing(

@@ -76,6 +76,10 @@ class Touch:
         gamma = self.jacobian.dot(velocity)
         return gamma if self.drift is None else gamma + self.drift
 
+    def opening(self, shift: np.ndarray) -> float:
+        """Return the largest change of a gap by a displacement, (nv,), m."""
+        return float(np.abs(self.jacobian.dot(shift)).max(initial=0.0))
+
     def tangents(self, model: mujoco.MjModel, data: mujoco.MjData) -> Tangents | None:
         """Return the rows of friction; None if there are none.
 
@@ -129,6 +133,13 @@ class Touch:
         if self._span is None or self.bilateral is None:
             return rows, Y
         return self._span.confine(rows, Y, self.bilateral), self._span.project(Y)
+
+    def along_constraints(self, model: mujoco.MjModel, data: mujoco.MjData, velocity: np.ndarray) -> np.ndarray:
+        """Return the part of a velocity, (nv,), that equality constraints fix; `whitened` must have been asked for."""
+        if self._span is None or self.bilateral is None:
+            return np.zeros_like(velocity)
+        part = self._span.basis.dot(whiten(model, data, velocity))
+        return jump(model, data, self.bilateral, part.dot(self._span.combination))
 
 
 def whiten_gradients(model: mujoco.MjModel, data: mujoco.MjData, jacobian: np.ndarray) -> np.ndarray:

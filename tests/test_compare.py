@@ -181,3 +181,20 @@ def test_soft_outcome_on_a_mocap_body_that_was_moved():
     collision = read_collision(model, data)
     soft = soft_outcome(tuned_contacts(model, 0.8), data, Moreau(0.8).resolve(collision))
     assert soft.post_velocity == pytest.approx([3.2], abs=0.1)
+
+
+@pytest.mark.parametrize("pair", ["", '<contact><pair geom1="floor" geom2="block" friction=".3 .3"/></contact>'])
+def test_tuned_contacts_have_the_friction_of_the_scene(pair):
+    block = '<body pos="0 0 .1"><freejoint/><geom name="block" type="box" size=".1 .1 .1" friction=".3"/></body>'
+    model = tuned_contacts(
+        mujoco.MjModel.from_xml_string(
+            '<mujoco><option timestep="0.001" cone="elliptic" impratio="100"/><worldbody>'
+            f'<geom name="floor" type="plane" size="9 9 1" friction=".3"/>{block}</worldbody>{pair}</mujoco>'
+        ),
+        0.0,
+    )
+    data = mujoco.MjData(model)
+    data.qvel[0] = 2.0
+    for _ in range(300):
+        mujoco.mj_step(model, data)
+    assert data.qvel[0] == pytest.approx(2.0 - 0.3 * 9.81 * 0.3, abs=0.05)

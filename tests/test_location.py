@@ -169,9 +169,9 @@ def flows(monkeypatch):
     """The duration of every flow, in order."""
     durations, advance = [], Flights.advance
 
-    def counted(self, data, duration):
+    def counted(self, data, duration, force=None):
         durations.append(duration)
-        advance(self, data, duration)
+        advance(self, data, duration, force)
 
     monkeypatch.setattr(Flights, "advance", counted)
     return durations

@@ -233,6 +233,7 @@ def test_a_law_without_a_target_says_so():
 
 
 @pytest.mark.usefixtures("quiet")
+@pytest.mark.filterwarnings("ignore::impactlaw.errors.ManyCollisionsWarning")
 @pytest.mark.parametrize(("name", "steps"), [("Ant-v5", 300), ("Humanoid-v5", 230), ("Hopper-v5", 300)])
 def test_gymnasium_robots_run_on_rigid_contact(name, steps):
     """With friction and random controls: no divergence, no penetration, impacts that create no energy."""

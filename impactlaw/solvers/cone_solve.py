@@ -11,6 +11,7 @@ from impactlaw.solvers.cone_lagrangian import augmented_lagrangian
 from impactlaw.solvers.cone_newton import continuation, newton, share
 from impactlaw.solvers.cone_problem import ENOUGH, ConeAnswer, ConeProblem, ConeStatus, project
 from impactlaw.solvers.cone_single import single
+from impactlaw.solvers.one_thread import one_thread
 
 _WARM = 8  # Newton steps that a guess is worth
 _COLD = 15  # Newton steps from rest, before what is slower
@@ -38,6 +39,8 @@ class Effort(NamedTuple):
 THOROUGH = Effort(15, True, 60)
 USUAL = Effort(15, True, 0)
 BRIEF = Effort(4, False, 0)
+COMPILED = Effort(0, False, 0)
+"""Newton's method, and what is compiled."""
 
 
 def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, effort: Effort = THOROUGH) -> ConeAnswer:
@@ -63,6 +66,12 @@ def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, effort
         x = single(problem, guess)
         if x is not None and (residual := problem.residual(x, problem.velocity(x))) <= _ALONE * problem.scale:
             return problem.answer(x, residual, ConeStatus.SOLVED, 0)
+    with one_thread():
+        return _solve(problem, guess, effort)
+
+
+def _solve(problem: ConeProblem, guess: np.ndarray | None, effort: Effort) -> ConeAnswer:
+    """Try one method after the other."""
     x, residual, taken = np.zeros(problem.shape), np.inf, 0
     methods = (
         lambda: _attempts(problem, _first(problem, guess)),

@@ -15,6 +15,7 @@ from impactlaw.solvers.guess import guess
 from impactlaw.solvers.least_distance import least_distance
 from impactlaw.solvers.least_norm import share_impulse
 from impactlaw.solvers.nnls import nnls
+from impactlaw.solvers.one_thread import one_thread
 from impactlaw.solvers.osqp import osqp
 from impactlaw.solvers.primal_dual import primal_dual_active_set
 from impactlaw.solvers.projected_gauss_seidel import projected_gauss_seidel
@@ -38,6 +39,7 @@ CERTIFIED = 1e-9
 """Residual, relative to the velocities before and after, above which an answer is not one."""
 _GOOD = 1e-12  # relative residual that needs no other solver's opinion
 _GOOD_LARGE = 1e-10  # the same where another's opinion, that of a dense solver, takes seconds
+_MANY = 64  # contacts from which linear algebra starts threads where it may
 _TIGHT = 1e-9  # slack, relative to the scale of the problem, of a contact that may share the impulse
 _RANKS = (1e-13, 1e-11, 1e-9)  # relative singular values below which a direction of the gradients may be rounding
 
@@ -68,6 +70,15 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
     c = problem.bound
     if (max(c.tolist()) if 0 < len(c) <= FEW else c.max(initial=0.0)) <= 0.0:
         return Answer(np.zeros(len(c)), np.zeros(problem.gradients.shape[1]), -c / problem.lengths, 0.0)
+    if len(c) < _MANY:
+        return _solve(problem, labels, solver, shared=shared)
+    with one_thread():
+        return _solve(problem, labels, solver, shared=shared)
+
+
+def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bool) -> Answer:
+    """Return what `solve_with_jump` returns where there is something to solve."""
+    c = problem.bound
     if problem.lengths is not problem.norms:
         return _solve_moving(problem, labels, solver)
     if solver == "auto":

@@ -93,7 +93,7 @@ def run(cases: list[Case], jobs: int = 1) -> Iterator[Row]:
     unlocated; warnings, MuJoCo's; outcome, "fine" or why it stopped; stopped_at, the last step begun.
     """
     processes.prepare()
-    if any(case.way == "time-stepping" for case in cases):
+    if any(case.way in ("time-stepping", "event-driven") for case in cases):
         processes.compile_first("time-stepping")
     parallel = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator")
     for row in parallel(joblib.delayed(processes.apart)(case) for case in cases):

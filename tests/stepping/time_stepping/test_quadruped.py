@@ -131,3 +131,15 @@ def test_it_slides_on_ice_and_is_braked_on_felt():
         speeds.append(abs(data.qvel[0]))
     assert speeds[0] > 0.4
     assert speeds[1] < 1e-3
+
+
+@pytest.mark.parametrize("law", [MaximalDissipation(), Moreau(0.5)], ids=["0", "moreau"])
+def test_it_stands_on_feet_of_condim_6_under_event_driven_steps(law):
+    model, data, feet = quadruped(6)
+    data.qpos[2] += 0.05
+    stepper = Stepper(model, law)
+    run_to(stepper, data, 1.5)
+    start = data.qpos.copy()
+    run_to(stepper, data, 3.0)
+    assert data.qpos[:3] == pytest.approx(start[:3], abs=5e-3)
+    assert np.abs(gaps(model, data, feet)).max() < 1e-8

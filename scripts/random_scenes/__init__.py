@@ -1,0 +1,1 @@
+"""Random scenes, and piles in a bin."""

@@ -1,0 +1,127 @@
+"""Random scenes of 2 to 30 bodies, and piles in a bin: do they end, how long can a step take, does energy come in?
+
+Nothing feeds energy. What a scene gains over any stretch, relative to the largest difference of its energies, is from
+nowhere; it counts under RK4, as the other integrators gain some by themselves where bodies spin fast. What RK4 gains in
+a step from the same state without contact is left out.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import mujoco
+import numpy as np
+import pandas as pd
+import tyro
+from tqdm import tqdm
+
+from impactlaw import Stepper
+from impactlaw.errors import ManyCollisionsWarning
+from impactlaw.stepping.time_stepping.warm_up import warm_up
+
+from . import making
+
+LONGEST = 0.2
+"""Processor time of a step that is too much, s."""
+GAIN = 0.02
+"""Part of the largest difference of energies that may come in."""
+_NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomScenes:
+    """What is run."""
+
+    scenes: int = 300
+    """Random scenes."""
+    piles: int = 40
+    """Piles in a bin."""
+    seconds: float = 1.0
+    """Of each, simulated."""
+    first: int = 0
+    """Seed of the first."""
+    scheme: Literal["event-driven", "time-stepping"] = "event-driven"
+    """How it is stepped."""
+
+
+def energy(model: mujoco.MjModel, scratch: mujoco.MjData, data: mujoco.MjData) -> float:
+    """Return the energy of a state, J."""
+    scratch.qpos[:], scratch.qvel[:] = data.qpos, data.qvel
+    mujoco.mj_kinematics(model, scratch)
+    mujoco.mj_comPos(model, scratch)
+    mujoco.mj_makeM(model, scratch)
+    mujoco.mj_energyPos(model, scratch)
+    mujoco.mj_energyVel(model, scratch)
+    return float(scratch.energy.sum())
+
+
+def flown(model: mujoco.MjModel, scratch: mujoco.MjData, data: mujoco.MjData) -> float:
+    """Return the energy that MuJoCo's integrator gains in a step from this state without contact, J."""
+    flags = model.opt.disableflags
+    model.opt.disableflags |= _NO_CONTACT
+    scratch.qpos[:], scratch.qvel[:], scratch.qacc_warmstart[:] = data.qpos, data.qvel, 0.0
+    before = energy(model, scratch, data)
+    mujoco.mj_step(model, scratch)
+    gained = energy(model, scratch, scratch) - before
+    model.opt.disableflags = flags
+    return max(gained, 0.0)
+
+
+def run(made: making.Made, options: RandomScenes) -> dict[str, object]:
+    """Step a scene to its end, and return what it showed."""
+    model, data, law = made
+    stepper, scratch = Stepper(model, law, scheme=options.scheme, overlap="push-out"), mujoco.MjData(model)
+    row: dict[str, object] = {"bodies": model.nbody - 1, "nv": model.nv, "law": repr(law), "outcome": "fine"}
+    count, longest, energies = round(options.seconds / model.opt.timestep), 0.0, [energy(model, scratch, data)]
+    allowed: list[float] = []
+    try:
+        for _ in range(count):
+            allowed.append(flown(model, scratch, data))
+            begun = time.process_time()
+            stepper.step(data)
+            longest = max(longest, time.process_time() - begun)
+            energies.append(energy(model, scratch, data))
+    except Exception as error:
+        row["outcome"] = f"{type(error).__name__}: {error}"[:90]
+    span = max(energies) - min(energies) + 1e-9
+    gains = np.diff(energies) - allowed[: len(energies) - 1]
+    total = np.cumsum([0.0, *gains])
+    gain = float((total - np.minimum.accumulate(total)).max() / span)
+    exact = model.opt.integrator == int(mujoco.mjtIntegrator.mjINT_RK4)
+    row |= {"gain": gain if exact else np.nan, "gain_of_all": gain}
+    return row | {"steps": len(gains), "longest": longest, "unlocated": stepper.unlocated}
+
+
+def rows(options: RandomScenes) -> Iterator[dict[str, object]]:
+    """Return one row for each scene."""
+    makers: tuple[tuple[str, Callable[[int], making.Made], int], ...] = (
+        ("scene", making.scene, options.scenes),
+        ("pile", making.pile, options.piles),
+    )
+    for kind, make, count in makers:
+        for seed in range(options.first, options.first + count):
+            yield {"kind": kind, "seed": seed} | run(make(seed), options)
+
+
+def main() -> int:
+    """Run them all and print what went wrong, and the largest."""
+    options = tyro.cli(RandomScenes, description=__doc__)
+    warnings.simplefilter("ignore", ManyCollisionsWarning)
+    warm_up()
+    found = pd.DataFrame(tqdm(rows(options), total=options.scenes + options.piles, disable=None))
+    wrong = (found.outcome != "fine") | (found.longest > LONGEST) | (found.gain > GAIN)
+    with pd.option_context("display.width", 200, "display.max_rows", None, "display.max_colwidth", 90):
+        print(found[wrong].to_string(index=False))
+        print(found.groupby("kind")[["steps", "unlocated"]].sum())
+        print(found.groupby("kind")[["longest", "gain", "gain_of_all"]].max())
+    print(f"{int(wrong.sum())} of {len(found)} ended with an exception, took {LONGEST} s in a step, or gained energy")
+    return int(wrong.any())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

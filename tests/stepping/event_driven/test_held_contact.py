@@ -1,0 +1,113 @@
+"""Held contact where the mass matrix depends on the configuration: energy, order, and forces that change at once."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+import pytest
+
+from impactlaw import MaximalDissipation, Stepper
+
+NOT = 'contype="0" conaffinity="0"'
+PLANE = '<geom type="plane" size="3 3 .1" friction=".3"/>'
+PENDULUM = f"""<body><joint axis="0 1 0" stiffness="3"/>
+  <geom {NOT} type="capsule" fromto="0 0 0 .02 0 .15" size=".01" mass=".3"/></body>"""
+SPHERE = f"""{PLANE}<body pos="0 0 .1"><joint type="slide" axis="0 0 1"/><geom size=".1" mass="2"/>
+  <body pos="0 0 .2"><joint axis="0 1 0" stiffness="20"/>
+  <geom {NOT} type="capsule" fromto="0 0 0 0 0 .3" size=".01" mass=".2"/></body></body>"""
+ARM = f"""{PLANE}<body pos="0 0 .5"><joint axis="0 1 0" damping=".2"/>
+  <geom {NOT} type="capsule" fromto="0 0 0 .4 0 -.2" size=".02" mass="1"/>
+  <body pos=".4 0 -.2"><joint axis="0 1 0" damping=".1"/>
+  <geom {NOT} type="capsule" fromto="0 0 0 .3 0 -.29" size=".02" mass=".5"/>
+  <geom pos=".3 0 -.29" size=".01" mass=".1" friction=".1"/></body></body>"""
+ROLLING = f'<body pos="0 0 .1"><freejoint/><geom size=".1" mass="1" friction="1"/>{PENDULUM}</body>'
+CURVED = '<geom size="1" pos="0 0 -1"/>'
+
+
+def scene(bodies: str, timestep: float, integrator: str = "RK4") -> mujoco.MjModel:
+    option = f'<option timestep="{timestep}" integrator="{integrator}"/>'
+    return mujoco.MjModel.from_xml_string(f"<mujoco>{option}<worldbody>{bodies}</worldbody></mujoco>")
+
+
+def energy(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    scratch = mujoco.MjData(model)
+    scratch.qpos[:], scratch.qvel[:] = data.qpos, data.qvel
+    mujoco.mj_forward(model, scratch)
+    mujoco.mj_energyPos(model, scratch)
+    mujoco.mj_energyVel(model, scratch)
+    return float(scratch.energy.sum())
+
+
+def run(model: mujoco.MjModel, velocity: list[float], seconds: float, friction: str) -> tuple[np.ndarray, float]:
+    """Return the state at the end, and the energy gained, J."""
+    data = mujoco.MjData(model)
+    data.qvel[:] = velocity
+    before = energy(model, data)
+    stepper = Stepper(model, MaximalDissipation(), friction=friction)  # pyright: ignore[reportArgumentType]
+    for _ in range(round(seconds / model.opt.timestep)):
+        stepper.step(data)
+        assert not stepper.events
+    return np.concatenate([data.qpos, data.qvel]), energy(model, data) - before
+
+
+@pytest.mark.parametrize("friction", ["coulomb", "ignore"])
+@pytest.mark.parametrize(
+    ("integrator", "timestep", "gained"),
+    [("RK4", 4e-3, 3e-5), ("RK4", 2e-3, 3e-5), ("RK4", 1e-3, 1e-5), ("Euler", 2e-3, 1.6e-3), ("Euler", 4e-3, 6e-3)],
+)
+def test_a_sphere_at_rest_that_carries_a_pendulum_keeps_its_energy(integrator, timestep, gained, friction):
+    _, change = run(scene(SPHERE, timestep, integrator), [0, 5], 1.0, friction)
+    assert abs(change) <= gained
+
+
+@pytest.mark.parametrize(
+    ("bodies", "velocity", "friction"),
+    [
+        pytest.param(CURVED + ROLLING, [0.3, 0, 0, 0, 0, 0, 3], "ignore", id="slides over a sphere"),
+        pytest.param(PLANE + ROLLING, [0.5, 0, 0, 0, 5, 0, 6], "coulomb", id="rolls on a plane"),
+        pytest.param(CURVED + ROLLING, [0.3, 0.1, 0, -1, 3, 0, 6], "coulomb", id="rolls on a sphere"),
+        pytest.param(ARM, [0, 0], "ignore", id="damped arm slides"),
+        pytest.param(ARM, [0, 0], "coulomb", id="damped arm slides with friction"),
+    ],
+)
+def test_held_contact_is_of_second_order(bodies, velocity, friction):
+    ends = [run(scene(bodies, h), velocity, 0.3, friction)[0] for h in (2e-3, 1e-3, 5e-4)]
+    coarse, fine = (np.abs(a - b).max() for a, b in pairwise(ends))
+    assert np.log2(coarse / fine) > 1.8
+
+
+@pytest.mark.parametrize("integrator", ["RK4", "Euler"])
+@pytest.mark.parametrize("friction", ["coulomb", "ignore"])
+def test_a_force_that_ends_leaves_nothing_behind(integrator, friction):
+    # pressed down with 1 kN, it would be thrown up by what the step before had to hold
+    model = scene(PLANE + '<body pos="0 0 .1"><freejoint/><geom size=".1" mass="1"/></body>', 1e-2, integrator)
+    data, stepper = mujoco.MjData(model), Stepper(model, MaximalDissipation(), friction=friction)  # pyright: ignore[reportArgumentType]
+    for push in [-1e3] * 3 + [0.0] * 3 + [-1e3, 12.0, 12.0]:
+        data.qfrc_applied[2] = push
+        stepper.step(data)
+        if push <= 0:
+            assert abs(data.qpos[2] - 0.1) < 1e-9
+            assert abs(data.qvel[2]) < 1e-9
+    assert data.qvel[2] == pytest.approx((12 - 9.81) * 2e-2, abs=1e-9)
+    assert data.qfrc_applied[2] == 12.0
+
+
+KNOB = """<body pos="0 0 1"><joint name="knob" axis="0 1 0" damping="2" armature=".001"/>
+    <inertial pos="0 0 0" mass=".01" diaginertia="1e-5 1e-5 1e-5"/></body>
+  <body pos="1 0 1"><joint name="lid" type="slide" axis="0 0 1" damping="2" armature=".001" range="0 1" limited="true"/>
+    <inertial pos="0 0 0" mass=".01" diaginertia="1e-5 1e-5 1e-5"/></body>"""
+
+
+@pytest.mark.parametrize(("integrator", "timestep"), [("Euler", 2e-3), ("implicitfast", 1e-2), ("RK4", 5e-4)])
+@pytest.mark.parametrize("joints", [("knob", "lid"), ("lid", "knob")])
+def test_a_joint_equality_beside_a_limit_that_is_held_stays_at_rest(integrator, timestep, joints):
+    equality = '<equality><joint joint1="{}" joint2="{}" polycoef="0 10 0 0 0"/></equality>'.format(*joints)
+    option = f'<option timestep="{timestep}" integrator="{integrator}"/>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco>{option}<worldbody>{KNOB}</worldbody>{equality}</mujoco>")
+    data, stepper = mujoco.MjData(model), Stepper(model, MaximalDissipation())
+    for _ in range(500):
+        stepper.step(data)
+        assert np.abs(data.qvel).max() < 0.03
+    assert np.abs(data.qpos).max() < 1e-3

@@ -1,0 +1,150 @@
+"""What event-driven stepping leaves undone is time stepped: no exception, bounded work, and it says so."""
+
+from __future__ import annotations
+
+import copy
+import warnings
+
+import mujoco
+import numpy as np
+import pytest
+
+from impactlaw import MaximalDissipation, Moreau, Stepper
+from impactlaw.errors import ManyCollisionsWarning, SceneError, SolverError, UnfinishedStepError
+from impactlaw.flight import Flights
+from impactlaw.stepping.event_driven.work import Work
+
+FLOOR = '<geom name="floor" type="plane" size="9 9 1"/>'
+BOX = '<body pos="0 0 .1"><freejoint/><geom name="box" type="box" size=".1 .1 .1" mass="1"/></body>'
+
+
+def compiled(bodies: str, option: str = 'timestep="0.002"') -> tuple[mujoco.MjModel, mujoco.MjData]:
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><option {option}/><worldbody>{bodies}</worldbody></mujoco>")
+    return model, mujoco.MjData(model)
+
+
+def billiard(ratio: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Galperin's: a heavy ball drives a light one against a wall, which it meets pi times sqrt(ratio)."""
+    balls = f"""<geom type="plane" size="5 5 .1" zaxis="1 0 0"/>
+      <body pos=".2 0 0"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1"/></body>
+      <body pos=".5 0 0"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="{ratio}"/></body>"""
+    model, data = compiled(balls, 'timestep="0.01" gravity="0 0 0"')
+    data.qvel[1] = -1.0
+    return model, data
+
+
+def unsolved(*args, **kwargs):
+    raise SolverError("no impulses were found")
+
+
+def test_friction_without_certified_impulses_is_time_stepped(monkeypatch):
+    model, data = compiled(FLOOR + BOX)
+    data.qvel[0] = 1.0
+    stepper, strict = Stepper(model, Moreau(0.0)), Stepper(model, Moreau(0.0), on_unsolved="raise")
+    monkeypatch.setattr("impactlaw.gripped.solve_grasp", unsolved)
+    with pytest.raises(SolverError):
+        strict.step(copy.copy(data))
+    for _ in range(50):
+        stepper.step(data)
+    assert stepper.unlocated == 50
+    assert data.time == pytest.approx(0.1)
+    assert data.qvel[0] == pytest.approx(1.0 - 9.81 * 0.1, abs=1e-6)
+    assert data.qpos[2] == pytest.approx(0.1, abs=1e-8)
+
+
+def test_a_collision_without_a_solution_is_time_stepped_from_where_it_was(monkeypatch):
+    model, data = compiled(FLOOR + BOX.replace("0 0 .1", "0 0 .101"), 'timestep="0.01"')
+    data.qvel[2] = -1.0
+    stepper = Stepper(model, Moreau(0.5))
+    monkeypatch.setattr("impactlaw.collide.Collider.collide", unsolved)
+    stepper.step(data)
+    assert stepper.unlocated == 1
+    assert len(stepper.events) == 1
+    assert data.qvel[2] == pytest.approx(0.5, abs=0.1)
+
+
+def test_after_a_step_that_was_not_finished_more_and_more_are_left_to_time_stepping(monkeypatch):
+    model, data = compiled(FLOOR + BOX)
+    tried, fly = [], Flights.fly
+
+    def counted(self, *args, **kwargs):
+        tried.append(1)
+        if len(tried) < 6:
+            raise UnfinishedStepError("too much")
+        return fly(self, *args, **kwargs)
+
+    monkeypatch.setattr(Flights, "fly", counted)
+    stepper = Stepper(model, Moreau(0.0))
+    for _ in range(40):
+        data.qvel[0] = 1.0
+        stepper.step(data)
+    assert stepper.unlocated == 5 + 0 + 0 + 1 + 2 + 4
+    assert len(tried) == 5 + 40 - stepper.unlocated
+
+
+def test_many_collisions_are_told_once_and_keep_their_energy():
+    model, data = billiard(1e4)
+    stepper = Stepper(model, Moreau(1.0))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        for _ in range(60):
+            stepper.step(data)
+    assert [warning.category for warning in told] == [ManyCollisionsWarning]
+    assert "max_events" in str(told[0].message)
+    assert stepper.unlocated > 0
+    assert data.qvel @ (data.qvel * [1.0, 1e4]) == pytest.approx(1e4, rel=0.01)
+
+
+def test_many_collisions_are_located_where_that_is_asked_for():
+    model, data = billiard(1e6)
+    stepper, collisions = Stepper(model, Moreau(1.0), max_events=10_000), 0
+    for _ in range(60):
+        stepper.step(data)
+        collisions += len(stepper.events)
+    assert collisions == 3141
+    assert stepper.unlocated == 0
+
+
+def test_a_table_goes_on_rising_in_what_remains_of_a_step(monkeypatch):
+    table = '<body mocap="true"><geom type="box" size="1 1 .1" pos="0 0 -.1"/></body>'
+    model, data = compiled(table + BOX)
+    stepper, steps = Stepper(model, MaximalDissipation()), 0
+    for k in range(100):
+        data.mocap_pos[0, 2] = 0.2 * (k * 0.002) ** 2  # the first pose is the one it starts from
+        with monkeypatch.context() as patch:
+            if k >= 50:
+                patch.setattr(Flights, "fly", unsolved)
+                steps += 1
+            stepper.step(data)
+        if k > 2:
+            assert data.qpos[2] - data.mocap_pos[0, 2] == pytest.approx(0.1, abs=2e-6)
+            assert data.qvel[2] == pytest.approx(0.4 * k * 0.002, abs=2e-3)
+    assert stepper.unlocated == steps
+
+
+@pytest.mark.filterwarnings("ignore::impactlaw.errors.ManyCollisionsWarning")
+def test_work_is_counted_and_bounded(monkeypatch):
+    """Boxes that fall on each other rattle; whatever the machine, every run is the same."""
+    spent, begin = [], Work.begin
+    monkeypatch.setattr(Work, "begin", lambda self, *part: (spent.append(self._spent), begin(self, *part)))
+    bodies = FLOOR + "".join(
+        f'<body pos="{0.03 * i} 0 {0.15 + 0.21 * i}" euler="{7 * i} {11 * i} 0"><freejoint/>'
+        '<geom type="box" size=".1 .1 .1"/></body>'
+        for i in range(5)
+    )
+    ends = []
+    for _ in range(2):
+        model, data = compiled(bodies, 'timestep="0.005"')
+        stepper = Stepper(model, Moreau(0.3), overlap="push-out")
+        for _ in range(150):
+            stepper.step(data)
+        ends.append(np.append(data.qpos, stepper.unlocated))
+    np.testing.assert_array_equal(*ends)
+    assert ends[0][-1] > 0
+    assert max(spent) < 150
+
+
+def test_options_mean_something_to_event_driven_steps_only():
+    model, _ = compiled(FLOOR + BOX)
+    with pytest.raises(SceneError, match="on_unsolved"):
+        Stepper(model, Moreau(0.5), scheme="time-stepping", on_unsolved="raise")
