@@ -342,7 +342,7 @@ LAWS = [
 ]
 
 
-@pytest.mark.parametrize(("make", "law", "restitution"), LAWS, ids=str)
+@pytest.mark.parametrize(("make", "law", "restitution"), LAWS, ids=range(len(LAWS)))
 def test_a_spec_survives_json(make, law, restitution):
     env = make(law=law, restitution=restitution)
     again = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))

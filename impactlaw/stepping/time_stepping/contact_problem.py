@@ -15,6 +15,7 @@ TOLERANCE = 1e-10
 
 _UNSOLVED = 1e-8  # natural map above which normal velocities are corrected ...
 _CORRECTIONS = 2  # ... so many times
+_CONVEX = np.bool_(False)  # numba would compile the solver once more for a literal
 _FEW = 0  # rounds of slower methods in a search
 _SEARCHES = 12  # of the share of restitution that creates no energy
 _CREATED = 1e-9  # part of the largest energy of a contact, up to which its creation is rounding
@@ -119,7 +120,7 @@ def correct_normals(sparse, colind, value, groups, amounts, rates, b, guess, tre
             start[k] = 0.0
     normal, z, left, _ = solve(
         sparse[0], sparse[1], colind, value, nv, tree, groups[0], size, groups[2], amounts[1], rates[4], offset,
-        start, False, TOLERANCE, rounds,
+        start, _CONVEX, TOLERANCE, rounds,
     )  # fmt: skip
     for g in range(groups.shape[1]):
         x[groups[0, g]] = normal[groups[0, g]]
