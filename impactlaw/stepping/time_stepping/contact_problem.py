@@ -226,7 +226,8 @@ def solve_contacts(
 def overlap_targets(groups, amounts, rates, after, timestep):
     """Return how fast positions beside the velocities are to open overlaps, m/s, (g,), and whether any has to.
 
-    What the velocities open counts. Overlaps that came about in the step before are opened at once, those of the start
+    What the velocities do until the middle of the next step counts, and between bodies until the end of this one.
+    Overlaps that came about in the step before are opened at once, those of the start
     at a limited speed.
     """
     need = np.zeros(groups.shape[1])
@@ -235,7 +236,8 @@ def overlap_targets(groups, amounts, rates, after, timestep):
         if groups[2, g] == CONE:
             row, gap = groups[0, g], amounts[0, g]
             aim = min(0.0, gap + timestep * (_OPENING + abs(rates[1, row]) - min(gap, 0.0) / _OPENING_TIME))
-            need[g] = (aim - gap) / timestep - after[row]
+            opened = after[row] * (0.5 if after[row] > 0.0 and groups[3, g] >= 0 else 1.0)
+            need[g] = (aim - gap) / timestep - opened
             some = some or (gap < 0.0 and need[g] > _SLOP / timestep)
     return need, some
 

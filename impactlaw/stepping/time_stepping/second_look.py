@@ -19,14 +19,20 @@ _DEEP = 1e-4
 
 _SLOP = 1e-8
 """Depth, m or rad, that is left as it is."""
+_BEYOND = 4.0
+"""Times the depth: contacts up to there can be closed by what opens others."""
 _LAST_LOSS = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON)
 
 
-@compiled("(int32[:,::1],float64[:,::1],float64[:,::1],int32[:,:],int32[::1],float64[:,::1],float64[::1],float64)")
-def bend(groups, amounts, rates, geoms, body_of_geom, velocity, size, timestep):
+@compiled(
+    "(int32[:,::1],float64[:,::1],float64[:,::1],int32[:,:],int32[::1],float64[:,::1],float64[::1],"
+    "float64[:,::1],float64[:,::1],int32[::1],float64)"
+)
+def bend(groups, amounts, rates, geoms, body_of_geom, velocity, size, center, subtree, root, timestep):
     """Return how far contacts can be from where their gradients say at the end of a step, m; 0 if below `_SEEN`.
 
-    A point of a body that turns at ``w`` at a distance r leaves its straight line by ``w^2 r (h / 2)^2 / 2``.
+    A point of a body that turns at ``w`` at a distance r leaves its straight line by ``w^2 r (h / 2)^2 / 2``; r is
+    taken to the center of mass of the kinematic tree.
 
     Args:
         groups: see `rows.Rows`, like the two that follow.
@@ -36,6 +42,9 @@ def bend(groups, amounts, rates, geoms, body_of_geom, velocity, size, timestep):
         body_of_geom: (ngeom,).
         velocity: MuJoCo's cvel at the end of the step, (nbody, 6).
         size: `margins.body_sizes`, (nbody,).
+        center: centers of mass of bodies, (nbody, 3).
+        subtree: centers of mass of subtrees, (nbody, 3).
+        root: root of each body's tree, (nbody,).
         timestep: h, s.
     """
     most = 0.0
@@ -47,21 +56,41 @@ def bend(groups, amounts, rates, geoms, body_of_geom, velocity, size, timestep):
         for side in range(2):
             body = body_of_geom[geoms[source, side]]
             w = velocity[body, 0] ** 2 + velocity[body, 1] ** 2 + velocity[body, 2] ** 2
-            turn += 0.125 * timestep**2 * w * size[body]
+            away = 0.0
+            for k in range(3):
+                away += (center[body, k] - subtree[root[body], k]) ** 2
+            turn += 0.125 * timestep**2 * w * (size[body] + np.sqrt(away))
         if turn > _SEEN and amounts[0, g] + timestep * min(rates[2, groups[0, g]], 0.0) < turn:
             most = max(most, turn)
     return most
 
 
 @compiled()
-def end_targets(groups, amounts, depth, timestep):
-    """Return how fast positions have to move, m/s, (g,), to open overlaps up to a depth, m, and if any has to."""
+def end_targets(groups, key, amounts, depth, before_key, before, timestep):
+    """Return how fast positions have to move, m/s, (g,), to open overlaps, and if any has to.
+
+    What has overlapped since the start of the step is opened up to a depth, m, and all else as a whole.
+
+    Args:
+        groups: see `rows.Rows`, like the two that follow.
+        key: of groups.
+        amounts: gaps first.
+        depth: m.
+        before_key: of the groups of the step, (k,).
+        before: their gaps at its start, m or rad, (k,).
+        timestep: h, s.
+    """
     need, some = np.zeros(groups.shape[1]), False
     for g in range(len(need)):
-        if groups[2, g] == CONE:
-            gap = amounts[0, g]
-            need[g] = -gap / timestep if gap >= 0.0 else min(-gap, depth) / timestep
-            some = some or gap < -_SLOP
+        if groups[2, g] != CONE:
+            continue
+        gap = amounts[0, g]
+        need[g] = -gap / timestep
+        if gap < -_SLOP:
+            some = True
+            for k in range(len(before)):
+                if before_key[k] == key[g] and before[k] < -_DEEP:
+                    need[g] = min(-gap, depth) / timestep
     return need, some
 
 
@@ -88,18 +117,17 @@ class SecondLook:
         """
         model, h = self._model, self._model.opt.timestep
         depth = bend(
-            rows.groups, rows.amounts, rows.rates, data.contact.geom, model.geom_bodyid, data.cvel, self._size, h
-        )
+            rows.groups, rows.amounts, rows.rates, data.contact.geom, model.geom_bodyid, data.cvel, self._size,
+            data.xipos, data.subtree_com, model.body_rootid, h,
+        )  # fmt: skip
         if depth == 0.0:
             return None
-        self._borrowed.tighten_margins(depth)
+        self._borrowed.tighten_margins(_BEYOND * depth)
         now, nothing = self._look(data), np.zeros(model.nv)
         always = now.efc_type <= _LAST_LOSS
         if not now.ncon or not np.count_nonzero((now.efc_pos < -_SLOP) & ~always):
             return None
-        near = always | (now.efc_pos < depth)
-        if rows.gap.min() > -_DEEP:  # what overlaps does so since this step
-            depth = np.inf
+        near = always | (now.efc_pos < _BEYOND * depth)
         found, factor, inverse = now.contact, *metric
         layout = model.M_rownnz, model.M_rowadr, model.M_colind
         seen = Rows(
@@ -110,7 +138,8 @@ class SecondLook:
                 nothing, nothing, near, h, False,
             )
         )  # fmt: skip
-        need, some = end_targets(seen.groups, seen.amounts, depth, h)
+        started = rows.gap - 0.5 * h * rows.before[rows.first]
+        need, some = end_targets(seen.groups, seen.key, seen.amounts, depth, rows.key, started, h)
         if not some:
             return None
         w = open_overlaps(seen.sparse, seen.colind, seen.value, seen.groups, seen.rates, need, model.nv)
