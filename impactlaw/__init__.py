@@ -9,6 +9,7 @@ from impactlaw.friction import Friction
 from impactlaw.friction_impact import FrictionImpact
 from impactlaw.impact import Impact, Violations
 from impactlaw.laws import (
+    Compliant,
     Coulomb,
     Fremond,
     Law,
@@ -17,6 +18,7 @@ from impactlaw.laws import (
     Moreau,
     Newton,
     Poisson,
+    Scattered,
     energy_gain,
     make_law,
 )
@@ -25,6 +27,7 @@ from impactlaw.stepper import Stepper
 __all__ = [
     "AdmissibleSet",
     "Collision",
+    "Compliant",
     "Contacts",
     "Coulomb",
     "Fremond",
@@ -39,6 +42,7 @@ __all__ = [
     "Moreau",
     "Newton",
     "Poisson",
+    "Scattered",
     "Stepper",
     "Violations",
     "energy_gain",

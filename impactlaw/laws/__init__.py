@@ -1,6 +1,7 @@
 """The impact laws, one file each."""
 
 from impactlaw.laws.base import Law, RestitutionLaw, Target, energy_gain
+from impactlaw.laws.compliant import Compliant
 from impactlaw.laws.coulomb import Coulomb
 from impactlaw.laws.fremond import Fremond, Reversal
 from impactlaw.laws.linear_map import LinearMap
@@ -10,10 +11,12 @@ from impactlaw.laws.newton import Newton
 from impactlaw.laws.poisson import Poisson
 from impactlaw.laws.portable import portable, restored
 from impactlaw.laws.registry import DESCRIPTIONS, LAWS, make_law
+from impactlaw.laws.scattered import Scattered
 
 __all__ = [
     "DESCRIPTIONS",
     "LAWS",
+    "Compliant",
     "Coulomb",
     "Fremond",
     "Law",
@@ -24,6 +27,7 @@ __all__ = [
     "Poisson",
     "RestitutionLaw",
     "Reversal",
+    "Scattered",
     "Target",
     "energy_gain",
     "make_law",

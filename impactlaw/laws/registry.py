@@ -9,6 +9,7 @@ import numpy as np
 
 from impactlaw.errors import RestitutionError, UnknownNameError
 from impactlaw.laws.base import Law
+from impactlaw.laws.compliant import Compliant
 from impactlaw.laws.fremond import Fremond, Reversal
 from impactlaw.laws.maximal_dissipation import MaximalDissipation
 from impactlaw.laws.moreau import Moreau
@@ -41,6 +42,10 @@ def _fremond(restitution: Any) -> Law:
     return Fremond(_required("fremond", restitution))
 
 
+def _compliant(restitution: Any) -> Law:
+    return Compliant(1.0) if restitution is None else Compliant(1.0, restitution=restitution)
+
+
 def _reversal(restitution: Any) -> Law:
     return Reversal() if restitution is None else Reversal(restitution)
 
@@ -52,6 +57,7 @@ LAWS: dict[str, Callable[[Any], Law]] = {
     "poisson": _poisson,
     "fremond": _fremond,
     "reversal": _reversal,
+    "compliant": _compliant,
 }
 """The registry: a new law is one file and one line here."""
 
@@ -62,6 +68,7 @@ DESCRIPTIONS: dict[str, str] = {
     "poisson": "compression, then e_i times its impulse for contact i: coefficients as newton's",
     "fremond": "E full: any matrix, also keyed by pairs of contact labels",
     "reversal": "E = e times the anti-identity along the contacts' order: Newton's cradle",
+    "compliant": "contacts are equal Hertzian springs for a moment, each with restitution e; 1 if not given",
 }
 """One line per law of the registry."""
 

@@ -1,0 +1,181 @@
+"""Contacts that are springs for a moment: what soft contact makes of a collision, compressed to an instant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from impactlaw.collision import Collision
+from impactlaw.errors import InvalidCollisionError, RestitutionError, SolverError
+from impactlaw.laws.base import Law, Target, coefficient
+from impactlaw.laws.labels import canonical, put
+
+_STEP = 0.05  # timestep, in units of one over the largest frequency: energy is kept to 1e-9
+_CREATED = 1e-7  # relative energy created, or speed of closing that is left, which mean that steps were too long
+_LEAST = 0.01  # restitution below which unloading is too steep to be followed
+_MOST_CONTACTS = 512
+
+
+@dataclass(frozen=True)
+class Compliant(Law):
+    """Each contact is a spring, ``f_i = k_i d_i^p``; the law is what is left when all have opened again.
+
+    ``d' = -gamma``, ``gamma' = G f``, from ``d = 0, gamma = gamma-`` until every contact is open and separates. The
+    bodies do not move meanwhile: this is the limit of ever stiffer soft contact. The outcome needs only G and
+    ``gamma-``, grows in proportion to ``gamma-``, and depends on ratios of stiffness only. Exponent 1.5 is Hertz's
+    contact of round bodies, 1 the linear spring, as in MuJoCo's contacts of constant impedance.
+
+    With ``restitution`` below 1 a contact is softer on the way back: it opens at ``d = (1 - e^2) d_max``, and a single
+    contact returns ``e^2`` of the work (O. Walton and R. Braun, J. Rheol. 30, 1986, for p = 1).
+
+    Time is integrated by a symplectic splitting of order four (S. Blanes and P. Moan, J. Comput. Appl. Math. 142,
+    2002); steps end where contacts close and open. What energy that creates, about 1e-10 of all, is taken off, so that
+    v+ is in S(v-).
+
+    Attributes:
+        stiffness: ``k > 0``, N/m^p: one for all contacts, one per contact, or keyed by contact labels.
+        exponent: p in [1, 4].
+        restitution: e in [0.01, 1], of each contact by itself.
+
+    Raises:
+        RestitutionError: a number is out of its range, or a contact has two.
+    """
+
+    stiffness: float | Sequence[float] | Mapping[str | tuple[str, str], float]
+    exponent: float = field(default=1.5, kw_only=True)
+    restitution: float = field(default=1.0, kw_only=True)
+
+    def __post_init__(self):
+        value = self.stiffness
+        if isinstance(value, Mapping):
+            table: dict[str, float] = {}
+            for key, k in value.items():
+                put(table, canonical(key), _positive(k, f"stiffness of {canonical(key)}"))
+            value = table
+        elif np.iterable(value) and not isinstance(value, str):
+            value = tuple(_positive(k, f"stiffness of contact {i}") for i, k in enumerate(value))
+        else:
+            value = _positive(value, "stiffness")
+        object.__setattr__(self, "stiffness", value)
+        p, e = _positive(self.exponent, "exponent"), coefficient(self.restitution)
+        if not 1.0 <= p <= 4.0:
+            raise RestitutionError(f"exponent must lie in [1, 4], got {p:g}; Hertz's contact has 1.5")
+        if e < _LEAST:
+            raise RestitutionError(
+                f"restitution of Compliant must be at least {_LEAST}, got {e:g}: a spring that gives nothing back never "
+                "opens; MaximalDissipation has restitution 0"
+            )
+        object.__setattr__(self, "exponent", p)
+        object.__setattr__(self, "restitution", e)
+
+    @property
+    def contact_labels(self) -> frozenset[str]:
+        """Labels that the stiffness is keyed with, in canonical order; empty if it is not."""
+        return frozenset(self.stiffness) if isinstance(self.stiffness, dict) else frozenset()
+
+    @property
+    def contact_count(self) -> int | None:
+        """Number of contacts that the law is for; None if for any."""
+        return len(self.stiffness) if isinstance(self.stiffness, tuple) else None
+
+    def target(self, collision: Collision) -> Target:
+        """Return the contact velocities after the springs have opened, and the velocity that has them.
+
+        Raises:
+            RestitutionError: no stiffness for a contact, or for another number of contacts.
+            InvalidCollisionError: more than 512 contacts.
+            SolverError: the contacts never come to an end.
+        """
+        gamma = collision.pre_contact_velocity
+        if collision.surface_jump is not None:
+            gamma = gamma + collision.surface_jump
+        impulse = self._impulses(collision.delassus, gamma[None], self._stiffness(collision.labels))[0]
+        Y = collision.whitened_jacobian
+        jump = np.asarray(Y.T.dot(impulse))
+        after = gamma + Y.dot(jump)
+        after[collision.gradient_norms == 0.0] = 0.0  # where nothing can be done about what approaches
+        return Target(after, collision.pre_velocity + collision.metric.unwhiten(jump))
+
+    def impulses(self, delassus: ArrayLike, pre_contact_velocities: ArrayLike) -> np.ndarray:
+        """Return the impulses of many collisions of the same contacts at once, (n, h), N s.
+
+        Args:
+            delassus: G, shape (h, h).
+            pre_contact_velocities: ``gamma-``, shape (n, h), m/s.
+
+        Raises:
+            RestitutionError: the stiffness is keyed by labels, or is for another number of contacts.
+            InvalidCollisionError: shapes do not fit, or more than 512 contacts.
+            SolverError: the contacts never come to an end.
+        """
+        G, gamma = np.asarray(delassus, dtype=float), np.asarray(pre_contact_velocities, dtype=float)
+        if G.ndim != 2 or G.shape[0] != G.shape[1] or gamma.ndim != 2 or gamma.shape[1] != len(G):
+            raise InvalidCollisionError(
+                f"delassus must be (h, h) and pre_contact_velocities (n, h), got {G.shape} and {gamma.shape}"
+            )
+        return self._impulses(G, gamma, self._stiffness(tuple(map(str, range(len(G))))))
+
+    def _impulses(self, delassus: Any, gamma: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+        """Bring lengths, masses and speeds to order one, and let the springs act."""
+        from impactlaw.laws.spring_contacts import spring_impulses
+
+        h = gamma.shape[1]
+        if h > _MOST_CONTACTS:
+            raise InvalidCollisionError(f"Compliant follows at most {_MOST_CONTACTS} contacts in time, got {h}")
+        G = delassus if isinstance(delassus, np.ndarray) else delassus.toarray()
+        lengths = np.sqrt(G.diagonal())
+        moving = lengths > 0
+        lengths, p = lengths[moving], self.exponent
+        y = gamma[:, moving] / lengths
+        speed = np.abs(y).max(axis=1, initial=0.0)
+        speed[speed == 0.0] = 1.0
+        y = y / speed[:, None]
+        G = np.ascontiguousarray(G[np.ix_(moving, moving)] / np.outer(lengths, lengths))
+        np.fill_diagonal(G, 1.0)
+        k = stiffness[moving] * lengths ** (p + 1.0)
+        k = k / k.max(initial=0.0) if len(k) else k
+        energy = 0.5 * np.maximum(np.einsum("ni,ni->n", y, np.linalg.lstsq(G, y.T, rcond=1e-12)[0].T), 1e-300)
+        deepest = ((p + 1.0) * energy[:, None] / k) ** (1.0 / (p + 1.0))
+        impulse, steps = spring_impulses(G, y, k, p, 1.0 - self.restitution**2, deepest, _STEP)
+        with np.errstate(all="ignore"):  # of what has not ended
+            created, work = np.einsum("ni,ni->n", impulse, y), np.einsum("ni,ij,nj->n", impulse, G, impulse)
+            share = np.where(created + 0.5 * work > 0.0, -2.0 * created / work, 1.0)
+            opened = y + share[:, None] * (impulse @ G) > -_CREATED
+        if (steps < 0).any() or not (opened.all() and (np.abs(1.0 - share) < _CREATED).all()):
+            raise SolverError(
+                f"the springs of these {h} contacts do not come to an end: contacts that face each other throw what is "
+                "between them to and fro, or stiffness or masses are too far apart; choose another law"
+            )
+        result = np.zeros_like(gamma)
+        result[:, moving] = share[:, None] * impulse * speed[:, None] / lengths
+        return result
+
+    def _stiffness(self, labels: tuple[str, ...]) -> np.ndarray:
+        value = self.stiffness
+        if isinstance(value, dict):
+            missing = [label for label in labels if canonical(label) not in value]
+            if missing:
+                raise RestitutionError(f"no stiffness for contact {missing[0]}")
+            return np.array([value[canonical(label)] for label in labels])
+        if isinstance(value, tuple):
+            if len(value) != len(labels):
+                raise RestitutionError(
+                    f"Compliant has {len(value)} stiffnesses but {len(labels)} contacts collide ({', '.join(labels)}); "
+                    "key them by contact label so that they follow the contacts"
+                )
+            return np.array(value)
+        return np.full(len(labels), value)
+
+
+def _positive(value: Any, name: str) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise RestitutionError(f"{name} must be a positive number, got {value!r}") from None
+    if not 0.0 < number < np.inf:
+        raise RestitutionError(f"{name} must be positive and finite, got {number}")
+    return number

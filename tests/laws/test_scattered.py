@@ -1,0 +1,69 @@
+"""A law with scatter: where its samples lie, how they are spread, and that a run can be repeated."""
+
+import numpy as np
+import pytest
+from problems import launched, rod
+
+from impactlaw import Collision, Coulomb, Moreau, Newton, Scattered, Stepper
+from impactlaw.errors import RestitutionError
+from impactlaw.models import load
+
+
+def test_samples_are_in_the_admissible_set():
+    for c in (launched(3, 1), launched(5, 2), rod()):
+        law = Scattered(Moreau(0.7), 0.2)
+        for v in law.sample(c, 50, 1):
+            assert c.admissible_set.contains(v, 1e-9)
+        assert c.admissible_set.contains(law.resolve(c).post_velocity, 1e-9)
+
+
+def test_spread_is_the_covariance():
+    """Inside of S nothing is projected: relative errors in the kinetic metric have the covariance asked for."""
+    c = Collision(np.diag([1.0, 2.0]), np.eye(2), [-1.0, -1.0])
+    C = np.array([[4e-4, 1e-4], [1e-4, 1e-4]])
+    law = Scattered(Newton(0.5), C)
+    middle = Newton(0.5).resolve(c).post_velocity
+    delta = c.metric.whiten(law.sample(c, 4000, 2) - middle) / c.pre_speed
+    np.testing.assert_allclose(np.cov(delta.T), C, rtol=0.1, atol=1e-5)
+    np.testing.assert_allclose(delta.mean(axis=0), 0.0, atol=2e-3)
+
+
+def test_nothing_but_the_law_without_variance():
+    c = launched(4, 2)
+    np.testing.assert_allclose(
+        Scattered(Moreau(0.4), 0.0).resolve(c).post_velocity, Moreau(0.4).resolve(c).post_velocity, rtol=0, atol=1e-9
+    )
+
+
+def test_a_run_can_be_repeated_and_seeds_differ():
+    c = launched(3, 1)
+    one, again, other = (Scattered(Moreau(0.5), 0.01, seed=s).resolve(c).post_velocity for s in (1, 1, 2))
+    np.testing.assert_array_equal(one, again)
+    assert np.abs(one - other).max() > 1e-4
+    assert np.abs(one - Moreau(0.5).resolve(c).post_velocity).max() > 1e-4
+
+
+@pytest.mark.parametrize("options", [{}, {"scheme": "time-stepping"}, {"contact_model": "soft"}])
+def test_in_every_way_to_step(options):
+    model, data = load("newtons_cradle")
+    stepper = Stepper(model, Scattered(Moreau(0.8), 0.01), **options)
+    while data.time < 1.5 and not stepper.events:
+        stepper.step(data)
+    assert stepper.events[0].impact.violations.is_admissible(1e-8)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Scattered(0.5, 0.1), "takes a law without friction"),
+        (lambda: Scattered(Coulomb(Moreau(0.5)), 0.1), "friction goes around it"),
+        (lambda: Scattered(Moreau(0.5), -1.0), "variance must be 0 or more"),
+        (lambda: Scattered(Moreau(0.5), [[1.0, 2.0], [2.0, 1.0]]), "positive semidefinite"),
+        (lambda: Scattered(Moreau(0.5), [[1.0, 0.5], [0.0, 1.0]]), "symmetric"),
+        (lambda: Scattered(Moreau(0.5), 0.1, seed=-1), "seed must be 0 or more"),
+        (lambda: Scattered(Moreau(0.5), np.eye(3)).resolve(launched(3, 1)), "3, 3.* but 2 contacts"),
+    ],
+)
+def test_wrong_numbers(make, message):
+    with pytest.raises(RestitutionError, match=message):
+        make()
