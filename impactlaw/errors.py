@@ -85,6 +85,10 @@ class RecordingError(ImpactLawError):
     """A recording cannot be written, or a file is not a recording of this package."""
 
 
+class MeasurementError(ImpactLawError, ValueError):
+    """Measured collisions, or a file of them, from which no law can be identified."""
+
+
 class RenderError(ImpactLawError, RuntimeError):
     """Nothing to draw with: no OpenGL library, or no display for a window."""
 

@@ -49,7 +49,8 @@ class Stepper:
         scheme: "event-driven", if not given, or "time-stepping" (rigid).
         friction: "coulomb", if not given, is exact Coulomb friction in collisions and in sustained contact, with the
             coefficients of the scene; "convex" its convex relaxation, in which contacts that slide also separate;
-            "ignore" leaves it out (rigid). A law that is not a `Coulomb` becomes one where contacts have friction.
+            "ignore" leaves it out (rigid). A law without friction of its own gets `Coulomb` around it where contacts
+            have friction.
         overlap: "refuse" geoms that overlap and joints beyond their limits by more than gap_tolerance, or "push-out":
             move the configuration by the smallest shift in the kinetic metric that opens all gaps, with the velocity as
             it is (`impactlaw.overlap`). Looked at where the configuration is not the one that the last step has left,
@@ -266,7 +267,7 @@ class Stepper:
 
     def _with_friction(self, law: Law) -> Law:
         """Return the law with the friction of the contacts of the scene; time stepping adds it by itself."""
-        if not self.plan.friction or self._way == "time-stepping" or isinstance(law, Coulomb):
+        if not self.plan.friction or self._way == "time-stepping" or law.has_friction:
             return law
         return Coulomb(law, cone="convex" if self.friction == "convex" else "exact")
 

@@ -11,6 +11,7 @@ from impactlaw.laws.newton import Newton
 from impactlaw.laws.poisson import Poisson
 from impactlaw.laws.portable import portable, restored
 from impactlaw.laws.registry import DESCRIPTIONS, LAWS, make_law
+from impactlaw.laws.routh import Routh
 from impactlaw.laws.scattered import Scattered
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "Poisson",
     "RestitutionLaw",
     "Reversal",
+    "Routh",
     "Scattered",
     "Target",
     "energy_gain",

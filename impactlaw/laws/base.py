@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,6 +37,9 @@ class Law(ABC):
     A law is a frozen dataclass with one method, `target`, which gives ``gamma^h``
     (Aeberhard and Glocker, "Perfect multi-contact collisions", extended Newton impact law).
     """
+
+    has_friction: ClassVar[bool] = False
+    """Whether `resolve` looks at the friction of a collision; a `Stepper` puts `Coulomb` around other laws."""
 
     @abstractmethod
     def target(self, collision: Collision) -> Target:

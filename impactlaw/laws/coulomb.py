@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from impactlaw.errors import RestitutionError, SolverError, UnknownNameError
 from impactlaw.friction_impact import FrictionImpact, cone_problem
 from impactlaw.impact import Impact
 from impactlaw.laws.base import Law, Target, coefficient
+from impactlaw.laws.poisson import Poisson
+from impactlaw.laws.poisson_friction import resolve_phases
 from impactlaw.solvers.cone_problem import ConeAnswer, ConeProblem, ConeStatus
 from impactlaw.solvers.cone_solve import BRIEF, COMPILED, THOROUGH, USUAL, Effort, shared, solve_cones
 
@@ -45,8 +47,11 @@ class Coulomb(Law):
     Without rows of friction the outcome is that of ``law``. Large coefficients of friction may leave several
     solutions; the same collision always gets the same one.
 
+    Around `Poisson` it is compression and expansion, each with friction (`impactlaw.laws.poisson_friction`). There s
+    scales the coefficients of restitution, and e_t must be 0.
+
     Attributes:
-        law: what decides ``gamma^h``; a law without a target, like Poisson's, is refused.
+        law: what decides ``gamma^h``, or Poisson's law; another one with a rule of its own for impulses is refused.
         tangential_restitution: e_t in [0, 1].
         cone: "exact" or "convex".
 
@@ -58,14 +63,15 @@ class Coulomb(Law):
     law: Law
     tangential_restitution: float = field(default=0.0, kw_only=True)
     cone: Literal["exact", "convex"] = field(default="exact", kw_only=True)
+    has_friction: ClassVar[bool] = True
 
     def __post_init__(self):
         if not isinstance(self.law, Law):
             raise RestitutionError(f"Coulomb extends a law, such as Coulomb(Moreau(0.5)), got {self.law!r}")
-        if type(self.law).resolve is not Law.resolve:
+        if type(self.law).resolve is not Law.resolve and not isinstance(self.law, Poisson):
             raise RestitutionError(
                 f"Coulomb needs a law that aims at contact velocities; {type(self.law).__name__} has a rule of its own "
-                "for impulses. Extend Moreau, Newton, Fremond or LinearMap"
+                "for impulses. Extend Moreau, Newton, Poisson, Fremond, LinearMap or Compliant"
             )
         e = coefficient(self.tangential_restitution, "tangential restitution")
         object.__setattr__(self, "tangential_restitution", e)
@@ -97,6 +103,8 @@ class Coulomb(Law):
         """
         if collision.friction is None or not len(collision.friction):
             return self.law.resolve(collision, solver=solver)
+        if isinstance(self.law, Poisson):
+            return resolve_phases(self, self.law, collision, effort=COMPILED if brief else USUAL)
         wanted = np.asarray(self.target(collision).contact_velocity, dtype=float)
         attempt = _Attempt(self, collision, wanted, _BRIEFLY[len(wanted) > _FEW] if brief else np.inf)
         impact, answer = attempt(1.0, None, USUAL)

@@ -16,6 +16,7 @@ from impactlaw.laws.moreau import Moreau
 from impactlaw.laws.newton import Newton
 from impactlaw.laws.poisson import Poisson
 from impactlaw.laws.portable import restored
+from impactlaw.laws.routh import Routh
 
 
 def _maximal_dissipation(restitution: Any) -> Law:
@@ -42,6 +43,10 @@ def _fremond(restitution: Any) -> Law:
     return Fremond(_required("fremond", restitution))
 
 
+def _routh(restitution: Any) -> Law:
+    return Routh(_required("routh", restitution))
+
+
 def _compliant(restitution: Any) -> Law:
     return Compliant(1.0) if restitution is None else Compliant(1.0, restitution=restitution)
 
@@ -57,6 +62,7 @@ LAWS: dict[str, Callable[[Any], Law]] = {
     "poisson": _poisson,
     "fremond": _fremond,
     "reversal": _reversal,
+    "routh": _routh,
     "compliant": _compliant,
 }
 """The registry: a new law is one file and one line here."""
@@ -68,6 +74,7 @@ DESCRIPTIONS: dict[str, str] = {
     "poisson": "compression, then e_i times its impulse for contact i: coefficients as newton's",
     "fremond": "E full: any matrix, also keyed by pairs of contact labels",
     "reversal": "E = e times the anti-identity along the contacts' order: Newton's cradle",
+    "routh": "friction at every instant of one contact's impact, then e times the impulse of compression",
     "compliant": "contacts are equal Hertzian springs for a moment, each with restitution e; 1 if not given",
 }
 """One line per law of the registry."""

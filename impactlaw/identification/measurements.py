@@ -1,0 +1,117 @@
+"""Measured collisions as a fit sees them: relative motion, in the kinetic metric, in units of the speed before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from impactlaw.collision import Collision
+from impactlaw.errors import MeasurementError
+from impactlaw.laws.labels import canonical
+
+_RANK = 1e-10  # singular value of gradients, relative to the largest one, that is rounding
+_STILL = 1e-12  # part of the speed of all bodies up to which contacts do not move against each other
+
+
+class Measurements:
+    """Collisions with the velocities observed after them.
+
+    Errors are ``|P (v+ - v^)| / |P v-|`` in the kinetic metric. P is the projection onto the motion that contacts can
+    see or change, the span of ``M^-1 J^T`` (of normal and sliding directions): what is common to all bodies, such as
+    the motion of the center of mass, is predicted by every law, and would flatter it.
+
+    Args:
+        collisions: what collided.
+        post_velocities: v+ of each, shape (nv,).
+
+    Raises:
+        MeasurementError: none, not as many velocities, a velocity that does not fit or is not finite, or a collision
+            whose contacts do not move against each other.
+    """
+
+    def __init__(self, collisions: Sequence[Collision], post_velocities: Sequence[ArrayLike] | np.ndarray):
+        self.collisions = tuple(collisions)
+        if not self.collisions:
+            raise MeasurementError("there are no collisions to identify a law from")
+        for c in self.collisions:
+            if not isinstance(c, Collision):
+                raise MeasurementError(f"collisions must be impactlaw.Collision, got {c!r:.60}")
+        if len(post_velocities) != len(self.collisions):
+            raise MeasurementError(f"{len(self.collisions)} collisions, but {len(post_velocities)} velocities after them")
+        self.post_velocities = tuple(
+            _velocity(v, c, i) for i, (v, c) in enumerate(zip(post_velocities, self.collisions, strict=True))
+        )
+        slow = np.flatnonzero(self.speeds <= _STILL * np.maximum([c.pre_speed for c in self.collisions], 1e-300))
+        if len(slow):
+            raise MeasurementError(
+                f"collision {slow[0]} ({', '.join(self.collisions[slow[0]].labels) or 'no contacts'}) has no motion of "
+                "its contacts before it; leave it out"
+            )
+
+    def __len__(self) -> int:
+        return len(self.collisions)
+
+    def select(self, indices: ArrayLike) -> Measurements:
+        """Return some of the measurements."""
+        chosen = [int(i) for i in np.asarray(indices)]
+        return Measurements([self.collisions[i] for i in chosen], [self.post_velocities[i] for i in chosen])
+
+    @cached_property
+    def bases(self) -> tuple[np.ndarray, ...]:
+        """Orthonormal rows that span the gradients of each collision, normal and sliding, (r, nv)."""
+        return tuple(_span(np.vstack([c.dense_gradients, c.whitened_friction])) for c in self.collisions)
+
+    @cached_property
+    def speeds(self) -> np.ndarray:
+        """``|P v-|``, sqrt(J), (n,)."""
+        return np.array([np.linalg.norm(Q @ c.relative_velocity) for Q, c in zip(self.bases, self.collisions, strict=True)])
+
+    @cached_property
+    def jumps(self) -> tuple[np.ndarray, ...]:
+        """``R^T (v+ - v-)`` observed, (nv,) each."""
+        pairs = zip(self.collisions, self.post_velocities, strict=True)
+        return tuple(c.metric.whiten(v - c.pre_velocity) for c, v in pairs)
+
+    def errors(self, velocities: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Return ``P (v^ - v+) / |P v-|`` of predicted velocities, (r,) each."""
+        found = zip(self.collisions, velocities, self.post_velocities, self.bases, self.speeds, strict=True)
+        return [Q @ c.metric.whiten(v - after) / speed for c, v, after, Q, speed in found]
+
+    @cached_property
+    def contact_sets(self) -> dict[tuple[str, ...], list[int]]:
+        """Which collisions have which contacts closed: by their labels, in canonical spelling and sorted."""
+        sets: dict[tuple[str, ...], list[int]] = {}
+        for i, c in enumerate(self.collisions):
+            sets.setdefault(tuple(sorted(map(canonical, c.labels))), []).append(i)
+        return sets
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """All contacts, in canonical spelling, in the order in which they come."""
+        return tuple(dict.fromkeys(canonical(label) for c in self.collisions for label in c.labels))
+
+
+def rms(errors: Sequence[np.ndarray]) -> float:
+    """Return the root of the mean of ``|error|^2``."""
+    return float(np.sqrt(np.mean([error @ error for error in errors])))
+
+
+def _span(gradients: np.ndarray) -> np.ndarray:
+    _, s, V = np.linalg.svd(gradients, full_matrices=False)
+    return V[s > _RANK * s.max(initial=0.0)]
+
+
+def _velocity(value: ArrayLike, collision: Collision, index: int) -> np.ndarray:
+    try:
+        v = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise MeasurementError(f"the velocity after collision {index} is not an array of numbers") from None
+    if v.shape != collision.pre_velocity.shape or not np.isfinite(v).all():
+        raise MeasurementError(
+            f"the velocity after collision {index} must be finite with shape {collision.pre_velocity.shape}, got "
+            f"shape {v.shape}"
+        )
+    return v

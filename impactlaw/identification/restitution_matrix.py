@@ -1,0 +1,204 @@
+"""A full restitution matrix from measured collisions, with the certificate that it creates no energy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from impactlaw.errors import MeasurementError, SolverError, UnsolvableLawError
+from impactlaw.identification.measurements import Measurements, rms
+from impactlaw.laws.fremond import Fremond
+
+_ACTIVE = 1e-9  # impulse, scaled by its gradient and relative to |v-|, up to which a contact carries none
+_RANK = 1e-9  # eigenvalue of the normal equations, relative to the largest one, that is rounding
+_SAME = 1e-9  # relative difference of Delassus matrices that count as the same
+_STEPS = 20_000
+_DONE = 1e-15
+_ROUNDS = 30
+_HALVINGS = 8
+_SPLIT_STEPS, _SPLIT_DONE = 20_000, 1e-11
+
+
+@dataclass(frozen=True, eq=False)
+class Quadratic:
+    """``x^T H x / 2 + g^T x``, where x are the entries of F, row by row."""
+
+    H: np.ndarray
+    g: np.ndarray
+
+    def __call__(self, F: np.ndarray) -> float:
+        x = F.ravel()
+        return float(0.5 * x @ self.H @ x + self.g @ x)
+
+
+class MatrixFit:
+    """Least squares for E of one set of contacts: ``gamma+_A = -(E gamma-)_A`` where A carries impulses.
+
+    The prediction error of a collision whose contacts A carry impulses is, apart from what E cannot change,
+    ``(gamma+ + E gamma-)_A^T G_AA^-1 (gamma+ + E gamma-)_A / |v-|^2``: it is quadratic in E. Unknown is
+    ``F = G^-1/2 E G^1/2``, with the mean G of the collisions. ``|F|_2 <= 1`` says that E creates no energy.
+
+    Args:
+        measured: collisions of one set of contacts.
+        order: of the contacts of each collision, (n, h), so that all have the same one.
+
+    Raises:
+        MeasurementError: contacts depend on each other, so that E is not unique.
+    """
+
+    def __init__(self, measured: Measurements, order: np.ndarray):
+        self.measured, self.order = measured, order
+        cs = measured.collisions
+        self.G = np.array([c.delassus[np.ix_(o, o)] for c, o in zip(cs, order, strict=True)])
+        self.before = np.array([c.pre_contact_velocity[o] for c, o in zip(cs, order, strict=True)])
+        after = zip(cs, measured.post_velocities, order, strict=True)
+        self.after = np.array([c.contact_velocity_after(v)[o] for c, v, o in after])
+        self.speeds = measured.speeds
+        self.mean_G = self.G.mean(axis=0)
+        w, V = np.linalg.eigh(self.mean_G)
+        if w[0] <= 1e-10 * w[-1]:
+            raise MeasurementError(
+                f"contacts {', '.join(cs[0].labels)} depend on each other: many matrices E have the same outcome; "
+                "leave the redundant contact out"
+            )
+        self.root, self.inverse_root = (V * np.sqrt(w)) @ V.T, (V / np.sqrt(w)) @ V.T
+
+    def impulses(self) -> np.ndarray:
+        """Return the observed impulses, by ``gamma+ - gamma- = G Lambda``, scaled to units of ``|v-|``, (n, h)."""
+        impulse = np.linalg.solve(self.G, (self.after - self.before)[..., None])[..., 0]
+        lengths = np.sqrt(np.einsum("nii->ni", self.G))
+        return impulse * lengths / self.speeds[:, None]
+
+    def quadratic(self, active: np.ndarray) -> Quadratic:
+        """Return the sum of squares over the contacts that carry impulses, bool (n, h), as a function of F."""
+        h = self.before.shape[1]
+        H, g = np.zeros((h, h, h, h)), np.zeros((h, h))
+        for pattern in np.unique(active, axis=0):
+            which = np.flatnonzero((active == pattern).all(axis=1))
+            A = np.flatnonzero(pattern)
+            if not len(A):
+                continue
+            W = np.zeros((len(which), h, h))
+            W[:, A[:, None], A] = np.linalg.inv(self.G[which][:, A[:, None], A])
+            W = self.root @ W @ self.root / (self.speeds[which] ** 2)[:, None, None]
+            a, b = self.before[which] @ self.inverse_root, self.after[which] @ self.inverse_root
+            H += np.einsum("nij,nk,nl->ikjl", W, a, a, optimize=True)
+            g += np.einsum("nij,nj,nk->ik", W, b, a, optimize=True)
+        return Quadratic(H.reshape(h * h, h * h), g.ravel())
+
+    def matrix(self, F: np.ndarray) -> np.ndarray:
+        """Return ``E = G^1/2 F G^-1/2``."""
+        return self.root @ F @ self.inverse_root
+
+    def predicted(self, F: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return which contacts carry impulses under the law of F, bool (n, h), and the rms of its errors."""
+        law = Fremond(self.matrix(F))
+        active, errors = np.zeros(self.before.shape, dtype=bool), []
+        for i, c in enumerate(self.measured.collisions):
+            o = self.order[i]
+            E = np.empty_like(law.matrix)
+            E[np.ix_(o, o)] = law.matrix
+            try:
+                impact = Fremond(E).resolve(c)
+            except (UnsolvableLawError, SolverError):
+                return active, np.inf
+            active[i] = (impact.impulse * c.gradient_norms)[o] > _ACTIVE * self.speeds[i]
+            errors.append(self.measured.bases[i] @ (impact.whitened_jump - self.measured.jumps[i]) / self.speeds[i])
+        return active, rms(errors)
+
+    def bound(self, F: np.ndarray) -> float:
+        """Return ``max |G^-1/2 E G^1/2|_2`` over the Delassus matrices of all collisions: above 1, E creates energy."""
+        E = self.matrix(F)
+        norms = []
+        for G in self.G if np.abs(self.G - self.mean_G).max() > _SAME * np.abs(self.mean_G).max() else self.G[:1]:
+            L = np.linalg.cholesky(G)
+            norms.append(np.linalg.norm(np.linalg.solve(L, E @ L), 2))
+        return float(max(norms))
+
+    def solve(self, *, admissible: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Return the best F found, and which contacts carry impulses with it.
+
+        The first guess takes the contacts with observed impulses. Then Gauss-Newton steps through the active sets that
+        the law itself predicts, as long as the prediction gets better.
+        """
+        active = self.impulses() > _ACTIVE
+        F = self._best(self.quadratic(active), admissible)
+        own, error = self.predicted(F)
+        for _ in range(_ROUNDS):
+            if np.array_equal(own, active):
+                break
+            active, aim = own, self._best(self.quadratic(own), admissible)
+            for k in range(_HALVINGS):
+                trial = F + 0.5**k * (aim - F)
+                found, better = self.predicted(trial)
+                if better < error:
+                    break
+            else:
+                break
+            F, own, error = trial, found, better
+        return F, own
+
+    def _best(self, q: Quadratic, admissible: bool) -> np.ndarray:
+        F = constrained(q, len(self.root)) if not admissible else self._admissible(q)
+        return F / max(1.0, self.bound(F))
+
+    def _admissible(self, q: Quadratic) -> np.ndarray:
+        """Return the minimum over ``|F| <= 1, E >= 0, G^-1 (1 + E) >= 0``, by ADMM."""
+        h = len(self.root)
+        to_E = np.kron(self.root, self.inverse_root.T)
+        to_impulse = np.kron(np.linalg.inv(self.mean_G), np.eye(h)) @ to_E
+        least = -np.linalg.inv(self.mean_G).ravel()
+        scale = np.linalg.norm(to_impulse, 2)
+        maps = np.vstack([np.eye(h * h), to_E, to_impulse / scale])
+        weight = max(np.linalg.norm(q.H, 2), 1e-300) ** 0.5 * max(np.median(np.linalg.eigvalsh(q.H)), 1e-12) ** 0.5
+        factor = np.linalg.inv(q.H + weight * maps.T @ maps)
+        z, u = np.zeros(3 * h * h), np.zeros(3 * h * h)
+        x = np.zeros(h * h)
+        for _ in range(_SPLIT_STEPS):
+            x = factor @ (weight * maps.T @ (z - u) - q.g)
+            y = maps @ x + u
+            before, z = z, y.copy()
+            z[: h * h] = clipped(y[: h * h].reshape(h, h)).ravel()
+            z[h * h : 2 * h * h] = np.maximum(y[h * h : 2 * h * h], 0.0)
+            z[2 * h * h :] = np.maximum(y[2 * h * h :], least / scale)
+            u = y - z
+            if max(np.abs(maps @ x - z).max(), np.abs(z - before).max()) < _SPLIT_DONE:
+                break
+        return clipped(x.reshape(h, h))
+
+
+def clipped(F: np.ndarray) -> np.ndarray:
+    """Return the nearest matrix with singular values of at most 1."""
+    U, s, V = np.linalg.svd(F)
+    return F if s[0] <= 1.0 else (U * np.minimum(s, 1.0)) @ V
+
+
+def constrained(q: Quadratic, h: int) -> np.ndarray:
+    """Return the minimum of least norm of ``x^T H x / 2 + g^T x`` over ``|F|_2 <= 1``, (h, h).
+
+    Where the free minimum does not satisfy it: projected gradients with Nesterov's acceleration, started again where
+    they go up, and singular values clipped.
+    """
+    w, V = np.linalg.eigh(q.H)
+    large = w > _RANK * max(w[-1], 0.0)
+    x = -V[:, large] @ ((V[:, large].T @ q.g) / w[large])
+    F = x.reshape(h, h)
+    if np.linalg.norm(F, 2) <= 1.0 or not large.any():
+        return F
+    step = 1.0 / w[-1]
+    F = y = clipped(F)
+    t = 1.0
+    for _ in range(_STEPS):
+        gradient = (q.H @ y.ravel() + q.g).reshape(h, h)
+        new = clipped(y - step * gradient)
+        change = new - F
+        if np.abs(new - y).max() < _DONE:
+            return new
+        if np.sum((y - new) * change) > 0.0:  # uphill: start again
+            t, y = 1.0, new
+        else:
+            t, last = 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * t * t)), t
+            y = new + (last - 1.0) / t * change
+        F = new
+    return F

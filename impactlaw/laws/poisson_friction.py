@@ -1,0 +1,147 @@
+"""Poisson's law with Coulomb friction: compression, then expansion, each with friction of its own."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from impactlaw.collision import Collision
+from impactlaw.errors import RestitutionError, SolverError
+from impactlaw.friction_impact import FrictionImpact, cone_gradients
+from impactlaw.solvers.cone_problem import ConeAnswer, ConeProblem, ConeStatus
+from impactlaw.solvers.cone_solve import THOROUGH, USUAL, Effort, solve_cones
+
+if TYPE_CHECKING:
+    from impactlaw.laws.coulomb import Coulomb
+    from impactlaw.laws.poisson import Poisson
+
+_CREATED = 1e-12  # energy, relative to the one before, up to which its creation is rounding
+_SEARCHES = 40
+_NARROW = 1e-9  # bracket of s that is narrow enough
+
+
+class TwoPhases:
+    """Compression and expansion of a collision with friction (Pfeiffer and Glocker, 1996, ch. 8).
+
+    Compression leads to ``gamma_C >= 0`` by impulses in the friction cones, as a law with E = 0. Expansion starts there.
+    Contact i gets ``s e_i Lambda_Ci`` and what it needs so as not to be penetrated,
+
+        0 <= Lambda_E - s e Lambda_C  ⊥  gamma_E >= 0,   |Lambda_Et / mu| <= Lambda_E,
+
+    and friction opposes ``gamma_Et`` with all it can. That is a cone problem again: each contact is taken twice, once
+    for the share that is known, whose normal row acts on a mass of its own and brings it to ``s e Lambda_C`` exactly,
+    and once for the rest; both have the same tangential rows. s is 1, or the largest number in [0, 1] with which the
+    two phases create no energy; s = 0 never does.
+    """
+
+    def __init__(self, collision: Collision, e: np.ndarray, *, exact: bool, effort: Effort):
+        self.collision, self.exact, self.effort = collision, exact, effort
+        friction = collision.friction
+        assert friction is not None
+        h = len(collision.labels)
+        order, self.sizes = friction.cone_rows(h)
+        self.rows = cone_gradients(collision)
+        self.first = np.concatenate([[0], np.cumsum(self.sizes)[:-1]]).astype(int)
+        bound, along = collision.pre_contact_velocity, collision.pre_sliding_velocity + friction.surface_jump
+        if collision.surface_jump is not None:
+            bound = bound + collision.surface_jump
+        self.before = np.concatenate([bound, along * friction.coefficient])[order]
+        problem = ConeProblem(self.rows, self.before, self.sizes, exact=exact, speed=collision.pre_speed)
+        answer = self._solved(problem, "compression")
+        self.compression, self.jump = answer.impulse, answer.jump
+        self.share = e * np.maximum(self.compression[self.first], 0.0)
+
+    def outcome(self, s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return impulse of both phases, contact by contact, (n,), and jump, (nv,), with restitution scaled by s."""
+        n, nv = self.rows.shape
+        given = s * self.share
+        twice = np.flatnonzero((given > 0.0) & (self.sizes > 1))
+        kick = np.zeros(n)
+        kick[self.first] = given
+        start = self.before + self.rows @ (self.jump + kick @ self.rows)
+        if not len(twice):
+            problem = ConeProblem(self.rows, start, self.sizes, exact=self.exact, speed=self.collision.pre_speed)
+            answer = self._solved(problem, "expansion")
+            impulse = self.compression + kick + answer.impulse
+            return impulse, impulse @ self.rows
+        copies = np.concatenate([self.first[i] + np.arange(self.sizes[i]) for i in twice])
+        ends = np.cumsum(self.sizes[twice])
+        own = np.concatenate([[0], ends[:-1]]).astype(int)
+        lengths = np.linalg.norm(self.rows[self.first[twice]], axis=1)
+        known = np.hstack([self.rows[copies], np.zeros((len(copies), len(twice)))])
+        known[own, :nv] = 0.0
+        known[own, nv + np.arange(len(twice))] = lengths
+        target = start[copies]
+        target[own] = -(lengths**2) * given[twice]
+        problem = ConeProblem(
+            np.vstack([known, np.hstack([self.rows, np.zeros((n, len(twice)))])]),
+            np.concatenate([target, start]),
+            np.concatenate([self.sizes[twice], self.sizes]),
+            exact=self.exact,
+            speed=self.collision.pre_speed,
+        )
+        answer = self._solved(problem, "expansion").impulse
+        impulse = self.compression + kick + answer[len(copies) :]
+        friction = answer[: len(copies)].copy()
+        friction[own] = 0.0
+        impulse[copies] += friction
+        return impulse, impulse @ self.rows
+
+    def created(self, jump: np.ndarray, impulse: np.ndarray) -> float:
+        """Return the work of the impulses of contact, relative to the kinetic energy before."""
+        c = self.collision
+        work = float(impulse @ (self.before + 0.5 * (self.rows @ jump)))
+        speed = max(c.pre_speed, float(np.linalg.norm(jump)))
+        return 2.0 * work / speed**2 if speed > 0 else 0.0
+
+    def _solved(self, problem: ConeProblem, phase: str) -> ConeAnswer:
+        answer = solve_cones(problem, effort=self.effort)
+        if answer.status is not ConeStatus.SOLVED and self.effort is USUAL:
+            answer = solve_cones(problem, effort=THOROUGH)
+        if answer.status is not ConeStatus.SOLVED:
+            raise SolverError(
+                f"no impulses in the friction cones were found for the {phase} of contacts "
+                f"{', '.join(self.collision.labels)}: residual {answer.residual:.1e} sqrt(J)"
+            )
+        return answer
+
+
+def resolve_phases(law: Coulomb, inner: Poisson, collision: Collision, *, effort: Effort = USUAL) -> FrictionImpact:
+    """Return the impact of Poisson's law with friction.
+
+    Args:
+        law: with the cone.
+        inner: the coefficients.
+        collision: with rows of friction.
+        effort: of the solver.
+
+    Raises:
+        RestitutionError: the coefficients do not fit the contacts, or friction is to have restitution of its own.
+        SolverError: no answer passed its certificate.
+    """
+    if law.tangential_restitution:
+        raise RestitutionError(
+            "Coulomb(Poisson(...)) has no tangential restitution: friction of its expansion is Coulomb's; leave "
+            f"tangential_restitution={law.tangential_restitution:g} out"
+        )
+    exact = law.cone == "exact"
+    phases = TwoPhases(collision, inner.coefficients(collision), exact=exact, effort=effort)
+    s, low, high = 1.0, 0.0, 1.0
+    impulse, jump = phases.outcome(1.0)
+    if phases.created(jump, impulse) > _CREATED:
+        s, (impulse, jump) = 0.0, phases.outcome(0.0)
+        for _ in range(_SEARCHES):
+            if high - low <= _NARROW:
+                break
+            middle = 0.5 * (low + high)
+            try:
+                found = phases.outcome(middle)
+            except SolverError:
+                high = middle
+                continue
+            if phases.created(found[1], found[0]) > _CREATED:
+                high = middle
+            else:
+                s, low, (impulse, jump) = middle, middle, found
+    return FrictionImpact.of_cones(collision, impulse, jump, scale=s, exact=exact)

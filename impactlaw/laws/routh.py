@@ -1,0 +1,133 @@
+"""Routh's incremental impact of one contact with friction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from impactlaw.collision import Collision
+from impactlaw.errors import RestitutionError, UnknownNameError
+from impactlaw.friction_impact import FrictionImpact
+from impactlaw.impact import Impact
+from impactlaw.laws.base import Law, Target
+from impactlaw.laws.coefficients import ContactCoefficients
+from impactlaw.laws.routh_impulses import impulses, planar_phases, spatial_phases
+
+_APART = 1e-12  # cosine between gradients of two contacts up to which they do not influence each other
+
+
+@dataclass(frozen=True, repr=False)
+class Routh(ContactCoefficients, Law):
+    """Coulomb friction at every instant of the impact, as the normal impulse grows from 0.
+
+    ``d gamma_n = G_nn dN + G_nt dT``, ``d gamma_t = G_tn dN + G_tt dT``, ``dT = -mu dN`` along slip; slip may stop,
+    stick or reverse on the way, and the contact may jam. Compression ends where ``gamma_n = 0``, at N_c. Restitution ends
+    at ``N = (1 + e) N_c`` (Poisson's hypothesis), or where the normal impulse has given back ``e^2`` of the work it has
+    taken (Stronge's). With one tangential direction the outcome is in closed form; with two, slip turns, and the
+    equation is integrated along the way (E. Routh, *Dynamics of a System of Rigid Bodies*, 1905, art. 187; J. Keller,
+    J. Appl. Mech. 53, 1986; Y. Wang and M. Mason, J. Appl. Mech. 59, 1992; W. Stronge, Proc. R. Soc. A 431, 1990).
+
+    No energy is created: friction takes it at every instant, and restitution ends at the latest where the kinetic energy
+    is that before, which Poisson's hypothesis can reach where slip changes.
+
+    The law is for one contact. Several may collide at the same time if they do not influence each other; others are
+    refused, since how their impulses grow together is not known: `Coulomb` around `Poisson` is for any number. Friction
+    is that of the collision; a contact without any has Newton's outcome ``gamma+ = -e gamma-``. Steps that leave friction
+    to MuJoCo (contact_model="soft") have that.
+
+    Attributes:
+        restitution: e, see `ContactCoefficients`: a number, one per contact, keyed by label, or a function of speed.
+        hypothesis: "poisson" or "stronge".
+
+    Raises:
+        RestitutionError: a coefficient is not in [0, 1].
+        UnknownNameError: no such hypothesis.
+    """
+
+    hypothesis: Literal["poisson", "stronge"] = field(default="poisson", kw_only=True)
+    has_friction: ClassVar[bool] = True
+
+    def __post_init__(self):
+        super().__post_init__()
+        if self.hypothesis not in ("poisson", "stronge"):
+            raise UnknownNameError("hypothesis", self.hypothesis, ["poisson", "stronge"])
+
+    def __repr__(self) -> str:
+        return f"{super().__repr__()[:-1]}, hypothesis={self.hypothesis!r})"
+
+    def target(self, collision: Collision) -> Target:
+        """Return the contact velocities after the impact, and the velocity that has them."""
+        impact = self.resolve(collision)
+        return Target(impact.post_contact_velocity, impact.post_velocity)
+
+    def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
+        """Return the impact: a `FrictionImpact` where the collision has friction.
+
+        Args:
+            collision: what collides.
+            solver: of no meaning here but "auto".
+
+        Raises:
+            RestitutionError: the coefficients do not fit the contacts, or contacts influence each other.
+            UnknownNameError: another solver.
+        """
+        if solver != "auto":
+            raise UnknownNameError("solver of Routh's law", solver, ["auto"])
+        c = _after_surfaces(collision)
+        h, e = len(c.labels), self.coefficients(c)
+        rows = np.vstack([c.whitened_jacobian, c.whitened_friction])
+        gamma = np.concatenate([c.pre_contact_velocity, c.pre_sliding_velocity])
+        owner = np.concatenate([np.arange(h), np.zeros(0, int) if c.friction is None else c.friction.contact])
+        _check_apart(c, rows, owner)
+        impulse, sizes = np.zeros(len(gamma)), c.gradient_norms
+        mu = np.zeros(0) if c.friction is None else c.friction.coefficient
+        for i in np.flatnonzero((gamma[:h] < 0.0) & (sizes > 0.0)):
+            own = np.flatnonzero(owner == i)
+            impulse[own] = self._one(rows[own], gamma[own], mu[own[1:] - h], float(e[i]))
+        jump = impulse @ rows
+        if c.friction is None or not len(c.friction):
+            return Impact(c, c.pre_velocity + c.metric.unwhiten(jump), impulse[:h])
+        scaled = np.concatenate([impulse[:h], impulse[h:] / mu])[c.friction.cone_rows(h).order]
+        return FrictionImpact.of_cones(c, scaled, jump)
+
+    def _one(self, rows: np.ndarray, gamma: np.ndarray, mu: np.ndarray, e: float) -> np.ndarray:
+        G = rows @ rows.T
+        if len(mu) == 0:
+            return np.array([-(1.0 + e) * gamma[0] / G[0, 0]])
+        if len(mu) == 1:
+            phases = planar_phases(G, float(gamma[1]), float(mu[0]))
+        else:
+            phases = spatial_phases(G, gamma[1:], mu, -float(gamma[0]))
+        return impulses(G, gamma, phases, e, self.hypothesis)
+
+
+def _after_surfaces(collision: Collision) -> Collision:
+    """Return the collision in which surfaces have their velocity after the impact from the start."""
+    c, friction = collision, collision.friction
+    if friction is not None and friction.surface_jump.any():
+        friction = replace(friction, surface_velocity=friction.post_surface_velocity)
+        c = replace(c, friction=friction)
+    if c.surface_jump is not None:
+        c = replace(c, surface_velocity=c.post_surface_velocity, post_surface_velocity=None)
+    return c
+
+
+def _check_apart(collision: Collision, rows: np.ndarray, owner: np.ndarray) -> None:
+    """Refuse contacts that influence each other.
+
+    Raises:
+        RestitutionError: there are some.
+    """
+    if len(collision.labels) < 2:
+        return
+    lengths = np.linalg.norm(rows, axis=1)
+    coupled = np.abs(rows @ rows.T) > _APART * np.outer(lengths, lengths)
+    pairs = np.argwhere(coupled & (owner[:, None] != owner))
+    if len(pairs):
+        a, b = (collision.labels[owner[i]] for i in pairs[0])
+        raise RestitutionError(
+            f"Routh's law is for one contact at a time, but {a} and {b} collide together and influence each other: how "
+            "their impulses grow together is not known; take Coulomb(Poisson(e)), which is for any number"
+        )
