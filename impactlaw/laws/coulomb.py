@@ -56,7 +56,7 @@ class Coulomb(Law):
         cone: "exact" or "convex".
 
     Raises:
-        RestitutionError: e_t is not in [0, 1], or the law has no target.
+        RestitutionError: e_t is not in [0, 1], or not 0 with Poisson's law, or the law has no target.
         UnknownNameError: cone is neither "exact" nor "convex".
     """
 
@@ -74,6 +74,11 @@ class Coulomb(Law):
                 "for impulses. Extend Moreau, Newton, Poisson, Fremond, LinearMap or Compliant"
             )
         e = coefficient(self.tangential_restitution, "tangential restitution")
+        if e and isinstance(self.law, Poisson):
+            raise RestitutionError(
+                "Coulomb(Poisson(...)) has no tangential restitution: friction of its expansion is Coulomb's; leave "
+                f"tangential_restitution={e:g} out"
+            )
         object.__setattr__(self, "tangential_restitution", e)
         if self.cone not in ("exact", "convex"):
             raise UnknownNameError("cone", self.cone, ["exact", "convex"])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from impactlaw.collision import Collision
-from impactlaw.errors import RestitutionError, SolverError
+from impactlaw.errors import SolverError
 from impactlaw.friction_impact import FrictionImpact, cone_gradients
 from impactlaw.solvers.cone_problem import ConeAnswer, ConeProblem, ConeStatus
 from impactlaw.solvers.cone_solve import THOROUGH, USUAL, Effort, solve_cones
@@ -117,14 +117,9 @@ def resolve_phases(law: Coulomb, inner: Poisson, collision: Collision, *, effort
         effort: of the solver.
 
     Raises:
-        RestitutionError: the coefficients do not fit the contacts, or friction is to have restitution of its own.
+        RestitutionError: the coefficients do not fit the contacts.
         SolverError: no answer passed its certificate.
     """
-    if law.tangential_restitution:
-        raise RestitutionError(
-            "Coulomb(Poisson(...)) has no tangential restitution: friction of its expansion is Coulomb's; leave "
-            f"tangential_restitution={law.tangential_restitution:g} out"
-        )
     exact = law.cone == "exact"
     phases = TwoPhases(collision, inner.coefficients(collision), exact=exact, effort=effort)
     s, low, high = 1.0, 0.0, 1.0

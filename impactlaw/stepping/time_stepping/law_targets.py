@@ -8,9 +8,8 @@ import numpy as np
 
 from impactlaw.collision import Collision
 from impactlaw.errors import SolverError, UnsolvableLawError
-from impactlaw.laws import Coulomb, Law, MaximalDissipation, Moreau, Newton
-from impactlaw.laws.coefficients import ContactCoefficients
-from impactlaw.laws.poisson import Poisson
+from impactlaw.friction_impact import FrictionImpact
+from impactlaw.laws import Coulomb, Law, MaximalDissipation, Moreau, Newton, Poisson, Routh
 
 CollisionOf = Callable[[np.ndarray], Collision]
 """Makes the collision of some groups of rows, int (k,)."""
@@ -21,25 +20,41 @@ class LawTargets:
 
     Any law can be asked: one with a target, ``gamma^h = -E gamma-`` or another, for that; one with a rule of its own
     for impulses, such as Poisson's two phases, for the contact velocities that it leads to without friction. Those are
-    reached by ``0 <= Lambda  ⊥  gamma+ - gamma^h >= 0`` again, since the law's own impulses do that.
+    reached by ``0 <= Lambda  ⊥  gamma+ - gamma^h >= 0`` again, since the law's own impulses do that. A rule that has
+    friction in it, such as Routh's, also says where sliding velocities are to end.
 
     Args:
         law: the law; friction and tangential restitution of a `Coulomb` are left to the caller.
+        exact: exact Coulomb friction in a rule that has no friction of its own, or its convex relaxation.
 
     Attributes:
         restitution: e of a law that has the same for every contact, which needs no more to be known; else None.
         alone: whether a contact's target depends on its own velocity only.
     """
 
-    def __init__(self, law: Law):
+    def __init__(self, law: Law, *, exact: bool = True):
         self.law = law.law if isinstance(law, Coulomb) else law
         self.restitution = _restitution(self.law)
-        self.alone = isinstance(self.law, ContactCoefficients) and not isinstance(self.law, Poisson)
+        self.alone = isinstance(self.law, Newton)
+        self.rule = law if isinstance(law, Routh) else None
+        if isinstance(self.law, Poisson):
+            self.rule = law if isinstance(law, Coulomb) else Coulomb(law, cone="exact" if exact else "convex")
 
     def of_each(self, labels: Sequence[str], velocity: np.ndarray) -> np.ndarray:
         """Return ``gamma^h`` of contacts, (k,), from their labels and ``gamma-``, (k,), where `alone`."""
         unit = np.eye(len(velocity))
         return np.asarray(self.law.target(Collision(unit, unit, velocity, labels=tuple(labels))).contact_velocity)
+
+    def with_friction(self, collision: Collision) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return ``gamma^h``, (k,), and sliding velocities to end at, of a rule with friction in it; None without."""
+        if self.rule is None or collision.friction is None:
+            return None
+        try:
+            impact = self.rule.resolve(collision)
+        except (UnsolvableLawError, SolverError):
+            return None
+        assert isinstance(impact, FrictionImpact)
+        return impact.post_contact_velocity, impact.post_sliding_velocity
 
     def of_all(self, collision: Collision) -> np.ndarray:
         """Return ``gamma^h``, (k,), of all contacts of a collision; E = 0 where the law has no solution."""

@@ -128,7 +128,7 @@ class TimeStepping:
 
     def set_law(self, law: Law) -> None:
         """Let the collisions of the next steps be by another law."""
-        self._law, self._targets = law, LawTargets(law)
+        self._law, self._targets = law, LawTargets(law, exact=self._exact_cones)
         self._sliding = law.tangential_restitution if isinstance(law, Coulomb) else 0.0
         self._exact = law.cone == "exact" if isinstance(law, Coulomb) else self._exact_cones
 
@@ -321,11 +321,10 @@ class TimeStepping:
         target, collides = contact_targets(
             rows.groups, rows.amounts, rows.rates, h, 0.0 if e is None else e, self._rest_speed, RESOLVED
         )
-        some = bool(np.count_nonzero(collides))
-        if some:
-            self._collide(data, rows, target, collides)
-        n = len(rows.scale)
+        some, n = bool(np.count_nonzero(collides)), len(rows.scale)
         sliding = -self._sliding * rows.before if self._sliding and some else np.zeros(n)
+        if some:
+            self._collide(data, rows, target, sliding, collides)
         known = self._known or (rows.groups, rows.key, rows.scale, np.zeros(n))
         x, change, shift, reached, missed, fastest, share, created, *self._work = resolve_step(
             *rows, target, sliding, collides, *known, h, self._exact, self._on_inadmissible == "project",
@@ -351,9 +350,13 @@ class TimeStepping:
             )  # fmt: skip
         return shift if len(shift) else None
 
-    def _collide(self, data: mujoco.MjData, rows: Rows, target: np.ndarray, collides: np.ndarray) -> None:
+    def _collide(
+        self, data: mujoco.MjData, rows: Rows, target: np.ndarray, sliding: np.ndarray, collides: np.ndarray
+    ) -> None:
         """Ask the law, and let equality constraints keep their velocity in the collision."""
-        self._asked = None if self._targets.restitution is not None else self._ask_law(data, rows, target, collides)
+        self._asked = None
+        if self._targets.restitution is None:
+            self._asked = self._ask_law(data, rows, target, sliding, collides)
         close_gaps(
             rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, self._model.dof_treeid, collides, target
         )
@@ -378,7 +381,9 @@ class TimeStepping:
             rows.before[which] += drift
             rows.free[which] += drift
 
-    def _ask_law(self, data: mujoco.MjData, rows: Rows, target: np.ndarray, collides: np.ndarray) -> Seen:
+    def _ask_law(
+        self, data: mujoco.MjData, rows: Rows, target: np.ndarray, sliding: np.ndarray, collides: np.ndarray
+    ) -> Seen:
         """Write the law's targets of the contacts that collide, and of those in touch that a law of all looks at."""
         law, seen = self._targets, self._seen(data, rows)
         if not law.alone:
@@ -387,8 +392,13 @@ class TimeStepping:
         labels = seen.contacts(groups).labels
         if law.alone:
             target[groups] = law.of_each(labels, rows.before[rows.first[groups]])
-        else:
+            return seen
+        collision = seen.collision(groups, self._velocity, labels, friction=law.rule is not None)
+        ended = law.with_friction(collision)
+        if ended is None:
             target[groups] = law.of_all(seen.collision(groups, self._velocity, labels, friction=False))
+        else:
+            target[groups], sliding[seen.tangential(groups)[0]] = ended
         return seen
 
     def _seen(self, data: mujoco.MjData, rows: Rows) -> Seen:
