@@ -1,0 +1,217 @@
+"""An audit of measured collisions: what physics they violate, and what one change would mend it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from impactlaw.collision import Collision
+from impactlaw.errors import SolverError
+from impactlaw.friction_impact import FrictionImpact
+from impactlaw.identification.families import with_friction
+from impactlaw.identification.measurements import Measurements
+from impactlaw.impact import Impact
+
+TOLERANCE = 0.1
+"""Violation, relative to |v-|, up to which a measured collision counts as admissible."""
+_BETTER = 0.8  # share of collisions that a likely cause must improve
+_HALF = 0.5  # part of the median violation that it may leave
+_SAMPLE = 200  # collisions that friction is tried on
+_FRICTIONS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5)
+_RATIOS = np.geomspace(0.05, 20.0, 61)
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What one change would do to the measurements.
+
+    Attributes:
+        name: of the change.
+        value: of what was fitted anew, a ratio or a coefficient; nan for a sign.
+        better: share of the collisions that violate less with it.
+        better_of_bad: the same of those that violate by more than `TOLERANCE` without it; nan if none do.
+        before: median violation without it, relative to ``|v-|``.
+        after: median violation with it.
+    """
+
+    name: str
+    value: float
+    better: float
+    better_of_bad: float
+    before: float
+    after: float
+
+    @property
+    def is_likely(self) -> bool:
+        """Whether it mends most collisions, and most of the violation."""
+        return self.better >= _BETTER and self.after <= _HALF * self.before and self.before > 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Audit:
+    """How measured outcomes lie to S(v-), each violation relative to ``|v-|``, (n,).
+
+    Attributes:
+        kinematic: penetration.
+        kinetic: impulses that pull, leave the friction cones, or are no impulses of contact at all.
+        energetic: gain of energy.
+        momentum: part of the velocity jump that no impulse of contact makes, pulling and friction cones aside.
+        causes: changes that were tried, the most likely one first.
+    """
+
+    kinematic: np.ndarray
+    kinetic: np.ndarray
+    energetic: np.ndarray
+    momentum: np.ndarray
+    causes: tuple[Cause, ...]
+
+    @property
+    def largest(self) -> np.ndarray:
+        """The largest of the three violations of each collision, (n,)."""
+        return np.maximum(np.maximum(self.kinematic, self.kinetic), self.energetic)
+
+    @property
+    def admissible(self) -> float:
+        """Share of collisions that violate nothing by more than `TOLERANCE`."""
+        return float(np.mean(self.largest <= TOLERANCE))
+
+    @property
+    def likely_causes(self) -> tuple[Cause, ...]:
+        """Changes that would mend most of it; none where little is violated."""
+        return tuple(cause for cause in self.causes if cause.is_likely)
+
+
+def audit(collisions: Sequence[Collision], post_velocities: Sequence[ArrayLike] | np.ndarray) -> Audit:
+    """Return what measured collisions violate, and what one change would do: a sign, an inertia, friction.
+
+    Args:
+        collisions: what collided.
+        post_velocities: v+ of each, (nv,).
+
+    Raises:
+        MeasurementError: no collisions, or velocities that do not fit.
+    """
+    measured = Measurements(collisions, post_velocities)
+    found = np.array(
+        [_violations(c, v) for c, v in zip(measured.collisions, measured.post_velocities, strict=True)]
+    )
+    momentum = _misfits(measured)
+    causes = [*_signs(measured, momentum), *_inertias(measured, momentum), *_friction(measured)]
+    causes.sort(key=lambda cause: (not cause.is_likely, cause.after - cause.before))
+    return Audit(found[:, 0], found[:, 1], found[:, 2], momentum, tuple(causes))
+
+
+def _violations(c: Collision, v: np.ndarray) -> tuple[float, float, float]:
+    try:
+        observed = Impact.observed if c.friction is None or not len(c.friction) else FrictionImpact.observed
+        found = observed(c, v).violations
+    except SolverError:
+        return np.inf, np.inf, np.inf
+    speed = max(c.pre_speed, 1e-300)
+    return found.kinematic / speed, found.kinetic / speed, found.energetic / speed
+
+
+def _misfits(measured: Measurements, change=None) -> np.ndarray:
+    """Return ``|v+ - v- - M^-1 J^T Lambda| / |v-|`` with the best Lambda of any sign, (n,).
+
+    Args:
+        measured: the collisions.
+        change: makes M, J_n and J_t of a collision anew, ``(M, J, J_t) -> (M, J, J_t)``.
+    """
+    misfits = []
+    for c, v in zip(measured.collisions, measured.post_velocities, strict=True):
+        nv = len(c.pre_velocity)
+        J_t = np.zeros((0, nv)) if c.friction is None else c.friction.jacobian
+        M, J, J_t = (c.mass_matrix, c.jacobian, J_t) if change is None else change(c.mass_matrix, c.jacobian, J_t)
+        rows, jump = np.vstack([J, J_t]), v - c.pre_velocity
+        if c.bilateral_jacobian is not None:
+            rows = np.vstack([rows, c.bilateral_jacobian])
+        R = np.linalg.cholesky(M)
+        Y, u = np.linalg.solve(R, rows.T), R.T @ jump
+        left = u - Y @ np.linalg.lstsq(Y, u, rcond=1e-10)[0]
+        misfits.append(np.linalg.norm(left) / max(np.linalg.norm(R.T @ c.pre_velocity), 1e-300))
+    return np.array(misfits)
+
+
+def _cause(name: str, value: float, before: np.ndarray, after: np.ndarray) -> Cause:
+    bad = before > TOLERANCE
+    of_bad = float(np.mean((after < before)[bad])) if bad.any() else float("nan")
+    middle = float(np.median(before)), float(np.median(after))
+    return Cause(name, value, float(np.mean(after < before)), of_bad, *middle)
+
+
+def _signs(measured: Measurements, before: np.ndarray) -> list[Cause]:
+    """Try the other sign of each column of the normal and of the tangential rows."""
+    first = measured.collisions[0]
+    nv = len(first.pre_velocity)
+    if np.median(before) < 1e-9 or any(len(c.pre_velocity) != nv for c in measured.collisions) or nv > 12:
+        return []
+    causes = []
+    for j in range(nv):
+        mirror = np.ones(nv)
+        mirror[j] = -1.0
+        changes = {
+            "tangential": lambda M, J, T, mirror=mirror: (M, J, T * mirror),
+            "normal": lambda M, J, T, mirror=mirror: (M, J * mirror, T),
+        }
+        for kind, change in changes.items():
+            after = _misfits(measured, change)
+            if not np.allclose(after, before, rtol=0, atol=1e-12):
+                causes.append(_cause(f"sign of entry {j} of the {kind} rows", float("nan"), before, after))
+    return causes
+
+
+def _inertias(measured: Measurements, before: np.ndarray) -> list[Cause]:
+    """Try other masses and inertias: one diagonal entry of M times a ratio."""
+    first = measured.collisions[0]
+    nv = len(first.pre_velocity)
+    if np.median(before) < 1e-9 or any(len(c.pre_velocity) != nv for c in measured.collisions) or nv > 12:
+        return []
+    some = measured.select(np.linspace(0, len(measured) - 1, min(len(measured), _SAMPLE)).astype(int))
+    causes = []
+    for j in range(nv):
+
+        def scaled(ratio: float, j: int = j):
+            scale = np.ones(nv)
+            scale[j] = np.sqrt(ratio)
+            return lambda M, J, T: (M * np.outer(scale, scale), J, T)
+
+        medians = [np.median(_misfits(some, scaled(ratio))) for ratio in _RATIOS]
+        ratio = float(_RATIOS[int(np.argmin(medians))])
+        after = _misfits(measured, scaled(ratio))
+        causes.append(_cause(f"inertia {j} times", ratio, before, after))
+    return causes
+
+
+def _friction(measured: Measurements) -> list[Cause]:
+    """Try other coefficients of friction."""
+    some = measured.select(np.linspace(0, len(measured) - 1, min(len(measured), _SAMPLE)).astype(int))
+    if any(c.friction is None or not len(c.friction) for c in some.collisions):
+        return []
+
+    def kinetic(mu: float | None) -> np.ndarray:
+        cs = [c if mu is None else with_friction(c, mu) for c in some.collisions]
+        return np.array([_violations(c, v)[1] for c, v in zip(cs, some.post_velocities, strict=True)])
+
+    before = kinetic(None)
+    if np.median(before) < 1e-3:
+        return []
+    tried = [kinetic(mu) for mu in _FRICTIONS]
+    best = int(np.argmin([np.median(one) for one in tried]))
+    return [_cause("friction", _FRICTIONS[best], before, tried[best])]
+
+
+def mended(collisions: Sequence[Collision], entry: int) -> list[Collision]:
+    """Return the collisions with the other sign of one entry of all tangential rows."""
+    changed = []
+    for c in collisions:
+        friction = c.friction
+        if friction is not None:
+            J_t = friction.jacobian.copy()
+            J_t[:, entry] *= -1.0
+            friction = replace(friction, jacobian=J_t)
+        changed.append(replace(c, friction=friction))
+    return changed

@@ -1,0 +1,114 @@
+"""Collisions of which only contact velocities and the Delassus matrix are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from impactlaw.collision import Collision
+from impactlaw.errors import MeasurementError
+from impactlaw.friction import Friction
+
+_RANK = 1e-9  # eigenvalue of G, relative to the largest one, that is rounding
+_REACHED = 1e-6  # part of the contact velocities that may lie outside of the range of G
+_CONSTANT = 1e-3  # misfit, relative to the jumps, up to which one G explains all collisions
+
+
+def collision_of(
+    G: np.ndarray | None,
+    before: np.ndarray,
+    after: np.ndarray,
+    labels: tuple[str, ...],
+    contact: np.ndarray,
+    mu: np.ndarray,
+) -> tuple[Collision, np.ndarray]:
+    """Return a collision with M = 1, ``J J^T = G`` and these contact velocities, and v+.
+
+    Args:
+        G: of normal rows, then those of friction, (h + k, h + k).
+        before: ``gamma-``, then ``gamma_t-``, (h + k,).
+        after: ``gamma+``, then ``gamma_t+``, (h + k,).
+        labels: of the contacts, (h,).
+        contact: of each row of friction, (k,).
+        mu: coefficients of friction, (k,).
+
+    Raises:
+        MeasurementError: G is not symmetric and positive semidefinite, or no motion has these contact velocities.
+    """
+    h = len(labels)
+    assert G is not None
+    if not np.allclose(G, G.T, rtol=0, atol=1e-8 * np.abs(G).max()):
+        raise MeasurementError("delassus is not symmetric")
+    w, V = np.linalg.eigh(0.5 * (G + G.T))
+    if w[-1] <= 0 or w[0] < -1e-8 * w[-1] or (G.diagonal() <= 0).any():
+        raise MeasurementError(f"delassus is not positive: eigenvalues {w[0]:.3g} to {w[-1]:.3g}")
+    large = w > _RANK * w[-1]
+    J, inverse = V[:, large] * np.sqrt(w[large]), (V[:, large] / np.sqrt(w[large])).T
+    v, post = inverse @ before, inverse @ after
+    scale = np.abs(before).max() + np.abs(after).max()
+    for name, velocity, gamma in (("before", v, before), ("after", post, after)):
+        if np.abs(J @ velocity - gamma).max() > _REACHED * scale:
+            raise MeasurementError(f"no motion of these contacts has the contact velocities {name} the impact: G is singular")
+    order = np.argsort(contact, kind="stable")
+    friction = Friction(J[h:][order], contact[order], mu[order]) if len(contact) else None
+    return Collision(np.eye(len(v)), J[:h], v, labels=labels, friction=friction), post
+
+
+def delassus_by_contacts(
+    labels: Sequence[tuple[str, ...]],
+    contacts: Sequence[np.ndarray],
+    before: Sequence[np.ndarray],
+    after: Sequence[np.ndarray],
+    impulses: Sequence[np.ndarray | None],
+) -> list[np.ndarray]:
+    """Return G of each collision by ``gamma+ - gamma- = G Lambda``, the same for all with the same contacts.
+
+    Raises:
+        MeasurementError: impulses are missing, too few collisions, or no G explains them.
+    """
+    known: dict[tuple, np.ndarray] = {}
+    keys = [(own, tuple(rows)) for own, rows in zip(labels, contacts, strict=True)]
+    for key in dict.fromkeys(keys):
+        which = [i for i, other in enumerate(keys) if other == key]
+        n = len(before[which[0]])
+        mine = [impulses[i] for i in which]
+        if any(impulse is None for impulse in mine):
+            if n > 1:
+                raise MeasurementError(f"contacts {', '.join(key[0])} have neither delassus nor impulses, row {which[0]}")
+            known[key] = np.ones((1, 1))
+            continue
+        L, D = np.array(mine), np.array([after[i] - before[i] for i in which])
+        known[key] = symmetric_least_squares(L, D, key[0])
+    return [known[key] for key in keys]
+
+
+def symmetric_least_squares(L: np.ndarray, D: np.ndarray, labels: tuple[str, ...]) -> np.ndarray:
+    """Return the symmetric G with the least ``|L G - D|``, rows of L are impulses and of D jumps, (m, n) each.
+
+    Raises:
+        MeasurementError: too few collisions, or no G explains them.
+    """
+    n = L.shape[1]
+    pairs = [(i, j) for i in range(n) for j in range(i, n)]
+    A = np.zeros((*D.shape, len(pairs)))
+    for p, (i, j) in enumerate(pairs):
+        A[:, i, p] += L[:, j]
+        if i != j:
+            A[:, j, p] += L[:, i]
+    A = A.reshape(-1, len(pairs))
+    x, _, rank, _ = np.linalg.lstsq(A, D.ravel(), rcond=1e-9)
+    if rank < len(pairs):
+        raise MeasurementError(
+            f"{len(L)} collisions of contacts {', '.join(labels)} are too few, or too alike, to tell their Delassus "
+            "matrix; record it in a column delassus"
+        )
+    if np.linalg.norm(A @ x - D.ravel()) > _CONSTANT * np.linalg.norm(D):
+        raise MeasurementError(
+            f"no Delassus matrix explains all collisions of contacts {', '.join(labels)}: it changes with the "
+            "configuration; record it in a column delassus"
+        )
+    G = np.zeros((n, n))
+    for p, (i, j) in enumerate(pairs):
+        G[i, j] = G[j, i] = x[p]
+    return G

@@ -1,0 +1,149 @@
+"""The families of laws that can be fitted: their parameters, the law that these make, and where friction comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from impactlaw.collision import Collision
+from impactlaw.errors import MeasurementError
+from impactlaw.identification.measurements import Measurements
+from impactlaw.laws import Compliant, Coulomb, Law, Moreau, Newton, Poisson, Reversal, Routh
+from impactlaw.laws.labels import canonical
+
+_STIFFEST = 1e4  # ratio of stiffness to that of the first contact that is looked for
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of a law.
+
+    Attributes:
+        name: for tables.
+        low: least value.
+        high: largest value.
+        starts: where the search begins.
+    """
+
+    name: str
+    low: float
+    high: float
+    starts: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Family:
+    """A family of laws over the contacts of some measurements.
+
+    Attributes:
+        name: of the family.
+        parameters: its numbers.
+        make: the law of these numbers.
+        friction: whether the last parameter is the coefficient of friction, which belongs to the collisions.
+    """
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    make: Callable[[np.ndarray], Law]
+    friction: bool = False
+
+    def predicted(self, measured: Measurements, values: np.ndarray) -> list[np.ndarray]:
+        """Return v+ of all collisions, (nv,) each."""
+        law = self.make(values)
+        cs: Sequence[Collision] = measured.collisions
+        if self.friction:
+            cs = [with_friction(c, float(values[-1])) for c in cs]
+        return [law.resolve(c).post_velocity for c in cs]
+
+
+def with_friction(collision: Collision, coefficient: float) -> Collision:
+    """Return the collision with another coefficient of friction; coefficients of one contact keep their ratios."""
+    friction = collision.friction
+    assert friction is not None
+    first = np.searchsorted(friction.contact, friction.contact)
+    scaled = coefficient * friction.coefficient / friction.coefficient[first]
+    changed = replace(collision, friction=replace(friction, coefficient=scaled))
+    changed.__dict__["whitened_jacobian"] = collision.whitened_jacobian  # what friction does not change
+    changed.__dict__["whitened_friction"] = collision.whitened_friction
+    return changed
+
+
+def _restitution(name: str = "restitution") -> Parameter:
+    return Parameter(name, 0.0, 1.0, (0.5, 0.95))
+
+
+def _friction() -> Parameter:
+    return Parameter("friction", 1e-6, 5.0, (0.3,))
+
+
+def _single(name: str, law: Callable[[float], Law]) -> Callable[[Measurements], Family]:
+    return lambda measured: Family(name, (_restitution(),), lambda x: law(float(x[0])))
+
+
+def _per_contact(name: str, law: Callable[[object], Law]) -> Callable[[Measurements], Family]:
+    def family(measured: Measurements) -> Family:
+        labels = measured.labels
+        if len(labels) == 1:
+            return Family(name, (_restitution(),), lambda x: law(float(x[0])))
+        parameters = tuple(_restitution(f"restitution {label}") for label in labels)
+        return Family(name, parameters, lambda x: law(dict(zip(labels, x.tolist(), strict=True))))
+
+    return family
+
+
+def _coulomb(measured: Measurements) -> Family:
+    need_friction(measured, "coulomb")
+    return Family("coulomb", (_restitution(), _friction()), lambda x: Coulomb(Newton(float(x[0]))), friction=True)
+
+
+def _routh(measured: Measurements) -> Family:
+    need_friction(measured, "routh")
+    return Family("routh", (_restitution(), _friction()), lambda x: Routh(float(x[0])), friction=True)
+
+
+def _compliant(measured: Measurements) -> Family:
+    labels = measured.labels
+    several = len(labels) > 1
+    e = Parameter("restitution", 0.01, 1.0, (0.98, 0.5))
+    if not several:
+        return Family("compliant", (e,), lambda x: Compliant(1.0, restitution=float(x[0])))
+    exponent = Parameter("exponent", 1.0, 4.0, (1.5,))
+    ratios = tuple(
+        Parameter(f"log stiffness {label} over {labels[0]}", -np.log(_STIFFEST), np.log(_STIFFEST), (0.0,))
+        for label in labels[1:]
+    )
+
+    def make(x: np.ndarray) -> Law:
+        k = dict(zip(labels, np.exp(np.concatenate([[0.0], x[2:]])).tolist(), strict=True))
+        return Compliant(k, exponent=float(x[1]), restitution=float(x[0]))
+
+    return Family("compliant", (e, exponent, *ratios), make)
+
+
+def need_friction(measured: Measurements, family: str) -> None:
+    """Refuse collisions without rows of friction.
+
+    Raises:
+        MeasurementError: one has none.
+    """
+    for i, c in enumerate(measured.collisions):
+        if c.friction is None or not len(c.friction):
+            raise MeasurementError(
+                f"family {family!r} needs tangential directions, but collision {i} ({', '.join(map(canonical, c.labels))}) "
+                "has none: give friction_jacobian, or sliding velocities"
+            )
+
+
+FAMILIES: dict[str, Callable[[Measurements], Family] | None] = {
+    "moreau": _single("moreau", Moreau),
+    "newton": _per_contact("newton", Newton),  # pyright: ignore[reportArgumentType]
+    "poisson": _per_contact("poisson", Poisson),  # pyright: ignore[reportArgumentType]
+    "reversal": _single("reversal", Reversal),
+    "fremond": None,  # see restitution_matrix
+    "coulomb": _coulomb,
+    "routh": _routh,
+    "compliant": _compliant,
+}
+"""What `fit` knows."""

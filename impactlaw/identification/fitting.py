@@ -1,0 +1,276 @@
+"""Fitting a law to measured collisions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from impactlaw.collision import Collision
+from impactlaw.errors import ImpactLawError, MeasurementError, UnknownNameError
+from impactlaw.identification.families import FAMILIES, Family
+from impactlaw.identification.intervals import matrix_intervals, parameter_intervals
+from impactlaw.identification.measurements import Measurements, rms
+from impactlaw.identification.restitution_matrix import MatrixFit
+from impactlaw.laws import Fremond, Law, RestitutionLaw, Scattered, energy_gain
+from impactlaw.laws.labels import canonical
+
+_LIMIT = 1e-6  # distance from a bound at which the search begins
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """A law that was fitted to measurements.
+
+    Attributes:
+        family: its name.
+        law: the law, for `Stepper`, environments and studies. Friction belongs to the scene: the coefficient found is
+            the parameter "friction".
+        parameters: the numbers by name.
+        confidence: intervals that hold each number with a probability of 95 %, for errors that are independent from
+            collision to collision; nan where the data do not tell, or where a number is at a bound.
+        residuals: ``|P (v^ - v+)| / |P v-|`` of each collision, in the kinetic metric, (n,); see `Measurements`.
+        certificate: at most 1 if the law creates no energy: ``|G^-1/2 E G^1/2|_2`` for a law with a restitution matrix,
+            over every velocity with which all contacts close (its square is the largest factor on kinetic energy);
+            for others the largest ``|v+| / |v-|`` that it gives these collisions.
+        rank: how many directions of ``gamma-`` (family fremond, at most h, of the contact that is seen the least), or
+            how many parameters, the data tell.
+    """
+
+    family: str
+    law: Law
+    parameters: Mapping[str, float]
+    confidence: Mapping[str, tuple[float, float]]
+    residuals: np.ndarray
+    certificate: float
+    rank: int
+
+    @property
+    def rms(self) -> float:
+        """Root of the mean square of the residuals."""
+        return float(np.sqrt(np.mean(self.residuals**2)))
+
+    def predict(self, collisions: Sequence[Collision]) -> list[np.ndarray]:
+        """Return v+ of other collisions, with the friction found, (nv,) each."""
+        if "friction" not in self.parameters:
+            return [self.law.resolve(c).post_velocity for c in collisions]
+        from impactlaw.identification.families import with_friction
+
+        mu = self.parameters["friction"]
+        return [self.law.resolve(with_friction(c, mu)).post_velocity for c in collisions]
+
+
+def fit(
+    collisions: Sequence[Collision],
+    post_velocities: Sequence[ArrayLike] | np.ndarray,
+    family: str = "newton",
+    *,
+    contacts: Sequence[str] | None = None,
+    admissible: bool = False,
+    projected: bool = False,
+) -> Identified:
+    """Return the law of a family that fits measured collisions best: least squares of relative errors.
+
+    Args:
+        collisions: what collided, as from `read_collisions`.
+        post_velocities: v+ of each, (nv,).
+        family: "moreau", "newton", "poisson", "reversal", "fremond", "coulomb", "routh" or "compliant".
+        contacts: labels of the set of closed contacts whose collisions are used; all collisions if not given. A full
+            matrix (fremond) belongs to one set.
+        admissible: restrict E (fremond) to ``E >= 0`` and ``G^-1 (1 + E) >= 0``, so that no ``gamma- <= 0`` leads to
+            penetration or pulling.
+        projected: let the law found project its outcome onto S(v-), which is never worse; the law is a `Scattered` one
+            of variance 0 then.
+
+    Raises:
+        UnknownNameError: no such family.
+        MeasurementError: the data cannot tell.
+    """
+    if family not in FAMILIES:
+        raise UnknownNameError("family", family, FAMILIES)
+    measured = Measurements(collisions, post_velocities)
+    if contacts is not None:
+        measured = _of_set(measured, contacts)
+    make = FAMILIES[family]
+    if admissible and make is not None:
+        raise MeasurementError(f"admissible=True restricts a full matrix, family 'fremond', not {family!r}")
+    found = _fit_matrix(measured, admissible=admissible) if make is None else _fit_parameters(measured, make(measured))
+    if not projected:
+        return found
+    law = Scattered(found.law, 0.0)
+    errors = measured.errors([law.resolve(c).post_velocity for c in measured.collisions])
+    return Identified(
+        family, law, found.parameters, found.confidence, _lengths(errors), found.certificate, found.rank
+    )
+
+
+def _of_set(measured: Measurements, contacts: Sequence[str]) -> Measurements:
+    wanted = tuple(sorted(map(canonical, contacts)))
+    if wanted not in measured.contact_sets:
+        known = "; ".join(" ".join(labels) for labels in measured.contact_sets)
+        raise MeasurementError(f"no collision has exactly the contacts {', '.join(wanted)}; there are: {known}")
+    return measured.select(measured.contact_sets[wanted])
+
+
+def _fit_parameters(measured: Measurements, family: Family) -> Identified:
+    from scipy.optimize import least_squares
+
+    low = np.array([p.low for p in family.parameters])
+    high = np.array([p.high for p in family.parameters])
+    sizes = [len(Q) for Q in measured.bases]
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        try:
+            return np.concatenate(measured.errors(family.predicted(measured, np.clip(x, low, high))))
+        except ImpactLawError as error:
+            raise MeasurementError(f"family {family.name!r} does not fit these collisions: {error}") from None
+
+    best = None
+    for start in product(*(p.starts for p in family.parameters)):
+        x0 = np.clip(start, low + _LIMIT, high - _LIMIT)
+        found = least_squares(residual, x0, bounds=(low, high), x_scale=0.1, xtol=1e-12, ftol=1e-14, gtol=1e-12)
+        if best is None or found.cost < best.cost:
+            best = found
+    assert best is not None
+    x = _at_bounds(best.x, low, high, residual)
+    intervals, rank = parameter_intervals(residual, x, sizes, low, high)
+    names = [p.name for p in family.parameters]
+    errors = np.split(residual(x), np.cumsum(sizes)[:-1])
+    law = family.make(x)
+    return Identified(
+        family.name,
+        law,
+        dict(zip(names, x.tolist(), strict=True)),
+        dict(zip(names, intervals, strict=True)),
+        _lengths(errors),
+        _certificate(law, measured, family, x),
+        rank,
+    )
+
+
+def _at_bounds(x: np.ndarray, low: np.ndarray, high: np.ndarray, residual) -> np.ndarray:
+    """Return x with numbers that stopped right before a bound at it, if that is not worse."""
+    moved = np.where(high - x < 1e-6, high, np.where(x - low < 1e-6, low, x))
+    if np.array_equal(moved, x):
+        return x
+    return moved if np.sum(residual(moved) ** 2) <= np.sum(residual(x) ** 2) * (1 + 1e-9) + 1e-24 else x
+
+
+def _certificate(law: Law, measured: Measurements, family: Family, x: np.ndarray) -> float:
+    if isinstance(law, RestitutionLaw):
+        return float(np.sqrt(max(energy_gain(c, law.restitution_matrix(c)) for c in measured.collisions)))
+    after = family.predicted(measured, x)
+    pairs = zip(measured.collisions, after, strict=True)
+    return max(float(np.sqrt(max(0.0, 2.0 * _energy(c, v)))) / c.pre_speed for c, v in pairs)
+
+
+def _energy(c: Collision, v: np.ndarray) -> float:
+    z = c.relative_velocity + c.metric.whiten(v - c.pre_velocity)
+    return 0.5 * float(z @ z)
+
+
+def _lengths(errors: Sequence[np.ndarray]) -> np.ndarray:
+    return np.array([np.linalg.norm(error) for error in errors])
+
+
+def _fit_matrix(measured: Measurements, *, admissible: bool) -> Identified:
+    sets = measured.contact_sets
+    if len(sets) > 1:
+        counts = "; ".join(f"{' '.join(labels)} ({len(which)})" for labels, which in sets.items())
+        raise MeasurementError(
+            f"a restitution matrix belongs to one set of closed contacts, but there are {len(sets)}: {counts}; choose one "
+            "by contacts="
+        )
+    first = measured.collisions[0]
+    if first.friction is not None and len(first.friction):
+        raise MeasurementError("family 'fremond' is for contacts without friction; leave tangential directions out")
+    labels = tuple(map(canonical, first.labels))
+    unique = len(set(labels)) == len(labels)
+    here = np.arange(len(labels))
+    order = np.array(
+        [[list(map(canonical, c.labels)).index(a) for a in labels] if unique else here for c in measured.collisions]
+    )
+    problem = MatrixFit(measured, order)
+    F, active = problem.solve(admissible=admissible)
+    E = problem.matrix(F)
+    intervals, rank = matrix_intervals(problem, F, active)
+    pairs = list(product(range(len(labels)), repeat=2))
+    names = labels if unique else tuple(map(str, here))
+    keys = [f"E {names[i]}, {names[j]}" for i, j in pairs]
+    law = Fremond({(labels[i], labels[j]): float(E[i, j]) for i, j in pairs} if unique else E)
+    errors = measured.errors([law.resolve(c).post_velocity for c in measured.collisions])
+    return Identified(
+        "fremond",
+        law,
+        {key: float(E[pair]) for key, pair in zip(keys, pairs, strict=True)},
+        {key: intervals[pair] for key, pair in zip(keys, pairs, strict=True)},
+        _lengths(errors),
+        problem.bound(F),
+        rank,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class CrossValidation:
+    """Errors of a family on collisions that its law has not seen.
+
+    Attributes:
+        family: its name.
+        rms: root of the mean square of ``|P (v^ - v+)| / |P v-|`` over all collisions, each held out once.
+        fold_rms: the same of each fold, (folds,).
+        parameters: what each fold's law has, a mapping per fold.
+    """
+
+    family: str
+    rms: float
+    fold_rms: np.ndarray
+    parameters: tuple[Mapping[str, float], ...]
+
+
+def cross_validate(
+    collisions: Sequence[Collision],
+    post_velocities: Sequence[ArrayLike] | np.ndarray,
+    family: str = "newton",
+    *,
+    folds: int = 5,
+    seed: int = 0,
+    contacts: Sequence[str] | None = None,
+    projected: bool = False,
+) -> CrossValidation:
+    """Fit the family to all folds but one, predict that one, and do so for each.
+
+    Args:
+        collisions: what collided.
+        post_velocities: v+ of each, (nv,).
+        family: see `fit`.
+        folds: parts that the collisions are split into at random.
+        seed: of the split.
+        contacts: see `fit`.
+        projected: see `fit`.
+
+    Raises:
+        UnknownNameError: no such family.
+        MeasurementError: fewer collisions than folds, fewer than two folds, or see `fit`.
+    """
+    if family not in FAMILIES:
+        raise UnknownNameError("family", family, FAMILIES)
+    measured = Measurements(collisions, post_velocities)
+    if contacts is not None:
+        measured = _of_set(measured, contacts)
+    n = len(measured)
+    if not 2 <= folds <= n:
+        raise MeasurementError(f"{n} collision{'s' if n > 1 else ''} cannot be split into {folds} folds, 2 or more")
+    parts = np.array_split(np.random.default_rng(seed).permutation(n), folds)
+    squares, fold_rms, parameters = [], [], []
+    for part in parts:
+        rest = measured.select(np.setdiff1d(np.arange(n), part))
+        held = measured.select(part)
+        found = fit(rest.collisions, rest.post_velocities, family, projected=projected)
+        errors = held.errors(found.predict(held.collisions))
+        squares += [error @ error for error in errors]
+        fold_rms.append(rms(errors))
+        parameters.append(found.parameters)
+    return CrossValidation(family, float(np.sqrt(np.mean(squares))), np.array(fold_rms), tuple(parameters))

@@ -1,0 +1,255 @@
+"""Reading measured collisions: a recording, or a table in CSV or Parquet."""
+
+from __future__ import annotations
+
+import ast
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from impactlaw.collision import Collision
+from impactlaw.errors import ImpactLawError, MeasurementError
+from impactlaw.friction import Friction
+from impactlaw.identification.contact_space import collision_of, delassus_by_contacts
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FULL = ("mass_matrix", "jacobian", "pre_velocity", "post_velocity")
+CONTACT = ("pre_contact_velocity", "post_contact_velocity")
+
+
+class Collisions(NamedTuple):
+    """What `read_collisions` gives; it can be taken apart: ``fit(*read_collisions(path))``."""
+
+    collisions: list[Collision]
+    post_velocities: list[np.ndarray]
+
+
+def read_collisions(path: str | Path) -> Collisions:
+    """Read collisions, and the velocities observed after them.
+
+    A recording (``run.rrd``) has them, and so have tables (``.csv``, ``.parquet``), one row per collision. A cell is a
+    number, or a list (in CSV as JSON), by these columns:
+
+    - ``mass_matrix``, ``jacobian``, ``pre_velocity``, ``post_velocity``, and where contacts have friction
+      ``friction_jacobian``, ``friction_contact`` (0 if not given), ``friction_coefficient`` (1 if not given); or
+    - ``pre_contact_velocity``, ``post_contact_velocity``, with ``delassus``, row by row. Without that, ``impulse``: G is
+      the same in all collisions of one set of contacts then, and follows from ``gamma+ - gamma- = G Lambda`` by least
+      squares. One contact needs neither. With friction also ``pre_sliding_velocity``, ``post_sliding_velocity``,
+      ``friction_contact`` and ``friction_delassus``, (k, h + k) row by row.
+
+    ``contacts`` are labels, "0", "1", ... if not given. Collisions made of the second kind are in coordinates of their
+    own, with M = 1: only relative motion of contacts is known.
+
+    Raises:
+        MeasurementError: no such file, not one of these, or what is in it is not a collision; names row and column.
+        RecordingError: not a recording of this package.
+    """
+    path = Path(path)
+    table = _table(path)
+    if table.empty:
+        raise MeasurementError(f"{path} has no collisions")
+    try:
+        if set(FULL) <= set(table):
+            return _full(table)
+        if set(CONTACT) <= set(table):
+            return _contact(table)
+    except MeasurementError as error:
+        raise MeasurementError(f"{path}: {error}") from None
+    have = set(table)
+    wanted = FULL if len(have & set(FULL)) > len(have & set(CONTACT)) else CONTACT
+    missing = ", ".join(name for name in wanted if name not in have)
+    raise MeasurementError(f"{path} has no column {missing}; a table has {', '.join(FULL)} or {', '.join(CONTACT)}")
+
+
+def _table(path: Path) -> pd.DataFrame:
+    import pandas as pd
+
+    if path.suffix == ".rrd":
+        from impactlaw.recording import read_log
+
+        return read_log(path).collisions
+    if path.suffix not in (".csv", ".parquet"):
+        raise MeasurementError(f"{path} is neither a recording (.rrd) nor a table (.csv, .parquet)")
+    if not path.is_file():
+        raise MeasurementError(f"{path} is not a file" if path.exists() else f"there is no file {path}")
+    try:
+        return pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
+    except (ValueError, OSError) as error:  # pandas' parser errors are ValueErrors
+        reason = str(error).strip().partition("\n")[0]
+        raise MeasurementError(f"{path} cannot be read as a table: {reason}") from None
+
+
+def _full(table: pd.DataFrame) -> Collisions:
+    collisions, after = [], []
+    for i, row in enumerate(table.to_dict("records")):
+        M, J = (_array(row, name, i, 2) for name in ("mass_matrix", "jacobian"))
+        v, post = (_array(row, name, i, 1) for name in ("pre_velocity", "post_velocity"))
+        friction = None
+        if _given(row, "friction_jacobian"):
+            J_t = _array(row, "friction_jacobian", i, 2)
+            contact = _array(row, "friction_contact", i, 1) if _given(row, "friction_contact") else np.zeros(len(J_t))
+            friction = J_t, contact, _coefficients(row, i, len(J_t))
+        collisions.append(_made(i, M, J, v, friction, _labels(row, i, len(J))))
+        if post.shape != v.shape:
+            raise MeasurementError(f"row {i}: post_velocity has {len(post)} numbers, pre_velocity {len(v)}")
+        after.append(post)
+    return Collisions(collisions, after)
+
+
+def _made(index: int, M: Any, J: Any, v: Any, friction: Any, labels: tuple[str, ...]) -> Collision:
+    try:
+        rows = None
+        if friction is not None:
+            J_t, contact, mu = friction
+            whole = contact.astype(int)
+            if (whole != contact).any():
+                raise MeasurementError(f"row {index}: friction_contact must be whole numbers")
+            rows = Friction(J_t, whole, mu)
+        return Collision(M, J, v, labels=labels, friction=rows)
+    except MeasurementError:
+        raise
+    except ImpactLawError as error:
+        raise MeasurementError(f"row {index}: {error}") from None
+
+
+def _contact(table: pd.DataFrame) -> Collisions:
+    rows = table.to_dict("records")
+    before, after, labels, contacts = [], [], [], []
+    for i, row in enumerate(rows):
+        gamma, plus = (_array(row, name, i, 1) for name in CONTACT)
+        if gamma.shape != plus.shape:
+            raise MeasurementError(f"row {i}: {len(gamma)} contact velocities before, {len(plus)} after")
+        labels.append(_labels(row, i, len(gamma)))
+        _refuse_jumps(row, i)
+        sliding = [np.zeros(0), np.zeros(0)]
+        if _given(row, "pre_sliding_velocity") or _given(row, "post_sliding_velocity"):
+            sliding = [_array(row, name, i, 1) for name in ("pre_sliding_velocity", "post_sliding_velocity")]
+            if sliding[0].shape != sliding[1].shape:
+                raise MeasurementError(f"row {i}: {len(sliding[0])} sliding velocities before, {len(sliding[1])} after")
+        k = len(sliding[0])
+        contact = _array(row, "friction_contact", i, 1) if _given(row, "friction_contact") else np.zeros(k)
+        if len(contact) != k:
+            raise MeasurementError(f"row {i}: friction_contact has {len(contact)} entries for {k} sliding velocities")
+        before.append(np.concatenate([gamma, sliding[0]]))
+        after.append(np.concatenate([plus, sliding[1]]))
+        contacts.append(contact)
+    impulses = [_impulses(row, i, len(labels[i]), len(contacts[i])) for i, row in enumerate(rows)]
+    known = [_delassus(row, i, len(labels[i]), len(contacts[i])) for i, row in enumerate(rows)]
+    if any(G is None for G in known):
+        found = delassus_by_contacts(labels, contacts, before, after, impulses)
+        known = [G if mine is None else mine for mine, G in zip(known, found, strict=True)]
+    collisions, velocities = [], []
+    for i, row in enumerate(rows):
+        mu = _coefficients(row, i, len(contacts[i]))
+        try:
+            c, v = collision_of(known[i], before[i], after[i], labels[i], contacts[i].astype(int), mu)
+        except MeasurementError as error:
+            raise MeasurementError(f"row {i}: {error}") from None
+        except ImpactLawError as error:
+            raise MeasurementError(f"row {i}: {error}") from None
+        collisions.append(c)
+        velocities.append(v)
+    return Collisions(collisions, velocities)
+
+
+def _refuse_jumps(row: dict[Any, Any], i: int) -> None:
+    if _given(row, "surface_velocity") and _given(row, "post_surface_velocity"):
+        one, two = (_array(row, name, i, 1) for name in ("surface_velocity", "post_surface_velocity"))
+        if not np.array_equal(one, two):
+            raise MeasurementError(f"row {i}: a surface whose velocity jumps has struck; leave such collisions out")
+
+
+def _delassus(row: dict[Any, Any], i: int, h: int, k: int) -> np.ndarray | None:
+    if not _given(row, "delassus"):
+        return None
+    G = _array(row, "delassus", i, None).ravel()
+    if G.size != h * h:
+        raise MeasurementError(f"row {i}: delassus has {G.size} numbers, {h} contacts need {h * h}")
+    G = G.reshape(h, h)
+    if not k:
+        return G
+    if not _given(row, "friction_delassus"):
+        return None
+    below = _array(row, "friction_delassus", i, None).ravel()
+    if below.size != k * (h + k):
+        raise MeasurementError(f"row {i}: friction_delassus has {below.size} numbers, it needs {k * (h + k)}")
+    below = below.reshape(k, h + k)
+    return np.block([[G, below[:, :h].T], [below]])
+
+
+def _impulses(row: dict[Any, Any], i: int, h: int, k: int) -> np.ndarray | None:
+    if not _given(row, "impulse"):
+        return None
+    impulse = _array(row, "impulse", i, 1)
+    if len(impulse) != h:
+        raise MeasurementError(f"row {i}: {len(impulse)} impulses for {h} contacts")
+    if k:
+        if not _given(row, "friction_impulse"):
+            return None
+        impulse = np.concatenate([impulse, _array(row, "friction_impulse", i, 1)])
+        if len(impulse) != h + k:
+            raise MeasurementError(f"row {i}: {len(impulse) - h} friction impulses for {k} sliding velocities")
+    return impulse
+
+
+def _coefficients(row: dict[Any, Any], i: int, k: int) -> np.ndarray:
+    if not _given(row, "friction_coefficient"):
+        return np.ones(k)
+    mu = _array(row, "friction_coefficient", i, 1)
+    return np.full(k, mu[0]) if len(mu) == 1 else mu
+
+
+def _labels(row: dict[Any, Any], i: int, h: int) -> tuple[str, ...]:
+    if not _given(row, "contacts"):
+        return tuple(map(str, range(h)))
+    value = _parsed(row["contacts"])
+    names = tuple(map(str, value.split() if isinstance(value, str) else np.ravel(value)))
+    if len(names) != h:
+        raise MeasurementError(f"row {i}: {len(names)} contacts ({', '.join(names)}), but {h} rows of numbers")
+    return names
+
+
+def _given(row: dict[Any, Any], name: str) -> bool:
+    value = row.get(name)
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return False
+    return not (hasattr(value, "__len__") and len(value) == 0)
+
+
+def _parsed(value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    for parse in (json.loads, ast.literal_eval):
+        try:
+            return parse(value)
+        except (ValueError, SyntaxError, RecursionError, MemoryError, TypeError):
+            continue
+    return value
+
+
+def _array(row: dict[Any, Any], name: str, i: int, ndim: int | None) -> np.ndarray:
+    """Return a cell as an array of that many dimensions, a number as one of one entry.
+
+    Raises:
+        MeasurementError: it is not one, or not finite.
+    """
+    value = _parsed(row.get(name))
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    try:
+        array = np.array([np.asarray(part, dtype=float) for part in value] if isinstance(value, list) else value, float)
+    except (TypeError, ValueError):
+        raise MeasurementError(f"row {i}: {name} is not numbers: {str(value):.40}") from None
+    if array.ndim == 0:
+        array = array.reshape((1,) * (1 if ndim is None else ndim))
+    if ndim is not None and array.ndim != ndim:
+        kind = "a list of numbers" if ndim == 1 else "a list of rows"
+        raise MeasurementError(f"row {i}: {name} must be {kind}, got shape {array.shape}")
+    if not np.isfinite(array).all():
+        raise MeasurementError(f"row {i}: {name} has entries that are not finite")
+    return array
