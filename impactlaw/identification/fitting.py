@@ -128,13 +128,10 @@ def _fit_parameters(measured: Measurements, family: Family) -> Identified:
         except ImpactLawError as error:
             raise MeasurementError(f"family {family.name!r} does not fit these collisions: {error}") from None
 
-    best = None
-    for start in product(*(p.starts for p in family.parameters)):
-        x0 = np.clip(start, low + _LIMIT, high - _LIMIT)
-        found = least_squares(residual, x0, bounds=(low, high), x_scale=0.1, xtol=1e-12, ftol=1e-14, gtol=1e-12)
-        if best is None or found.cost < best.cost:
-            best = found
-    assert best is not None
+    starts = [np.clip(start, low + _LIMIT, high - _LIMIT) for start in product(*(p.starts for p in family.parameters))]
+    costs = [np.sum(residual(start) ** 2) for start in starts] if len(starts) > 1 else [0.0]
+    start = starts[int(np.argmin(costs))]
+    best = least_squares(residual, start, bounds=(low, high), x_scale=0.1, xtol=1e-12, ftol=1e-14, gtol=1e-12)
     x = _at_bounds(best.x, low, high, residual)
     intervals, rank = parameter_intervals(residual, x, sizes, low, high)
     names = [p.name for p in family.parameters]

@@ -40,7 +40,7 @@ def read_collisions(path: str | Path) -> Collisions:
     - ``pre_contact_velocity``, ``post_contact_velocity``, with ``delassus``, row by row. Without that, ``impulse``: G is
       the same in all collisions of one set of contacts then, and follows from ``gamma+ - gamma- = G Lambda`` by least
       squares. One contact needs neither. With friction also ``pre_sliding_velocity``, ``post_sliding_velocity``,
-      ``friction_contact`` and ``friction_delassus``, (k, h + k) row by row.
+      ``friction_contact``, and rows of friction follow those of contacts in ``delassus``, (h + k, h + k).
 
     ``contacts`` are labels, "0", "1", ... if not given. Collisions made of the second kind are in coordinates of their
     own, with M = 1: only relative motion of contacts is known.
@@ -167,19 +167,11 @@ def _refuse_jumps(row: dict[Any, Any], i: int) -> None:
 def _delassus(row: dict[Any, Any], i: int, h: int, k: int) -> np.ndarray | None:
     if not _given(row, "delassus"):
         return None
-    G = _array(row, "delassus", i, None).ravel()
-    if G.size != h * h:
-        raise MeasurementError(f"row {i}: delassus has {G.size} numbers, {h} contacts need {h * h}")
-    G = G.reshape(h, h)
-    if not k:
-        return G
-    if not _given(row, "friction_delassus"):
-        return None
-    below = _array(row, "friction_delassus", i, None).ravel()
-    if below.size != k * (h + k):
-        raise MeasurementError(f"row {i}: friction_delassus has {below.size} numbers, it needs {k * (h + k)}")
-    below = below.reshape(k, h + k)
-    return np.block([[G, below[:, :h].T], [below]])
+    G, n = _array(row, "delassus", i, None).ravel(), h + k
+    if G.size != n * n:
+        rows = f"{h} contacts" + (f" and {k} rows of friction" if k else "")
+        raise MeasurementError(f"row {i}: delassus has {G.size} numbers, {rows} need {n * n}")
+    return G.reshape(n, n)
 
 
 def _impulses(row: dict[Any, Any], i: int, h: int, k: int) -> np.ndarray | None:

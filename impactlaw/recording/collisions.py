@@ -15,6 +15,7 @@ from impactlaw.recording.layout import (
     COLLISIONS,
     EXTRA_COLUMNS,
     MARKS,
+    MOST_COUPLED,
     PLOTTED,
     Column,
     time_columns,
@@ -55,6 +56,7 @@ def collision_record(model: mujoco.MjModel, event: ImpactEvent) -> dict[str, Any
         "kinetic_violation": violations.kinetic,
         "energetic_violation": violations.energetic,
         "residual": float(impact.residual),
+        "delassus": _delassus(impact.collision),
     }
     return common | _friction(model, event) | _moving(event)
 
@@ -71,6 +73,14 @@ def _friction(model: mujoco.MjModel, event: ImpactEvent) -> dict[str, Any]:
         "tangential_impulse": tangential_impulses(model, event.contacts, impact.friction_impulse).tolist(),
         "restitution_scale": float(impact.restitution_scale),
     }
+
+
+def _delassus(c: Collision) -> list[float]:
+    k = 0 if c.friction is None else len(c.friction)
+    if not 0 < len(c.labels) + k <= MOST_COUPLED:
+        return []
+    rows = np.vstack([c.dense_gradients, c.whitened_friction]) if k else c.dense_gradients
+    return (rows @ rows.T).ravel().tolist()
 
 
 def _moving(event: ImpactEvent) -> dict[str, Any]:

@@ -56,8 +56,13 @@ COLLISION_COLUMNS = {
     "kinetic_violation": "float",
     "energetic_violation": "float",
     "residual": "float",
+    "delassus": "floats",
 }
-"""The collision table: what one cell is; plural means one value per contact. Floats are float64."""
+"""The collision table: what one cell is; plural means one value per contact. Floats are float64.
+
+``delassus`` is G of the contacts, and of their rows of friction after these, (h + k, h + k), row by row; empty where there
+are more than `MOST_COUPLED` rows, and in files of older versions, which have no such column."""
+MOST_COUPLED = 64
 
 EXTRA_COLUMNS = {
     "friction_contact": "ints",

@@ -177,6 +177,8 @@ def _collision_table(entity: Entity | None) -> pd.DataFrame:
         cells = [] if entity is None else entity.cells(f"{layout.COLLISION}:{name}")
         if not cells and name in layout.EXTRA_COLUMNS:
             continue
+        if not cells and entity is not None:  # a file of an older version
+            cells = [None] * len(entity.step)
         default = layout.EXTRA_DEFAULTS.get(name)
         values = (
             [cell or [] for cell in cells] if kind.endswith("s") else [cell[0] if cell else default for cell in cells]
