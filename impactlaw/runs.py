@@ -18,6 +18,7 @@ from impactlaw.impact import Impact
 from impactlaw.laws import Law
 from impactlaw.recording import Recorder
 from impactlaw.recording.properties import law_name
+from impactlaw.soft_collisions import SoftCollisions
 from impactlaw.soft_contact import deepest_gap, soft_outcome
 from impactlaw.stepper import Stepper
 
@@ -162,6 +163,8 @@ def run_soft(
 ) -> Run:
     """Simulate the scene with MuJoCo's contacts, and audit what they make of the reference's first collision.
 
+    What is recorded are the run's own collisions, see `SoftCollisions`.
+
     Args:
         model: the scene with the contacts wanted, see `impactlaw.soft_contact.tuned_contacts`.
         start: its state at the start; not changed.
@@ -174,6 +177,9 @@ def run_soft(
     data, seen = _copy(model, start), _copy(model, start)
     trajectory = _Trajectory(model)
     trajectory.add(seen)
+    collisions = None if recorder is None else SoftCollisions(model)
+    if collisions is not None:
+        collisions.look(seen)
     spent = 0.0
     for _ in range(steps):
         begin = time.perf_counter()
@@ -181,8 +187,8 @@ def run_soft(
         spent += time.perf_counter() - begin
         _assign(model, data, seen)  # looking at contacts must not disturb the solver
         trajectory.add(seen)
-        if recorder is not None:
-            recorder.step(seen)
+        if recorder is not None and collisions is not None:
+            recorder.step(seen, collisions.look(seen))
         progress()
     first = None
     if reference is not None and reference.first is not None:
