@@ -1,4 +1,4 @@
-"""The command line: compare, inspect, plan, laws, scenes."""
+"""The command line: compare, inspect, identify, plan, laws, scenes."""
 
 from __future__ import annotations
 
@@ -87,6 +87,39 @@ class Inspect:
 
 
 @dataclass(frozen=True)
+class Identify:
+    """Fit laws to measured or simulated collisions, and write the best one as JSON, which `make_law` reads."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """A recording (.rrd), or a table (.csv, .parquet); see `impactlaw.identification.read_collisions`."""
+    family: str | None = None
+    """One family of laws: moreau, newton, poisson, reversal, fremond, coulomb, routh or compliant; all if not given."""
+    folds: int = 5
+    """Parts that the collisions are split into, each of which is predicted by a law fitted to the others."""
+    contacts: tuple[str, ...] | None = None
+    """Labels of the set of closed contacts whose collisions are used; all collisions if not given."""
+    out: Path | None = None
+    """File of the law; the picture is beside it. out/<file>/law.json if not given."""
+
+    def __call__(self) -> None:
+        """Read the file, print the table and write law and picture."""
+        from impactlaw.errors import MeasurementError
+        from impactlaw.identification.report import draw, format_study, study, write_law
+
+        out = Path("out") / self.file.stem / "law.json" if self.out is None else self.out
+        if out.suffix != ".json":
+            raise MeasurementError(f"the law is written as JSON, but {out} does not end with .json")
+        if self.folds < 2:
+            raise MeasurementError(f"folds must be 2 or more, got {self.folds}")
+        found = study(self.file, family=self.family, folds=self.folds, contacts=self.contacts)
+        assert found.best.law is not None
+        write_law(found.best.law, out, self.file.name)
+        draw(found, out.with_suffix(".png"), f"{self.file.name}: {len(found.measured.collisions)} collisions")
+        print(format_study(found))
+        print(f"written: {out}, {out.with_suffix('.png')}")
+
+
+@dataclass(frozen=True)
 class Laws:
     """List the impact laws, one line each."""
 
@@ -167,6 +200,7 @@ def new_files_in(folder: Path) -> Iterator[Path]:
 Command = (
     Annotated[Compare, tyro.conf.subcommand("compare")]
     | Annotated[Inspect, tyro.conf.subcommand("inspect")]
+    | Annotated[Identify, tyro.conf.subcommand("identify")]
     | Annotated[Plan, tyro.conf.subcommand("plan")]
     | Annotated[Laws, tyro.conf.subcommand("laws")]
     | Annotated[Scenes, tyro.conf.subcommand("scenes")]

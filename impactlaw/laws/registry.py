@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -80,19 +82,23 @@ DESCRIPTIONS: dict[str, str] = {
 """One line per law of the registry."""
 
 
-def make_law(name: str | Law | Mapping, restitution: Any = None) -> Law:
+def make_law(name: str | Path | Law | Mapping, restitution: Any = None) -> Law:
     """Return the law of that name.
 
     Args:
-        name: "maximal-dissipation", "moreau", "newton", "poisson", "fremond" or "reversal"; a `Law` is returned as is,
-            and made again from what `impactlaw.laws.portable` has written down.
-        restitution: what the law takes: a coefficient (moreau, reversal), one or several or keyed ones, numbers or
-            functions of speed (newton, poisson), a matrix or a keyed one (fremond), nothing (maximal-dissipation).
+        name: "maximal-dissipation", "moreau", "newton", "poisson", "fremond", "reversal", "routh" or
+            "compliant"; a `Law` is returned as is, and made again from what `impactlaw.laws.portable` has written down,
+            or from a file of that, ``law.json``, as `impactlaw identify` writes it.
+        restitution: what the law takes: a coefficient (moreau, reversal, compliant), one or several or keyed ones,
+            numbers or functions of speed (newton, poisson, routh), a matrix or a keyed one (fremond),
+            nothing (maximal-dissipation).
 
     Raises:
         UnknownNameError: no such law; the message names the nearest ones.
-        RestitutionError: the restitution is missing, superfluous or not in range.
+        RestitutionError: the restitution is missing, superfluous or not in range; or a file is not one of a law.
     """
+    if isinstance(name, Path) or (isinstance(name, str) and name.endswith(".json")):
+        name = _read(Path(name))
     name, restitution = restored(name), restored(restitution)
     if isinstance(name, Law):
         if restitution is not None:
@@ -101,6 +107,24 @@ def make_law(name: str | Law | Mapping, restitution: Any = None) -> Law:
     if not isinstance(name, str) or name not in LAWS:
         raise UnknownNameError("law", name, LAWS)
     return LAWS[name](restitution)
+
+
+def _read(path: Path) -> Law:
+    """Return the law that a file holds.
+
+    Raises:
+        RestitutionError: it holds none.
+    """
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise RestitutionError(f"cannot read a law from {path}: {error.strerror}") from None
+    except ValueError as error:
+        raise RestitutionError(f"{path} is not JSON: {error}") from None
+    law = restored(value.get("law", value)) if isinstance(value, Mapping) else None
+    if not isinstance(law, Law):
+        raise RestitutionError(f"{path} holds no law, as `impactlaw identify` writes it")
+    return law
 
 
 def _required(name: str, restitution: Any) -> Any:

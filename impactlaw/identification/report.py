@@ -1,0 +1,206 @@
+"""What `impactlaw identify` prints and writes: a table of families, the law as JSON, a picture."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from impactlaw.errors import ImpactLawError, MeasurementError
+from impactlaw.identification.auditing import TOLERANCE, Audit, audit
+from impactlaw.identification.families import FAMILIES
+from impactlaw.identification.fitting import CrossValidation, Identified, cross_validate, fit
+from impactlaw.identification.measurements import Measurements
+from impactlaw.identification.reading import Collisions, read_collisions
+from impactlaw.laws.portable import portable
+
+_SHOWN = 6  # parameters in a line of the table
+_WORST = 0.5  # share of collisions that must be admissible for a fit to make sense
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """A family in the table: its law and its errors on unseen collisions, or why there is none."""
+
+    family: str
+    law: Identified | None
+    held_out: CrossValidation | None
+    reason: str = ""
+
+    @property
+    def error(self) -> float:
+        """What families are compared by: the error on unseen collisions."""
+        return np.inf if self.held_out is None else self.held_out.rms
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """All that was found in a file.
+
+    Attributes:
+        measured: what was read.
+        audit: of it.
+        rows: of the families.
+        best: the one with the least error on unseen collisions; of equally good ones that with fewer parameters.
+    """
+
+    measured: Collisions
+    audit: Audit
+    rows: tuple[Row, ...]
+    best: Row
+
+
+def study(path: Path, *, family: str | None = None, folds: int = 5, contacts: Sequence[str] | None = None) -> Study:
+    """Read a file, audit it, and fit one family, or all.
+
+    Raises:
+        MeasurementError: the file cannot be read, its collisions are too few or no collisions, or no family fits.
+        UnknownNameError: no such family.
+    """
+    measured = read_collisions(path)
+    n = len(measured.collisions)
+    if n < 2:
+        raise MeasurementError(f"{path} has 1 collision: a law is identified from 2 or more")
+    found = audit(*measured)
+    if found.admissible < _WORST:
+        raise MeasurementError(f"{path}: {refusal(found)}")
+    names = [family] if family is not None else list(FAMILIES)
+    rows = [_row(name, measured, min(folds, n), contacts) for name in names]
+    fitted = [row for row in rows if row.law is not None and row.held_out is not None]
+    if not fitted:
+        raise MeasurementError(f"{path}: {rows[0].reason}" if family else f"{path}: no family fits: {rows[0].reason}")
+    least = min(row.error for row in fitted)
+    best = next(row for row in sorted(fitted, key=_size) if row.error <= least * (1 + 1e-3) + 1e-9)
+    return Study(measured, found, tuple(rows), best)
+
+
+def _size(row: Row) -> int:
+    assert row.law is not None
+    return len(row.law.parameters)
+
+
+def _row(name: str, measured: Collisions, folds: int, contacts: Sequence[str] | None) -> Row:
+    try:
+        law = fit(*measured, name, contacts=contacts)
+        return Row(name, law, cross_validate(*measured, name, folds=folds, contacts=contacts))
+    except MeasurementError as error:
+        return Row(name, None, None, str(error))
+    except ImpactLawError as error:
+        if name not in FAMILIES:
+            raise
+        return Row(name, None, None, str(error))
+
+
+def refusal(found: Audit) -> str:
+    """Return in one line what is wrong with collisions most of which violate physics."""
+    medians = {name: float(np.median(getattr(found, name))) for name in ("kinematic", "kinetic", "energetic")}
+    worst = max(medians, key=lambda name: medians[name])
+    text = (
+        f"only {found.admissible:.0%} of {len(found.kinetic)} collisions are admissible within {TOLERANCE:g} |v-|, the "
+        f"median {worst} violation is {medians[worst]:.3g} |v-|: no law fits that"
+    )
+    if not found.likely_causes:
+        return f"{text}; check units and signs"
+    return f"{text}; likely cause: {described(found.likely_causes[0])}"
+
+
+def described(cause: Any) -> str:
+    """Return a cause in words."""
+    value = "" if np.isnan(cause.value) else f" {cause.value:.3g}"
+    return (
+        f"{cause.name}{value} (with another one {cause.better:.0%} of collisions fit better, median {cause.before:.3g} -> "
+        f"{cause.after:.3g})"
+    )
+
+
+def format_study(found: Study) -> str:
+    """Return the table for the screen."""
+    n = len(found.measured.collisions)
+    lines = [f"{n} collisions, {found.audit.admissible:.0%} admissible within {TOLERANCE:g} |v-|", ""]
+    lines.append(f"{'family':<11}{'held out':>9}{'fit':>9}{'certificate':>13}{'rank':>6}  parameters (95 %)")
+    for row in sorted(found.rows, key=lambda row: row.error):
+        if row.law is None or row.held_out is None:
+            continue
+        lines.append(
+            f"{row.family:<11}{row.held_out.rms:>9.4f}{row.law.rms:>9.4f}{row.law.certificate:>13.6f}{row.law.rank:>6}  "
+            + parameters_in_words(row.law)
+        )
+    lines += [f"{row.family:<11}not fitted: {row.reason}" for row in found.rows if row.law is None]
+    lines.append(f"\nbest: {found.best.family}")
+    return "\n".join(lines)
+
+
+def parameters_in_words(law: Identified) -> str:
+    """Return the first few parameters with half of their intervals."""
+    parts = []
+    for name, value in list(law.parameters.items())[:_SHOWN]:
+        low, high = law.confidence[name]
+        parts.append(f"{name} {value:.4f}" + ("" if np.isnan(low) else f" +- {0.5 * (high - low):.4f}"))
+    more = len(law.parameters) - _SHOWN
+    return ", ".join(parts) + (f" and {more} more" if more > 0 else "")
+
+
+def write_law(law: Identified, path: Path, source: str) -> None:
+    """Write the law and how it was found as JSON, which `make_law` reads.
+
+    Raises:
+        MeasurementError: the file cannot be written.
+    """
+    confidence = {name: [None if np.isnan(x) else x for x in pair] for name, pair in law.confidence.items()}
+    value = {
+        "law": portable(law.law),
+        "family": law.family,
+        "parameters": dict(law.parameters),
+        "confidence": confidence,
+        "rms": law.rms,
+        "certificate": law.certificate,
+        "rank": law.rank,
+        "source": source,
+    }
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(value, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise MeasurementError(f"cannot write {path}: {error.strerror}") from None
+
+
+def draw(found: Study, path: Path, title: str) -> None:
+    """Write a picture: contact velocities predicted by the best law over those observed, and errors of all families."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 4.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, fontsize=10)
+    left, right = figure.subplots(1, 2)
+    law = found.best.law
+    assert law is not None
+    measured = Measurements(*found.measured)
+    fits = [set(c.labels) for c in measured.collisions]
+    for i, (c, seen, after) in enumerate(
+        zip(measured.collisions, measured.post_velocities, _predicted(law, measured), strict=True)
+    ):
+        if after is not None and fits[i]:
+            left.plot(c.contact_velocity_after(seen), c.contact_velocity_after(after), ".", color="C0", markersize=3)
+    ends = np.array(left.get_xlim())
+    left.plot(ends, ends, color="0.6", linewidth=0.8)
+    left.set_xlabel("contact velocity observed")
+    left.set_ylabel(f"predicted, {found.best.family}")
+    rows = sorted((row for row in found.rows if row.held_out is not None), key=lambda row: -row.error)
+    right.barh([row.family for row in rows], [row.error for row in rows], color="C0")
+    right.set_xlabel("error on unseen collisions, of |v-|")
+    figure.savefig(path, dpi=80)
+
+
+def _predicted(law: Identified, measured: Measurements) -> list[np.ndarray | None]:
+    after: list[np.ndarray | None] = []
+    for c in measured.collisions:
+        try:
+            after.append(law.predict([c])[0])
+        except ImpactLawError:  # of another set of contacts
+            after.append(None)
+    return after

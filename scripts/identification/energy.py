@@ -1,0 +1,52 @@
+"""Laws with friction on random collisions: does any of them create energy?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from impactlaw import Collision, Coulomb, Friction, Impact, ImpactLawError, Poisson, Routh
+
+
+def random_collision(rng: np.random.Generator, contacts: int, directions: int) -> Collision:
+    """Return independent contacts of a random system, with any coefficient of friction up to 2."""
+    k = contacts * directions
+    nv = contacts + k + int(rng.integers(0, 3))
+    A = rng.normal(size=(nv, nv))
+    mu = np.repeat(rng.uniform(0.01, 2.0, contacts), directions)
+    rows = Friction(rng.normal(size=(k, nv)), np.repeat(np.arange(contacts), directions), mu)
+    M = A @ A.T + 0.05 * np.eye(nv)
+    return Collision(M, rng.normal(size=(contacts, nv)), rng.normal(size=nv), friction=rows)
+
+
+def _routh(hypothesis) -> Callable[[Collision, np.ndarray], Impact]:
+    return lambda c, e: Routh(float(e[0]), hypothesis=hypothesis).resolve(c)
+
+
+CASES: dict[str, tuple[int, int, Callable[[Collision, np.ndarray], Impact]]] = {
+    "Routh, Poisson's restitution": (1, 1, _routh("poisson")),
+    "Routh, Stronge's restitution": (1, 1, _routh("stronge")),
+    "Routh in space": (1, 2, _routh("poisson")),
+    "Coulomb(Poisson), one contact": (1, 2, lambda c, e: Coulomb(Poisson(e)).resolve(c)),
+    "Coulomb(Poisson), three contacts": (3, 2, lambda c, e: Coulomb(Poisson(e)).resolve(c)),
+}
+
+
+def energy_table(count: int) -> str:
+    """Return the largest gain of energy of each law over so many random collisions, as Markdown."""
+    lines = ["| law | collisions | refused | largest (T+ - T-) / T- |", "|---|---|---|---|"]
+    for name, (contacts, directions, resolve) in CASES.items():
+        worst, refused = -np.inf, 0
+        for seed in range(count):
+            rng = np.random.default_rng([len(name), seed])
+            c = random_collision(rng, contacts, directions)
+            e = np.ones(contacts) if seed % 2 else rng.uniform(size=contacts)
+            try:
+                impact = resolve(c, e)
+            except ImpactLawError:
+                refused += 1
+                continue
+            worst = max(worst, impact.energy_change / c.kinetic_energy)
+        lines.append(f"| {name} | {count} | {refused} | {worst:.1e} |")
+    return "\n".join(lines)
