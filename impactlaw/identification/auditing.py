@@ -19,9 +19,10 @@ TOLERANCE = 0.1
 """Violation, relative to |v-|, up to which a measured collision counts as admissible."""
 _BETTER = 0.8  # share of collisions that a likely cause must improve
 _HALF = 0.5  # part of the median violation that it may leave
+_NOTHING = 1e-9  # violation that is rounding
 _SAMPLE = 200  # collisions that friction is tried on
 _FRICTIONS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5)
-_RATIOS = np.geomspace(0.05, 20.0, 61)
+_RATIOS = np.geomspace(0.05, 20.0, 31)
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Cause:
     Attributes:
         name: of the change.
         value: of what was fitted anew, a ratio or a coefficient; nan for a sign.
-        better: share of the collisions that violate less with it.
+        better: share of the collisions that violate less with it, of those that violate anything with it or without.
         better_of_bad: the same of those that violate by more than `TOLERANCE` without it; nan if none do.
         before: median violation without it, relative to ``|v-|``.
         after: median violation with it.
@@ -139,8 +140,9 @@ def _misfits(measured: Measurements, change=None) -> np.ndarray:
 def _cause(name: str, value: float, before: np.ndarray, after: np.ndarray) -> Cause:
     bad = before > TOLERANCE
     of_bad = float(np.mean((after < before)[bad])) if bad.any() else float("nan")
-    middle = float(np.median(before)), float(np.median(after))
-    return Cause(name, value, float(np.mean(after < before)), of_bad, *middle)
+    told = np.maximum(before, after) > _NOTHING
+    better = float(np.mean((after < before)[told])) if told.any() else 0.0
+    return Cause(name, value, better, of_bad, float(np.median(before)), float(np.median(after)))
 
 
 def _signs(measured: Measurements, before: np.ndarray) -> list[Cause]:
@@ -166,6 +168,8 @@ def _signs(measured: Measurements, before: np.ndarray) -> list[Cause]:
 
 def _inertias(measured: Measurements, before: np.ndarray) -> list[Cause]:
     """Try other masses and inertias: one diagonal entry of M times a ratio."""
+    from scipy.optimize import minimize_scalar
+
     first = measured.collisions[0]
     nv = len(first.pre_velocity)
     if np.median(before) < 1e-9 or any(len(c.pre_velocity) != nv for c in measured.collisions) or nv > 12:
@@ -179,8 +183,10 @@ def _inertias(measured: Measurements, before: np.ndarray) -> list[Cause]:
             scale[j] = np.sqrt(ratio)
             return lambda M, J, T: (M * np.outer(scale, scale), J, T)
 
-        medians = [np.median(_misfits(some, scaled(ratio))) for ratio in _RATIOS]
-        ratio = float(_RATIOS[int(np.argmin(medians))])
+        best = int(np.argmin([np.median(_misfits(some, scaled(ratio))) for ratio in _RATIOS]))
+        near = np.log(_RATIOS[max(best - 1, 0)]), np.log(_RATIOS[min(best + 1, len(_RATIOS) - 1)])
+        found = minimize_scalar(lambda x: np.median(_misfits(some, scaled(np.exp(x)))), bounds=near, method="bounded")
+        ratio = float(np.exp(found.x))
         after = _misfits(measured, scaled(ratio))
         causes.append(_cause(f"inertia {j} times", ratio, before, after))
     return causes
@@ -202,16 +208,3 @@ def _friction(measured: Measurements) -> list[Cause]:
     tried = [kinetic(mu) for mu in _FRICTIONS]
     best = int(np.argmin([np.median(one) for one in tried]))
     return [_cause("friction", _FRICTIONS[best], before, tried[best])]
-
-
-def mended(collisions: Sequence[Collision], entry: int) -> list[Collision]:
-    """Return the collisions with the other sign of one entry of all tangential rows."""
-    changed = []
-    for c in collisions:
-        friction = c.friction
-        if friction is not None:
-            J_t = friction.jacobian.copy()
-            J_t[:, entry] *= -1.0
-            friction = replace(friction, jacobian=J_t)
-        changed.append(replace(c, friction=friction))
-    return changed

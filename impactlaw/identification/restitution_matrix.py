@@ -15,6 +15,7 @@ _RANK = 1e-9  # eigenvalue of the normal equations, relative to the largest one,
 _SAME = 1e-9  # relative difference of Delassus matrices that count as the same
 _STEPS = 20_000
 _DONE = 1e-15
+_REFINEMENTS = 2
 _ROUNDS = 30
 _HALVINGS = 8
 _SPLIT_STEPS, _SPLIT_DONE = 20_000, 1e-11
@@ -123,12 +124,12 @@ class MatrixFit:
         the law itself predicts, as long as the prediction gets better.
         """
         active = self.impulses() > _ACTIVE
-        F = self._best(self.quadratic(active), admissible)
+        F = self._best(active, admissible)
         own, error = self.predicted(F)
         for _ in range(_ROUNDS):
             if np.array_equal(own, active):
                 break
-            active, aim = own, self._best(self.quadratic(own), admissible)
+            active, aim = own, self._best(own, admissible)
             for k in range(_HALVINGS):
                 trial = F + 0.5**k * (aim - F)
                 found, better = self.predicted(trial)
@@ -139,8 +140,30 @@ class MatrixFit:
             F, own, error = trial, found, better
         return F, own
 
-    def _best(self, q: Quadratic, admissible: bool) -> np.ndarray:
-        F = constrained(q, len(self.root)) if not admissible else self._admissible(q)
+    def gradient(self, F: np.ndarray, active: np.ndarray) -> np.ndarray:
+        """Return the gradient of the sum of squares, (h, h), from the residuals, with digits that H and g have lost."""
+        E, total = self.matrix(F), np.zeros_like(F)
+        residual = self.after + self.before @ E.T
+        for pattern in np.unique(active, axis=0):
+            which, A = np.flatnonzero((active == pattern).all(axis=1)), np.flatnonzero(pattern)
+            if len(A):
+                force = np.linalg.solve(self.G[which][:, A[:, None], A], residual[which][:, A, None])[..., 0]
+                weighted = force / (self.speeds[which] ** 2)[:, None]
+                total += self.root[:, A] @ (weighted.T @ (self.before[which] @ self.inverse_root))
+        return total
+
+    def _best(self, active: np.ndarray, admissible: bool) -> np.ndarray:
+        q, h = self.quadratic(active), len(self.root)
+        if admissible:
+            F = self._admissible(q)
+        else:
+            F = constrained(q, h)
+            w, V = np.linalg.eigh(q.H)
+            large = w > _RANK * max(w[-1], 0.0)
+            for _ in range(_REFINEMENTS):
+                if np.linalg.norm(F, 2) >= 1.0 - 1e-9:
+                    break
+                F = F - (V[:, large] @ ((V[:, large].T @ self.gradient(F, active).ravel()) / w[large])).reshape(h, h)
         return F / max(1.0, self.bound(F))
 
     def _admissible(self, q: Quadratic) -> np.ndarray:
