@@ -24,8 +24,8 @@ class SoftCollisions:
 
     MuJoCo's contacts take time. The collision is what they make of the velocity before, at the configuration before:
     v- and v+ are those at the moments when the first contact closes and the last one opens, found from the states
-    beside, in which nothing overlaps, with the acceleration there. What other forces do meanwhile is part of the outcome.
-    Where something always overlaps, as a body at rest on the floor does, there are no collisions to be told apart.
+    beside, in which nothing overlaps, with the acceleration there. What other forces do meanwhile is part of the
+    outcome. Where something always overlaps, as a body at rest on the floor does, there are no collisions to be told apart.
 
     Args:
         model: the scene.
@@ -82,7 +82,13 @@ class SoftCollisions:
             found = find_tangents(model, self._scratch, near, grip, None)
             friction = Friction(found.jacobian, grip.contact, grip.coefficient)
         collision = Collision(
-            metric.mass_matrix, J, pre, labels=near.labels, metric=metric, bilateral_jacobian=bilateral, friction=friction
+            metric.mass_matrix,
+            J,
+            pre,
+            labels=near.labels,
+            metric=metric,
+            bilateral_jacobian=bilateral,
+            friction=friction,
         )
         audit = Impact.observed if friction is None else FrictionImpact.observed
         return ImpactEvent(time + wait, near, audit(collision, post), qpos)

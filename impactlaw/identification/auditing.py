@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -96,9 +96,7 @@ def audit(collisions: Sequence[Collision], post_velocities: Sequence[ArrayLike] 
         MeasurementError: no collisions, or velocities that do not fit.
     """
     measured = Measurements(collisions, post_velocities)
-    found = np.array(
-        [_violations(c, v) for c, v in zip(measured.collisions, measured.post_velocities, strict=True)]
-    )
+    found = np.array([_violations(c, v) for c, v in zip(measured.collisions, measured.post_velocities, strict=True)])
     momentum = _misfits(measured)
     causes = [*_signs(measured, momentum), *_inertias(measured, momentum), *_friction(measured)]
     causes.sort(key=lambda cause: (not cause.is_likely, cause.after - cause.before))

@@ -49,7 +49,9 @@ def collision_of(
     scale = np.abs(before).max() + np.abs(after).max()
     for name, velocity, gamma in (("before", v, before), ("after", post, after)):
         if np.abs(J @ velocity - gamma).max() > _REACHED * scale:
-            raise MeasurementError(f"no motion of these contacts has the contact velocities {name} the impact: G is singular")
+            raise MeasurementError(
+                f"no motion of these contacts has the contact velocities {name} the impact: G is singular"
+            )
     order = np.argsort(contact, kind="stable")
     friction = Friction(J[h:][order], contact[order], mu[order]) if len(contact) else None
     return Collision(np.eye(len(v)), J[:h], v, labels=labels, friction=friction), post
@@ -75,7 +77,9 @@ def delassus_by_contacts(
         mine = [impulses[i] for i in which]
         if any(impulse is None for impulse in mine):
             if n > 1:
-                raise MeasurementError(f"contacts {', '.join(key[0])} have neither delassus nor impulses, row {which[0]}")
+                raise MeasurementError(
+                    f"contacts {', '.join(key[0])} have neither delassus nor impulses, row {which[0]}"
+                )
             known[key] = np.ones((1, 1))
             continue
         L, D = np.array(mine), np.array([after[i] - before[i] for i in which])

@@ -11,7 +11,6 @@ from impactlaw.collision import Collision
 from impactlaw.errors import MeasurementError
 from impactlaw.identification.measurements import Measurements
 from impactlaw.laws import Compliant, Coulomb, Law, Moreau, Newton, Poisson, Reversal, Routh
-from impactlaw.laws.labels import canonical
 
 _STIFFEST = 1e4  # ratio of stiffness to that of the first contact that is looked for
 
@@ -131,8 +130,8 @@ def need_friction(measured: Measurements, family: str) -> None:
     for i, c in enumerate(measured.collisions):
         if c.friction is None or not len(c.friction):
             raise MeasurementError(
-                f"family {family!r} needs tangential directions, but collision {i} ({', '.join(map(canonical, c.labels))}) "
-                "has none: give friction_jacobian, or sliding velocities"
+                f"family {family!r} needs tangential directions, but collision {i} of {', '.join(c.labels)} has none: give "
+                "friction_jacobian, or sliding velocities"
             )
 
 

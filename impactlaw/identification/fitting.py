@@ -102,9 +102,7 @@ def fit(
         return found
     law = Scattered(found.law, 0.0)
     errors = measured.errors([law.resolve(c).post_velocity for c in measured.collisions])
-    return Identified(
-        family, law, found.parameters, found.confidence, _lengths(errors), found.certificate, found.rank
-    )
+    return Identified(family, law, found.parameters, found.confidence, _lengths(errors), found.certificate, found.rank)
 
 
 def _of_set(measured: Measurements, contacts: Sequence[str]) -> Measurements:
@@ -178,8 +176,8 @@ def _fit_matrix(measured: Measurements, *, admissible: bool) -> Identified:
     if len(sets) > 1:
         counts = "; ".join(f"{' '.join(labels)} ({len(which)})" for labels, which in sets.items())
         raise MeasurementError(
-            f"a restitution matrix belongs to one set of closed contacts, but there are {len(sets)}: {counts}; choose one "
-            "by contacts="
+            f"a restitution matrix belongs to one set of closed contacts, but there are {len(sets)}: {counts}; choose "
+            "one by contacts="
         )
     first = measured.collisions[0]
     if first.friction is not None and len(first.friction):

@@ -23,8 +23,8 @@ def parameter_intervals(
 ) -> tuple[list[tuple[float, float]], int]:
     """Return the intervals of the parameters x, and how many of these the data tell.
 
-    The covariance is that of sandwich form, ``(J^T J)^-1 (sum J_i^T r_i r_i^T J_i) (J^T J)^-1`` over collisions i, times
-    ``n / (n - p)``: collisions may have errors of different size (H. White, Econometrica 48, 1980).
+    The covariance is that of sandwich form, ``(J^T J)^-1 (sum J_i^T r_i r_i^T J_i) (J^T J)^-1`` over collisions i,
+    times ``n / (n - p)``: collisions may have errors of different size (H. White, Econometrica 48, 1980).
 
     Args:
         residual: errors of all collisions, one after the other.
@@ -56,7 +56,7 @@ def parameter_intervals(
 def matrix_intervals(
     problem: MatrixFit, F: np.ndarray, active: np.ndarray
 ) -> tuple[dict[tuple[int, int], tuple[float, float]], int]:
-    """Return the intervals of the entries of E, and its rank: directions of ``gamma-`` seen with each contact's impulse.
+    """Return the intervals of the entries of E, and its rank: directions of ``gamma-`` that each contact has met.
 
     Args:
         problem: of the fit.

@@ -40,7 +40,9 @@ class Measurements:
             if not isinstance(c, Collision):
                 raise MeasurementError(f"collisions must be impactlaw.Collision, got {c!r:.60}")
         if len(post_velocities) != len(self.collisions):
-            raise MeasurementError(f"{len(self.collisions)} collisions, but {len(post_velocities)} velocities after them")
+            raise MeasurementError(
+                f"{len(self.collisions)} collisions, but {len(post_velocities)} velocities after them"
+            )
         self.post_velocities = tuple(
             _velocity(v, c, i) for i, (v, c) in enumerate(zip(post_velocities, self.collisions, strict=True))
         )
@@ -67,7 +69,9 @@ class Measurements:
     @cached_property
     def speeds(self) -> np.ndarray:
         """``|P v-|``, sqrt(J), (n,)."""
-        return np.array([np.linalg.norm(Q @ c.relative_velocity) for Q, c in zip(self.bases, self.collisions, strict=True)])
+        return np.array(
+            [np.linalg.norm(Q @ c.relative_velocity) for Q, c in zip(self.bases, self.collisions, strict=True)]
+        )
 
     @cached_property
     def jumps(self) -> tuple[np.ndarray, ...]:

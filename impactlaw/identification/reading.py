@@ -37,8 +37,8 @@ def read_collisions(path: str | Path) -> Collisions:
 
     - ``mass_matrix``, ``jacobian``, ``pre_velocity``, ``post_velocity``, and where contacts have friction
       ``friction_jacobian``, ``friction_contact`` (0 if not given), ``friction_coefficient`` (1 if not given); or
-    - ``pre_contact_velocity``, ``post_contact_velocity``, with ``delassus``, row by row. Without that, ``impulse``: G is
-      the same in all collisions of one set of contacts then, and follows from ``gamma+ - gamma- = G Lambda`` by least
+    - ``pre_contact_velocity``, ``post_contact_velocity``, with ``delassus``, row by row. Without that, ``impulse``: G
+      is the same in all collisions of one set of contacts then, and follows from ``gamma+ - gamma- = G Lambda`` by least
       squares. One contact needs neither. With friction also ``pre_sliding_velocity``, ``post_sliding_velocity``,
       ``friction_contact``, and rows of friction follow those of contacts in ``delassus``, (h + k, h + k).
 
@@ -236,7 +236,7 @@ def _array(row: dict[Any, Any], name: str, i: int, ndim: int | None) -> np.ndarr
     try:
         array = np.array([np.asarray(part, dtype=float) for part in value] if isinstance(value, list) else value, float)
     except (TypeError, ValueError):
-        raise MeasurementError(f"row {i}: {name} is not numbers: {str(value):.40}") from None
+        raise MeasurementError(f"row {i}: {name} is not numbers: {value!s:.40}") from None
     if array.ndim == 0:
         array = array.reshape((1,) * (1 if ndim is None else ndim))
     if ndim is not None and array.ndim != ndim:

@@ -112,8 +112,8 @@ def described(cause: Any) -> str:
     """Return a cause in words."""
     value = "" if np.isnan(cause.value) else f" {cause.value:.3g}"
     return (
-        f"{cause.name}{value} (with another one {cause.better:.0%} of collisions fit better, median {cause.before:.3g} -> "
-        f"{cause.after:.3g})"
+        f"{cause.name}{value} (with another one {cause.better:.0%} of collisions fit better, median "
+        f"{cause.before:.3g} -> {cause.after:.3g})"
     )
 
 
@@ -125,10 +125,9 @@ def format_study(found: Study) -> str:
     for row in sorted(found.rows, key=lambda row: row.error):
         if row.law is None or row.held_out is None:
             continue
-        lines.append(
-            f"{row.family:<11}{row.held_out.rms:>9.4f}{row.law.rms:>9.4f}{row.law.certificate:>13.6f}{row.law.rank:>6}  "
-            + parameters_in_words(row.law)
-        )
+        law = row.law
+        numbers = f"{row.held_out.rms:>9.4f}{law.rms:>9.4f}{law.certificate:>13.6f}{law.rank:>6}"
+        lines.append(f"{row.family:<11}{numbers}  {parameters_in_words(law)}")
     lines += [f"{row.family:<11}not fitted: {row.reason}" for row in found.rows if row.law is None]
     lines.append(f"\nbest: {found.best.family}")
     return "\n".join(lines)

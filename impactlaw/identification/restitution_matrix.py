@@ -29,6 +29,7 @@ class Quadratic:
     g: np.ndarray
 
     def __call__(self, F: np.ndarray) -> float:
+        """Return the value at F, (h, h)."""
         x = F.ravel()
         return float(0.5 * x @ self.H @ x + self.g @ x)
 

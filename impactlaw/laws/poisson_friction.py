@@ -24,8 +24,8 @@ _NARROW = 1e-9  # bracket of s that is narrow enough
 class TwoPhases:
     """Compression and expansion of a collision with friction (Pfeiffer and Glocker, 1996, ch. 8).
 
-    Compression leads to ``gamma_C >= 0`` by impulses in the friction cones, as a law with E = 0. Expansion starts there.
-    Contact i gets ``s e_i Lambda_Ci`` and what it needs so as not to be penetrated,
+    Compression leads to ``gamma_C >= 0`` by impulses in the friction cones, as a law with E = 0. Expansion starts
+    there. Contact i gets ``s e_i Lambda_Ci`` and what it needs so as not to be penetrated,
 
         0 <= Lambda_E - s e Lambda_C  ⊥  gamma_E >= 0,   |Lambda_Et / mu| <= Lambda_E,
 

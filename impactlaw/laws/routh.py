@@ -23,19 +23,19 @@ class Routh(ContactCoefficients, Law):
     """Coulomb friction at every instant of the impact, as the normal impulse grows from 0.
 
     ``d gamma_n = G_nn dN + G_nt dT``, ``d gamma_t = G_tn dN + G_tt dT``, ``dT = -mu dN`` along slip; slip may stop,
-    stick or reverse on the way, and the contact may jam. Compression ends where ``gamma_n = 0``, at N_c. Restitution ends
-    at ``N = (1 + e) N_c`` (Poisson's hypothesis), or where the normal impulse has given back ``e^2`` of the work it has
+    stick or reverse on the way, and the contact may jam. Compression ends where ``gamma_n = 0``, at N_c. Restitution
+    ends at ``N = (1 + e) N_c`` (Poisson's hypothesis), or where the normal impulse has given back ``e^2`` of the work it has
     taken (Stronge's). With one tangential direction the outcome is in closed form; with two, slip turns, and the
     equation is integrated along the way (E. Routh, *Dynamics of a System of Rigid Bodies*, 1905, art. 187; J. Keller,
     J. Appl. Mech. 53, 1986; Y. Wang and M. Mason, J. Appl. Mech. 59, 1992; W. Stronge, Proc. R. Soc. A 431, 1990).
 
-    No energy is created: friction takes it at every instant, and restitution ends at the latest where the kinetic energy
-    is that before, which Poisson's hypothesis can reach where slip changes.
+    No energy is created: friction takes it at every instant, and restitution ends at the latest where the kinetic
+    energy is that before, which Poisson's hypothesis can reach where slip changes.
 
     The law is for one contact. Several may collide at the same time if they do not influence each other; others are
     refused, since how their impulses grow together is not known: `Coulomb` around `Poisson` is for any number. Friction
-    is that of the collision; a contact without any has Newton's outcome ``gamma+ = -e gamma-``. Steps that leave friction
-    to MuJoCo (contact_model="soft") have that.
+    is that of the collision; a contact without any has Newton's outcome ``gamma+ = -e gamma-``. Steps that leave
+    friction to MuJoCo (contact_model="soft") have that.
 
     Attributes:
         restitution: e, see `ContactCoefficients`: a number, one per contact, keyed by label, or a function of speed.

@@ -1,9 +1,9 @@
 """Routh's incremental impact of one contact with friction: impulses, energy and the end of the two phases.
 
 The normal impulse N grows from 0 and takes the place of time. Friction is Coulomb's at every instant:
-``d gamma = G (1, f) dN`` with ``f = -D^2 gamma_t / |D gamma_t|``, ``D = diag(mu)``, while the contact slides. Once it has
-stopped, f is constant: it is the f in the ellipse ``|D^-1 f| <= 1`` that changes ``gamma_t`` least. That is sticking, or
-sliding along a constant direction, which is the reversal of slip where there is one tangential direction.
+``d gamma = G (1, f) dN`` with ``f = -D^2 gamma_t / |D gamma_t|``, ``D = diag(mu)``, while the contact slides. Once it
+has stopped, f is constant: it is the f in the ellipse ``|D^-1 f| <= 1`` that changes ``gamma_t`` least. That is sticking,
+or sliding along a constant direction, which is the reversal of slip where there is one tangential direction.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def settled_friction(G: np.ndarray, mu: np.ndarray) -> np.ndarray:
 
 
 def planar_phases(G: np.ndarray, slip: float, mu: float) -> list[Phase]:
-    """Return the phases of a contact with one tangential direction: slip until it stops, if it does, and what follows."""
+    """Return the phases of a contact with one tangential direction: slip until it stops, and what follows."""
     last = Phase(np.inf, settled_friction(G, np.array([mu])))
     if slip == 0.0:
         return [last]

@@ -52,7 +52,10 @@ class Scattered(Law):
         else:
             matrix = square_matrix(self.covariance, "covariance")
             least = np.linalg.eigvalsh(matrix).min(initial=0.0)
-            if not np.allclose(matrix, matrix.T, rtol=0, atol=1e-12 * np.abs(matrix).max(initial=0.0)) or least < -1e-12:
+            if (
+                not np.allclose(matrix, matrix.T, rtol=0, atol=1e-12 * np.abs(matrix).max(initial=0.0))
+                or least < -1e-12
+            ):
                 raise RestitutionError("a covariance must be symmetric and positive semidefinite")
             object.__setattr__(self, "covariance", matrix)
         seed = operator.index(self.seed)

@@ -60,8 +60,8 @@ COLLISION_COLUMNS = {
 }
 """The collision table: what one cell is; plural means one value per contact. Floats are float64.
 
-``delassus`` is G of the contacts, and of their rows of friction after these, (h + k, h + k), row by row; empty where there
-are more than `MOST_COUPLED` rows, and in files of older versions, which have no such column."""
+``delassus`` is G of the contacts, and of their rows of friction after these, (h + k, h + k), row by row; empty where
+there are more than `MOST_COUPLED` rows, and in files of older versions, which have no such column."""
 MOST_COUPLED = 64
 
 EXTRA_COLUMNS = {

@@ -31,18 +31,17 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1, help="take one of so many drops")
     parser.add_argument("--count", type=int, default=100_000, help="random collisions per law (energy)")
     arguments = parser.parse_args()
-    page = PAGE.read_text(encoding="utf-8")
     for what in arguments.what:
         if what == "drops":
-            page = put(page, "drops", drops_table(measure(every=arguments.every)))
+            table = drops_table(measure(every=arguments.every))
         elif what == "chains":
-            page = put(page, "chains", chains_table(study_chains()) + "\n\n" + paths_table())
+            table = chains_table(study_chains()) + "\n\n" + paths_table()
             draw_paths(PICTURE)
         elif what == "energy":
-            page = put(page, "energy", energy_table(arguments.count))
+            table = energy_table(arguments.count)
         else:
             parser.error(f"unknown {what!r}; known: drops, chains, energy")
-    PAGE.write_text(page, encoding="utf-8")
+        PAGE.write_text(put(PAGE.read_text(encoding="utf-8"), what, table), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from impactlaw import Collision, Compliant, Moreau, Newton
+from impactlaw import Collision, Compliant, Moreau
 from impactlaw.identification import Collisions, Identified, fit
 from impactlaw.identification.measurements import Measurements, rms
 from impactlaw.laws import Law, Reversal
@@ -24,7 +25,7 @@ def chain(masses: np.ndarray, velocity: np.ndarray) -> Collision:
 
 
 def closing(masses: np.ndarray, n: int, seed: int, law: Law) -> Collisions:
-    """Return collisions of the chain from closing speeds with exponential distribution, and what the law makes of them."""
+    """Return collisions at closing speeds of exponential distribution, and what the law makes of them."""
     rng = np.random.default_rng(seed)
     gamma = -rng.exponential(size=(n, len(masses) - 1))
     collisions = [chain(masses, np.concatenate([[0.0], np.cumsum(g)])) for g in gamma]
@@ -80,14 +81,17 @@ def study_chains(*, n: int = 300) -> list[Chain]:
     return found
 
 
-def paths() -> dict[str, np.ndarray]:
-    """Return ``gamma+`` of three balls, the first launched, over the exponent and over the ratio of stiffness, (k, 2)."""
+def outcomes(laws: Sequence[Law]) -> np.ndarray:
+    """Return ``gamma+`` of three equal balls, the first launched, under laws, (k, 2)."""
     c = chain(np.ones(3), np.array([1.0, 0.0, 0.0]))
-    by_exponent = [Compliant(1.0, exponent=p) for p in EXPONENTS]
-    by_ratio = [Compliant([1.0, ratio]) for ratio in RATIOS]
+    return np.array([law.resolve(c).post_contact_velocity for law in laws])
+
+
+def paths() -> dict[str, np.ndarray]:
+    """Return ``gamma+`` over the exponent and over the ratio of stiffness, (k, 2)."""
     return {
-        "exponent": np.array([law.resolve(c).post_contact_velocity for law in by_exponent]),
-        "stiffness ratio": np.array([law.resolve(c).post_contact_velocity for law in by_ratio]),
+        "exponent": outcomes([Compliant(1.0, exponent=p) for p in EXPONENTS]),
+        "stiffness ratio": outcomes([Compliant([1.0, ratio]) for ratio in RATIOS]),
     }
 
 

@@ -66,9 +66,9 @@ def drops_table(found: Drops) -> str:
     """Return the result as Markdown."""
     sign = next(cause for cause in found.filed.likely_causes if cause.name.startswith("sign"))
     lines = [
-        f"{found.count} drops. As filed, the median kinetic violation is {np.median(found.filed.kinetic):.3f} of |v-|, and the "
-        f"audit's first cause is the **{sign.name}**: with the other sign momentum fits better in {sign.better:.1%} of the "
-        f"drops, in {sign.better_of_bad:.1%} of those that are off by more than 10 %, and the median falls to "
+        f"{found.count} drops. As filed, the median kinetic violation is {np.median(found.filed.kinetic):.3f} of |v-|, "
+        f"and the audit's first cause is the **{sign.name}**: with the other sign momentum fits better in "
+        f"{sign.better:.1%} of the drops, in {sign.better_of_bad:.1%} of those that are off by more than 10 %, and the median falls to "
         f"{np.median(found.corrected.momentum):.3f}. All that follows is with the other sign.",
         "",
         "| family | held-out error, 5 folds | restitution | friction | certificate |",

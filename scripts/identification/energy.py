@@ -10,14 +10,15 @@ from impactlaw import Collision, Coulomb, Friction, Impact, ImpactLawError, Pois
 
 
 def random_collision(rng: np.random.Generator, contacts: int, directions: int) -> Collision:
-    """Return independent contacts of a random system, with any coefficient of friction up to 2."""
+    """Return independent contacts of a random system, of which the first closes, with friction of up to 2."""
     k = contacts * directions
     nv = contacts + k + int(rng.integers(0, 3))
     A = rng.normal(size=(nv, nv))
     mu = np.repeat(rng.uniform(0.01, 2.0, contacts), directions)
     rows = Friction(rng.normal(size=(k, nv)), np.repeat(np.arange(contacts), directions), mu)
     M = A @ A.T + 0.05 * np.eye(nv)
-    return Collision(M, rng.normal(size=(contacts, nv)), rng.normal(size=nv), friction=rows)
+    J, v = rng.normal(size=(contacts, nv)), rng.normal(size=nv)
+    return Collision(M, J, -np.sign(J[0] @ v) * v, friction=rows)
 
 
 def _routh(hypothesis) -> Callable[[Collision, np.ndarray], Impact]:

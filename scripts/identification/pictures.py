@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from scripts.identification.chains import EXPONENTS, RATIOS, paths
+from impactlaw import Compliant
+from scripts.identification.chains import outcomes
 
 
 def draw_paths(path: Path) -> None:
@@ -14,25 +15,34 @@ def draw_paths(path: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    figure = Figure(figsize=(5.6, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
-    # G^-1 = (2 1; 1 2) / 3: gamma+ = (a, b) lies at a e_1 + b e_2 with |e| = sqrt(2/3) and 60 degrees between
+    # gamma+ = (a, b) lies at a e_1 + b e_2 with |e| = sqrt(2/3) and 60 degrees between
     base = np.sqrt(2.0 / 3.0) * np.array([[1.0, 0.0], [0.5, np.sqrt(0.75)]])
     angle = np.linspace(0.0, np.pi / 3.0, 100)
     arc = np.sqrt(2.0 / 3.0) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     axes.fill(*np.vstack([[0.0, 0.0], arc]).T, color="C2", alpha=0.2, label="S(v-)")
-    for marker, (name, gamma) in zip("os", paths().items(), strict=True):
-        axes.plot(*(gamma @ base).T, marker=marker, markersize=5, linewidth=1, label=f"over the {name}")
-    values = dict(zip(("exponent", "stiffness ratio"), (EXPONENTS, RATIOS), strict=True))
-    for name, gamma in paths().items():
-        for value, point in list(zip(values[name], gamma @ base, strict=True))[:: 2 if name == "exponent" else 3]:
-            axes.annotate(f"{value:g}", point, fontsize=7, xytext=(4, 2), textcoords="offset points")
-    for name, corner in {"E = 0": (0.0, 0.0), "Moreau, e = 1": (1.0, 0.0), "reversal": (0.0, 1.0)}.items():
+    ratios = outcomes([Compliant([1.0, r]) for r in np.geomspace(1e-3, 1e3, 121)]) @ base
+    axes.plot(*ratios.T, color="C1", linewidth=1.5, label="stiffness ratio k2/k1")
+    for ratio in (0.1, 1.0, 2.0, 3.0, 5.0, 10.0):
+        point = (outcomes([Compliant([1.0, ratio])]) @ base)[0]
+        axes.plot(*point, "s", color="C1", markersize=5)
+        axes.annotate(f"{ratio:g}", point, fontsize=8, xytext=(6, 1), textcoords="offset points")
+    exponents = (1.0, 1.25, 1.5, 2.0, 3.0)
+    points = outcomes([Compliant(1.0, exponent=p) for p in exponents]) @ base
+    axes.plot(*points.T, "o", color="C0", markersize=4, label="exponent p, equal stiffness")
+    for p, point in zip(exponents, points, strict=True):
+        axes.annotate(f"p = {p:g}", point, fontsize=7, color="C0", xytext=(-34, -9), textcoords="offset points")
+    for name, corner, shift in (
+        ("E = 0", (0.0, 0.0), (8, 6)),
+        ("Moreau, e = 1", (1.0, 0.0), (-75, 6)),
+        ("reversal", (0.0, 1.0), (-48, 4)),
+    ):
         place = np.array(corner) @ base
         axes.plot(*place, "k*", markersize=9)
-        axes.annotate(name, place, fontsize=8, xytext=(5, -10), textcoords="offset points")
+        axes.annotate(name, place, fontsize=9, xytext=shift, textcoords="offset points")
     axes.set_aspect("equal")
     axes.set_xlabel("gamma+ in the kinetic metric, sqrt(J)")
-    axes.legend(fontsize=8, loc="upper right")
-    figure.savefig(path, dpi=80, pil_kwargs={"optimize": True})
+    axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.52, 0.12))
+    figure.savefig(path, dpi=80)

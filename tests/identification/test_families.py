@@ -5,12 +5,12 @@ import pytest
 from identification.known import open_collisions
 from laws.frictional import one_contact
 from problems import balls, launched
-from scripts.identification import chains, drops
 
 from impactlaw import Collision, Compliant, Coulomb, Fremond, Moreau, Newton, Poisson, Routh
 from impactlaw.errors import MeasurementError, UnknownNameError
 from impactlaw.identification import FAMILIES, audit, cross_validate, fit
 from impactlaw.identification.families import with_friction
+from scripts.identification import chains, drops
 
 
 def chain_collisions(n, seed=0, masses=(1.0, 2.0, 1.5)):
@@ -148,8 +148,7 @@ def test_every_family_or_a_reason():
             after = [Moreau(0.5).resolve(c).post_velocity for c in collisions]
             try:
                 found = fit(collisions, after, name)
-            except MeasurementError as error:
-                assert str(error)
+            except MeasurementError:
                 continue
             fitted += 1
             assert set(found.parameters) == set(found.confidence)
@@ -173,6 +172,6 @@ def test_refusals():
         fit(collisions, after, "routh")
     with pytest.raises(MeasurementError, match="no motion of its contacts"):
         fit([balls(np.ones(3), np.ones(3))], after[:1], "newton")
-    E, collisions, after = open_collisions(2, 4, 0)
-    with pytest.raises(MeasurementError, match="must be impactlaw.Collision"):
+    _, collisions, after = open_collisions(2, 4, 0)
+    with pytest.raises(MeasurementError, match=r"must be impactlaw\.Collision"):
         fit([1, 2, 3, 4], after, "newton")

@@ -151,7 +151,9 @@ def test_mujoco_is_identified_by_the_command_line_alone(tmp_path, monkeypatch, c
 
 def test_an_identified_law_drives_a_stepper(tmp_path, monkeypatch, capsys):
     path = table(tmp_path / "chain.csv", chain_rows(30, Fremond([[0.2, 0.5], [0.1, 0.4]])))
-    code, said, _ = run_cli(monkeypatch, capsys, "identify", path, "--family", "fremond", "--out", tmp_path / "law.json")
+    code, said, _ = run_cli(
+        monkeypatch, capsys, "identify", path, "--family", "fremond", "--out", tmp_path / "law.json"
+    )
     assert code == 0
     assert "fremond" in said
     law = make_law(str(tmp_path / "law.json"))
@@ -201,7 +203,9 @@ def changed(number=0, **cells):
 def scaled(factor):
     rows = chain_rows()
     for one in rows:
-        one["post_contact_velocity"] = json.dumps((factor * np.array(json.loads(one["post_contact_velocity"]))).tolist())
+        one["post_contact_velocity"] = json.dumps(
+            (factor * np.array(json.loads(one["post_contact_velocity"]))).tolist()
+        )
     return rows
 
 
@@ -226,8 +230,8 @@ MALFORMED = {
     "no such column": (changed(pre_contact_velocity=None), "has no column pre_contact_velocity"),
     "other columns": ([{"x": 1, "y": 2}], "has no column"),
     "one column": ([{"mass_matrix": "[[1]]"}], "has no column jacobian, pre_velocity, post_velocity"),
-    "NaN": (changed(3, post_contact_velocity="[NaN, 1.0]"), "row 3: post_contact_velocity has entries that are not finite"),
-    "infinite": (changed(pre_contact_velocity="[-Infinity, 0.0]"), "row 0: pre_contact_velocity has entries that are not"),
+    "NaN": (changed(3, post_contact_velocity="[NaN, 1.0]"), "row 3: post_contact_velocity has entries that"),
+    "infinite": (changed(pre_contact_velocity="[-Infinity, 0.0]"), "row 0: pre_contact_velocity has entries that"),
     "empty cell": (changed(2, post_contact_velocity=""), "row 2: post_contact_velocity"),
     "words": (changed(1, pre_contact_velocity="fast"), "row 1: pre_contact_velocity is not numbers: fast"),
     "ragged": (changed(1, delassus="[[1, 2], [3]]"), "row 1: delassus is not numbers"),
@@ -247,7 +251,7 @@ MALFORMED = {
     "no matrix explains it": (changed(delassus=None, impulse=[5.0, -3.0]), "no Delassus matrix explains"),
     "one row": (chain_rows(1), "has 1 collision"),
     "no rows": ([], "cannot be read as a table|has no collisions"),
-    "mixed sets": (chain_rows() + [row(Collision([[1.0]], [[1.0]], [-1.0], labels=("x",)), [0.5])] * 3, "one set of closed"),
+    "mixed sets": (chain_rows() + [row(Collision([[1.0]], [[1.0]], [-1.0], labels=("x",)), [0.5])] * 3, "one set of"),
     "units": (scaled(1000.0), "only 0% of 12 collisions are admissible"),
     "signs": (scaled(-1.0), "only 0% of 12 collisions are admissible"),
     "at rest": (still(), "has no motion of its contacts"),
@@ -262,7 +266,7 @@ MALFORMED = {
     ),
     "half a contact": (full(friction_jacobian=[[0.0, 1.0]], friction_contact=[0.5]), "must be whole numbers"),
     "negative friction": (
-        full(friction_jacobian=[[0.0, 1.0]], friction_coefficient=[-1.0]), "row 0: a friction coefficient must be positive"
+        full(friction_jacobian=[[0.0, 1.0]], friction_coefficient=[-1.0]), "row 0: a friction coefficient must be"
     ),
     "sliding before only": (changed(pre_sliding_velocity=[1.0]), "row 0: post_sliding_velocity"),
 }  # fmt: skip

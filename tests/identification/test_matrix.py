@@ -9,8 +9,8 @@ from scipy import sparse
 from impactlaw import Collision, Fremond, Newton
 from impactlaw.errors import MeasurementError
 from impactlaw.identification import cross_validate, fit
-from impactlaw.identification.restitution_matrix import MatrixFit, Quadratic, constrained
 from impactlaw.identification.measurements import Measurements
+from impactlaw.identification.restitution_matrix import MatrixFit, Quadratic, constrained
 
 
 def found_matrix(found, c):
@@ -127,9 +127,12 @@ def test_contacts_in_any_order_and_spelling():
 
 
 def test_projection_is_never_worse_and_admissible_matrices_stay_in_s():
-    E, collisions, after = open_collisions(3, 60, 5)
+    _, collisions, after = open_collisions(3, 60, 5)
     rng = np.random.default_rng(6)
-    after = [v + 0.1 * c.pre_speed * rng.normal(size=len(v)) / np.sqrt(np.diag(c.mass_matrix)) for c, v in zip(collisions, after, strict=True)]
+    after = [
+        v + 0.1 * c.pre_speed * rng.normal(size=len(v)) / np.sqrt(np.diag(c.mass_matrix))
+        for c, v in zip(collisions, after, strict=True)
+    ]
     after = [c.admissible_set.project(v) for c, v in zip(collisions, after, strict=True)]
     plain, projected = (fit(collisions, after, "fremond", projected=p) for p in (False, True))
     assert (projected.residuals <= plain.residuals + 1e-9).all()

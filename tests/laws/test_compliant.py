@@ -98,9 +98,7 @@ def test_homogeneous_and_free_of_units():
         base = law.resolve(c)
         slow = Collision(1e3 * c.mass_matrix, c.jacobian, 1e-3 * c.pre_velocity)
         np.testing.assert_allclose(1e3 * law.resolve(slow).post_velocity, base.post_velocity, rtol=1e-8, atol=1e-8)
-        np.testing.assert_allclose(
-            Compliant(1e9).resolve(c).post_velocity, base.post_velocity, rtol=1e-10, atol=1e-10
-        )
+        np.testing.assert_allclose(Compliant(1e9).resolve(c).post_velocity, base.post_velocity, rtol=1e-10, atol=1e-10)
 
 
 def test_stays_in_the_admissible_set():

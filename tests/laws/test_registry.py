@@ -1,0 +1,79 @@
+"""Every law of the registry, by its name alone: a law that is added there is tried here."""
+
+import json
+
+import numpy as np
+import pytest
+from problems import launched
+from scenes import compiled
+
+from impactlaw import Collision, Friction, Stepper, make_law
+from impactlaw.errors import RestitutionError
+from impactlaw.laws import DESCRIPTIONS, LAWS, portable
+
+
+def example(name):
+    """The law with e = 0.6, or without, or with a matrix: whatever it takes."""
+    for restitution in (0.6, None, [[0.6]]):
+        try:
+            return make_law(name, restitution)
+        except RestitutionError:
+            continue
+    raise AssertionError(f"law {name!r} takes neither a coefficient, nor nothing, nor a matrix")
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_one_contact(name):
+    c = Collision(np.diag([1.0, 3.0]), [[1.0, -2.0]], [-1.0, 0.5])
+    impact = example(name).resolve(c)
+    assert impact.violations.is_admissible(1e-8)
+    e = impact.post_contact_velocity[0] / -c.pre_contact_velocity[0]
+    assert e == pytest.approx(0.0 if name == "maximal-dissipation" else 0.6, abs=1e-8)
+
+
+@pytest.mark.parametrize("name", [name for name in LAWS if name not in ("fremond", "routh")])
+def test_several_contacts(name):
+    for n, k in ((3, 1), (5, 2)):
+        impact = example(name).resolve(launched(n, k))
+        assert impact.violations.is_admissible(1e-8)
+        assert impact.residual < 1e-8
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_written_down_and_made_again(name, tmp_path):
+    law = example(name)
+    path = tmp_path / "law.json"
+    path.write_text(json.dumps({"law": portable(law)}))
+    assert repr(make_law(path)) == repr(law)
+    assert name in DESCRIPTIONS
+
+
+@pytest.mark.parametrize("options", [{}, {"scheme": "time-stepping"}, {"contact_model": "soft"}])
+@pytest.mark.parametrize("name", LAWS)
+def test_every_way_to_step(name, options):
+    """A ball slides along a rough floor as it lands, and keeps no more energy than it had."""
+    model, data = compiled(
+        '<geom name="floor" type="plane" size="5 5 1"/><body name="ball" pos="0 0 .12"><freejoint/>'
+        '<geom name="ball" size=".1" mass="1"/></body>',
+        option='timestep="2e-3"',
+        geom='friction=".3" condim="3"',
+    )
+    data.qvel[:] = [1.0, 0.0, -1.0, 0.0, 0.0, 0.0]
+    stepper = Stepper(model, example(name), **options)
+    for _ in range(30):
+        stepper.step(data)
+        if stepper.events:
+            break
+    impact = stepper.events[0].impact
+    assert impact.violations.is_admissible(1e-7)
+    assert impact.energy_change <= 1e-9
+    if options.get("contact_model") != "soft":  # there friction is MuJoCo's, before and after
+        assert impact.post_velocity[0] < 0.9
+
+
+def test_friction_is_not_lost():
+    """Laws without friction of their own leave it to Coulomb; Routh's law has it."""
+    c = Collision(np.eye(2), [[0.0, 1.0]], [1.0, -1.0], friction=Friction([[1.0, 0.0]], [0], [0.2]))
+    assert make_law("routh", 0.5).has_friction
+    assert make_law("routh", 0.5).resolve(c).post_velocity[0] == pytest.approx(0.7)
+    assert not make_law("moreau", 0.5).has_friction
