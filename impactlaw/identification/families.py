@@ -130,8 +130,8 @@ def need_friction(measured: Measurements, family: str) -> None:
     for i, c in enumerate(measured.collisions):
         if c.friction is None or not len(c.friction):
             raise MeasurementError(
-                f"family {family!r} needs tangential directions, but collision {i} of {', '.join(c.labels)} has none: give "
-                "friction_jacobian, or sliding velocities"
+                f"family {family!r} needs tangential directions, but collision {i} of {', '.join(c.labels)} has none: "
+                "give friction_jacobian, or sliding velocities"
             )
 
 

@@ -192,7 +192,7 @@ def _fit_matrix(measured: Measurements, *, admissible: bool) -> Identified:
     F, active = problem.solve(admissible=admissible)
     E = problem.matrix(F)
     intervals, rank = matrix_intervals(problem, F, active)
-    pairs = list(product(range(len(labels)), repeat=2))
+    pairs = [(i, j) for i in here.tolist() for j in here.tolist()]
     names = labels if unique else tuple(map(str, here))
     keys = [f"E {names[i]}, {names[j]}" for i, j in pairs]
     law = Fremond({(labels[i], labels[j]): float(E[i, j]) for i, j in pairs} if unique else E)

@@ -38,8 +38,8 @@ def read_collisions(path: str | Path) -> Collisions:
     - ``mass_matrix``, ``jacobian``, ``pre_velocity``, ``post_velocity``, and where contacts have friction
       ``friction_jacobian``, ``friction_contact`` (0 if not given), ``friction_coefficient`` (1 if not given); or
     - ``pre_contact_velocity``, ``post_contact_velocity``, with ``delassus``, row by row. Without that, ``impulse``: G
-      is the same in all collisions of one set of contacts then, and follows from ``gamma+ - gamma- = G Lambda`` by least
-      squares. One contact needs neither. With friction also ``pre_sliding_velocity``, ``post_sliding_velocity``,
+      is the same in all collisions of one set of contacts then, and follows from ``gamma+ - gamma- = G Lambda`` by
+      least squares. One contact needs neither. With friction also ``pre_sliding_velocity``, ``post_sliding_velocity``,
       ``friction_contact``, and rows of friction follow those of contacts in ``delassus``, (h + k, h + k).
 
     ``contacts`` are labels, "0", "1", ... if not given. Collisions made of the second kind are in coordinates of their
@@ -210,7 +210,7 @@ def _given(row: dict[Any, Any], name: str) -> bool:
     value = row.get(name)
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return False
-    return not (hasattr(value, "__len__") and len(value) == 0)
+    return np.size(value) > 0
 
 
 def _parsed(value: Any) -> Any:

@@ -77,7 +77,7 @@ class Compliant(Law):
     @property
     def contact_labels(self) -> frozenset[str]:
         """Labels that the stiffness is keyed with, in canonical order; empty if it is not."""
-        return frozenset(self.stiffness) if isinstance(self.stiffness, dict) else frozenset()
+        return frozenset(map(canonical, self.stiffness)) if isinstance(self.stiffness, dict) else frozenset()
 
     @property
     def contact_count(self) -> int | None:

@@ -2,8 +2,8 @@
 
 The normal impulse N grows from 0 and takes the place of time. Friction is Coulomb's at every instant:
 ``d gamma = G (1, f) dN`` with ``f = -D^2 gamma_t / |D gamma_t|``, ``D = diag(mu)``, while the contact slides. Once it
-has stopped, f is constant: it is the f in the ellipse ``|D^-1 f| <= 1`` that changes ``gamma_t`` least. That is sticking,
-or sliding along a constant direction, which is the reversal of slip where there is one tangential direction.
+has stopped, f is constant: it is the f in the ellipse ``|D^-1 f| <= 1`` that changes ``gamma_t`` least. That is
+sticking, or sliding along a constant direction, which is the reversal of slip where there is one tangential direction.
 """
 
 from __future__ import annotations

@@ -25,12 +25,11 @@ def read_drops(*, corrected: bool = True, every: int = 1) -> Collisions:
     table = np.loadtxt(FILE, delimiter=",", skiprows=1)[::every]
     inertia = MASS * (SEMI_AXES[0] ** 2 + SEMI_AXES[1] ** 2) / 5.0
     M, sign = np.diag([MASS, MASS, inertia]), -1.0 if corrected else 1.0
-    collisions = [
-        Collision(
-            M, [[0.0, 1.0, r]], v, labels=("ellipse/floor",), friction=Friction([[1.0, 0.0, sign * height]], [0], [1.0])
-        )
-        for r, height, *v in table[:, :5].tolist()
-    ]
+    collisions = []
+    for r, height, *v in table[:, :5]:
+        rows = Friction(np.array([[1.0, 0.0, sign * height]]), np.zeros(1, dtype=int), np.ones(1))
+        J = np.array([[0.0, 1.0, r]])
+        collisions.append(Collision(M, J, np.array(v), labels=("ellipse/floor",), friction=rows))
     return Collisions(collisions, list(table[:, 5:8]))
 
 
@@ -68,8 +67,8 @@ def drops_table(found: Drops) -> str:
     lines = [
         f"{found.count} drops. As filed, the median kinetic violation is {np.median(found.filed.kinetic):.3f} of |v-|, "
         f"and the audit's first cause is the **{sign.name}**: with the other sign momentum fits better in "
-        f"{sign.better:.1%} of the drops, in {sign.better_of_bad:.1%} of those that are off by more than 10 %, and the median falls to "
-        f"{np.median(found.corrected.momentum):.3f}. All that follows is with the other sign.",
+        f"{sign.better:.1%} of the drops, in {sign.better_of_bad:.1%} of those that are off by more than 10 %, and the "
+        f"median falls to {np.median(found.corrected.momentum):.3f}. All that follows is with the other sign.",
         "",
         "| family | held-out error, 5 folds | restitution | friction | certificate |",
         "|---|---|---|---|---|",

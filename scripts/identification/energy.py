@@ -29,8 +29,8 @@ CASES: dict[str, tuple[int, int, Callable[[Collision, np.ndarray], Impact]]] = {
     "Routh, Poisson's restitution": (1, 1, _routh("poisson")),
     "Routh, Stronge's restitution": (1, 1, _routh("stronge")),
     "Routh in space": (1, 2, _routh("poisson")),
-    "Coulomb(Poisson), one contact": (1, 2, lambda c, e: Coulomb(Poisson(e)).resolve(c)),
-    "Coulomb(Poisson), three contacts": (3, 2, lambda c, e: Coulomb(Poisson(e)).resolve(c)),
+    "Coulomb(Poisson), one contact": (1, 2, lambda c, e: Coulomb(Poisson(e.tolist())).resolve(c)),
+    "Coulomb(Poisson), three contacts": (3, 2, lambda c, e: Coulomb(Poisson(e.tolist())).resolve(c)),
 }
 
 
