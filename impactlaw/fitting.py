@@ -10,7 +10,7 @@ import mujoco
 from impactlaw.contacts import geom_names
 from impactlaw.errors import OptionError, RestitutionError, SceneError
 from impactlaw.geoms import one_contact
-from impactlaw.laws import Coulomb, Law, LinearMap
+from impactlaw.laws import Coulomb, Law, LinearMap, Routh
 from impactlaw.laws.labels import check_labels
 from impactlaw.limits import Limits
 from impactlaw.scene import geom_pairs
@@ -73,6 +73,8 @@ def check_friction(law: Law, friction: str | None) -> None:
     Raises:
         RestitutionError: the law is a `Coulomb`, and that is in vain or contradicts the option.
     """
+    if isinstance(law, Routh) and friction == "convex":
+        raise RestitutionError("Routh's law has exact Coulomb friction: friction='convex' contradicts it; leave it out")
     if not isinstance(law, Coulomb) or friction is None:
         return
     if friction in ("soft", "ignore"):

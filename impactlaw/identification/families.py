@@ -115,7 +115,8 @@ def _compliant(measured: Measurements) -> Family:
     )
 
     def make(x: np.ndarray) -> Law:
-        k = dict(zip(labels, np.exp(np.concatenate([[0.0], x[2:]])).tolist(), strict=True))
+        k: dict[str | tuple[str, str], float] = {labels[0]: 1.0}
+        k |= zip(labels[1:], np.exp(x[2:]).tolist(), strict=True)
         return Compliant(k, exponent=float(x[1]), restitution=float(x[0]))
 
     return Family("compliant", (e, exponent, *ratios), make)

@@ -202,3 +202,9 @@ def test_a_ball_in_soft_steps_has_the_normal_part():
         stepper.step(data)
     impact = stepper.events[0].impact
     np.testing.assert_allclose(impact.post_contact_velocity, -0.6 * impact.collision.pre_contact_velocity, rtol=1e-9)
+
+
+def test_convex_friction_is_refused():
+    model, _ = compiled('<geom name="floor" type="plane" size="5 5 1"/>')
+    with pytest.raises(RestitutionError, match="contradicts it"):
+        Stepper(model, Routh(0.5), friction="convex")
