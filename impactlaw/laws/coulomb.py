@@ -68,7 +68,7 @@ class Coulomb(Law):
     def __post_init__(self):
         if not isinstance(self.law, Law):
             raise RestitutionError(f"Coulomb extends a law, such as Coulomb(Moreau(0.5)), got {self.law!r}")
-        if type(self.law).resolve is not Law.resolve and not isinstance(self.law, Poisson):
+        if type(self.law).resolve not in (Law.resolve, Poisson.resolve):
             raise RestitutionError(
                 f"Coulomb needs a law that aims at contact velocities; {type(self.law).__name__} has a rule of its own "
                 "for impulses. Extend Moreau, Newton, Poisson, Fremond, LinearMap or Compliant"
