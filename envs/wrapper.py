@@ -17,7 +17,7 @@ from impactlaw.envs.placed import PlacedLaw
 from impactlaw.envs.placed_gymnasium import ignores_options, place
 from impactlaw.envs.rendering import free_contexts, make_current
 from impactlaw.errors import WrapperError
-from impactlaw.events import ImpactEvent
+from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.laws import Law
 from impactlaw.settled import Settled
 

@@ -14,7 +14,7 @@ from graph_distance import Arc
 
 from impactlaw import Fremond, Law, MaximalDissipation, Moreau
 from impactlaw.models import load
-from impactlaw.scene import scene_law
+from impactlaw.scene.pairs import scene_law
 
 EXACT = 0.0
 """Expected order of a method that makes no error but rounding and the tolerance of gaps."""

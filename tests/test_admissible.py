@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from scipy.stats import ks_2samp, kstest
 
 from impactlaw import AdmissibleSet, Collision, ImpactLawError, MaximalDissipation, Moreau
-from impactlaw.cone import EnumerationError, cone_facets
+from impactlaw.mechanics.admissible.cone import EnumerationError, cone_facets
 from impactlaw.errors import InvalidCollisionError, SolverError
 
 SMALL = [name for name in PROBLEMS if name != "chain of 64"]

@@ -9,7 +9,7 @@ import scenes
 from scenes import run
 
 from impactlaw import Collision, Moreau, Newton, Stepper
-from impactlaw.contacts import update_positions
+from impactlaw.scene.contacts import update_positions
 from impactlaw.errors import UnsolvableLawError
 
 STILL = 'gravity="0 0 0" timestep="0.002" integrator="RK4"'

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scenes import TOUCHING, chain_labels, detect, label
 
-from impactlaw.collision import Collision
+from impactlaw.mechanics.collision import Collision
 from impactlaw.laws import Fremond, MaximalDissipation, Moreau, Newton
 from impactlaw.models import load
-from impactlaw.stepper import Stepper
+from impactlaw.stepping.stepper import Stepper
 
 SWAP = np.array([[0.0, 1.0], [1.0, 0.0]])
 

@@ -6,7 +6,7 @@ from problems import PROBLEMS, launched, random_collision, spd
 
 from impactlaw import Collision, ImpactLawError
 from impactlaw.errors import InvalidCollisionError
-from impactlaw.metric import KineticMetric
+from impactlaw.mechanics.kinetic_metric import KineticMetric
 
 
 @pytest.mark.parametrize("problem_name", PROBLEMS)

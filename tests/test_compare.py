@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from impactlaw.cli import Compare
-from impactlaw.compare import DEFAULT_LAWS, Comparison, choose_laws, compare, format_table
-from impactlaw.contacts import read_collision
+from impactlaw.comparison.compare import DEFAULT_LAWS, Comparison, choose_laws, compare, format_table
+from impactlaw.scene.contacts import read_collision
 from impactlaw.errors import ImpactLawError, RestitutionError, UnknownNameError
 from impactlaw.laws import LAWS, Moreau
 from impactlaw.models import SCENES, load
 from impactlaw.recording import read_log
-from impactlaw.soft_contact import soft_outcome, tuned_contacts
+from impactlaw.comparison.soft_contact import soft_outcome, tuned_contacts
 
 
 @pytest.fixture(scope="module")

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from impactlaw.solvers.cone_newton import newton
-from impactlaw.solvers.cone_problem import ConeProblem, ConeStatus
-from impactlaw.solvers.cone_single import single
-from impactlaw.solvers.cone_solve import solve_cones
+from impactlaw.solvers.friction.semismooth_newton import newton
+from impactlaw.solvers.friction.problem import ConeProblem, ConeStatus
+from impactlaw.solvers.friction.single_contact import single
+from impactlaw.solvers.friction.solve import solve_cones
 
 
 def alone(rng, m, friction):

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from problems import friction_problem
 
-from impactlaw.solvers.cone_lagrangian import augmented_lagrangian
-from impactlaw.solvers.cone_newton import continuation, newton
-from impactlaw.solvers.cone_problem import ConeProblem, ConeStatus, project, projection_derivative
-from impactlaw.solvers.cone_solve import Effort, solve_cones
+from impactlaw.solvers.friction.augmented_lagrangian import augmented_lagrangian
+from impactlaw.solvers.friction.semismooth_newton import continuation, newton
+from impactlaw.solvers.friction.problem import ConeProblem, ConeStatus, project, projection_derivative
+from impactlaw.solvers.friction.solve import Effort, solve_cones
 
 
 def complementarity(A, b, sizes, impulse, *, exact, scale):

@@ -7,7 +7,7 @@ from scenes import compiled
 
 from impactlaw import Moreau, Stepper, read_contacts
 from impactlaw.errors import OverlapError
-from impactlaw.plan import make_plan
+from impactlaw.stepping.plan import make_plan
 
 FLOOR = '<geom name="floor" type="plane" size="9 9 1"/>'
 BOX = '<body pos="0 0 .1"><freejoint/><geom name="box" type="box" size=".2 .2 .1" mass="1"/></body>'

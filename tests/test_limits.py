@@ -10,8 +10,8 @@ import scenes
 from scenes import assert_steps_of_mujoco, run
 
 from impactlaw import Collision, Moreau, Newton, Stepper, read_contacts
-from impactlaw.contacts import update_positions
-from impactlaw.detection import Detector
+from impactlaw.scene.contacts import update_positions
+from impactlaw.scene.detection import Detector
 from impactlaw.errors import OverlapError, UnknownNameError
 
 SLIDE = '<body name="cart"><joint name="rail" type="slide" axis="1 0 0" range="-1 2"/><geom size=".1" mass="3"/></body>'

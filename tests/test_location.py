@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from scenes import compiled
 
-from impactlaw import Moreau, Stepper, gripped
-from impactlaw.courses import Courses, Sight, parabola_closes
-from impactlaw.flight import Flights
-from impactlaw.location import locate
+from impactlaw import Moreau, Stepper
+from impactlaw.stepping.event_driven.persistent_contact import frictional as gripped
+from impactlaw.stepping.event_driven.gap_functions import Courses, Sight, parabola_closes
+from impactlaw.stepping.event_driven.smooth_phase import Flights
+from impactlaw.stepping.event_driven.event_location import locate
 
 
 class Flown:

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from problems import assert_nearest_in_cone
 
-from impactlaw.cone import nearest_in_cone
+from impactlaw.mechanics.admissible.cone import nearest_in_cone
 
 
 @settings(max_examples=200, deadline=None)

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import scenes
 
-from impactlaw import Moreau, Stepper, read_contacts, rigid
+from impactlaw import Moreau, Stepper, read_contacts
+from impactlaw.stepping.event_driven import scheme as rigid
 from impactlaw.envs import ImpactLaw
 from impactlaw.errors import OverlapError, UnknownNameError
-from impactlaw.flight import Flights
+from impactlaw.stepping.event_driven.smooth_phase import Flights
 
 H = 0.002
 FLOOR = '<geom name="floor" type="plane" size="5 5 .1"/>'

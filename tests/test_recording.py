@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from impactlaw.collision import Collision
-from impactlaw.contacts import Contacts
+from impactlaw.mechanics.collision import Collision
+from impactlaw.scene.contacts import Contacts
 from impactlaw.errors import UnknownNameError
-from impactlaw.events import ImpactEvent
-from impactlaw.impact import Impact
+from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.mechanics.impact import Impact
 from impactlaw.laws import Fremond, LinearMap, MaximalDissipation, Moreau, Newton
 from impactlaw.models import load
 from impactlaw.recording import Recorder, describe, read_log

@@ -7,7 +7,7 @@ import pytest
 import scenes
 
 from impactlaw import Moreau, Newton, Stepper
-from impactlaw.friction_impact import FrictionImpact
+from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.recording import Recorder, describe, read_log
 from impactlaw.recording.layout import COLLISION_COLUMNS, EXTRA_COLUMNS, MARKS
 from impactlaw.recording.recorder import BATCH

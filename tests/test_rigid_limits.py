@@ -252,7 +252,7 @@ def test_a_motor_pushes_a_block_against_a_wall_and_it_stays():
 
 
 def test_the_pairs_the_stepper_expects_are_those_mujoco_reports():
-    from impactlaw.scene import geom_pairs
+    from impactlaw.scene.pairs import geom_pairs
 
     world = """<geom name="floor" type="plane" size="1 1 1" condim="1"/>
       <body name="a" pos="0 0 0"><freejoint/><geom name="a" size=".5" condim="1"/>

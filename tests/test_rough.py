@@ -12,8 +12,8 @@ from scenes import energy, run
 
 from impactlaw import Coulomb, MaximalDissipation, Moreau, Newton, Stepper, read_contacts
 from impactlaw.errors import InvalidCollisionError, RestitutionError
-from impactlaw.moment import Grasp
-from impactlaw.rigid import RigidStepping
+from impactlaw.stepping.event_driven.contact_state import Grasp
+from impactlaw.stepping.event_driven.scheme import RigidStepping
 
 G = 9.81
 RK4 = 'timestep="0.005" integrator="RK4"'

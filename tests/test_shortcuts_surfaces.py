@@ -6,8 +6,8 @@ import pytest
 from scenes import compiled
 
 from impactlaw import Moreau, Stepper
-from impactlaw.detection import Detector
-from impactlaw.shortcuts import Apart, Rest, Together
+from impactlaw.scene.detection import Detector
+from impactlaw.stepping.event_driven.shortcuts import Apart, Rest, Together
 
 TABLE = '<body mocap="true"><geom name="table" type="box" size="1 1 .1" pos="0 0 -.1" condim="{condim}"/></body>'
 BOX = '<body pos="0 0 .1"><freejoint/><geom name="box" type="box" size=".2 .2 .1" mass="1" condim="{condim}"/></body>'

@@ -8,7 +8,7 @@ import pytest
 from scenes import INTEGRATORS
 
 from impactlaw import LinearMap, Moreau, Stepper
-from impactlaw.contacts import closes, row_velocities
+from impactlaw.scene.contacts import closes, row_velocities
 
 VARIANTS = list(itertools.product(INTEGRATORS, ("PGS", "CG", "Newton"), ("pyramidal", "elliptic"), ("dense", "sparse")))
 

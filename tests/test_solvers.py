@@ -20,8 +20,8 @@ from problems import (
 from impactlaw import Collision, Fremond, LinearMap, MaximalDissipation, Moreau, Newton
 from impactlaw.errors import SolverError, UnknownNameError, UnsolvableLawError
 from impactlaw.solvers import SOLVERS, Problem, Status
-from impactlaw.solvers.osqp import osqp
-from impactlaw.solvers.projected_gauss_seidel import projected_gauss_seidel
+from impactlaw.solvers.methods.osqp import osqp
+from impactlaw.solvers.methods.projected_gauss_seidel import projected_gauss_seidel
 
 BATCHES = range(10)
 BATCH = 200  # random collisions per batch, for each kind of law

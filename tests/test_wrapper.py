@@ -22,7 +22,7 @@ from wrapped import (
 )
 
 from impactlaw import LinearMap, Newton
-from impactlaw.contacts import read_contacts
+from impactlaw.scene.contacts import read_contacts
 from impactlaw.envs import ImpactLaw
 from impactlaw.errors import (
     InadmissibleImpactError,
@@ -32,7 +32,7 @@ from impactlaw.errors import (
     UnknownNameError,
     WrapperError,
 )
-from impactlaw.friction_impact import FrictionImpact
+from impactlaw.mechanics.friction_impact import FrictionImpact
 
 pytestmark = theirs
 

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from impactlaw.collision import Collision
+from impactlaw.mechanics.collision import Collision
 from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import coefficient
 from impactlaw.laws.labels import canonical, put

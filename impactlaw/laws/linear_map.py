@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impactlaw.collision import Collision
+from impactlaw.mechanics.collision import Collision
 from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import Law, Target, square_matrix
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impactlaw.collision import Collision
+from impactlaw.mechanics.collision import Collision
 from impactlaw.laws.base import RestitutionLaw, Target, coefficient
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from impactlaw.contacts import geom_names
+from impactlaw.scene.contacts import geom_names
 from impactlaw.recording.layout import SCENE
 
 _PRIMITIVES = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")

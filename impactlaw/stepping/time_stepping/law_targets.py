@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from impactlaw.collision import Collision
+from impactlaw.mechanics.collision import Collision
 from impactlaw.errors import SolverError, UnsolvableLawError
 from impactlaw.laws import Coulomb, Law, MaximalDissipation, Moreau, Newton
 from impactlaw.laws.coefficients import ContactCoefficients
