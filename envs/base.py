@@ -22,11 +22,11 @@ from impactlaw.envs.info import ImpactTally
 from impactlaw.envs.law_options import LawOptions, check_reset, describe_law, portable_options
 from impactlaw.envs.rendering import Pictures, has_display
 from impactlaw.errors import ActionError, DivergenceError, RenderError, SceneError, UnknownNameError
-from impactlaw.stepping.compatibility import check_count
-from impactlaw.stepping.integration import restore_state, save_state
 from impactlaw.laws import Law
 from impactlaw.models import START, scene_path
 from impactlaw.settled import Settled
+from impactlaw.stepping.compatibility import check_count
+from impactlaw.stepping.integration import restore_state, save_state
 from impactlaw.stepping.stepper import Stepper
 
 _ANEW = "make a new environment"

@@ -126,8 +126,8 @@ class Plan:
     def __call__(self) -> None:
         """Print the plan."""
         from impactlaw.models import load
+        from impactlaw.stepping.compatibility import check_rigid, check_time_stepping
         from impactlaw.stepping.plan import format_plan, make_plan
-        from impactlaw.scene.pairs import check_rigid, check_time_stepping
 
         model, _ = load(self.scene)
         if self.contact_model == "rigid":

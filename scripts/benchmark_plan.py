@@ -17,10 +17,10 @@ from benchmark_scenes import Scene, builders
 from benchmark_timing import in_turns
 
 from impactlaw import MaximalDissipation, Moreau
-from impactlaw.stepping.collisions import Collider
 from impactlaw.scene.contacts import GAP_TOLERANCE
-from impactlaw.stepping.plan import Plan, make_plan
+from impactlaw.stepping.collisions import Collider
 from impactlaw.stepping.event_driven.scheme import RigidStepping
+from impactlaw.stepping.plan import Plan, make_plan
 from impactlaw.stepping.soft.scheme import REST_SPEED, SoftStepping
 
 Kind = Literal["rigid", "soft"]

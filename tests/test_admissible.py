@@ -10,8 +10,8 @@ from scipy.optimize import minimize
 from scipy.stats import ks_2samp, kstest
 
 from impactlaw import AdmissibleSet, Collision, ImpactLawError, MaximalDissipation, Moreau
-from impactlaw.mechanics.admissible.cone import EnumerationError, cone_facets
 from impactlaw.errors import InvalidCollisionError, SolverError
+from impactlaw.mechanics.admissible.cone import EnumerationError, cone_facets
 
 SMALL = [name for name in PROBLEMS if name != "chain of 64"]
 UNIFORM = 1e-3  # least p-value of Kolmogorov's test; the seeds are fixed

@@ -9,8 +9,8 @@ import scenes
 from scenes import run
 
 from impactlaw import Collision, Moreau, Newton, Stepper
-from impactlaw.scene.contacts import update_positions
 from impactlaw.errors import UnsolvableLawError
+from impactlaw.scene.contacts import update_positions
 
 STILL = 'gravity="0 0 0" timestep="0.002" integrator="RK4"'
 FLOOR = '<geom name="floor" type="plane" size="1 1 1"/>'

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scenes import TOUCHING, chain_labels, detect, label
 
-from impactlaw.mechanics.collision import Collision
 from impactlaw.laws import Fremond, MaximalDissipation, Moreau, Newton
+from impactlaw.mechanics.collision import Collision
 from impactlaw.models import load
 from impactlaw.stepping.stepper import Stepper
 

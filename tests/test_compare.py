@@ -7,14 +7,14 @@ import mujoco
 import numpy as np
 import pytest
 
+from impactlaw import Collision
 from impactlaw.cli import Compare
 from impactlaw.comparison.compare import DEFAULT_LAWS, Comparison, choose_laws, compare, format_table
-from impactlaw.scene.contacts import read_collision
+from impactlaw.comparison.soft_contact import soft_outcome, tuned_contacts
 from impactlaw.errors import ImpactLawError, RestitutionError, UnknownNameError
 from impactlaw.laws import LAWS, Moreau
 from impactlaw.models import SCENES, load
 from impactlaw.recording import read_log
-from impactlaw.comparison.soft_contact import soft_outcome, tuned_contacts
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def test_the_cradle_leaves_its_first_collision_as_the_law_says(cradle, law, expe
 
 def test_mujoco_outcome_of_the_cradle_is_audited_against_the_same_set(cradle):
     model, start = load("newtons_cradle")
-    collision = read_collision(model, start)
+    collision = Collision.from_mujoco(model, start)
     for run in ("mujoco", "mujoco-tuned"):
         row = cradle[1].loc[run]
         outside = collision.admissible_set.distance(row["v+"])
@@ -106,7 +106,7 @@ def test_tuned_soft_contacts_bounce_with_about_their_restitution(restitution):
     model.opt.gravity[:] = 0.0
     data.qpos[:] = 0.0
     data.qvel[:] = -3.0
-    collision = read_collision(model, data)
+    collision = Collision.from_mujoco(model, data)
     soft = soft_outcome(tuned_contacts(model, restitution), data, Moreau(restitution).resolve(collision))
     e = -soft.post_contact_velocity[0] / collision.pre_contact_velocity[0]
     assert e == pytest.approx(restitution, abs=0.05)
@@ -178,7 +178,7 @@ def test_soft_outcome_on_a_mocap_body_that_was_moved():
     model, data = load("juggler")
     data.mocap_pos[0, 2] = data.qpos[0] = 0.3
     data.qvel[0] = -4.0
-    collision = read_collision(model, data)
+    collision = Collision.from_mujoco(model, data)
     soft = soft_outcome(tuned_contacts(model, 0.8), data, Moreau(0.8).resolve(collision))
     assert soft.post_velocity == pytest.approx([3.2], abs=0.1)
 

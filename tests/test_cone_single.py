@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from impactlaw.solvers.friction.semismooth_newton import newton
 from impactlaw.solvers.friction.problem import ConeProblem, ConeStatus
+from impactlaw.solvers.friction.semismooth_newton import newton
 from impactlaw.solvers.friction.single_contact import single
 from impactlaw.solvers.friction.solve import solve_cones
 

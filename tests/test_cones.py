@@ -5,8 +5,8 @@ import pytest
 from problems import friction_problem
 
 from impactlaw.solvers.friction.augmented_lagrangian import augmented_lagrangian
-from impactlaw.solvers.friction.semismooth_newton import continuation, newton
 from impactlaw.solvers.friction.problem import ConeProblem, ConeStatus, project, projection_derivative
+from impactlaw.solvers.friction.semismooth_newton import continuation, newton
 from impactlaw.solvers.friction.solve import Effort, solve_cones
 
 

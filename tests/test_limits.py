@@ -10,9 +10,9 @@ import scenes
 from scenes import assert_steps_of_mujoco, run
 
 from impactlaw import Collision, Moreau, Newton, Stepper, read_contacts
+from impactlaw.errors import OverlapError, UnknownNameError
 from impactlaw.scene.contacts import update_positions
 from impactlaw.scene.detection import Detector
-from impactlaw.errors import OverlapError, UnknownNameError
 
 SLIDE = '<body name="cart"><joint name="rail" type="slide" axis="1 0 0" range="-1 2"/><geom size=".1" mass="3"/></body>'
 HINGE = '<body><joint name="knee" axis="0 1 0" range="-40 60"/><geom size=".1" pos="0 0 -.5"/></body>'

@@ -8,10 +8,10 @@ import pytest
 from scenes import compiled
 
 from impactlaw import Moreau, Stepper
-from impactlaw.stepping.event_driven.persistent_contact import frictional as gripped
-from impactlaw.stepping.event_driven.gap_functions import Courses, Sight, parabola_closes
-from impactlaw.stepping.event_driven.smooth_phase import Flights
 from impactlaw.stepping.event_driven.event_location import locate
+from impactlaw.stepping.event_driven.gap_functions import Courses, Sight, parabola_closes
+from impactlaw.stepping.event_driven.persistent_contact import frictional as gripped
+from impactlaw.stepping.event_driven.smooth_phase import Flights
 
 
 class Flown:

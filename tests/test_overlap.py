@@ -7,9 +7,9 @@ import pytest
 import scenes
 
 from impactlaw import Moreau, Stepper, read_contacts
-from impactlaw.stepping.event_driven import scheme as rigid
 from impactlaw.envs import ImpactLaw
 from impactlaw.errors import OverlapError, UnknownNameError
+from impactlaw.stepping.event_driven import scheme as rigid
 from impactlaw.stepping.event_driven.smooth_phase import Flights
 
 H = 0.002

@@ -10,8 +10,8 @@ from scenes import assert_steps_of_mujoco, compiled
 from impactlaw import Moreau, Stepper
 from impactlaw.cli import main
 from impactlaw.models import load, scene_names
-from impactlaw.stepping.plan import Plan, format_plan, has_constant_inertia, make_plan
 from impactlaw.stepping.event_driven.scheme import RigidStepping
+from impactlaw.stepping.plan import Plan, format_plan, has_constant_inertia, make_plan
 
 FLAGS = tuple(field.name for field in fields(Plan) if field.type == "bool")
 FLOOR = '<geom name="floor" type="plane" size="1 1 1" condim="1"/>'

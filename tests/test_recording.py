@@ -7,17 +7,17 @@ import mujoco
 import numpy as np
 import pytest
 
-from impactlaw.mechanics.collision import Collision
-from impactlaw.scene.contacts import Contacts
 from impactlaw.errors import UnknownNameError
-from impactlaw.stepping.impact_event import ImpactEvent
-from impactlaw.mechanics.impact import Impact
 from impactlaw.laws import Fremond, LinearMap, MaximalDissipation, Moreau, Newton
+from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.impact import Impact
 from impactlaw.models import load
 from impactlaw.recording import Recorder, describe, read_log
 from impactlaw.recording.layout import COLLISION_COLUMNS, CONTACTS, MARKS
 from impactlaw.recording.recorder import BATCH
 from impactlaw.recording.rrd import read_entities
+from impactlaw.scene.contacts import Contacts
+from impactlaw.stepping.impact_event import ImpactEvent
 
 
 def random_event(rng, h, nv=8):

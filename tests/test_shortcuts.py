@@ -7,11 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from impactlaw import Moreau, Stepper
-from impactlaw.scene.detection import Detector
 from impactlaw.errors import OverlapError
 from impactlaw.models.builder import cradle
-from impactlaw.stepping.event_driven.shortcuts import Apart, Rest, Together
+from impactlaw.scene.detection import Detector
 from impactlaw.stepping.event_driven.persistent_contact.frictionless import _pushing
+from impactlaw.stepping.event_driven.shortcuts import Apart, Rest, Together
 
 BOX = """
 <mujoco>

@@ -7,10 +7,10 @@ from problems import balls, disks, launched, random_collision, sparse_chain, spd
 
 from impactlaw import Collision, Fremond, Impact, MaximalDissipation, Moreau, Newton, energy_gain
 from impactlaw.errors import InvalidCollisionError, RestitutionError, SolverError, UnsolvableLawError
+from impactlaw.mechanics.block_metric import LARGEST_BLOCK, SparseMetric
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.solvers import SOLVERS, Problem, Status, solve_with_jump
 from impactlaw.solvers.methods.banded_delassus import BandedDelassus
-from impactlaw.mechanics.block_metric import LARGEST_BLOCK, SparseMetric
 
 
 def first_launched(n: int) -> np.ndarray:

@@ -22,7 +22,6 @@ from wrapped import (
 )
 
 from impactlaw import LinearMap, Newton
-from impactlaw.scene.contacts import read_contacts
 from impactlaw.envs import ImpactLaw
 from impactlaw.errors import (
     InadmissibleImpactError,
@@ -33,6 +32,7 @@ from impactlaw.errors import (
     WrapperError,
 )
 from impactlaw.mechanics.friction_impact import FrictionImpact
+from impactlaw.scene.read import read_contacts
 
 pytestmark = theirs
 

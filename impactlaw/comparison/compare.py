@@ -13,16 +13,16 @@ import mujoco
 import pandas as pd
 from tqdm import tqdm
 
+from impactlaw.comparison.pictures import draw
+from impactlaw.comparison.runs import Run, run_law, run_soft
+from impactlaw.comparison.soft_contact import tuned_contacts
 from impactlaw.errors import RestitutionError, SceneError
-from impactlaw.mechanics.impact import Impact
 from impactlaw.laws import LAWS, Law, make_law
 from impactlaw.laws.base import coefficient
+from impactlaw.laws.from_scene import scene_law, scene_number
+from impactlaw.mechanics.impact import Impact
 from impactlaw.models import load
-from impactlaw.comparison.pictures import draw
 from impactlaw.recording import Recorder
-from impactlaw.comparison.runs import Run, run_law, run_soft
-from impactlaw.scene.pairs import scene_law, scene_number
-from impactlaw.comparison.soft_contact import tuned_contacts
 
 DEFAULT_LAWS = ("maximal-dissipation", "moreau", "scene", "reversal")
 _WIDTH = 5  # velocities shown in the printed table

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from impactlaw.mechanics.collision import Collision
 from impactlaw.comparison.runs import Run
+from impactlaw.mechanics.collision import Collision
 
 _MOST_LINES = 12  # degrees of freedom drawn; those that move most
 

@@ -10,15 +10,15 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from impactlaw.scene.detection import Detector
+from impactlaw.comparison.soft_contact import deepest_gap, soft_outcome
 from impactlaw.errors import InadmissibleImpactError, UnsolvableLawError
-from impactlaw.stepping.impact_event import ImpactEvent
-from impactlaw.stepping.integration import restore_state, save_state
-from impactlaw.mechanics.impact import Impact
 from impactlaw.laws import Law
+from impactlaw.mechanics.impact import Impact
 from impactlaw.recording import Recorder
 from impactlaw.recording.properties import law_name
-from impactlaw.comparison.soft_contact import deepest_gap, soft_outcome
+from impactlaw.scene.detection import Detector
+from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.integration import restore_state, save_state
 from impactlaw.stepping.stepper import Stepper
 
 

@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 
 from impactlaw import deferred
-from impactlaw.scene.contacts import update_positions
-from impactlaw.scene.detection import Detector
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact
+from impactlaw.scene.contacts import update_positions
+from impactlaw.scene.detection import Detector
 
 _STEPS_IN_CONTACT = 10  # timesteps one bounce of the tuned contact lasts; fewer and the integrator decides the outcome
 _LONGEST_CONTACT = 0.1  # s after which a soft collision that has not come apart is audited as it is, if that is more

@@ -7,11 +7,11 @@ from typing import Literal
 
 import numpy as np
 
-from impactlaw.mechanics.collision import Collision
 from impactlaw.errors import RestitutionError, SolverError, UnknownNameError
+from impactlaw.laws.base import Law, Target, coefficient
+from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
 from impactlaw.mechanics.impact import Impact
-from impactlaw.laws.base import Law, Target, coefficient
 from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem, ConeStatus
 from impactlaw.solvers.friction.solve import BRIEF, COMPILED, THOROUGH, USUAL, Effort, shared, solve_cones
 

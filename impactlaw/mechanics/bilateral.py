@@ -14,9 +14,7 @@ import numpy as np
 
 from impactlaw.errors import InvalidCollisionError
 from impactlaw.mechanics.kinetic_metric import finite_array
-
-RANK = 1e-11
-"""Relative singular value below which a constraint depends on the others."""
+from impactlaw.solvers.least_squares import RANK, row_span
 
 _INDEPENDENT = 1e-9, 1e-12, 1e-15  # relative singular values up to which a direction is not used
 _PROPORTION = 1e6  # times the contact velocities that a velocity may be
@@ -36,16 +34,9 @@ class Bilateral(NamedTuple):
     combination: np.ndarray
 
     @classmethod
-    def of(cls, whitened: np.ndarray, *, rank: float = RANK) -> Bilateral:
-        """Return the span of the whitened gradients ``Y_eq`` of the constraints, (m, nv), redundant ones included.
-
-        Rows depend on each other where singular values, relative to the largest, are below ``rank``.
-        """
-        lengths = np.sqrt(np.vecdot(whitened, whitened))
-        lengths[lengths == 0] = 1.0
-        U, s, V = np.linalg.svd(whitened / lengths[:, None], full_matrices=False)
-        r = np.count_nonzero(s > rank * s.max(initial=0.0))
-        return cls(V[:r], (U[:, :r] / s[:r]).T / lengths)
+    def of(cls, whitened: np.ndarray) -> Bilateral:
+        """Return the span of the whitened gradients ``Y_eq`` of the constraints, (m, nv), redundant ones included."""
+        return cls(*row_span(whitened, RANK))
 
     def project(self, gradients: np.ndarray) -> np.ndarray:
         """Return ``Y P``, (h, nv): gradients without their part along the constraints; 0 where that is all."""

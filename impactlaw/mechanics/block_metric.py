@@ -16,7 +16,7 @@ _SYMMETRY = 1e-10  # relative asymmetry of M above which it is taken for a mista
 
 
 class SparseMetric:
-    """A sparse mass matrix and its factor ``M = R R^T``; see `impactlaw.mechanics.kinetic_metric.KineticMetric` for what they do.
+    """A sparse mass matrix and its factor ``M = R R^T``; see `KineticMetric` for what they do.
 
     Degrees of freedom that M couples, directly or through others, form blocks. Each is factored by itself.
 

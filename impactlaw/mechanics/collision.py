@@ -10,13 +10,13 @@ import numpy as np
 
 from impactlaw import deferred
 from impactlaw.errors import InvalidCollisionError
-from impactlaw.mechanics.friction import Friction
 from impactlaw.lazy import cached_property
-from impactlaw.mechanics.kinetic_metric import KineticMetric, finite_array
 from impactlaw.mechanics.bilateral import Bilateral, checked_bilateral, checked_surfaces, velocity_with
+from impactlaw.mechanics.block_metric import SparseMetric, finite_sparse, is_sparse
+from impactlaw.mechanics.friction import Friction
+from impactlaw.mechanics.kinetic_metric import KineticMetric, finite_array
 from impactlaw.solvers.problem import FEW, row_lengths
 from impactlaw.solvers.sparsity import MOST_DENSE
-from impactlaw.mechanics.block_metric import SparseMetric, finite_sparse, is_sparse
 
 if TYPE_CHECKING:
     import mujoco
@@ -107,9 +107,11 @@ class Collision:
             SceneError: a contact that is not between two geoms (a flex).
             InvalidCollisionError: the state is not finite.
         """
-        from impactlaw.scene.contacts import read_collision
+        from impactlaw.scene.read import read_closed
 
-        return read_collision(model, data)
+        M, near = read_closed(model, data)
+        labels = near.contacts.labels
+        return cls(M, near.jacobian, data.qvel, labels=labels, bilateral_jacobian=near.bilateral)
 
     @cached_property
     def whitened_jacobian(self) -> np.ndarray:

@@ -8,10 +8,11 @@ from math import sqrt
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impactlaw.mechanics.collision import Collision
 from impactlaw.errors import InvalidCollisionError, SolverError
+from impactlaw.mechanics.admissible.violations import Violations, penetration
+from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction import Friction
-from impactlaw.mechanics.impact import Impact, Violations
+from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers import beyond_rounding
 from impactlaw.solvers.friction.problem import ConeProblem, ConeStatus, project
 from impactlaw.solvers.friction.solve import solve_cones
@@ -124,7 +125,11 @@ class FrictionImpact(Impact):
         c = self.collision
         before = c.relative_velocity
         z = before + self.whitened_jump
-        kinematic = self._penetration(z) if (self.post_contact_velocity < 0).any() else 0.0
+        kinematic = (
+            penetration(c, self.whitened_jump, self.post_contact_velocity)
+            if (self.post_contact_velocity < 0).any()
+            else 0.0
+        )
         speeds = sqrt(z.dot(z)) + sqrt(before.dot(before))
         energetic = max(0.0, 2.0 * self.work / speeds) if speeds > 0 else 0.0
         x = self._problem.scaled(self._cone_impulse)

@@ -3,39 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impactlaw.mechanics.collision import Collision
-from impactlaw.errors import InvalidCollisionError, UnsolvableLawError
+from impactlaw.errors import InvalidCollisionError
 from impactlaw.lazy import cached_property
-from impactlaw.solvers import Answer, Problem, beyond_rounding, nonnegative_combination, share, solve_with_jump
+from impactlaw.mechanics.admissible.violations import Violations, imbalance, larger_speed, measure
+from impactlaw.mechanics.collision import Collision
+from impactlaw.solvers import Answer, Problem, nonnegative_combination, share
 
 SIGNIFICANT = 1e-9
 """Part of |v-| below which a velocity or a scaled impulse is rounding when signs are asked for."""
-
-
-@dataclass(frozen=True)
-class Violations:
-    """Distances, in the kinetic metric (sqrt(J)), from v+ to the three sets whose intersection is S(v-).
-
-    Attributes:
-        kinematic: to the tangent cone ``{v : J v >= 0}``; positive when contacts penetrate.
-        kinetic: to ``v- + M^-1 J^T Lambda, Lambda >= 0``; positive when contacts pull, or something else acted.
-        energetic: to the ball ``|v| <= |v-|``; positive when kinetic energy grew by more than the work of surfaces.
-        pre_speed: ``|v-|``, the scale that `is_admissible` compares with.
-    """
-
-    kinematic: float
-    kinetic: float
-    energetic: float
-    pre_speed: float
-
-    def is_admissible(self, tol: float = 1e-9) -> bool:
-        """Whether no violation exceeds ``tol`` times ``|v-|``."""
-        return max(self.kinematic, self.kinetic, self.energetic) <= tol * self.pre_speed
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -187,35 +166,7 @@ class Impact:
     @cached_property
     def violations(self) -> Violations:
         """How far v+ is outside of each of the three sets whose intersection is S(v-)."""
-        c = self.collision
-        Y, before = c.whitened_jacobian, c.relative_velocity
-        z = before + self.whitened_jump
-        kinematic = self._penetration(z) if (self.post_contact_velocity < 0).any() else 0.0
-        impulse = self._any_impulse
-        if (impulse < 0).any():
-            impulse = nonnegative_combination(Y, self.whitened_jump)
-        kinetic = self._imbalance(impulse)
-        speeds = sqrt(z.dot(z)) + sqrt(before.dot(before))
-        gain = self.energy_change
-        if c.frame_rates is not None:
-            gain += float(impulse @ c.frame_rates)
-        energetic = max(0.0, 2.0 * gain / speeds) if speeds > 0 else 0.0
-        return Violations(kinematic, kinetic, energetic, c.pre_speed)
-
-    def _penetration(self, z: np.ndarray) -> float:
-        """Return ``min |x|, gamma+ + Y x >= 0``; z is the whitened velocity as seen from the surfaces."""
-        c = self.collision
-        Y = c.whitened_jacobian
-        if c.frame_rates is None:
-            problem = Problem(Y, -Y.dot(z), -z, norms=c.gradient_norms)
-            jump = solve_with_jump(problem, c.labels, shared=False).jump
-            return sqrt(jump.dot(jump))
-        try:
-            problem = Problem(Y, -self.post_contact_velocity, speed=self._speed)  # which they have the rounding of
-            jump = solve_with_jump(problem, c.labels, shared=False).jump
-        except UnsolvableLawError:  # surfaces crush what is between them
-            return np.inf
-        return float(np.linalg.norm(jump))
+        return measure(self.collision, self.whitened_jump, self.post_contact_velocity, self._any_impulse)
 
     @cached_property
     def residual(self) -> float:
@@ -248,12 +199,8 @@ class Impact:
     @cached_property
     def _speed(self) -> float:
         """The larger of ``|v-|`` and ``|v+|``, sqrt(J), as seen from the surfaces."""
-        c = self.collision
-        return max(c.pre_speed, float(np.linalg.norm(c.relative_velocity + self.whitened_jump)))
+        return larger_speed(self.collision, self.whitened_jump)
 
     def _imbalance(self, impulse: np.ndarray) -> float:
         """``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm), beyond what rounding Lambda to doubles makes of it."""
-        c = self.collision
-        left = self.whitened_jump - impulse @ c.whitened_jacobian
-        gap = sqrt(left.dot(left))
-        return beyond_rounding(gap, float(np.abs(impulse) @ c.gradient_norms), self._speed)
+        return imbalance(self.collision, self.whitened_jump, impulse)

@@ -1,4 +1,4 @@
-"""Contacts, gap gradients and inertia out of MuJoCo: the one file that knows MuJoCo's array conventions."""
+"""Contacts, gap gradients and the mass matrix out of MuJoCo's arrays."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from impactlaw.mechanics.collision import Collision
-from impactlaw.errors import DivergenceError, SceneError
-from impactlaw.mechanics.kinetic_metric import KineticMetric
+from impactlaw.errors import SceneError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,7 +16,6 @@ if TYPE_CHECKING:
 GAP_TOLERANCE = 1e-9
 """Gap, in m, up to which a contact counts as closed."""
 
-_SAME_INERTIA = 1e-14  # relative difference of mass matrices that is rounding where bodies only turn
 _FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 
@@ -58,46 +55,6 @@ class Contacts:
             self.position[index],
             self.normal[index],
         )
-
-
-def read_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, within: float = GAP_TOLERANCE) -> Contacts:
-    """Return the contacts whose gap is at most ``within`` now; model and data are left as they are.
-
-    Args:
-        model: the compiled scene.
-        data: its state; only qpos and mocap poses are read, so that stale derived quantities do not matter.
-        within: largest gap reported, m, or rad for limits. Geoms that overlap are reported whatever it is.
-
-    Raises:
-        SceneError: a contact that is not between two geoms (a flex).
-        DivergenceError: a position is not finite.
-    """
-    from impactlaw.scene.detection import Detector
-
-    if not np.isfinite(data.qpos).all():
-        raise DivergenceError(f"qpos is not finite at t = {data.time:.6g} s: there are no contacts to read")
-    return Detector(model).near(_position_copy(model, data), within).contacts
-
-
-def read_collision(model: mujoco.MjModel, data: mujoco.MjData) -> Collision:
-    """Return the closed contacts of now as a `Collision`, with equality constraints; model and data stay as they are.
-
-    Raises:
-        SceneError: a contact that is not between two geoms (a flex).
-    """
-    from impactlaw.scene.detection import Detector
-
-    scratch = _position_copy(model, data)
-    near = Detector(model).near(scratch, GAP_TOLERANCE)
-    metric = kinetic_metric(model, scratch)
-    return Collision(
-        metric.mass_matrix,
-        near.jacobian,
-        data.qvel,
-        labels=near.contacts.labels,
-        metric=metric,
-        bilateral_jacobian=near.bilateral,
-    )
 
 
 def geom_names(model: mujoco.MjModel) -> tuple[str, ...]:
@@ -210,7 +167,7 @@ def _read(data: mujoco.MjData, index: np.ndarray, names: tuple[str, ...]) -> Con
 def make_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
     """Make constraint rows and return the gap gradients of data.contact, in its order, (h, nv).
 
-    Other rows than those of equality constraints and limits must be off and the Jacobian dense (`impactlaw.scene.options`).
+    Other rows than those of equality constraints and limits must be off and the Jacobian dense (`BorrowedOptions`).
     None if MuJoCo makes no row for a contact. To be followed by `forget_rows`.
     """
     contact, h = data.contact, data.ncon
@@ -247,21 +204,8 @@ def gap_gradients(model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts
     return J
 
 
-def kinetic_metric(model: mujoco.MjModel, data: mujoco.MjData, *, known: KineticMetric | None = None) -> KineticMetric:
-    """Return the factored mass matrix at the current frames (`update_positions`); the known one if it is the same."""
+def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Return ``M`` at the current frames (`update_positions`), (nv, nv)."""
     M = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, M)
-    if known is not None and not np.count_nonzero(np.abs(M - known.mass_matrix) > _SAME_INERTIA * np.abs(M)):
-        return known
-    return KineticMetric(M)
-
-
-def _position_copy(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
-    scratch = mujoco.MjData(model)
-    scratch.qpos[:] = data.qpos
-    scratch.eq_active[:] = data.eq_active
-    if model.nmocap:
-        scratch.mocap_pos[:] = data.mocap_pos
-        scratch.mocap_quat[:] = data.mocap_quat
-    update_positions(model, scratch)
-    return scratch
+    return M

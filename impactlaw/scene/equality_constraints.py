@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.mechanics.bilateral import RANK, Bilateral
+from impactlaw.solvers.least_squares import RANK, row_span
 
 _CONNECT, _WELD = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
 _SITE = int(mujoco.mjtObj.mjOBJ_SITE)
@@ -48,5 +48,5 @@ def bilateral_rows(model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray)
     mujoco.mj_factorM(model, data)
     Y = np.empty_like(J)
     mujoco.mj_solveM2(model, data, Y, J, np.sqrt(data.qLDiagInv))
-    span = Bilateral.of(Y, rank=min(max(_GIVEN * given, RANK), _LOOSEST))
-    return J if len(span.basis) == len(J) else span.combination.dot(J)
+    basis, combination = row_span(Y, min(max(_GIVEN * given, RANK), _LOOSEST))
+    return J if len(basis) == len(J) else combination.dot(J)

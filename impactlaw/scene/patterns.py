@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.contacts import contact_labels, sorted_geoms
+from impactlaw.scene.friction_rows import Grip, GripRows, grip_rows, learn_grip
 from impactlaw.scene.geoms import one_contact, rolling_contacts, several_contacts, touching_distance, vague_contacts
 from impactlaw.scene.joint_limits import NO_GEOM
-from impactlaw.scene.friction_rows import Grip, GripRows, grip_rows, learn_grip
 
 _REMEMBERED = 256  # patterns; a pile has many
 
@@ -96,7 +96,7 @@ class Patterns:
         return self._remember(seen, self._learn(geoms)) if pattern is None else pattern
 
     def with_limits(self, pattern: Pattern, code: np.ndarray) -> Pattern:
-        """Return the pattern of contacts between geoms followed by limits; see `impactlaw.scene.joint_limits.LimitRows`."""
+        """Return the pattern of contacts between geoms followed by limits; see `LimitRows`."""
         seen = pattern.geoms.tobytes() + b"limits" + code.tobytes()
         known = self._known.get(seen)
         if known is None:

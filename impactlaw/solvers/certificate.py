@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlaw import deferred
-from impactlaw.solvers.problem import Problem
 from impactlaw.solvers.least_squares import least_squares
+from impactlaw.solvers.problem import Problem
 from impactlaw.solvers.sparsity import as_dense
 
 _ROUNDING = 8 * float(np.finfo(float).eps)

@@ -5,19 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
+import mujoco
 import numpy as np
 
-from impactlaw.mechanics.collision import Collision
-from impactlaw.scene.contacts import Contacts
 from impactlaw.errors import InadmissibleImpactError
-from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.laws import Coulomb, Law
+from impactlaw.mechanics.bilateral import Bilateral
+from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction import Friction
 from impactlaw.mechanics.impact import Impact
-from impactlaw.laws import Coulomb, Law
 from impactlaw.mechanics.kinetic_metric import KineticMetric
-from impactlaw.mechanics.bilateral import Bilateral
-from impactlaw.stepping.event_driven.work import Work
+from impactlaw.scene.contacts import Contacts, mass_matrix
+from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.work import Work
 
+_SAME_INERTIA = 1e-14  # relative difference of mass matrices that is rounding where bodies only turn
 _MANY = 8  # contacts from which a search for impulses with friction gives up soon in a step
 
 
@@ -193,3 +195,11 @@ def _reached(gradients: np.ndarray, candidates: np.ndarray, approaching: np.ndar
     while count < (count := int(np.count_nonzero(reached))):
         reached = reached | coupled[reached].any(axis=0)
     return candidates[reached]
+
+
+def kinetic_metric(model: mujoco.MjModel, data: mujoco.MjData, *, known: KineticMetric | None = None) -> KineticMetric:
+    """Return the kinetic metric at the current frames; the known one if the mass matrix is the same."""
+    M = mass_matrix(model, data)
+    if known is not None and not np.count_nonzero(np.abs(M - known.mass_matrix) > _SAME_INERTIA * np.abs(M)):
+        return known
+    return KineticMetric(M)

@@ -1,4 +1,4 @@
-"""Whether a law fits a scene and a way to step it, and numbers an option: looked at when a stepper is made."""
+"""Whether a scene and a law fit a way to step, and numbers an option: looked at when a stepper is made."""
 
 from __future__ import annotations
 
@@ -6,14 +6,17 @@ import math
 import numbers
 
 import mujoco
+import numpy as np
 
-from impactlaw.scene.contacts import geom_names
 from impactlaw.errors import OptionError, RestitutionError, SceneError
-from impactlaw.scene.geoms import one_contact
 from impactlaw.laws import Coulomb, Law, LinearMap
 from impactlaw.laws.labels import check_labels
+from impactlaw.scene.contacts import geom_names
+from impactlaw.scene.geoms import one_contact
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.scene.pairs import geom_pairs
+
+_RESOLVED = 1e-15  # part of the size of the scene that gaps are rounded to
 
 
 def check_model(model: object) -> None:
@@ -26,6 +29,57 @@ def check_model(model: object) -> None:
         raise SceneError(
             f"a model is a mujoco.MjModel, got {model!r:.100}; impactlaw.models.load and mujoco.MjModel.from_xml_path "
             "make one of a file"
+        )
+
+
+def check_resolved(model: mujoco.MjModel, gap_tolerance: float) -> None:
+    """Refuse a gap tolerance that positions cannot resolve: contacts would open and close by rounding.
+
+    Raises:
+        SceneError: the tolerance is below the rounding of the largest size or distance in the scene.
+    """
+    extent = max(np.abs(model.body_pos).max(), model.geom_rbound.max(initial=0.0))
+    if gap_tolerance < _RESOLVED * extent:
+        raise SceneError(
+            f"a gap tolerance of {gap_tolerance:g} m is below the rounding of positions in a scene of {extent:.2g} m; "
+            f"pass gap_tolerance={1e-9 * extent:.0e}, or at least {_RESOLVED * extent:.0e}"
+        )
+
+
+def check_rigid(model: mujoco.MjModel) -> None:
+    """Refuse what rigid stepping would simulate wrongly.
+
+    Raises:
+        SceneError: flexes, adhesion, delays, geoms whose shape is a signed distance function.
+    """
+    check_time_stepping(model)
+    meeting = geom_pairs(model).geoms
+    shaped = meeting[model.geom_type[meeting] == int(mujoco.mjtGeom.mjGEOM_SDF)]
+    if len(shaped):
+        raise SceneError(
+            f"MuJoCo samples the contacts of signed distance functions ({geom_names(model)[shaped[0]]} is one): "
+            'no gap can be located; use scheme="time-stepping", or contact_model="soft"'
+        )
+    adhesion = int(mujoco.mjtTrn.mjTRN_BODY)
+    if model.flg_adhesion or (model.nu and (model.actuator_trntype == adhesion).any()):
+        raise SceneError(
+            "contacts that are located do not pull, but the scene has adhesion; "
+            'use scheme="time-stepping" or contact_model="soft"'
+        )
+
+
+def check_time_stepping(model: mujoco.MjModel) -> None:
+    """Refuse what no scheme of rigid stepping covers.
+
+    Raises:
+        SceneError: flexes, delays.
+    """
+    if model.nflex:
+        raise SceneError('rigid stepping is between geoms only, but the scene has a flex; use contact_model="soft"')
+    if model.nhistory:
+        raise SceneError(
+            "MuJoCo's buffers of delayed actuators and sensors take one sample a step of MuJoCo's own; "
+            'use contact_model="soft", or leave out delay and nsample'
         )
 
 

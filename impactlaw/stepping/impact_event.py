@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from impactlaw.scene.contacts import Contacts
 from impactlaw.mechanics.impact import Impact
+from impactlaw.scene.contacts import Contacts
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,19 +9,26 @@ from typing import TYPE_CHECKING, Literal
 import mujoco
 
 from impactlaw import deferred
-from impactlaw.stepping.collisions import Collider
-from impactlaw.scene.contacts import GAP_TOLERANCE
 from impactlaw.errors import ManyCollisionsWarning, SceneError, UnknownNameError
-from impactlaw.stepping.impact_event import ImpactEvent
-from impactlaw.stepping.compatibility import check_count, check_friction, check_law, check_length, check_model, check_speed
 from impactlaw.laws import Coulomb, Law, MaximalDissipation
-from impactlaw.stepping.plan import make_plan
-from impactlaw.stepping.event_driven.scheme import RigidStepping
-from impactlaw.scene.pairs import scene_law
+from impactlaw.laws.from_scene import scene_law
+from impactlaw.scene.contacts import GAP_TOLERANCE
 from impactlaw.settled import Settled
-from impactlaw.stepping.soft.scheme import REST_SPEED, SoftStepping
 from impactlaw.solvers import SOLVERS
+from impactlaw.stepping.collisions import Collider
+from impactlaw.stepping.compatibility import (
+    check_count,
+    check_friction,
+    check_law,
+    check_length,
+    check_model,
+    check_speed,
+)
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
+from impactlaw.stepping.event_driven.scheme import RigidStepping
+from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.plan import make_plan
+from impactlaw.stepping.soft.scheme import REST_SPEED, SoftStepping
 
 if TYPE_CHECKING:
     from impactlaw.stepping.time_stepping.scheme import TimeStepping
@@ -34,17 +41,17 @@ class Stepper:
 
     With ``contact_model="rigid"`` MuJoCo does everything but contact and the law owns the contacts, with the friction
     of the scene. Event-driven steps locate the times at which gaps close, resolve every collision by the law, and keep
-    touching contacts touching (`impactlaw.stepping.event_driven.scheme`): exact; what takes too much work is time stepped. Time stepping
-    solves one problem a step for impacts and held contact together (`impactlaw.stepping.time_stepping.scheme`): of
-    first order in collisions, at a bounded price, and after the constructor nothing about contact raises. With
+    touching contacts touching (`impactlaw.stepping.event_driven`): exact; what takes too much work is time stepped.
+    Time stepping solves one problem a step for impacts and held contact together (`impactlaw.stepping.time_stepping`):
+    of first order in collisions, at a bounded price, and after the constructor nothing about contact raises. With
     ``contact_model="soft"`` MuJoCo keeps contact and friction, and the law takes over collisions only; a step without
-    one is `mj_step`, bit for bit (`impactlaw.stepping.soft.scheme`).
+    one is `mj_step`, bit for bit (`impactlaw.stepping.soft`).
 
     Args:
         model: the compiled scene. Its options are read at every step, so they may be changed between steps (contacts
             and limits that they disable are off). What else of it is changed later has its effect where MuJoCo reads it
             again; event-driven steps keep shapes, limits and friction as they were when a contact was first seen.
-        law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`impactlaw.scene.pairs`).
+        law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`impactlaw.laws.from_scene`).
         contact_model: "rigid" or "soft".
         scheme: "event-driven", if not given, or "time-stepping" (rigid).
         friction: "coulomb", if not given, is exact Coulomb friction in collisions and in sustained contact, with the
@@ -52,8 +59,8 @@ class Stepper:
             "ignore" leaves it out (rigid). A law that is not a `Coulomb` becomes one where contacts have friction.
         overlap: "refuse" geoms that overlap and joints beyond their limits by more than gap_tolerance, or "push-out":
             move the configuration by the smallest shift in the kinetic metric that opens all gaps, with the velocity as
-            it is (`impactlaw.stepping.event_driven.overlap`). Looked at where the configuration is not the one that the last step has left,
-            as at the start and after a reset (event-driven; time stepping opens what overlaps over time).
+            it is. Looked at where the configuration is not the one that the last step has left, as at the start and
+            after a reset (event-driven; time stepping opens what overlaps over time).
         on_inadmissible: what to do with an outcome of the law outside of S(v-), that is one that would create
             energy or penetrate: "raise", the default, "project" it onto S(v-), or "allow" it. Under time stepping,
             where nothing penetrates, "project", the default, scales all restitution of a collision so that it creates

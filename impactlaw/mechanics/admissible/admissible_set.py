@@ -5,17 +5,18 @@ from __future__ import annotations
 import operator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw import deferred
-from impactlaw.mechanics.admissible.capped_polyhedron import CappedPolyhedron
-from impactlaw.mechanics.collision import Collision
-from impactlaw.mechanics.admissible.cone import RANK, cone_facets, nearest_in_cone
 from impactlaw.errors import InvalidCollisionError, SolverError
-from impactlaw.mechanics.impact import Impact
+from impactlaw.mechanics.admissible.capped_polyhedron import CappedPolyhedron
+from impactlaw.mechanics.admissible.cone import RANK, cone_facets, nearest_in_cone
 from impactlaw.mechanics.admissible.sampling import uniform_samples
+from impactlaw.mechanics.admissible.violations import measure
+from impactlaw.solvers import nonnegative_combination
 
 _POINT = 1e-12  # part of |v-| below which the smallest possible jump is rounding
 _CERTIFIED = 1e-7  # violation, relative to |v-|, of a result that is not one
@@ -32,7 +33,7 @@ class AdmissibleSet:
 
     `contains` works for any collision. The rest needs the facets of the cone of the gradients, which are listed per
     group of contacts that depend on each other, and raises `EnumerationError` where a group is so redundant at so high
-    a rank that there are too many (`impactlaw.mechanics.admissible.cone.MAX_FACETS`): 16 contacts of rank 12 are still listed.
+    a rank that there are too many (`cone.MAX_FACETS`): 16 contacts of rank 12 are still listed.
 
     Results are accurate to rounding, relative to ``|v-|``, times the condition number of the gradients of unit length.
     Where that leaves no digits, because gradients depend on each other all but exactly, `SolverError` is raised.
@@ -40,14 +41,14 @@ class AdmissibleSet:
     Where surfaces move together, S is meant as seen from them: ``J v + w >= 0``, and no energy gain beyond their work.
 
     Attributes:
-        collision: ``M``, ``J`` and ``v-``.
+        collision: the `Collision`, with ``M``, ``J`` and ``v-``.
 
     Raises:
         InvalidCollisionError: contacts have friction; or surfaces move against each other, or their velocity jumps: the
             ball of S has no center.
     """
 
-    collision: Collision
+    collision: Any
 
     def __post_init__(self):
         if self.collision.friction is not None:
@@ -66,7 +67,10 @@ class AdmissibleSet:
         Raises:
             InvalidCollisionError: v has the wrong shape or entries that are not finite.
         """
-        return Impact.observed(self.collision, self._velocity(v, "v")).violations.is_admissible(tol)
+        c, after = self.collision, self._velocity(v, "v")
+        jump = c.metric.whiten(after - c.pre_velocity)
+        impulse = nonnegative_combination(c.whitened_jacobian, jump)
+        return measure(c, jump, c.contact_velocity_after(after), impulse).is_admissible(tol)
 
     def distance(self, v: ArrayLike) -> float:
         """Return ``min |v - s|`` over s in S, sqrt(J); 0 (up to rounding of v-) for members.

@@ -8,8 +8,8 @@ from math import comb, sqrt
 
 import numpy as np
 
-from impactlaw.mechanics.admissible.cone import RANK, EnumerationError, nearest_in_cone
 from impactlaw.errors import SolverError
+from impactlaw.mechanics.admissible.cone import RANK, EnumerationError, nearest_in_cone
 
 MAX_FACES = 100_000
 """Most sets of constraints that `CappedPolyhedron.farthest` looks at."""

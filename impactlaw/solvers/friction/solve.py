@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlaw.solvers.friction.augmented_lagrangian import augmented_lagrangian
-from impactlaw.solvers.friction.semismooth_newton import continuation, newton, share
 from impactlaw.solvers.friction.problem import ENOUGH, ConeAnswer, ConeProblem, ConeStatus, project
+from impactlaw.solvers.friction.semismooth_newton import continuation, newton, share
 from impactlaw.solvers.friction.single_contact import single
 from impactlaw.solvers.one_thread import one_thread
 

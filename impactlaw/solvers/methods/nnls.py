@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw import deferred
-from impactlaw.solvers.problem import Problem, Solution, Status
 from impactlaw.solvers.least_squares import least_squares
+from impactlaw.solvers.problem import Problem, Solution, Status
 
 _IN_RANGE = 1e-12  # distance from the range of Y, relative to the scale of the problem, that counts as rounding
 _CHANGES = 3, 30  # of the active set, per contact, at most: in a first and in a second try

@@ -13,13 +13,13 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from impactlaw.stepping.collisions import Closed
-from impactlaw.scene.detection import Found
-from impactlaw.stepping.integration import Frames
-from impactlaw.mechanics.friction import Friction
 from impactlaw.mechanics.bilateral import Bilateral
-from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.mechanics.friction import Friction
+from impactlaw.scene.detection import Found
 from impactlaw.scene.friction_rows import Tangents, find_tangents
+from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.stepping.collisions import Closed
+from impactlaw.stepping.event_driven.travel import Frames
 
 
 class Rows(NamedTuple):

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from impactlaw.stepping.integration import Travel
-from impactlaw.stepping.event_driven.work import Work
 from impactlaw.stepping.event_driven.contact_set import Touch, kinetic_norm
+from impactlaw.stepping.event_driven.travel import Travel
+from impactlaw.stepping.work import Work
 
 CORRECTED = 1e-2
 """Part of the gap tolerance to which positions are corrected."""

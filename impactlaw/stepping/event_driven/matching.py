@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.contacts import Contacts, gap_gradients
-from impactlaw.stepping.integration import Frames
-from impactlaw.stepping.event_driven.contact_state import Arrival, Flow
 from impactlaw.stepping.event_driven.contact_set import Touch
+from impactlaw.stepping.event_driven.contact_state import Arrival, Flow
+from impactlaw.stepping.event_driven.travel import Frames
 
 _SAME_POINT = 1e3  # gap tolerances that a contact point may move more than the geoms
 _LAST = 1e9  # m: puts contacts that separate behind those that do not

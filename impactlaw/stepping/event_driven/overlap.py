@@ -17,10 +17,10 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import OverlapError, UnsolvableLawError
-from impactlaw.stepping.event_driven.smooth_phase import Flights
-from impactlaw.stepping.event_driven.contact_state import CORRECTED, Moment
 from impactlaw.solvers import Problem, solve_with_jump
 from impactlaw.stepping.event_driven.contact_set import Touch, jump
+from impactlaw.stepping.event_driven.contact_state import CORRECTED, Moment
+from impactlaw.stepping.event_driven.smooth_phase import Flights
 
 _SHIFTS = 100  # corrections of the shift at most
 _SMALLEST = 40  # of them that look for the smallest one; those after them only open what still overlaps

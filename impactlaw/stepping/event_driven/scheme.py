@@ -4,12 +4,12 @@ A step whose contacts need no more than one look is taken by a shortcut (`shortc
 state in which no gap is below minus the tolerance (`overlap`):
 
 1. Closed contacts (gap <= tolerance) that approach collide: the law gives v+, again and again until none approaches
-   (`collide.Collider`).
+   (`collisions.Collider`).
 2. MuJoCo's integrator advances what remains of the step without contacts. The flow is shortened where bodies travel
-   further than they are thick (`flow.Travel`).
+   further than they are thick (`travel.Travel`).
 3. Contacts that stay closed are held closed (`sustained`).
 4. If another gap fell below minus the tolerance, the flow is repeated up to the time at which it closes, found by a
-   bracketed search on the smallest gap; then again from 1. (2 to 4: `flight.Flights`) A gap that has jumped below minus
+   bracketed search on the smallest gap; then again from 1. (2 to 4: `smooth_phase.Flights`) A gap that has jumped below minus
    the tolerance, as between points of faces, is opened by the smallest shift (`overlap.push_out`).
 5. More than max_events collisions in one step: E = 0 on every closed contact, and flows for the rest of the step at
    whose end every closed contact is held. That ends a collapse, in which ever smaller collisions follow each other. If
@@ -26,8 +26,6 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from impactlaw.stepping.collisions import Collider
-from impactlaw.scene.contacts import kinetic_metric, update_positions
 from impactlaw.errors import (
     DivergenceError,
     OverlapError,
@@ -36,19 +34,21 @@ from impactlaw.errors import (
     UnfinishedStepError,
     UnsolvableLawError,
 )
-from impactlaw.stepping.impact_event import ImpactEvent
-from impactlaw.stepping.event_driven.smooth_phase import Flights
-from impactlaw.stepping.integration import advance, check_input, empty_state, restore_state, save_state
 from impactlaw.laws import Law
 from impactlaw.mechanics.kinetic_metric import KineticMetric
+from impactlaw.scene.contacts import update_positions
+from impactlaw.solvers.one_thread import one_thread
+from impactlaw.stepping.collisions import Collider, kinetic_metric
+from impactlaw.stepping.compatibility import check_resolved, check_rigid
 from impactlaw.stepping.event_driven.contact_state import Moment
 from impactlaw.stepping.event_driven.overlap import overlaps, push_out, refuse
-from impactlaw.stepping.plan import Plan
-from impactlaw.scene.pairs import check_resolved, check_rigid
-from impactlaw.stepping.event_driven.shortcuts import Apart, Shortcut, find_rest, find_together, is_still
-from impactlaw.solvers.one_thread import one_thread
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
-from impactlaw.stepping.event_driven.work import Work
+from impactlaw.stepping.event_driven.shortcuts import Apart, Shortcut, find_rest, find_together, is_still
+from impactlaw.stepping.event_driven.smooth_phase import Flights
+from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.integration import advance, check_input, empty_state, restore_state, save_state
+from impactlaw.stepping.plan import Plan
+from impactlaw.stepping.work import Work
 
 Events = tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]]
 """The collisions of a step, or what tells them."""

@@ -16,10 +16,11 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
-from impactlaw.stepping.event_driven.smooth_phase import Flights
-from impactlaw.stepping.integration import Frames, restore_state, save_state, saved_qpos, saved_qvel
-from impactlaw.stepping.event_driven.contact_state import CORRECTED, SILENT, Moment
 from impactlaw.scene.patterns import Pattern
+from impactlaw.stepping.event_driven.contact_state import CORRECTED, SILENT, Moment
+from impactlaw.stepping.event_driven.smooth_phase import Flights
+from impactlaw.stepping.event_driven.travel import Frames
+from impactlaw.stepping.integration import restore_state, save_state, saved_qpos, saved_qvel
 
 
 class Shortcut(Protocol):

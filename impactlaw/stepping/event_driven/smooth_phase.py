@@ -1,8 +1,8 @@
 """Flows between collisions: how far one leads, which contacts stay closed meanwhile, and when another gap closes.
 
-A flow is MuJoCo's integrator without contacts (`flow.advance`). It is tried, shortened where bodies travel further than
-they are thick (`flow.Travel`), brought back to the contacts that stay closed (`sustained.hold`), and where another gap
-fell below minus the tolerance, repeated up to the time at which it closes (`location.locate`).
+A flow is MuJoCo's integrator without contacts (`integration.advance`). It is tried, shortened where bodies travel further than
+they are thick (`travel.Travel`), brought back to the contacts that stay closed (`persistent_contact.hold`), and where another gap
+fell below minus the tolerance, repeated up to the time at which it closes (`event_location.locate`).
 """
 
 from __future__ import annotations
@@ -13,20 +13,21 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.contacts import update_positions
-from impactlaw.stepping.event_driven.gap_functions import Courses
 from impactlaw.scene.detection import Detector
-from impactlaw.stepping.integration import Frames, Travel, advance, restore_state
-from impactlaw.stepping.event_driven.trial_step import Flight, expected, further, rests
-from impactlaw.stepping.event_driven.event_location import locate
-from impactlaw.stepping.event_driven.matching import elsewhere, match, refound, runs_on
-from impactlaw.stepping.event_driven.contact_state import CORRECTED, Arrival, Flow, Moment, stays
-from impactlaw.scene.patterns import Pattern
-from impactlaw.stepping.plan import Plan
-from impactlaw.stepping.event_driven.persistent_contact.felt_force import Felt, applied
-from impactlaw.stepping.event_driven.work import Work
 from impactlaw.scene.moving_surfaces import Surfaces
-from impactlaw.stepping.event_driven.persistent_contact.frictionless import hold
+from impactlaw.scene.patterns import Pattern
 from impactlaw.stepping.event_driven.contact_set import Touch
+from impactlaw.stepping.event_driven.contact_state import CORRECTED, Arrival, Flow, Moment, stays
+from impactlaw.stepping.event_driven.event_location import locate
+from impactlaw.stepping.event_driven.gap_functions import Courses
+from impactlaw.stepping.event_driven.matching import elsewhere, match, refound, runs_on
+from impactlaw.stepping.event_driven.persistent_contact.felt_force import Felt, applied
+from impactlaw.stepping.event_driven.persistent_contact.frictionless import hold
+from impactlaw.stepping.event_driven.travel import Frames, Travel
+from impactlaw.stepping.event_driven.trial_step import Flight, expected, further, rests
+from impactlaw.stepping.integration import advance, restore_state
+from impactlaw.stepping.plan import Plan
+from impactlaw.stepping.work import Work
 
 _LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located
 _SMOOTH = 0.1  # part of its bent depth by which a smooth gap may miss a quarter of it after half of the flow
@@ -218,7 +219,7 @@ class Flights:
             enough=rests,
         )
         if located.was_closed and located.duration > 2.0 * shortest:
-            # at rest over shorter flows (`sustained.stays`), not over longer ones: it rests up to there
+            # at rest over shorter flows (`persistent_contact.stays`), not over longer ones: it rests up to there
             held = again(located.duration - 2.0 * shortest)
             return (held, True) if held.gap >= -self.tolerance else (again(located.duration), True)
         return located, True

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlaw.stepping.event_driven.gap_functions import Sight, parabola_closes
-from impactlaw.stepping.event_driven.contact_state import CORRECTED, Arrival, Flow, Moment
 from impactlaw.stepping.event_driven.contact_set import Touch
+from impactlaw.stepping.event_driven.contact_state import CORRECTED, Arrival, Flow, Moment
+from impactlaw.stepping.event_driven.gap_functions import Sight, parabola_closes
 
 _SHORTER = 0.1  # part of a flow over which a contact that closes in its end may rest instead
 _RESTS = 4.0  # gap tolerances ``v t``, up to which a rebound at v of duration t rises by no more than the tolerance

@@ -8,7 +8,7 @@ velocities change only as the normal impulses make them; friction acts before an
 A step without a collision is `mj_step`, bit for bit. What MuJoCo's contacts do between collisions is theirs, and a
 contact that first touches inside of a step is seen at its end, up to one step too deep.
 
-MuJoCo gives mocap bodies no velocity. The law does, from their motion (`impactlaw.scene.moving_surfaces`): ``gamma = J v + w``
+MuJoCo gives mocap bodies no velocity. The law does, from their motion (`Surfaces`): ``gamma = J v + w``
 decides what collides and how. Between collisions MuJoCo's contacts meet them at rest, where they are at the end of the
 step.
 
@@ -37,24 +37,23 @@ from mujoco import (
     mj_step1,
 )
 
-from impactlaw.stepping.collisions import Closed, Collider
+from impactlaw.errors import DivergenceError
+from impactlaw.laws import Law
 from impactlaw.scene.contacts import (
     Contacts,
     active_contacts,
     closes,
     gap_gradients,
     geom_names,
-    kinetic_metric,
     row_velocities,
 )
 from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows
-from impactlaw.errors import DivergenceError
+from impactlaw.scene.joint_limits import Limits, joined
+from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.stepping.collisions import Closed, Collider, kinetic_metric
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_timestep, is_huge
-from impactlaw.laws import Law
-from impactlaw.scene.joint_limits import Limits, joined
 from impactlaw.stepping.plan import Plan
-from impactlaw.scene.moving_surfaces import Surfaces
 
 REST_SPEED = 0.1
 """Closing speed, m/s, above which a soft contact collides."""

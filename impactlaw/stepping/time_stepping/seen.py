@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 
 from impactlaw.mechanics.collision import Collision
-from impactlaw.scene.contacts import Contacts
 from impactlaw.mechanics.friction import Friction
+from impactlaw.scene.contacts import Contacts
 from impactlaw.scene.joint_limits import NO_GEOM, Limits, LimitState
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.stepping.time_stepping.dense import gradients, mass_matrix

@@ -12,7 +12,7 @@ import pytest
 from impactlaw import MaximalDissipation, Moreau, Stepper
 from impactlaw.errors import ManyCollisionsWarning, SceneError, SolverError, UnfinishedStepError
 from impactlaw.stepping.event_driven.smooth_phase import Flights
-from impactlaw.stepping.event_driven.work import Work
+from impactlaw.stepping.work import Work
 
 FLOOR = '<geom name="floor" type="plane" size="9 9 1"/>'
 BOX = '<body pos="0 0 .1"><freejoint/><geom name="box" type="box" size=".1 .1 .1" mass="1"/></body>'

@@ -1,1 +1,1 @@
-"""."""
+"""Contacts that stay closed."""

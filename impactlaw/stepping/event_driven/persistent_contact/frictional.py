@@ -19,14 +19,14 @@ from functools import partial
 import mujoco
 import numpy as np
 
-from impactlaw.scene.contacts import update_positions
 from impactlaw.errors import SolverError
-from impactlaw.stepping.event_driven.contact_state import CORRECTED, Arrival, Carried, Flow, Grasp, Moment, stays
+from impactlaw.scene.contacts import update_positions
 from impactlaw.solvers.friction.problem import ConeProblem, ConeStatus
 from impactlaw.solvers.friction.solve import BRIEF, COMPILED, solve_cones
-from impactlaw.stepping.event_driven.persistent_contact.felt_force import Felt, constrained_velocity, moving_part
-from impactlaw.stepping.event_driven.work import Work
 from impactlaw.stepping.event_driven.contact_set import Touch, jump, kinetic_norm
+from impactlaw.stepping.event_driven.contact_state import CORRECTED, Arrival, Carried, Flow, Grasp, Moment, stays
+from impactlaw.stepping.event_driven.persistent_contact.felt_force import Felt, constrained_velocity, moving_part
+from impactlaw.stepping.work import Work
 
 _SETTLINGS = 4  # shifts of position at most
 _LARGEST_TURN = 0.3  # rad in one flow

@@ -23,14 +23,14 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from impactlaw.scene.contacts import update_positions
 from impactlaw.errors import UnsolvableLawError
-from impactlaw.stepping.event_driven.persistent_contact.frictional import hold_gripping
-from impactlaw.stepping.event_driven.contact_state import CORRECTED, Arrival, Flow, Moment, stays
+from impactlaw.scene.contacts import update_positions
 from impactlaw.solvers import Problem, solve_with_jump, with_active
-from impactlaw.stepping.event_driven.persistent_contact.felt_force import Felt, constrained_velocity
-from impactlaw.stepping.event_driven.work import Work
 from impactlaw.stepping.event_driven.contact_set import Touch, jump, whiten
+from impactlaw.stepping.event_driven.contact_state import CORRECTED, Arrival, Flow, Moment, stays
+from impactlaw.stepping.event_driven.persistent_contact.felt_force import Felt, constrained_velocity
+from impactlaw.stepping.event_driven.persistent_contact.frictional import hold_gripping
+from impactlaw.stepping.work import Work
 
 _CORRECTIONS = 20  # position corrections at most
 _SMOOTH_CORRECTIONS = 3  # that smooth surfaces need; each gains digits, their curvature decides how many
