@@ -13,7 +13,7 @@ import mujoco
 import pandas as pd
 from tqdm import tqdm
 
-from impactlaw.comparison.pictures import draw
+from impactlaw.comparison.pictures import draw, freedom_names
 from impactlaw.comparison.runs import Run, run_law, run_soft
 from impactlaw.comparison.soft_contact import tuned_contacts
 from impactlaw.errors import RestitutionError, SceneError
@@ -82,7 +82,8 @@ def compare(study: Comparison, folder: Path) -> pd.DataFrame:
             runs.append(run_soft(soft, start, run, steps, reference, recorder=recorder, progress=bar.update))
     table = tabulate(runs)
     table.to_csv(folder / "table.csv", index=False)
-    draw(runs, folder / "picture.png", f"{name}, restitution {restitution:g}, timestep {model.opt.timestep:g} s")
+    title = f"{name}, restitution {restitution:g}, timestep {model.opt.timestep:g} s"
+    draw(runs, folder / "picture.png", title, freedom_names(model))
     return table
 
 

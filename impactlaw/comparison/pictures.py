@@ -6,23 +6,32 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from impactlaw.comparison.runs import Run
 from impactlaw.mechanics.collision import Collision
 
+_FREE, _BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 _MOST_LINES = 12  # degrees of freedom drawn; those that move most
 
 
-def draw(runs: Sequence[Run], path: Path, title: str) -> None:
-    """Write a picture of all runs: one panel of velocities each, and S(v-) where two contacts collide first."""
+def draw(runs: Sequence[Run], path: Path, title: str, names: Sequence[str]) -> None:
+    """Write a picture of all runs: one panel of velocities each, and S(v-) where two contacts collide first.
+
+    Args:
+        runs: to compare.
+        path: of the PNG.
+        title: of the picture.
+        names: of the degrees of freedom, `freedom_names`.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     first = next((run.first for run in runs if run.first is not None), None)
     planar = first is not None and first.collision.has_admissible_set and _is_planar(first.collision)
     rows = len(runs)
-    figure = Figure(figsize=(14.0 if planar else 9.0, max(6.0, 1.7 * rows)), layout="constrained")
+    figure = Figure(figsize=(11.0 if planar else 8.0, max(5.0, 1.25 * rows)), layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title)
     grid = figure.add_gridspec(rows, 2 if planar else 1)
@@ -31,8 +40,8 @@ def draw(runs: Sequence[Run], path: Path, title: str) -> None:
     for row, run in enumerate(runs):
         shared = axes = figure.add_subplot(grid[row, 0], sharex=shared, sharey=shared)
         for dof in lines:
-            axes.plot(run.times, run.velocities[:, dof], linewidth=1.2, label=f"{dof}")
-        axes.set_title(run.name + (" (refused)" if run.refusal else ""), loc="left", fontsize=10)
+            axes.plot(run.times, run.velocities[:, dof], linewidth=1.2, label=names[dof])
+        axes.set_title(run.name + (" (refused)" if run.refusal else ""), loc="left", fontsize=11)
         axes.set_ylabel("qvel")
         axes.grid(alpha=0.3)
         if row < rows - 1:
@@ -40,10 +49,21 @@ def draw(runs: Sequence[Run], path: Path, title: str) -> None:
     if shared is not None:
         shared.set_xlabel("time, s")
         if len(lines) > 1:
-            figure.axes[0].legend(loc="upper right", ncols=6, fontsize=7, title="dof", title_fontsize=7)
+            figure.axes[0].legend(loc="upper right", ncols=3, fontsize=9)
     if planar and first is not None:
         draw_admissible_set(figure.add_subplot(grid[:, 1]), first.collision, runs)
     figure.savefig(path, dpi=110)
+
+
+def freedom_names(model: mujoco.MjModel) -> list[str]:
+    """Return a name for each degree of freedom: of its joint, numbered where that has several."""
+    names = []
+    for i in range(model.njnt):
+        joint = model.joint(i)
+        size = {_FREE: 6, _BALL: 3}.get(int(model.jnt_type[i]), 1)
+        name = joint.name or model.body(model.jnt_bodyid[i]).name or f"joint{i}"
+        names += [name] if size == 1 else [f"{name}[{k}]" for k in range(size)]
+    return names
 
 
 def _is_planar(collision: Collision) -> bool:
@@ -66,23 +86,23 @@ def draw_admissible_set(axes: Any, collision: Collision, runs: Sequence[Run]) ->
         along = np.array([-normal[1], normal[0]]) * 1.2 * radius
         axes.plot(*np.stack([-along, along], axis=1), color=f"C{i}", linewidth=0.8, linestyle=":")
         axes.annotate("", normal * 0.35 * radius, (0, 0), arrowprops={"arrowstyle": "->", "color": f"C{i}"})
-        axes.annotate(f"grad {label}", normal * 0.37 * radius, fontsize=7, color=f"C{i}")
+        axes.annotate(label, normal * 0.4 * radius, fontsize=9, color=f"C{i}", ha="center", va="bottom")
     corners = _boundary(gradients, before, radius)
     if len(corners):
         axes.fill(*corners.T, color="C2", alpha=0.25, label="S(v-)")
-    axes.plot(*before, "k*", markersize=11, label="v-")
+    axes.plot(*before, "k*", markersize=13, label="v-")
     for marker, run in zip("osD^vP*Xphd<>", runs, strict=False):
         if run.first is not None:
             axes.plot(
                 *(plane @ collision.metric.whiten(run.first.post_velocity)),
                 marker,
-                markersize=7,
+                markersize=9,
                 label=run.name,
                 alpha=0.8,
             )
     axes.set_aspect("equal")
-    axes.set_title("S(v-) in the kinetic metric, sqrt(J)", fontsize=10)
-    axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(0.0, -0.05), ncols=3)
+    axes.set_title("S(v-) in the kinetic metric, sqrt(J)", fontsize=11)
+    axes.legend(fontsize=9, loc="lower right")
     axes.grid(alpha=0.3)
 
 

@@ -1,8 +1,9 @@
 """Flows between collisions: how far one leads, which contacts stay closed meanwhile, and when another gap closes.
 
-A flow is MuJoCo's integrator without contacts (`integration.advance`). It is tried, shortened where bodies travel further than
-they are thick (`travel.Travel`), brought back to the contacts that stay closed (`persistent_contact.hold`), and where another gap
-fell below minus the tolerance, repeated up to the time at which it closes (`event_location.locate`).
+A flow is MuJoCo's integrator without contacts (`integration.advance`). It is tried, shortened where bodies travel
+further than they are thick (`travel.Travel`), brought back to the contacts that stay closed
+(`persistent_contact.hold`), and where another gap fell below minus the tolerance, repeated up to the time at which it
+closes (`event_location.locate`).
 """
 
 from __future__ import annotations
