@@ -1,4 +1,4 @@
-"""Draw Newton's cradle under three ways to collide, side by side, as an animation: ``python -m scripts.pictures.cradles``."""
+"""Newton's cradle under two laws and under MuJoCo's contacts, side by side: ``python -m scripts.pictures.cradles``."""
 
 from __future__ import annotations
 

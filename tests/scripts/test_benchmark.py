@@ -11,7 +11,7 @@ from wrapped import theirs
 
 from impactlaw import Moreau, read_contacts
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
 
 import benchmark
 import benchmark_goals
@@ -31,7 +31,7 @@ def study():
 @pytest.fixture(scope="module")
 def tables(study, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", str(Path(__file__).parents[1]))
+        patch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
         patch.chdir(tmp_path_factory.mktemp("benchmark"))  # MuJoCo writes its warnings into a file where it runs
         return benchmark.run(study)
 

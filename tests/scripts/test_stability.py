@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
 stability, cases, verdicts, certificate, worker_module = map(
     importlib.import_module,
     ("stability", "stability_cases", "stability_verdicts", "stability_certificate", "stability_worker"),
