@@ -6,16 +6,14 @@ One unit is about a millisecond on one core of an AMD EPYC.
 from __future__ import annotations
 
 from impactlaw.errors import UnfinishedStepError
+from impactlaw.solvers.cone_solve import BRIEF, STEPS_OF_A_ROUND, cost
 
 _FLOW, _PER_FREEDOM = 0.05, 0.004
 _LOOK, _PER_CONTACT = 0.08, 0.01
 _HOLD, _CONFLICT, _CUT = 0.15, 0.25, 2e-3
-_CONES, _PER_STEP, _PER_ROW = 0.1, 0.04, 8e-7  # dense solvers: the cube of the number of rows counts
 _COLLISION, _PER_PARTNER = 0.4, 0.004
 _RUBBING, _DENSE = 0.6, 3e-6  # collisions with friction are dense: the cube of the degrees of freedom counts, too
-_FIRST = 5  # steps of Newton's method that a problem usually takes
-_ATTEMPTS = 50  # steps of Newton's method in a collision with friction
-_ROWS = 3  # of a contact with friction
+_IMPACT = 0.3  # an impact with friction, made of impulses and audited
 
 
 class Work:
@@ -65,13 +63,25 @@ class Work:
         """Count one problem of contacts that jump between points of faces, and of those seen before."""
         self._spend(_CUT * contacts**2)
 
-    def press(self, rows: int, steps: int = _FIRST) -> None:
-        """Count one problem of contacts with friction, before it is solved; and the steps that it took, after."""
-        self._spend(_CONES + steps * (_PER_STEP + _PER_ROW * rows**3))
+    def rounds(self, rows: int) -> int:
+        """Return how many rounds of slower methods a problem of contacts with friction may have, 1 or more."""
+        start, step = cost(rows, self._freedoms)
+        allowed = (self._most - self._spent - start) / (STEPS_OF_A_ROUND * step)
+        return max(1, min(BRIEF, int(allowed)))
+
+    def solve(self, rows: int, steps: int) -> None:
+        """Count one problem of contacts with friction, which took so many steps of a solver."""
+        start, step = cost(rows, self._freedoms)
+        self._spend(start + steps * step)
+
+    def attempt(self, rows: int, steps: int) -> None:
+        """Count one attempt at the impact of a collision with friction: its problem, and what is made of its answer."""
+        self._spend(_IMPACT)
+        self.solve(rows, steps)
 
     def collide(self, contacts: int, *, friction: bool) -> None:
-        """Count one collision."""
-        if not friction:
+        """Count one collision, before it is resolved; one with friction without its `attempt`s."""
+        if friction:
+            self._spend(_RUBBING + _PER_PARTNER * contacts + _DENSE * self._freedoms**3)
+        else:
             self._spend(_COLLISION + _PER_PARTNER * contacts)
-            return
-        self._spend(_RUBBING + _ATTEMPTS * _PER_ROW * (_ROWS * contacts) ** 3 + _DENSE * self._freedoms**3)
