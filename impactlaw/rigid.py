@@ -48,6 +48,7 @@ from impactlaw.scene import check_resolved, check_rigid
 from impactlaw.shortcuts import Apart, Shortcut, find_rest, find_together, is_still
 from impactlaw.solvers.one_thread import one_thread
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
+from impactlaw.stepping.event_driven.strong_damping import locks
 from impactlaw.stepping.event_driven.work import Work
 
 Events = tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]]
@@ -273,7 +274,11 @@ class RigidStepping:
             raise UnfinishedStepError(str(squeezed)) from None
 
     def _check_held(self, moment: Moment) -> None:
-        """Raise `UnfinishedStepError` if something overlaps by more than what is left where contact is held."""
+        """Raise `UnfinishedStepError` if contact cannot be held, or something overlaps by more than what is left then."""
+        if moment.touch.pattern and locks(self._model, self._options.timestep):
+            raise UnfinishedStepError(
+                'contact is not held beside joints that damping all but locks; use RK4, or scheme="time-stepping"'
+            )
         if moment.gap.min(initial=0.0) < -_DEEP * self._tolerance:
             reason = 'smaller timesteps, or scheme="time-stepping", may hold them'
             raise UnfinishedStepError(f"contacts were not held: {refuse(moment.touch, self._tolerance, reason)}")
