@@ -274,7 +274,7 @@ class RigidStepping:
             raise UnfinishedStepError(str(squeezed)) from None
 
     def _check_held(self, moment: Moment) -> None:
-        """Raise `UnfinishedStepError` if contact cannot be held, or something overlaps by more than what is left then."""
+        """Raise `UnfinishedStepError` where contact is not held: joints are locked, or something overlaps too far."""
         if moment.touch.pattern and locks(self._model, self._options.timestep):
             raise UnfinishedStepError(
                 'contact is not held beside joints that damping all but locks; use RK4, or scheme="time-stepping"'

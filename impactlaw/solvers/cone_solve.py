@@ -39,7 +39,7 @@ def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, rounds
         x = single(problem, guess)
         if x is not None and (residual := problem.residual(x, problem.velocity(x))) <= _ALONE * problem.scale:
             return problem.answer(x, residual, ConeStatus.SOLVED, 0)
-    x, taken = _compiled(problem, guess, rounds)
+    x, taken = compiled_answer(problem, guess, rounds)
     with np.errstate(all="ignore"):
         residual = problem.residual(x, problem.velocity(x))
     status = ConeStatus.SOLVED if residual <= ENOUGH * problem.scale else ConeStatus.STOPPED
@@ -54,7 +54,7 @@ def cost(rows: int, freedoms: int) -> tuple[float, float]:
     return 0.1 + 3e-7 * rows**2 * freedoms, 6e-3 + 1.5e-4 * rows + 1e-7 * min(rows, freedoms) ** 3
 
 
-def _compiled(problem: ConeProblem, guess: np.ndarray | None, rounds: int) -> tuple[np.ndarray, int]:
+def compiled_answer(problem: ConeProblem, guess: np.ndarray | None, rounds: int) -> tuple[np.ndarray, int]:
     """Return what the compiled solver finds: scaled impulse, (h, m), and all its steps."""
     from impactlaw.compiled import announce
     from impactlaw.solvers.cones import CONE, solve
