@@ -94,7 +94,7 @@ class RigidStepping:
         self._tolerance = gap_tolerance
         self._push_out = push_out
         self._rest = rest
-        self._work = Work(model.nv, max(_WORK, collider.most))
+        self._work = Work(model.nv, max(_WORK, collider.most), convex=plan.convex)
         self._flights = Flights(model, plan, gap_tolerance, self._work, exact=exact)
         self._options = self._flights.options
         self._before, self._state = empty_state(model), empty_state(model)

@@ -9,7 +9,8 @@ from impactlaw.errors import UnfinishedStepError
 from impactlaw.solvers.cone_solve import BRIEF, STEPS_OF_A_ROUND, cost
 
 _FLOW, _PER_FREEDOM = 0.05, 0.004
-_LOOK, _PER_CONTACT = 0.08, 0.01
+_LOOK, _PER_CONTACT, _LOOK_PER_FREEDOM = 0.08, 0.01, 0.006
+_CONVEX = 0.3  # a look at geoms that are measured by the general convex collider, such as meshes
 _HOLD, _CONFLICT, _CUT = 0.15, 0.25, 2e-3
 _COLLISION, _PER_PARTNER = 0.4, 0.004
 _RUBBING, _DENSE = 0.6, 3e-6  # collisions with friction are dense: the cube of the degrees of freedom counts, too
@@ -22,10 +23,12 @@ class Work:
     Args:
         freedoms: degrees of freedom of the scene.
         most: units that a step may take.
+        convex: whether contacts are looked for by the general convex collider.
     """
 
-    def __init__(self, freedoms: int, most: float):
+    def __init__(self, freedoms: int, most: float, *, convex: bool = False):
         self._freedoms, self._most, self._spent = freedoms, most, 0.0
+        self._look = _LOOK + _LOOK_PER_FREEDOM * freedoms + (_CONVEX if convex else 0.0)
 
     def begin(self, part: float = 1.0) -> None:
         """Let a step begin, or what may take a part of the work of one."""
@@ -49,7 +52,7 @@ class Work:
 
     def look(self, contacts: int) -> None:
         """Count one look at so many contacts, or distances of geoms, and what follows from it."""
-        self._spend(_LOOK + _PER_CONTACT * contacts)
+        self._spend(self._look + _PER_CONTACT * contacts)
 
     def hold(self, contacts: int) -> None:
         """Count bringing so many contacts back."""
