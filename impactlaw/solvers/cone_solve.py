@@ -15,7 +15,7 @@ THOROUGH = 24
 """Rounds of what is slower and safer than Newton's method, after which none has helped more."""
 BRIEF = 8
 """Rounds that are worth their time within a step."""
-STEPS_OF_A_ROUND = 75
+STEPS_OF_A_ROUND = 150
 """Steps that a round usually has."""
 
 
