@@ -50,3 +50,11 @@ def test_no_collision_of_any_scene_creates_energy():
     assert table.collisions.sum() > 20
     assert table.energetic.max() <= scene_energy.TOLERANCE
     assert table.residual.max() < 1e-9
+
+
+@pytest.mark.parametrize("k", [496, 1760])
+def test_a_thorough_search_goes_on_from_the_best_point(k):
+    """Random collisions of scripts/random_collisions with mass ratios up to 1e6, convex cones, redundant contacts."""
+    row = random_collisions._row(random_collisions.RandomCollisions(), k)
+    assert row["error"] == ""
+    assert row["residual"] < 1e-9

@@ -10,7 +10,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-_LOCKED = 100.0  # tau D / M, at the configuration in which the scene was compiled
+_LOCKED = 1e4  # tau D / M, at the configuration in which the scene was compiled
 _EULER, _RK4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
 _NONE, _EXPLICIT = int(mujoco.mjtDisableBit.mjDSBL_DAMPER), int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
 
