@@ -59,7 +59,6 @@ class Law(ABC):
             UnsolvableLawError: no velocity satisfies the law; the message names the contacts that conflict.
             SolverError: no solver's answer passed its certificate.
         """
-        collision.prepare()
         target = self.target(collision)
         problem = jump_problem(collision, target)
         answer = solve_with_jump(problem, collision.labels, solver=solver, shared=False)
@@ -68,22 +67,19 @@ class Law(ABC):
 
 def jump_problem(collision: Collision, target: Target) -> Problem:
     """Return the problem whose solution is the law's jump: the smallest one that reaches the target."""
-    wanted, velocity, coefficient = target
-    Y, speed = collision.whitened_jacobian, collision.pre_speed
-    preimage, times, scale = None, None, None
+    wanted, velocity, e = target
+    Y, preimage = collision.whitened_jacobian, None
     bound = wanted - collision.pre_contact_velocity
     if collision.frame_rates is not None or collision.bilateral_jacobian is not None:
         if collision.surface_jump is not None:
             bound = bound - collision.surface_jump
-        known, reached = velocity_with(Y, bound)
-        preimage = known if reached else None
-    elif coefficient is not None:
-        preimage, times = collision.whitened_velocity, -1.0 - coefficient
-        scale = -times * speed
+        found = velocity_with(Y, bound)
+        preimage = found.velocity if found.is_exact else None
+    elif e is not None:
+        preimage = (-1.0 - e) * collision.whitened_velocity
     elif velocity is not None:
         preimage = collision.metric.whiten(velocity - collision.pre_velocity)
-    norms, G = collision.gradient_norms, collision.__dict__.get("delassus")  # G if it has been asked for
-    return Problem(Y, bound, preimage, speed, times=times, norms=norms, scale=scale, delassus=G)
+    return Problem(Y, bound, preimage, collision.pre_speed, norms=collision.gradient_norms)
 
 
 class RestitutionLaw(Law):
@@ -95,7 +91,7 @@ class RestitutionLaw(Law):
 
     def target(self, collision: Collision) -> Target:
         """Return ``gamma^h = -E gamma-``."""
-        return Target(-self.restitution_matrix(collision).dot(collision.pre_contact_velocity))
+        return Target(-(self.restitution_matrix(collision) @ collision.pre_contact_velocity))
 
 
 def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:

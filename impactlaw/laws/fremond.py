@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 
-from impactlaw import deferred
 from impactlaw.errors import InvalidCollisionError, RestitutionError
 from impactlaw.laws.base import RestitutionLaw, Target, coefficient, square_matrix
 from impactlaw.laws.labels import canonical, put
@@ -126,7 +126,7 @@ class Reversal(RestitutionLaw):
         """Return ``e`` times the anti-identity on every block of connected contacts, shape (h, h); sparse if J is."""
         h, mirror = len(collision.labels), _mirror(collision)
         if is_sparse(collision.jacobian):
-            return deferred.csr_array((np.full(h, self.restitution), mirror, np.arange(h + 1)), shape=(h, h))
+            return scipy.sparse.csr_array((np.full(h, self.restitution), mirror, np.arange(h + 1)), shape=(h, h))
         E = np.zeros((h, h))
         E[np.arange(h), mirror] = self.restitution
         return E
@@ -149,8 +149,8 @@ def _mirror(collision: Collision) -> np.ndarray:
         G: Any = collision.delassus
         G = G.tocoo()
         real = np.abs(G.data) > _COUPLED * scale[G.row] * scale[G.col]
-        coupled = deferred.csr_array((G.data[real], (G.row[real], G.col[real])), shape=G.shape)
-    _, member = deferred.connected_components(coupled, directed=False)
+        coupled = scipy.sparse.csr_array((G.data[real], (G.row[real], G.col[real])), shape=G.shape)
+    _, member = scipy.sparse.csgraph.connected_components(coupled, directed=False)
     along = np.arange(len(member))
     mirror = np.empty_like(along)
     mirror[np.lexsort((along, member))] = np.lexsort((-along, member))

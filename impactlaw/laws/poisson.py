@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
-from impactlaw import deferred
 from impactlaw.errors import SolverError, UnsolvableLawError
 from impactlaw.laws.base import Law, Target, jump_problem
 from impactlaw.laws.coefficients import ContactCoefficients
@@ -132,7 +132,7 @@ def _refined(start: Problem, jump: np.ndarray, more: np.ndarray, rank: float) ->
             break
         Y = start.gradients[ending] / start.lengths[ending, None]
         jump = jump - least_squares(Y, start.slack(jump)[ending], rank)
-        basis = deferred.orth(Y.T, rcond=rank)
+        basis = scipy.linalg.orth(Y.T, rcond=rank)
         others = start.gradients - (start.gradients @ basis) @ basis.T
         others[ending | (row_lengths(others) <= _FIXED * start.norms)] = 0.0
         bound = np.where(others.any(axis=1), -start.slack(jump) * start.lengths, 0.0)

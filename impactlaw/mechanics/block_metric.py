@@ -6,8 +6,8 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
+import scipy
 
-from impactlaw import deferred
 from impactlaw.errors import InvalidCollisionError
 
 LARGEST_BLOCK = 500
@@ -58,8 +58,8 @@ class SparseMetric:
         """Return ``J R^-T``, sparse, shape (h, nv)."""
         if self._scale is not None:
             data = jacobian.data / self._scale[jacobian.indices]
-            return deferred.csr_array((data, jacobian.indices, jacobian.indptr), shape=jacobian.shape)
-        return deferred.csr_array(jacobian @ self._inverse.T)
+            return scipy.sparse.csr_array((data, jacobian.indices, jacobian.indptr), shape=jacobian.shape)
+        return scipy.sparse.csr_array(jacobian @ self._inverse.T)
 
     def norm(self, velocity: np.ndarray) -> float:
         """Return ``sqrt(v^T M v)``."""
@@ -83,7 +83,7 @@ def finite_sparse(values: Any, name: str) -> Any:
     if _is_finished(values):
         return values
     try:
-        array = deferred.csr_array(values, dtype=float, copy=True)
+        array = scipy.sparse.csr_array(values, dtype=float, copy=True)
     except (TypeError, ValueError) as error:
         raise InvalidCollisionError(f"{name} is not a matrix of numbers: {error}") from None
     if array.ndim != 2:
@@ -104,7 +104,7 @@ def _own(part: np.ndarray) -> np.ndarray:
 
 
 def _is_finished(values: Any) -> bool:
-    if type(values) is not deferred.csr_array or values.ndim != 2 or not values.has_canonical_format:
+    if type(values) is not scipy.sparse.csr_array or values.ndim != 2 or not values.has_canonical_format:
         return False
     data, parts = values.data, (values.data, values.indices, values.indptr)
     if data.dtype != float or any(part.flags.writeable or part.base is not None for part in parts):
@@ -126,7 +126,7 @@ def _check_symmetry(M: Any) -> None:
 
 def _factors(M: Any) -> tuple[Any, Any]:
     """Return R and R^-1 as CSR arrays, by a dense Cholesky factor of every block, those of one size together."""
-    count, member = deferred.connected_components(M, directed=False)
+    count, member = scipy.sparse.csgraph.connected_components(M, directed=False)
     sizes = np.bincount(member, minlength=count)
     if sizes.max() > LARGEST_BLOCK:
         raise InvalidCollisionError(
@@ -158,7 +158,7 @@ def _factors(M: Any) -> tuple[Any, Any]:
         factors.append(R.ravel())
         inverses.append(np.tril(np.linalg.inv(R)).ravel())
     at = (np.concatenate(rows), np.concatenate(columns))
-    made = [deferred.csr_array((np.concatenate(values), at), shape=M.shape) for values in (factors, inverses)]
+    made = [scipy.sparse.csr_array((np.concatenate(values), at), shape=M.shape) for values in (factors, inverses)]
     for part in made:
         part.eliminate_zeros()
     return made[0], made[1]

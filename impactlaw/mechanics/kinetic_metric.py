@@ -5,9 +5,9 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
-from impactlaw import deferred
 from impactlaw.errors import InvalidCollisionError
 
 _SYMMETRY = 1e-10  # relative asymmetry of M above which it is taken for a mistake, not for rounding
@@ -89,12 +89,12 @@ def finite_array(values: ArrayLike, name: str) -> np.ndarray:
 def _solve(factor: np.ndarray, rows: np.ndarray, *, transposed: int) -> np.ndarray:
     """Solve ``R^T x = row`` (or ``R x = row``), R^T given, for one row (nv,) or several (n, nv)."""
     if rows.ndim == 1:  # increment 1, offset 0, not the lower triangle: dtrsv takes names at twice the time
-        return deferred.dtrsv(factor, rows, 1, 0, 0, transposed)
+        return scipy.linalg.blas.dtrsv(factor, rows, 1, 0, 0, transposed)
     if rows.size * len(factor) > _ROW_BY_ROW:
-        return deferred.dtrtrs(factor, rows.T, trans=transposed)[0].T
+        return scipy.linalg.lapack.dtrtrs(factor, rows.T, trans=transposed)[0].T
     solved = np.empty_like(rows)
     for i, row in enumerate(rows):
-        solved[i] = deferred.dtrsv(factor, row, 1, 0, 0, transposed)
+        solved[i] = scipy.linalg.blas.dtrsv(factor, row, 1, 0, 0, transposed)
     return solved
 
 
@@ -106,7 +106,7 @@ def _factor(M: np.ndarray) -> np.ndarray:
         raise InvalidCollisionError(
             f"mass_matrix is not symmetric: ({i}, {j}) and its mirror differ by {difference:.3g}"
         )
-    factor, failed = deferred.dpotrf(M, lower=1)
+    factor, failed = scipy.linalg.lapack.dpotrf(M, lower=1)
     if failed:
         raise InvalidCollisionError(f"mass_matrix is not positive definite (leading minor {failed})")
     return np.asfortranarray(factor.T)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.solvers.least_squares import RANK, row_span
+from impactlaw.solvers.least_squares import row_span
+from impactlaw.solvers.tolerances import RANK
 
 _CONNECT, _WELD = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
 _SITE = int(mujoco.mjtObj.mjOBJ_SITE)

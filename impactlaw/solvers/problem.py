@@ -2,116 +2,76 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 from math import sqrt
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-
-from impactlaw import deferred
-
-FEW = 40
-"""Contacts up to which numbers are few enough for Python's own loops, and all of G is wanted."""
+import scipy
 
 
+@dataclass(frozen=True, eq=False)
 class Problem:
     """``min |z|^2 / 2  subject to  Y z >= c``: the smallest velocity jump that reaches the wanted contact velocities.
 
     Its optimality conditions are the impact law: ``z = Y^T Lambda`` and ``0 <= Lambda  ⊥  Y z - c >= 0``.
 
-    Args:
+    Attributes:
         gradients: ``Y``, the gap gradients where the kinetic metric is Euclidean, shape (h, nv); may be a CSR array.
         bound: ``c = gamma^h - gamma-``, shape (h,).
         preimage: ``d`` with ``Y d = c`` where the law knows one, shape (nv,); then the jump is the projection of d
             onto the cone of the gradients, which always exists.
-        times: d is so many times the given one, multiplied when it is first asked for.
         speed: ``|v-|`` where it is known, sqrt(J): c was computed from it and carries its rounding.
-        norms: lengths of the rows of Y, shape (h,), where they are known.
-        scale: the attribute, where it is known: no less than |v-|.
-        delassus: ``G = Y Y^T``, shape (h, h), where it is known.
-
-    Attributes:
-        is_sparse: whether Y is a CSR array.
-        lengths: the norms, to divide by: 1 for rows of zeros, shape (h,).
+        norms: lengths of the rows of Y, shape (h,); computed if None.
     """
 
-    __slots__ = (
-        "_preimage",
-        "_scale",
-        "_times",
-        "_transposed",
-        "bound",
-        "delassus",
-        "gradients",
-        "is_sparse",
-        "lengths",
-        "norms",
-        "speed",
-    )
+    gradients: Any
+    bound: np.ndarray
+    preimage: np.ndarray | None = None
+    speed: float = 0.0
+    norms: np.ndarray = field(default=None, kw_only=True)  # pyright: ignore[reportAssignmentType]
 
-    is_sparse: bool
-    norms: np.ndarray
-    lengths: np.ndarray
-
-    def __init__(
-        self,
-        gradients: Any,
-        bound: np.ndarray,
-        preimage: np.ndarray | None = None,
-        speed: float = 0.0,
-        *,
-        times: float | None = None,
-        norms: np.ndarray | None = None,
-        scale: float | None = None,
-        delassus: Any = None,
-    ):
-        self.gradients, self.bound, self.speed, self.delassus = gradients, bound, speed, delassus
-        self.is_sparse = not isinstance(gradients, np.ndarray)
-        self.norms = known = row_lengths(gradients) if norms is None else norms
-        self.lengths = known if np.count_nonzero(known) == len(known) else np.where(known > 0, known, 1.0)
-        self._preimage, self._times = preimage, times
-        self._transposed: Any = None
-        self._scale = scale
+    def __post_init__(self):
+        if self.norms is None:
+            object.__setattr__(self, "norms", row_lengths(self.gradients))
 
     @property
+    def is_sparse(self) -> bool:
+        """Whether Y is a CSR array."""
+        return not isinstance(self.gradients, np.ndarray)
+
+    @cached_property
+    def lengths(self) -> np.ndarray:
+        """The norms, to divide by: 1 for rows of zeros, shape (h,)."""
+        return self.norms if self.norms.all() else np.where(self.norms > 0, self.norms, 1.0)
+
+    @cached_property
     def scale(self) -> float:
         """Largest of |v-|, |d| and ``|c_i| / |Y_i|``, sqrt(J): a jump is called rounding in comparison with it."""
-        if self._scale is None:
-            d = self.preimage
-            if d is not None:
-                reach = sqrt(d.dot(d))
-            else:
-                reach = max(map(abs, (self.bound / self.lengths).tolist()), default=0.0)
-            self._scale = max(self.speed, reach)
-        return self._scale
+        d = self.preimage
+        reach = float(np.abs(self.bound / self.lengths).max(initial=0.0)) if d is None else sqrt(d @ d)
+        return max(self.speed, reach)
 
-    @property
-    def preimage(self) -> np.ndarray | None:
-        """``d`` with ``Y d = c``, shape (nv,), where the law knows one: the jump is then its projection on the cone."""
-        if self._times is not None and self._preimage is not None:
-            self._preimage, self._times = self._times * self._preimage, None
-        return self._preimage
-
-    @property
+    @cached_property
     def transposed(self) -> Any:
         """``Y^T``, in the form of Y; that of a CSR array is made once."""
-        if self._transposed is None:
-            self._transposed = self.gradients.T
-        return self._transposed
+        return self.gradients.T
 
     def speed_at(self, jump: np.ndarray) -> float:
         """What errors are compared with: where |v-| is known, never more than the larger of |v-| and |v+|."""
         if self.speed > 0:
-            return max(self.speed, 0.5 * sqrt(jump.dot(jump)))
-        return max(self.scale, sqrt(jump.dot(jump)))
+            return max(self.speed, 0.5 * sqrt(jump @ jump))
+        return max(self.scale, sqrt(jump @ jump))
 
     def slack(self, z: np.ndarray) -> np.ndarray:
         """``(Y z - c) / |Y_i|``, shape (h,), in sqrt(J); rows of zeros count as ``-c_i``."""
-        return (self.gradients.dot(z) - self.bound) / self.lengths
+        return (self.gradients @ z - self.bound) / self.lengths
 
     def with_gradients(self, gradients: Any) -> Problem:
         """Return the same problem with the same Y in another form."""
-        return Problem(gradients, self.bound, self.preimage, self.speed, norms=self.norms, scale=self.scale)
+        return Problem(gradients, self.bound, self.preimage, self.speed, norms=self.norms)
 
 
 def row_lengths(gradients: Any) -> np.ndarray:
@@ -129,8 +89,8 @@ def row_numbers(gradients: Any) -> np.ndarray:
 
 def natural_residual(problem: Problem, impulse: np.ndarray) -> float:
     """Return the length of the natural map ``min(Lambda_i |Y_i|, slack_i)``, relative to the scale of the problem."""
-    natural = np.minimum(impulse * problem.lengths, problem.slack(problem.transposed.dot(impulse)))
-    length = sqrt(natural.dot(natural))
+    natural = np.minimum(impulse * problem.lengths, problem.slack(problem.transposed @ impulse))
+    length = sqrt(natural @ natural)
     return length / problem.scale if problem.scale > 0 else length
 
 
@@ -139,12 +99,12 @@ def row_scaled(gradients: Any, lengths: np.ndarray) -> Any:
     if isinstance(gradients, np.ndarray):
         return gradients / lengths[:, None]
     data = gradients.data / lengths[row_numbers(gradients)]
-    return deferred.csr_array((data, gradients.indices, gradients.indptr), shape=gradients.shape)
+    return scipy.sparse.csr_array((data, gradients.indices, gradients.indptr), shape=gradients.shape)
 
 
 def sparse(gradients: Any) -> Any:
     """Return the gradients as a CSR array."""
-    return gradients if not isinstance(gradients, np.ndarray) else deferred.csr_array(gradients)
+    return gradients if not isinstance(gradients, np.ndarray) else scipy.sparse.csr_array(gradients)
 
 
 class Status(StrEnum):

@@ -8,9 +8,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
-from impactlaw import deferred
 from impactlaw.errors import InvalidCollisionError, SolverError
 from impactlaw.mechanics.admissible.capped_polyhedron import CappedPolyhedron
 from impactlaw.mechanics.admissible.cone import RANK, cone_facets, nearest_in_cone
@@ -162,7 +162,7 @@ class AdmissibleSet:
         """``R^T (p - v-)`` in the basis, shape (r,): minus the part of v- in the span of the contacts with impulse."""
         z = self._basis @ self.collision.relative_velocity
         Y = self._unit_gradients @ self._basis.T
-        span = deferred.orth(Y[nearest_in_cone(Y, -z) > 0].T, rcond=RANK)
+        span = scipy.linalg.orth(Y[nearest_in_cone(Y, -z) > 0].T, rcond=RANK)
         return -span @ (span.T @ z)
 
     @cached_property

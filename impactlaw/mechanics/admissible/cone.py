@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import comb
 
 import numpy as np
+import scipy
 
-from impactlaw import deferred
 from impactlaw.errors import ImpactLawError, SolverError
 
 MAX_FACETS = 20_000
@@ -36,7 +36,7 @@ def nearest_in_cone(generators: np.ndarray, point: np.ndarray) -> np.ndarray:
     if h == 0:
         return np.zeros(0)
     try:
-        start = deferred.nnls(generators.T, point)[0]
+        start = scipy.optimize.nnls(generators.T, point)[0]
     except RuntimeError:  # not finished
         start = np.zeros(h)
     weights, rest = _without_negative(generators, point, start, start > 0)
@@ -92,12 +92,12 @@ def cone_facets(generators: np.ndarray) -> np.ndarray:
         EnumerationError: a group may have more than `MAX_FACETS` facets.
     """
     r = generators.shape[1]
-    *_, order = deferred.qr(generators.T, mode="r", pivoting=True)
+    *_, order = scipy.linalg.qr(generators.T, mode="r", pivoting=True)
     basis = generators[order[:r]]
-    coefficients = deferred.solve(basis.T, generators[order[r:]].T, check_finite=False)
+    coefficients = scipy.linalg.solve(basis.T, generators[order[r:]].T, check_finite=False)
     coefficients[np.abs(coefficients) < _ZERO] = 0.0
     together = np.abs(coefficients) @ np.abs(coefficients).T > 0
-    count, group = deferred.connected_components(together, directed=False)
+    count, group = scipy.sparse.csgraph.connected_components(together, directed=False)
     normals = []
     for k in range(count):
         members = np.flatnonzero(group == k)
@@ -106,7 +106,7 @@ def cone_facets(generators: np.ndarray) -> np.ndarray:
         padded = np.zeros((len(facets), r))
         padded[:, members] = facets
         normals.append(padded)
-    F = deferred.solve(basis, np.vstack(normals).T, check_finite=False).T
+    F = scipy.linalg.solve(basis, np.vstack(normals).T, check_finite=False).T
     return F / np.linalg.norm(F, axis=1, keepdims=True)
 
 
@@ -124,7 +124,7 @@ def _facets_at_origin(points: np.ndarray) -> np.ndarray:
             f"more than {MAX_FACETS}; leave out redundant contacts"
         )
     points = points / np.linalg.norm(points, axis=1, keepdims=True)
-    planes = deferred.ConvexHull(np.vstack([np.zeros(d), points])).equations
+    planes = scipy.spatial.ConvexHull(np.vstack([np.zeros(d), points])).equations
     normals = -planes[np.abs(planes[:, -1]) < _ZERO, :-1]
     _, first = np.unique(np.round(normals, 9), axis=0, return_index=True)
     return normals[np.sort(first)]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
+import scipy
 
-from impactlaw import deferred
 from impactlaw.solvers.friction.problem import ConeProblem, project, projection_derivative
 
 _INNER = 60
@@ -73,7 +73,7 @@ def _minimize(
         B = np.matmul(D, A.reshape(h, m, nv)).reshape(h * m, nv)
         H = A.T.dot(B) / c
         H.reshape(-1)[:: nv + 1] += 1.0
-        _, step, failed = deferred.dposv(H, slope)
+        _, step, failed = scipy.linalg.lapack.dposv(H, slope)
         if failed:
             step = slope
         decrease = slope.dot(step)

@@ -6,8 +6,8 @@ from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
-from impactlaw import deferred
 from impactlaw.solvers.friction.problem import ENOUGH, SHARP, ConeProblem, project, projection_derivative
 
 _TINY = 1e-300
@@ -84,9 +84,9 @@ class NewtonMap:
     def step(self, point: Point, regular: float) -> np.ndarray:
         """Return Newton's step, (h, m), with ``G + regular`` in place of a G that may be singular."""
         system, value = self.derivative(point, regular), point.value.reshape(-1)
-        _, _, step, failed = deferred.dgesv(system, value)
+        _, _, step, failed = scipy.linalg.lapack.dgesv(system, value)
         if failed:
-            step = deferred.lstsq(system, value)[0]
+            step = scipy.linalg.lstsq(system, value)[0]
         return -step.reshape(point.x.shape)
 
     def _exact(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -188,6 +188,6 @@ def share(problem: ConeProblem, x: np.ndarray, residual: float) -> np.ndarray:
     point = this.at(x)
     system = this.derivative(point, 0.0)
     wanted = system.dot(x.reshape(-1)) - point.value.reshape(-1)
-    least = deferred.lstsq(system, wanted, cond=_RANK)[0].reshape(x.shape)
+    least = scipy.linalg.lstsq(system, wanted, cond=_RANK)[0].reshape(x.shape)
     reached = problem.residual(least, problem.velocity(least))
     return least if reached <= max(10.0 * residual, SHARED * problem.scale) else x

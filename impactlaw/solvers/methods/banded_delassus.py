@@ -6,8 +6,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 
-from impactlaw import deferred
 from impactlaw.solvers.problem import Problem, row_numbers, sparse
 
 _MOST = 4e7
@@ -32,8 +32,8 @@ class BandedDelassus:
         self.order = np.arange(h)
         width = int((high - low).max(initial=0))
         if width > 1:
-            graph = deferred.csr_array((np.ones(2 * len(low)), (np.r_[low, high], np.r_[high, low])), shape=(h, h))
-            order = deferred.reverse_cuthill_mckee(graph, symmetric_mode=True).astype(int)
+            graph = scipy.sparse.csr_array((np.ones(2 * len(low)), (np.r_[low, high], np.r_[high, low])), shape=(h, h))
+            order = scipy.sparse.csgraph.reverse_cuthill_mckee(graph, symmetric_mode=True).astype(int)
             place = np.empty(h, dtype=int)
             place[order] = np.arange(h)
             one, other = place[low], place[high]
@@ -74,7 +74,7 @@ class BandedDelassus:
 
     def careful_product(self, impulse: np.ndarray) -> np.ndarray:
         """Return ``U (U^T Lambda)``, (h,), without the rounding of G."""
-        return self._gradients.dot(self._transposed.dot(impulse / self._lengths)) / self._lengths
+        return self._gradients @ (self._transposed @ (impulse / self._lengths)) / self._lengths
 
     def factor(self, active: np.ndarray, shift: float) -> Factor | None:
         """Return the factor of ``G + shift 1`` on the active contacts; None where it is singular to rounding."""
@@ -84,7 +84,7 @@ class BandedDelassus:
             return Factor((diagonal,), active, float(diagonal.min()))
         if len(band) == 2:
             below = band[1, :-1] * (active[1:] & active[:-1]) if partly else band[1, :-1]
-            pivots, below, failed = deferred.dpttrf(diagonal, below)
+            pivots, below, failed = scipy.linalg.lapack.dpttrf(diagonal, below)
             return None if failed else Factor((pivots, below), active, float(pivots.min()))
         band = band.copy(order="F")
         band[0] = diagonal
@@ -92,7 +92,7 @@ class BandedDelassus:
             weight = active.astype(float)
             for k in range(1, len(band)):
                 band[k, :-k] *= weight[k:] * weight[:-k]
-        factor, failed = deferred.dpbtrf(band, lower=1, overwrite_ab=1)
+        factor, failed = scipy.linalg.lapack.dpbtrf(band, lower=1, overwrite_ab=1)
         return None if failed else Factor((factor,), active, float(factor[0].min()) ** 2)
 
 
@@ -111,10 +111,10 @@ class Factor:
         wanted = wanted * self._active
         parts = self._parts
         if len(parts) == 2:
-            return deferred.dpttrs(*parts, wanted)[0]
+            return scipy.linalg.lapack.dpttrs(*parts, wanted)[0]
         if parts[0].ndim == 1:
             return wanted / parts[0]
-        return deferred.dpbtrs(parts[0], wanted, lower=1)[0]
+        return scipy.linalg.lapack.dpbtrs(parts[0], wanted, lower=1)[0]
 
 
 def _products(Y: Any, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from math import inf
-
 import numpy as np
 
-from impactlaw.solvers.certificate import Answer
 from impactlaw.solvers.problem import Problem, Solution, Status
 
 
@@ -16,13 +13,3 @@ def closed_form(problem: Problem) -> Solution:
         return Solution(np.zeros_like(problem.bound), Status.STOPPED)
     c, length = problem.bound[0], problem.lengths[0]
     return Solution(np.array([max(0.0, c / length / length)]))
-
-
-def one_contact(problem: Problem) -> Answer:
-    """Return the certified answer of one contact that closes, ``c > 0``, in Python's own numbers."""
-    y, c, length = problem.gradients[0], problem.bound.item(), problem.lengths.item()
-    impulse = c / length / length
-    jump = impulse * y
-    slack = (float(y.dot(jump)) - c) / length
-    residual = abs(min(impulse * length, slack))
-    return Answer(np.array([impulse]), jump, np.array([slack]), residual if residual >= 0 else inf)

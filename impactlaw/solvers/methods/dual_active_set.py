@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.solvers.problem import Problem, Solution, Status
+from impactlaw.solvers.tolerances import DAQP_DUAL, DAQP_PRIMAL, RAY_ROUNDING
 
 _INFEASIBLE = -1  # daqp's exit flag
 
@@ -30,8 +31,9 @@ def dual_active_set(problem: Problem) -> Solution:
         np.full(h, 1e30),
         c / size,
         np.zeros(h, dtype=np.int32),
-        primal_tol=max(1e-11, 1e-12 * problem.scale / size),  # what is rounding of c cannot make it unsolvable
-        dual_tol=1e-12,
+        # rounding of c cannot make the problem unsolvable
+        primal_tol=max(DAQP_PRIMAL, RAY_ROUNDING * problem.scale / size),
+        dual_tol=DAQP_DUAL,
         iter_limit=100 * (h + nv),
     )
     if flag <= 0:  # then the multipliers are whatever the memory held

@@ -6,8 +6,8 @@ B. Stellato, G. Banjac, P. Goulart, A. Bemporad and S. Boyd, Math. Program. Comp
 from __future__ import annotations
 
 import numpy as np
+import scipy
 
-from impactlaw import deferred
 from impactlaw.solvers.problem import Problem, Solution, Status, natural_residual, row_scaled
 
 _INFEASIBLE = (3, 4)  # osqp's status: primal infeasible, also inaccurately
@@ -31,9 +31,9 @@ def osqp(problem: Problem, *, tolerance: float = 1e-9, iterations: int = 10_000,
     nv = problem.gradients.shape[1]
     solver = package.OSQP()
     solver.setup(
-        deferred.csc_matrix(deferred.eye_array(nv)),
+        scipy.sparse.csc_matrix(scipy.sparse.eye_array(nv)),
         np.zeros(nv),
-        deferred.csc_matrix(row_scaled(problem.gradients, problem.lengths)),
+        scipy.sparse.csc_matrix(row_scaled(problem.gradients, problem.lengths)),
         c / size,
         np.full(len(c), np.inf),
         verbose=False,
