@@ -79,17 +79,20 @@ class Collision:
         labels = tuple(self.labels) or tuple(map(str, range(h)))
         if len(labels) != h:
             raise InvalidCollisionError(f"{len(labels)} labels for {h} contacts")
-        settled: dict[str, Any] = {"mass_matrix": metric.mass_matrix, "metric": metric, "jacobian": jacobian}
-        settled |= {"pre_velocity": velocity, "labels": labels}
+        put = object.__setattr__
+        put(self, "mass_matrix", metric.mass_matrix)
+        put(self, "metric", metric)
+        put(self, "jacobian", jacobian)
+        put(self, "pre_velocity", velocity)
+        put(self, "labels", labels)
         if self.friction is not None:
             self.friction.check(h, nv, is_sparse(jacobian))
         if self.bilateral_jacobian is not None:
-            settled["bilateral_jacobian"] = checked_bilateral(self.bilateral_jacobian, jacobian)
+            put(self, "bilateral_jacobian", checked_bilateral(self.bilateral_jacobian, jacobian))
         if self.surface_velocity is not None or self.post_surface_velocity is not None:
             before, after = checked_surfaces(self.surface_velocity, self.post_surface_velocity, jacobian)
-            settled |= {"surface_velocity": before, "post_surface_velocity": after}
-        for name, value in settled.items():
-            object.__setattr__(self, name, value)
+            put(self, "surface_velocity", before)
+            put(self, "post_surface_velocity", after)
 
     @classmethod
     def from_mujoco(cls, model: mujoco.MjModel, data: mujoco.MjData) -> Collision:
@@ -127,12 +130,11 @@ class Collision:
 
     def _whitened(self, rows: np.ndarray) -> np.ndarray:
         Y = self.metric.whiten_gradients(rows)
-        return Y if self._bilateral is None else self._bilateral.project(Y)
+        return Y if self.bilateral_jacobian is None else self._bilateral.project(Y)
 
     @cached_property
-    def _bilateral(self) -> Bilateral | None:
-        rows = self.bilateral_jacobian
-        return None if rows is None else Bilateral.of(self.metric.whiten_gradients(rows))
+    def _bilateral(self) -> Bilateral:
+        return Bilateral.of(self.metric.whiten_gradients(self.bilateral_jacobian))
 
     @cached_property
     def dense_gradients(self) -> np.ndarray:
@@ -171,7 +173,7 @@ class Collision:
     def pre_contact_velocity(self) -> np.ndarray:
         """``gamma- = J v- + w-``, shape (h,), m/s."""
         gamma = self.jacobian @ self.pre_velocity
-        if self._bilateral is not None:  # contacts that cannot move have no velocity, but its rounding error
+        if self.bilateral_jacobian is not None:  # contacts that cannot move have no velocity, but its rounding error
             z, lengths = self.whitened_velocity, row_lengths(self.metric.whiten_gradients(self.jacobian))
             still = (self.gradient_norms == 0) & (np.abs(gamma) <= FIXED * lengths * sqrt(z @ z))
             gamma[still] = 0.0
@@ -198,12 +200,17 @@ class Collision:
             return None
         return self.post_surface_velocity - self.surface_velocity
 
-    @cached_property
+    @property
     def frame_rates(self) -> np.ndarray | None:
         """What ``gamma-bar`` has beside the part that impulses change, shape (h,), m/s; None if that is 0.
 
         It is ``(w- + w+) / 2``, and the motion along bilateral constraints if those move, ``J_eq v- != 0``.
         """
+        at_rest = self.surface_velocity is None and self.bilateral_jacobian is None
+        return None if at_rest else self._frame_rates
+
+    @cached_property
+    def _frame_rates(self) -> np.ndarray | None:
         rates, jump = self.surface_velocity, self.surface_jump
         if rates is not None and jump is not None:
             rates = rates + 0.5 * jump
@@ -215,7 +222,7 @@ class Collision:
     @cached_property
     def _fixed(self) -> np.ndarray | None:
         """The part of ``R^T v-`` that bilateral constraints keep, shape (nv,); None if they are at rest."""
-        return None if self._bilateral is None else self._bilateral.along(self.whitened_velocity)
+        return None if self.bilateral_jacobian is None else self._bilateral.along(self.whitened_velocity)
 
     @cached_property
     def _frame(self) -> Reached:
@@ -246,8 +253,10 @@ class Collision:
     @cached_property
     def pre_speed(self) -> float:
         """``|v-|`` in the kinetic metric, sqrt(J); as seen from the surfaces where these move and that is more."""
-        z, seen = self.whitened_velocity, self.relative_velocity
-        return sqrt(max(z @ z, seen @ seen))
+        z = self.whitened_velocity
+        if self.frame_rates is None:
+            return sqrt(z @ z)
+        return sqrt(max(z @ z, self.relative_velocity @ self.relative_velocity))
 
     @cached_property
     def kinetic_energy(self) -> float:

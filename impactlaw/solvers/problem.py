@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
 from math import sqrt
@@ -12,40 +11,39 @@ import numpy as np
 import scipy
 
 
-@dataclass(frozen=True, eq=False)
 class Problem:
     """``min |z|^2 / 2  subject to  Y z >= c``: the smallest velocity jump that reaches the wanted contact velocities.
 
     Its optimality conditions are the impact law: ``z = Y^T Lambda`` and ``0 <= Lambda  ⊥  Y z - c >= 0``.
 
-    Attributes:
+    Args:
         gradients: ``Y``, the gap gradients where the kinetic metric is Euclidean, shape (h, nv); may be a CSR array.
         bound: ``c = gamma^h - gamma-``, shape (h,).
         preimage: ``d`` with ``Y d = c`` where the law knows one, shape (nv,); then the jump is the projection of d
             onto the cone of the gradients, which always exists.
         speed: ``|v-|`` where it is known, sqrt(J): c was computed from it and carries its rounding.
         norms: lengths of the rows of Y, shape (h,); computed if None.
+
+    Attributes:
+        is_sparse: whether Y is a CSR array.
+        lengths: the norms, to divide by: 1 for rows of zeros, shape (h,).
+        can_move: whether no gradient is zero.
     """
 
-    gradients: Any
-    bound: np.ndarray
-    preimage: np.ndarray | None = None
-    speed: float = 0.0
-    norms: np.ndarray = field(default=None, kw_only=True)  # pyright: ignore[reportAssignmentType]
-
-    def __post_init__(self):
-        if self.norms is None:
-            object.__setattr__(self, "norms", row_lengths(self.gradients))
-
-    @property
-    def is_sparse(self) -> bool:
-        """Whether Y is a CSR array."""
-        return not isinstance(self.gradients, np.ndarray)
-
-    @cached_property
-    def lengths(self) -> np.ndarray:
-        """The norms, to divide by: 1 for rows of zeros, shape (h,)."""
-        return self.norms if self.norms.all() else np.where(self.norms > 0, self.norms, 1.0)
+    def __init__(
+        self,
+        gradients: Any,
+        bound: np.ndarray,
+        preimage: np.ndarray | None = None,
+        speed: float = 0.0,
+        *,
+        norms: np.ndarray | None = None,
+    ):
+        self.gradients, self.bound, self.preimage, self.speed = gradients, bound, preimage, speed
+        self.is_sparse = not isinstance(gradients, np.ndarray)
+        self.norms = row_lengths(gradients) if norms is None else norms
+        self.can_move = np.count_nonzero(self.norms) == len(self.norms)  # a quarter of the time of all()
+        self.lengths = self.norms if self.can_move else np.where(self.norms > 0, self.norms, 1.0)
 
     @cached_property
     def scale(self) -> float:
@@ -58,6 +56,10 @@ class Problem:
     def transposed(self) -> Any:
         """``Y^T``, in the form of Y; that of a CSR array is made once."""
         return self.gradients.T
+
+    def allows(self, residual: float, tolerance: float) -> bool:
+        """Whether a residual, sqrt(J), is at most the tolerance times the scale; that takes no time if |v-| shows it."""
+        return residual <= tolerance * self.speed or residual <= tolerance * self.scale
 
     def speed_at(self, jump: np.ndarray) -> float:
         """What errors are compared with: where |v-| is known, never more than the larger of |v-| and |v+|."""

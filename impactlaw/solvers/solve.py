@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from importlib import import_module
 from math import prod
 from typing import NamedTuple
@@ -14,7 +13,7 @@ from impactlaw.errors import SolverError, UnknownNameError, UnsolvableLawError
 from impactlaw.solvers.certificate import LARGEST_POLISHED, Answer, better, judge, judge_active, polish
 from impactlaw.solvers.infeasibility import farkas_ray
 from impactlaw.solvers.least_norm import share_impulse
-from impactlaw.solvers.methods.closed_form import closed_form
+from impactlaw.solvers.methods.closed_form import closed_form, one_contact
 from impactlaw.solvers.methods.dual_active_set import dual_active_set
 from impactlaw.solvers.methods.least_distance import least_distance
 from impactlaw.solvers.methods.nnls import nnls
@@ -79,20 +78,25 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
     if solver != "auto" and solver not in SOLVERS:
         raise UnknownNameError("solver", solver, [*SOLVERS, "auto"])
     c = problem.bound
-    if c.max(initial=0.0) <= 0.0:
+    if not np.count_nonzero(c > 0):  # every law comes here: a quarter of the time of any()
         return Answer(np.zeros(len(c)), np.zeros(problem.gradients.shape[1]), -c / problem.lengths, 0.0)
-    with one_thread() if len(c) >= _MANY else nullcontext():
-        answer = _solve(problem, labels, solver)
-        return share(problem, answer) if shared else answer
+    if len(c) < _MANY:
+        return _solve(problem, labels, solver, shared=shared)
+    with one_thread():
+        return _solve(problem, labels, solver, shared=shared)
 
 
-def _solve(problem: Problem, labels: tuple[str, ...], solver: str) -> Answer:
-    """Return what `solve_with_jump` returns where there is something to solve, not shared."""
-    if not problem.norms.all():
+def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bool) -> Answer:
+    """Return what `solve_with_jump` returns where there is something to solve."""
+    if not problem.can_move:
         return _solve_moving(problem, labels, solver)
-    if solver == "auto" and has_structure(problem):
-        problem = problem.with_gradients(sparse(problem.gradients))
-    if solver != "auto" and not problem.is_sparse and len(parts := groups(problem)) > 1:
+    if solver == "auto":
+        if has_structure(problem):
+            problem = problem.with_gradients(sparse(problem.gradients))
+        answer = None if problem.is_sparse else _with_all_active(problem)
+        if answer is not None and problem.allows(answer.residual, GOOD):
+            return share(problem, answer) if shared else answer
+    elif not problem.is_sparse and len(parts := groups(problem)) > 1:
         return _solve_apart(problem, labels, solver, parts)
     answer, last = _attempt(problem, solver, labels)
     if not _certified(problem, answer):
@@ -110,7 +114,12 @@ def _solve(problem: Problem, labels: tuple[str, ...], solver: str) -> Answer:
                 "try another solver, or check the scene for contacts of very different scale, or opposite to each other"
             )
     assert answer is not None
-    return answer
+    return share(problem, answer) if shared else answer
+
+
+def _with_all_active(problem: Problem) -> Answer | None:
+    """Return the answer with an impulse at every contact, as most small problems have it; None if there is none."""
+    return one_contact(problem) if len(problem.bound) == 1 else judge_active(problem, slice(None))
 
 
 def nonnegative_combination(gradients: np.ndarray, point: np.ndarray) -> np.ndarray:
@@ -130,12 +139,7 @@ def _attempt(problem: Problem, solver: str, labels: tuple[str, ...] | None) -> _
     """Ask one solver after the other until an answer is good. With labels, refuse what is proved unsolvable."""
     best = last = None
     dear = problem.is_sparse and prod(problem.gradients.shape) > LARGEST_POLISHED
-    enough = (GOOD_LARGE if dear else GOOD) * problem.scale
-    if solver == "auto" and problem.preimage is None and not problem.is_sparse:
-        best = judge_active(problem, np.ones(len(problem.bound), dtype=bool))  # most often all contacts are active
     for name in _candidates(problem, solver):
-        if best is not None and best.residual <= enough:
-            break
         form = problem if name in _TAKE_SPARSE else as_dense(problem)
         if form is None:
             continue
@@ -144,6 +148,8 @@ def _attempt(problem: Problem, solver: str, labels: tuple[str, ...] | None) -> _
             _refuse(problem, labels)
         if last.status is Status.SOLVED or name in _ITERATIVE:
             best = better(best, polish(problem, last.impulse))
+            if problem.allows(best.residual, GOOD_LARGE if dear else GOOD):
+                break
     return _Attempt(best, last)
 
 
@@ -221,7 +227,7 @@ def share(problem: Problem, answer: Answer) -> Answer:
     unless one more contact is tight.
     """
     impulse = answer.impulse
-    if not problem.norms.all() or not impulse.any():  # `_solve_moving` has shared it
+    if not problem.can_move or not impulse.any():  # `_solve_moving` has shared it
         return answer
     tight = answer.slack <= TIGHT * problem.scale
     if not problem.is_sparse:
