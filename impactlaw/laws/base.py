@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,8 +35,46 @@ class Law(ABC):
     """An impact law ``0 <= Lambda  ⊥  gamma+ - gamma^h >= 0``, ``v+ = v- + M^-1 J^T Lambda``.
 
     A law is a frozen dataclass with one method, `target`, which gives ``gamma^h``
-    (Aeberhard and Glocker, "Perfect multi-contact collisions", extended Newton impact law).
+    (Aeberhard and Glocker, "Perfect multi-contact collisions", extended Newton impact law). To be found by `make_law`,
+    it has a name and a description, and one line in `impactlaw.laws.registry`.
+
+    Attributes:
+        name: by which `make_law` knows the law.
+        description: one line for lists of laws.
+        has_friction: whether the law decides about friction, too.
+        per_contact: whether the target of a contact depends on the velocity of that contact only.
     """
+
+    name: ClassVar[str] = ""
+    description: ClassVar[str] = ""
+    has_friction: ClassVar[bool] = False
+    per_contact: ClassVar[bool] = False
+
+    @classmethod
+    def of(cls, restitution: Any) -> Law:
+        """Return the law with what `make_law` was given, or None.
+
+        Raises:
+            RestitutionError: the restitution is missing, superfluous or not in range.
+        """
+        if restitution is None:
+            raise RestitutionError(f"law {cls.name!r} needs a restitution")
+        return cls(restitution)  # pyright: ignore[reportCallIssue]
+
+    @property
+    def has_target(self) -> bool:
+        """Whether the target decides alone: not for a law with a `resolve` of its own, such as Poisson's."""
+        return type(self).resolve is Law.resolve
+
+    @property
+    def normal_law(self) -> Law:
+        """What decides along the normals: the law itself, or the one that it adds friction to."""
+        return self
+
+    @property
+    def common_coefficient(self) -> float | None:
+        """The number e where ``gamma^h = -e gamma-`` for every contact of any collision, else None."""
+        return None
 
     @abstractmethod
     def target(self, collision: Collision) -> Target:

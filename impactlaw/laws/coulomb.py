@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -58,11 +58,12 @@ class Coulomb(Law):
     law: Law
     tangential_restitution: float = field(default=0.0, kw_only=True)
     cone: Literal["exact", "convex"] = field(default="exact", kw_only=True)
+    has_friction: ClassVar[bool] = True
 
     def __post_init__(self):
         if not isinstance(self.law, Law):
             raise RestitutionError(f"Coulomb extends a law, such as Coulomb(Moreau(0.5)), got {self.law!r}")
-        if type(self.law).resolve is not Law.resolve:
+        if not self.law.has_target:
             raise RestitutionError(
                 f"Coulomb needs a law that aims at contact velocities; {type(self.law).__name__} has a rule of its own "
                 "for impulses. Extend Moreau, Newton, Fremond or LinearMap"
@@ -71,6 +72,11 @@ class Coulomb(Law):
         object.__setattr__(self, "tangential_restitution", e)
         if self.cone not in ("exact", "convex"):
             raise UnknownNameError("cone", self.cone, ["exact", "convex"])
+
+    @property
+    def normal_law(self) -> Law:
+        """The inner law."""
+        return self.law
 
     @property
     def contact_labels(self) -> frozenset[str]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy
 
 from impactlaw.errors import InvalidCollisionError, RestitutionError
-from impactlaw.laws.base import RestitutionLaw, Target, coefficient, square_matrix
+from impactlaw.laws.base import Law, RestitutionLaw, Target, coefficient, square_matrix
 from impactlaw.laws.labels import canonical, put
 from impactlaw.mechanics.block_metric import finite_sparse, is_sparse
 from impactlaw.mechanics.collision import Collision
@@ -32,6 +32,15 @@ class Fremond(RestitutionLaw):
     """
 
     matrix: Any
+    name: ClassVar[str] = "fremond"
+    description: ClassVar[str] = "E full: any matrix, also keyed by pairs of contact labels"
+
+    @classmethod
+    def of(cls, restitution: Any) -> Law:
+        """Return the law; a single coefficient is no matrix."""
+        if restitution is not None and not isinstance(restitution, Mapping) and np.ndim(restitution) == 0:
+            raise RestitutionError("law 'fremond' needs a restitution matrix; 'reversal' takes a single coefficient")
+        return super().of(restitution)
 
     def __post_init__(self):
         if is_sparse(self.matrix):
@@ -118,6 +127,13 @@ class Reversal(RestitutionLaw):
     """
 
     restitution: float = 1.0
+    name: ClassVar[str] = "reversal"
+    description: ClassVar[str] = "E = e times the anti-identity along the contacts' order: Newton's cradle"
+
+    @classmethod
+    def of(cls, restitution: Any) -> Reversal:
+        """Return the law; e is 1 if it is not given."""
+        return cls() if restitution is None else cls(restitution)
 
     def __post_init__(self):
         object.__setattr__(self, "restitution", coefficient(self.restitution))

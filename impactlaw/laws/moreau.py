@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -24,6 +25,15 @@ class Moreau(RestitutionLaw):
     """
 
     restitution: float
+    name: ClassVar[str] = "moreau"
+    description: ClassVar[str] = (
+        "E = e 1: one coefficient, the half-line from v- through the point of maximal dissipation"
+    )
+
+    @property
+    def common_coefficient(self) -> float:
+        """The coefficient."""
+        return self.restitution
 
     def __post_init__(self):
         object.__setattr__(self, "restitution", coefficient(self.restitution))

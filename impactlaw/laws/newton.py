@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,14 +21,23 @@ class Newton(ContactCoefficients, RestitutionLaw):
     of the speed at which a contact closes, see `ContactCoefficients`.
     """
 
+    name: ClassVar[str] = "newton"
+    description: ClassVar[str] = (
+        "E = diag(e_1 .. e_h): one coefficient per contact, also keyed by contact label or a function of speed"
+    )
+    per_contact: ClassVar[bool] = True
+
+    @property
+    def common_coefficient(self) -> float | None:
+        """The coefficient, if one number is for every contact."""
+        return self.restitution if isinstance(self.restitution, float) else None
+
     def restitution_matrix(self, collision: Collision) -> np.ndarray:
         """Return ``diag(e_1 .. e_h)``, shape (h, h)."""
         return np.diag(self.coefficients(collision))
 
     def target(self, collision: Collision) -> Target:
         """Return ``gamma^h_i = -e_i gamma-_i``; equal coefficients also give the velocity ``-e v-``."""
-        value = self.restitution
-        if isinstance(value, float):
-            return Target(-value * collision.pre_contact_velocity, coefficient=value)
         e = self.coefficients(collision)
-        return Target(-e * collision.pre_contact_velocity, coefficient=self.common(e))
+        same = len(e) > 0 and bool((e == e[0]).all())
+        return Target(-e * collision.pre_contact_velocity, coefficient=float(e[0]) if same else None)

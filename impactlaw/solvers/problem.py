@@ -58,7 +58,7 @@ class Problem:
         return self.gradients.T
 
     def allows(self, residual: float, tolerance: float) -> bool:
-        """Whether a residual, sqrt(J), is at most the tolerance times the scale; that takes no time if |v-| shows it."""
+        """Whether a residual, sqrt(J), is at most the tolerance times the scale. Often |v-| shows it."""
         return residual <= tolerance * self.speed or residual <= tolerance * self.scale
 
     def speed_at(self, jump: np.ndarray) -> float:

@@ -272,7 +272,7 @@ class Stepper:
 
     def _with_friction(self, law: Law) -> Law:
         """Return the law with the friction of the contacts of the scene; time stepping adds it by itself."""
-        if not self.plan.friction or self._way == "time-stepping" or isinstance(law, Coulomb):
+        if not self.plan.friction or self._way == "time-stepping" or law.has_friction:
             return law
         return Coulomb(law, cone="convex" if self.friction == "convex" else "exact")
 
