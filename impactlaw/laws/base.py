@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -45,10 +45,10 @@ class Law(ABC):
         per_contact: whether the target of a contact depends on the velocity of that contact only.
     """
 
-    name: ClassVar[str] = ""
-    description: ClassVar[str] = ""
-    has_friction: ClassVar[bool] = False
-    per_contact: ClassVar[bool] = False
+    name = ""
+    description = ""
+    has_friction = False
+    per_contact = False
 
     @classmethod
     def of(cls, restitution: Any) -> Law:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -58,7 +58,7 @@ class Coulomb(Law):
     law: Law
     tangential_restitution: float = field(default=0.0, kw_only=True)
     cone: Literal["exact", "convex"] = field(default="exact", kw_only=True)
-    has_friction: ClassVar[bool] = True
+    has_friction = True
 
     def __post_init__(self):
         if not isinstance(self.law, Law):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import scipy
@@ -32,8 +32,8 @@ class Fremond(RestitutionLaw):
     """
 
     matrix: Any
-    name: ClassVar[str] = "fremond"
-    description: ClassVar[str] = "E full: any matrix, also keyed by pairs of contact labels"
+    name = "fremond"
+    description = "E full: any matrix, also keyed by pairs of contact labels"
 
     @classmethod
     def of(cls, restitution: Any) -> Law:
@@ -127,8 +127,8 @@ class Reversal(RestitutionLaw):
     """
 
     restitution: float = 1.0
-    name: ClassVar[str] = "reversal"
-    description: ClassVar[str] = "E = e times the anti-identity along the contacts' order: Newton's cradle"
+    name = "reversal"
+    description = "E = e times the anti-identity along the contacts' order: Newton's cradle"
 
     @classmethod
     def of(cls, restitution: Any) -> Reversal:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -19,8 +19,8 @@ class MaximalDissipation(RestitutionLaw):
     The point of maximal dissipation (Aeberhard and Glocker, "Perfect multi-contact collisions").
     """
 
-    name: ClassVar[str] = "maximal-dissipation"
-    description: ClassVar[str] = "E = 0: the least kinetic energy that no penetration allows; takes no restitution"
+    name = "maximal-dissipation"
+    description = "E = 0: the least kinetic energy that no penetration allows; takes no restitution"
 
     @classmethod
     def of(cls, restitution: Any) -> MaximalDissipation:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -25,10 +24,8 @@ class Moreau(RestitutionLaw):
     """
 
     restitution: float
-    name: ClassVar[str] = "moreau"
-    description: ClassVar[str] = (
-        "E = e 1: one coefficient, the half-line from v- through the point of maximal dissipation"
-    )
+    name = "moreau"
+    description = "E = e 1: one coefficient, the half-line from v- through the point of maximal dissipation"
 
     @property
     def common_coefficient(self) -> float:

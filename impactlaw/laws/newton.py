@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -21,11 +20,11 @@ class Newton(ContactCoefficients, RestitutionLaw):
     of the speed at which a contact closes, see `ContactCoefficients`.
     """
 
-    name: ClassVar[str] = "newton"
-    description: ClassVar[str] = (
+    name = "newton"
+    description = (
         "E = diag(e_1 .. e_h): one coefficient per contact, also keyed by contact label or a function of speed"
     )
-    per_contact: ClassVar[bool] = True
+    per_contact = True
 
     @property
     def common_coefficient(self) -> float | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 import scipy
@@ -43,8 +42,8 @@ class Poisson(ContactCoefficients, Law):
     start. The coefficients are numbers or functions of the speed at which a contact closes, see `ContactCoefficients`.
     """
 
-    name: ClassVar[str] = "poisson"
-    description: ClassVar[str] = "compression, then e_i times its impulse for contact i: coefficients as newton's"
+    name = "poisson"
+    description = "compression, then e_i times its impulse for contact i: coefficients as newton's"
 
     def target(self, collision: Collision) -> Target:
         """Return ``gamma^h = 0``, where contacts end that get more than ``(1 + e_i) Lambda_Ci``."""

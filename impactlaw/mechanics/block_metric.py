@@ -9,10 +9,10 @@ import numpy as np
 import scipy
 
 from impactlaw.errors import InvalidCollisionError
+from impactlaw.mechanics.tolerances import SYMMETRY
 
 LARGEST_BLOCK = 500
 """Most degrees of freedom that may be coupled with each other; the factor of such a block is a dense matrix."""
-_SYMMETRY = 1e-10  # relative asymmetry of M above which it is taken for a mistake, not for rounding
 
 
 class SparseMetric:
@@ -64,7 +64,7 @@ class SparseMetric:
     def norm(self, velocity: np.ndarray) -> float:
         """Return ``sqrt(v^T M v)``."""
         z = self.whiten(velocity)
-        return sqrt(z.dot(z))
+        return sqrt(z @ z)
 
 
 def is_sparse(values: Any) -> bool:
@@ -89,7 +89,7 @@ def finite_sparse(values: Any, name: str) -> Any:
     if array.ndim != 2:
         raise InvalidCollisionError(f"{name} must be a matrix, got shape {array.shape}")
     array.sum_duplicates()
-    if np.count_nonzero(np.isfinite(array.data)) != array.data.size:
+    if not np.isfinite(array.data).all():
         raise InvalidCollisionError(f"{name} has entries that are not finite")
     array.eliminate_zeros()
     array.data, array.indices, array.indptr = map(_own, (array.data, array.indices, array.indptr))
@@ -115,7 +115,7 @@ def _is_finished(values: Any) -> bool:
 def _check_symmetry(M: Any) -> None:
     difference = (M - M.T).tocoo()
     scale = np.sqrt(M.diagonal())
-    wrong = np.abs(difference.data) > _SYMMETRY * scale[difference.row] * scale[difference.col]
+    wrong = np.abs(difference.data) > SYMMETRY * scale[difference.row] * scale[difference.col]
     if wrong.any():
         k = int(np.argmax(np.where(wrong, np.abs(difference.data), 0.0)))
         raise InvalidCollisionError(

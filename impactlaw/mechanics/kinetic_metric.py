@@ -9,8 +9,8 @@ import scipy
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError
+from impactlaw.mechanics.tolerances import SYMMETRY
 
-_SYMMETRY = 1e-10  # relative asymmetry of M above which it is taken for a mistake, not for rounding
 _ROW_BY_ROW = 1e5
 """Multiplications up to which rows are solved one by one: for several at once the BLAS starts threads, which costs
 milliseconds where another process keeps the cores busy."""
@@ -35,7 +35,7 @@ class KineticMetric:
         if M.ndim != 2 or M.shape[0] != M.shape[1] or M.shape[0] == 0:
             raise InvalidCollisionError(f"mass_matrix must be square and not empty, got shape {M.shape}")
         diagonal = M.diagonal()
-        if min(diagonal.tolist()) <= 0:
+        if diagonal.min() <= 0:
             i = int(np.argmin(diagonal))
             raise InvalidCollisionError(f"mass_matrix is not positive definite: entry ({i}, {i}) is {diagonal[i]}")
         self._scale = None
@@ -50,7 +50,7 @@ class KineticMetric:
         """Return ``R^T v`` for one velocity (nv,) or several (n, nv)."""
         if self._scale is not None:
             return velocity * self._scale
-        return velocity.dot(self._factor.T)
+        return velocity @ self._factor.T
 
     def unwhiten(self, z: np.ndarray) -> np.ndarray:
         """Return ``R^-T z``, the inverse of `whiten`, for one vector (nv,) or several (n, nv)."""
@@ -67,7 +67,7 @@ class KineticMetric:
     def norm(self, velocity: np.ndarray) -> float:
         """Return ``sqrt(v^T M v)``."""
         z = self.whiten(velocity)
-        return sqrt(z.dot(z))
+        return sqrt(z @ z)
 
 
 def finite_array(values: ArrayLike, name: str) -> np.ndarray:
@@ -80,7 +80,7 @@ def finite_array(values: ArrayLike, name: str) -> np.ndarray:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError) as error:
         raise InvalidCollisionError(f"{name} is not an array of numbers: {error}") from None
-    if np.count_nonzero(np.isfinite(array)) != array.size:
+    if not np.isfinite(array).all():
         raise InvalidCollisionError(f"{name} has entries that are not finite")
     array.flags.writeable = False
     return array
@@ -100,7 +100,7 @@ def _solve(factor: np.ndarray, rows: np.ndarray, *, transposed: int) -> np.ndarr
 
 def _factor(M: np.ndarray) -> np.ndarray:
     scale = np.sqrt(M.diagonal())
-    if not np.array_equal(M, M.T) and (np.abs(M - M.T) > _SYMMETRY * np.outer(scale, scale)).any():
+    if not np.array_equal(M, M.T) and (np.abs(M - M.T) > SYMMETRY * np.outer(scale, scale)).any():
         i, j = np.unravel_index(np.argmax(np.abs(M - M.T)), M.shape)
         difference = M[i, j] - M[j, i]
         raise InvalidCollisionError(

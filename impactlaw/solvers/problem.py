@@ -49,8 +49,8 @@ class Problem:
     def scale(self) -> float:
         """Largest of |v-|, |d| and ``|c_i| / |Y_i|``, sqrt(J): a jump is called rounding in comparison with it."""
         d = self.preimage
-        reach = float(np.abs(self.bound / self.lengths).max(initial=0.0)) if d is None else sqrt(d @ d)
-        return max(self.speed, reach)
+        reach = np.abs(self.bound / self.lengths).max(initial=0.0) if d is None else scipy.linalg.blas.dnrm2(d)
+        return max(self.speed, float(reach))
 
     @cached_property
     def transposed(self) -> Any:
