@@ -134,6 +134,7 @@ class Collision:
 
     @cached_property
     def _bilateral(self) -> Bilateral:
+        assert self.bilateral_jacobian is not None
         return Bilateral.of(self.metric.whiten_gradients(self.bilateral_jacobian))
 
     @cached_property

@@ -81,7 +81,7 @@ class _Search:
             if factor is None:
                 return None
             impulse = factor.solve(wanted)
-            slack = self._slack(impulse, wanted, shift, careful=False)
+            slack = self._slack(impulse, wanted, shift)
             signed = np.where(active, impulse, slack)
             if signed.min() > -DOUBTFUL * self.scale or factor.least_pivot < ILL:
                 impulse, slack = self._refined(factor, active, impulse, wanted, shift)
@@ -106,7 +106,7 @@ class _Search:
         """Return a point near the solution by Nesterov's accelerated projected gradients, restarted where they turn."""
         ahead, t, step = impulse, 1.0, 1.0 / (self.U.largest + shift)
         for count in range(_GRADIENTS):
-            slack = self._slack(ahead, wanted, shift, careful=False)
+            slack = self._slack(ahead, wanted, shift)
             if count % 32 == 0 and np.abs(np.minimum(ahead, slack)).max() <= NEAR * self.scale:
                 break
             following = np.maximum(ahead - step * slack, 0.0)
@@ -146,11 +146,9 @@ class _Search:
             error = left
         return impulse, slack
 
-    def _slack(self, impulse: np.ndarray, wanted: np.ndarray, shift: float, *, careful: bool = True) -> np.ndarray:
-        """Return ``(G + shift) Lambda - wanted``, (h,); with care, without the rounding of G."""
-        slack = (self.U.careful_product if careful else self.U.product)(impulse)
-        slack -= wanted
-        return slack if shift == 0.0 else slack + shift * impulse
+    def _slack(self, impulse: np.ndarray, wanted: np.ndarray, shift: float) -> np.ndarray:
+        """Return ``(G + shift) Lambda - wanted``, (h,)."""
+        return self.U.product(impulse) - wanted + shift * impulse
 
 
 def _length(vector: np.ndarray) -> float:
