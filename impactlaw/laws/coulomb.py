@@ -12,8 +12,9 @@ from impactlaw.laws.base import Law, Target, coefficient
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
 from impactlaw.mechanics.impact import Impact
-from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem, ConeStatus
+from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem
 from impactlaw.solvers.friction.solve import BRIEF, COMPILED, THOROUGH, USUAL, Effort, shared, solve_cones
+from impactlaw.solvers.problem import Status
 
 _FEW = 4  # contacts, up to which a brief search tries what is not compiled
 _BRIEFLY = 3000, 300  # steps of Newton's method in all with few contacts, and with more, after which it gives up
@@ -130,7 +131,7 @@ class _Attempt:
             effort = min(effort, USUAL) if len(self.wanted) <= _FEW else COMPILED
         answer = solve_cones(problem, guess, effort=effort)
         self.taken += answer.iterations
-        if answer.status is not ConeStatus.SOLVED:
+        if answer.status is not Status.SOLVED:
             return None, answer
         if problem.is_redundant:
             answer = shared(problem, answer)

@@ -15,8 +15,9 @@ from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction import Friction
 from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers import beyond_rounding
-from impactlaw.solvers.friction.problem import ConeProblem, ConeStatus, project
+from impactlaw.solvers.friction.problem import ConeProblem, project
 from impactlaw.solvers.friction.solve import solve_cones
+from impactlaw.solvers.problem import Status
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +94,7 @@ class FrictionImpact(Impact):
         jump = collision.metric.whiten(v - collision.pre_velocity)
         sizes = _friction(collision).cone_rows(len(collision.labels)).sizes
         answer = solve_cones(ConeProblem(rows, -(rows @ jump), sizes, exact=False))
-        if answer.status is not ConeStatus.SOLVED:
+        if answer.status is not Status.SOLVED:
             raise SolverError(f"no impulse nearest to this velocity was found: residual {answer.residual:.1e} sqrt(J)")
         return replace(cls.of_cones(collision, answer.impulse, jump), post_velocity=v)
 

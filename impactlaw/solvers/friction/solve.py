@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlaw.solvers.friction.augmented_lagrangian import augmented_lagrangian
-from impactlaw.solvers.friction.problem import ENOUGH, ConeAnswer, ConeProblem, ConeStatus, project
+from impactlaw.solvers.friction.problem import ENOUGH, ConeAnswer, ConeProblem, project
 from impactlaw.solvers.friction.semismooth_newton import continuation, newton, share
 from impactlaw.solvers.friction.single_contact import single
 from impactlaw.solvers.one_thread import one_thread
+from impactlaw.solvers.problem import Status
 
 _WARM = 8  # Newton steps that a guess is worth
 _COLD = 15  # Newton steps from rest, before what is slower
@@ -65,7 +66,7 @@ def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, effort
     if problem.exact and problem.shape[0] == 1:
         x = single(problem, guess)
         if x is not None and (residual := problem.residual(x, problem.velocity(x))) <= _ALONE * problem.scale:
-            return problem.answer(x, residual, ConeStatus.SOLVED, 0)
+            return problem.answer(x, residual, Status.SOLVED, 0)
     with one_thread():
         return _solve(problem, guess, effort)
 
@@ -87,7 +88,7 @@ def _solve(problem: ConeProblem, guess: np.ndarray | None, effort: Effort) -> Co
                 x, residual = other, least
             if residual <= ENOUGH * problem.scale:
                 break
-    status = ConeStatus.SOLVED if residual <= ENOUGH * problem.scale else ConeStatus.STOPPED
+    status = Status.SOLVED if residual <= ENOUGH * problem.scale else Status.STOPPED
     return problem.answer(x, residual, status, taken)
 
 
