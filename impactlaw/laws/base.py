@@ -14,6 +14,7 @@ from impactlaw.mechanics.bilateral import velocity_with
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers import Problem, solve_with_jump
+from impactlaw.solvers.tolerances import RANK
 
 
 class Target(NamedTuple):
@@ -154,7 +155,7 @@ def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:
         return 0.0
     lengths = np.where(collision.gradient_norms > 0, collision.gradient_norms, 1.0)
     U, s, _ = np.linalg.svd(collision.dense_gradients / lengths[:, None], full_matrices=False)
-    rank = int(np.count_nonzero(s > 1e-11 * s[0]))
+    rank = int((s > RANK * s[0]).sum())
     U, s = U[:, :rank], s[:rank]
     scaled = E * (lengths / lengths[:, None])
     return float(np.linalg.norm(U.T @ scaled @ (U * s) / s[:, None], 2) ** 2)

@@ -57,6 +57,12 @@ def judge(problem: Problem, impulse: np.ndarray, jump: np.ndarray | None = None)
     return Answer(impulse, z, slack, residual if residual >= 0 else inf)  # infinite where it is not a number
 
 
+def natural_residual(problem: Problem, impulse: np.ndarray) -> float:
+    """Return the residual of an impulse, relative to the scale of the problem."""
+    residual = judge(problem, impulse).residual
+    return residual / problem.scale if problem.scale > 0 else residual
+
+
 def judge_active(problem: Problem, active: np.ndarray | slice) -> Answer | None:
     """Return the answer with ``(Y z - c)_A = 0`` and no impulse elsewhere.
 

@@ -39,7 +39,7 @@ def least_norm(gradients: np.ndarray, impulse: np.ndarray, tight: np.ndarray) ->
         return impulse
     shared = np.linalg.norm(still, axis=1) > RANK  # the impulse of any other contact is the only one
     N = scipy.linalg.qr(still / lengths[:, None], mode="economic", check_finite=False)[0][shared]
-    part = least_squares(Y[shared].T, x[shared].dot(Y[shared]), RANK)
+    part = least_squares(Y[shared].T, x[shared] @ Y[shared], RANK)
     part[np.abs(part) < NO_IMPULSE * np.abs(part).max()] = 0.0
     if part.min() < 0:
         carrying = _carrying(Problem(N, -part))
@@ -51,7 +51,7 @@ def least_norm(gradients: np.ndarray, impulse: np.ndarray, tight: np.ndarray) ->
     on[face[shared]] = carrying
     on[face[~shared]] = x[~shared] > 0
     result = np.zeros_like(impulse)
-    result[on] = np.maximum(least_squares(gradients[on].T, x.dot(Y), RANK), 0.0)
+    result[on] = np.maximum(least_squares(gradients[on].T, x @ Y, RANK), 0.0)
     return result
 
 

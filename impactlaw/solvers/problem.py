@@ -89,13 +89,6 @@ def row_numbers(gradients: Any) -> np.ndarray:
     return np.repeat(np.arange(gradients.shape[0]), np.diff(gradients.indptr))
 
 
-def natural_residual(problem: Problem, impulse: np.ndarray) -> float:
-    """Return the length of the natural map ``min(Lambda_i |Y_i|, slack_i)``, relative to the scale of the problem."""
-    natural = np.minimum(impulse * problem.lengths, problem.slack(problem.transposed @ impulse))
-    length = sqrt(natural @ natural)
-    return length / problem.scale if problem.scale > 0 else length
-
-
 def row_scaled(gradients: Any, lengths: np.ndarray) -> Any:
     """Return the rows divided by the lengths, in the form of the gradients."""
     if isinstance(gradients, np.ndarray):

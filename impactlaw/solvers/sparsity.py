@@ -8,7 +8,7 @@ import scipy
 from impactlaw.solvers.problem import Problem
 from impactlaw.solvers.tolerances import COUPLED
 
-_LARGE = 64  # contacts from which a sparse factor of G is faster than a dense one
+_SPARSE_CONTACTS = 64  # contacts from which a sparse factor of G is faster than a dense one
 _FILLED = 0.1  # part of the entries that are not zero, up to which an array is called sparse
 MOST_DENSE = 8_000_000
 """Entries up to which a CSR array is turned into an array for solvers that need one."""
@@ -16,7 +16,7 @@ MOST_DENSE = 8_000_000
 
 def has_structure(problem: Problem) -> bool:
     """Whether the gradients are a large array of mostly zeros."""
-    if len(problem.bound) < _LARGE or problem.is_sparse:
+    if len(problem.bound) < _SPARSE_CONTACTS or problem.is_sparse:
         return False
     Y = problem.gradients
     return np.count_nonzero(Y) <= _FILLED * Y.size

@@ -11,7 +11,7 @@ import mujoco
 from impactlaw.errors import ManyCollisionsWarning, SceneError, UnknownNameError
 from impactlaw.laws import Coulomb, Law, MaximalDissipation
 from impactlaw.laws.from_scene import scene_law
-from impactlaw.scene.contacts import GAP_TOLERANCE
+from impactlaw.scene.tolerances import GAP_TOLERANCE
 from impactlaw.settled import Settled
 from impactlaw.solvers import SOLVERS, load_solvers
 from impactlaw.stepping.collisions import Collider

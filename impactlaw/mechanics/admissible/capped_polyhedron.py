@@ -14,7 +14,7 @@ from impactlaw.mechanics.tolerances import NEAR, SET_RANK, SET_ROUNDING, TIGHT, 
 
 MAX_FACES = 100_000
 """Most sets of constraints that `CappedPolyhedron.farthest` looks at."""
-_STEPS = 200
+_TRIES = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +132,7 @@ class CappedPolyhedron:
         unit = 1.0 + float(np.linalg.norm(self.center))
         best, last = self.inside, high
         t = high if np.isfinite(high) else unit
-        for step in range(_STEPS):
+        for step in range(_TRIES):
             x, along = self._on_polyhedron(base, t, ray, best)
             excess = float(self.excess(x))
             if excess <= SET_ROUNDING * unit:
@@ -148,7 +148,7 @@ class CappedPolyhedron:
             t = t - excess / (speed + root) if speed + root > 0 else high
             if not low < t < high or step % 3 == 2:
                 t = 0.5 * (low + high) if np.isfinite(high) else 16.0 * max(low, unit)
-        raise SolverError(f"the multiplier of the energy was not found in {_STEPS} steps, between {low} and {high}")
+        raise SolverError(f"the multiplier of the energy was not found in {_TRIES} steps, between {low} and {high}")
 
     def _on_polyhedron(
         self, base: np.ndarray, t: float, ray: np.ndarray, start: np.ndarray

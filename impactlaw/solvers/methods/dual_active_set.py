@@ -10,7 +10,7 @@ import numpy as np
 from impactlaw.solvers.problem import Problem, Solution, Status
 from impactlaw.solvers.tolerances import DAQP_DUAL, DAQP_PRIMAL, RAY_ROUNDING
 
-_INFEASIBLE = -1  # daqp's exit flag
+_DAQP_INFEASIBLE = -1  # daqp's exit flag
 
 
 def dual_active_set(problem: Problem) -> Solution:
@@ -37,6 +37,6 @@ def dual_active_set(problem: Problem) -> Solution:
         iter_limit=100 * (h + nv),
     )
     if flag <= 0:  # then the multipliers are whatever the memory held
-        status = Status.INFEASIBLE if flag == _INFEASIBLE else Status.STOPPED
+        status = Status.INFEASIBLE if flag == _DAQP_INFEASIBLE else Status.STOPPED
         return Solution(np.zeros_like(c), status, info["iterations"])
     return Solution(np.maximum(0.0 - info["lam"], 0.0) * size / lengths, Status.SOLVED, info["iterations"])

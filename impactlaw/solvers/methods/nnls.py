@@ -12,7 +12,7 @@ from impactlaw.solvers.least_squares import least_squares
 from impactlaw.solvers.problem import Problem, Solution, Status
 from impactlaw.solvers.tolerances import BALANCED, IN_RANGE
 
-_CHANGES = 30  # of the active set, per contact, at most
+_NNLS_CHANGES = 30  # of the active set, per contact, at most
 
 
 def nnls(problem: Problem) -> Solution:
@@ -42,7 +42,7 @@ def cone_projection(problem: Problem, point: np.ndarray) -> np.ndarray | None:
     balanced = lengths.max() <= BALANCED * lengths.min()
     columns = problem.gradients.T if balanced else problem.gradients.T / lengths
     try:
-        impulse, _ = scipy.optimize.nnls(columns, point, maxiter=_CHANGES * len(lengths))
+        impulse, _ = scipy.optimize.nnls(columns, point, maxiter=_NNLS_CHANGES * len(lengths))
     except RuntimeError:  # how scipy says that these changes of the active set were not enough
         return None
     return impulse if balanced else impulse / lengths

@@ -11,7 +11,7 @@ from impactlaw.solvers.problem import Problem, Solution, Status
 from impactlaw.solvers.tolerances import DOUBTFUL, ILL, NEAR, REACHED, SHIFTS, SIGNLESS, SINGULAR
 
 _PROXIMAL = 60  # steps of the proximal point method, with systems of which each is definite
-_CHANGES = 60  # of the active set, at most
+_GUESSES = 60  # of the active set, at most
 _PATIENCE = 8  # changes without fewer wrong contacts, after which gradients look for a better guess
 _GRADIENTS = 3000
 _REFINEMENTS = 3
@@ -76,7 +76,7 @@ class _Search:
         """Return ``Lambda >= 0  ⊥  (G + shift) Lambda - wanted >= 0``, both; None if singular or not found."""
         fewest, patience, rounding = len(wanted) + 1, _PATIENCE, SIGNLESS * self.scale
         helped = False
-        for _ in range(_CHANGES):
+        for _ in range(_GUESSES):
             factor = self._factor(active, shift)
             if factor is None:
                 return None

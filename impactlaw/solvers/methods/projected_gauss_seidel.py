@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.solvers.problem import Problem, Solution, Status, natural_residual, row_scaled
+from impactlaw.solvers.certificate import natural_residual
+from impactlaw.solvers.problem import Problem, Solution, Status, row_scaled
 
 _CHECKED = 10  # sweeps between two looks at the residual
 
