@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import Any
 
 import numpy as np
 import scipy
 
 from impactlaw.errors import InvalidCollisionError
+from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.mechanics.tolerances import SYMMETRY
 
 LARGEST_BLOCK = 500
 """Most degrees of freedom that may be coupled with each other; the factor of such a block is a dense matrix."""
 
 
-class SparseMetric:
-    """A sparse mass matrix and its factor ``M = R R^T``; see `KineticMetric` for what they do.
+class SparseMetric(KineticMetric):
+    """A sparse mass matrix and its factor ``M = R R^T``.
 
     Degrees of freedom that M couples, directly or through others, form blocks. Each is factored by itself.
 
@@ -28,31 +28,19 @@ class SparseMetric:
             `LARGEST_BLOCK` degrees of freedom in one block.
     """
 
-    def __init__(self, mass_matrix: Any):
-        M = finite_sparse(mass_matrix, "mass_matrix")
-        if M.shape[0] != M.shape[1] or M.shape[0] == 0:
-            raise InvalidCollisionError(f"mass_matrix must be square and not empty, got shape {M.shape}")
-        diagonal = M.diagonal()
-        if diagonal.min() <= 0:
-            i = int(np.argmin(diagonal))
-            raise InvalidCollisionError(f"mass_matrix is not positive definite: entry ({i}, {i}) is {diagonal[i]}")
-        self.mass_matrix = M
-        self._scale = np.sqrt(diagonal) if M.nnz == M.shape[0] else None
-        if self._scale is None:
-            _check_symmetry(M)
-            self._factor, self._inverse = _factors(M)
+    _inverse: Any
 
-    def whiten(self, velocity: np.ndarray) -> np.ndarray:
-        """Return ``R^T v`` for one velocity (nv,) or several (n, nv)."""
-        if self._scale is not None:
-            return velocity * self._scale
-        return velocity @ self._factor
+    def _take(self, mass_matrix: Any) -> Any:
+        return finite_sparse(mass_matrix, "mass_matrix")
+
+    def _factorize(self, M: Any) -> Any:
+        _check_symmetry(M)
+        R, self._inverse = _factors(M)
+        return R.T
 
     def unwhiten(self, z: np.ndarray) -> np.ndarray:
         """Return ``R^-T z``, the inverse of `whiten`, for one vector (nv,) or several (n, nv)."""
-        if self._scale is not None:
-            return z / self._scale
-        return z @ self._inverse
+        return z / self._scale if self._scale is not None else z @ self._inverse
 
     def whiten_gradients(self, jacobian: Any) -> Any:
         """Return ``J R^-T``, sparse, shape (h, nv)."""
@@ -60,11 +48,6 @@ class SparseMetric:
             data = jacobian.data / self._scale[jacobian.indices]
             return scipy.sparse.csr_array((data, jacobian.indices, jacobian.indptr), shape=jacobian.shape)
         return scipy.sparse.csr_array(jacobian @ self._inverse.T)
-
-    def norm(self, velocity: np.ndarray) -> float:
-        """Return ``sqrt(v^T M v)``."""
-        z = self.whiten(velocity)
-        return sqrt(z @ z)
 
 
 def is_sparse(values: Any) -> bool:

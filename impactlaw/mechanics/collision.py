@@ -55,7 +55,7 @@ class Collision:
     jacobian: np.ndarray
     pre_velocity: np.ndarray
     labels: tuple[str, ...] = field(default=(), kw_only=True)
-    metric: KineticMetric | SparseMetric = field(default=None, kw_only=True, repr=False)  # pyright: ignore[reportAssignmentType]
+    metric: KineticMetric = field(default=None, kw_only=True, repr=False)  # pyright: ignore[reportAssignmentType]
     bilateral_jacobian: np.ndarray | None = field(default=None, kw_only=True)
     surface_velocity: np.ndarray | None = field(default=None, kw_only=True)
     post_surface_velocity: np.ndarray | None = field(default=None, kw_only=True)

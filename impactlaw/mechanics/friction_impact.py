@@ -132,10 +132,8 @@ class FrictionImpact(Impact):
         kinematic = penetration(c, self.whitened_jump, self.post_contact_velocity)
         speeds = sqrt(z @ z) + sqrt(before @ before)
         energetic = max(0.0, 2.0 * self.work / speeds) if speeds > 0 else 0.0
-        x = self._problem.scaled(self._cone_impulse)
-        outside = float(np.linalg.norm(x - project(x)))
         speed = max(c.pre_speed, self._problem.scale)
-        return Violations(kinematic, max(self._cone_imbalance, outside), energetic, speed)
+        return Violations(kinematic, max(self._cone_imbalance, self._outside), energetic, speed)
 
     @cached_property
     def residual(self) -> float:
@@ -145,40 +143,39 @@ class FrictionImpact(Impact):
         metric, with ``u = (gamma+ - gamma^h, mu (gamma_t+ + e_t gamma_t-))`` contact by contact (exact friction; the
         relaxation has no ``|u_t|`` there).
         """
-        x, problem = self._problem.scaled(self._cone_impulse), self._problem
-        error = max(self._cone_imbalance, float(np.linalg.norm(x - project(x))))
-        if self.target_contact_velocity is not None:
-            friction = _friction(self.collision)
-            u = np.concatenate(
-                [
-                    self.post_contact_velocity - self.target_contact_velocity,
-                    friction.coefficient * (self.post_sliding_velocity - self.target_sliding_velocity),
-                ]
-            )[self._rows.order]
-            u = problem.scaled(u) / problem.lengths[:, None] ** 2
-            error = max(error, problem.residual(x, u))
+        problem, friction = self._problem, _friction(self.collision)
+        error = max(self._cone_imbalance, self._outside)
+        if self.target_contact_velocity is not None and self.target_sliding_velocity is not None:
+            normal = self.post_contact_velocity - self.target_contact_velocity
+            sliding = friction.coefficient * (self.post_sliding_velocity - self.target_sliding_velocity)
+            u = problem.scaled(np.concatenate([normal, sliding])[self._order]) / problem.lengths[:, None] ** 2
+            error = max(error, problem.residual(self._scaled_impulse, u))
         speed = max(self._speed, problem.scale)
         return error / speed if speed > 0 else error
 
     @cached_property
-    def _rows(self):
-        return _friction(self.collision).cone_rows(len(self.collision.labels))
-
-    @cached_property
-    def _cone_impulse(self) -> np.ndarray:
-        friction = _friction(self.collision)
-        return np.concatenate([self.impulse, self.friction_impulse / friction.coefficient])[self._rows.order]
+    def _order(self) -> np.ndarray:
+        return _friction(self.collision).cone_rows(len(self.collision.labels)).order
 
     @cached_property
     def _problem(self) -> ConeProblem:
         """The cones of this collision, with the velocity before as the offset."""
         return cone_problem(self.collision, exact=self.exact, known=self.cones)
 
+    @cached_property
+    def _scaled_impulse(self) -> np.ndarray:
+        tangential = self.friction_impulse / _friction(self.collision).coefficient
+        return self._problem.scaled(np.concatenate([self.impulse, tangential])[self._order])
+
+    @property
+    def _outside(self) -> float:
+        """Distance of the impulses from the friction cones, sqrt(J)."""
+        return float(np.linalg.norm(self._scaled_impulse - project(self._scaled_impulse)))
+
     @property
     def _cone_imbalance(self) -> float:
-        problem = self._problem
-        x = problem.scaled(self._cone_impulse)
-        gap = float(np.linalg.norm(self.whitened_jump - x.reshape(-1) @ problem.rows))
+        x = self._scaled_impulse
+        gap = float(np.linalg.norm(self.whitened_jump - x.reshape(-1) @ self._problem.rows))
         return beyond_rounding(gap, float(np.abs(x).sum()), self._speed)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import sqrt
+from typing import Any
 
 import numpy as np
 import scipy
@@ -31,20 +32,23 @@ class KineticMetric:
     """
 
     def __init__(self, mass_matrix: ArrayLike):
-        M = finite_array(mass_matrix, "mass_matrix")
+        M = self._take(mass_matrix)
         if M.ndim != 2 or M.shape[0] != M.shape[1] or M.shape[0] == 0:
             raise InvalidCollisionError(f"mass_matrix must be square and not empty, got shape {M.shape}")
         diagonal = M.diagonal()
         if diagonal.min() <= 0:
             i = int(np.argmin(diagonal))
             raise InvalidCollisionError(f"mass_matrix is not positive definite: entry ({i}, {i}) is {diagonal[i]}")
-        self._scale = None
-        self._factor = np.empty((0, 0))  # R^T
-        if np.count_nonzero(M) == len(M):
-            self._scale = np.sqrt(diagonal)
-        else:
-            self._factor = _factor(M)
+        is_diagonal = (np.count_nonzero(M) if isinstance(M, np.ndarray) else M.nnz) == M.shape[0]
         self.mass_matrix = M
+        self._scale = np.sqrt(diagonal) if is_diagonal else None
+        self._factor: Any = None if is_diagonal else self._factorize(M)  # R^T
+
+    def _take(self, mass_matrix: Any) -> Any:
+        return finite_array(mass_matrix, "mass_matrix")
+
+    def _factorize(self, M: Any) -> Any:
+        return _factor(M)
 
     def whiten(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``R^T v`` for one velocity (nv,) or several (n, nv)."""

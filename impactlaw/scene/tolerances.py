@@ -11,6 +11,6 @@ PARALLEL = 0.99  # cosine of the angle within which MuJoCo takes two faces for p
 MIN_FRICTION = 1e-10  # coefficient up to which there is no friction
 BLOW = 0.1  # m/s: change of a surface's mean velocity from step to step above which it jumps, which is a collision
 
-# --- Equality constraints, which are soft in MuJoCo: their rows are right up to what they have given way. --------------
+# --- Equality constraints, which are soft in MuJoCo: their rows are right up to what they have given way. -------------
 GIVEN_WAY = 10.0  # how much more than its part of the bodies' size a violation may change rows
 OWN_CONSTRAINT = 1e-2  # singular value above which a constraint is one of its own, whatever has given way
