@@ -94,7 +94,7 @@ def _expansion(start: Problem, kick: np.ndarray) -> Problem:
 
 
 def _error(impact: Impact) -> float:
-    """Return the residual; or by how much ``|v+|`` is above ``|v-|``, of which it is a part, since it must not be."""
+    """Return the residual, or the part of ``|v-|`` by which ``|v+|`` exceeds it, if that is larger."""
     c = impact.collision
     z = c.relative_velocity + impact.whitened_jump
     if c.pre_speed > 0 and z @ z > (1.0 + GOOD) * c.pre_speed**2:
@@ -103,7 +103,7 @@ def _error(impact: Impact) -> float:
 
 
 def _end(compression: Impact, least: np.ndarray, more: np.ndarray, jump: np.ndarray) -> Impact:
-    """Return the impact whose impulses are the least ones and more, (h,) each, and whose whitened jump is known."""
+    """Return the impact with these impulses, the least ones and what is added to them, (h,) each, and its jump."""
     c = compression.collision
     return Impact(
         c,

@@ -18,7 +18,7 @@ REGISTERED: tuple[type[Law], ...] = (MaximalDissipation, Moreau, Newton, Poisson
 """A new law is one file, with its name and description on the class, and its class here."""
 
 LAWS: dict[str, Callable[[Any], Law]] = {law.name: law.of for law in REGISTERED}
-"""What makes the law of a name from its restitution."""
+"""Functions from a restitution to a law, by the name of the law."""
 
 DESCRIPTIONS: dict[str, str] = {law.name: law.description for law in REGISTERED}
 """One line per law."""

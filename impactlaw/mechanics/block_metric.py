@@ -80,7 +80,7 @@ def finite_sparse(values: Any, name: str) -> Any:
 
 
 def _own(part: np.ndarray) -> np.ndarray:
-    """Return what nobody can write to, not even through another view."""
+    """Return the array, or a copy if others hold views of it, as one that cannot be written to."""
     part = part if part.base is None else part.copy()
     part.flags.writeable = False
     return part

@@ -45,7 +45,7 @@ class Collision:
             a surface recedes; None if all surfaces rest.
         post_surface_velocity: ``w+``, shape (h,); None where it is w-. A surface whose velocity jumps, as under the
             blow of a hammer, collides by itself.
-        friction: rows of friction of these contacts, for `impactlaw.Coulomb`; other laws do not look at it.
+        friction: rows of friction of these contacts, for `impactlaw.Coulomb`; other laws ignore it.
 
     Raises:
         InvalidCollisionError: shapes do not fit, an entry is not finite, or M is not symmetric positive definite.
@@ -203,7 +203,7 @@ class Collision:
 
     @property
     def frame_rates(self) -> np.ndarray | None:
-        """What ``gamma-bar`` has beside the part that impulses change, shape (h,), m/s; None if that is 0.
+        """The part of ``gamma-bar`` that no impulse changes, shape (h,), m/s; None if it is 0.
 
         It is ``(w- + w+) / 2``, and the motion along bilateral constraints if those move, ``J_eq v- != 0``.
         """

@@ -26,8 +26,8 @@ class Impact:
         post_velocity: ``v+``, shape (nv,).
         found_impulse: an impulse that leads to v+, shape (h,), N s.
         target_contact_velocity: ``gamma^h`` of the law that decided, shape (h,), m/s; None for an observed outcome.
-        least_impulse: what the law gives each contact anyway, shape (h,), N s; None if that is 0. Under Poisson's law
-            it is ``(1 + e) Lambda_C``, and what goes beyond that is of least norm.
+        least_impulse: a part of the impulse that the law decides beforehand, shape (h,), N s; None if it is 0. Under
+            Poisson's law it is ``(1 + e) Lambda_C``, and what goes beyond that is of least norm.
         compression: the first phase of an impact with two; None if it has one.
         problem: if given, redundant contacts have yet to share the impulse of `answer`, which solves it.
         answer: see `problem`.

@@ -11,7 +11,7 @@ REACHED = 1e-11  # part of the contact velocities that a velocity of the bodies 
 
 # --- The set S(v-), in which lengths are divided by its smallest jump |p - v-|. ---------------------------------------
 SET_RANK = 1e-10  # singular value up to which unit gradients are dependent; rounding divided by this is 1e-6
-SET_CERTIFIED = 1e-7  # violation, relative to |v-|, of a result that is none
+SET_CERTIFIED = 1e-7  # violation, relative to |v-|, above which a result is refused
 POINT = 1e-12  # part of |v-| below which the smallest jump is rounding, and S is the point v-
 TIGHT = 1e-11  # slack of a constraint that counts as 0
 NEAR = 1e-9  # slack of a computed corner that may be one

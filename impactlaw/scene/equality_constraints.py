@@ -31,8 +31,8 @@ def bilateral_rows(model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray)
     """Return ``J_eq`` of the equality constraints that are kept and active, (m, nv), among the rows of now.
 
     MuJoCo's constraints are soft: where they have given way by a distance d, rows that depend on each other do so up
-    to d over the size of the bodies only. What is that small counts as dependence, or redundant constraints would lock
-    a mechanism; then rows that span the rest are returned. Inertia must be current (`contacts.update_positions`).
+    to d over the size of the bodies only. Directions of that size are left out, or redundant constraints would lock a
+    mechanism; then rows that span the others are returned. Inertia must be current (`contacts.update_positions`).
     """
     rows = np.flatnonzero(kept[data.efc_id[: data.ne]])
     if len(rows) == 0:

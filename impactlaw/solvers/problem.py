@@ -21,7 +21,7 @@ class Problem:
         bound: ``c = gamma^h - gamma-``, shape (h,).
         preimage: ``d`` with ``Y d = c`` where the law knows one, shape (nv,); then the jump is the projection of d
             onto the cone of the gradients, which always exists.
-        speed: ``|v-|`` where it is known, sqrt(J): c was computed from it and carries its rounding.
+        speed: ``|v-|`` where it is known, sqrt(J): c was computed from velocities of that size, and has their rounding.
         norms: lengths of the rows of Y, shape (h,); computed if None.
 
     Attributes:
@@ -62,7 +62,7 @@ class Problem:
         return residual <= tolerance * self.speed or residual <= tolerance * self.scale
 
     def speed_at(self, jump: np.ndarray) -> float:
-        """What errors are compared with: where |v-| is known, never more than the larger of |v-| and |v+|."""
+        """Return the speed that errors are compared with; if |v-| is known, at most the larger of |v-| and |v+|."""
         if self.speed > 0:
             return max(self.speed, 0.5 * sqrt(jump @ jump))
         return max(self.scale, sqrt(jump @ jump))

@@ -42,7 +42,7 @@ _MANY = 64  # contacts from which linear algebra starts threads where it may
 
 
 class _Attempt(NamedTuple):
-    """What solvers have come to: the best answer, and what the last of them handed back; None if there is none."""
+    """The best answer of several solvers, and what the last one returned; None where no solver was asked."""
 
     answer: Answer | None
     last: Solution | None
@@ -102,7 +102,7 @@ def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bo
     if not _certified(problem, answer):
         if solver not in _ITERATIVE:
             answer = _attempt_in_row_space(problem, solver, answer)
-        if solver == "auto":  # what nobody can solve may be rounding
+        if solver == "auto":  # a problem that no solver solves may be made of rounding errors: then no impulse is right
             answer = better(answer, judge(problem, np.zeros_like(problem.bound)))
         if answer is None or not _certified(problem, answer):
             _refuse(problem, labels)
@@ -118,7 +118,7 @@ def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bo
 
 
 def _with_all_active(problem: Problem) -> Answer | None:
-    """Return the answer with an impulse at every contact, as most small problems have it; None if there is none."""
+    """Return the answer with an impulse at every contact, as most small problems have it; None if it has not."""
     return one_contact(problem) if len(problem.bound) == 1 else judge_active(problem, slice(None))
 
 
@@ -154,7 +154,7 @@ def _attempt(problem: Problem, solver: str, labels: tuple[str, ...] | None) -> _
 
 
 def _attempt_in_row_space(problem: Problem, solver: str, best: Answer | None) -> Answer | None:
-    """Try without directions in which the gradients are nothing but rounding, or almost; return the best answer."""
+    """Solve again without directions along which the gradients may be rounding; return the best answer."""
     dense = as_dense(problem)
     if dense is None:
         return best
@@ -187,7 +187,7 @@ def _candidates(problem: Problem, solver: str) -> tuple[str, ...]:
 
 
 def _solve_moving(problem: Problem, labels: tuple[str, ...], solver: str) -> Answer:
-    """Leave out contacts whose gradient is zero; wanting their velocity to change is a conflict of its own."""
+    """Solve without contacts whose gradient is zero; if the law asks such a contact to open, there is no solution."""
     moving = problem.norms > 0
     wanted = ~moving & (problem.bound > 0)
     if wanted.any():
@@ -200,7 +200,7 @@ def _solve_moving(problem: Problem, labels: tuple[str, ...], solver: str) -> Ans
 
 
 def _solve_apart(problem: Problem, labels: tuple[str, ...], solver: str, parts: list[np.ndarray]) -> Answer:
-    """Solve each group of contacts on its own, so that the speed of one does not excuse the errors of another."""
+    """Solve each group of contacts on its own: errors are relative to the speed, and groups may differ in that."""
     impulse, jump = np.zeros_like(problem.bound), np.zeros(problem.gradients.shape[1])
     for rows in parts:
         part = Problem(problem.gradients[rows], problem.bound[rows])

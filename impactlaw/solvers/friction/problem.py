@@ -15,7 +15,7 @@ import numpy as np
 from impactlaw.solvers.problem import Status
 
 ENOUGH = 1e-10
-"""Relative residual of an answer; what is above is none."""
+"""Relative residual up to which an impulse is accepted as an answer."""
 SHARP = 1e-14
 """Relative residual that no further step is worth."""
 _TINY = 1e-300
