@@ -38,5 +38,5 @@ class Newton(ContactCoefficients, RestitutionLaw):
     def target(self, collision: Collision) -> Target:
         """Return ``gamma^h_i = -e_i gamma-_i``; equal coefficients also give the velocity ``-e v-``."""
         e = self.coefficients(collision)
-        same = len(e) > 0 and bool((e == e[0]).all())
-        return Target(-e * collision.pre_contact_velocity, coefficient=float(e[0]) if same else None)
+        values = set(e.tolist())
+        return Target(-e * collision.pre_contact_velocity, coefficient=values.pop() if len(values) == 1 else None)
