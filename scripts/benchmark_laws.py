@@ -3,8 +3,7 @@
 Y is the whitened Jacobian and R^T v- the whitened velocity; everything else (lengths of the gradients, contact
 velocities, the target, the certificate) is in the time "law". In the time "cached" the collision has been asked for
 these lengths and velocities before. Bare NNLS gets the same Y and the d with ``Y d = c`` for nothing, and its answer is
-not checked. What scipy itself spends on checking Y and d is in the time of bare NNLS; a law calls the routine behind it
-(`impactlaw.deferred`).
+not checked.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from benchmark_scenes import Scene, builders
 from benchmark_timing import in_turns
 
 from impactlaw import MaximalDissipation, Moreau
-from impactlaw.scene.contacts import GAP_TOLERANCE
+from impactlaw.scene.tolerances import GAP_TOLERANCE
 from impactlaw.stepping.collisions import Collider
 from impactlaw.stepping.event_driven.scheme import RigidStepping
 from impactlaw.stepping.plan import Plan, make_plan

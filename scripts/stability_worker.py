@@ -11,7 +11,6 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib import import_module
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import TracebackType
@@ -116,10 +115,9 @@ def _one_blas_thread() -> Iterator[None]:
 def _serve(pipe: Connection) -> None:
     from stability_cases import CASES
 
-    from impactlaw import deferred
+    from impactlaw.solvers import load_solvers
 
-    deferred.load_solvers()  # and daqp: no row should pay for what is imported when it is first used
-    import_module("daqp")
+    load_solvers()  # no row should pay for what is imported when it is first used
     warnings.simplefilter("error", RuntimeWarning)  # overflow or an invalid number is loud
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)  # MuJoCo writes its warnings to a file there

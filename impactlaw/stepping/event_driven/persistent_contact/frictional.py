@@ -21,8 +21,9 @@ import numpy as np
 
 from impactlaw.errors import SolverError
 from impactlaw.scene.contacts import update_positions
-from impactlaw.solvers.friction.problem import ConeProblem, ConeStatus
+from impactlaw.solvers.friction.problem import ConeProblem
 from impactlaw.solvers.friction.solve import solve_cones
+from impactlaw.solvers.problem import Status
 from impactlaw.stepping.event_driven.contact_set import Touch, jump, kinetic_norm
 from impactlaw.stepping.event_driven.contact_state import CORRECTED, Arrival, Carried, Flow, Grasp, Moment, stays
 from impactlaw.stepping.event_driven.persistent_contact.felt_force import Felt, constrained_velocity, moving_part
@@ -229,7 +230,7 @@ def solve_grasp(grasp: Grasp, guess: np.ndarray | None, speed: float, work: Work
     problem = ConeProblem(grasp.whitened, grasp.velocity, grasp.sizes, exact=exact, speed=speed)
     answer = solve_cones(problem, guess, rounds=work.rounds(rows))
     work.solve(rows, answer.iterations)
-    if answer.status is not ConeStatus.SOLVED:
+    if answer.status is not Status.SOLVED:
         raise SolverError(
             f"no impulses of {len(grasp.sizes)} contacts with friction were found: relative residual "
             f'{answer.residual / problem.scale:.1e}; use a smaller timestep, or friction="convex"'
