@@ -1,14 +1,10 @@
 """The study of cone solvers on a tiny scene: the scheme's own problems, a natural map by hand, peers that agree."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import sparse
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from impactlaw.solvers.cones import BILATERAL, BOX, CONE, natural_map
 from impactlaw.stepping.time_stepping import scheme

@@ -1,0 +1,123 @@
+"""Rows of the stability study in a process of their own, so that what hangs is a row and not a hang of the study."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+import traceback
+import warnings
+from concurrent.futures import TimeoutError as Late
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from types import TracebackType
+
+from joblib.externals.loky import ProcessPoolExecutor
+
+from impactlaw.errors import ImpactLawError
+
+from .verdicts import CRASHES, HANGS, REFUSED, WRONG, Case, Measurement, WrongRefusalError, verdict
+
+_START = 120.0  # s that importing everything may take on a busy machine
+_ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")  # 100 times faster
+
+
+@dataclass(frozen=True)
+class Task:
+    """One row: names of case, law and solver, and whether the case is run in its quick form."""
+
+    case: str
+    law: str
+    solver: str
+    quick: bool
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a row.
+
+    Attributes:
+        verdict: right, refused, WRONG, NaN, HANGS or CRASHES.
+        reason: why it is not right.
+        measurement: what was measured, or nothing.
+        seconds: that the row took, building its scene included.
+    """
+
+    verdict: str
+    reason: str
+    measurement: Measurement | None
+    seconds: float
+
+
+class Worker:
+    """A process that measures one row after the other; it is ended and replaced when a row exceeds its budget."""
+
+    def __init__(self):
+        self._pool: ProcessPoolExecutor | None = None
+
+    def __enter__(self) -> Worker:
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def run(self, task: Task, budget: float) -> Outcome:
+        """Return the outcome of a row that may take ``budget`` seconds."""
+        if self._pool is None:
+            self._pool = ProcessPoolExecutor(max_workers=1, env=_ONE_THREAD)
+            self._pool.submit(_prepare).result(_START)
+        start = time.perf_counter()
+        try:
+            return self._pool.submit(_measured, task).result(budget)
+        except Late:
+            ended = HANGS, f"no result within {budget:g} s"
+        except BrokenProcessPool:
+            ended = CRASHES, "the process ended"
+        self.close()
+        return Outcome(*ended, None, time.perf_counter() - start)
+
+    def close(self) -> None:
+        """End the process."""
+        if self._pool is not None:
+            self._pool.shutdown(kill_workers=True)
+        self._pool = None
+
+
+def _prepare() -> None:
+    """Import what a row may use, so that none pays for it, and let overflow and invalid numbers be loud."""
+    from impactlaw import deferred
+
+    deferred.load_solvers()
+    import_module("daqp")
+    warnings.simplefilter("error", RuntimeWarning)
+
+
+def _measured(task: Task) -> Outcome:
+    from .cases import CASES
+
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)  # MuJoCo writes its warnings to a file there
+        try:
+            return _outcome(CASES[task.case], task)
+        finally:
+            os.chdir("/")
+
+
+def _outcome(case: Case, task: Task) -> Outcome:
+    start = time.perf_counter()
+
+    def ended(verdict: str, reason: str, measurement: Measurement | None = None) -> Outcome:
+        return Outcome(verdict, reason, measurement, time.perf_counter() - start)
+
+    try:
+        measurement = case.measure(task.law, task.solver, task.quick)
+    except ImpactLawError as error:
+        return ended(REFUSED, f"{type(error).__name__}: {error}")
+    except WrongRefusalError as error:
+        return ended(WRONG, str(error))
+    except Exception as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        return ended(CRASHES, f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})")
+    return ended(*verdict(measurement, case.limits), measurement)

@@ -1,0 +1,54 @@
+"""The study of random collisions: none creates energy; its quick form."""
+
+import numpy as np
+import pytest
+
+from scripts.random_collisions import __main__ as random_collisions
+from scripts.random_collisions.newton_poisson import shares
+
+
+@pytest.fixture(scope="module")
+def table():
+    return random_collisions.run(random_collisions.RandomCollisions(quick=True))
+
+
+def test_no_random_collision_creates_energy(table):
+    assert len(table) == 300
+    assert table.energetic.max() < random_collisions.TOLERANCE
+    assert random_collisions.failed(table).empty
+
+
+def test_every_law_and_cone_is_drawn(table):
+    assert set(table.law) == {"MaximalDissipation", "Moreau", "Newton", "Fremond"}
+    assert set(table.cone) == {"exact", "convex"}
+    assert (table.restitution_scale < 1).sum() > 3
+    assert (table.restitution_scale == 1).sum() > 200
+    assert (table.contacts < table.rows).all()
+
+
+def test_what_creates_energy_is_found(table):
+    worse = table.copy()
+    worse.loc[7, "energetic"] = 2e-9
+    worse.loc[9, "error"] = "SolverError: none"
+    assert list(random_collisions.failed(worse).k) == [7, 9]
+    assert "Moreau" in random_collisions.format_table(worse)
+
+
+def test_a_collision_is_the_same_whoever_draws_it():
+    one, two = (random_collisions.random_collision(np.random.default_rng([0, 5]), 8) for _ in range(2))
+    np.testing.assert_array_equal(one.friction.jacobian, two.friction.jacobian)
+    np.testing.assert_array_equal(one.pre_velocity, two.pre_velocity)
+
+
+def test_newton_leaves_s_where_contacts_open_and_poisson_never():
+    mixed = shares(400, 1, closing=False)
+    _, penetrate, gain, _, _ = mixed["Newton"]
+    assert 0.4 < penetrate < 0.6
+    assert 0.05 < gain < 0.15
+    assert mixed["Poisson"][:3] == (0, 0.0, 0.0)
+
+
+def test_only_poisson_has_distant_effects_where_all_close():
+    closing = shares(400, 1, closing=True)
+    assert closing["Newton"] == (0, 0.0, 0.0, 0.0, closing["Newton"][4])
+    assert 0.15 < closing["Poisson"][3] < 0.35
