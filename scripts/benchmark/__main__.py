@@ -20,17 +20,16 @@ from tqdm import tqdm
 
 from scripts import machine
 
-from . import chains, floor, import_time, laws, omissions, steps
+from . import chains, import_time, laws, omissions, steps
 from .goals import as_table, goals
 
-Part = Literal["laws", "chains", "steps", "omissions", "imports", "floor"]
+Part = Literal["laws", "chains", "steps", "omissions", "imports"]
 _RUN: dict[Part, Callable[..., pd.DataFrame]] = {
     "laws": laws.run,
     "chains": chains.run,
     "steps": steps.run,
     "omissions": omissions.run,
     "imports": import_time.run,
-    "floor": floor.run,
 }
 _THREADS = "OPENBLAS_NUM_THREADS"
 _QUICK_ENVIRONMENTS = ("Hopper-v5",)
@@ -47,7 +46,6 @@ class Benchmark:
     steps: steps.StepCost = field(default_factory=steps.StepCost)
     omissions: omissions.Omissions = field(default_factory=omissions.Omissions)
     imports: import_time.ImportTime = field(default_factory=import_time.ImportTime)
-    floor: floor.Floor = field(default_factory=floor.Floor)
 
     def quickly(self) -> Benchmark:
         """Return the same with fewer and smaller cases: for a look, and for the tests."""
@@ -58,7 +56,6 @@ class Benchmark:
             steps=steps.StepCost(cradles=(5, 20), environments=_QUICK_ENVIRONMENTS, full=False, seconds=0.2),
             omissions=omissions.Omissions(scenes=("pendulum", "cradle 5"), steps=20, seconds=0.1),
             imports=import_time.ImportTime(processes=1),
-            floor=floor.Floor(scenes=("box_drop", *_QUICK_ENVIRONMENTS), steps=100, seconds=0.05),
         )
 
 

@@ -130,30 +130,20 @@ def _rows(study: ChainCost, problem: Chain, start: str, h: int) -> list[dict[str
     for form, program in problem.programs.items():
         solvers[f"osqp, {form}"] = partial(_osqp, program, form)
         solvers[f"clarabel, {form}"] = partial(_clarabel, program, form)
-    answers: dict[str, np.ndarray | str] = {}
     begin = time.perf_counter()
-    for name, solve in solvers.items():
-        answers[name] = ABSENT if name.startswith("clarabel") and find_spec("clarabel") is None else solve()
-    spent = time.perf_counter() - begin
+    answers = {name: solve() for name, solve in solvers.items()}
+    fewest = 2 if time.perf_counter() - begin > _LONG else 5
     calls: dict[str, Callable[[], object]] = {**solvers, "law": partial(_law, problem)}
-    timed = in_turns(
-        {name: partial(_one, calls[name]) for name, answer in answers.items() if not isinstance(answer, str)},
-        seconds=study.seconds,
-        fewest=2 if spent > _LONG else 5,
-    )
+    solved = [name for name, answer in answers.items() if not isinstance(answer, str)]
+    timed = in_turns({name: lambda name=name: [calls[name]] for name in solved}, seconds=study.seconds, fewest=fewest)
     rows = []
     for name, answer in answers.items():
-        row: dict[str, object] = {"chain": start, "h": h, "solver": name}
-        if isinstance(answer, str):
-            rows.append(row | {"milliseconds": np.nan, "ratio": np.nan, "residual": np.nan, "outcome": answer})
-            continue
-        row |= {"milliseconds": timed.microseconds(name) / 1e3, "ratio": timed.ratio(name, "law")}
-        rows.append(row | {"residual": problem.residual(answer), "outcome": "solved"})
+        row: dict[str, object] = {"chain": start, "h": h, "solver": name, "outcome": answer}
+        if not isinstance(answer, str):
+            row |= {"milliseconds": timed.microseconds(name) / 1e3, "ratio": timed.ratio(name, "law")}
+            row |= {"residual": problem.residual(answer), "outcome": "solved"}
+        rows.append(row)
     return rows
-
-
-def _one(call: Callable[[], object]) -> list[Callable[[], object]]:
-    return [call]
 
 
 def _law(problem: Chain) -> Impact:
@@ -168,18 +158,9 @@ def _osqp(program: Program, form: str) -> np.ndarray | str:
     import osqp
 
     solver = osqp.OSQP()
-    solver.setup(
-        P=program.P,
-        q=program.q,
-        A=program.A,
-        l=program.low,
-        u=np.full(len(program.low), np.inf),
-        eps_abs=TOLERANCE,
-        eps_rel=TOLERANCE,
-        polishing=True,
-        max_iter=_ITERATIONS,
-        verbose=False,
-    )
+    limits = {"l": program.low, "u": np.full(len(program.low), np.inf)}
+    options = {"eps_abs": TOLERANCE, "eps_rel": TOLERANCE, "max_iter": _ITERATIONS, "polishing": True, "verbose": False}
+    solver.setup(P=program.P, q=program.q, A=program.A, **limits, **options)
     result = solver.solve(raise_error=False)
     if result.info.status != "solved":
         return f"{result.info.status} after {result.info.iter} iterations"
@@ -187,7 +168,9 @@ def _osqp(program: Program, form: str) -> np.ndarray | str:
 
 
 def _clarabel(program: Program, form: str) -> np.ndarray | str:
-    clarabel = import_module("clarabel")  # no dependency: compared with where it is installed
+    if find_spec("clarabel") is None:  # no dependency: compared with where it is installed
+        return ABSENT
+    clarabel = import_module("clarabel")
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = TOLERANCE

@@ -202,42 +202,19 @@ def timed(
 
 
 def _rows(scene: Scene, contact_model: str, costs: Costs, bare: Costs) -> list[dict[str, object]]:
+    about = {"scene": scene.name, "integrator": scene.integrator, "nv": scene.model.nv, "contact_model": contact_model}
+    right = {"residual": costs.residual, "penetration": costs.penetration, "outcome": costs.outcome}
     rows = []
     for phase in (*PHASES, PLAIN, ALL):
         ours = costs.of(phase)
         if len(ours) == 0 and phase != ALL:
             continue
         theirs = bare.of("contact" if phase == "collision" and contact_model == "rigid" else phase)
-        if len(theirs) == 0:
-            theirs = bare.of(ALL)
-        rows.append(
-            {
-                "scene": scene.name,
-                "integrator": scene.integrator,
-                "nv": scene.model.nv,
-                "contact_model": contact_model,
-                "phase": phase,
-                "steps": len(ours),
-                "mj_steps": len(theirs),
-                **_compared(ours, theirs),
-                "residual": costs.residual,
-                "penetration": costs.penetration,
-                "outcome": costs.outcome,
-            }
-        )
+        theirs = theirs if len(theirs) else bare.of(ALL)
+        row: dict[str, object] = {"phase": phase, "steps": len(ours), "mj_steps": len(theirs)}
+        for name, statistic in (("median", np.median), ("mean", np.mean)):
+            one, other = (float(statistic(times)) if len(times) else np.nan for times in (ours, theirs))
+            ratio = "ratio" if name == "median" else "mean_ratio"
+            row |= {f"{name}_us": one, f"mj_{name}_us": other, ratio: one / other}
+        rows.append(about | row | right)
     return rows
-
-
-def _compared(ours: np.ndarray, theirs: np.ndarray) -> dict[str, float]:
-    if len(ours) == 0 or len(theirs) == 0:
-        return dict.fromkeys(("median_us", "mean_us", "mj_median_us", "mj_mean_us", "ratio", "mean_ratio"), np.nan)
-    median, mean = float(np.median(ours)), float(ours.mean())
-    mj_median, mj_mean = float(np.median(theirs)), float(theirs.mean())
-    return {
-        "median_us": median,
-        "mean_us": mean,
-        "mj_median_us": mj_median,
-        "mj_mean_us": mj_mean,
-        "ratio": median / mj_median,
-        "mean_ratio": mean / mj_mean,
-    }

@@ -1,6 +1,7 @@
 """Draw S, the set of possible outcomes of a collision, for three balls in touch of which the first is launched.
 
-One sees a sector of 60 degrees: its corners are maximal dissipation, Moreau's law with e = 1 and the reversal law.
+One sees a sector, of 60 degrees in the kinetic metric: its corners are maximal dissipation, Moreau's law with e = 1 and
+the reversal law.
 Writes possible_outcomes.png.
 """
 

@@ -166,19 +166,13 @@ def _velocity(rng: np.random.Generator, J: np.ndarray) -> np.ndarray:
 
 
 def format_table(table: pd.DataFrame) -> str:
-    """Return the worst numbers of each law and cone, and the refusals."""
-    head = f"{'law':<20}{'cone':<8}{'number':>7}{'refused':>9}{'scaled':>8}"
-    head += f"{'residual':>10}{'energetic':>11}{'kinetic':>9}{'ms':>8}"
-    lines = [head, "-" * len(head)]
-    for law, cone in sorted(set(zip(table.law, table.cone, strict=True))):
-        rows = table[(table.law == law) & (table.cone == cone)]
-        refused, scaled = int((rows.error != "").sum()), int((rows.restitution_scale < 1).sum())
-        worst = [f"{rows[column].max():.1e}" for column in ("residual", "energetic", "kinetic")]
-        lines.append(
-            f"{law:<20}{cone:<8}{len(rows):>7}{refused:>9}{scaled:>8}{worst[0]:>10}{worst[1]:>11}{worst[2]:>9}"
-            f"{1e3 * rows.seconds.median():>8.2f}"
-        )
-    return "\n".join(lines)
+    """Return the worst numbers of each law and cone, and how many were refused or scaled."""
+    told = table.assign(refused=table.error != "", scaled=table.restitution_scale < 1, ms=1e3 * table.seconds)
+    worst = dict.fromkeys(("residual", "energetic", "kinetic"), "max")
+    groups = told.groupby(["law", "cone"]).agg(
+        {"k": "size", "refused": "sum", "scaled": "sum", **worst, "ms": "median"}
+    )
+    return groups.rename(columns={"k": "number"}).to_string(float_format=lambda x: f"{x:.2g}")
 
 
 def failed(table: pd.DataFrame) -> pd.DataFrame:

@@ -113,16 +113,6 @@ def test_import_is_timed_beside_mujocos(study, tables):
     positive(tables["imports"], "mujoco_s", "added_s", "modules")
 
 
-def test_the_floor_is_the_sum_of_its_calls(study, tables):
-    floor = tables["floor"]
-    assert list(floor["scene"]) == list(study.floor.scenes)
-    positive(floor, "mj_step_us", "flight_us", "held_us")
-    assert (floor["held_us"] > floor["flight_us"]).all()
-    for kind in ("flight", "held"):
-        np.testing.assert_allclose(floor[f"{kind}_left_us"], floor["mj_step_us"] - floor[f"{kind}_us"])
-    assert floor["contacts"].iloc[0] == 4  # a box that lies
-
-
 def test_goals_tell_met_from_not_met(tables):
     lines = tables["goals"]
     assert lines["measured"].str.contains(r"\d").all()
