@@ -19,7 +19,7 @@ _HOMES = {
     "scipy.sparse.csgraph": ("connected_components", "reverse_cuthill_mckee"),
     "scipy.spatial": ("ConvexHull",),
 }
-_HOME = {name: home for home, names in _HOMES.items() for name in names}
+HOME = {name: home for home, names in _HOMES.items() for name in names}
 ENDED = 1
 """What `unchecked_nnls` says when it has found the minimum."""
 
@@ -27,15 +27,15 @@ ENDED = 1
 def __getattr__(name: str) -> Any:
     """Import a routine and keep it here."""
     if name == "unchecked_nnls":
-        globals()[name] = routine = _unchecked_nnls()
+        globals()[name] = routine = chosen_nnls()
         return routine
-    if name not in _HOME:
+    if name not in HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    globals()[name] = routine = getattr(import_module(_HOME[name]), name)
+    globals()[name] = routine = getattr(import_module(HOME[name]), name)
     return routine
 
 
-def _unchecked_nnls() -> Any:
+def chosen_nnls() -> Any:
     """Return NNLS that does not check what it is given, ``(A, b, changes) -> (x, |A x - b|, ENDED or not)``.
 
     For a few contacts scipy's checks take four times as long as the rest. What it then calls has no public name: where
@@ -48,11 +48,12 @@ def _unchecked_nnls() -> Any:
         found, _, ended = routine(np.array([[2.0]]), np.array([1.0]), 3)
         given_up = routine(np.eye(2), np.ones(2), 1)[2]
     except (ImportError, AttributeError, TypeError, ValueError, RuntimeError):
-        return _checked_nnls
-    return routine if found.tolist() == [0.5] and ended == ENDED != given_up else _checked_nnls
+        return checked_nnls
+    return routine if found.tolist() == [0.5] and ended == ENDED != given_up else checked_nnls
 
 
-def _checked_nnls(A: np.ndarray, b: np.ndarray, changes: int) -> tuple[np.ndarray, float, int]:
+def checked_nnls(A: np.ndarray, b: np.ndarray, changes: int) -> tuple[np.ndarray, float, int]:
+    """Return what `scipy.optimize.nnls` finds, as `unchecked_nnls` does."""
     try:
         return *__getattr__("nnls")(A, b, maxiter=changes), ENDED
     except RuntimeError:  # its way to say that the changes were not enough
@@ -61,7 +62,7 @@ def _checked_nnls(A: np.ndarray, b: np.ndarray, changes: int) -> tuple[np.ndarra
 
 def load_solvers() -> None:
     """Import now what collisions need, so that no step of a simulation waits for it."""
-    for name, home in _HOME.items():
+    for name, home in HOME.items():
         if home != "scipy.spatial" and name not in globals():
             __getattr__(name)
     __getattr__("unchecked_nnls")

@@ -38,7 +38,7 @@ def test_deferred_names_are_scipys():
     from impactlaw import deferred
 
     assert deferred.nnls is nnls
-    for name in deferred._HOME:
+    for name in deferred.HOME:
         assert callable(getattr(deferred, name))
     with pytest.raises(AttributeError, match="no attribute 'nnsl'"):
         deferred.nnsl  # noqa: B018
@@ -60,7 +60,7 @@ def test_nnls_without_its_checks_is_nnls(shape):
                 expected = nnls(A, b, maxiter=changes)
             except RuntimeError:
                 expected = None
-            for routine in (deferred.unchecked_nnls, deferred._checked_nnls):
+            for routine in (deferred.unchecked_nnls, deferred.checked_nnls):
                 given = A.copy(), b.copy()
                 found, distance, ended = routine(*given, changes)
                 assert (ended == deferred.ENDED) == (expected is not None)
@@ -89,7 +89,7 @@ def test_another_scipy_has_its_public_nnls(monkeypatch):
     modules = [gone, lambda _: object()] + [lambda _, f=f: SimpleNamespace(_nnls=f) for f in (other, quiet)]
     for module in modules:
         monkeypatch.setattr(deferred, "import_module", module)
-        assert deferred._unchecked_nnls() is deferred._checked_nnls
+        assert deferred.chosen_nnls() is deferred.checked_nnls
 
 
 def test_no_step_waits_for_an_import():
