@@ -49,7 +49,7 @@ def test_tests_see_no_more_than_users(path):
 
 
 def test_what_is_borrowed_is_found():
-    assert looked_at("a._b = c.d._e\nself._f\ng.setattr(h, '_i', j)\nk._replace()") == ["_i", "_b", "_e"]
+    assert looked_at("a._b = c.d._e\nself._f\ng.setattr(h, '_i', j)\nk._replace()") == ["_b", "_e", "_i"]
     assert borrowed("from a import _b") == ["_b"]
     assert borrowed("import a\nfrom b import c\na._d = c._e") == ["a._d", "c._e"]
     assert borrowed("from a import b, __version__\nself._c = b.d") == []

@@ -33,8 +33,8 @@ def by_solver(table: pd.DataFrame) -> pd.DataFrame:
     Columns: n, problems that it gets; the shares of them with a natural map up to 1e-8 and 1e-10; processor time, us;
     iterations; and the median time, us, that our own solver takes for the same problems from the same start.
     """
-    own = table[table.solver == COMPILED].set_index(["problem", "start"]).us
-    told = table.assign(ours=own.reindex(pd.MultiIndex.from_frame(table[["problem", "start"]])).to_numpy())
+    own = table.loc[table.solver == COMPILED].set_index(["problem", "start"]).us
+    told = table.assign(ours=own.reindex(pd.MultiIndex.from_arrays([table.problem, table.start])).to_numpy())
     columns: dict[str, Any] = {"n": ("us", "size")}
     columns |= {
         "<= 1e-8 %": ("missed", _share(SOLVED)),
@@ -56,9 +56,9 @@ def by_scene(table: pd.DataFrame) -> pd.DataFrame:
     Columns: n; rows of the problems; shares of problems with a singular Delassus matrix, and with sliding; processor
     time, us; unsolved, problems with a natural map above 1e-10; worst, the largest one.
     """
-    own = table[table.solver == COMPILED]
-    rest = own[own.start == "rest"].set_index("problem").missed
-    told = own[own.start == "guess"].assign(rest=lambda own: rest.reindex(own.problem).to_numpy())
+    own = table.loc[table.solver == COMPILED]
+    rest = own.loc[own.start == "rest"].set_index("problem").missed
+    told = own.loc[own.start == "guess"].assign(rest=lambda own: rest.reindex(own.problem).to_numpy())
     columns: dict[str, Any] = {"n": ("us", "size"), "rows p50": ("rows", "median"), "rows max": ("rows", "max")}
     columns |= {"singular %": ("singular", _percent), "sliding %": ("slides", _percent)}
     columns |= {"us p50": ("us", "median"), "us max": ("us", "max")}

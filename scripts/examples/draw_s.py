@@ -13,7 +13,7 @@ from impactlaw import Collision, Fremond, MaximalDissipation, Moreau
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 
-collision = Collision(np.eye(3), [[-1, 1, 0], [0, -1, 1]], [1, 0, 0])
+collision = Collision(np.eye(3), np.array([[-1, 1, 0], [0, -1, 1]]), np.array([1, 0, 0]))
 S = collision.admissible_set
 outcomes = S.sample(4000, 0) @ collision.jacobian.T  # as contact velocities (gamma_1, gamma_2)
 figure, axis = plt.subplots(figsize=(5, 4), layout="constrained")

@@ -84,13 +84,14 @@ def run_case(case: Case, quick: bool, worker: Worker) -> list[dict[str, object]]
 
 def format_table(table: pd.DataFrame) -> str:
     """Return one line per case with its verdicts and worst numbers; then what is not as expected, and the refusals."""
-    cases = table.groupby("case", sort=False)
-    shown = cases[[*MEASURED, "seconds"]].max()
-    shown.insert(0, "verdicts", cases.verdict.agg(lambda found: ", ".join(f"{n} {v}" for v, n in _counted(found))))
-    shown["note"] = cases.note.agg(lambda notes: notes.max())
-    refused = table[(table.verdict == REFUSED) & table.as_expected]
-    unexpected = table[~table.as_expected].drop_duplicates(["case", "verdict", "expected"])
-    lines = [shown.to_string(float_format=lambda x: f"{x:.1e}", na_rep="-")]
+    cases = [
+        {"case": name, "verdicts": ", ".join(f"{count} {verdict}" for verdict, count in _counted(rows.verdict))}
+        | {column: rows[column].max() for column in (*MEASURED, "seconds", "note")}
+        for name, rows in table.groupby("case", sort=False)
+    ]
+    refused = table.loc[(table.verdict == REFUSED) & table.as_expected]
+    unexpected = table.loc[~table.as_expected].drop_duplicates(["case", "verdict", "expected"])
+    lines = [pd.DataFrame(cases).to_string(index=False, float_format=lambda x: f"{x:.1e}", na_rep="-")]
     for row in unexpected.to_dict("records"):
         where = f"{row['case']}, {row['law']}, {row['solver']}"
         lines.append(f"NOT AS EXPECTED: {row['verdict']} instead of {row['expected']}: {where}: {row['reason']}")
