@@ -29,13 +29,7 @@ LAWS: dict[str, tuple[tuple[str, float | None], ...]] = {
         ("moreau", 0.5),
         ("maximal-dissipation", None),
     ),
-    "Juggler-v0": (
-        ("newton", 0.8),
-        ("newton", 1.0),
-        ("newton", 0.9),
-        ("newton", 0.5),
-        ("maximal-dissipation", None),
-    ),
+    "Juggler-v0": (("newton", 0.8), ("newton", 1.0), ("newton", 0.9), ("newton", 0.5), ("maximal-dissipation", None)),
     "Billiards-v0": (
         ("moreau", 0.95),
         ("moreau", 0.8),
@@ -43,13 +37,7 @@ LAWS: dict[str, tuple[tuple[str, float | None], ...]] = {
         ("maximal-dissipation", None),
         ("reversal", 0.95),
     ),
-    "RockingBlock-v0": (
-        ("moreau", 0.0),
-        ("moreau", 0.5),
-        ("moreau", 1.0),
-        ("reversal", 0.8),
-        ("reversal", 1.0),
-    ),
+    "RockingBlock-v0": (("moreau", 0.0), ("moreau", 0.5), ("moreau", 1.0), ("reversal", 0.8), ("reversal", 1.0)),
 }
 """Laws that a controller is played under; it is tuned to the first one."""
 

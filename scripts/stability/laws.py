@@ -71,12 +71,7 @@ def _measure(numbers: Callable[[bool], Numbers], law: str, solver: str, quick: b
     for rows, columns in _blocks(J, M):
         part = np.ix_(rows, columns)
         found = certify(
-            M[np.ix_(columns, columns)],
-            J[part],
-            v[columns],
-            after[columns],
-            impulse[rows],
-            _wanted(law, J @ v)[rows],
+            M[np.ix_(columns, columns)], J[part], v[columns], after[columns], impulse[rows], _wanted(law, J @ v)[rows]
         )
         residual, penetration = max(residual, found.residual), max(penetration, found.penetration)
         energy = max(energy, found.balance)

@@ -116,14 +116,7 @@ _ALL = (
         time_stepping_from=4e-3,
     ),
     Scene(
-        "billiard break",
-        partial(load, "billiard_rack"),
-        scene_law,
-        0.8,
-        references.billiard_break,
-        0.95,
-        EXACT,
-        EXACT,
+        "billiard break", partial(load, "billiard_rack"), scene_law, 0.8, references.billiard_break, 0.95, EXACT, EXACT
     ),
     Scene(
         "sliding block",
@@ -137,14 +130,7 @@ _ALL = (
         smallest=1e-5,
     ),
     Scene(
-        "rod with friction",
-        friction.rod,
-        _inelastic,
-        0.6,
-        references_friction.rod,
-        {"floor": 0.0},
-        2.0,
-        smallest=1e-5,
+        "rod with friction", friction.rod, _inelastic, 0.6, references_friction.rod, {"floor": 0.0}, 2.0, smallest=1e-5
     ),
     Scene(
         "quadruped",

@@ -37,13 +37,7 @@ class Trajectory:
 
 
 def rigid(
-    model: mujoco.MjModel,
-    start: mujoco.MjData,
-    law: Law,
-    steps: int,
-    *,
-    way: Way = "event-driven",
-    repeat: bool = True,
+    model: mujoco.MjModel, start: mujoco.MjData, law: Law, steps: int, *, way: Way = "event-driven", repeat: bool = True
 ) -> Trajectory:
     """Simulate with an impact law, collisions located (event-driven) or not (time stepping, soft contacts).
 
