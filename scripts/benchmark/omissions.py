@@ -46,13 +46,7 @@ class Omissions:
     """Which scenes, how many steps from the start, for how long each."""
 
     scenes: tuple[str, ...] = (
-        "pendulum",
-        "bouncing_ball",
-        "cradle 5",
-        "box_drop",
-        "box at rest",
-        "billiard_rack",
-        "juggler",
+        *("pendulum", "bouncing_ball", "cradle 5", "box_drop", "box at rest", "billiard_rack", "juggler"),
     )
     """Names from `benchmark_scenes`, or "pendulum", which nothing can touch."""
     steps: int = 100
@@ -104,18 +98,9 @@ def _rows(study: Omissions, scene: Scene, kind: Kind) -> list[dict[str, object]]
     rows = []
     for name in forced:
         us = timed.microseconds(name) / study.steps
-        rows.append(
-            {
-                "scene": scene.name,
-                "contact_model": kind,
-                "left_out": name,
-                "planned_us": planned,
-                "forced_us": us,
-                "saved_us": us - planned,
-                "ratio": timed.ratio(name, "planned"),
-                "difference": float(np.abs(runs[name].data.qpos - runs["planned"].data.qpos).max()),
-            }
-        )
+        row: dict[str, object] = {"scene": scene.name, "contact_model": kind, "left_out": name}
+        row |= {"planned_us": planned, "forced_us": us, "saved_us": us - planned, "ratio": timed.ratio(name, "planned")}
+        rows.append(row | {"difference": float(np.abs(runs[name].data.qpos - runs["planned"].data.qpos).max())})
     return rows
 
 
@@ -127,16 +112,11 @@ class _Run:
         self.data = mujoco.MjData(scene.model)
         collider = Collider(scene.law, MaximalDissipation(), "raise", 100, "auto")
         if plan.contact_model == "soft":
-            self._stepping = SoftStepping(scene.model, collider, plan, rest_speed=REST_SPEED)
+            self._step = SoftStepping(scene.model, collider, plan, rest_speed=REST_SPEED).step
         else:
-            self._stepping = RigidStepping(scene.model, collider, plan, exact=True, gap_tolerance=GAP_TOLERANCE)
+            self._step = RigidStepping(scene.model, collider, plan, exact=True, gap_tolerance=GAP_TOLERANCE).step
 
     def prepare(self) -> list[Callable[[], object]]:
         """Go back to the start; return the run."""
-        self._scene.begin(self.data, self._scene.starts[0], self._stepping.step)
-        return [self._go]
-
-    def _go(self) -> None:
-        step, data = self._stepping.step, self.data
-        for _ in range(self._steps):
-            step(data)
+        self._scene.begin(self.data, self._scene.starts[0], self._step)
+        return [lambda: [self._step(self.data) for _ in range(self._steps)]]
