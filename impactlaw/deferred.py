@@ -13,7 +13,7 @@ import numpy as np
 _HOMES = {
     "scipy.linalg": ("lstsq", "orth", "qr", "solve", "svd"),
     "scipy.linalg.blas": ("dnrm2", "dtrsv"),
-    "scipy.linalg.lapack": ("dpbtrf", "dpbtrs", "dgesv", "dposv", "dpotrf", "dpttrf", "dpttrs", "dtrtrs"),
+    "scipy.linalg.lapack": ("dpbtrf", "dpbtrs", "dposv", "dpotrf", "dpttrf", "dpttrs", "dtrtrs"),
     "scipy.optimize": ("nnls", "root_scalar"),
     "scipy.sparse": ("csc_matrix", "csr_array", "eye_array"),
     "scipy.sparse.csgraph": ("connected_components", "reverse_cuthill_mckee"),

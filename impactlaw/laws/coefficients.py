@@ -26,8 +26,11 @@ class ContactCoefficients:
 
     Attributes:
         restitution: one coefficient for every contact, a sequence with one per contact, or a mapping from contact
-            labels, ``("ball1", "floor")`` or ``"ball1/floor"`` in either order, to coefficients.
-        default: coefficient of contacts that the mapping does not name; without it such a contact is an error.
+            labels, ``("ball1", "floor")`` or ``"ball1/floor"`` in either order, to coefficients. A sequence is for
+            collisions of exactly as many contacts, in their order: while a scene moves these are rarely the same, so
+            that a step in which others collide raises. Labels follow the contacts.
+        default: coefficient of contacts that the mapping does not name; without it such a contact is an error, and a
+            stepper refuses the law if the scene can have one.
 
     Raises:
         RestitutionError: a coefficient is not in [0, 1], there is none, a contact has two, or a default is given
@@ -95,7 +98,8 @@ class ContactCoefficients:
             if len(value) != len(labels):
                 raise RestitutionError(
                     f"{type(self).__name__} has {len(value)} coefficients but {len(labels)} contacts collide "
-                    f"({', '.join(labels)}); key them by contact label so that they follow the contacts"
+                    f"({', '.join(labels)}); key them by contact label so that they follow the contacts, or give one "
+                    "for all (a stepper whose law is changed goes on from before the step)"
                 )
             given = value
         elif callable(value):
@@ -118,7 +122,9 @@ class ContactCoefficients:
     def _lookup(self, table: dict[str, Coefficient], label: str) -> Coefficient:
         e = table.get(canonical(label), self.default)
         if e is None:
-            raise RestitutionError(f"no restitution for contact {label}, and no default")
+            raise RestitutionError(
+                f"{type(self).__name__} has no restitution for contact {label}, and no default: name it, or give one"
+            )
         return e
 
 

@@ -69,10 +69,11 @@ def _each(processes: int, chunks: list[RandomCollisions], starts: range) -> Iter
 
 
 def _chunk(study: RandomCollisions, start: int) -> list[dict[str, object]]:
-    return [_row(study, k) for k in range(start, start + study.count)]
+    return [row_of(study, k) for k in range(start, start + study.count)]
 
 
-def _row(study: RandomCollisions, k: int) -> dict[str, object]:
+def row_of(study: RandomCollisions, k: int) -> dict[str, object]:
+    """Draw collision k, resolve it, and return its row."""
     rng = np.random.default_rng([study.seed, k])
     collision = random_collision(rng, study.contacts)
     law = random_law(rng, collision)

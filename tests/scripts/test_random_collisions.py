@@ -40,6 +40,14 @@ def test_a_collision_is_the_same_whoever_draws_it():
     np.testing.assert_array_equal(one.pre_velocity, two.pre_velocity)
 
 
+@pytest.mark.parametrize("k", [496, 1760])
+def test_a_thorough_search_goes_on_from_the_best_point(k):
+    """Mass ratios up to 1e6, convex cones, redundant contacts."""
+    row = random_collisions.row_of(random_collisions.RandomCollisions(), k)
+    assert row["error"] == ""
+    assert row["residual"] < 1e-9
+
+
 def test_newton_leaves_s_where_contacts_open_and_poisson_never():
     mixed = shares(400, 1, closing=False)
     assert 0.4 < mixed.penetrates["Newton"] < 0.6

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 from problems import friction_problem
 
-from impactlaw.solvers.friction.augmented_lagrangian import augmented_lagrangian
 from impactlaw.solvers.friction.problem import ConeProblem, ConeStatus, project, projection_derivative
-from impactlaw.solvers.friction.semismooth_newton import continuation, newton
-from impactlaw.solvers.friction.solve import Effort, solve_cones
+from impactlaw.solvers.friction.solve import BRIEF, solve_cones
 
 
 def complementarity(A, b, sizes, impulse, *, exact, scale):
@@ -103,9 +101,8 @@ def hard(seed, exact=True):
 
 
 def test_newton_alone_is_not_enough():
-    with np.errstate(all="ignore"):
-        reached = [newton(p, np.zeros(p.shape), most=15)[1] / p.scale for p in map(hard, HARD)]
-    assert np.count_nonzero(np.array(reached) > 1e-6) >= 4
+    alone = [solve_cones(problem, rounds=0) for problem in map(hard, HARD)]
+    assert np.count_nonzero([answer.status is ConeStatus.STOPPED for answer in alone]) >= 2
 
 
 @pytest.mark.parametrize("seed", HARD)
@@ -117,31 +114,5 @@ def test_hard_problems_are_solved(seed):
     assert answer.status is ConeStatus.SOLVED
 
 
-def test_hard_problems_need_no_starting_again():
-    brief = Effort(0, False, 0)
-    assert all(solve_cones(hard(seed), effort=brief).status is ConeStatus.SOLVED for seed in HARD)
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_augmented_lagrangian_solves_the_relaxation(seed):
-    """The minimum of ``|z|^2 / 2`` where ``A z + b`` is in the cones, approached from outside as compliance falls."""
-    problem = hard(seed, exact=False)
-    shift = np.zeros(problem.shape[0])
-    errors = []
-    for outer in (2, 5, 10):
-        with np.errstate(all="ignore"):
-            x, _ = augmented_lagrangian(problem, np.zeros(problem.shape), shift, outer=outer, enough=0.0)
-        errors.append(problem.residual(x, problem.velocity(x)) / problem.scale)
-    assert errors[2] <= max(errors[0], 1e-12)
-    assert errors[2] < 1e-4
-
-
-def test_continuation_ends_near_the_solution():
-    reached = []
-    for seed in range(20):
-        problem = hard(seed)
-        with np.errstate(all="ignore"):
-            x, steps = continuation(problem)
-        reached.append(problem.residual(x, problem.velocity(x)) / problem.scale)
-        assert steps < 7 * 16
-    assert np.median(reached) < 1e-6
+def test_hard_problems_need_few_rounds():
+    assert all(solve_cones(hard(seed), rounds=BRIEF).status is ConeStatus.SOLVED for seed in HARD)
