@@ -57,7 +57,7 @@ def as_table(lines: list[Goal]) -> pd.DataFrame:
 
 
 def _law_goals(table: pd.DataFrame) -> Iterator[Goal]:
-    chosen = [row for row in records(table) if row["solver"] == "auto" and row["h"] <= LAW_CONTACTS]
+    chosen = [row for row in records(table) if row["h"] <= LAW_CONTACTS]
     for kind in _distinct(chosen, "kind"):
         for column, what in (("law_ratio", "solver's certificate"), ("audited_ratio", "independent certificate too")):
             rows = [row for row in chosen if row["kind"] == kind]
@@ -116,9 +116,8 @@ def _soft_goals(table: pd.DataFrame) -> Iterator[Goal]:
 
 
 def _omission_goals(table: pd.DataFrame) -> Iterator[Goal]:
-    rows = [row for row in records(table) if row["contact_model"] == "rigid"]
     for part in LATER:
-        some = sorted((row for row in rows if row["left_out"] == part), key=lambda row: row["ratio"])
+        some = sorted((row for row in records(table) if row["left_out"] == part), key=lambda row: row["ratio"])
         if some:
             shown = "x, ".join(f"{row['scene']} {row['ratio']:.2f}" for row in some) + "x"
             met = float(np.median([row["ratio"] for row in some])) >= SAVED and all(

@@ -17,13 +17,11 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import nnls
 
-from impactlaw import Collision, Fremond, Impact, ImpactLawError, Law, Moreau, Newton
-from impactlaw.solvers import SOLVERS, Problem, Status
+from impactlaw import Collision, Fremond, Impact, Law, Moreau, Newton
+from impactlaw.solvers import Problem
 
 from .timing import in_turns
 
-CERTIFIED = 1e-9
-"""Residual, relative to the velocities, above which an outcome is not counted as one."""
 _MANY = 320  # contacts of the problems of a row, all together
 _SLOW = 0.2  # seconds of a round above which two are enough
 _KINDS = ("independent", "plate")
@@ -31,7 +29,7 @@ _KINDS = ("independent", "plate")
 
 @dataclass(frozen=True, kw_only=True)
 class LawCost:
-    """Which problems and solvers, for how long each."""
+    """Which problems, for how long each."""
 
     sizes: tuple[int, ...] = (1, 2, 4, 8, 16, 32, 64, 128, 256)
     """Numbers of contacts h."""
@@ -43,26 +41,20 @@ class LawCost:
     """Seed of the problems."""
 
 
-def rows(study: LawCost) -> list[tuple[str, int, str, str]]:
-    """Return the rows to come, (kind, contacts, law, solver)."""
-    listed = []
-    for kind in _KINDS:
-        for h in study.sizes:
-            for law in laws(kind, h):
-                listed += [(kind, h, law, solver) for solver in ("auto", *SOLVERS) if solver != "closed-form" or h == 1]
-    return listed
+def rows(study: LawCost) -> list[tuple[str, int, str]]:
+    """Return the rows to come, (kind, contacts, law)."""
+    return [(kind, h, law) for kind in _KINDS for h in study.sizes for law in laws(kind, h)]
 
 
 def run(study: LawCost, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
-    """Return one row per kind of contacts, h, law and solver.
+    """Return one row per kind of contacts, h and law.
 
     Columns: nnls_us; law_us (`Law.resolve`) and audited_us (and then `Impact.residual`, which trusts no part of the
-    solver), each with its ratio to nnls; residual, the largest over the problems; outcome, "certified" or what kept the
-    solver from it.
+    solver), each with its ratio to nnls; residual, the largest over the problems.
     """
     table = []
-    for kind, h, law, solver in rows(study):
-        table.append(_row(study, kind, h, law, solver))
+    for kind, h, law in rows(study):
+        table.append(_row(study, kind, h, law))
         progress()
     return pd.DataFrame(table)
 
@@ -91,38 +83,26 @@ def laws(kind: str, h: int) -> dict[str, Law]:
     return {"moreau 0.5": Moreau(0.5), "newton": Newton(np.linspace(0.2, 0.9, h).tolist()), "fremond": Fremond(matrix)}
 
 
-def _row(study: LawCost, kind: str, h: int, named: str, solver: str) -> dict[str, object]:
+def _row(study: LawCost, kind: str, h: int, named: str) -> dict[str, object]:
     law = laws(kind, h)[named]
     several = list(collisions(kind, h, min(study.problems, max(2, _MANY // h)), study.seed))
-    row: dict[str, object] = {"kind": kind, "h": h, "law": named, "solver": solver}
     problems = [problem(law, c) for c in several]
-    if solver != "auto" and any(SOLVERS[solver](p).status is not Status.SOLVED for p in problems):
-        return row | {"outcome": "not for this problem"}
     start = time.perf_counter()
-    try:
-        residual = max(law.resolve(c, solver=solver).residual for c in several)
-    except ImpactLawError as error:
-        return row | {"outcome": type(error).__name__}
+    residual = max(law.resolve(c).residual for c in several)
     rounds = 2 if time.perf_counter() - start > _SLOW else 5
-    outcome = "certified" if residual <= CERTIFIED else "wrong"
-    return row | _costs(study, law, solver, several, problems, rounds) | {"residual": residual, "outcome": outcome}
-
-
-def _costs(
-    study: LawCost, law: Law, solver: str, several: list[Collision], problems: list[Problem], rounds: int
-) -> dict[str, object]:
     subjects: dict[str, Callable[[], list[Callable[[], object]]]] = {
         "nnls": lambda: [partial(nnls, p.gradients.T, p.preimage) for p in problems],
-        "law": lambda: [partial(law.resolve, fresh(c), solver=solver) for c in several],
-        "audited": lambda: [partial(_resolve_and_audit, law, fresh(c), solver) for c in several],
+        "law": lambda: [partial(law.resolve, fresh(c)) for c in several],
+        "audited": lambda: [partial(_resolve_and_audit, law, fresh(c)) for c in several],
     }
     timed = in_turns(subjects, seconds=study.seconds, fewest=rounds)
-    costs: dict[str, object] = {f"{name}_us": timed.microseconds(name) for name in subjects}
-    return costs | {f"{name}_ratio": timed.ratio(name, "nnls") for name in ("law", "audited")}
+    row: dict[str, object] = {"kind": kind, "h": h, "law": named, "residual": residual}
+    row |= {f"{name}_us": timed.microseconds(name) for name in subjects}
+    return row | {f"{name}_ratio": timed.ratio(name, "nnls") for name in ("law", "audited")}
 
 
-def _resolve_and_audit(law: Law, collision: Collision, solver: str) -> tuple[Impact, float]:
-    impact = law.resolve(collision, solver=solver)
+def _resolve_and_audit(law: Law, collision: Collision) -> tuple[Impact, float]:
+    impact = law.resolve(collision)
     return impact, impact.residual
 
 

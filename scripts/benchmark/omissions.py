@@ -1,4 +1,4 @@
-"""What each part that a scene's plan leaves out would cost: the same steps with that part put back, processor time.
+"""What each part that a scene's plan leaves out of event-driven steps would cost: the same steps with it put back.
 
 The trial of the last contact forces, which leaves out contacts while nothing moves, is taken away instead.
 """
@@ -8,7 +8,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import mujoco
 import numpy as np
@@ -19,23 +18,18 @@ from impactlaw.scene.contacts import GAP_TOLERANCE
 from impactlaw.stepping.collisions import Collider
 from impactlaw.stepping.event_driven.scheme import RigidStepping
 from impactlaw.stepping.plan import Plan, make_plan
-from impactlaw.stepping.soft.scheme import REST_SPEED, SoftStepping
 
 from .scenes import Scene, builders
 from .timing import in_turns
 
-Kind = Literal["rigid", "soft"]
 LATER = ("friction", "bilateral", "surfaces")
 """Flags of friction, equality constraints and moving surfaces, which must cost nothing where a scene has none."""
 
 REST = "rest, taken away"
 """The part that costs more where it is left out: the trial of the last contact forces."""
 
-_OPTIONAL: dict[Kind, tuple[str, ...]] = {
-    "rigid": ("detection", "convex", "faces", "passing", "turning", "inertia", *LATER),
-    "soft": ("detection",),
-}
-"""Flags of a plan that each kind of stepping reads."""
+_OPTIONAL = ("detection", "convex", "faces", "passing", "turning", "inertia", *LATER)
+"""Flags of a plan that event-driven steps read."""
 _PENDULUM = """<mujoco model="pendulum"><option timestep=".005" integrator="RK4"/><worldbody><body>
 <joint type="hinge" axis="0 1 0"/><geom type="capsule" size=".02" fromto="0 0 0 0 0 -1" contype="0" conaffinity="0"/>
 </body></worldbody></mujoco>"""
@@ -52,30 +46,20 @@ class Omissions:
     steps: int = 100
     """Of each run, from the start."""
     seconds: float = 2.0
-    """Time per scene and contact model."""
-
-
-def names(study: Omissions) -> list[tuple[str, Kind]]:
-    """Return the scenes to come, with the contact model."""
-    return [(scene, kind) for scene in study.scenes for kind in _OPTIONAL]
+    """Processor time per scene."""
 
 
 def run(study: Omissions, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
-    """Return one row per scene, contact model and part left out.
+    """Return one row per scene and part left out.
 
     Columns: planned_us and forced_us per step (means of a run, medians over runs), saved_us, ratio of forced to
     planned; difference, the largest of the positions at the end, which a part that is not needed does not change.
     """
     table = []
-    for name, kind in names(study):
-        table += _rows(study, _scene(name), kind)
+    for name in study.scenes:
+        table += _rows(study, _scene(name))
         progress()
     return pd.DataFrame(table)
-
-
-def left_out(plan: Plan) -> list[str]:
-    """Return the parts, by their flag, that a plan leaves out and that stepping of this kind could run."""
-    return [name for name in _OPTIONAL[plan.contact_model] if not getattr(plan, name)]
 
 
 def _scene(name: str) -> Scene:
@@ -85,9 +69,9 @@ def _scene(name: str) -> Scene:
     return Scene(name=name, model=model, law=Moreau(0.5), starts=((np.array([1.0]), np.zeros(1)),))
 
 
-def _rows(study: Omissions, scene: Scene, kind: Kind) -> list[dict[str, object]]:
-    plan = make_plan(scene.model, kind)
-    forced = {name: replace(plan, **{name: True}) for name in left_out(plan)}
+def _rows(study: Omissions, scene: Scene) -> list[dict[str, object]]:
+    plan = make_plan(scene.model)
+    forced = {name: replace(plan, **{name: True}) for name in _OPTIONAL if not getattr(plan, name)}
     if plan.rest:
         forced[REST] = replace(plan, rest=False)
     if not forced:
@@ -98,7 +82,7 @@ def _rows(study: Omissions, scene: Scene, kind: Kind) -> list[dict[str, object]]
     rows = []
     for name in forced:
         us = timed.microseconds(name) / study.steps
-        row: dict[str, object] = {"scene": scene.name, "contact_model": kind, "left_out": name}
+        row: dict[str, object] = {"scene": scene.name, "left_out": name}
         row |= {"planned_us": planned, "forced_us": us, "saved_us": us - planned, "ratio": timed.ratio(name, "planned")}
         rows.append(row | {"difference": float(np.abs(runs[name].data.qpos - runs["planned"].data.qpos).max())})
     return rows
@@ -111,10 +95,7 @@ class _Run:
         self._scene, self._steps = scene, study.steps
         self.data = mujoco.MjData(scene.model)
         collider = Collider(scene.law, MaximalDissipation(), "raise", 100, "auto")
-        if plan.contact_model == "soft":
-            self._step = SoftStepping(scene.model, collider, plan, rest_speed=REST_SPEED).step
-        else:
-            self._step = RigidStepping(scene.model, collider, plan, exact=True, gap_tolerance=GAP_TOLERANCE).step
+        self._step = RigidStepping(scene.model, collider, plan, exact=True, gap_tolerance=GAP_TOLERANCE).step
 
     def prepare(self) -> list[Callable[[], object]]:
         """Go back to the start; return the run."""
