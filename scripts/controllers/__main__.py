@@ -70,19 +70,9 @@ def run(study: Study, progress: Callable[[], object] = lambda: None) -> pd.DataF
             threshold = gymnasium.spec(f"impactlaw/{name}").reward_threshold
             assert threshold is not None
             score = float(np.mean(returns))
-            rows.append(
-                {
-                    "environment": name,
-                    "law": law,
-                    "restitution": restitution,
-                    "tuned": i == 0,
-                    "score": score,
-                    "lowest": min(returns),
-                    "highest": max(returns),
-                    "threshold": threshold,
-                    "solved": score >= threshold,
-                }
-            )
+            row: dict[str, object] = {"environment": name, "law": law, "restitution": restitution, "tuned": i == 0}
+            row |= {"score": score, "lowest": min(returns), "highest": max(returns)}
+            rows.append(row | {"threshold": threshold, "solved": score >= threshold})
     return pd.DataFrame(rows)
 
 

@@ -70,9 +70,8 @@ def _measure(numbers: Callable[[bool], Numbers], law: str, solver: str, quick: b
     residual, energy, penetration = _of_the_rest(M, J, v, after), 0.0, 0.0
     for rows, columns in _blocks(J, M):
         part = np.ix_(rows, columns)
-        found = certify(
-            M[np.ix_(columns, columns)], J[part], v[columns], after[columns], impulse[rows], _wanted(law, J @ v)[rows]
-        )
+        inertia, wanted = M[np.ix_(columns, columns)], _wanted(law, J @ v)[rows]
+        found = certify(inertia, J[part], v[columns], after[columns], impulse[rows], wanted)
         residual, penetration = max(residual, found.residual), max(penetration, found.penetration)
         energy = max(energy, found.balance)
         if law.startswith(("maximal", "moreau")):

@@ -152,18 +152,9 @@ class Watch:
             if impact.restitution_scale < 1.0:
                 wanted = np.where(wanted > 0, impact.restitution_scale * wanted, wanted)
                 self.scaled += 1
-        found = certify(
-            c.mass_matrix,
-            c.jacobian,
-            c.pre_velocity,
-            impact.post_velocity,
-            impact.impulse,
-            wanted,
-            bilateral=c.bilateral_jacobian,
-            surfaces=(w, w if after is None else after),
-            sliding=sliding,
-            kind=kind,
-        )
+        numbers = c.mass_matrix, c.jacobian, c.pre_velocity, impact.post_velocity, impact.impulse, wanted
+        surfaces = w, w if after is None else after
+        found = certify(*numbers, bilateral=c.bilateral_jacobian, surfaces=surfaces, sliding=sliding, kind=kind)
         worst = max(found.residual, found.balance, found.penetration)
         if not self._law.startswith("reversal"):
             worst = max(worst, found.change)

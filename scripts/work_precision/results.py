@@ -38,19 +38,10 @@ def orders(table: pd.DataFrame) -> pd.DataFrame:
         )
         expected = group.expected_order.iloc[0]
         exact = expected == EXACT and bool((group.error <= _ROUNDING).all())
-        rows.append(
-            {
-                "scene": scene,
-                "method": method,
-                "expected": expected,
-                "measured": np.nan if exact else measured,
-                "with velocities": np.nan if exact else with_v,
-                "timesteps": len(used),
-                "smallest error": group.error.min(),
-                "largest error": group.error.max(),
-                "reference error": group.reference_error.iloc[0],
-            }
-        )
+        row = {"scene": scene, "method": method, "expected": expected}
+        row |= {"measured": np.nan if exact else measured, "with velocities": np.nan if exact else with_v}
+        row |= {"timesteps": len(used), "smallest error": group.error.min(), "largest error": group.error.max()}
+        rows.append(row | {"reference error": group.reference_error.iloc[0]})
     return pd.DataFrame(rows)
 
 
@@ -88,22 +79,11 @@ def advantage(table: pd.DataFrame) -> pd.DataFrame:
             least = error_at(theirs, ours.seconds.to_numpy())
             ratio = least / ours.error.to_numpy()
             top, behind = int(np.argmax(ratio)), np.flatnonzero(ratio < 1)
-            row = {
-                "scene": scene,
-                "method": method,
-                "run time": ours.seconds.iloc[top],
-                "error": ours.error.iloc[top],
-                "MuJoCo's best": least[top],
-                "ratio": ratio[top],
-            }
+            row = {"scene": scene, "method": method, "run time": ours.seconds.iloc[top]}
+            row |= {"error": ours.error.iloc[top], "MuJoCo's best": least[top], "ratio": ratio[top]}
             row |= {f"at {1e3 * at:g} ms": _ratio_at(runs, theirs, at) for at in _RUN_TIMES}
-            rows.append(
-                row
-                | {
-                    "smallest ratio": ratio.min(),
-                    "MuJoCo nearer up to": ours.seconds.iloc[behind[-1]] if len(behind) else np.nan,
-                }
-            )
+            nearer = ours.seconds.iloc[behind[-1]] if len(behind) else np.nan
+            rows.append(row | {"smallest ratio": ratio.min(), "MuJoCo nearer up to": nearer})
     return pd.DataFrame(rows)
 
 

@@ -154,18 +154,9 @@ def _row(scene: Scene, method: Method, timestep: float, graphs: Graphs) -> dict[
     model, start = scene.load()
     steps = max(1, round(scene.duration / timestep))
     model.opt.timestep, model.opt.integrator = scene.duration / steps, method.integrator
-    row: dict[str, object] = {
-        "scene": scene.name,
-        "method": method.name,
-        "family": method.family,
-        "timestep": model.opt.timestep,
-        "steps": steps,
-        "seconds": np.nan,
-        "error": np.nan,
-        "error_qv": np.nan,
-        "expected_order": method.order(scene),
-        "refused": "",
-    }
+    row: dict[str, object] = {"scene": scene.name, "method": method.name, "family": method.family}
+    row |= {"timestep": model.opt.timestep, "steps": steps, **dict.fromkeys(("seconds", "error", "error_qv"), np.nan)}
+    row |= {"expected_order": method.order(scene), "refused": ""}
     try:
         trajectory = method.simulate(scene, model, start, steps)
     except ImpactLawError as error:
