@@ -24,7 +24,7 @@ from impactlaw.errors import ImpactLawError
 
 from .verdicts import CRASHES, HANGS, REFUSED, WRONG, Case, Measurement, WrongRefusalError, verdict
 
-_START = 120.0  # s that importing everything may take on a busy machine
+_START = 600.0  # s that importing everything, and compiling it the first time, may take on a busy machine
 
 
 @dataclass(frozen=True)
@@ -92,13 +92,15 @@ class Worker:
 
 
 def _prepare() -> int:
-    """Import what a row may use, so that none pays for it; let overflow and invalid numbers be loud.
+    """Import and compile what a row may use, so that none pays for it; let overflow and invalid numbers be loud.
 
     With one thread for BLAS: several cost 100 times as much on a busy machine. Returns the process.
     """
     from impactlaw import deferred
+    from impactlaw.stepping.time_stepping.warm_up import warm_up
 
     deferred.load_solvers()
+    warm_up()
     import_module("daqp")
     threadpool_limits(1, "blas")
     warnings.simplefilter("error", RuntimeWarning)
