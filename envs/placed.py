@@ -13,10 +13,10 @@ from impactlaw.envs.episode_log import EpisodeLog
 from impactlaw.envs.info import ImpactTally
 from impactlaw.envs.law_options import LawOptions, describe_law
 from impactlaw.errors import DivergenceError, WrapperError
-from impactlaw.events import ImpactEvent
-from impactlaw.flow import is_huge
 from impactlaw.laws import Law
-from impactlaw.stepper import Stepper
+from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.integration import is_huge
+from impactlaw.stepping.stepper import Stepper
 
 
 class PlacedLaw(ABC):
@@ -141,6 +141,11 @@ class PlacedLaw(ABC):
             raise WrapperError(f"the stepping of {name_of(target)} {what}; take that off first, with remove()")
         self._stepper_for(model)
         setattr(target, self.method, self._simulate)
+
+    @property
+    def stepper(self) -> Stepper | None:
+        """What steps the environment; None before the first reset."""
+        return self._stepper
 
     def _stepper_for(self, model: mujoco.MjModel) -> Stepper:
         if self._stepper is None or self._stepper.model is not model:

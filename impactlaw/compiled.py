@@ -39,6 +39,14 @@ def cache_folder() -> Path | None:
     return folder if os.access(folder, os.W_OK) else None
 
 
+@cache
+def announce() -> None:
+    """Tell on stderr, once, that what is compiled is going to be compiled now, if none of it is in the cache."""
+    folder = cache_folder()
+    if folder is None or not any(folder.rglob("*.nbi")):
+        print("impactlaw: compiling the steps of rigid contact, once; this takes about a minute", file=sys.stderr)
+
+
 def compiled(*signature: str) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator that compiles a function when it is first called, or at once if its signature is given."""
 

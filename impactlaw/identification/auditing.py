@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impactlaw.collision import Collision
 from impactlaw.errors import SolverError
-from impactlaw.friction_impact import FrictionImpact
 from impactlaw.identification.families import with_friction
 from impactlaw.identification.measurements import Measurements
-from impactlaw.impact import Impact
+from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.friction_impact import FrictionImpact
+from impactlaw.mechanics.impact import Impact
 
 TOLERANCE = 0.1
 """Violation, relative to |v-|, up to which a measured collision counts as admissible."""

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from impactlaw.collision import Collision
 from impactlaw.errors import MeasurementError
-from impactlaw.friction import Friction
+from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.friction import Friction
 
 _RANK = 1e-9  # eigenvalue of G, relative to the largest one, that is rounding
 _REACHED = 1e-6  # part of the contact velocities that may lie outside of the range of G

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from impactlaw.collision import Collision
 from impactlaw.errors import MeasurementError
 from impactlaw.identification.measurements import Measurements
 from impactlaw.laws import Compliant, Coulomb, Law, Moreau, Newton, Poisson, Reversal, Routh
+from impactlaw.mechanics.collision import Collision
 
 _STIFFEST = 1e4  # ratio of stiffness to that of the first contact that is looked for
 

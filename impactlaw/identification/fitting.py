@@ -9,7 +9,6 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impactlaw.collision import Collision
 from impactlaw.errors import ImpactLawError, MeasurementError, UnknownNameError
 from impactlaw.identification.families import FAMILIES, Family
 from impactlaw.identification.intervals import matrix_intervals, parameter_intervals
@@ -17,6 +16,7 @@ from impactlaw.identification.measurements import Measurements, rms
 from impactlaw.identification.restitution_matrix import MatrixFit
 from impactlaw.laws import Fremond, Law, RestitutionLaw, Scattered, energy_gain
 from impactlaw.laws.labels import canonical
+from impactlaw.mechanics.collision import Collision
 
 _LIMIT = 1e-6  # distance from a bound at which the search begins
 

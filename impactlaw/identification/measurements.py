@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impactlaw.collision import Collision
 from impactlaw.errors import MeasurementError
 from impactlaw.laws.labels import canonical
+from impactlaw.mechanics.collision import Collision
 
 _RANK = 1e-10  # singular value of gradients, relative to the largest one, that is rounding
 _STILL = 1e-12  # part of the speed of all bodies up to which contacts do not move against each other

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from impactlaw.collision import Collision
 from impactlaw.errors import ImpactLawError, MeasurementError
-from impactlaw.friction import Friction
 from impactlaw.identification.contact_space import collision_of, delassus_by_contacts
+from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.friction import Friction
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impactlaw.collision import Collision
 from impactlaw.errors import InvalidCollisionError, RestitutionError, SolverError
 from impactlaw.laws.base import Law, Target, coefficient
 from impactlaw.laws.labels import canonical, put
+from impactlaw.mechanics.collision import Collision
 
 _STEP = 0.05  # timestep, in units of one over the largest frequency: energy is kept to 1e-9
 _CREATED = 1e-7  # relative energy created, or speed of closing that is left, which mean that steps were too long
@@ -47,6 +47,9 @@ class Compliant(Law):
         RestitutionError: a number is out of its range, or a contact has two.
     """
 
+    name = "compliant"
+    description = "contacts are equal Hertzian springs for a moment, each with restitution e; 1 if not given"
+
     stiffness: float | Sequence[float] | Mapping[str | tuple[str, str], float]
     exponent: float = field(default=1.5, kw_only=True)
     restitution: float = field(default=1.0, kw_only=True)
@@ -73,6 +76,11 @@ class Compliant(Law):
             )
         object.__setattr__(self, "exponent", p)
         object.__setattr__(self, "restitution", e)
+
+    @classmethod
+    def of(cls, restitution: Any) -> Compliant:
+        """Return the law of equal springs with the restitution that `make_law` was given, 1 if None."""
+        return cls(1.0) if restitution is None else cls(1.0, restitution=restitution)
 
     @property
     def contact_labels(self) -> frozenset[str]:

@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from impactlaw.collision import Collision
 from impactlaw.errors import SolverError
-from impactlaw.friction_impact import FrictionImpact, cone_gradients
-from impactlaw.solvers.cone_problem import ConeAnswer, ConeProblem, ConeStatus
-from impactlaw.solvers.cone_solve import THOROUGH, USUAL, Effort, solve_cones
+from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.friction_impact import FrictionImpact, cone_gradients
+from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem
+from impactlaw.solvers.friction.solve import THOROUGH, solve_cones
+from impactlaw.solvers.problem import Status
 
 if TYPE_CHECKING:
-    from impactlaw.laws.coulomb import Coulomb
+    from impactlaw.laws.coulomb import Coulomb, Effort
     from impactlaw.laws.poisson import Poisson
 
 _CREATED = 1e-12  # energy, relative to the one before, up to which its creation is rounding
@@ -35,7 +36,7 @@ class TwoPhases:
     two phases create no energy; s = 0 never does.
     """
 
-    def __init__(self, collision: Collision, e: np.ndarray, *, exact: bool, effort: Effort):
+    def __init__(self, collision: Collision, e: np.ndarray, *, exact: bool, effort: Effort | None):
         self.collision, self.exact, self.effort = collision, exact, effort
         friction = collision.friction
         assert friction is not None
@@ -96,10 +97,11 @@ class TwoPhases:
         return 2.0 * work / speed**2 if speed > 0 else 0.0
 
     def _solved(self, problem: ConeProblem, phase: str) -> ConeAnswer:
-        answer = solve_cones(problem, effort=self.effort)
-        if answer.status is not ConeStatus.SOLVED and self.effort is USUAL:
-            answer = solve_cones(problem, effort=THOROUGH)
-        if answer.status is not ConeStatus.SOLVED:
+        rows = problem.start.size
+        answer = solve_cones(problem, rounds=THOROUGH if self.effort is None else self.effort.rounds(rows))
+        if self.effort is not None:
+            self.effort.attempt(rows, answer.iterations)
+        if answer.status is not Status.SOLVED:
             raise SolverError(
                 f"no impulses in the friction cones were found for the {phase} of contacts "
                 f"{', '.join(self.collision.labels)}: residual {answer.residual:.1e} sqrt(J)"
@@ -107,14 +109,16 @@ class TwoPhases:
         return answer
 
 
-def resolve_phases(law: Coulomb, inner: Poisson, collision: Collision, *, effort: Effort = USUAL) -> FrictionImpact:
+def resolve_phases(
+    law: Coulomb, inner: Poisson, collision: Collision, *, effort: Effort | None = None
+) -> FrictionImpact:
     """Return the impact of Poisson's law with friction.
 
     Args:
         law: with the cone.
         inner: the coefficients.
         collision: with rows of friction.
-        effort: of the solver.
+        effort: limits the work; without it no effort is spared.
 
     Raises:
         RestitutionError: the coefficients do not fit the contacts.

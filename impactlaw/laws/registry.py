@@ -7,8 +7,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from impactlaw.errors import RestitutionError, UnknownNameError
 from impactlaw.laws.base import Law
 from impactlaw.laws.compliant import Compliant
@@ -20,66 +18,14 @@ from impactlaw.laws.poisson import Poisson
 from impactlaw.laws.portable import restored
 from impactlaw.laws.routh import Routh
 
+REGISTERED: tuple[type[Law], ...] = (MaximalDissipation, Moreau, Newton, Poisson, Fremond, Reversal, Routh, Compliant)
+"""A new law is one file, with its name and description on the class, and its class here."""
 
-def _maximal_dissipation(restitution: Any) -> Law:
-    if restitution is not None and restitution != 0:
-        raise RestitutionError(f"law 'maximal-dissipation' has restitution 0, got {restitution!r}; leave it out")
-    return MaximalDissipation()
+LAWS: dict[str, Callable[[Any], Law]] = {law.name: law.of for law in REGISTERED}
+"""Functions from a restitution to a law, by the name of the law."""
 
-
-def _moreau(restitution: Any) -> Law:
-    return Moreau(_required("moreau", restitution))
-
-
-def _newton(restitution: Any) -> Law:
-    return Newton(_required("newton", restitution))
-
-
-def _poisson(restitution: Any) -> Law:
-    return Poisson(_required("poisson", restitution))
-
-
-def _fremond(restitution: Any) -> Law:
-    if restitution is not None and not isinstance(restitution, Mapping) and np.ndim(restitution) == 0:
-        raise RestitutionError("law 'fremond' needs a restitution matrix; 'reversal' takes a single coefficient")
-    return Fremond(_required("fremond", restitution))
-
-
-def _routh(restitution: Any) -> Law:
-    return Routh(_required("routh", restitution))
-
-
-def _compliant(restitution: Any) -> Law:
-    return Compliant(1.0) if restitution is None else Compliant(1.0, restitution=restitution)
-
-
-def _reversal(restitution: Any) -> Law:
-    return Reversal() if restitution is None else Reversal(restitution)
-
-
-LAWS: dict[str, Callable[[Any], Law]] = {
-    "maximal-dissipation": _maximal_dissipation,
-    "moreau": _moreau,
-    "newton": _newton,
-    "poisson": _poisson,
-    "fremond": _fremond,
-    "reversal": _reversal,
-    "routh": _routh,
-    "compliant": _compliant,
-}
-"""The registry: a new law is one file and one line here."""
-
-DESCRIPTIONS: dict[str, str] = {
-    "maximal-dissipation": "E = 0: the least kinetic energy that no penetration allows; takes no restitution",
-    "moreau": "E = e 1: one coefficient, the half-line from v- through the point of maximal dissipation",
-    "newton": "E = diag(e_1 .. e_h): one coefficient per contact, also keyed by contact label or a function of speed",
-    "poisson": "compression, then e_i times its impulse for contact i: coefficients as newton's",
-    "fremond": "E full: any matrix, also keyed by pairs of contact labels",
-    "reversal": "E = e times the anti-identity along the contacts' order: Newton's cradle",
-    "routh": "friction at every instant of one contact's impact, then e times the impulse of compression",
-    "compliant": "contacts are equal Hertzian springs for a moment, each with restitution e; 1 if not given",
-}
-"""One line per law of the registry."""
+DESCRIPTIONS: dict[str, str] = {law.name: law.description for law in REGISTERED}
+"""One line per law."""
 
 
 def make_law(name: str | Path | Law | Mapping, restitution: Any = None) -> Law:
@@ -90,8 +36,8 @@ def make_law(name: str | Path | Law | Mapping, restitution: Any = None) -> Law:
             "compliant"; a `Law` is returned as is, and made again from what `impactlaw.laws.portable` has written down,
             or from a file of that, ``law.json``, as `impactlaw identify` writes it.
         restitution: what the law takes: a coefficient (moreau, reversal, compliant), one or several or keyed ones,
-            numbers or functions of speed (newton, poisson, routh), a matrix or a keyed one (fremond),
-            nothing (maximal-dissipation).
+            numbers or functions of speed (newton, poisson, routh), a matrix or a keyed one (fremond), nothing
+            (maximal-dissipation).
 
     Raises:
         UnknownNameError: no such law; the message names the nearest ones.
@@ -125,9 +71,3 @@ def _read(path: Path) -> Law:
     if not isinstance(law, Law):
         raise RestitutionError(f"{path} holds no law, as `impactlaw identify` writes it")
     return law
-
-
-def _required(name: str, restitution: Any) -> Any:
-    if restitution is None:
-        raise RestitutionError(f"law {name!r} needs a restitution")
-    return restitution

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 
-from impactlaw.collision import Collision
 from impactlaw.errors import RestitutionError, UnknownNameError
-from impactlaw.friction_impact import FrictionImpact
-from impactlaw.impact import Impact
 from impactlaw.laws.base import Law, Target
 from impactlaw.laws.coefficients import ContactCoefficients
 from impactlaw.laws.routh_impulses import impulses, planar_phases, spatial_phases
+from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.friction_impact import FrictionImpact
+from impactlaw.mechanics.impact import Impact
 
 _APART = 1e-12  # cosine between gradients of two contacts up to which they do not influence each other
 
@@ -46,8 +46,11 @@ class Routh(ContactCoefficients, Law):
         UnknownNameError: no such hypothesis.
     """
 
+    name = "routh"
+    description = "friction at every instant of one contact's impact, then e times the impulse of compression"
+    has_friction = True
+
     hypothesis: Literal["poisson", "stronge"] = field(default="poisson", kw_only=True)
-    has_friction: ClassVar[bool] = True
 
     def __post_init__(self):
         super().__post_init__()

@@ -12,8 +12,8 @@ from collections.abc import Iterable, Iterator
 from typing import Literal, NamedTuple
 
 import numpy as np
+import scipy
 
-from impactlaw import deferred
 from impactlaw.errors import SolverError
 
 Hypothesis = Literal["poisson", "stronge"]
@@ -54,7 +54,7 @@ def settled_friction(G: np.ndarray, mu: np.ndarray) -> np.ndarray:
     low = 1e-16 * high
     if excess(low) <= 0.0:
         return -mu * (V @ (b / (w + low)))
-    multiplier = deferred.root_scalar(excess, bracket=(low, high), xtol=1e-15 * high, rtol=1e-14).root
+    multiplier = scipy.optimize.root_scalar(excess, bracket=(low, high), xtol=1e-15 * high, rtol=1e-14).root
     return -mu * (V @ (b / (w + multiplier)))
 
 

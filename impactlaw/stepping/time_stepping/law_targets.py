@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from impactlaw.collision import Collision
 from impactlaw.errors import SolverError, UnsolvableLawError
-from impactlaw.friction_impact import FrictionImpact
-from impactlaw.laws import Coulomb, Law, MaximalDissipation, Moreau, Newton, Poisson, Routh
+from impactlaw.laws import Coulomb, Law, Poisson, Routh
+from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.friction_impact import FrictionImpact
 
 CollisionOf = Callable[[np.ndarray], Collision]
 """Makes the collision of some groups of rows, int (k,)."""
@@ -33,9 +33,9 @@ class LawTargets:
     """
 
     def __init__(self, law: Law, *, exact: bool = True):
-        self.law = law.law if isinstance(law, Coulomb) else law
-        self.restitution = _restitution(self.law)
-        self.alone = isinstance(self.law, Newton)
+        self.law = law.normal_law
+        self.restitution = self.law.common_coefficient
+        self.alone = self.law.per_contact
         self.rule = law if isinstance(law, Routh) else None
         if isinstance(self.law, Poisson):
             self.rule = law if isinstance(law, Coulomb) else Coulomb(law, cone="exact" if exact else "convex")
@@ -58,17 +58,9 @@ class LawTargets:
 
     def of_all(self, collision: Collision) -> np.ndarray:
         """Return ``gamma^h``, (k,), of all contacts of a collision; E = 0 where the law has no solution."""
-        if type(self.law).resolve is Law.resolve:
+        if self.law.has_target:
             return np.asarray(self.law.target(collision).contact_velocity, dtype=float)
         try:
             return self.law.resolve(collision).post_contact_velocity
         except (UnsolvableLawError, SolverError):
             return np.zeros(len(collision.labels))
-
-
-def _restitution(law: Law) -> float | None:
-    if isinstance(law, MaximalDissipation):
-        return 0.0
-    if isinstance(law, (Moreau, Newton)) and isinstance(law.restitution, float):
-        return law.restitution
-    return None

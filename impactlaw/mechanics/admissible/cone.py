@@ -1,0 +1,81 @@
+"""The cone of the gap gradients, ``{Y^T Lambda : Lambda >= 0}``: nearest points and facets."""
+
+from __future__ import annotations
+
+from math import comb
+
+import numpy as np
+import scipy
+
+from impactlaw.errors import ImpactLawError
+from impactlaw.mechanics.tolerances import ON_FACET
+from impactlaw.solvers import Problem, solve_with_jump
+
+MAX_FACETS = 20_000
+"""Most facets that a group of dependent gradients may have (upper bound theorem) before they are not listed."""
+
+
+class EnumerationError(ImpactLawError):
+    """A set has too many faces to list them: too many redundant gradients of too high a rank."""
+
+
+def nearest_in_cone(generators: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Return ``Lambda >= 0`` that minimises ``|Y^T Lambda - point|``, shape (h,), for unit rows Y.
+
+    Raises:
+        SolverError: no solver's answer passed its certificate.
+    """
+    problem = Problem(generators, generators @ point, point)
+    return solve_with_jump(problem, ("",) * len(generators), shared=False).impulse
+
+
+def cone_facets(generators: np.ndarray) -> np.ndarray:
+    """Return F, the inward unit normals of the facets of the cone ``{x : F x >= 0}``, shape (m, r).
+
+    Written in a basis of r of the generators, the cone is the product of one cone per group of generators that
+    depend on each other: a ray or a line for a group of rank one, otherwise the facets at the origin of the convex
+    hull of the group and the origin. So a pile of boxes on four corners each is as easy as one box.
+
+    Args:
+        generators: unit rows that span R^r, shape (h, r).
+
+    Raises:
+        EnumerationError: a group may have more than `MAX_FACETS` facets.
+    """
+    r = generators.shape[1]
+    *_, order = scipy.linalg.qr(generators.T, mode="r", pivoting=True)
+    basis = generators[order[:r]]
+    coefficients = scipy.linalg.solve(basis.T, generators[order[r:]].T, check_finite=False)
+    coefficients[np.abs(coefficients) < ON_FACET] = 0.0
+    together = np.abs(coefficients) @ np.abs(coefficients).T > 0
+    count, group = scipy.sparse.csgraph.connected_components(together, directed=False)
+    normals = []
+    for k in range(count):
+        members = np.flatnonzero(group == k)
+        dependent = coefficients[members][:, coefficients[members].any(axis=0)].T
+        facets = _facets_at_origin(np.vstack([np.eye(len(members)), dependent]))
+        padded = np.zeros((len(facets), r))
+        padded[:, members] = facets
+        normals.append(padded)
+    F = scipy.linalg.solve(basis, np.vstack(normals).T, check_finite=False).T
+    return F / np.linalg.norm(F, axis=1, keepdims=True)
+
+
+def _facets_at_origin(points: np.ndarray) -> np.ndarray:
+    """Inward normals of the cone of the points, of which the first d are the unit vectors, shape (m, d)."""
+    n, d = points.shape
+    if n == d:
+        return np.eye(d)
+    if d == 1:
+        return np.ones((int(points.min() > 0), 1))
+    bound = comb(n + 1 - (d + 1) // 2, n + 1 - d) + comb(n - d // 2, n + 1 - d)
+    if bound > MAX_FACETS:
+        raise EnumerationError(
+            f"{n} contacts depend on each other with rank {d}: the cone of their gradients may have {bound} facets, "
+            f"more than {MAX_FACETS}; leave out redundant contacts"
+        )
+    points = points / np.linalg.norm(points, axis=1, keepdims=True)
+    planes = scipy.spatial.ConvexHull(np.vstack([np.zeros(d), points])).equations
+    normals = -planes[np.abs(planes[:, -1]) < ON_FACET, :-1]
+    _, first = np.unique(np.round(normals, 9), axis=0, return_index=True)
+    return normals[np.sort(first)]

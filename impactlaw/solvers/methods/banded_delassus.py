@@ -1,0 +1,82 @@
+"""The Delassus matrix of contacts that few others touch, as a band, and systems with it on some of the contacts."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import scipy
+
+from impactlaw.solvers.problem import Problem, row_scaled, sparse
+
+_MOST = 4e7
+"""Largest number of stored entries of the band; a factor of that size takes some seconds."""
+
+
+class BandedDelassus:
+    """``G = U U^T`` for the unit gradients U of a problem, in an order of the contacts that makes the band narrow.
+
+    Attributes:
+        order: contact at each place of the band, (h,).
+        band: ``G[j + k, j]`` at ``[k, j]``, (width + 1, h); no rows where it would be too large.
+    """
+
+    def __init__(self, problem: Problem):
+        U = row_scaled(sparse(problem.gradients), problem.lengths)
+        h = U.shape[0]
+        G = U @ U.T
+        self.order = np.arange(h)
+        entries = G.tocoo()
+        row, column = entries.row, entries.col
+        width = int(np.abs(row - column).max(initial=0))
+        if width > 1:
+            order = scipy.sparse.csgraph.reverse_cuthill_mckee(G, symmetric_mode=True)
+            place = np.argsort(order)
+            narrower = int(np.abs(place[row] - place[column]).max())
+            if narrower < width:
+                self.order, width, row, column, U = order, narrower, place[row], place[column], U[order]
+        self._gradients, self._transposed = U, U.T
+        self.band = np.zeros((0, h))
+        if (width + 1) * h <= _MOST:
+            self.band = np.zeros((width + 1, h))
+            lower = row >= column
+            self.band[(row - column)[lower], column[lower]] = entries.data[lower]
+
+    @cached_property
+    def largest(self) -> float:
+        """A bound of the largest eigenvalue of G: the largest sum of a row's magnitudes."""
+        sums = np.abs(self.band[0])
+        for k, row in enumerate(np.abs(self.band[1:]), 1):
+            sums[:-k] += row[:-k]
+            sums[k:] += row[:-k]
+        return float(sums.max())
+
+    def product(self, impulse: np.ndarray) -> np.ndarray:
+        """Return ``U (U^T Lambda)``, (h,), which has not the rounding of G."""
+        return self._gradients @ (self._transposed @ impulse)
+
+    def factor(self, active: np.ndarray, shift: float) -> Factor | None:
+        """Return the factor of ``G + shift 1`` on the active contacts; None where it is singular to rounding."""
+        band = self.band.copy()
+        band[0] += shift
+        if not active.all():
+            for k in range(1, len(band)):
+                band[k, :-k] *= active[k:] & active[:-k]
+        factor, failed = scipy.linalg.lapack.dpbtrf(band, lower=1)
+        return None if failed else Factor(factor, active)
+
+
+class Factor:
+    """A Cholesky factor of a band in which inactive contacts are coupled with none.
+
+    Attributes:
+        least_pivot: least squared sine of the angle between a unit gradient and the span of those before it.
+    """
+
+    def __init__(self, factor: np.ndarray, active: np.ndarray):
+        self._factor, self._active = factor, active
+        self.least_pivot = float(factor[0].min()) ** 2
+
+    def solve(self, wanted: np.ndarray) -> np.ndarray:
+        """Return the solution, (h,), zero on inactive contacts."""
+        return scipy.linalg.lapack.dpbtrs(self._factor, wanted * self._active, lower=1)[0]

@@ -1,0 +1,48 @@
+"""Lawson and Hanson's non-negative least squares: exact where the wanted contact velocities are those of a velocity.
+
+C. L. Lawson and R. J. Hanson, *Solving Least Squares Problems*, 1974, ch. 23.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+
+from impactlaw.solvers.least_squares import least_squares
+from impactlaw.solvers.problem import Problem, Solution, Status
+from impactlaw.solvers.tolerances import BALANCED, IN_RANGE
+
+_NNLS_CHANGES = 30  # of the active set, per contact, at most
+
+
+def nnls(problem: Problem) -> Solution:
+    """Solve ``min |Y^T Lambda - d|, Lambda >= 0``, the law's problem whenever ``Y d = c``.
+
+    Without a known d the least-norm one is computed; a bound outside of the range of Y has none, and the answer is
+    ``Status.STOPPED`` (a dual active set solves those).
+    """
+    d = problem.preimage
+    if d is None:
+        Y, c = problem.gradients / problem.lengths[:, None], problem.bound / problem.lengths
+        d = least_squares(Y, c)
+        if np.abs(Y @ d - c).max(initial=0.0) > IN_RANGE * max(problem.scale, float(np.linalg.norm(d))):
+            return Solution(np.zeros_like(c), Status.STOPPED)
+    impulse = cone_projection(problem, d)
+    return Solution(np.zeros_like(problem.bound), Status.STOPPED) if impulse is None else Solution(impulse)
+
+
+def cone_projection(problem: Problem, point: np.ndarray) -> np.ndarray | None:
+    """Return the minimiser of ``|Y^T Lambda - point|, Lambda >= 0``, None where NNLS does not end.
+
+    Rows of Y of very different length are scaled to unit length first.
+    """
+    lengths = problem.lengths
+    if not len(lengths):
+        return np.zeros(0)
+    balanced = lengths.max() <= BALANCED * lengths.min()
+    columns = problem.gradients.T if balanced else problem.gradients.T / lengths
+    try:
+        impulse, _ = scipy.optimize.nnls(columns, point, maxiter=_NNLS_CHANGES * len(lengths))
+    except RuntimeError:  # how scipy says that these changes of the active set were not enough
+        return None
+    return impulse if balanced else impulse / lengths

@@ -1,0 +1,140 @@
+"""The one problem every solver answers, the form of an answer, and the measure of how good it is."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from functools import cached_property
+from math import sqrt
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import scipy
+
+
+class Problem:
+    """``min |z|^2 / 2  subject to  Y z >= c``: the smallest velocity jump that reaches the wanted contact velocities.
+
+    Its optimality conditions are the impact law: ``z = Y^T Lambda`` and ``0 <= Lambda  ⊥  Y z - c >= 0``.
+
+    Args:
+        gradients: ``Y``, the gap gradients where the kinetic metric is Euclidean, shape (h, nv); may be a CSR array.
+        bound: ``c = gamma^h - gamma-``, shape (h,).
+        preimage: ``d`` with ``Y d = c`` where the law knows one, shape (nv,); then the jump is the projection of d
+            onto the cone of the gradients, which always exists.
+        speed: ``|v-|`` where it is known, sqrt(J): c was computed from velocities of that size, and has their rounding.
+        norms: lengths of the rows of Y, shape (h,); computed if None.
+
+    Attributes:
+        is_sparse: whether Y is a CSR array.
+        lengths: the norms, to divide by: 1 for rows of zeros, shape (h,).
+        can_move: whether no gradient is zero.
+    """
+
+    def __init__(
+        self,
+        gradients: Any,
+        bound: np.ndarray,
+        preimage: np.ndarray | None = None,
+        speed: float = 0.0,
+        *,
+        norms: np.ndarray | None = None,
+    ):
+        self.gradients, self.bound, self.preimage, self.speed = gradients, bound, preimage, speed
+        self.is_sparse = not isinstance(gradients, np.ndarray)
+        self.norms = row_lengths(gradients) if norms is None else norms
+        self.can_move = np.count_nonzero(self.norms) == len(self.norms)  # a quarter of the time of all()
+        self.lengths = self.norms if self.can_move else np.where(self.norms > 0, self.norms, 1.0)
+
+    @cached_property
+    def scale(self) -> float:
+        """Largest of |v-|, |d| and ``|c_i| / |Y_i|``, sqrt(J): a jump is called rounding in comparison with it."""
+        d = self.preimage
+        reach = np.abs(self.bound / self.lengths).max(initial=0.0) if d is None else scipy.linalg.blas.dnrm2(d)
+        return max(self.speed, float(reach))
+
+    @cached_property
+    def transposed(self) -> Any:
+        """``Y^T``, in the form of Y; that of a CSR array is made once."""
+        return self.gradients.T
+
+    def allows(self, residual: float, tolerance: float) -> bool:
+        """Whether a residual, sqrt(J), is at most the tolerance times the scale. Often |v-| shows it."""
+        return residual <= tolerance * self.speed or residual <= tolerance * self.scale
+
+    def speed_at(self, jump: np.ndarray) -> float:
+        """Return the speed that errors are compared with; if |v-| is known, at most the larger of |v-| and |v+|."""
+        if self.speed > 0:
+            return max(self.speed, 0.5 * sqrt(jump @ jump))
+        return max(self.scale, sqrt(jump @ jump))
+
+    def slack(self, z: np.ndarray) -> np.ndarray:
+        """``(Y z - c) / |Y_i|``, shape (h,), in sqrt(J); rows of zeros count as ``-c_i``."""
+        return (self.gradients @ z - self.bound) / self.lengths
+
+    def with_gradients(self, gradients: Any) -> Problem:
+        """Return the same problem with the same Y in another form."""
+        return Problem(gradients, self.bound, self.preimage, self.speed, norms=self.norms)
+
+
+def row_lengths(gradients: Any) -> np.ndarray:
+    """Return the lengths of the rows of an array or a CSR array, (h,)."""
+    if isinstance(gradients, np.ndarray):
+        return np.sqrt(np.vecdot(gradients, gradients))
+    squares = gradients.data * gradients.data
+    return np.sqrt(np.bincount(row_numbers(gradients), weights=squares, minlength=gradients.shape[0]))
+
+
+def row_numbers(gradients: Any) -> np.ndarray:
+    """Return the row of each entry of a CSR array, (entries,)."""
+    return np.repeat(np.arange(gradients.shape[0]), np.diff(gradients.indptr))
+
+
+def row_scaled(gradients: Any, lengths: np.ndarray) -> Any:
+    """Return the rows divided by the lengths, in the form of the gradients."""
+    if isinstance(gradients, np.ndarray):
+        return gradients / lengths[:, None]
+    data = gradients.data / lengths[row_numbers(gradients)]
+    return scipy.sparse.csr_array((data, gradients.indices, gradients.indptr), shape=gradients.shape)
+
+
+def sparse(gradients: Any) -> Any:
+    """Return the gradients as a CSR array."""
+    return gradients if not isinstance(gradients, np.ndarray) else scipy.sparse.csr_array(gradients)
+
+
+class Status(StrEnum):
+    """How a solver ended.
+
+    Attributes:
+        SOLVED: with what it holds for the answer.
+        INFEASIBLE: it finds that ``Y z >= c`` has no solution; only a Farkas ray proves that.
+        STOPPED: without an answer, or at a bound on its iterations with what it has reached.
+    """
+
+    SOLVED = "solved"
+    INFEASIBLE = "infeasible"
+    STOPPED = "stopped"
+
+
+class Solution(NamedTuple):
+    """What a solver hands back; only the certificate decides whether it is an answer.
+
+    Attributes:
+        impulse: ``Lambda``, shape (h,).
+        status: how the solver ended.
+        iterations: of the solver's own kind; 0 when it takes none.
+        residual: what an iterative solver itself says that it reached, relative; 0 for the others.
+    """
+
+    impulse: np.ndarray
+    status: Status = Status.SOLVED
+    iterations: int = 0
+    residual: float = 0.0
+
+
+class Solver(Protocol):
+    """A solver is a function from a problem to a solution; it never raises for a problem that it cannot solve."""
+
+    def __call__(self, problem: Problem) -> Solution:
+        """Solve one problem."""
+        ...

@@ -1,0 +1,90 @@
+"""How much work a step may take: counted from sizes, not timed, so that runs are the same on every machine.
+
+One unit is about a millisecond on one core of an AMD EPYC.
+"""
+
+from __future__ import annotations
+
+from impactlaw.errors import UnfinishedStepError
+from impactlaw.solvers.friction.solve import BRIEF, STEPS_OF_A_ROUND, cost
+
+_FLOW, _PER_FREEDOM = 0.05, 0.004
+_LOOK, _PER_CONTACT, _LOOK_PER_FREEDOM = 0.08, 0.01, 0.006
+_CONVEX = 0.3  # a look at geoms that are measured by the general convex collider, such as meshes
+_HOLD, _CONFLICT, _CUT = 0.15, 0.25, 2e-3
+_COLLISION, _PER_PARTNER = 0.4, 0.004
+_RUBBING, _DENSE = 0.6, 3e-6  # collisions with friction are dense: the cube of the degrees of freedom counts, too
+_IMPACT = 0.3  # an impact with friction, made of impulses and audited
+
+
+class Work:
+    """Counts the work of one step.
+
+    Args:
+        freedoms: degrees of freedom of the scene.
+        most: units that a step may take.
+        convex: whether contacts are looked for by the general convex collider.
+    """
+
+    def __init__(self, freedoms: int, most: float, *, convex: bool = False):
+        self._freedoms, self._most, self._spent = freedoms, most, 0.0
+        self._look = _LOOK + _LOOK_PER_FREEDOM * freedoms + (_CONVEX if convex else 0.0)
+
+    def begin(self, part: float = 1.0) -> None:
+        """Let a step begin, or what may take a part of the work of one."""
+        self._spent = (1.0 - part) * self._most
+
+    def _spend(self, units: float) -> None:
+        self._spent += units
+        if self._spent > self._most:
+            raise UnfinishedStepError(
+                "a step takes more work than it may; use a smaller timestep, a larger max_events, or "
+                'scheme="time-stepping"'
+            )
+
+    def fly(self) -> None:
+        """Count one flow.
+
+        Raises:
+            UnfinishedStepError: this, as the others, is too much.
+        """
+        self._spend(_FLOW + _PER_FREEDOM * self._freedoms)
+
+    def look(self, contacts: int) -> None:
+        """Count one look at so many contacts, or distances of geoms, and what follows from it."""
+        self._spend(self._look + _PER_CONTACT * contacts)
+
+    def hold(self, contacts: int) -> None:
+        """Count bringing so many contacts back."""
+        self._spend(_HOLD + _PER_CONTACT * contacts)
+
+    def disagree(self, contacts: int) -> None:
+        """Count one problem of so many contacts that has turned out to have no solution."""
+        self._spend(_CONFLICT * contacts)
+
+    def cut(self, contacts: int) -> None:
+        """Count one problem of contacts that jump between points of faces, and of those seen before."""
+        self._spend(_CUT * contacts**2)
+
+    def rounds(self, rows: int) -> int:
+        """Return how many rounds of slower methods a problem of contacts with friction may have, 1 or more."""
+        start, step = cost(rows, self._freedoms)
+        allowed = (self._most - self._spent - start) / (STEPS_OF_A_ROUND * step)
+        return max(1, min(BRIEF, int(allowed)))
+
+    def solve(self, rows: int, steps: int) -> None:
+        """Count one problem of contacts with friction, which took so many steps of a solver."""
+        start, step = cost(rows, self._freedoms)
+        self._spend(start + steps * step)
+
+    def attempt(self, rows: int, steps: int) -> None:
+        """Count one attempt at the impact of a collision with friction: its problem, and what is made of its answer."""
+        self._spend(_IMPACT)
+        self.solve(rows, steps)
+
+    def collide(self, contacts: int, *, friction: bool) -> None:
+        """Count one collision, before it is resolved; one with friction without its `attempt`s."""
+        if friction:
+            self._spend(_RUBBING + _PER_PARTNER * contacts + _DENSE * self._freedoms**3)
+        else:
+            self._spend(_COLLISION + _PER_PARTNER * contacts)

@@ -1,0 +1,157 @@
+"""The scenes whose steps are timed: models, starts, laws and inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import gymnasium
+import mujoco
+import numpy as np
+
+from impactlaw import Fremond, Law, Moreau
+from impactlaw.laws.from_scene import scene_law
+from impactlaw.models import load, scene_names
+from impactlaw.models.builder import cradle
+
+_NAMES = {int(value): name.removeprefix("mjINT_") for name, value in mujoco.mjtIntegrator.__members__.items()}
+HELD = 5
+"""Steps of an environment for which a control is held."""
+
+_STEPS = 200  # of an episode of an environment
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """One scene to step.
+
+    Attributes:
+        name: of the scene.
+        model: compiled.
+        law: that rigid and soft stepping take.
+        starts: positions and velocities that an episode starts from, in turn.
+        episode: steps from one start.
+        settle: steps before an episode is timed, for scenes at rest.
+        friction: of rigid contacts, see `impactlaw.Stepper`.
+        controls: of each step of an episode, (episode, nu), None for none.
+    """
+
+    name: str
+    model: mujoco.MjModel
+    law: Law
+    starts: tuple[tuple[np.ndarray, np.ndarray], ...]
+    episode: int = 500
+    settle: int = 0
+    friction: Literal["coulomb", "convex", "ignore"] = "coulomb"
+    controls: np.ndarray | None = None
+
+    @property
+    def integrator(self) -> str:
+        """Name of the integrator."""
+        return _NAMES[self.model.opt.integrator]
+
+    def begin(
+        self, data: mujoco.MjData, start: tuple[np.ndarray, np.ndarray], step: Callable[[mujoco.MjData], object]
+    ) -> None:
+        """Put data at a start, and let it settle."""
+        mujoco.mj_resetData(self.model, data)
+        data.qpos[:], data.qvel[:] = start
+        for _ in range(self.settle):
+            step(data)
+
+    def drive(self, data: mujoco.MjData, number: int) -> None:
+        """Set the controls of one step of an episode."""
+        if self.controls is not None:
+            data.ctrl[:] = self.controls[number]
+
+
+def builders(sizes: tuple[int, ...], environments: tuple[str, ...], *, full: bool) -> dict[str, Callable[[], Scene]]:
+    """Return the scenes by name, each to be built when its turn comes.
+
+    Args:
+        sizes: balls of the cradles.
+        environments: ids of gymnasium's.
+        full: with every scene of models/, and cradle and box with both integrators.
+    """
+    found: dict[str, Callable[[], Scene]] = {}
+    for n in sizes:
+        found[f"cradle {n}"] = lambda n=n: _cradle(n)
+    found["box at rest"] = lambda: _own("box_drop", name="box at rest", resting=True)
+    found["64 coplanar"] = _coplanar
+    for scene in scene_names() if full else ("box_drop", "billiard_rack"):
+        found[scene] = lambda scene=scene: _own(scene)
+    if full:
+        found["ball stack at rest"] = lambda: _own("ball_stack", name="ball stack at rest", resting=True)
+        found["cradle 5, Euler"] = lambda: _with_euler(_cradle(5))
+        found["box_drop, Euler"] = lambda: _with_euler(_own("box_drop"))
+        found["box at rest, Euler"] = lambda: _with_euler(_own("box_drop", name="box at rest", resting=True))
+    for environment in environments:
+        found[environment] = lambda environment=environment: _environment(environment)
+    return found
+
+
+def _own(scene: str, *, name: str = "", resting: bool = False) -> Scene:
+    model, data = load(scene)
+    start = data.qpos.copy(), data.qvel.copy()
+    settle = round(2.0 / model.opt.timestep) if resting else 0
+    law = Fremond.reversal() if scene == "newtons_cradle" else scene_law(model)
+    return Scene(name=name or scene, model=model, law=law, starts=(start,), settle=settle)
+
+
+def _with_euler(scene: Scene) -> Scene:
+    scene = replace(scene, name=f"{scene.name}, Euler")
+    scene.model.opt.integrator = int(mujoco.mjtIntegrator.mjINT_EULER)
+    return scene
+
+
+def _cradle(n: int) -> Scene:
+    model = cradle(n).compile()
+    key = model.key("start")
+    law = Fremond.reversal() if n <= 10 else Moreau(1.0)
+    return Scene(name=f"cradle {n}", model=model, law=law, starts=((key.qpos.copy(), key.qvel.copy()),))
+
+
+def _coplanar() -> Scene:
+    """A plate on 64 small spheres, all of them touching a plane."""
+    radius, edge = 0.0625, 0.25
+    feet = "".join(
+        f'<geom name="foot{i}{k}" type="sphere" size="{radius}" mass=".01" pos="{edge * i} {edge * k} 0" condim="1"/>'
+        for i in range(8)
+        for k in range(8)
+    )
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco model="coplanar"><option timestep=".005" integrator="RK4"/>
+        <worldbody><geom name="floor" type="plane" size="0 0 1" condim="1"/><body name="plate" pos="0 0 {radius}">
+        <freejoint/>{feet}<geom name="plate" type="box" size="1 1 .03125" pos=".875 .875 .03125" mass="1" contype="0"
+        conaffinity="0"/></body></worldbody></mujoco>""")
+    start = model.qpos0.copy(), np.zeros(model.nv)
+    return Scene(name="64 coplanar", model=model, law=Moreau(0.5), starts=(start,))
+
+
+def _environment(name: str, episodes: int = 5) -> Scene:
+    env = gymnasium.make(name).unwrapped
+    model, data = env.model, env.data  # pyright: ignore[reportAttributeAccessIssue]
+    starts = []
+    for seed in range(episodes):
+        env.reset(seed=seed)
+        starts.append((_within_limits(model, data.qpos), data.qvel.copy()))
+    low, high = model.actuator_ctrlrange.T
+    held = np.random.default_rng(0).uniform(low, high, (_STEPS // HELD, model.nu))
+    return Scene(
+        name=name,
+        model=model,
+        law=Moreau(0.5),
+        starts=tuple(starts),
+        episode=_STEPS,
+        friction="ignore",
+        controls=np.repeat(held, HELD, axis=0),
+    )
+
+
+def _within_limits(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
+    """Return positions with limited hinges and slides within their ranges: the noise of a reset exceeds them."""
+    inside = qpos.copy()
+    joints = np.flatnonzero((model.jnt_limited > 0) & (model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)))
+    where = model.jnt_qposadr[joints]
+    inside[where] = np.clip(qpos[where], *model.jnt_range[joints].T)
+    return inside

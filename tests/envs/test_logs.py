@@ -1,0 +1,361 @@
+"""Recordings of environments: one file each, none written over, and episodes that can be played again from them."""
+
+import copy
+import itertools
+import json
+
+import gymnasium
+import numpy as np
+import pytest
+from dm_control import suite
+from own_envs import bare, every_env
+from wrapped import drop, hopper, shimmy_task, theirs
+
+from impactlaw import Moreau, Newton
+from impactlaw.envs import ImpactLaw, put_law, restart
+from impactlaw.errors import OptionError, RecordingError, UnknownNameError
+from impactlaw.recording import Recorder, describe, read_log
+
+pytestmark = theirs
+
+JUGGLER = "impactlaw.envs:impactlaw/Juggler-v0"
+
+
+def files(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def play(env, episodes, steps=40):
+    """Random actions; returns what was seen: states, actions and rewards of each episode."""
+    data = env.unwrapped.data
+    rng, seen = np.random.default_rng(0), []
+    for episode in range(episodes):
+        env.reset(seed=5 if episode == 0 else None)
+        states, actions, rewards = [np.append(data.qpos, data.qvel)], [], []
+        for _ in range(steps):
+            actions.append(rng.uniform(-1, 1, env.action_space.shape))
+            _, reward, terminated, truncated, _ = env.step(actions[-1])
+            rewards.append(reward)
+            states.append(np.append(data.qpos, data.qvel))
+            if terminated or truncated:
+                break
+        seen.append((np.array(states), np.array(actions), np.array(rewards)))
+    return seen
+
+
+def makers(**options):
+    return {
+        "own": lambda: bare(JUGGLER, **options),
+        "own, soft": lambda: bare(JUGGLER, contact_model="soft", **options),
+        "wrapped": lambda: hopper(**options),
+        "wrapped, rigid": lambda: hopper(contact_model="rigid", **options),
+    }
+
+
+every_maker = pytest.mark.parametrize("name", makers())
+
+
+# Which files
+
+
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_vector_environments_write_a_file_each(mode, tmp_path):
+    vector = gymnasium.make_vec(JUGGLER, num_envs=3, vectorization_mode=mode, log=str(tmp_path / "run-{env}.rrd"))
+    vector.reset(seed=[1, 2, 3])
+    for _ in range(5):
+        vector.step(vector.action_space.sample())
+    vector.close()
+    assert files(tmp_path) == ["run-0.rrd", "run-1.rrd", "run-2.rrd"]
+    logs = [read_log(tmp_path / name) for name in files(tmp_path)]
+    assert sorted(log.properties["seed"] for log in logs) == [1, 2, 3]
+    assert [len(log.episode(0).actions) for log in logs] == [5, 5, 5]
+
+
+def test_vector_environments_that_would_share_a_file_are_refused(tmp_path):
+    vector = gymnasium.make_vec(JUGGLER, num_envs=2, vectorization_mode="sync", log=str(tmp_path / "run.rrd"))
+    with pytest.raises(RecordingError, match=r'run\.rrd is there already, .*log="run-\{env\}\.rrd"'):
+        vector.reset(seed=0)
+    vector.close()
+
+
+@pytest.mark.parametrize("when", ["before", "during", "after"])
+@every_maker
+def test_an_environment_made_from_the_spec_does_not_write_over_the_recording(name, when, tmp_path):
+    path = tmp_path / "run.rrd"
+    env = gymnasium.make(JUGGLER, log=path) if name.startswith("own") else hopper(log=path)
+    spec = env.spec
+    if when == "before":
+        again = gymnasium.make(spec)
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    if when == "after":
+        env.close()
+    size = path.stat().st_size
+    with pytest.raises(RecordingError, match="is there already"):
+        if when == "before":
+            again.reset(seed=0)
+        else:
+            gymnasium.make(spec)
+    assert path.stat().st_size == size
+    env.close()
+    assert len(read_log(path).episodes) == 1
+
+
+def test_numbered_environments_made_from_one_spec(tmp_path):
+    env = hopper(log=tmp_path / "run-{env}.rrd")
+    for one in (env, gymnasium.make(env.spec), gymnasium.make(env.spec)):
+        one.reset(seed=0)
+        one.step(one.action_space.sample())
+        one.close()
+    assert files(tmp_path) == ["run-0.rrd", "run-1.rrd", "run-2.rrd"]
+
+
+def test_an_environment_that_is_never_reset_makes_no_file(tmp_path):
+    for env in (gymnasium.make(JUGGLER, log=tmp_path / "run-{env}.rrd"), hopper(log=tmp_path / "run-{env}.rrd")):
+        env.close()
+    assert files(tmp_path) == []
+
+
+@every_maker
+def test_a_file_per_episode(name, tmp_path):
+    env = makers(log=tmp_path / "run-{env}-{episode:03d}.rrd")[name]()
+    play(env, 3, 5)
+    env.close()
+    assert files(tmp_path) == [f"run-0-00{i}.rrd" for i in range(3)]
+    for i, path in enumerate(files(tmp_path)):
+        (episode,) = read_log(tmp_path / path).episodes
+        assert episode.number == i
+
+
+@every_maker
+@pytest.mark.parametrize("path", ["run.rrd", "run-{episode}.rrd"])
+def test_every_third_episode(name, path, tmp_path):
+    env = makers(log=tmp_path / path, log_every=3)[name]()
+    seen = play(env, 8, 4)
+    env.close()
+    episodes = [e for file in files(tmp_path) for e in read_log(tmp_path / file).episodes]
+    assert [e.number for e in episodes] == [0, 3, 6]
+    assert len(files(tmp_path)) == (1 if path == "run.rrd" else 3)
+    for episode in episodes:
+        np.testing.assert_array_equal(episode.actions, seen[episode.number][1])
+        np.testing.assert_array_equal(episode.qpos[0], seen[episode.number][0][0][: episode.qpos.shape[1]])
+
+
+def test_every_second_episode_of_bare_dm_control(tmp_path):
+    env = drop()
+    placed = put_law(env, "moreau", 0.5, log=tmp_path / "run-{episode}.rrd", log_every=2)
+    for _ in range(4):
+        env.reset()
+        for _ in range(10):
+            env.step([])
+    placed.close()
+    assert files(tmp_path) == ["run-0.rrd", "run-2.rrd"]
+    (episode,) = read_log(tmp_path / "run-2.rrd").episodes
+    assert len(episode.time) == 1 + 10 * 10
+    assert episode.time[0] == 0.0
+    assert episode.actions.shape == (10, 0)
+
+
+def test_actions_and_rewards_of_bare_dm_control(tmp_path):
+    rng, told = np.random.default_rng(0), []
+    env = suite.load("cartpole", "balance", task_kwargs={"random": 0, "time_limit": 0.1})
+    placed = put_law(env, "moreau", 0.5, log=tmp_path / "run.rrd")
+    twin = copy.deepcopy(env)  # does not record
+    for _ in range(2):
+        env.reset()
+        step = None
+        while step is None or not step.last():
+            action = rng.uniform(-1.0, 1.0, 1)
+            step = env.step(action)
+            told.append((action, step.reward))
+    env.step(action)  # is a reset, which has no reward
+    twin.reset()
+    twin.step(action)
+    placed.remove()
+    env.reset()
+    env.step(action)
+    first, second = read_log(tmp_path / "run.rrd").episodes[:2]
+    actions, rewards = zip(*told, strict=True)
+    np.testing.assert_array_equal(np.concatenate([first.actions, second.actions]), actions)
+    np.testing.assert_array_equal(np.concatenate([first.rewards, second.rewards]), rewards)
+    assert first.ended == second.ended == "truncated"
+
+
+@pytest.mark.parametrize("path", ["run-{seed}.rrd", "run-{}.rrd", "run-{env.rrd", "run-{env:q}.rrd", "run-{0}.rrd"])
+def test_fields_that_there_are_not(path, tmp_path):
+    for make in makers(log=tmp_path / path).values():
+        with pytest.raises(OptionError, match=r"fields \{env\} and \{episode\}"):
+            make()
+    assert files(tmp_path) == []
+
+
+@pytest.mark.parametrize("every", [0, -1, 1.5, float("nan")])
+def test_numbers_of_episodes_that_are_none(every, tmp_path):
+    for make in makers(log=tmp_path / "run.rrd", log_every=every).values():
+        with pytest.raises(OptionError, match="log_every"):
+            make()
+
+
+def test_log_every_means_nothing_without_log():
+    for make in makers(log_every=3).values():
+        with pytest.raises(OptionError, match="without log"):
+            make()
+
+
+# What is in them
+
+
+@every_maker
+def test_a_recording_holds_states_actions_rewards_and_episodes(name, tmp_path):
+    env = makers(log=tmp_path / "run.rrd")[name]()
+    seen = play(env, 3)
+    env.close()
+    log = read_log(tmp_path / "run.rrd")
+    assert [e.number for e in log.episodes] == [0, 1, 2]
+    assert [e.seed for e in log.episodes] == [5, None, None]
+    for episode, (states, actions, rewards) in zip(log.episodes, seen, strict=True):
+        recorded = np.hstack([episode.qpos, episode.qvel])
+        np.testing.assert_array_equal(recorded[np.append(0, episode.frame)], states)
+        np.testing.assert_array_equal(episode.actions, actions)
+        np.testing.assert_array_equal(episode.rewards, rewards)
+        assert len(episode.time) == 1 + len(actions) * env.unwrapped.frame_skip
+        assert episode.time[0] == 0.0
+    assert len(log.series("qpos")[1]) == sum(len(e.time) for e in log.episodes)
+
+
+@every_maker
+@pytest.mark.parametrize("number", [0, 2])
+def test_an_episode_can_be_played_again_from_a_recording(name, number, tmp_path):
+    """Drawn from a seed or not, and under another law than the environment's."""
+    env = makers(log=tmp_path / "run.rrd")[name]()
+    play(env, 2)
+    env.reset(options={"law": "moreau", "restitution": 0.125})
+    for _ in range(30):
+        env.step(env.action_space.sample())
+    env.close()
+    episode = read_log(tmp_path / "run.rrd").episode(number)
+    again = makers()[name]()
+    again.reset(seed=77)
+    restart(again, episode)
+    data = again.unwrapped.data
+    assert len(episode.actions) > 20
+    for action, reward, frame in zip(episode.actions, episode.rewards, episode.frame, strict=True):
+        _, its, *_ = again.step(action)
+        assert its == reward
+        np.testing.assert_array_equal(data.qpos, episode.qpos[frame])
+        np.testing.assert_array_equal(data.qvel, episode.qvel[frame])
+
+
+@every_env
+def test_every_environment_plays_its_second_episode_again(name, tmp_path):
+    env = bare(name, log=tmp_path / "run.rrd")
+    seen = play(env, 2, 25)
+    env.close()
+    again = bare(name)
+    episode = read_log(tmp_path / "run.rrd").episode(1)
+    restart(again, episode)
+    for action, state in zip(episode.actions, seen[1][0][1:], strict=True):
+        again.step(action)
+        np.testing.assert_array_equal(np.append(again.data.qpos, again.data.qvel), state)
+
+
+def test_the_law_of_collisions_and_episodes_is_the_one_in_force(tmp_path):
+    env = bare(JUGGLER, log=tmp_path / "run.rrd")
+    env.reset(seed=0)
+    for _ in range(100):
+        env.step(np.zeros(1))
+    env.law = Moreau(0.5)
+    for _ in range(100):
+        env.step(np.zeros(1))
+    env.reset(options={"law": Newton(0.25)})
+    for _ in range(100):
+        env.step(np.zeros(1))
+    env.close()
+    log = read_log(tmp_path / "run.rrd")
+    laws = [law for law, _ in itertools.groupby(log.collisions["law"])]
+    assert laws == [repr(Newton(0.8)), repr(Moreau(0.5)), repr(Newton(0.25))]
+    assert [e.law for e in log.episodes] == [repr(Newton(0.8)), repr(Newton(0.25))]
+
+
+def test_how_episodes_end(tmp_path):
+    env = bare(JUGGLER, law="moreau", restitution=1.0, log=tmp_path / "run.rrd")
+    env.reset(seed=0)
+    env.step(np.ones(1))
+    env.data.qpos[0] = 2.5
+    assert env.step(np.ones(1))[2]
+    env.reset()
+    env.step(np.ones(1))
+    env.reset()
+    env.step(np.ones(1))
+    env.model.opt.gravity[:] = np.nan
+    assert env.step(np.ones(1))[3]
+    env.close()
+    log = read_log(tmp_path / "run.rrd")
+    assert [e.ended for e in log.episodes] == ["terminated", "", "truncated"]
+    table = log.episode_summary()
+    assert list(table["ended"]) == ["terminated", "", "truncated"]
+    assert list(table["collisions"]) == [sum(log.collisions["episode"] == i) for i in range(3)]
+    assert table["return"][0] == pytest.approx(sum(log.episode(0).rewards))
+
+
+def test_inspect_shows_episodes(tmp_path):
+    env = bare(JUGGLER, log=tmp_path / "run.rrd")
+    play(env, 2, 20)
+    env.close()
+    text = describe(read_log(tmp_path / "run.rrd"))
+    block = text[text.index("episodes\n") :].split("\n\n")[0].splitlines()
+    assert block[1].split() == [
+        "episode",
+        "seed",
+        "law",
+        "frames",
+        "steps",
+        "duration",
+        "return",
+        "ended",
+        "collisions",
+    ]
+    assert len(block) == 4
+    assert "5 Newton(restitution=0.8, default=None)" in block[2]
+
+
+def test_a_recording_of_before_has_episodes_where_time_goes_back(tmp_path, scene, monkeypatch):
+    from impactlaw.recording.episodes import EpisodeMarks
+
+    monkeypatch.setattr(EpisodeMarks, "send", lambda self, stream: None)
+    model, data = scene
+    with Recorder(model, tmp_path / "run.rrd") as recorder:
+        for time in (0.0, 0.1, 0.2, 0.0, 0.1):
+            data.time = time
+            recorder.step(data)
+    episodes = read_log(tmp_path / "run.rrd").episodes
+    assert [(e.number, len(e.time)) for e in episodes] == [(0, 3), (1, 2)]
+    with pytest.raises(RecordingError, match="without a seed"):
+        restart(bare(JUGGLER), episodes[0])
+
+
+def test_there_is_no_such_episode(tmp_path):
+    env = bare(JUGGLER, log=tmp_path / "run.rrd")
+    play(env, 2, 2)
+    env.close()
+    with pytest.raises(UnknownNameError, match="unknown episode '7'; known: 0, 1"):
+        read_log(tmp_path / "run.rrd").episode(7)
+
+
+def test_dm_control_through_shimmy_records_actions_and_rewards(tmp_path):
+    env = ImpactLaw(shimmy_task("hopper", "hop"), "moreau", 0.5, log=tmp_path / "run.rrd")
+    env.reset(seed=3)
+    rewards = [env.step(env.action_space.sample())[1] for _ in range(5)]
+    env.close()
+    (episode,) = read_log(tmp_path / "run.rrd").episodes
+    assert list(episode.rewards) == rewards
+    assert (episode.seed, episode.actions.shape) == (3, (5, 4))
+
+
+def test_settings_are_plain_values(tmp_path):
+    env = bare(JUGGLER, log=tmp_path / "run.rrd")
+    env.reset(seed=0, options={"law": Newton({("ball", "paddle"): 0.5}), "scheme": "time-stepping"})
+    env.close()
+    settings = read_log(tmp_path / "run.rrd").episode(0).settings
+    assert json.loads(json.dumps(settings)) == settings
+    assert settings["scheme"] == "time-stepping"
