@@ -7,13 +7,17 @@ order of attempts.
 import numpy as np
 
 from impactlaw.compiled import compiled
+from impactlaw.linked import linked
 from impactlaw.solvers.cones.hybrid import solve_island
 from impactlaw.solvers.cones.islands import build
 from impactlaw.solvers.cones.loops import Array
 from impactlaw.solvers.cones.rows import certificate, impulse_jump, islands, lengths
 
 
-@compiled()
+@compiled(
+    "Tuple((float64[::1],float64[::1],float64,int64))(int32[::1],int32[::1],int32[::1],float64[::1],int64,int32[::1],"
+    "int32[::1],int32[::1],int32[::1],float64[::1],float64[::1],float64[::1],float64[::1],boolean,float64,int64)"
+)
 def solve(
     rownnz: Array,
     rowadr: Array,
@@ -153,6 +157,10 @@ def solve(
         squares,
     )
     return x, z, worst, total
+
+
+linked_solve = linked(solve)
+"""What compiled functions call."""
 
 
 @compiled()
