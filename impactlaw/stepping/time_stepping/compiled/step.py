@@ -1,0 +1,302 @@
+"""One step of `scheme.TimeStepping` in compiled code, over MuJoCo's C functions; see there for what each part is for."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from impactlaw.compiled import compiled
+from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
+from impactlaw.stepping.time_stepping.compiled.borrow import borrow, is_damped
+from impactlaw.stepping.time_stepping.compiled.contact import attempt, jacobian_of, near
+from impactlaw.stepping.time_stepping.compiled.ends import finish, look_again, update_frames, write_forces
+from impactlaw.stepping.time_stepping.compiled.fields import DATA, MODEL, address_of, floats, ints, longs
+from impactlaw.stepping.time_stepping.compiled.forces import inertial_work, lead_to, settle
+from impactlaw.stepping.time_stepping.compiled.memory import MEMORY, forget, last_step, remember
+from impactlaw.stepping.time_stepping.compiled.status import FINE, HUGE_INPUT, HUGE_OUTPUT, TIMESTEP
+from impactlaw.stepping.time_stepping.compiled.world import (
+    SETTING,
+    World,
+    data_floats,
+    model_floats,
+    model_ints,
+    number,
+    rows_of,
+    size,
+    velocity_of,
+)
+from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS
+from impactlaw.stepping.time_stepping.margins import set_margins
+from impactlaw.stepping.time_stepping.tolerances import (
+    FEW_ROUNDS,
+    HUGE,
+    LOOKS,
+    MANY_ROUNDS,
+    SHARES,
+    SHORTFALL_LIMIT,
+    SLOWEST,
+)
+
+STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+_EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
+_CONTACT_FULL, _ROWS_FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)
+
+
+@compiled()
+def advance(user, data, scratch, table, settings, sizes, bilateral, law, memory, model, margins, state, loaded):
+    """Take one step and return how it has ended; data is back where it was if that is not `status.FINE`.
+
+    Args:
+        user: address of the model.
+        data: address of its data.
+        scratch: address of other data of the model.
+        table: offsets of fields, see `fields`.
+        settings: see `world.Settings`.
+        sizes: `margins.body_sizes`, (nbody,).
+        bilateral: equality constraints that collisions must not violate, uint8 (neq,).
+        law: see `law`.
+        memory: of the world, see `memory.Memory`.
+        model: address of room for a copy of the model's structure.
+        margins: room for its margins, `borrow.room`.
+        state: room for the state, where that of the start is in the end.
+        loaded: whether nothing but the state of data is current.
+    """
+    cone = borrow(user, model, margins, table, settings[SETTING.sticks] != 0.0)
+    h = floats(model + table[MODEL.opt_timestep], 1)[0]
+    if not 0.0 < h < np.inf:
+        return TIMESTEP
+    mj.get_state(model, data, address_of(state), STATE)
+    if not _length(state) <= HUGE:
+        return HUGE_INPUT
+    nv = longs(model + table[MODEL.nv], 1)[0]
+    w = World(model, data, scratch, table, settings, sizes, bilateral, nv, h, is_damped(model, table))
+    status = _step(w, law, memory, margins, cone, loaded)
+    if status != FINE:
+        mj.set_state(user, data, address_of(state), STATE)
+        mj.fwd_position(user, data)
+    return status
+
+
+@compiled()
+def _length(v):
+    s = 0.0
+    for i in range(len(v)):
+        s += v[i] * v[i]
+    return np.sqrt(s)
+
+
+@compiled()
+def _step(w, law, memory, margins, cone, loaded):
+    nq, nv, h, sensors = size(w, MODEL.nq), w.nv, w.timestep, size(w, MODEL.nsensordata) > 0
+    counts = memory.view(np.int64)
+    at = MEMORY.left + nq
+    left, gained = memory[MEMORY.left : at + nv], memory[at + nv : at + 2 * nv]
+    qpos, qvel = data_floats(w, DATA.qpos, nq), velocity_of(w)
+    same = counts[MEMORY.known] != 0 and _equal(left[:nq], qpos) and _equal(left[nq:], qvel)
+    if loaded or not same:
+        update_frames(w)
+    if not same:
+        forget(counts)
+        gained[:] = 0.0
+    _set_margins(w, gained)
+    start, middle, bias = qvel.copy(), np.empty(nq), np.zeros(nv)
+    full = _to_midpoint(w, start, margins, middle, sensors)
+    _free_step(w, start, bias, gained)
+    status, collided, missed = FINE, False, 0.0
+    depth_known = False
+    if number(w, DATA.nefc) > 0:
+        rounds = MANY_ROUNDS if counts[MEMORY.solved] != 0 else FEW_ROUNDS
+        found = _contact(w, law, last_step(counts), start, bias, rounds)
+        if found.status != FINE:
+            memory[MEMORY.created] = found.created
+            return found.status
+        write_forces(w, found, start, cone)
+        rows, shift, depth_known = found.rows, found.shift, len(found.x) > 0
+        collided, missed = found.collided, found.missed
+        if depth_known:
+            remember(counts, rows.groups, rows.key, rows.rates[0], found.x)
+        else:
+            forget(counts)
+        solved = missed <= SHORTFALL_LIMIT * max(SLOWEST, found.fastest) and not full
+        counts[MEMORY.solved] = solved
+        if sensors:
+            _sense(w, start)
+        _to_end(w, middle, shift)
+        if _is_huge(qpos, qvel):
+            return HUGE_OUTPUT
+        update_frames(w)
+        if depth_known:
+            look_again(w, rows, cone)
+        if not solved:
+            memory[MEMORY.short_steps] += 1.0
+    else:
+        forget(counts)
+        qacc = data_floats(w, DATA.qacc, nv)
+        for i in range(nv):
+            qacc[i] = (qvel[i] - start[i]) / h
+        if sensors:
+            _sense(w, start)
+        _to_end(w, middle, np.empty(0))
+        if _is_huge(qpos, qvel):
+            return HUGE_OUTPUT
+        update_frames(w)
+    finish(w)
+    counts[MEMORY.known] = 1
+    left[:nq] = qpos
+    left[nq:] = qvel
+    memory[MEMORY.steps] += 1.0
+    memory[MEMORY.impacts] += collided
+    memory[MEMORY.collided] = collided
+    memory[MEMORY.shortfall] = missed
+    memory[MEMORY.worst] = max(memory[MEMORY.worst], missed)
+    return status
+
+
+@compiled()
+def _equal(one, other):
+    for i in range(len(one)):
+        if one[i] != other[i]:
+            return False
+    return True
+
+
+@compiled()
+def _is_huge(qpos, qvel):
+    return not (_length(qpos) <= HUGE and _length(qvel) <= HUGE)
+
+
+@compiled()
+def _set_margins(w, gained):
+    """Let MuJoCo find the contacts that bodies can reach in this step; see `margins.set_margins`."""
+    nbody, table = size(w, MODEL.nbody), w.table
+    ngeom, npair, ntendon = size(w, MODEL.ngeom), size(w, MODEL.npair), size(w, MODEL.ntendon)
+    qvel, now = velocity_of(w), rows_of(w, DATA.cvel, nbody, 6).copy()
+    kept = qvel.copy()
+    qvel += gained
+    mj.com_vel(w.model, w.data)
+    qvel[:] = kept
+    gravity = floats(w.model + table[MODEL.opt_gravity], 3)
+    set_margins(
+        model_floats(w, MODEL.body_margin, nbody), model_floats(w, MODEL.geom_margin, ngeom),
+        model_floats(w, MODEL.geom_gap, ngeom), model_floats(w, MODEL.pair_margin, npair),
+        model_floats(w, MODEL.pair_gap, npair), model_floats(w, MODEL.jnt_margin, size(w, MODEL.njnt)),
+        model_floats(w, MODEL.tendon_margin, ntendon),
+        model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_rootid, nbody), w.sizes,
+        rows_of(w, DATA.xipos, nbody, 3), rows_of(w, DATA.subtree_com, nbody, 3), now, rows_of(w, DATA.cvel, nbody, 6),
+        model_ints(w, MODEL.body_mocapid, nbody), 0.0, data_floats(w, DATA.ten_velocity, ntendon), w.timestep,
+        _length(gravity),
+    )  # fmt: skip
+
+
+@compiled()
+def _to_midpoint(w, start, margins, middle, sensors):
+    """Put bodies where they are in the middle of the step, and compute all forces but those of contact there.
+
+    Return whether MuJoCo had no room for all contacts.
+    """
+    qpos = data_floats(w, DATA.qpos, size(w, MODEL.nq))
+    mj.integrate_pos(w.model, address_of(qpos), address_of(start), 0.5 * w.timestep)
+    middle[:] = qpos
+    full = _find_contacts(w, margins)
+    if sensors:
+        mj.sensor_pos(w.model, w.data)
+    mj.fwd_velocity(w.model, w.data)
+    if sensors:
+        mj.sensor_vel(w.model, w.data)
+    mj.fwd_actuation(w.model, w.data)
+    mj.fwd_acceleration(w.model, w.data)
+    return full
+
+
+@compiled()
+def _find_contacts(w, margins):
+    warnings = ints(w.data + w.table[DATA.warning], 2 * (max(_CONTACT_FULL, _ROWS_FULL) + 1))
+    for share in SHARES:
+        seen = warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1]
+        mj.fwd_position(w.model, w.data)
+        if warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1] == seen:
+            return False
+        margins *= share
+    mj.fwd_position(w.model, w.data)
+    return True
+
+
+@compiled()
+def _free_step(w, start, bias, gained):
+    """Let MuJoCo's integrator advance velocity, activations and time without contact."""
+    nv = w.nv
+    data_floats(w, DATA.qacc, nv)[:] = data_floats(w, DATA.qacc_smooth, nv)
+    data_floats(w, DATA.qfrc_constraint, nv)[:] = 0.0
+    if ints(w.model + w.table[MODEL.opt_integrator], 1)[0] == _EULER:
+        mj.euler(w.model, w.data)
+    else:
+        mj.implicit(w.model, w.data)
+    qvel = velocity_of(w)
+    if w.settings[SETTING.inertial] != 0.0:
+        qvel[:] = settle(w, start, bias)
+    for i in range(nv):
+        gained[i] = qvel[i] - start[i]
+
+
+@compiled()
+def _contact(w, law, known, start, bias, rounds):
+    """Add what contact does to the velocity, and return it; see `scheme.TimeStepping`."""
+    h, qvel = w.timestep, velocity_of(w)
+    free, jacobian, look = qvel.copy(), jacobian_of(w), 1
+    chosen = near(w, jacobian, start, free, 2.0 * h)
+    found = attempt(w, jacobian, chosen, start, free, known, rounds, law)
+    collided = found.collided
+    while look < LOOKS and found.status == FINE:
+        more = near(w, jacobian, qvel, qvel, h) & ~chosen
+        if not more.any():
+            break
+        chosen, look = chosen | more, look + 1
+        found = attempt(w, jacobian, chosen, start, free, _known(found, known), FEW_ROUNDS, law)
+    created = _created(w, found, start, bias)
+    while look < LOOKS + ROUNDS and created > found.rounding and found.status == FINE:
+        before, was, look = free, created, look + 1
+        free = lead_to(w, start, 0.5 * (start + qvel), bias)
+        found = attempt(w, jacobian, chosen, start, free, _known(found, known), FEW_ROUNDS, law)
+        created = _created(w, found, start, bias)
+        if not created < 0.5 * was:  # they turn too fast for that
+            if created > was:
+                found = attempt(w, jacobian, chosen, start, before, _known(found, known), FEW_ROUNDS, law)
+            break
+    return found
+
+
+@compiled()
+def _known(found, known):
+    """Return groups, keys, coefficients and impulses that are known last."""
+    if len(found.x) == 0:
+        return known
+    return found.rows.groups, found.rows.key, found.rows.rates[0], found.x
+
+
+@compiled()
+def _created(w, found, start, bias):
+    """Return the work of contact in a collision and of Coriolis and gyroscopic forces, J; 0 where there is none."""
+    if not found.collided or w.settings[SETTING.inertial] == 0.0:
+        return 0.0
+    work = found.work + inertial_work(w, start, velocity_of(w), bias)
+    return abs(work) if w.settings[SETTING.restitution] == 1.0 else work
+
+
+@compiled()
+def _sense(w, start):
+    """Compute the sensors that depend on accelerations and forces, at the middle of the step."""
+    qvel = velocity_of(w)
+    after = qvel.copy()
+    qvel[:] = start
+    mj.sensor_acc(w.model, w.data)
+    qvel[:] = after
+
+
+@compiled()
+def _to_end(w, middle, shift):
+    """Put bodies where they are at the end of the step."""
+    qpos = data_floats(w, DATA.qpos, len(middle))
+    qpos[:] = middle
+    mj.integrate_pos(w.model, address_of(qpos), address_of(velocity_of(w)), 0.5 * w.timestep)
+    if len(shift):
+        mj.integrate_pos(w.model, address_of(qpos), address_of(shift), w.timestep)
