@@ -8,9 +8,20 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.compiled import compiled
+from impactlaw.solvers.cones.loops import kernel
 from impactlaw.stepping.time_stepping import borrowed
-from impactlaw.stepping.time_stepping.compiled.fields import MODEL, SIZE, address_of, floats, ints, longs
+from impactlaw.stepping.time_stepping.compiled.fields import (
+    MODEL,
+    SIZE,
+    address_of,
+    floats,
+    int_at,
+    ints,
+    long_at,
+    longs,
+    put_int,
+    put_long,
+)
 
 _OFF, _ON = borrowed.OFF, borrowed.ON
 _NO_DAMPING = borrowed.NO_DAMPING
@@ -24,7 +35,12 @@ def room(model: mujoco.MjModel) -> int:
     return model.nbody + 2 * model.ngeom + 2 * model.npair + model.njnt + model.ntendon
 
 
-@compiled()
+@kernel
+def _at(table, place):
+    return long_at(table + 8 * place)
+
+
+@kernel
 def borrow(user, model, margins, table, sticks):
     """Write the copy of a model for one step, and return the cone of the user's choice.
 
@@ -32,10 +48,10 @@ def borrow(user, model, margins, table, sticks):
         user: address of the model.
         model: address of its copy.
         margins: room for margins, (room,).
-        table: offsets of fields.
+        table: address of offsets of fields.
         sticks: whether something sticks across gaps.
     """
-    words = table[SIZE.model] // 8
+    words = _at(table, SIZE.model) // 8
     longs(model, words)[:] = longs(user, words)
     begin = 0
     for field, many in (
@@ -47,49 +63,50 @@ def borrow(user, model, margins, table, sticks):
         (MODEL.geom_gap, MODEL.ngeom),
         (MODEL.pair_gap, MODEL.npair),
     ):
-        n = longs(user + table[many], 1)[0]
+        n = long_at(user + _at(table, many))
         margins[begin : begin + n] = 0.0
         if sticks:  # gaps count
-            margins[begin : begin + n] = floats(longs(user + table[field], 1)[0], n)
-        longs(model + table[field], 1)[0] = address_of(margins) + 8 * begin
+            margins[begin : begin + n] = floats(long_at(user + _at(table, field)), n)
+        put_long(model + _at(table, field), address_of(margins) + 8 * begin)
         begin += n
-    off, on = ints(model + table[MODEL.opt_disableflags], 1), ints(model + table[MODEL.opt_enableflags], 1)
-    off[0] |= _OFF
-    on[0] &= ~_ON
-    cone = ints(model + table[MODEL.opt_cone], 1)
-    chosen = cone[0]
-    cone[0] = _ELLIPTIC
-    ints(model + table[MODEL.opt_solver], 1)[0] = _NEWTON
-    ints(model + table[MODEL.opt_noslip_iterations], 1)[0] = 0
-    integrator = ints(model + table[MODEL.opt_integrator], 1)
-    integrator[0] = _EULER if integrator[0] == _EULER or integrator[0] == _RK4 else _FAST
+    off, on = model + _at(table, MODEL.opt_disableflags), model + _at(table, MODEL.opt_enableflags)
+    put_int(off, np.int32(int_at(off) | _OFF))
+    put_int(on, np.int32(int_at(on) & ~_ON))
+    cone = model + _at(table, MODEL.opt_cone)
+    chosen = int_at(cone)
+    put_int(cone, np.int32(_ELLIPTIC))
+    put_int(model + _at(table, MODEL.opt_solver), np.int32(_NEWTON))
+    put_int(model + _at(table, MODEL.opt_noslip_iterations), np.int32(0))
+    integrator = model + _at(table, MODEL.opt_integrator)
+    kind = int_at(integrator)
+    put_int(integrator, np.int32(_EULER if kind == _EULER or kind == _RK4 else _FAST))
     return chosen
 
 
-@compiled()
+@kernel
 def is_damped(model, table):
     """Return whether the integrator of a copy of a model damps implicitly, by a mass matrix of its own."""
-    if ints(model + table[MODEL.opt_integrator], 1)[0] != _EULER:
+    if int_at(model + _at(table, MODEL.opt_integrator)) != _EULER:
         return True
-    if ints(model + table[MODEL.opt_disableflags], 1)[0] & _NO_DAMPING:
+    if int_at(model + _at(table, MODEL.opt_disableflags)) & _NO_DAMPING:
         return False
-    nv, joints = longs(model + table[MODEL.nv], 1)[0], longs(model + table[MODEL.njnt], 1)[0]
-    damping = floats(longs(model + table[MODEL.dof_damping], 1)[0], nv)
-    more = floats(longs(model + table[MODEL.dof_dampingpoly], 1)[0], _POLYNOMIAL * nv)
+    nv, joints = long_at(model + _at(table, MODEL.nv)), long_at(model + _at(table, MODEL.njnt))
+    damping = floats(long_at(model + _at(table, MODEL.dof_damping)), nv)
+    more = floats(long_at(model + _at(table, MODEL.dof_dampingpoly)), _POLYNOMIAL * nv)
     for i in range(nv):
         if damping[i] != 0.0:
             return True
     for i in range(_POLYNOMIAL * nv):
         if more[i] != 0.0:
             return True
-    actuator = ints(longs(model + table[MODEL.jnt_actuatorid], 1)[0], joints)
+    actuator = ints(long_at(model + _at(table, MODEL.jnt_actuatorid)), joints)
     for i in range(joints):
         if actuator[i] != -1:
             return True
     return False
 
 
-@compiled()
+@kernel
 def limit_margins(model, table, reach):
     """Let no contact be found farther away than reach, m."""
     for field, many in (
@@ -97,6 +114,6 @@ def limit_margins(model, table, reach):
         (MODEL.geom_margin, MODEL.ngeom),
         (MODEL.pair_margin, MODEL.npair),
     ):
-        n = longs(model + table[many], 1)[0]
-        margin = floats(longs(model + table[field], 1)[0], n)
+        n = long_at(model + _at(table, many))
+        margin = floats(long_at(model + _at(table, field)), n)
         np.minimum(margin, reach, margin)

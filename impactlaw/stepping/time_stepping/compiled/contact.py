@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impactlaw.compiled import compiled
+from impactlaw.solvers.cones.loops import kernel
 from impactlaw.solvers.cones import BILATERAL
-from impactlaw.stepping.time_stepping.compiled.fields import CONTACT, DATA, MODEL
+from impactlaw.stepping.time_stepping.compiled.fields import CONTACT, DATA, MODEL, flags
 from impactlaw.stepping.time_stepping.compiled.law import ask_law
 from impactlaw.stepping.time_stepping.compiled.libmujoco import is_sparse
 from impactlaw.stepping.time_stepping.compiled.status import CREATES, FINE, NOT_FINITE
@@ -22,6 +22,7 @@ from impactlaw.stepping.time_stepping.compiled.world import (
     metric_of,
     model_ints,
     number,
+    setting,
     size,
     velocity_of,
 )
@@ -61,7 +62,7 @@ class Outcome(NamedTuple):
     status: int
 
 
-@compiled()
+@kernel
 def jacobian_of(w):
     """Return entries of MuJoCo's rows, where they begin, their columns, and the entries; dense ones in full."""
     n = number(w, DATA.nefc)
@@ -77,7 +78,7 @@ def jacobian_of(w):
     return nnz, adr, col, data_floats(w, DATA.efc_J, n * w.nv)
 
 
-@compiled()
+@kernel
 def near(w, jacobian, one, other, reach):
     """Return which rows begin a contact or limit that is in touch, or would be soon; see `rows.near_rows`."""
     n, (nnz, adr, col, J) = number(w, DATA.nefc), jacobian
@@ -87,7 +88,7 @@ def near(w, jacobian, one, other, reach):
     )
 
 
-@compiled()
+@kernel
 def rows_of_step(w, jacobian, metric, velocity, start, free, chosen, frictional):
     """Return the rows of the groups that are chosen; see `rows.read_rows`.
 
@@ -119,7 +120,7 @@ def rows_of_step(w, jacobian, metric, velocity, start, free, chosen, frictional)
     )  # fmt: skip
 
 
-@compiled()
+@kernel
 def attempt(w, jacobian, chosen, start, free, known, rounds, law):
     """Solve the problem of the rows that are near, set the velocity after it, and return what contact does.
 
@@ -133,7 +134,7 @@ def attempt(w, jacobian, chosen, start, free, known, rounds, law):
         rounds: of the slower solvers.
         law: see `law`.
     """
-    metric, frictional = metric_of(w), w.settings[SETTING.frictional] != 0.0
+    metric, frictional = metric_of(w), setting(w, SETTING.frictional) != 0.0
     row_velocity = data_floats(w, DATA.efc_vel, number(w, DATA.nefc))
     rows = rows_of_step(w, jacobian, metric, row_velocity, start, free, chosen, frictional)
     if len(rows.key) == 0:
@@ -141,12 +142,12 @@ def attempt(w, jacobian, chosen, start, free, known, rounds, law):
     return _resolve(w, rows, metric, free, known, rounds, law)
 
 
-@compiled()
+@kernel
 def _resolve(w, rows, metric, free, known, rounds, law):
     n, tree, (factor, inverse) = len(rows.rates[0]), model_ints(w, MODEL.dof_treeid, w.nv), metric
-    e = w.settings[SETTING.restitution]
+    e = setting(w, SETTING.restitution)
     target, collides = contact_targets(
-        rows.groups, rows.amounts, rows.rates, w.timestep, 0.0 if np.isnan(e) else e, w.settings[SETTING.rest_speed],
+        rows.groups, rows.amounts, rows.rates, w.timestep, 0.0 if np.isnan(e) else e, setting(w, SETTING.rest_speed),
         RESOLVED,
     )  # fmt: skip
     collided, status = collides.any(), FINE
@@ -157,19 +158,19 @@ def _resolve(w, rows, metric, free, known, rounds, law):
     nothing = np.empty(0)
     if status != FINE:
         return Outcome(rows, nothing, nothing, collided, 0.0, 0.0, 0.0, 0.0, 0.0, status)
-    sliding, some = np.zeros(n), w.settings[SETTING.sliding]
+    sliding, some = np.zeros(n), setting(w, SETTING.sliding)
     if collided and some != 0.0:
         sliding = -some * rows.rates[1]
     known_groups, known_key, known_scale, impulses = known
     Mnnz, Madr, Mcol = layout_of(w)
     x, change, shift, _, missed, fastest, _, created, work, rounding = linked_step(
         rows.sparse, rows.colind, rows.value, rows.groups, rows.key, rows.amounts, rows.rates, target, sliding,
-        collides, known_groups, known_key, known_scale, impulses, w.timestep, w.settings[SETTING.exact] != 0.0,
-        w.settings[SETTING.dissipative] > 0.0, rounds, tree, factor, inverse, Mnnz, Madr, Mcol,
+        collides, known_groups, known_key, known_scale, impulses, w.timestep, setting(w, SETTING.exact) != 0.0,
+        setting(w, SETTING.dissipative) > 0.0, rounds, tree, factor, inverse, Mnnz, Madr, Mcol,
     )  # fmt: skip
     if not np.isfinite(missed):
         status = NOT_FINITE
-    elif created > 0.0 and w.settings[SETTING.dissipative] < 0.0:
+    elif created > 0.0 and setting(w, SETTING.dissipative) < 0.0:
         status = CREATES
     velocity = velocity_of(w)
     for i in range(w.nv):
@@ -177,12 +178,12 @@ def _resolve(w, rows, metric, free, known, rounds, law):
     return Outcome(rows, x, shift, collided, missed, fastest, created, work, rounding, status)
 
 
-@compiled()
+@kernel
 def _collide(w, rows, tree, collides, target):
     """Let contacts in touch stay closed, and equality constraints keep their velocity."""
     close_gaps(rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, tree, collides, target)
     number_of = data_ints(w, DATA.efc_id, number(w, DATA.nefc))
     for g in range(len(target)):
         row = rows.groups[0, g]
-        if rows.groups[2, g] == BILATERAL and w.bilateral[number_of[rows.sparse[2, row]]]:
+        if rows.groups[2, g] == BILATERAL and flags(w.bilateral, size(w, MODEL.neq))[number_of[rows.sparse[2, row]]]:
             rows.rates[4, row] *= STIFF

@@ -5,23 +5,27 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.compiled import compiled
+from impactlaw.solvers.cones.loops import kernel
 from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
 from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins
 from impactlaw.stepping.time_stepping.compiled.contact import jacobian_of, rows_of_step
-from impactlaw.stepping.time_stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, ints, longs
+from impactlaw.stepping.time_stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, put_int
 from impactlaw.stepping.time_stepping.compiled.world import (
     SETTING,
     World,
     contact_floats,
     contact_ints,
+    data_at,
     data_floats,
     data_ints,
     layout_of,
     metric_of,
     model_ints,
     number,
+    offset,
+    option,
     rows_of,
+    setting,
     size,
 )
 from impactlaw.stepping.time_stepping.contact_problem import open_overlaps
@@ -33,7 +37,7 @@ _PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 
-@compiled()
+@kernel
 def update_frames(w):
     """Bring frames and velocities of bodies up to the state."""
     mj.kinematics(w.model, w.data)
@@ -41,20 +45,20 @@ def update_frames(w):
     mj.com_vel(w.model, w.data)
 
 
-@compiled()
+@kernel
 def write_forces(w, found, start, cone):
     """Let sensors and others see the impulses of the step over h, as forces of the cones of the user's choice."""
     nv, n, h = w.nv, number(w, DATA.nefc), w.timestep
     force, rows = np.zeros(n), found.rows
     for r in range(len(found.x)):
         force[rows.sparse[2, r]] = rows.rates[0, r] * found.x[r] / h
-    mj.mul_jac_t_vec(w.model, w.data, data_at_forces(w), address_of(force))
+    mj.mul_jac_t_vec(w.model, w.data, data_at(w, DATA.qfrc_constraint), address_of(force))
     qacc, qvel = data_floats(w, DATA.qacc, nv), data_floats(w, DATA.qvel, nv)
     for i in range(nv):
         qacc[i] = (qvel[i] - start[i]) / h
     if cone == _PYRAMIDAL and number(w, DATA.ncon) > 0:
-        if w.settings[SETTING.forces] != 0.0:
-            ints(w.model + w.table[MODEL.opt_cone], 1)[0] = _PYRAMIDAL
+        if setting(w, SETTING.forces) != 0.0:
+            put_int(w.model + offset(w, MODEL.opt_cone), np.int32(_PYRAMIDAL))
             elliptic = contact_ints(w, CONTACT.efc_address, 1)[:, 0].copy()
             mj.make_constraint(w.model, w.data)
             encode_pyramids(
@@ -65,26 +69,20 @@ def write_forces(w, found, start, cone):
         data_floats(w, DATA.efc_force, n)[:] = force
 
 
-@compiled()
-def data_at_forces(w):
-    """Return where the generalized forces of constraints begin."""
-    return longs(w.data + w.table[DATA.qfrc_constraint], 1)[0]
-
-
-@compiled()
+@kernel
 def look_again(w, rows, cone):  # noqa: ARG001
     """Move bodies out of overlaps at the end of a step that gradients of the middle have not told of."""
     nbody, ngeom, h = size(w, MODEL.nbody), size(w, MODEL.ngeom), w.timestep
     depth = bend(
         rows.groups, rows.amounts, rows.rates, contact_ints(w, CONTACT.geom, 2),
-        model_ints(w, MODEL.geom_bodyid, ngeom), rows_of(w, DATA.cvel, nbody, 6), w.sizes,
+        model_ints(w, MODEL.geom_bodyid, ngeom), rows_of(w, DATA.cvel, nbody, 6), floats(w.sizes, nbody),
         rows_of(w, DATA.xipos, nbody, 3), rows_of(w, DATA.subtree_com, nbody, 3),
         model_ints(w, MODEL.body_rootid, nbody), h,
     )  # fmt: skip
     if depth == 0.0:
         return
-    ints(w.model + w.table[MODEL.opt_cone], 1)[0] = _ELLIPTIC
-    if w.settings[SETTING.sticks] == 0.0:
+    put_int(w.model + offset(w, MODEL.opt_cone), np.int32(_ELLIPTIC))
+    if setting(w, SETTING.sticks) == 0.0:
         limit_margins(w.model, w.table, BEYOND * depth)
     now = World(w.model, w.scratch, w.scratch, w.table, w.settings, w.sizes, w.bilateral, w.nv, h, w.damped)
     _find_contacts(w, now)
@@ -96,15 +94,15 @@ def look_again(w, rows, cone):  # noqa: ARG001
         update_frames(w)
 
 
-@compiled()
+@kernel
 def _find_contacts(w, now):
     """Let other data see the contacts of now."""
     nq, mocap, equalities = size(w, MODEL.nq), size(w, MODEL.nmocap), size(w, MODEL.neq)
     data_floats(now, DATA.qpos, nq)[:] = data_floats(w, DATA.qpos, nq)
     data_floats(now, DATA.mocap_pos, 3 * mocap)[:] = data_floats(w, DATA.mocap_pos, 3 * mocap)
     data_floats(now, DATA.mocap_quat, 4 * mocap)[:] = data_floats(w, DATA.mocap_quat, 4 * mocap)
-    seen = flags(longs(now.data + w.table[DATA.eq_active], 1)[0], equalities)
-    seen[:] = flags(longs(w.data + w.table[DATA.eq_active], 1)[0], equalities)
+    seen = flags(data_at(now, DATA.eq_active), equalities)
+    seen[:] = flags(data_at(w, DATA.eq_active), equalities)
     mj.kinematics(w.model, now.data)
     mj.com_pos(w.model, now.data)
     if size(w, MODEL.ntendon) > 0:
@@ -113,7 +111,7 @@ def _find_contacts(w, now):
     mj.make_constraint(w.model, now.data)
 
 
-@compiled()
+@kernel
 def _shift(now, metric, rows, depth):
     """Return the velocity that opens the overlaps that other data shows, (nv,); (0,) if there are none."""
     n, h, nothing = number(now, DATA.nefc), now.timestep, np.empty(0)
@@ -141,10 +139,10 @@ def _shift(now, metric, rows, depth):
     return unwhiten(w, factor, nnz, adr, col, np.sqrt(inverse))
 
 
-@compiled()
+@kernel
 def finish(w):
     """Leave what a step leaves beside the state."""
-    if ints(w.model + w.table[MODEL.opt_enableflags], 1)[0] & _ENERGY:
+    if option(w, MODEL.opt_enableflags) & _ENERGY:
         mj.make_m(w.model, w.data)
         mj.energy_pos(w.model, w.data)
         mj.energy_vel(w.model, w.data)

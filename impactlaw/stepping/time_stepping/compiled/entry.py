@@ -9,10 +9,9 @@ from numba import types
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.stepping.time_stepping.compiled.fields import ALL, flags, floats, longs
+from impactlaw.stepping.time_stepping.compiled.fields import floats, longs
 from impactlaw.stepping.time_stepping.compiled.law import LawTable
 from impactlaw.stepping.time_stepping.compiled.step import advance
-from impactlaw.stepping.time_stepping.compiled.world import SETTING
 
 
 class Context(NamedTuple):
@@ -24,8 +23,8 @@ class Context(NamedTuple):
         scratch: other data.
         table: offsets of fields.
         settings: see `world.Settings`.
-        sizes: of bodies, and how many.
-        bilateral: equality constraints, and how many.
+        sizes: of bodies.
+        bilateral: which equality constraints a collision must not violate.
         keys: of the law's contacts, and how many.
         values: their restitution.
         memory: of the world, and how many numbers.
@@ -42,21 +41,19 @@ class Context(NamedTuple):
     table: int = 3
     settings: int = 4
     sizes: int = 5
-    bodies: int = 6
-    bilateral: int = 7
-    equalities: int = 8
-    keys: int = 9
-    values: int = 10
-    known: int = 11
-    memory: int = 12
-    memories: int = 13
-    structure: int = 14
-    margins: int = 15
-    margin_count: int = 16
-    state: int = 17
-    states: int = 18
-    status: int = 19
-    asked: int = 20
+    bilateral: int = 6
+    keys: int = 7
+    values: int = 8
+    known: int = 9
+    memory: int = 10
+    memories: int = 11
+    structure: int = 12
+    margins: int = 13
+    margin_count: int = 14
+    state: int = 15
+    states: int = 16
+    status: int = 17
+    asked: int = 18
 
 
 CONTEXT = Context()
@@ -75,10 +72,10 @@ def one_step(context):
         c[CONTEXT.model],
         c[CONTEXT.data],
         c[CONTEXT.scratch],
-        longs(c[CONTEXT.table], ALL),
-        floats(c[CONTEXT.settings], len(SETTING)),
-        floats(c[CONTEXT.sizes], c[CONTEXT.bodies]),
-        flags(c[CONTEXT.bilateral], c[CONTEXT.equalities]),
+        c[CONTEXT.table],
+        c[CONTEXT.settings],
+        c[CONTEXT.sizes],
+        c[CONTEXT.bilateral],
         law,
         floats(c[CONTEXT.memory], c[CONTEXT.memories]),
         c[CONTEXT.structure],

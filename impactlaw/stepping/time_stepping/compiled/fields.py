@@ -8,7 +8,7 @@ import numpy as np
 from numba import carray, types
 from numba.extending import intrinsic
 
-from impactlaw.compiled import compiled
+from impactlaw.solvers.cones.loops import kernel
 
 
 class _Data(NamedTuple):
@@ -142,46 +142,75 @@ def _pointer(kind: Any) -> Any:
     return of
 
 
+def _reader(kind: Any) -> Any:
+    """Return a compiled function that returns the number of a kind at an address."""
+
+    @intrinsic
+    def read(typingctx: Any, address: Any) -> Any:  # noqa: ARG001
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ARG001
+            return builder.load(builder.inttoptr(values[0], context.get_value_type(types.CPointer(kind))))
+
+        return kind(types.int64), generate
+
+    return read
+
+
+def _writer(kind: Any) -> Any:
+    """Return a compiled function that writes a number of a kind to an address."""
+
+    @intrinsic
+    def write(typingctx: Any, address: Any, value: Any) -> Any:  # noqa: ARG001
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ARG001
+            builder.store(values[1], builder.inttoptr(values[0], context.get_value_type(types.CPointer(kind))))
+            return context.get_dummy_value()
+
+        return types.void(types.int64, kind), generate
+
+    return write
+
+
 _double, _int, _long, _byte = (_pointer(kind) for kind in (types.float64, types.int32, types.int64, types.uint8))
+float_at, int_at, long_at = (_reader(kind) for kind in (types.float64, types.int32, types.int64))
+put_int, put_long = (_writer(kind) for kind in (types.int32, types.int64))
 
 
-@compiled()
+@kernel
 def floats(address, n):
     """Return n doubles at an address."""
     return carray(_double(address), n)
 
 
-@compiled()
+@kernel
 def ints(address, n):
     """Return n ints at an address."""
     return carray(_int(address), n)
 
 
-@compiled()
+@kernel
 def longs(address, n):
     """Return n numbers of 64 bits at an address."""
     return carray(_long(address), n)
 
 
-@compiled()
+@kernel
 def flags(address, n):
     """Return n bytes at an address."""
     return carray(_byte(address), n)
 
 
-@compiled()
+@kernel
 def table_floats(address, rows, columns):
     """Return a table of doubles at an address."""
     return carray(_double(address), (rows, columns))
 
 
-@compiled()
+@kernel
 def table_ints(address, rows, columns):
     """Return a table of ints at an address."""
     return carray(_int(address), (rows, columns))
 
 
-@compiled()
+@kernel
 def address_of(array):
     """Return where an array begins."""
     return np.int64(array.ctypes.data)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.compiled import compiled
+from impactlaw.solvers.cones.loops import kernel
 from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
 from impactlaw.stepping.time_stepping.compiled.fields import DATA, address_of
 from impactlaw.stepping.time_stepping.compiled.world import data_floats, layout_of, metric_of, velocity_of
@@ -12,7 +12,7 @@ from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SETTLED
 from impactlaw.stepping.time_stepping.rows import solve_inertia
 
 
-@compiled()
+@kernel
 def settle(w, start, bias):
     """Return where forces lead without contact, (nv,).
 
@@ -34,7 +34,7 @@ def settle(w, start, bias):
     return free * min(1.0, np.sqrt(_allowed(w, start, free)))
 
 
-@compiled()
+@kernel
 def lead_to(w, start, mean, bias):
     """Return where forces lead without contact if these are those of a mean velocity, (nv,); see `settle`."""
     velocity = velocity_of(w)
@@ -49,7 +49,7 @@ def lead_to(w, start, mean, bias):
     return start + w.timestep * solve_inertia(force, factor, nnz, adr, col, inverse)
 
 
-@compiled()
+@kernel
 def inertial_work(w, start, after, bias):
     """Return the work that these forces do from one velocity to another, (nv,) each, J."""
     work = 0.0
@@ -58,7 +58,7 @@ def inertial_work(w, start, after, bias):
     return -0.5 * w.timestep * work
 
 
-@compiled()
+@kernel
 def _allowed(w, start, free):
     """Return ``v^T M v`` of the start, with twice the work of other forces, relative to ``v^T M v`` of the end."""
     momentum = np.empty(w.nv)

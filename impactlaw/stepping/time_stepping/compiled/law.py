@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impactlaw.compiled import compiled
+from impactlaw.solvers.cones.loops import kernel
 from impactlaw.stepping.time_stepping.compiled.status import FINE, UNKNOWN
 
 Array = np.ndarray[Any, Any]
@@ -26,7 +26,7 @@ class LawTable(NamedTuple):
     asked: Array
 
 
-@compiled()
+@kernel
 def ask_law(law, rows, tree, collides, target):  # noqa: ARG001
     """Write the law's targets of the contacts that collide, and return `status.FINE`, or `status.UNKNOWN`."""
     for g in range(len(target)):

@@ -8,7 +8,7 @@ import llvmlite.binding as llvm
 import numpy as np
 from numba import types
 
-from impactlaw.compiled import compiled
+from impactlaw.solvers.cones.loops import kernel
 from impactlaw.stepping.time_stepping.compiled.fields import floats, longs, table_ints
 
 
@@ -62,7 +62,7 @@ assert llvm.address_of_symbol("realloc")
 _realloc = _external("realloc", types.int64, types.int64)
 
 
-@compiled()
+@kernel
 def last_step(counts):
     """Return groups, keys, coefficients and impulses of the last step; see `contact_problem.recall`."""
     g, n, block = counts[MEMORY.groups], counts[MEMORY.rows], counts[MEMORY.block]
@@ -72,13 +72,13 @@ def last_step(counts):
     return table_ints(impulses + 8 * n, 4, g), longs(keys, g), floats(scale, n), floats(impulses, n)
 
 
-@compiled()
+@kernel
 def forget(counts):
     """Forget the impulses of the last step."""
     counts[MEMORY.groups] = counts[MEMORY.rows] = 0
 
 
-@compiled()
+@kernel
 def remember(counts, groups, key, scale, impulses):
     """Keep groups, keys, coefficients and impulses of a step."""
     g, n = len(key), len(scale)

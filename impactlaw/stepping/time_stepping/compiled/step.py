@@ -5,12 +5,12 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.compiled import compiled
+from impactlaw.solvers.cones.loops import kernel
 from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
 from impactlaw.stepping.time_stepping.compiled.borrow import borrow, is_damped
 from impactlaw.stepping.time_stepping.compiled.contact import attempt, jacobian_of, near
 from impactlaw.stepping.time_stepping.compiled.ends import finish, look_again, update_frames, write_forces
-from impactlaw.stepping.time_stepping.compiled.fields import DATA, MODEL, address_of, floats, ints, longs
+from impactlaw.stepping.time_stepping.compiled.fields import DATA, MODEL, address_of, float_at, floats, ints, long_at
 from impactlaw.stepping.time_stepping.compiled.forces import inertial_work, lead_to, settle
 from impactlaw.stepping.time_stepping.compiled.memory import MEMORY, forget, last_step, remember
 from impactlaw.stepping.time_stepping.compiled.status import FINE, HUGE_INPUT, HUGE_OUTPUT, TIMESTEP
@@ -21,7 +21,10 @@ from impactlaw.stepping.time_stepping.compiled.world import (
     model_floats,
     model_ints,
     number,
+    offset,
+    option,
     rows_of,
+    setting,
     size,
     velocity_of,
 )
@@ -42,7 +45,7 @@ _EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
 _CONTACT_FULL, _ROWS_FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)
 
 
-@compiled()
+@kernel
 def advance(user, data, scratch, table, settings, sizes, bilateral, law, memory, model, margins, state, loaded):
     """Take one step and return how it has ended; data is back where it was if that is not `status.FINE`.
 
@@ -50,10 +53,10 @@ def advance(user, data, scratch, table, settings, sizes, bilateral, law, memory,
         user: address of the model.
         data: address of its data.
         scratch: address of other data of the model.
-        table: offsets of fields, see `fields`.
-        settings: see `world.Settings`.
-        sizes: `margins.body_sizes`, (nbody,).
-        bilateral: equality constraints that collisions must not violate, uint8 (neq,).
+        table: address of offsets of fields, see `fields`.
+        settings: address of `world.Settings`.
+        sizes: address of `margins.body_sizes`, (nbody,).
+        bilateral: address of which equality constraints collisions must not violate, uint8 (neq,).
         law: see `law`.
         memory: of the world, see `memory.Memory`.
         model: address of room for a copy of the model's structure.
@@ -61,14 +64,14 @@ def advance(user, data, scratch, table, settings, sizes, bilateral, law, memory,
         state: room for the state, where that of the start is in the end.
         loaded: whether nothing but the state of data is current.
     """
-    cone = borrow(user, model, margins, table, settings[SETTING.sticks] != 0.0)
-    h = floats(model + table[MODEL.opt_timestep], 1)[0]
+    cone = borrow(user, model, margins, table, float_at(settings + 8 * SETTING.sticks) != 0.0)
+    h = float_at(model + long_at(table + 8 * MODEL.opt_timestep))
     if not 0.0 < h < np.inf:
         return TIMESTEP
     mj.get_state(model, data, address_of(state), STATE)
     if not _length(state) <= HUGE:
         return HUGE_INPUT
-    nv = longs(model + table[MODEL.nv], 1)[0]
+    nv = long_at(model + long_at(table + 8 * MODEL.nv))
     w = World(model, data, scratch, table, settings, sizes, bilateral, nv, h, is_damped(model, table))
     status = _step(w, law, memory, margins, cone, loaded)
     if status != FINE:
@@ -77,7 +80,7 @@ def advance(user, data, scratch, table, settings, sizes, bilateral, law, memory,
     return status
 
 
-@compiled()
+@kernel
 def _length(v):
     s = 0.0
     for i in range(len(v)):
@@ -85,7 +88,7 @@ def _length(v):
     return np.sqrt(s)
 
 
-@compiled()
+@kernel
 def _step(w, law, memory, margins, cone, loaded):
     nq, nv, h, sensors = size(w, MODEL.nq), w.nv, w.timestep, size(w, MODEL.nsensordata) > 0
     counts = memory.view(np.int64)
@@ -102,8 +105,7 @@ def _step(w, law, memory, margins, cone, loaded):
     start, middle, bias = qvel.copy(), np.empty(nq), np.zeros(nv)
     full = _to_midpoint(w, start, margins, middle, sensors)
     _free_step(w, start, bias, gained)
-    status, collided, missed = FINE, False, 0.0
-    depth_known = False
+    collided, missed, touched = False, 0.0, False
     if number(w, DATA.nefc) > 0:
         rounds = MANY_ROUNDS if counts[MEMORY.solved] != 0 else FEW_ROUNDS
         found = _contact(w, law, last_step(counts), start, bias, rounds)
@@ -111,9 +113,9 @@ def _step(w, law, memory, margins, cone, loaded):
             memory[MEMORY.created] = found.created
             return found.status
         write_forces(w, found, start, cone)
-        rows, shift, depth_known = found.rows, found.shift, len(found.x) > 0
+        rows, shift, touched = found.rows, found.shift, len(found.x) > 0
         collided, missed = found.collided, found.missed
-        if depth_known:
+        if touched:
             remember(counts, rows.groups, rows.key, rows.rates[0], found.x)
         else:
             forget(counts)
@@ -125,7 +127,7 @@ def _step(w, law, memory, margins, cone, loaded):
         if _is_huge(qpos, qvel):
             return HUGE_OUTPUT
         update_frames(w)
-        if depth_known:
+        if touched:
             look_again(w, rows, cone)
         if not solved:
             memory[MEMORY.short_steps] += 1.0
@@ -149,10 +151,10 @@ def _step(w, law, memory, margins, cone, loaded):
     memory[MEMORY.collided] = collided
     memory[MEMORY.shortfall] = missed
     memory[MEMORY.worst] = max(memory[MEMORY.worst], missed)
-    return status
+    return FINE
 
 
-@compiled()
+@kernel
 def _equal(one, other):
     for i in range(len(one)):
         if one[i] != other[i]:
@@ -160,35 +162,35 @@ def _equal(one, other):
     return True
 
 
-@compiled()
+@kernel
 def _is_huge(qpos, qvel):
     return not (_length(qpos) <= HUGE and _length(qvel) <= HUGE)
 
 
-@compiled()
+@kernel
 def _set_margins(w, gained):
     """Let MuJoCo find the contacts that bodies can reach in this step; see `margins.set_margins`."""
-    nbody, table = size(w, MODEL.nbody), w.table
+    nbody = size(w, MODEL.nbody)
     ngeom, npair, ntendon = size(w, MODEL.ngeom), size(w, MODEL.npair), size(w, MODEL.ntendon)
     qvel, now = velocity_of(w), rows_of(w, DATA.cvel, nbody, 6).copy()
     kept = qvel.copy()
     qvel += gained
     mj.com_vel(w.model, w.data)
     qvel[:] = kept
-    gravity = floats(w.model + table[MODEL.opt_gravity], 3)
+    gravity = floats(w.model + offset(w, MODEL.opt_gravity), 3)
     set_margins(
         model_floats(w, MODEL.body_margin, nbody), model_floats(w, MODEL.geom_margin, ngeom),
         model_floats(w, MODEL.geom_gap, ngeom), model_floats(w, MODEL.pair_margin, npair),
         model_floats(w, MODEL.pair_gap, npair), model_floats(w, MODEL.jnt_margin, size(w, MODEL.njnt)),
         model_floats(w, MODEL.tendon_margin, ntendon),
-        model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_rootid, nbody), w.sizes,
+        model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_rootid, nbody), floats(w.sizes, nbody),
         rows_of(w, DATA.xipos, nbody, 3), rows_of(w, DATA.subtree_com, nbody, 3), now, rows_of(w, DATA.cvel, nbody, 6),
         model_ints(w, MODEL.body_mocapid, nbody), 0.0, data_floats(w, DATA.ten_velocity, ntendon), w.timestep,
         _length(gravity),
     )  # fmt: skip
 
 
-@compiled()
+@kernel
 def _to_midpoint(w, start, margins, middle, sensors):
     """Put bodies where they are in the middle of the step, and compute all forces but those of contact there.
 
@@ -208,9 +210,9 @@ def _to_midpoint(w, start, margins, middle, sensors):
     return full
 
 
-@compiled()
+@kernel
 def _find_contacts(w, margins):
-    warnings = ints(w.data + w.table[DATA.warning], 2 * (max(_CONTACT_FULL, _ROWS_FULL) + 1))
+    warnings = ints(w.data + offset(w, DATA.warning), 2 * (max(_CONTACT_FULL, _ROWS_FULL) + 1))
     for share in SHARES:
         seen = warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1]
         mj.fwd_position(w.model, w.data)
@@ -221,24 +223,24 @@ def _find_contacts(w, margins):
     return True
 
 
-@compiled()
+@kernel
 def _free_step(w, start, bias, gained):
     """Let MuJoCo's integrator advance velocity, activations and time without contact."""
     nv = w.nv
     data_floats(w, DATA.qacc, nv)[:] = data_floats(w, DATA.qacc_smooth, nv)
     data_floats(w, DATA.qfrc_constraint, nv)[:] = 0.0
-    if ints(w.model + w.table[MODEL.opt_integrator], 1)[0] == _EULER:
+    if option(w, MODEL.opt_integrator) == _EULER:
         mj.euler(w.model, w.data)
     else:
         mj.implicit(w.model, w.data)
     qvel = velocity_of(w)
-    if w.settings[SETTING.inertial] != 0.0:
+    if setting(w, SETTING.inertial) != 0.0:
         qvel[:] = settle(w, start, bias)
     for i in range(nv):
         gained[i] = qvel[i] - start[i]
 
 
-@compiled()
+@kernel
 def _contact(w, law, known, start, bias, rounds):
     """Add what contact does to the velocity, and return it; see `scheme.TimeStepping`."""
     h, qvel = w.timestep, velocity_of(w)
@@ -265,7 +267,7 @@ def _contact(w, law, known, start, bias, rounds):
     return found
 
 
-@compiled()
+@kernel
 def _known(found, known):
     """Return groups, keys, coefficients and impulses that are known last."""
     if len(found.x) == 0:
@@ -273,16 +275,16 @@ def _known(found, known):
     return found.rows.groups, found.rows.key, found.rows.rates[0], found.x
 
 
-@compiled()
+@kernel
 def _created(w, found, start, bias):
     """Return the work of contact in a collision and of Coriolis and gyroscopic forces, J; 0 where there is none."""
-    if not found.collided or w.settings[SETTING.inertial] == 0.0:
+    if not found.collided or setting(w, SETTING.inertial) == 0.0:
         return 0.0
     work = found.work + inertial_work(w, start, velocity_of(w), bias)
-    return abs(work) if w.settings[SETTING.restitution] == 1.0 else work
+    return abs(work) if setting(w, SETTING.restitution) == 1.0 else work
 
 
-@compiled()
+@kernel
 def _sense(w, start):
     """Compute the sensors that depend on accelerations and forces, at the middle of the step."""
     qvel = velocity_of(w)
@@ -292,7 +294,7 @@ def _sense(w, start):
     qvel[:] = after
 
 
-@compiled()
+@kernel
 def _to_end(w, middle, shift):
     """Put bodies where they are at the end of the step."""
     qpos = data_floats(w, DATA.qpos, len(middle))

@@ -74,8 +74,8 @@ class CompiledStepping:
         world, c = self._world, self._context
         values = {
             "model": self._model._address, "scratch": world.scratch._address, "table": _address(world.table),
-            "settings": _address(world.settings), "sizes": _address(world.sizes), "bodies": len(world.sizes),
-            "bilateral": _address(world.bilateral), "equalities": len(world.bilateral),
+            "settings": _address(world.settings), "sizes": _address(world.sizes),
+            "bilateral": _address(world.bilateral),
             "keys": _address(world.keys), "values": _address(world.values), "known": len(world.keys),
             "memory": _address(self._memory), "memories": self._memory.shape[1],
             "structure": _address(self._structure), "margins": _address(self._margins),

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from impactlaw.compiled import compiled
+from impactlaw.solvers.cones.loops import kernel
 from impactlaw.stepping.time_stepping.compiled.fields import (
     SIZE,
     DATA,
     MODEL,
+    float_at,
     floats,
+    int_at,
     ints,
-    longs,
+    long_at,
     table_floats,
     table_ints,
 )
-
-Array = np.ndarray[Any, Any]
 
 
 class Settings(NamedTuple):
@@ -57,10 +57,10 @@ class World(NamedTuple):
         model: address of its model, whose options and margins are those of the step.
         data: address of its data.
         scratch: address of other data, for looks at contacts that data is not to show.
-        table: offsets of fields, see `fields`.
-        settings: see `Settings`.
-        sizes: `margins.body_sizes`, m, (nbody,).
-        bilateral: equality constraints that a collision must not violate, uint8 (neq,).
+        table: address of offsets of fields, see `fields`.
+        settings: address of `Settings`.
+        sizes: address of `margins.body_sizes`, m, (nbody,).
+        bilateral: address of which equality constraints a collision must not violate, uint8 (neq,).
         nv: degrees of freedom.
         timestep: h, s.
         damped: whether the integrator damps implicitly.
@@ -69,70 +69,88 @@ class World(NamedTuple):
     model: int
     data: int
     scratch: int
-    table: Array
-    settings: Array
-    sizes: Array
-    bilateral: Array
+    table: int
+    settings: int
+    sizes: int
+    bilateral: int
     nv: int
     timestep: float
     damped: bool
 
 
-@compiled()
+@kernel
+def offset(w, field):
+    """Return where a field is in its structure, or how large a structure is, bytes."""
+    return long_at(w.table + 8 * field)
+
+
+@kernel
+def setting(w, place):
+    """Return one of `Settings`."""
+    return float_at(w.settings + 8 * place)
+
+
+@kernel
 def size(w, field):
     """Return a size of the model."""
-    return longs(w.model + w.table[field], 1)[0]
+    return long_at(w.model + offset(w, field))
 
 
-@compiled()
+@kernel
+def option(w, field):
+    """Return an int among the options of the model."""
+    return int_at(w.model + offset(w, field))
+
+
+@kernel
 def number(w, field):
     """Return an int of data."""
-    return ints(w.data + w.table[field], 1)[0]
+    return np.int64(int_at(w.data + offset(w, field)))
 
 
-@compiled()
+@kernel
 def model_at(w, field):
     """Return where an array of the model begins."""
-    return longs(w.model + w.table[field], 1)[0]
+    return long_at(w.model + offset(w, field))
 
 
-@compiled()
+@kernel
 def data_at(w, field):
     """Return where an array of data begins."""
-    return longs(w.data + w.table[field], 1)[0]
+    return long_at(w.data + offset(w, field))
 
 
-@compiled()
+@kernel
 def model_ints(w, field, n):
     """Return an array of the model, int32 (n,)."""
     return ints(model_at(w, field), n)
 
 
-@compiled()
+@kernel
 def model_floats(w, field, n):
     """Return an array of the model, (n,)."""
     return floats(model_at(w, field), n)
 
 
-@compiled()
+@kernel
 def data_ints(w, field, n):
     """Return an array of data, int32 (n,)."""
     return ints(data_at(w, field), n)
 
 
-@compiled()
+@kernel
 def data_floats(w, field, n):
     """Return an array of data, (n,)."""
     return floats(data_at(w, field), n)
 
 
-@compiled()
+@kernel
 def velocity_of(w):
     """Return qvel, (nv,)."""
     return floats(data_at(w, DATA.qvel), w.nv)
 
 
-@compiled()
+@kernel
 def layout_of(w):
     """Return entries of each row of the mass matrix, where they begin, and their columns."""
     return (
@@ -142,7 +160,7 @@ def layout_of(w):
     )
 
 
-@compiled()
+@kernel
 def metric_of(w):
     """Return L and ``1 / D`` of the mass matrix of the step."""
     entries = size(w, MODEL.nC)
@@ -151,23 +169,23 @@ def metric_of(w):
     return data_floats(w, DATA.qLD, entries), data_floats(w, DATA.qLDiagInv, w.nv)
 
 
-@compiled()
+@kernel
 def rows_of(w, place, entries, columns):
     """Return fields of data that are a table of doubles, (rows, columns)."""
     return table_floats(data_at(w, place), entries, columns)
 
 
-@compiled()
-def contact_ints(w, offset, many):
+@kernel
+def contact_ints(w, field, many):
     """Return a field of MuJoCo's contacts, int32 (ncon, many)."""
-    stride = w.table[SIZE.contact] // 4
-    first = w.table[offset] // 4
+    stride = offset(w, SIZE.contact) // 4
+    first = offset(w, field) // 4
     return table_ints(data_at(w, DATA.contact), number(w, DATA.ncon), stride)[:, first : first + many]
 
 
-@compiled()
-def contact_floats(w, offset, many):
+@kernel
+def contact_floats(w, field, many):
     """Return a field of MuJoCo's contacts, (ncon, many)."""
-    stride = w.table[SIZE.contact] // 8
-    first = w.table[offset] // 8
+    stride = offset(w, SIZE.contact) // 8
+    first = offset(w, field) // 8
     return table_floats(data_at(w, DATA.contact), number(w, DATA.ncon), stride)[:, first : first + many]
