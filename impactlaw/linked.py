@@ -33,7 +33,7 @@ def linked(function: Any) -> Any:
         return result
 
     @intrinsic
-    def call(typingctx: Any, *arguments: Any) -> Any:  # noqa: ARG001
+    def call(typingctx: Any, *arguments: Any) -> Any:
         given = tuple(arguments[0]) if len(arguments) == 1 and isinstance(arguments[0], tuple) else arguments
         if len(given) != len(signature.args):
             raise TypeError(f"{function.__name__} takes {len(signature.args)} arguments, not {len(given)}")

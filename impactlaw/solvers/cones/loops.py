@@ -11,15 +11,17 @@ from numba import njit
 
 Array = np.ndarray[Any, Any]
 _INNER: Any = {"error_model": "numpy", "nogil": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-kernel: Any = njit(**_INNER)
+kernel: Any = njit(**_INNER, _nrt=True)
 """Compile a function that only compiled functions call.
 
 `solve` is stored on disk with all that it calls, and numba looks at the text of solve.py alone to see whether that
 is still valid: delete `__pycache__/*.nb*` after a change of other files.
 """
+plain: Any = njit(**_INNER, _nrt=False)
+"""The same for a function that makes no arrays: it does not count who holds those that it is given."""
 once: Any = njit(**_INNER, inline="always")
 """The same for a function that is called from one place: it becomes a part of its caller, which halves compile time."""
-sums: Any = njit(**_INNER, fastmath={"reassoc", "contract"})
+sums: Any = njit(**_INNER, _nrt=False, fastmath={"reassoc", "contract"})
 """The same for sums that may be reassociated."""
 FIRST: Any = np.int64(0)
 """The first index; numba would compile functions once more for a literal 0."""
@@ -59,7 +61,7 @@ def scatter_add(v: Array, at: int, f: float, z: Array, cols: Array, begin: int, 
         z[cols[s + k]] += f * v[t + k]
 
 
-@kernel
+@plain
 def fill(v: Array, at: int, many: int, value: float) -> None:
     """Write a number into ``v[at:at + many]``."""
     t = np.uint64(at)
@@ -67,7 +69,7 @@ def fill(v: Array, at: int, many: int, value: float) -> None:
         v[t + k] = value
 
 
-@kernel
+@plain
 def add_at(v: Array, base: int, w: Array, cols: Array, begin: int, many: int) -> None:
     """Add ``w[:many]`` to the entries ``base + cols[begin:begin + many]`` of v."""
     t, s = np.uint64(base), np.uint64(begin)

@@ -13,7 +13,7 @@ import numpy as np
 
 from impactlaw.solvers.cones.blocks import assemble, factor, room, solve
 from impactlaw.solvers.cones.linear import lu_factor, lu_solve, lu_solve_rows
-from impactlaw.solvers.cones.loops import FIRST, Array, fill, kernel, once, scatter_add, subtract
+from impactlaw.solvers.cones.loops import FIRST, Array, fill, kernel, once, plain, scatter_add, subtract
 from impactlaw.solvers.cones.ordering import Blocks
 from impactlaw.solvers.cones.projection import norm_of, project, projection_derivative, residual
 from impactlaw.solvers.cones.structure import CONE, Island, rows_times, velocity
@@ -46,7 +46,7 @@ def step_factors(P: Island, kind: int, scale: float, rn: Array, rt: Array) -> No
         rn[g], rt[g] = scale / max(normal, 1e-6), scale / max(tangential, 1e-6)
 
 
-@kernel
+@plain
 def mapping(P: Island, x: Array, u: Array, kind: int, rn: Array, rt: Array, y: Array, p: Array, F: Array) -> float:
     """Write ``y = x - R (u + shift)``, its projection p and ``F = x - p``; return ``|F|``."""
     for g in range(len(P.kind)):
@@ -72,7 +72,7 @@ def mapping(P: Island, x: Array, u: Array, kind: int, rn: Array, rt: Array, y: A
     return np.sqrt(s)
 
 
-@kernel
+@plain
 def _disk_derivative(y: Array, o: int, m: int, D: Array) -> None:
     """Write the derivative of Alart and Curnier's projection."""
     for k in range(m):

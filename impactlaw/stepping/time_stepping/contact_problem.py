@@ -7,6 +7,7 @@ import numpy as np
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones import BILATERAL, CONE
+from impactlaw.solvers.cones.loops import plain
 from impactlaw.solvers.cones.solve import linked_solve
 from impactlaw.stepping.time_stepping.rows import unwhiten
 from impactlaw.stepping.time_stepping.targets import offsets
@@ -61,7 +62,7 @@ def row_velocities(sparse, colind, value, rates, z):
     return after
 
 
-@compiled()
+@plain
 def contact_work(groups, rates, after, x):
     """Return ``Lambda^T (gamma- + gamma+) / 2`` of all contacts, J, and the sum of the sizes of its terms."""
     work, total = 0.0, 0.0

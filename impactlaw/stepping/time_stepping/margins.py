@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import compiled
+from impactlaw.solvers.cones.loops import plain
 
 _LEAST = 1e-5
 """Reach at rest, m or rad: contacts that are held are to be found."""
@@ -23,7 +24,7 @@ def body_sizes(model: mujoco.MjModel) -> np.ndarray:
     return size
 
 
-@compiled()
+@plain
 def _speed(velocity, arm, size):
     """Return how fast a point of a body can be, m/s, from its row of MuJoCo's cvel."""
     w0, w1, w2 = velocity[0], velocity[1], velocity[2]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.solvers.cones.loops import kernel
+from impactlaw.solvers.cones.loops import plain
 from impactlaw.stepping.time_stepping import borrowed
 from impactlaw.stepping.time_stepping.compiled.fields import (
     MODEL,
@@ -19,6 +19,7 @@ from impactlaw.stepping.time_stepping.compiled.fields import (
     ints,
     long_at,
     longs,
+    put,
     put_int,
     put_long,
 )
@@ -35,12 +36,12 @@ def room(model: mujoco.MjModel) -> int:
     return model.nbody + 2 * model.ngeom + 2 * model.npair + model.njnt + model.ntendon
 
 
-@kernel
+@plain
 def _at(table, place):
     return long_at(table + 8 * place)
 
 
-@kernel
+@plain
 def borrow(user, model, margins, table, sticks):
     """Write the copy of a model for one step, and return the cone of the user's choice.
 
@@ -52,7 +53,7 @@ def borrow(user, model, margins, table, sticks):
         sticks: whether something sticks across gaps.
     """
     words = _at(table, SIZE.model) // 8
-    longs(model, words)[:] = longs(user, words)
+    put(longs(model, words), longs(user, words))
     begin = 0
     for field, many in (
         (MODEL.body_margin, MODEL.nbody),
@@ -66,7 +67,7 @@ def borrow(user, model, margins, table, sticks):
         n = long_at(user + _at(table, many))
         margins[begin : begin + n] = 0.0
         if sticks:  # gaps count
-            margins[begin : begin + n] = floats(long_at(user + _at(table, field)), n)
+            put(margins[begin : begin + n], floats(long_at(user + _at(table, field)), n))
         put_long(model + _at(table, field), address_of(margins) + 8 * begin)
         begin += n
     off, on = model + _at(table, MODEL.opt_disableflags), model + _at(table, MODEL.opt_enableflags)
@@ -83,7 +84,7 @@ def borrow(user, model, margins, table, sticks):
     return chosen
 
 
-@kernel
+@plain
 def is_damped(model, table):
     """Return whether the integrator of a copy of a model damps implicitly, by a mass matrix of its own."""
     if int_at(model + _at(table, MODEL.opt_integrator)) != _EULER:
@@ -106,7 +107,7 @@ def is_damped(model, table):
     return False
 
 
-@kernel
+@plain
 def limit_margins(model, table, reach):
     """Let no contact be found farther away than reach, m."""
     for field, many in (

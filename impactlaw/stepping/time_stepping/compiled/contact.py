@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impactlaw.solvers.cones.loops import kernel
 from impactlaw.solvers.cones import BILATERAL
+from impactlaw.solvers.cones.loops import kernel
 from impactlaw.stepping.time_stepping.compiled.fields import CONTACT, DATA, MODEL, flags
 from impactlaw.stepping.time_stepping.compiled.law import ask_law
 from impactlaw.stepping.time_stepping.compiled.libmujoco import is_sparse
@@ -134,12 +134,21 @@ def attempt(w, jacobian, chosen, start, free, known, rounds, law):
         rounds: of the slower solvers.
         law: see `law`.
     """
+    if not chosen.any():
+        return _nothing()
     metric, frictional = metric_of(w), setting(w, SETTING.frictional) != 0.0
     row_velocity = data_floats(w, DATA.efc_vel, number(w, DATA.nefc))
     rows = rows_of_step(w, jacobian, metric, row_velocity, start, free, chosen, frictional)
-    if len(rows.key) == 0:
-        return Outcome(rows, np.empty(0), np.empty(0), False, 0.0, 0.0, 0.0, 0.0, 0.0, FINE)
     return _resolve(w, rows, metric, free, known, rounds, law)
+
+
+@kernel
+def _nothing():
+    """Return what contact does where there is none."""
+    table, no, few = np.empty((3, 0), np.int32), np.empty(0), np.empty(0, np.int32)
+    groups, amounts, rates = np.empty((4, 0), np.int32), np.empty((2, 0)), np.empty((5, 0))
+    rows = Rows(table, few, no, groups, np.empty(0, np.int64), amounts, rates)
+    return Outcome(rows, no, no, False, 0.0, 0.0, 0.0, 0.0, 0.0, FINE)
 
 
 @kernel

@@ -5,11 +5,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.solvers.cones.loops import kernel
+from impactlaw.solvers.cones.loops import kernel, plain
 from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
 from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins
 from impactlaw.stepping.time_stepping.compiled.contact import jacobian_of, rows_of_step
-from impactlaw.stepping.time_stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, put_int
+from impactlaw.stepping.time_stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, put_int, put
 from impactlaw.stepping.time_stepping.compiled.world import (
     SETTING,
     World,
@@ -37,7 +37,7 @@ _PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 
-@kernel
+@plain
 def update_frames(w):
     """Bring frames and velocities of bodies up to the state."""
     mj.kinematics(w.model, w.data)
@@ -66,11 +66,11 @@ def write_forces(w, found, start, cone):
                 contact_floats(w, CONTACT.friction, 5), data_floats(w, DATA.efc_force, number(w, DATA.nefc)),
             )  # fmt: skip
     else:
-        data_floats(w, DATA.efc_force, n)[:] = force
+        put(data_floats(w, DATA.efc_force, n), force)
 
 
 @kernel
-def look_again(w, rows, cone):  # noqa: ARG001
+def look_again(w, rows):
     """Move bodies out of overlaps at the end of a step that gradients of the middle have not told of."""
     nbody, ngeom, h = size(w, MODEL.nbody), size(w, MODEL.ngeom), w.timestep
     depth = bend(
@@ -94,15 +94,15 @@ def look_again(w, rows, cone):  # noqa: ARG001
         update_frames(w)
 
 
-@kernel
+@plain
 def _find_contacts(w, now):
     """Let other data see the contacts of now."""
     nq, mocap, equalities = size(w, MODEL.nq), size(w, MODEL.nmocap), size(w, MODEL.neq)
-    data_floats(now, DATA.qpos, nq)[:] = data_floats(w, DATA.qpos, nq)
-    data_floats(now, DATA.mocap_pos, 3 * mocap)[:] = data_floats(w, DATA.mocap_pos, 3 * mocap)
-    data_floats(now, DATA.mocap_quat, 4 * mocap)[:] = data_floats(w, DATA.mocap_quat, 4 * mocap)
+    put(data_floats(now, DATA.qpos, nq), data_floats(w, DATA.qpos, nq))
+    put(data_floats(now, DATA.mocap_pos, 3 * mocap), data_floats(w, DATA.mocap_pos, 3 * mocap))
+    put(data_floats(now, DATA.mocap_quat, 4 * mocap), data_floats(w, DATA.mocap_quat, 4 * mocap))
     seen = flags(data_at(now, DATA.eq_active), equalities)
-    seen[:] = flags(data_at(w, DATA.eq_active), equalities)
+    put(seen, flags(data_at(w, DATA.eq_active), equalities))
     mj.kinematics(w.model, now.data)
     mj.com_pos(w.model, now.data)
     if size(w, MODEL.ntendon) > 0:
@@ -139,11 +139,11 @@ def _shift(now, metric, rows, depth):
     return unwhiten(w, factor, nnz, adr, col, np.sqrt(inverse))
 
 
-@kernel
+@plain
 def finish(w):
     """Leave what a step leaves beside the state."""
     if option(w, MODEL.opt_enableflags) & _ENERGY:
         mj.make_m(w.model, w.data)
         mj.energy_pos(w.model, w.data)
         mj.energy_vel(w.model, w.data)
-    data_floats(w, DATA.qacc_warmstart, w.nv)[:] = data_floats(w, DATA.qacc, w.nv)
+    put(data_floats(w, DATA.qacc_warmstart, w.nv), data_floats(w, DATA.qacc, w.nv))

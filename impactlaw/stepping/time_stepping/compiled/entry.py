@@ -89,6 +89,6 @@ _one_step = linked(one_step)
 
 
 @cast(Any, numba).cfunc(types.void(types.int64, types.int64, types.int32, types.int64))
-def single(model, data, simulation, context):  # noqa: ARG001
+def single(model, data, simulation, context):
     """Take one step of the world that the numbers at an address tell of; the batch's own is not touched."""
     _one_step(context)

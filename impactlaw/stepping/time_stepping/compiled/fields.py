@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
 from numba import carray, types
 from numba.extending import intrinsic
 
-from impactlaw.solvers.cones.loops import kernel
+from impactlaw.solvers.cones.loops import kernel, plain
 
 
 class _Data(NamedTuple):
@@ -133,8 +132,8 @@ def _pointer(kind: Any) -> Any:
     """Return a compiled function that makes a pointer to numbers of a kind of an address."""
 
     @intrinsic
-    def of(typingctx: Any, address: Any) -> Any:  # noqa: ARG001
-        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ARG001
+    def of(typingctx: Any, address: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
             return builder.inttoptr(values[0], context.get_value_type(types.CPointer(kind)))
 
         return types.CPointer(kind)(types.int64), generate
@@ -146,8 +145,8 @@ def _reader(kind: Any) -> Any:
     """Return a compiled function that returns the number of a kind at an address."""
 
     @intrinsic
-    def read(typingctx: Any, address: Any) -> Any:  # noqa: ARG001
-        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ARG001
+    def read(typingctx: Any, address: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
             return builder.load(builder.inttoptr(values[0], context.get_value_type(types.CPointer(kind))))
 
         return kind(types.int64), generate
@@ -159,8 +158,8 @@ def _writer(kind: Any) -> Any:
     """Return a compiled function that writes a number of a kind to an address."""
 
     @intrinsic
-    def write(typingctx: Any, address: Any, value: Any) -> Any:  # noqa: ARG001
-        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ARG001
+    def write(typingctx: Any, address: Any, value: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
             builder.store(values[1], builder.inttoptr(values[0], context.get_value_type(types.CPointer(kind))))
             return context.get_dummy_value()
 
@@ -210,7 +209,19 @@ def table_ints(address, rows, columns):
     return carray(_int(address), (rows, columns))
 
 
-@kernel
-def address_of(array):
+@plain
+def put(to, source):
+    """Write the numbers of one array to another."""
+    for i in range(len(source)):
+        to[i] = source[i]
+
+
+@intrinsic
+def address_of(typingctx: Any, array: Any) -> Any:
     """Return where an array begins."""
-    return np.int64(array.ctypes.data)
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        found = context.make_array(signature.args[0])(context, builder, values[0])
+        return builder.ptrtoint(found.data, context.get_value_type(types.int64))
+
+    return types.int64(array), generate

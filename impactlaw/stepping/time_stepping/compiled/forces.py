@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.solvers.cones.loops import kernel
+from impactlaw.solvers.cones.loops import kernel, plain
 from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
-from impactlaw.stepping.time_stepping.compiled.fields import DATA, address_of
+from impactlaw.stepping.time_stepping.compiled.fields import DATA, address_of, put
 from impactlaw.stepping.time_stepping.compiled.world import data_floats, layout_of, metric_of, velocity_of
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SETTLED
 from impactlaw.stepping.time_stepping.rows import solve_inertia
@@ -39,17 +39,17 @@ def lead_to(w, start, mean, bias):
     """Return where forces lead without contact if these are those of a mean velocity, (nv,); see `settle`."""
     velocity = velocity_of(w)
     kept = velocity.copy()
-    velocity[:] = mean
+    put(velocity, mean)
     mj.com_vel(w.model, w.data)
     mj.rne(w.model, w.data, 0, address_of(bias))
-    velocity[:] = kept
+    put(velocity, kept)
     factor, inverse = metric_of(w)
     nnz, adr, col = layout_of(w)
     force = data_floats(w, DATA.qfrc_smooth, w.nv) + data_floats(w, DATA.qfrc_bias, w.nv) - bias
     return start + w.timestep * solve_inertia(force, factor, nnz, adr, col, inverse)
 
 
-@kernel
+@plain
 def inertial_work(w, start, after, bias):
     """Return the work that these forces do from one velocity to another, (nv,) each, J."""
     work = 0.0

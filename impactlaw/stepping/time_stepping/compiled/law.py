@@ -27,7 +27,7 @@ class LawTable(NamedTuple):
 
 
 @kernel
-def ask_law(law, rows, tree, collides, target):  # noqa: ARG001
+def ask_law(law, rows, tree, collides, target):
     """Write the law's targets of the contacts that collide, and return `status.FINE`, or `status.UNKNOWN`."""
     for g in range(len(target)):
         if not collides[g]:

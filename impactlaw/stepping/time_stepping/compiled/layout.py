@@ -91,7 +91,9 @@ def table() -> np.ndarray:
     return found
 
 
-_SCENE = '<mujoco><worldbody><geom size="1"/><body pos="0 0 1.9"><freejoint/><geom size="1"/></body></worldbody></mujoco>'
+_SCENE = (
+    '<mujoco><worldbody><geom size="1"/><body pos="0 0 1.9"><freejoint/><geom size="1"/></body></worldbody></mujoco>'
+)
 
 
 def _check(offsets: np.ndarray) -> None:

@@ -8,7 +8,7 @@ import llvmlite.binding as llvm
 import numpy as np
 from numba import types
 
-from impactlaw.solvers.cones.loops import kernel
+from impactlaw.solvers.cones.loops import kernel, plain
 from impactlaw.stepping.time_stepping.compiled.fields import floats, longs, table_ints
 
 
@@ -72,7 +72,7 @@ def last_step(counts):
     return table_ints(impulses + 8 * n, 4, g), longs(keys, g), floats(scale, n), floats(impulses, n)
 
 
-@kernel
+@plain
 def forget(counts):
     """Forget the impulses of the last step."""
     counts[MEMORY.groups] = counts[MEMORY.rows] = 0

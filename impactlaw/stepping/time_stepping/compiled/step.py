@@ -5,12 +5,12 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.solvers.cones.loops import kernel
+from impactlaw.solvers.cones.loops import kernel, plain
 from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
 from impactlaw.stepping.time_stepping.compiled.borrow import borrow, is_damped
 from impactlaw.stepping.time_stepping.compiled.contact import attempt, jacobian_of, near
 from impactlaw.stepping.time_stepping.compiled.ends import finish, look_again, update_frames, write_forces
-from impactlaw.stepping.time_stepping.compiled.fields import DATA, MODEL, address_of, float_at, floats, ints, long_at
+from impactlaw.stepping.time_stepping.compiled.fields import DATA, MODEL, address_of, float_at, floats, ints, long_at, put
 from impactlaw.stepping.time_stepping.compiled.forces import inertial_work, lead_to, settle
 from impactlaw.stepping.time_stepping.compiled.memory import MEMORY, forget, last_step, remember
 from impactlaw.stepping.time_stepping.compiled.status import FINE, HUGE_INPUT, HUGE_OUTPUT, TIMESTEP
@@ -80,7 +80,7 @@ def advance(user, data, scratch, table, settings, sizes, bilateral, law, memory,
     return status
 
 
-@kernel
+@plain
 def _length(v):
     s = 0.0
     for i in range(len(v)):
@@ -128,7 +128,7 @@ def _step(w, law, memory, margins, cone, loaded):
             return HUGE_OUTPUT
         update_frames(w)
         if touched:
-            look_again(w, rows, cone)
+            look_again(w, rows)
         if not solved:
             memory[MEMORY.short_steps] += 1.0
     else:
@@ -154,7 +154,7 @@ def _step(w, law, memory, margins, cone, loaded):
     return FINE
 
 
-@kernel
+@plain
 def _equal(one, other):
     for i in range(len(one)):
         if one[i] != other[i]:
@@ -162,7 +162,7 @@ def _equal(one, other):
     return True
 
 
-@kernel
+@plain
 def _is_huge(qpos, qvel):
     return not (_length(qpos) <= HUGE and _length(qvel) <= HUGE)
 
@@ -176,7 +176,7 @@ def _set_margins(w, gained):
     kept = qvel.copy()
     qvel += gained
     mj.com_vel(w.model, w.data)
-    qvel[:] = kept
+    put(qvel, kept)
     gravity = floats(w.model + offset(w, MODEL.opt_gravity), 3)
     set_margins(
         model_floats(w, MODEL.body_margin, nbody), model_floats(w, MODEL.geom_margin, ngeom),
@@ -190,7 +190,7 @@ def _set_margins(w, gained):
     )  # fmt: skip
 
 
-@kernel
+@plain
 def _to_midpoint(w, start, margins, middle, sensors):
     """Put bodies where they are in the middle of the step, and compute all forces but those of contact there.
 
@@ -198,7 +198,7 @@ def _to_midpoint(w, start, margins, middle, sensors):
     """
     qpos = data_floats(w, DATA.qpos, size(w, MODEL.nq))
     mj.integrate_pos(w.model, address_of(qpos), address_of(start), 0.5 * w.timestep)
-    middle[:] = qpos
+    put(middle, qpos)
     full = _find_contacts(w, margins)
     if sensors:
         mj.sensor_pos(w.model, w.data)
@@ -210,7 +210,7 @@ def _to_midpoint(w, start, margins, middle, sensors):
     return full
 
 
-@kernel
+@plain
 def _find_contacts(w, margins):
     warnings = ints(w.data + offset(w, DATA.warning), 2 * (max(_CONTACT_FULL, _ROWS_FULL) + 1))
     for share in SHARES:
@@ -218,16 +218,17 @@ def _find_contacts(w, margins):
         mj.fwd_position(w.model, w.data)
         if warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1] == seen:
             return False
-        margins *= share
+        for i in range(len(margins)):
+            margins[i] *= share
     mj.fwd_position(w.model, w.data)
     return True
 
 
-@kernel
+@plain
 def _free_step(w, start, bias, gained):
     """Let MuJoCo's integrator advance velocity, activations and time without contact."""
     nv = w.nv
-    data_floats(w, DATA.qacc, nv)[:] = data_floats(w, DATA.qacc_smooth, nv)
+    put(data_floats(w, DATA.qacc, nv), data_floats(w, DATA.qacc_smooth, nv))
     data_floats(w, DATA.qfrc_constraint, nv)[:] = 0.0
     if option(w, MODEL.opt_integrator) == _EULER:
         mj.euler(w.model, w.data)
@@ -235,7 +236,7 @@ def _free_step(w, start, bias, gained):
         mj.implicit(w.model, w.data)
     qvel = velocity_of(w)
     if setting(w, SETTING.inertial) != 0.0:
-        qvel[:] = settle(w, start, bias)
+        put(qvel, settle(w, start, bias))
     for i in range(nv):
         gained[i] = qvel[i] - start[i]
 
@@ -247,8 +248,7 @@ def _contact(w, law, known, start, bias, rounds):
     free, jacobian, look = qvel.copy(), jacobian_of(w), 1
     chosen = near(w, jacobian, start, free, 2.0 * h)
     found = attempt(w, jacobian, chosen, start, free, known, rounds, law)
-    collided = found.collided
-    while look < LOOKS and found.status == FINE:
+    while look < LOOKS and len(found.x) > 0 and found.status == FINE:
         more = near(w, jacobian, qvel, qvel, h) & ~chosen
         if not more.any():
             break
@@ -275,7 +275,7 @@ def _known(found, known):
     return found.rows.groups, found.rows.key, found.rows.rates[0], found.x
 
 
-@kernel
+@plain
 def _created(w, found, start, bias):
     """Return the work of contact in a collision and of Coriolis and gyroscopic forces, J; 0 where there is none."""
     if not found.collided or setting(w, SETTING.inertial) == 0.0:
@@ -289,16 +289,16 @@ def _sense(w, start):
     """Compute the sensors that depend on accelerations and forces, at the middle of the step."""
     qvel = velocity_of(w)
     after = qvel.copy()
-    qvel[:] = start
+    put(qvel, start)
     mj.sensor_acc(w.model, w.data)
-    qvel[:] = after
+    put(qvel, after)
 
 
-@kernel
+@plain
 def _to_end(w, middle, shift):
     """Put bodies where they are at the end of the step."""
     qpos = data_floats(w, DATA.qpos, len(middle))
-    qpos[:] = middle
+    put(qpos, middle)
     mj.integrate_pos(w.model, address_of(qpos), address_of(velocity_of(w)), 0.5 * w.timestep)
     if len(shift):
         mj.integrate_pos(w.model, address_of(qpos), address_of(shift), w.timestep)

@@ -11,15 +11,15 @@ import numpy as np
 
 from impactlaw.errors import DivergenceError, InadmissibleImpactError
 from impactlaw.events import ImpactEvent
-from impactlaw.flow import check_input, check_timestep, empty_state, restore_state
+from impactlaw.flow import check_input, check_timestep, empty_state
 from impactlaw.stepping.time_stepping.compiled import status
 from impactlaw.stepping.time_stepping.compiled.borrow import room
 from impactlaw.stepping.time_stepping.compiled.entry import CONTEXT, single
+from impactlaw.stepping.time_stepping.compiled.fields import SIZE
 from impactlaw.stepping.time_stepping.compiled.layout import table
 from impactlaw.stepping.time_stepping.compiled.libmujoco import library
 from impactlaw.stepping.time_stepping.compiled.memory import MEMORY, make_memory
 from impactlaw.stepping.time_stepping.compiled.world import SETTING
-from impactlaw.stepping.time_stepping.compiled.fields import SIZE
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 

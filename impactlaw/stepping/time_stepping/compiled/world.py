@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlaw.solvers.cones.loops import kernel
+from impactlaw.solvers.cones.loops import kernel, plain
 from impactlaw.stepping.time_stepping.compiled.fields import (
-    SIZE,
     DATA,
     MODEL,
+    SIZE,
     float_at,
     floats,
     int_at,
@@ -78,43 +78,43 @@ class World(NamedTuple):
     damped: bool
 
 
-@kernel
+@plain
 def offset(w, field):
     """Return where a field is in its structure, or how large a structure is, bytes."""
     return long_at(w.table + 8 * field)
 
 
-@kernel
+@plain
 def setting(w, place):
     """Return one of `Settings`."""
     return float_at(w.settings + 8 * place)
 
 
-@kernel
+@plain
 def size(w, field):
     """Return a size of the model."""
     return long_at(w.model + offset(w, field))
 
 
-@kernel
+@plain
 def option(w, field):
     """Return an int among the options of the model."""
     return int_at(w.model + offset(w, field))
 
 
-@kernel
+@plain
 def number(w, field):
     """Return an int of data."""
     return np.int64(int_at(w.data + offset(w, field)))
 
 
-@kernel
+@plain
 def model_at(w, field):
     """Return where an array of the model begins."""
     return long_at(w.model + offset(w, field))
 
 
-@kernel
+@plain
 def data_at(w, field):
     """Return where an array of data begins."""
     return long_at(w.data + offset(w, field))
