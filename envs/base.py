@@ -22,12 +22,12 @@ from impactlaw.envs.info import ImpactTally
 from impactlaw.envs.law_options import LawOptions, check_reset, describe_law, portable_options
 from impactlaw.envs.rendering import Pictures, has_display
 from impactlaw.errors import ActionError, DivergenceError, RenderError, SceneError, UnknownNameError
-from impactlaw.fitting import check_count
-from impactlaw.flow import restore_state, save_state
 from impactlaw.laws import Law
 from impactlaw.models import START, scene_path
 from impactlaw.settled import Settled
-from impactlaw.stepper import Stepper
+from impactlaw.stepping.compatibility import check_count
+from impactlaw.stepping.integration import restore_state, save_state
+from impactlaw.stepping.stepper import Stepper
 
 _ANEW = "make a new environment"
 _RESET = "pass it to reset(options=...), for an episode, or make a new environment"
@@ -43,7 +43,7 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     truncated where the step began and ``info["impact/diverged"]`` is 1.
 
     A mocap body that a task `drive`s moves every timestep but the first one of an episode, since its velocity is known
-    from the second one on (`impactlaw.surfaces`).
+    from the second one on (`impactlaw.scene.moving_surfaces`).
 
     Args:
         law: name of a law (`impactlaw.make_law`), "scene" for what the MJCF itself carries, or a `Law`; the

@@ -11,10 +11,10 @@ import numpy as np
 
 from impactlaw.envs.law_options import LawOptions, check_log_every
 from impactlaw.errors import OptionError, RecordingError
-from impactlaw.events import ImpactEvent
-from impactlaw.fitting import check_count
 from impactlaw.recording import Recorder
-from impactlaw.stepper import Stepper
+from impactlaw.stepping.compatibility import check_count
+from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.stepper import Stepper
 
 _FIELDS = {"env", "episode"}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from impactlaw.events import ImpactEvent
+from impactlaw.stepping.impact_event import ImpactEvent
 
 
 class ImpactTally:

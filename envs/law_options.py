@@ -10,11 +10,11 @@ from typing import Any, Literal
 import mujoco
 
 from impactlaw.errors import OptionError, RestitutionError, UnknownNameError
-from impactlaw.fitting import check_count
 from impactlaw.laws import Coulomb, Law, MaximalDissipation, make_law, portable
+from impactlaw.laws.from_scene import scene_law, scene_number
 from impactlaw.recording.properties import law_name
-from impactlaw.scene import scene_law, scene_number
-from impactlaw.stepper import Stepper
+from impactlaw.stepping.compatibility import check_count
+from impactlaw.stepping.stepper import Stepper
 
 RESET = ("law", "restitution", "friction", "scheme")
 """Keys of ``reset(options=...)``."""

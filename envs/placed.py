@@ -13,10 +13,10 @@ from impactlaw.envs.episode_log import EpisodeLog
 from impactlaw.envs.info import ImpactTally
 from impactlaw.envs.law_options import LawOptions, describe_law
 from impactlaw.errors import DivergenceError, WrapperError
-from impactlaw.events import ImpactEvent
-from impactlaw.flow import is_huge
 from impactlaw.laws import Law
-from impactlaw.stepper import Stepper
+from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.integration import is_huge
+from impactlaw.stepping.stepper import Stepper
 
 
 class PlacedLaw(ABC):

@@ -17,9 +17,9 @@ from impactlaw.envs.placed import PlacedLaw
 from impactlaw.envs.placed_gymnasium import ignores_options, place
 from impactlaw.envs.rendering import free_contexts, make_current
 from impactlaw.errors import WrapperError
-from impactlaw.events import ImpactEvent
 from impactlaw.laws import Law
 from impactlaw.settled import Settled
+from impactlaw.stepping.impact_event import ImpactEvent
 
 _ANEW = "put another ImpactLaw around the environment, after remove()"
 _RESET = "pass it to reset(options=...), for an episode, or put another ImpactLaw around the environment"

@@ -1,13 +1,6 @@
 """Exact, chosen multi-contact impact laws for MuJoCo scenes, after Aeberhard and Glocker."""
 
-from impactlaw.admissible import AdmissibleSet
-from impactlaw.collision import Collision
-from impactlaw.contacts import Contacts, read_contacts
 from impactlaw.errors import ImpactLawError
-from impactlaw.events import ImpactEvent
-from impactlaw.friction import Friction
-from impactlaw.friction_impact import FrictionImpact
-from impactlaw.impact import Impact, Violations
 from impactlaw.laws import (
     Coulomb,
     Fremond,
@@ -20,7 +13,16 @@ from impactlaw.laws import (
     energy_gain,
     make_law,
 )
-from impactlaw.stepper import Stepper
+from impactlaw.mechanics.admissible.admissible_set import AdmissibleSet
+from impactlaw.mechanics.admissible.violations import Violations
+from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.friction import Friction
+from impactlaw.mechanics.friction_impact import FrictionImpact
+from impactlaw.mechanics.impact import Impact
+from impactlaw.scene.contacts import Contacts
+from impactlaw.scene.read import read_contacts
+from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.stepper import Stepper
 
 __all__ = [
     "AdmissibleSet",

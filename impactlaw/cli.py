@@ -44,7 +44,7 @@ class Compare:
 
     def __call__(self) -> None:
         """Simulate, write the files and print the table."""
-        from impactlaw.compare import Comparison, compare, format_table
+        from impactlaw.comparison.compare import Comparison, compare, format_table
 
         study = Comparison(
             scene=self.scene,
@@ -126,8 +126,8 @@ class Plan:
     def __call__(self) -> None:
         """Print the plan."""
         from impactlaw.models import load
-        from impactlaw.plan import format_plan, make_plan
-        from impactlaw.scene import check_rigid, check_time_stepping
+        from impactlaw.stepping.compatibility import check_rigid, check_time_stepping
+        from impactlaw.stepping.plan import format_plan, make_plan
 
         model, _ = load(self.scene)
         if self.contact_model == "rigid":

@@ -17,11 +17,11 @@ from benchmark_scenes import Scene, builders
 from benchmark_timing import in_turns
 
 from impactlaw import MaximalDissipation, Moreau
-from impactlaw.collide import Collider
-from impactlaw.contacts import GAP_TOLERANCE
-from impactlaw.plan import Plan, make_plan
-from impactlaw.rigid import RigidStepping
-from impactlaw.soft import REST_SPEED, SoftStepping
+from impactlaw.scene.contacts import GAP_TOLERANCE
+from impactlaw.stepping.collisions import Collider
+from impactlaw.stepping.event_driven.scheme import RigidStepping
+from impactlaw.stepping.plan import Plan, make_plan
+from impactlaw.stepping.soft.scheme import REST_SPEED, SoftStepping
 
 Kind = Literal["rigid", "soft"]
 LATER = ("friction", "bilateral", "surfaces")

@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 
 from impactlaw import Fremond, Law, Moreau
+from impactlaw.laws.from_scene import scene_law
 from impactlaw.models import load, scene_names
 from impactlaw.models.builder import cradle
-from impactlaw.scene import scene_law
 
 _NAMES = {int(value): name.removeprefix("mjINT_") for name, value in mujoco.mjtIntegrator.__members__.items()}
 HELD = 5

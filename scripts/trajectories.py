@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from impactlaw import ImpactEvent, Law, Stepper
-from impactlaw.soft_contact import tuned_contacts
+from impactlaw.comparison.soft_contact import tuned_contacts
 
 _MOST_STATES = 2000  # kept of one trajectory of MuJoCo's
 _SHORT = 0.05  # s; faster runs are timed three times and the fastest counts
@@ -69,7 +69,7 @@ def tuned(model: mujoco.MjModel, restitution: float | dict[str, float], steps_in
     Args:
         model: the scene.
         restitution: of all contacts, or of each geom by name (its contact with any geom that is not named).
-        steps_in_contact: timesteps that one bounce lasts, see `impactlaw.soft_contact`.
+        steps_in_contact: timesteps that one bounce lasts, see `impactlaw.comparison.soft_contact`.
     """
     timestep = model.opt.timestep
     if isinstance(restitution, dict):

@@ -13,8 +13,8 @@ import work_precision_friction as friction
 from graph_distance import Arc
 
 from impactlaw import Fremond, Law, MaximalDissipation, Moreau
+from impactlaw.laws.from_scene import scene_law
 from impactlaw.models import load
-from impactlaw.scene import scene_law
 
 EXACT = 0.0
 """Expected order of a method that makes no error but rounding and the tolerance of gaps."""

@@ -1,19 +1,28 @@
-"""What README shows runs as it stands there."""
+"""What the README and the pages of the folders show runs as it stands there; what they link to is there."""
 
 import re
 from pathlib import Path
 
 import pytest
 
-README = Path(__file__).parents[1] / "README.md"
-BLOCKS = re.findall(r"```python\n(.*?)```", README.read_text(), flags=re.DOTALL)
+ROOT = Path(__file__).parents[1]
+PAGES = {
+    str(page.relative_to(ROOT)): page
+    for folder in ("", "impactlaw/*", "impactlaw/*/*", "envs", "models", "scripts", "tests")
+    for page in sorted(ROOT.glob(f"{folder}/README.md".lstrip("/")))
+}
+BLOCKS = [
+    pytest.param(block, id=f"{name}-{i}")
+    for name, page in PAGES.items()
+    for i, block in enumerate(re.findall(r"```python\n(.*?)```", page.read_text(), flags=re.DOTALL))
+]
 
 
-@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block.splitlines()[-1][:30])
-def test_python_of_the_readme_runs(block, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("block", BLOCKS)
+def test_python_of_a_page_runs(block, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
-    exec(compile(block, str(README), "exec"), names)
+    exec(compile(block, "page", "exec"), names)
     printed = capsys.readouterr().out
     for line in re.findall(r"^print\(.*\)\s+# (\[.*|True.*)$", block, flags=re.MULTILINE):
         assert line in printed
@@ -22,4 +31,15 @@ def test_python_of_the_readme_runs(block, tmp_path, monkeypatch, capsys):
 
 
 def test_there_is_python_in_the_readme():
-    assert len(BLOCKS) >= 2
+    assert len(BLOCKS) >= 7
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_links_lead_somewhere(name):
+    page = PAGES[name]
+    for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text()):
+        assert (page.parent / target).exists(), target
+
+
+def test_the_readme_is_short():
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 200

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impactlaw.collision import Collision
 from impactlaw.errors import RestitutionError
-from impactlaw.impact import Impact
-from impactlaw.relative import velocity_with
+from impactlaw.mechanics.bilateral import velocity_with
+from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers import Problem, solve_with_jump
 
 

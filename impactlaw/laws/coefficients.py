@@ -8,10 +8,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from impactlaw.collision import Collision
 from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import coefficient
 from impactlaw.laws.labels import canonical, put
+from impactlaw.mechanics.collision import Collision
 
 Coefficient = float | Callable[[float], float]
 """e, or e as a function of the speed at which a contact closes."""

@@ -7,13 +7,13 @@ from typing import Literal
 
 import numpy as np
 
-from impactlaw.collision import Collision
 from impactlaw.errors import RestitutionError, SolverError, UnknownNameError
-from impactlaw.friction_impact import FrictionImpact, cone_problem
-from impactlaw.impact import Impact
 from impactlaw.laws.base import Law, Target, coefficient
-from impactlaw.solvers.cone_problem import ConeAnswer, ConeProblem, ConeStatus
-from impactlaw.solvers.cone_solve import BRIEF, COMPILED, THOROUGH, USUAL, Effort, shared, solve_cones
+from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
+from impactlaw.mechanics.impact import Impact
+from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem, ConeStatus
+from impactlaw.solvers.friction.solve import BRIEF, COMPILED, THOROUGH, USUAL, Effort, shared, solve_cones
 
 _FEW = 4  # contacts, up to which a brief search tries what is not compiled
 _BRIEFLY = 3000, 300  # steps of Newton's method in all with few contacts, and with more, after which it gives up

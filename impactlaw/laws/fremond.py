@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from impactlaw import deferred
-from impactlaw.collision import Collision
 from impactlaw.errors import InvalidCollisionError, RestitutionError
 from impactlaw.laws.base import RestitutionLaw, Target, coefficient, square_matrix
 from impactlaw.laws.labels import canonical, put
-from impactlaw.sparse_metric import finite_sparse, is_sparse
+from impactlaw.mechanics.block_metric import finite_sparse, is_sparse
+from impactlaw.mechanics.collision import Collision
 
 _COUPLED = 1e-12  # cosine of the angle between two gradients above which their contacts influence each other
 

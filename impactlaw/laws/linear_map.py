@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impactlaw.collision import Collision
 from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import Law, Target, square_matrix
+from impactlaw.mechanics.collision import Collision
 
 
 @dataclass(frozen=True, eq=False)

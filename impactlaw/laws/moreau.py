@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impactlaw.collision import Collision
 from impactlaw.laws.base import RestitutionLaw, Target, coefficient
+from impactlaw.mechanics.collision import Collision
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impactlaw.collision import Collision
 from impactlaw.laws.base import RestitutionLaw, Target
 from impactlaw.laws.coefficients import ContactCoefficients
+from impactlaw.mechanics.collision import Collision
 
 
 @dataclass(frozen=True, repr=False)

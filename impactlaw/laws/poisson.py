@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from impactlaw import deferred
-from impactlaw.collision import Collision
 from impactlaw.errors import SolverError, UnsolvableLawError
-from impactlaw.impact import Impact
 from impactlaw.laws.base import Law, Target, jump_problem
 from impactlaw.laws.coefficients import ContactCoefficients
 from impactlaw.laws.maximal_dissipation import MaximalDissipation
+from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers import CERTIFIED, Problem, solve_with_jump
-from impactlaw.solvers.base import row_lengths
 from impactlaw.solvers.least_squares import least_squares
+from impactlaw.solvers.problem import row_lengths
 
 _GOOD = 1e-12  # residual that needs no refinement
 _ROUNDING = 4 * float(np.finfo(float).eps)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from impactlaw.friction_impact import FrictionImpact
+from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.recording.layout import (
     COLLISION,
     COLLISION_COLUMNS,
@@ -19,13 +19,13 @@ from impactlaw.recording.layout import (
     Column,
     time_columns,
 )
-from impactlaw.tangents import tangential_impulses
+from impactlaw.scene.friction_rows import tangential_impulses
 
 if TYPE_CHECKING:
     import mujoco
 
-    from impactlaw.collision import Collision
-    from impactlaw.events import ImpactEvent
+    from impactlaw.mechanics.collision import Collision
+    from impactlaw.stepping.impact_event import ImpactEvent
 
 MARK_TIME = 0.05
 """How long, in s of simulation time, the mark of a collision stays unless another one replaces it."""

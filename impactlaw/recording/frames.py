@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from impactlaw.contacts import GAP_TOLERANCE
 from impactlaw.recording.geometry import Group
 from impactlaw.recording.layout import CONTACTS, ENERGY, FRAME_TIME, FRAMES, QPOS, QVEL, STATE, Column, time_columns
+from impactlaw.scene.contacts import GAP_TOLERANCE
 
 if TYPE_CHECKING:
-    from impactlaw.contacts import Contacts
+    from impactlaw.scene.contacts import Contacts
 
 _NOWHERE = np.zeros((0, 3))
 

@@ -8,8 +8,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from impactlaw.contacts import geom_names
 from impactlaw.recording.layout import SCENE
+from impactlaw.scene.contacts import geom_names
 
 _PRIMITIVES = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
 _NO_RGBA = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)  # a geom with this colour shows its material's

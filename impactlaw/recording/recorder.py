@@ -19,8 +19,8 @@ from impactlaw.recording.layout import EPISODE_COLUMNS, Column
 from impactlaw.recording.properties import encode, law_name, run_properties
 
 if TYPE_CHECKING:
-    from impactlaw.contacts import Contacts
-    from impactlaw.events import ImpactEvent
+    from impactlaw.scene.contacts import Contacts
+    from impactlaw.stepping.impact_event import ImpactEvent
 
 BATCH = 200
 """Frames that are sent, and flushed to the file, together."""

@@ -1,9 +1,9 @@
 """Solvers of the impact law's problem: one file each, one registry, one certificate for all of them."""
 
-from impactlaw.solvers.answer import Answer, beyond_rounding
-from impactlaw.solvers.base import Problem, Solution, Solver, Status
-from impactlaw.solvers.farkas import farkas_ray
+from impactlaw.solvers.certificate import Answer, beyond_rounding
 from impactlaw.solvers.guess import with_active
+from impactlaw.solvers.infeasibility import farkas_ray
+from impactlaw.solvers.problem import Problem, Solution, Solver, Status
 from impactlaw.solvers.solve import CERTIFIED, SOLVERS, nonnegative_combination, share, solve, solve_with_jump
 
 __all__ = [

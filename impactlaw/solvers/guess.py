@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw import deferred
-from impactlaw.solvers.answer import judge
-from impactlaw.solvers.base import Problem
-from impactlaw.solvers.nnls import cone_projection
+from impactlaw.solvers.certificate import judge
+from impactlaw.solvers.methods.nnls import cone_projection
+from impactlaw.solvers.problem import Problem
 
 _SMALL = 20  # contacts up to which NNLS is faster than several corrections of a first guess
 _EXACT = 1e-12  # part of the scale of a problem that an expectation may miss

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from impactlaw import deferred
-from impactlaw.solvers.base import Problem, Status
-from impactlaw.solvers.dual_active_set import dual_active_set
-from impactlaw.solvers.least_distance import least_distance
 from impactlaw.solvers.least_squares import least_squares
+from impactlaw.solvers.methods.dual_active_set import dual_active_set
+from impactlaw.solvers.methods.least_distance import least_distance
+from impactlaw.solvers.problem import Problem, Status
 
 _RANK = 1e-11  # relative singular value below which gradients of unit length count as dependent
 _ZERO = 1e-12  # part of the largest impulse below which one is rounding

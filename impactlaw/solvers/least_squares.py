@@ -1,10 +1,13 @@
-"""Linear least squares of least norm, by singular values: right for dependent gradients too."""
+"""Least squares of least norm and the span of rows, by singular values: right for dependent gradients too."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from impactlaw import deferred
+
+RANK = 1e-11
+"""Relative singular value below which a constraint depends on the others."""
 
 
 def least_squares(A: np.ndarray, b: np.ndarray, rank: float | None = None) -> np.ndarray:
@@ -17,3 +20,17 @@ def least_squares(A: np.ndarray, b: np.ndarray, rank: float | None = None) -> np
     """
     x = deferred.lstsq(A, b, cond=rank, check_finite=False)[0]
     return x + deferred.lstsq(A, b - A.dot(x), cond=rank, check_finite=False)[0]
+
+
+def row_span(rows: np.ndarray, rank: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return an orthonormal basis of the span of rows, (r, n), and the C with ``basis = C @ rows``, (r, m).
+
+    Args:
+        rows: shape (m, n), of any lengths.
+        rank: singular value of the rows of unit length, relative to the largest, below which rows are dependent.
+    """
+    lengths = np.sqrt(np.vecdot(rows, rows))
+    lengths[lengths == 0] = 1.0
+    U, s, V = np.linalg.svd(rows / lengths[:, None], full_matrices=False)
+    r = np.count_nonzero(s > rank * s.max(initial=0.0))
+    return V[:r], (U[:, :r] / s[:r]).T / lengths

@@ -6,20 +6,20 @@ import numpy as np
 
 from impactlaw import deferred
 from impactlaw.errors import SolverError, UnknownNameError, UnsolvableLawError
-from impactlaw.solvers.answer import Answer, is_polishable, judge, polish
-from impactlaw.solvers.base import FEW, Problem, Solution, Solver, Status, sparse
-from impactlaw.solvers.closed_form import closed_form, one_contact
-from impactlaw.solvers.dual_active_set import dual_active_set
-from impactlaw.solvers.farkas import farkas_ray
+from impactlaw.solvers.certificate import Answer, is_polishable, judge, polish
 from impactlaw.solvers.guess import guess
-from impactlaw.solvers.least_distance import least_distance
+from impactlaw.solvers.infeasibility import farkas_ray
 from impactlaw.solvers.least_norm import share_impulse
-from impactlaw.solvers.nnls import nnls
+from impactlaw.solvers.methods.closed_form import closed_form, one_contact
+from impactlaw.solvers.methods.dual_active_set import dual_active_set
+from impactlaw.solvers.methods.least_distance import least_distance
+from impactlaw.solvers.methods.nnls import nnls
+from impactlaw.solvers.methods.osqp import osqp
+from impactlaw.solvers.methods.primal_dual_active_set import primal_dual_active_set
+from impactlaw.solvers.methods.projected_gauss_seidel import projected_gauss_seidel
 from impactlaw.solvers.one_thread import one_thread
-from impactlaw.solvers.osqp import osqp
-from impactlaw.solvers.primal_dual import primal_dual_active_set
-from impactlaw.solvers.projected_gauss_seidel import projected_gauss_seidel
-from impactlaw.solvers.structure import as_dense, groups, has_structure
+from impactlaw.solvers.problem import FEW, Problem, Solution, Solver, Status, sparse
+from impactlaw.solvers.sparsity import as_dense, groups, has_structure
 
 SOLVERS: dict[str, Solver] = {
     "closed-form": closed_form,

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Literal
 
 import mujoco
 
-from impactlaw.events import ImpactEvent
 from impactlaw.laws import Law
-from impactlaw.plan import make_plan
+from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.solvers.one_thread import one_thread
-from impactlaw.surfaces import Surfaces
+from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.plan import make_plan
 
 if TYPE_CHECKING:
     from impactlaw.stepping.time_stepping.scheme import TimeStepping

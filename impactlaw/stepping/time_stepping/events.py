@@ -7,15 +7,15 @@ from functools import cached_property
 
 import numpy as np
 
-from impactlaw.collision import Collision
 from impactlaw.errors import SolverError, UnsolvableLawError
-from impactlaw.events import ImpactEvent
-from impactlaw.friction_impact import FrictionImpact, cone_problem
-from impactlaw.impact import Impact
 from impactlaw.laws import Target
 from impactlaw.laws.base import jump_problem
+from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
+from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers import solve_with_jump
-from impactlaw.solvers.cone_solve import solve_cones
+from impactlaw.solvers.friction.solve import solve_cones
+from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.time_stepping.seen import Seen, in_order
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.plan import has_constant_inertia
+from impactlaw.stepping.plan import has_constant_inertia
 from impactlaw.stepping.time_stepping.rows import solve_inertia
 
 ROUNDS = 6

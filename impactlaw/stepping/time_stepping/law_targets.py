@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from impactlaw.collision import Collision
 from impactlaw.errors import SolverError, UnsolvableLawError
 from impactlaw.laws import Coulomb, Law, MaximalDissipation, Moreau, Newton
 from impactlaw.laws.coefficients import ContactCoefficients
 from impactlaw.laws.poisson import Poisson
+from impactlaw.mechanics.collision import Collision
 
 CollisionOf = Callable[[np.ndarray], Collision]
 """Makes the collision of some groups of rows, int (k,)."""

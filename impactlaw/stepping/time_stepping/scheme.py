@@ -34,16 +34,17 @@ from mujoco import (
     mj_mulJacTVec,
 )
 
-from impactlaw.contacts import Contacts, geom_names
-from impactlaw.equalities import bilateral_constraints
 from impactlaw.errors import DivergenceError, InadmissibleImpactError
-from impactlaw.events import ImpactEvent
-from impactlaw.flow import check_input, empty_state, is_huge, restore_state, save_state
 from impactlaw.laws import Coulomb, Law
-from impactlaw.limits import Limits
-from impactlaw.plan import Plan
-from impactlaw.scene import check_time_stepping
+from impactlaw.scene.contacts import Contacts, geom_names
+from impactlaw.scene.equality_constraints import bilateral_constraints
+from impactlaw.scene.joint_limits import Limits
+from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.solvers.cones import BILATERAL
+from impactlaw.stepping.compatibility import check_time_stepping
+from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.integration import check_input, empty_state, is_huge, restore_state, save_state
+from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.contact_problem import resolve_step
 from impactlaw.stepping.time_stepping.dense import encode_pyramids, sparse_jacobian
@@ -66,7 +67,6 @@ from impactlaw.stepping.time_stepping.tolerances import (
     SLOWEST,
     STIFF,
 )
-from impactlaw.surfaces import Surfaces
 
 _PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)

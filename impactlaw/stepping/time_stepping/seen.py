@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from impactlaw.collision import Collision
-from impactlaw.contacts import Contacts
-from impactlaw.friction import Friction
-from impactlaw.limits import NO_GEOM, Limits, LimitState
+from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.friction import Friction
+from impactlaw.scene.contacts import Contacts
+from impactlaw.scene.joint_limits import NO_GEOM, Limits, LimitState
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.stepping.time_stepping.dense import gradients, mass_matrix
 from impactlaw.stepping.time_stepping.rows import Rows

@@ -9,7 +9,7 @@ import mujoco
 
 from impactlaw.compiled import cache_folder
 from impactlaw.laws import Moreau
-from impactlaw.plan import make_plan
+from impactlaw.stepping.plan import make_plan
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 _SCENE = """<mujoco><option timestep="0.01"/><worldbody><geom type="plane" size="1 1 1"/>

@@ -11,8 +11,8 @@ import pytest
 
 from impactlaw import MaximalDissipation, Moreau, Stepper
 from impactlaw.errors import ManyCollisionsWarning, SceneError, SolverError, UnfinishedStepError
-from impactlaw.flight import Flights
-from impactlaw.stepping.event_driven.work import Work
+from impactlaw.stepping.event_driven.smooth_phase import Flights
+from impactlaw.stepping.work import Work
 
 FLOOR = '<geom name="floor" type="plane" size="9 9 1"/>'
 BOX = '<body pos="0 0 .1"><freejoint/><geom name="box" type="box" size=".1 .1 .1" mass="1"/></body>'
@@ -41,7 +41,7 @@ def test_friction_without_certified_impulses_is_time_stepped(monkeypatch):
     model, data = compiled(FLOOR + BOX)
     data.qvel[0] = 1.0
     stepper, strict = Stepper(model, Moreau(0.0)), Stepper(model, Moreau(0.0), on_unsolved="raise")
-    monkeypatch.setattr("impactlaw.gripped.solve_grasp", unsolved)
+    monkeypatch.setattr("impactlaw.stepping.event_driven.persistent_contact.frictional.solve_grasp", unsolved)
     with pytest.raises(SolverError):
         strict.step(copy.copy(data))
     for _ in range(50):
@@ -56,7 +56,7 @@ def test_a_collision_without_a_solution_is_time_stepped_from_where_it_was(monkey
     model, data = compiled(FLOOR + BOX.replace("0 0 .1", "0 0 .101"), 'timestep="0.01"')
     data.qvel[2] = -1.0
     stepper = Stepper(model, Moreau(0.5))
-    monkeypatch.setattr("impactlaw.collide.Collider.collide", unsolved)
+    monkeypatch.setattr("impactlaw.stepping.collisions.Collider.collide", unsolved)
     stepper.step(data)
     assert stepper.unlocated == 1
     assert len(stepper.events) == 1

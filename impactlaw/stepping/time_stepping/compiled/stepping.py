@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import DivergenceError, InadmissibleImpactError
-from impactlaw.events import ImpactEvent
-from impactlaw.flow import check_input, check_timestep, empty_state
+from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.integration import check_input, check_timestep, empty_state
 from impactlaw.stepping.time_stepping.compiled import status
 from impactlaw.stepping.time_stepping.compiled.borrow import room
 from impactlaw.stepping.time_stepping.compiled.entry import CONTEXT, single

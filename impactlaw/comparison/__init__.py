@@ -1,0 +1,1 @@
+"""One scene under several laws and under MuJoCo's soft contacts."""

@@ -1,0 +1,205 @@
+"""One scene under several impact laws and under MuJoCo's soft contacts: simulate, audit, tabulate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import mujoco
+import pandas as pd
+from tqdm import tqdm
+
+from impactlaw.comparison.pictures import draw, freedom_names
+from impactlaw.comparison.runs import Run, run_law, run_soft
+from impactlaw.comparison.soft_contact import tuned_contacts
+from impactlaw.errors import RestitutionError, SceneError
+from impactlaw.laws import LAWS, Law, make_law
+from impactlaw.laws.base import coefficient
+from impactlaw.laws.from_scene import scene_law, scene_number
+from impactlaw.mechanics.impact import Impact
+from impactlaw.models import load
+from impactlaw.recording import Recorder
+
+DEFAULT_LAWS = ("maximal-dissipation", "moreau", "scene", "reversal")
+_WIDTH = 5  # velocities shown in the printed table
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """What to compare; see the fields of `impactlaw.cli.Compare`."""
+
+    scene: str = "newtons_cradle"
+    laws: tuple[str, ...] | None = None
+    restitution: float | None = None
+    duration: float | None = None
+    timestep: float | None = None
+    friction: Literal["coulomb", "convex", "ignore"] = "coulomb"
+    scheme: Literal["event-driven", "time-stepping"] = "event-driven"
+    view: bool = False
+
+
+def compare(study: Comparison, folder: Path) -> pd.DataFrame:
+    """Simulate, and write table.csv, picture.png and one recording per run into the folder.
+
+    The runs are those of the laws, MuJoCo's contacts as the scene has them ("mujoco"), and MuJoCo's contacts tuned to
+    the same restitution ("mujoco-tuned", see `impactlaw.comparison.soft_contact`).
+
+    Raises:
+        SceneError: no such scene, or not one for rigid stepping.
+        UnknownNameError: no such scene or law.
+        RestitutionError: a coefficient is not in [0, 1].
+    """
+    model, start = load(study.scene)
+    name = Path(study.scene).stem
+    if study.timestep is not None:
+        model.opt.timestep = _positive("timestep", study.timestep)
+    duration = study.duration if study.duration is not None else scene_number(model, "duration") or 2.0
+    steps = max(1, round(_positive("duration", duration) / model.opt.timestep))
+    restitution = study.restitution if study.restitution is not None else scene_number(model, "restitution")
+    restitution = coefficient(1.0 if restitution is None else restitution)
+    laws = choose_laws(model, study.laws, restitution)
+    runs: list[Run] = []
+    with ExitStack() as stack:
+        bar = stack.enter_context(tqdm(total=steps * (len(laws) + 2), unit="step", disable=None))
+
+        def record(run: str, law: Law | None, of: mujoco.MjModel) -> Recorder:
+            path = folder / f"{run}.rrd"
+            return stack.enter_context(Recorder(of, path, law=law, scene=name, view=study.view))
+
+        for run, law in laws.items():
+            bar.set_description(run)
+            recorder = record(run, law, model)
+            options = {"scheme": study.scheme, "friction": study.friction}
+            runs.append(run_law(model, start, run, law, steps, options=options, recorder=recorder, progress=bar.update))
+        reference = next((run for run in runs if run.first is not None), None)
+        for run, soft in (("mujoco", model), ("mujoco-tuned", tuned_contacts(model, restitution))):
+            bar.set_description(run)
+            recorder = record(run, None, soft)
+            runs.append(run_soft(soft, start, run, steps, reference, recorder=recorder, progress=bar.update))
+    table = tabulate(runs)
+    table.to_csv(folder / "table.csv", index=False)
+    title = f"{name}, restitution {restitution:g}, timestep {model.opt.timestep:g} s"
+    draw(runs, folder / "picture.png", title, freedom_names(model))
+    return table
+
+
+def choose_laws(model: mujoco.MjModel, names: Sequence[str] | None, restitution: float) -> dict[str, Law]:
+    """Return the laws by name, each with the restitution if it takes one; "scene" is what the scene itself carries.
+
+    Without names: `DEFAULT_LAWS`, "scene" among them only if its restitution differs between pairs.
+
+    Raises:
+        UnknownNameError: no such law.
+        RestitutionError: "scene" is asked for but the scene carries no restitution, or a law needs a matrix.
+    """
+    if names is None:
+        own = any(model.numeric(i).name.startswith("restitution/") for i in range(model.nnumeric))
+        names = [name for name in DEFAULT_LAWS if name != "scene" or own]
+    if not names:
+        raise RestitutionError(f"no law to compare; choose from {', '.join([*LAWS, 'scene'])}")
+    laws = {}
+    for name in names:
+        if name == "scene":
+            laws[name] = scene_law(model)
+        else:
+            laws[name] = make_law(name, None if name == "maximal-dissipation" else restitution)
+    return laws
+
+
+def format_table(table: pd.DataFrame) -> str:
+    """Return the table for the screen: numbers short, long velocities cut; refusals, and what each law is, below it."""
+    shown = table.drop(columns=["law", "refused"]).copy()
+    shown["v+"] = [_short(v) for v in table["v+"]]
+    shown["T+/T-"] = table["T+/T-"].astype(float).round(4) + 0.0
+    shown["antidissipative"] = [_first(labels) for labels in table["antidissipative"]]
+    shown["events"] = ["" if pd.isna(n) else str(int(n)) for n in table["events"]]
+    formats = {
+        "T+/T-": "{:.4f}",
+        "distance from S": "{:.1e}",
+        "energy kept": "{:.6f}",
+        "penetration": "{:.1e}",
+        "us/step": "{:.0f}",
+    }
+    for column, pattern in formats.items():
+        shown[column] = ["" if pd.isna(x) else pattern.format(x) for x in shown[column]]
+    text = shown.fillna("").to_string(index=False)
+    for run, reason in zip(table["run"], table["refused"], strict=True):
+        if reason:
+            text += f"\n{run} was refused: {reason}"
+    laws = zip(table["run"], table["law"], strict=True)
+    return text + "\n\nlaws: " + ", ".join(f"{run} = {law}" for run, law in laws if isinstance(law, str))
+
+
+def _short(values: list[float] | None) -> str:
+    if values is None:
+        return ""
+    moving = ", ".join(f"{0.0 if abs(v) < 5e-5 else v:.4g}" for v in values[:_WIDTH])
+    return f"({moving}{', ...' if len(values) > _WIDTH else ''})"
+
+
+def _first(labels: str | None) -> str:
+    names = (labels or "").split()
+    return names[0] + (f" and {len(names) - 1} more" if len(names) > 1 else "") if names else ""
+
+
+def _positive(name: str, value: float) -> float:
+    if not (math.isfinite(value) and value > 0):
+        raise SceneError(f"{name} must be a positive number of seconds, got {value}")
+    return value
+
+
+def tabulate(runs: Sequence[Run]) -> pd.DataFrame:
+    """Return one row per run.
+
+    Columns: run; its law, none for MuJoCo's contacts; velocity after the first collision; T+/T- there; admissible
+    (yes, or what is violated and by how much, sqrt(J)); distance of the outcome from S(v-), sqrt(J), where contacts
+    have no friction; antidissipative contacts; energy kept over the whole run (potential energy counted from its lowest
+    value in any run); deepest penetration, m; events; steps whose events were too many to locate; time per step,
+    microseconds; refused.
+    """
+    lowest = min(float(run.potential.min()) for run in runs)
+    return pd.DataFrame([_row(run, lowest) for run in runs])
+
+
+def _row(run: Run, lowest: float) -> dict[str, object]:
+    first = run.first
+    begin = run.kinetic[0] + run.potential[0] - lowest
+    row: dict[str, object] = {
+        "run": run.name,
+        "law": run.law,
+        "v+": None,
+        "T+/T-": None,
+        "admissible": None,
+        "distance from S": None,
+        "antidissipative": None,
+        "energy kept": (run.kinetic[-1] + run.potential[-1] - lowest) / begin if begin > 0 else 1.0,
+        "penetration": max(0.0, -run.deepest),
+        "events": run.events,
+        "unlocated": run.unlocated,
+        "us/step": 1e6 * run.seconds_per_step,
+        "refused": run.refusal,
+    }
+    if first is not None:
+        collision = first.collision
+        row["v+"] = [float(v) for v in first.post_velocity]
+        row["T+/T-"] = 1.0 + first.energy_change / collision.kinetic_energy
+        row["admissible"] = describe_violations(first)
+        if collision.has_admissible_set:
+            row["distance from S"] = collision.admissible_set.distance(first.post_velocity)
+        row["antidissipative"] = " ".join(
+            label for label, gives in zip(collision.labels, first.antidissipative, strict=True) if gives
+        )
+    return row
+
+
+def describe_violations(impact: Impact) -> str:
+    """Return "yes", or the consistencies an outcome violates and by how much, in sqrt(J)."""
+    v = impact.violations
+    if v.is_admissible():
+        return "yes"
+    parts = (("kinematic", v.kinematic), ("kinetic", v.kinetic), ("energetic", v.energetic))
+    return ", ".join(f"{name} {value:.2g}" for name, value in parts if value > 1e-9 * v.pre_speed)

@@ -1,0 +1,210 @@
+"""One simulation of a scene, under an impact law or under MuJoCo's soft contacts, and what it leaves behind."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from impactlaw.comparison.soft_contact import deepest_gap, soft_outcome
+from impactlaw.errors import InadmissibleImpactError, UnsolvableLawError
+from impactlaw.laws import Law
+from impactlaw.mechanics.impact import Impact
+from impactlaw.recording import Recorder
+from impactlaw.recording.properties import law_name
+from impactlaw.scene.detection import Detector
+from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.integration import restore_state, save_state
+from impactlaw.stepping.stepper import Stepper
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One simulation of the scene.
+
+    Attributes:
+        name: of the law, or of MuJoCo's contacts.
+        times: s, (n + 1,); the start and after every step.
+        positions: qpos, (n + 1, nq).
+        velocities: qvel, (n + 1, nv).
+        kinetic: energy, J, (n + 1,).
+        potential: energy, J, (n + 1,).
+        deepest: smallest gap seen after any step, 0 if none overlapped, m.
+        events: number of collisions resolved; None for soft contacts, which have none.
+        unlocated: steps with more collisions than are located one by one.
+        seconds_per_step: wall time of a step.
+        first: the first collision's outcome; None if there was none.
+        qpos: the configuration it happened at, (nq,).
+        refusal: why the law was refused, or an empty string.
+        law: the law in one line; None for soft contacts.
+    """
+
+    name: str
+    times: np.ndarray
+    positions: np.ndarray
+    velocities: np.ndarray
+    kinetic: np.ndarray
+    potential: np.ndarray
+    deepest: float
+    events: int | None
+    unlocated: int
+    seconds_per_step: float
+    first: Impact | None
+    qpos: np.ndarray | None
+    refusal: str = ""
+    law: str | None = None
+
+
+@dataclass
+class _Trajectory:
+    """What a run collects on its way."""
+
+    model: mujoco.MjModel
+    times: list[float] = field(default_factory=list)
+    positions: list[np.ndarray] = field(default_factory=list)
+    velocities: list[np.ndarray] = field(default_factory=list)
+    kinetic: list[float] = field(default_factory=list)
+    potential: list[float] = field(default_factory=list)
+    deepest: float = 0.0
+
+    def __post_init__(self):
+        self._detector = Detector(self.model)
+
+    def add(self, data: mujoco.MjData) -> None:
+        self.deepest = min(self.deepest, deepest_gap(self.model, data, self._detector))
+        mujoco.mj_energyPos(self.model, data)
+        mujoco.mj_energyVel(self.model, data)
+        self.times.append(data.time)
+        self.positions.append(data.qpos.copy())
+        self.velocities.append(data.qvel.copy())
+        self.potential.append(float(data.energy[0]))
+        self.kinetic.append(float(data.energy[1]))
+
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        columns = (self.times, self.positions, self.velocities, self.kinetic, self.potential)
+        return tuple(np.array(column) for column in columns)
+
+
+def run_law(
+    model: mujoco.MjModel,
+    start: mujoco.MjData,
+    name: str,
+    law: Law,
+    steps: int,
+    *,
+    options: Mapping[str, Any] | None = None,
+    recorder: Recorder | None = None,
+    progress: Callable[[], object] = lambda: None,
+) -> Run:
+    """Simulate the scene rigidly under a law. A law that is not admissible there ends the run with its refusal.
+
+    Args:
+        model: the scene.
+        start: its state at the start; not changed.
+        name: of the run.
+        law: the law.
+        steps: how many timesteps.
+        options: of the `Stepper`.
+        recorder: where to record.
+        progress: called after every step.
+
+    Raises:
+        SceneError: the scene is not one for rigid stepping.
+    """
+    data = _copy(model, start)
+    stepper = Stepper(model, law, **(options or {}))
+    trajectory = _Trajectory(model)
+    trajectory.add(data)
+    first: ImpactEvent | None = None
+    events, spent, refusal = 0, 0.0, ""
+    for _ in range(steps):
+        begin = time.perf_counter()
+        try:
+            stepper.step(data)
+        except (InadmissibleImpactError, UnsolvableLawError) as error:
+            refusal = str(error)
+            break
+        spent += time.perf_counter() - begin
+        if first is None and stepper.events:
+            first = stepper.events[0]
+        events += len(stepper.events)
+        trajectory.add(data)
+        if recorder is not None:
+            recorder.step(data, stepper.events)
+        progress()
+    return Run(
+        name,
+        *trajectory.arrays(),
+        deepest=trajectory.deepest,
+        events=events,
+        unlocated=stepper.unlocated,
+        seconds_per_step=spent / max(1, len(trajectory.times) - 1),
+        first=None if first is None else first.impact,
+        qpos=None if first is None else first.qpos,
+        refusal=refusal,
+        law=law_name(law),
+    )
+
+
+def run_soft(
+    model: mujoco.MjModel,
+    start: mujoco.MjData,
+    name: str,
+    steps: int,
+    reference: Run | None,
+    *,
+    recorder: Recorder | None = None,
+    progress: Callable[[], object] = lambda: None,
+) -> Run:
+    """Simulate the scene with MuJoCo's contacts, and audit what they make of the reference's first collision.
+
+    Args:
+        model: the scene with the contacts wanted, see `impactlaw.comparison.soft_contact.tuned_contacts`.
+        start: its state at the start; not changed.
+        name: of the run.
+        steps: how many timesteps.
+        reference: a run under a law, for its first collision.
+        recorder: where to record.
+        progress: called after every step.
+    """
+    data, seen = _copy(model, start), _copy(model, start)
+    trajectory = _Trajectory(model)
+    trajectory.add(seen)
+    spent = 0.0
+    for _ in range(steps):
+        begin = time.perf_counter()
+        mujoco.mj_step(model, data)
+        spent += time.perf_counter() - begin
+        _assign(model, data, seen)  # looking at contacts must not disturb the solver
+        trajectory.add(seen)
+        if recorder is not None:
+            recorder.step(seen)
+        progress()
+    first = None
+    if reference is not None and reference.first is not None:
+        data.qpos[:] = reference.qpos
+        first = soft_outcome(model, data, reference.first)
+    return Run(
+        name,
+        *trajectory.arrays(),
+        deepest=trajectory.deepest,
+        events=None,
+        unlocated=0,
+        seconds_per_step=spent / max(1, steps),
+        first=first,
+        qpos=None if reference is None else reference.qpos,
+    )
+
+
+def _copy(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
+    copied = mujoco.MjData(model)
+    _assign(model, data, copied)
+    return copied
+
+
+def _assign(model: mujoco.MjModel, source: mujoco.MjData, target: mujoco.MjData) -> None:
+    restore_state(model, target, save_state(model, source))

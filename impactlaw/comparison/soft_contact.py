@@ -1,0 +1,97 @@
+"""MuJoCo's own soft contacts on the same scene, as the thing to compare with."""
+
+from __future__ import annotations
+
+import copy
+import math
+
+import mujoco
+import numpy as np
+
+from impactlaw import deferred
+from impactlaw.mechanics.friction_impact import FrictionImpact
+from impactlaw.mechanics.impact import Impact
+from impactlaw.scene.contacts import update_positions
+from impactlaw.scene.detection import Detector
+
+_STEPS_IN_CONTACT = 10  # timesteps one bounce of the tuned contact lasts; fewer and the integrator decides the outcome
+_LONGEST_CONTACT = 0.1  # s after which a soft collision that has not come apart is audited as it is, if that is more
+_LONGEST_STEPS = 4 * _STEPS_IN_CONTACT  # than so many timesteps
+_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # nearly one and constant, so that solref is a plain spring and damper
+
+
+def tuned_contacts(model: mujoco.MjModel, restitution: float) -> mujoco.MjModel:
+    """Return a copy of the model whose contacts are springs and dampers tuned to a coefficient of restitution.
+
+    Friction is that of the scene.
+
+    MuJoCo's direct format ``solref = (-k, -b)`` makes a contact the oscillator ``r'' + b r' + k r = 0`` that pushes
+    but does not pull, ``b = 2 zeta sqrt(k)``. It lets go after the time ``t`` with the restitution ``e``:
+
+        zeta = sin(beta):  e = exp(-(pi - 2 beta) tan(beta)),   t sqrt(k) = (pi - 2 beta) / cos(beta)
+        zeta = cosh(s):    e = exp(-2 s / tanh(s)),             t sqrt(k) = 2 s / sinh(s)
+
+    (the second line for e below exp(-2); e below 0.01 is taken as 0.01). The stiffness k makes t ten timesteps.
+
+    Args:
+        model: the scene.
+        restitution: e in [0, 1].
+    """
+    zeta, time = _damping(max(restitution, 0.01))
+    frequency = time / (_STEPS_IN_CONTACT * model.opt.timestep)
+    tuned = copy.deepcopy(model)
+    for reference in (tuned.geom_solref, tuned.pair_solref, tuned.opt.o_solref):
+        reference[:] = -(frequency**2), -2.0 * zeta * frequency
+    for impedance in (tuned.geom_solimp, tuned.pair_solimp, tuned.opt.o_solimp):
+        impedance[:] = _IMPEDANCE
+    for margin in (tuned.geom_margin, tuned.geom_gap, tuned.pair_margin, tuned.pair_gap):
+        margin[:] = 0.0
+    tuned.opt.o_margin = 0.0  # where the scene overrides contact parameters by itself
+    return tuned
+
+
+def _damping(restitution: float) -> tuple[float, float]:
+    """Return zeta, and the time in contact in units of the undamped oscillator's."""
+    wanted = -math.log(restitution)
+    if wanted < 2.0:
+        beta = deferred.root_scalar(
+            lambda b: (math.pi - 2 * b) * math.tan(b) - wanted, bracket=(0.0, math.pi / 2 - 1e-9)
+        ).root
+        return math.sin(beta), (math.pi - 2 * beta) / math.cos(beta)
+    s = deferred.root_scalar(lambda s: 2 * s / math.tanh(s) - wanted, bracket=(1e-9, 10.0)).root
+    return math.cosh(s), 2 * s / math.sinh(s)
+
+
+def soft_outcome(model: mujoco.MjModel, data: mujoco.MjData, impact: Impact) -> Impact:
+    """Let MuJoCo's contacts act on a collision that a law has resolved, and audit what comes out.
+
+    The collision starts at data's configuration with the velocity before the impact, and has ended at the first step
+    after which no contact overlaps, or after 0.1 s (40 timesteps if that is longer). Whatever else acts
+    meanwhile (gravity) is part of the outcome.
+
+    Args:
+        model: the scene with the soft contacts wanted.
+        data: the configuration of the collision; not changed.
+        impact: the law's impact there.
+    """
+    scratch = mujoco.MjData(model)
+    scratch.qpos[:] = data.qpos
+    scratch.qvel[:] = impact.collision.pre_velocity
+    scratch.eq_active[:] = data.eq_active
+    scratch.mocap_pos[:], scratch.mocap_quat[:] = data.mocap_pos, data.mocap_quat
+    touched, detector = False, Detector(model)
+    for _ in range(max(_LONGEST_STEPS, math.ceil(_LONGEST_CONTACT / model.opt.timestep))):
+        mujoco.mj_step(model, scratch)
+        overlap = deepest_gap(model, scratch, detector) < 0
+        touched |= overlap
+        if touched and not overlap:
+            break
+    audit = Impact.observed if impact.collision.friction is None else FrictionImpact.observed
+    return audit(impact.collision, np.array(scratch.qvel))
+
+
+def deepest_gap(model: mujoco.MjModel, data: mujoco.MjData, detector: Detector) -> float:
+    """Return the smallest gap of now where geoms overlap, else 0, m. Frames and contacts of data are renewed."""
+    update_positions(model, data)
+    contacts = detector.near(data, 0.0).contacts
+    return float(contacts.gap[contacts.geoms[:, 0] >= 0].min(initial=0.0))

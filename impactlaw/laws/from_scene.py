@@ -1,0 +1,72 @@
+"""The law that a scene itself carries."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+
+from impactlaw.errors import RestitutionError, UnknownNameError
+from impactlaw.laws.base import coefficient
+from impactlaw.laws.newton import Newton
+from impactlaw.scene.contacts import geom_names
+from impactlaw.scene.joint_limits import Limits
+
+RESTITUTION = "restitution"
+"""``<custom><numeric name="restitution" data="0.5"/>`` is a scene's default coefficient;
+``<numeric name="restitution/geomA/geomB" data="0.9"/>`` is that of one pair, in either order;
+``<numeric name="restitution/joint" data="0.2"/>`` that of the limits of a joint or tendon."""
+
+
+def scene_law(model: mujoco.MjModel) -> Newton:
+    """Return the law that the scene itself carries: Newton, keyed by geom pairs, joints and tendons.
+
+    Raises:
+        RestitutionError: the scene names no restitution, or a coefficient is not one number in [0, 1].
+        UnknownNameError: a coefficient is of something that the scene does not have.
+    """
+    names, limits = geom_names(model), Limits(model).names
+    table: dict[str | tuple[str, str], float] = {}
+    default = None
+    for i in range(model.nnumeric):
+        numeric = model.numeric(i)
+        if numeric.name == RESTITUTION:
+            default = _one_coefficient(numeric)
+        elif numeric.name.startswith(f"{RESTITUTION}/"):
+            table[_split_name(numeric.name, names, limits)] = _one_coefficient(numeric)
+    if default is None and not table:
+        raise RestitutionError(
+            'the scene carries no restitution; add <custom><numeric name="restitution" data="0.5"/></custom> '
+            "or pass a law"
+        )
+    return Newton(table, default=default)
+
+
+def scene_number(model: mujoco.MjModel, name: str) -> float | None:
+    """Return the first value of ``<numeric name=...>`` in the scene's ``<custom>``, or None."""
+    index = mujoco.mj_name2id(model, int(mujoco.mjtObj.mjOBJ_NUMERIC), name)
+    return None if index < 0 else float(model.numeric(index).data[0])
+
+
+def _one_coefficient(numeric: Any) -> float:
+    """Return the coefficient that a ``<numeric>`` carries.
+
+    Raises:
+        RestitutionError: it has not one value, or that is not in [0, 1].
+    """
+    if len(numeric.data) != 1:
+        raise RestitutionError(f"{numeric.name} of the scene must be one number in [0, 1], but has {len(numeric.data)}")
+    return coefficient(numeric.data[0], f"{numeric.name} of the scene")
+
+
+def _split_name(name: str, names: tuple[str, ...], limits: tuple[str, ...]) -> str | tuple[str, str]:
+    """Split ``restitution/a/b`` where the geoms' own names may hold slashes; ``restitution/a`` is a joint or tendon."""
+    parts = name.split("/")[1:]
+    if "/".join(parts) in limits:
+        return "/".join(parts)
+    for cut in range(1, len(parts)):
+        pair = "/".join(parts[:cut]), "/".join(parts[cut:])
+        if pair[0] in names and pair[1] in names:
+            return pair
+    known = {f"{a}/{b}" for a in names for b in names if a < b}
+    raise UnknownNameError("geom pair, or joint or tendon with a limit,", "/".join(parts), known | set(limits))

@@ -1,0 +1,1 @@
+"""Collisions, impacts and the set of possible right-velocities: the mathematics, without MuJoCo."""

@@ -1,0 +1,1 @@
+"""The set S(v-) of possible right-velocities."""

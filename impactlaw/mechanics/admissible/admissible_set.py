@@ -1,0 +1,224 @@
+"""The set of possible right-velocities: what any impact law without pulling, penetration and energy gain can reach."""
+
+from __future__ import annotations
+
+import operator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from impactlaw import deferred
+from impactlaw.errors import InvalidCollisionError, SolverError
+from impactlaw.mechanics.admissible.capped_polyhedron import CappedPolyhedron
+from impactlaw.mechanics.admissible.cone import RANK, cone_facets, nearest_in_cone
+from impactlaw.mechanics.admissible.sampling import uniform_samples
+from impactlaw.mechanics.admissible.violations import measure
+from impactlaw.solvers import nonnegative_combination
+
+_POINT = 1e-12  # part of |v-| below which the smallest possible jump is rounding
+_CERTIFIED = 1e-7  # violation, relative to |v-|, of a result that is not one
+_ON = 1e-11  # slack, relative to the smallest jump, that counts as zero
+
+
+@dataclass(frozen=True, eq=False)
+class AdmissibleSet:
+    """``S(v-) = {v : J v >= 0, v = v- + M^-1 J^T Lambda, Lambda >= 0, |v| <= |v-|}``, lengths in the kinetic metric.
+
+    No penetration, no pulling, no energy gain (Aeberhard and Glocker, "Perfect multi-contact collisions"). S is convex
+    and never empty: it holds the point p of maximal dissipation, the point of least energy. It is ``{v-}`` when
+    nothing approaches, ``gamma- >= 0``.
+
+    `contains` works for any collision. The rest needs the facets of the cone of the gradients, which are listed per
+    group of contacts that depend on each other, and raises `EnumerationError` where a group is so redundant at so high
+    a rank that there are too many (`cone.MAX_FACETS`): 16 contacts of rank 12 are still listed.
+
+    Results are accurate to rounding, relative to ``|v-|``, times the condition number of the gradients of unit length.
+    Where that leaves no digits, because gradients depend on each other all but exactly, `SolverError` is raised.
+
+    Where surfaces move together, S is meant as seen from them: ``J v + w >= 0``, and no energy gain beyond their work.
+
+    Attributes:
+        collision: the `Collision`, with ``M``, ``J`` and ``v-``.
+
+    Raises:
+        InvalidCollisionError: contacts have friction; or surfaces move against each other, or their velocity jumps: the
+            ball of S has no center.
+    """
+
+    collision: Any
+
+    def __post_init__(self):
+        if self.collision.friction is not None:
+            raise InvalidCollisionError(
+                "S(v-) is for contacts without friction; FrictionImpact.violations covers those with it"
+            )
+        if not self.collision.has_frame:
+            raise InvalidCollisionError(
+                "surfaces move against each other, or their velocity jumps: S(v-) is for surfaces that move together; "
+                "Impact.violations covers the others"
+            )
+
+    def contains(self, v: ArrayLike, tol: float = 1e-9) -> bool:
+        """Whether v is in S: its distances to the three sets that S is made of are at most ``tol |v-|``.
+
+        Raises:
+            InvalidCollisionError: v has the wrong shape or entries that are not finite.
+        """
+        c, after = self.collision, self._velocity(v, "v")
+        jump = c.metric.whiten(after - c.pre_velocity)
+        impulse = nonnegative_combination(c.whitened_jacobian, jump)
+        return measure(c, jump, c.contact_velocity_after(after), impulse).is_admissible(tol)
+
+    def distance(self, v: ArrayLike) -> float:
+        """Return ``min |v - s|`` over s in S, sqrt(J); 0 (up to rounding of v-) for members.
+
+        Raises:
+            InvalidCollisionError: v has the wrong shape or entries that are not finite.
+            EnumerationError: too many facets.
+        """
+        return self.collision.metric.norm(self._velocity(v, "v") - self.project(v))
+
+    def project(self, v: ArrayLike) -> np.ndarray:
+        """Return the point of S nearest to v in the kinetic metric, shape (nv,); a member is its own.
+
+        Raises:
+            InvalidCollisionError: v has the wrong shape or entries that are not finite.
+            EnumerationError: too many facets.
+        """
+        c, v = self.collision, self._velocity(v, "v")
+        if self._body is None:
+            return c.pre_velocity.copy()
+        x = self._basis @ c.metric.whiten(v - c.pre_velocity) / self._least
+        return self._velocity_at(self._least * self._body.nearest(x))
+
+    def support(self, direction: ArrayLike) -> float:
+        """Return ``max <direction, v>`` over v in S, with ``<u, v> = u^T M v``; J when the direction is a velocity.
+
+        Args:
+            direction: u, shape (nv,), of any length.
+
+        Raises:
+            InvalidCollisionError: direction has the wrong shape or entries that are not finite.
+            EnumerationError: too many facets.
+        """
+        c = self.collision
+        u = c.metric.whiten(self._velocity(direction, "direction"))
+        start = float(u @ c.whitened_velocity)
+        along = self._basis @ u
+        length = float(np.linalg.norm(along))
+        if self._body is None or length == 0.0:
+            return start
+        jump = self._least * self._body.extreme(along / length)
+        self._velocity_at(jump)  # for its certificate
+        return start + float(along @ jump)
+
+    def sample(self, n: int, rng: np.random.Generator | int) -> np.ndarray:
+        """Return n independent velocities, uniform in S, shape (n, nv).
+
+        Uniform is meant with respect to the volume that the kinetic metric has on the affine hull of S, which may be
+        a point, a segment or anything up to the rank of J.
+
+        Args:
+            n: how many, 0 or more.
+            rng: a generator, or a seed for one.
+
+        Raises:
+            InvalidCollisionError: n is negative.
+            EnumerationError: too many facets.
+        """
+        n = operator.index(n)
+        if n < 0:
+            raise InvalidCollisionError(f"n must be 0 or more, got {n}")
+        if self._body is None:
+            return np.tile(self.collision.pre_velocity, (n, 1))
+        return self._velocity_at(self._least * uniform_samples(self._body, n, np.random.default_rng(rng)))
+
+    def intensity_range(self) -> tuple[float, float]:
+        """Return the least and the largest ``rho = |v - v-|`` over v in S, sqrt(J).
+
+        Let p be the projection of v- onto the tangent cone (maximal dissipation) and ``k = v - v- = M^-1 J^T Lambda``.
+        Every v in the tangent cone has ``|v - v-| >= |p - v-|``, and p is in S, so the least is ``|p - v-|``.
+        ``p - v-`` is also the projection of ``-v-`` onto the cone of the gradients, so ``<-v-, k> <= |p - v-| |k|``.
+        With ``|v|^2 = |v-|^2 + 2 <v-, k> + |k|^2 <= |v-|^2`` this gives ``|k| <= 2 |p - v-|``, with equality only for
+        Moreau's elastic ``2 p - v-``. That is in S iff ``2 J p - gamma- >= 0``, as always when ``gamma- <= 0``; then
+        the range is ``(|p - v-|, 2 |p - v-|)``. Otherwise a contact separates before the impact that the elastic
+        outcome would make penetrate, and the largest is found by a search through the faces of S.
+
+        Raises:
+            EnumerationError: too many faces; only with a contact that separates before the impact.
+        """
+        if self._body is None:
+            return 0.0, 0.0
+        elastic = 2.0 * self._body.inside
+        if self._body.has(elastic, _ON):
+            return self._least, 2.0 * self._least
+        return self._least, self._least * float(np.linalg.norm(self._body.farthest()))
+
+    @cached_property
+    def _least_jump(self) -> np.ndarray:
+        """``R^T (p - v-)`` in the basis, shape (r,): minus the part of v- in the span of the contacts with impulse."""
+        z = self._basis @ self.collision.relative_velocity
+        Y = self._unit_gradients @ self._basis.T
+        span = deferred.orth(Y[nearest_in_cone(Y, -z) > 0].T, rcond=RANK)
+        return -span @ (span.T @ z)
+
+    @cached_property
+    def _least(self) -> float:
+        """``|p - v-|``: S lies between once and twice this distance from v-."""
+        return float(np.linalg.norm(self._least_jump))
+
+    @cached_property
+    def _unit_gradients(self) -> np.ndarray:
+        """The gradients that are not zero, of unit length in the kinetic metric."""
+        c = self.collision
+        moving = c.gradient_norms > 0
+        return c.dense_gradients[moving] / c.gradient_norms[moving, None]
+
+    @cached_property
+    def _basis(self) -> np.ndarray:
+        """Orthonormal rows that span the gradients, shape (r, nv)."""
+        _, s, V = np.linalg.svd(self._unit_gradients, full_matrices=False)
+        return V[s > RANK * s.max(initial=0.0)]
+
+    @cached_property
+    def _body(self) -> CappedPolyhedron | None:
+        """S as ``x = R^T (v - v-) / |p - v-|`` in the span of the gradients; None when S is the point v-.
+
+        There ``J v >= 0`` is ``Y x >= -gamma- / |p - v-|``, and ``|v| <= |v-|`` is a ball around ``-R^T v- / |p - v-|``
+        through 0. A contact with ``gamma- > 2 |p - v-|`` (in units of its gradient) stays open anyway.
+        """
+        c = self.collision
+        self._velocity_at(self._least_jump)  # for its certificate
+        if self._least <= _POINT * c.pre_speed:
+            return None
+        moving = c.gradient_norms > 0
+        b = -c.pre_contact_velocity[moving] / (c.gradient_norms[moving] * self._least)
+        Y = self._unit_gradients @ self._basis.T
+        F = cone_facets(Y)
+        near = b >= -2.0 - _ON
+        return CappedPolyhedron(
+            np.vstack([Y[near], F]),
+            np.concatenate([b[near], np.zeros(len(F))]),
+            -(self._basis @ c.relative_velocity) / self._least,
+            self._least_jump / self._least,
+        )
+
+    def _velocity(self, values: ArrayLike, name: str) -> np.ndarray:
+        v, shape = np.array(values, dtype=float), self.collision.pre_velocity.shape
+        if v.shape != shape or not np.isfinite(v).all():
+            raise InvalidCollisionError(f"{name} must be finite with shape {shape}, got {v}")
+        return v
+
+    def _velocity_at(self, jump: np.ndarray) -> np.ndarray:
+        """Return the velocity, or velocities, with this jump in the basis, (r,) or (n, r); certifies up to eight."""
+        c = self.collision
+        v = c.pre_velocity + c.metric.unwhiten(jump @ self._basis)
+        if not all(self.contains(one, _CERTIFIED) for one in np.atleast_2d(v)[:8]):
+            raise SolverError(
+                f"S is lost to rounding: gradients of these {len(c.labels)} contacts depend on each other all but "
+                "exactly; leave redundant contacts out"
+            )
+        return v

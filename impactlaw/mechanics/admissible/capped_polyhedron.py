@@ -1,0 +1,220 @@
+"""A polyhedron cut by a ball whose sphere passes through the origin: nearest, extreme and farthest points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from math import comb, sqrt
+
+import numpy as np
+
+from impactlaw.errors import SolverError
+from impactlaw.mechanics.admissible.cone import RANK, EnumerationError, nearest_in_cone
+
+MAX_FACES = 100_000
+"""Most sets of constraints that `CappedPolyhedron.farthest` looks at."""
+_ROUNDING = 1e-15
+_ZERO = 1e-13  # part of a vector, relative to it, that counts as rounding
+_TIGHT = 1e-11  # slack that counts as none
+_NEAR = 1e-9  # slack of a computed corner that may be one
+_STEPS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class CappedPolyhedron:
+    """``{x in R^r : A x >= b, |x - center| <= |center|}``, of size about one.
+
+    Attributes:
+        normals: ``A``, unit rows, shape (m, r).
+        offsets: ``b``, shape (m,).
+        center: of the ball, shape (r,).
+        inside: a point of the polyhedron in the interior of the ball, shape (r,).
+    """
+
+    normals: np.ndarray
+    offsets: np.ndarray
+    center: np.ndarray
+    inside: np.ndarray
+
+    def excess(self, x: np.ndarray) -> np.ndarray:
+        """Return ``|x - center|^2 - |center|^2``, negative in the ball, of one point (r,) or several (n, r)."""
+        return np.einsum("...i,...i", x, x - 2.0 * self.center)
+
+    def has(self, x: np.ndarray, tol: float = 0.0) -> np.ndarray:
+        """Whether one point (r,) or several (n, r) keep every constraint up to ``tol``."""
+        allowed = 2.0 * tol * np.linalg.norm(self.center)
+        return (self.excess(x) <= allowed) & (x @ self.normals.T >= self.offsets - tol).all(axis=-1)
+
+    def nearest(self, y: np.ndarray) -> np.ndarray:
+        """Return the point of the set nearest to y, shape (r,).
+
+        With the ball's multiplier ``beta >= 0``, ``y - x + beta (center - x)`` is normal to the polyhedron at x. So x
+        is the polyhedron's point nearest to ``(y + beta center) / (1 + beta)``, between y and the center.
+
+        Raises:
+            SolverError: the iteration did not end.
+        """
+        if self.has(y):
+            return y
+        ray = y - self.center
+        length = float(np.linalg.norm(ray))
+        ray /= max(length, _ROUNDING)
+        if length <= np.linalg.norm(y):
+            return self._last_in_ball(self.center, ray, 0.0, length)
+        return self._last_in_ball(y, ray, -length, 0.0)
+
+    def extreme(self, direction: np.ndarray) -> np.ndarray:
+        """Return a point x of the set with the largest ``direction^T x``, shape (r,); direction has length one.
+
+        With the ball's multiplier ``beta > 0``, ``direction - beta (x - center)`` is normal to the polyhedron at x.
+        So x is the polyhedron's point nearest to ``center + direction / beta``. The limit ``beta = 0`` gives a
+        maximiser over the whole polyhedron.
+
+        Raises:
+            SolverError: the iteration did not end.
+        """
+        return self._last_in_ball(self.center, direction, 0.0, np.inf)
+
+    def farthest(self) -> np.ndarray:
+        """Return a point of the set farthest from the origin, shape (r,), by looking at every face.
+
+        ``|x|^2`` is convex, so the point is a vertex, or on the sphere, where ``|x|^2 = 2 center^T x`` is linear and
+        has two stationary points per face (or is constant there, and then any point will do).
+
+        Raises:
+            EnumerationError: more than `MAX_FACES` sets of constraints.
+            SolverError: the iteration did not end.
+        """
+        r, met, count = len(self.center), [], 0
+        for i, normal in enumerate(self.normals):
+            if normal @ self.extreme(-normal) <= self.offsets[i] + _NEAR:
+                met.append(i)
+                count = sum(comb(len(met), k) for k in range(r + 1))
+            if count > MAX_FACES:
+                raise EnumerationError(f"the farthest point of a set in {r} dimensions with more than {count} faces")
+        best = self.inside
+        points = np.vstack([self._stationary(np.array([*combinations(met, k)], dtype=int)) for k in range(1, r + 1)])
+        points = np.vstack([points, 2.0 * self.center])
+        points = points[self.has(points, _NEAR)]
+        for x in points[np.argsort(-np.linalg.norm(points, axis=1))]:
+            if np.linalg.norm(x) <= (1.0 + _TIGHT) * np.linalg.norm(best):
+                break
+            best = max(best, self.nearest(x), key=np.linalg.norm)
+        return best
+
+    def _stationary(self, rows: np.ndarray) -> np.ndarray:
+        """On each flat ``A[rows] x = b[rows]``: the point nearest to 0, and on the sphere the extremes of |x|."""
+        if len(rows) == 0:
+            return np.zeros((0, len(self.center)))
+        A, b = self.normals[rows], self.offsets[rows]
+        inverse = np.linalg.pinv(A, rcond=RANK)
+
+        def within(v: np.ndarray) -> np.ndarray:
+            return v - np.einsum("nij,nj->ni", inverse, A @ v)
+
+        foot = np.einsum("nij,nj->ni", inverse, b)
+        along = within(self.center)
+        reach = np.linalg.norm(along, axis=1)
+        constant = reach <= _TIGHT * np.linalg.norm(self.center)
+        along[constant] = within(np.cos(np.arange(1.0, 1.0 + len(self.center))))[constant]
+        reach[constant] = 0.0
+        length = np.linalg.norm(along, axis=1, keepdims=True)
+        along = np.divide(along, length, out=np.zeros_like(along), where=length > _TIGHT)
+        # foot + s along is on the sphere where s^2 - 2 reach s = depth
+        depth = -self.excess(foot)
+        s = reach + np.sqrt(np.maximum(reach**2 + depth, 0.0))
+        other = -np.divide(depth, s, out=np.zeros_like(s), where=s > 0)
+        return np.vstack([foot, foot + s[:, None] * along, foot + other[:, None] * along])
+
+    def _last_in_ball(self, base: np.ndarray, ray: np.ndarray, low: float, high: float) -> np.ndarray:
+        """Return the polyhedron's point nearest to ``base + t ray``, for the last t in [low, high] with it in the ball.
+
+        As t grows the point moves away from the center, straight until its active constraints change. Each straight
+        piece says where it would leave the ball; bisection takes over when it ends before.
+        """
+        unit = 1.0 + float(np.linalg.norm(self.center))
+        best, last = self.inside, high
+        t = high if np.isfinite(high) else unit
+        for step in range(_STEPS):
+            x, along = self._on_polyhedron(base, t, ray, best)
+            excess = float(self.excess(x))
+            if excess <= _ROUNDING * unit:
+                best, low = x, t
+                if excess >= -_ROUNDING * unit or t == last or (np.isinf(high) and self._is_last(x, ray)):
+                    return x
+            else:
+                high = t
+            if high - low <= _ROUNDING * max(1.0, abs(low), abs(t)) or low > unit / _ROUNDING:
+                return best
+            speed = float((x - self.center) @ along)
+            root = sqrt(max(speed**2 - excess * float(along @ along), 0.0))
+            t = t - excess / (speed + root) if speed + root > 0 else high
+            if not low < t < high or step % 3 == 2:
+                t = 0.5 * (low + high) if np.isfinite(high) else 16.0 * max(low, unit)
+        raise SolverError(f"the multiplier of the energy was not found in {_STEPS} steps, between {low} and {high}")
+
+    def _on_polyhedron(
+        self, base: np.ndarray, t: float, ray: np.ndarray, start: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the polyhedron's point x nearest to ``y = base + t ray``, and its derivative by t.
+
+        A primal active set from a feasible start: the projection of y - x onto the tangent cone at x tells which tight
+        constraints to keep (so degenerate corners do no harm), then x goes towards the point nearest to y on their
+        flat, and keeps each constraint that it meets. The end is where that brings x no nearer to y.
+        """
+        A, b, x = self.normals, self.offsets, start
+        for _ in range(20 * sum(A.shape)):
+            active = self._pushing(x, base + t * ray - x)[0]
+            before = x
+            while True:
+                flat = _Flat(A[active], b[active])
+                along = flat.within(ray)
+                move = flat.within(base - x) + t * along
+                rate = A @ move
+                meets = rate < -_ZERO * np.linalg.norm(move)
+                meets[active] = False
+                room = np.maximum(A @ x - b, 0.0)
+                steps = np.divide(room, -rate, out=np.ones_like(rate), where=meets)
+                first = int(np.argmin(steps))
+                step = min(1.0, steps[first])
+                x = flat.onto(x + step * move)
+                if step == 1.0:
+                    break
+                active = np.append(active, first)
+            moved, middle = x - before, 0.5 * (x + before)
+            gain = moved @ (base - middle) + t * (moved @ ray)
+            size = 1.0 + np.linalg.norm(x) + np.linalg.norm(base) + abs(t) * along.any()
+            length = np.linalg.norm(moved)
+            if length <= _ROUNDING * (1.0 + np.linalg.norm(x)) or gain <= 4.0 * _ROUNDING * size * length:
+                return x, along
+        raise SolverError(f"the nearest point was not found on {len(b)} constraints")
+
+    def _pushing(self, x: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the constraints that hold x against the pull, and the part of the pull that they leave."""
+        tight = np.flatnonzero(self.normals @ x - self.offsets <= _TIGHT)
+        push = nearest_in_cone(self.normals[tight], -pull)
+        return tight[push > 0], pull + push @ self.normals[tight]
+
+    def _is_last(self, x: np.ndarray, ray: np.ndarray) -> bool:
+        """Whether no point of the polyhedron is farther along the ray than x."""
+        return bool(np.linalg.norm(self._pushing(x, ray)[1]) <= _TIGHT)
+
+
+class _Flat:
+    """The affine subspace ``{x : A x = b}``, for unit rows A."""
+
+    def __init__(self, A: np.ndarray, b: np.ndarray):
+        U, s, V = np.linalg.svd(A, full_matrices=False)
+        keep = s > RANK * s.max(initial=0.0)
+        self.A, self.b, self.rows = A, b, V[keep]
+        self.inverse = V[keep].T @ (U[:, keep] / s[keep]).T
+
+    def onto(self, x: np.ndarray) -> np.ndarray:
+        """Return the nearest point of the flat."""
+        return x + self.inverse @ (self.b - self.A @ x)
+
+    def within(self, v: np.ndarray) -> np.ndarray:
+        """Return the part of a vector along the flat, zero where it is rounding."""
+        w = v - (v @ self.rows.T) @ self.rows
+        w -= (w @ self.rows.T) @ self.rows  # a second time for what rounding left in the first
+        return np.where(np.linalg.norm(w) > _ZERO * np.linalg.norm(v), w, 0.0)

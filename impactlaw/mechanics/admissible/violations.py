@@ -1,0 +1,84 @@
+"""How far an outcome of a collision is from each of the three sets whose intersection is S(v-)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+from typing import Any
+
+import numpy as np
+
+from impactlaw.errors import UnsolvableLawError
+from impactlaw.solvers import Problem, beyond_rounding, nonnegative_combination, solve_with_jump
+
+
+@dataclass(frozen=True)
+class Violations:
+    """Distances, in the kinetic metric (sqrt(J)), from v+ to the three sets whose intersection is S(v-).
+
+    Attributes:
+        kinematic: to the tangent cone ``{v : J v >= 0}``; positive when contacts penetrate.
+        kinetic: to ``v- + M^-1 J^T Lambda, Lambda >= 0``; positive when contacts pull, or something else acted.
+        energetic: to the ball ``|v| <= |v-|``; positive when kinetic energy grew by more than the work of surfaces.
+        pre_speed: ``|v-|``, the scale that `is_admissible` compares with.
+    """
+
+    kinematic: float
+    kinetic: float
+    energetic: float
+    pre_speed: float
+
+    def is_admissible(self, tol: float = 1e-9) -> bool:
+        """Whether no violation exceeds ``tol`` times ``|v-|``."""
+        return max(self.kinematic, self.kinetic, self.energetic) <= tol * self.pre_speed
+
+
+def measure(c: Any, jump: np.ndarray, after: np.ndarray, impulse: np.ndarray) -> Violations:
+    """Return the violations of an outcome.
+
+    Args:
+        c: the `Collision`, which is built on this.
+        jump: ``R^T (v+ - v-)``, (nv,).
+        after: ``gamma+``, m/s, (h,).
+        impulse: ``Lambda`` that explains the jump best, N s, (h,), of any signs.
+    """
+    before = c.relative_velocity
+    z = before + jump
+    kinematic = penetration(c, jump, after) if (after < 0).any() else 0.0
+    if (impulse < 0).any():
+        impulse = nonnegative_combination(c.whitened_jacobian, jump)
+    speeds = sqrt(z.dot(z)) + sqrt(before.dot(before))
+    gain = float(jump @ (c.whitened_velocity + 0.5 * jump))
+    if c.frame_rates is not None:
+        gain += float(impulse @ c.frame_rates)
+    energetic = max(0.0, 2.0 * gain / speeds) if speeds > 0 else 0.0
+    return Violations(kinematic, imbalance(c, jump, impulse), energetic, c.pre_speed)
+
+
+def penetration(c: Any, jump: np.ndarray, after: np.ndarray) -> float:
+    """Return the distance from v+ to the tangent cone, ``min |x|, gamma+ + Y x >= 0``, sqrt(J)."""
+    Y = c.whitened_jacobian
+    if c.frame_rates is None:
+        z = c.relative_velocity + jump
+        problem = Problem(Y, -Y.dot(z), -z, norms=c.gradient_norms)
+    else:
+        problem = Problem(Y, -after, speed=larger_speed(c, jump))  # which they have the rounding of
+    try:
+        jump = solve_with_jump(problem, c.labels, shared=False).jump
+    except UnsolvableLawError:
+        if c.frame_rates is None:
+            raise
+        return np.inf  # surfaces crush what is between them
+    return sqrt(jump.dot(jump))
+
+
+def larger_speed(c: Any, jump: np.ndarray) -> float:
+    """Return the larger of ``|v-|`` and ``|v+|``, sqrt(J), as seen from the surfaces."""
+    return max(c.pre_speed, float(np.linalg.norm(c.relative_velocity + jump)))
+
+
+def imbalance(c: Any, jump: np.ndarray, impulse: np.ndarray) -> float:
+    """Return ``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm), beyond what rounding Lambda to doubles makes of it."""
+    left = jump - impulse @ c.whitened_jacobian
+    gap = sqrt(left.dot(left))
+    return beyond_rounding(gap, float(np.abs(impulse) @ c.gradient_norms), larger_speed(c, jump))

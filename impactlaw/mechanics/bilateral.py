@@ -1,0 +1,118 @@
+"""Impulses that leave bilateral constraints alone, and velocities relative to surfaces that move.
+
+Bilateral constraints ``J_eq v+ = J_eq v-`` get impulses too. In whitened coordinates, ``z = R^T v``, they confine the
+jump to the null space of ``Y_eq = J_eq R^-T``: the impulse of a contact with gradient ``y`` makes the jump ``P y``, P
+being the orthogonal projection onto that space. So the law sees ``Y P`` in the place of ``Y``, the same as in minimal
+coordinates. Redundant constraints do no harm, for P knows their span only.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from impactlaw.errors import InvalidCollisionError
+from impactlaw.mechanics.kinetic_metric import finite_array
+from impactlaw.solvers.least_squares import RANK, row_span
+
+_INDEPENDENT = 1e-9, 1e-12, 1e-15  # relative singular values up to which a direction is not used
+_PROPORTION = 1e6  # times the contact velocities that a velocity may be
+_FIXED = 1e-12  # part of a gradient that is rounding after the projection
+_REACHED = 1e-11  # part of the contact velocities that a velocity of the bodies may miss
+
+
+class Bilateral(NamedTuple):
+    """The directions that bilateral constraints fix.
+
+    Attributes:
+        basis: of their span in whitened coordinates, orthonormal rows, (r, nv).
+        combination: ``basis = combination @ Y_eq``, (r, m).
+    """
+
+    basis: np.ndarray
+    combination: np.ndarray
+
+    @classmethod
+    def of(cls, whitened: np.ndarray) -> Bilateral:
+        """Return the span of the whitened gradients ``Y_eq`` of the constraints, (m, nv), redundant ones included."""
+        return cls(*row_span(whitened, RANK))
+
+    def project(self, gradients: np.ndarray) -> np.ndarray:
+        """Return ``Y P``, (h, nv): gradients without their part along the constraints; 0 where that is all."""
+        B = self.basis
+        projected = gradients - gradients.dot(B.T).dot(B)
+        projected -= projected.dot(B.T).dot(B)
+        fixed = np.vecdot(projected, projected) <= _FIXED**2 * np.vecdot(gradients, gradients)
+        projected[fixed] = 0.0
+        return projected
+
+    def confine(self, jacobian: np.ndarray, whitened: np.ndarray, constraints: np.ndarray) -> np.ndarray:
+        """Return the rows J' with ``J' R^-T = J R^-T P``, (h, nv): impulses along them leave the constraints alone.
+
+        Args:
+            jacobian: ``J``, (h, nv).
+            whitened: ``J R^-T``, (h, nv).
+            constraints: ``J_eq``, (m, nv).
+        """
+        return jacobian - whitened.dot(self.basis.T).dot(self.combination).dot(constraints)
+
+    def along(self, whitened_velocity: np.ndarray) -> np.ndarray | None:
+        """Return the part of a velocity that the constraints fix, (nv,); None if it is rounding: they are at rest."""
+        part = self.basis.dot(whitened_velocity)
+        if part.dot(part) <= _FIXED**2 * whitened_velocity.dot(whitened_velocity):
+            return None
+        return part.dot(self.basis)
+
+
+def checked_bilateral(rows: Any, jacobian: Any) -> np.ndarray | None:
+    """Return the gradients of bilateral constraints beside those of the contacts; None if all are zero.
+
+    Raises:
+        InvalidCollisionError: the shape is not (m, nv), an entry is not finite, or the contacts' are sparse.
+    """
+    rows, nv = finite_array(rows, "bilateral_jacobian"), jacobian.shape[1]
+    if rows.ndim != 2 or rows.shape[1] != nv:
+        raise InvalidCollisionError(f"bilateral_jacobian must have shape (m, {nv}), got {rows.shape}")
+    if not isinstance(jacobian, np.ndarray):
+        raise InvalidCollisionError("bilateral constraints are for dense arrays: pass mass_matrix and jacobian dense")
+    return rows if rows.any() else None
+
+
+def checked_surfaces(before: Any, after: Any, jacobian: Any) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Return the surface velocities ``w-``, None if all surfaces rest, and ``w+``, None if they are the same.
+
+    Raises:
+        InvalidCollisionError: a shape is not (h,), an entry is not finite, or surfaces move and gradients are sparse.
+    """
+    h = jacobian.shape[0]
+    before = np.zeros(h) if before is None else finite_array(before, "surface_velocity")
+    after = before if after is None else finite_array(after, "post_surface_velocity")
+    for name, w in (("surface_velocity", before), ("post_surface_velocity", after)):
+        if w.shape != (h,):
+            raise InvalidCollisionError(f"{name} must have shape ({h},), one entry per contact, got {w.shape}")
+    moving = before.any() or after.any()
+    if moving and not isinstance(jacobian, np.ndarray):
+        raise InvalidCollisionError("moving surfaces are for dense arrays: pass mass_matrix and jacobian dense")
+    return before if moving else None, after if moving and not np.array_equal(before, after) else None
+
+
+def velocity_with(gradients: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Return a small whitened velocity z, (nv,), that comes nearest to ``Y z = rates``, and whether it is one.
+
+    Directions in which gradients are nearly dependent are used only where that takes no velocity out of proportion.
+    """
+    lengths = np.sqrt(np.vecdot(gradients, gradients))
+    lengths[lengths == 0] = 1.0
+    unit, wanted = gradients / lengths[:, None], rates / lengths
+    largest = np.abs(wanted).max(initial=0.0)
+    best = None
+    for small in _INDEPENDENT:
+        z = np.linalg.lstsq(unit, wanted, rcond=small)[0]
+        if best is not None and z.dot(z) > (_PROPORTION * largest) ** 2:
+            break
+        best = z
+        if np.abs(unit.dot(z) - wanted).max(initial=0.0) <= _REACHED * largest:
+            return z, True
+    assert best is not None
+    return best, False

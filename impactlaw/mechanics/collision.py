@@ -1,0 +1,288 @@
+"""A collision: the mass matrix, the gap gradients of the closed contacts and the velocity before the impact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import sqrt
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from impactlaw import deferred
+from impactlaw.errors import InvalidCollisionError
+from impactlaw.lazy import cached_property
+from impactlaw.mechanics.bilateral import Bilateral, checked_bilateral, checked_surfaces, velocity_with
+from impactlaw.mechanics.block_metric import SparseMetric, finite_sparse, is_sparse
+from impactlaw.mechanics.friction import Friction
+from impactlaw.mechanics.kinetic_metric import KineticMetric, finite_array
+from impactlaw.solvers.problem import FEW, row_lengths
+from impactlaw.solvers.sparsity import MOST_DENSE
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from impactlaw.mechanics.admissible.admissible_set import AdmissibleSet
+
+
+@dataclass(frozen=True, eq=False)
+class Collision:
+    """Contacts closed at one configuration, met at one velocity.
+
+    The gap velocities are ``gamma = J v + w``; ``gamma >= 0`` separates, and w is what moving surfaces add. Lengths on
+    velocities are those of the kinetic metric, ``|v|^2 = v^T M v`` (Aeberhard and Glocker, "Perfect multi-contact
+    collisions"). Bilateral constraints keep their velocity, ``J_eq v+ = J_eq v-``, by impulses of their own.
+
+    Attributes:
+        mass_matrix: ``M``, shape (nv, nv), symmetric positive definite. A scipy.sparse one may be diagonal or made of
+            blocks, see `impactlaw.mechanics.block_metric`.
+        jacobian: ``J``, shape (h, nv); row i is the gradient of the gap of contact i. h may be 0. If it or M is sparse,
+            both are kept as CSR arrays, and so are ``Y`` and ``G``.
+        pre_velocity: ``v-``, shape (nv,).
+        labels: one name per contact, for messages and for restitution keyed by contact; ``"0", "1", ...`` if not given.
+        metric: the factored mass matrix, when the caller already has it.
+        bilateral_jacobian: ``J_eq``, shape (m, nv), redundant rows allowed; None if there are no such constraints.
+        surface_velocity: ``w-``, shape (h,), m/s: the part of ``gamma-`` that is not the bodies' own, positive where
+            a surface recedes; None if all surfaces rest.
+        post_surface_velocity: ``w+``, shape (h,); None where it is w-. A surface whose velocity jumps, as under the
+            blow of a hammer, collides by itself.
+        friction: rows of friction of these contacts, for `impactlaw.Coulomb`; other laws do not look at it.
+
+    Raises:
+        InvalidCollisionError: shapes do not fit, an entry is not finite, or M is not symmetric positive definite.
+    """
+
+    mass_matrix: np.ndarray
+    jacobian: np.ndarray
+    pre_velocity: np.ndarray
+    labels: tuple[str, ...] = field(default=(), kw_only=True)
+    metric: KineticMetric | SparseMetric = field(default=None, kw_only=True, repr=False)  # pyright: ignore[reportAssignmentType]
+    bilateral_jacobian: np.ndarray | None = field(default=None, kw_only=True)
+    surface_velocity: np.ndarray | None = field(default=None, kw_only=True)
+    post_surface_velocity: np.ndarray | None = field(default=None, kw_only=True)
+    friction: Friction | None = field(default=None, kw_only=True)
+
+    def __post_init__(self):
+        metric, jacobian = self.metric, self.jacobian
+        if is_sparse(self.mass_matrix) or is_sparse(jacobian):
+            metric = SparseMetric(self.mass_matrix) if metric is None else metric
+            jacobian = finite_sparse(jacobian, "jacobian")
+        else:
+            metric = KineticMetric(self.mass_matrix) if metric is None else metric
+            jacobian = finite_array(jacobian, "jacobian")
+        nv = metric.mass_matrix.shape[0]
+        velocity = finite_array(self.pre_velocity, "pre_velocity")
+        if velocity.shape != (nv,):
+            raise InvalidCollisionError(f"pre_velocity must have shape ({nv},) like mass_matrix, got {velocity.shape}")
+        if jacobian.ndim != 2 or jacobian.shape[1] != nv:
+            raise InvalidCollisionError(f"jacobian must have shape (h, {nv}) like mass_matrix, got {jacobian.shape}")
+        h = jacobian.shape[0]
+        labels = tuple(self.labels) or tuple(map(str, range(h)))
+        if len(labels) != h:
+            raise InvalidCollisionError(f"{len(labels)} labels for {h} contacts")
+        self.__dict__.update(
+            mass_matrix=metric.mass_matrix, metric=metric, jacobian=jacobian, pre_velocity=velocity, labels=labels
+        )
+        if self.friction is not None:
+            self.friction.check(h, nv, is_sparse(jacobian))
+        if self.bilateral_jacobian is None and self.surface_velocity is None and self.post_surface_velocity is None:
+            self.__dict__.update(_bilateral=None, frame_rates=None)  # most collisions have neither: look no further
+            return
+        if self.bilateral_jacobian is not None:
+            self.__dict__["bilateral_jacobian"] = checked_bilateral(self.bilateral_jacobian, jacobian)
+        if self.surface_velocity is not None or self.post_surface_velocity is not None:
+            before, after = checked_surfaces(self.surface_velocity, self.post_surface_velocity, jacobian)
+            self.__dict__.update(surface_velocity=before, post_surface_velocity=after)
+
+    @classmethod
+    def from_mujoco(cls, model: mujoco.MjModel, data: mujoco.MjData) -> Collision:
+        """Read the contacts that are closed now, and ``M`` and ``v-``, from a MuJoCo model and its state.
+
+        Equality constraints are its bilateral ones; friction and moving surfaces are left to `impactlaw.Stepper`.
+
+        Args:
+            model: the compiled scene; not changed.
+            data: its state, of which qpos, qvel and mocap poses are read; not changed.
+
+        Raises:
+            SceneError: a contact that is not between two geoms (a flex).
+            InvalidCollisionError: the state is not finite.
+        """
+        from impactlaw.scene.read import read_closed
+
+        M, near = read_closed(model, data)
+        labels = near.contacts.labels
+        return cls(M, near.jacobian, data.qvel, labels=labels, bilateral_jacobian=near.bilateral)
+
+    @cached_property
+    def whitened_jacobian(self) -> np.ndarray:
+        """``Y = J R^-T P`` with ``M = R R^T``, shape (h, nv), so that ``G = Y Y^T``.
+
+        P takes off what bilateral constraints fix (`impactlaw.mechanics.bilateral`); without any it is 1.
+        """
+        Y = self.metric.whiten_gradients(self.jacobian)
+        return Y if self._bilateral is None else self._bilateral.project(Y)
+
+    @cached_property
+    def whitened_friction(self) -> np.ndarray:
+        """``J_t R^-T P``, shape (k, nv), of the rows of friction, without their coefficients."""
+        rows = np.zeros((0, len(self.pre_velocity))) if self.friction is None else self.friction.jacobian
+        Y = self.metric.whiten_gradients(rows)
+        return Y if self._bilateral is None else self._bilateral.project(Y)
+
+    @cached_property
+    def _bilateral(self) -> Bilateral | None:
+        rows = self.bilateral_jacobian
+        return None if rows is None else Bilateral.of(self.metric.whiten_gradients(rows))
+
+    @cached_property
+    def dense_gradients(self) -> np.ndarray:
+        """``Y`` as an array, shape (h, nv), for what has no sparse form.
+
+        Raises:
+            InvalidCollisionError: it is sparse and too large for that.
+        """
+        Y: Any = self.whitened_jacobian
+        if not is_sparse(Y):
+            return Y
+        h, nv = Y.shape
+        if h * nv > MOST_DENSE:
+            raise InvalidCollisionError(
+                f"{h} sparse gradients of length {nv} are too many for this; resolve, violations and contains can do it"
+            )
+        return Y.toarray()
+
+    @cached_property
+    def whitened_velocity(self) -> np.ndarray:
+        """``R^T v-``, shape (nv,): v- where the kinetic metric is the Euclidean one."""
+        return self.metric.whiten(self.pre_velocity)
+
+    @cached_property
+    def gradient_norms(self) -> np.ndarray:
+        """``sqrt(G_ii)``, the length of each gap gradient in the kinetic metric, shape (h,), 1/sqrt(kg)."""
+        Y = self.whitened_jacobian
+        if len(self.labels) <= FEW and isinstance(Y, np.ndarray):  # solvers want all of G
+            return np.sqrt(self.delassus.diagonal())
+        return row_lengths(Y)
+
+    @cached_property
+    def delassus(self) -> np.ndarray:
+        """``G = Y Y^T``, shape (h, h): ``J M^-1 J^T`` where there are no bilateral constraints."""
+        Y = self.whitened_jacobian
+        return Y.dot(Y.T)
+
+    @cached_property
+    def pre_contact_velocity(self) -> np.ndarray:
+        """``gamma- = J v- + w-``, shape (h,), m/s."""
+        gamma = self.jacobian.dot(self.pre_velocity)
+        if self._bilateral is not None:  # contacts that cannot move have no velocity, but it has a rounding error
+            z = self.whitened_velocity
+            still = (self.gradient_norms == 0) & (np.abs(gamma) <= self._rounding * sqrt(z.dot(z)))
+            gamma[still] = 0.0
+        return gamma if self.surface_velocity is None else gamma + self.surface_velocity
+
+    @cached_property
+    def pre_sliding_velocity(self) -> np.ndarray:
+        """``gamma_t- = J_t v- + w_t-``, shape (k,), m/s or rad/s, of the rows of friction."""
+        if self.friction is None:
+            return np.zeros(0)
+        return self.friction.jacobian.dot(self.pre_velocity) + self.friction.surface_velocity
+
+    @property
+    def _rounding(self) -> np.ndarray:
+        Y = self.metric.whiten_gradients(self.jacobian)
+        return 1e-12 * row_lengths(Y)
+
+    def contact_velocity_after(self, velocity: np.ndarray) -> np.ndarray:
+        """Return ``J v + w+``, shape (h,), m/s, for a velocity after the impact, shape (nv,)."""
+        gamma = self.jacobian @ velocity
+        if self.surface_velocity is None:
+            return gamma
+        return gamma + (self.surface_velocity if self.post_surface_velocity is None else self.post_surface_velocity)
+
+    @property
+    def surface_jump(self) -> np.ndarray | None:
+        """``w+ - w-``, shape (h,), m/s; None if it is 0."""
+        if self.post_surface_velocity is None or self.surface_velocity is None:
+            return None
+        return self.post_surface_velocity - self.surface_velocity
+
+    @cached_property
+    def frame_rates(self) -> np.ndarray | None:
+        """What ``gamma-bar`` has beside the part that impulses change, shape (h,), m/s; None if that is 0.
+
+        It is ``(w- + w+) / 2``, and the motion along bilateral constraints if those move, ``J_eq v- != 0``.
+        """
+        rates, jump = self.surface_velocity, self.surface_jump
+        if rates is not None and jump is not None:
+            rates = rates + 0.5 * jump
+        if self._fixed is not None:
+            moving = self.metric.whiten_gradients(self.jacobian).dot(self._fixed)
+            rates = moving if rates is None else rates + moving
+        return rates
+
+    @cached_property
+    def _fixed(self) -> np.ndarray | None:
+        """The part of ``R^T v-`` that bilateral constraints keep, shape (nv,); None if they are at rest."""
+        return None if self._bilateral is None else self._bilateral.along(self.whitened_velocity)
+
+    @cached_property
+    def _frame(self) -> tuple[np.ndarray, bool]:
+        assert self.frame_rates is not None
+        return velocity_with(self.whitened_jacobian, self.frame_rates)
+
+    @property
+    def has_frame(self) -> bool:
+        """Whether one velocity of all bodies would move with all surfaces, constant before and after."""
+        return self.frame_rates is None or (self.surface_jump is None and self._frame[1])
+
+    @property
+    def has_admissible_set(self) -> bool:
+        """Whether S(v-) is for this collision: no friction, and surfaces that move move together."""
+        return self.friction is None and self.has_frame
+
+    @cached_property
+    def relative_velocity(self) -> np.ndarray:
+        """``P R^T v-`` as seen from the moving surfaces, shape (nv,): with c added where ``Y c`` is the frame rates.
+
+        Where surfaces move against each other c is the velocity that comes nearest to that.
+        """
+        z = self.whitened_velocity
+        if self.frame_rates is None:
+            return z
+        return (z if self._fixed is None else z - self._fixed) + self._frame[0]
+
+    @cached_property
+    def pre_speed(self) -> float:
+        """``|v-|`` in the kinetic metric, sqrt(J); as seen from the surfaces where these move and that is more."""
+        z, seen = self.whitened_velocity, self.relative_velocity
+        own = z.dot(z)
+        return sqrt(own if seen is z else max(own, seen.dot(seen)))
+
+    def prepare(self) -> None:
+        """Compute at once what a law asks for one after the other: for few contacts the asking is half of the cost.
+
+        That is ``gamma-``, G, the norms and ``|v-|``, where all is dense, and no surface or bilateral constraint.
+        """
+        values = self.__dict__
+        if "pre_speed" in values or self.frame_rates is not None or self._bilateral is not None:
+            return
+        Y = self.whitened_jacobian
+        if len(self.labels) > FEW or not isinstance(Y, np.ndarray):
+            return
+        values["pre_contact_velocity"] = self.jacobian.dot(self.pre_velocity)
+        values["delassus"] = G = Y.dot(Y.T)
+        values["gradient_norms"] = np.sqrt(G.diagonal())
+        values["pre_speed"] = deferred.dnrm2(self.whitened_velocity)
+
+    @cached_property
+    def kinetic_energy(self) -> float:
+        """``T- = |v-|^2 / 2``, J."""
+        z = self.whitened_velocity
+        return 0.5 * float(z.dot(z))
+
+    @cached_property
+    def admissible_set(self) -> AdmissibleSet:
+        """``S(v-)``, the set of possible right-velocities."""
+        from impactlaw.mechanics.admissible.admissible_set import AdmissibleSet
+
+        return AdmissibleSet(self)

@@ -1,0 +1,121 @@
+"""Friction of the contacts of a collision: gradients of sliding, spinning and rolling, and their coefficients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from impactlaw.errors import InvalidCollisionError
+from impactlaw.mechanics.kinetic_metric import finite_array
+
+
+class ConeRows(NamedTuple):
+    """How normal rows, (h,), and rows of friction, (k,), make the rows of the cone problem, (h + k,).
+
+    Attributes:
+        order: where each comes from: ``[normal rows, rows of friction][order]`` is contact by contact, normal first.
+        sizes: rows of each contact, shape (h,).
+    """
+
+    order: np.ndarray
+    sizes: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Friction:
+    """Rows of friction of some contacts: elliptic cones ``sum (Lambda_k / mu_k)^2 <= Lambda_n^2`` as MuJoCo's.
+
+    The sliding velocities are ``gamma_t = J_t v + w_t``.
+
+    Attributes:
+        jacobian: ``J_t``, shape (k, nv): tangential rows in m/s, torsional and rolling ones in rad/s.
+        contact: the contact that each row belongs to, ascending, shape (k,).
+        coefficient: ``mu_k > 0`` of each row, shape (k,); 1, or m for torsion and rolling.
+        surface_velocity: ``w_t-``, shape (k,): the part of ``gamma_t-`` that is not the bodies' own; zeros if None.
+        post_surface_velocity: ``w_t+``, shape (k,); ``w_t-`` if None.
+
+    Raises:
+        InvalidCollisionError: shapes do not fit, an entry is not finite, a coefficient is not positive, or the contacts
+            are not ascending.
+    """
+
+    jacobian: np.ndarray
+    contact: np.ndarray
+    coefficient: np.ndarray
+    surface_velocity: np.ndarray = None  # pyright: ignore[reportAssignmentType]
+    post_surface_velocity: np.ndarray = None  # pyright: ignore[reportAssignmentType]
+
+    def __post_init__(self):
+        jacobian = finite_array(self.jacobian, "friction jacobian")
+        if jacobian.ndim != 2:
+            raise InvalidCollisionError(f"friction jacobian must have shape (k, nv), got {jacobian.shape}")
+        k = len(jacobian)
+        contact = np.asarray(self.contact)
+        if k == 0:
+            contact = contact.astype(int)
+        if contact.shape != (k,) or contact.dtype.kind not in "iu":
+            raise InvalidCollisionError(f"friction contact must be {k} integers, one per row, got {self.contact!r}")
+        if k and (contact[0] < 0 or np.count_nonzero(contact[1:] < contact[:-1])):
+            raise InvalidCollisionError(f"friction contact must be ascending and not negative, got {contact}")
+        before = self.surface_velocity
+        before = np.zeros(k) if before is None else before
+        after = before if self.post_surface_velocity is None else self.post_surface_velocity
+        values = {"coefficient": self.coefficient, "surface_velocity": before, "post_surface_velocity": after}
+        for name, value in values.items():
+            values[name] = value = finite_array(value, f"friction {name}")
+            if value.shape != (k,):
+                raise InvalidCollisionError(f"friction {name} must have shape ({k},), got {value.shape}")
+        if min(values["coefficient"].tolist(), default=1.0) <= 0:
+            raise InvalidCollisionError("a friction coefficient must be positive; leave out rows without friction")
+        self.__dict__.update(jacobian=jacobian, contact=contact, **values)
+
+    def __len__(self) -> int:
+        return len(self.contact)
+
+    def check(self, contacts: int, nv: int, sparse: bool) -> None:
+        """Compare with the collision that the friction is part of.
+
+        Raises:
+            InvalidCollisionError: rows of another length, of contacts that there are not, or a sparse collision.
+        """
+        if sparse:
+            raise InvalidCollisionError("friction is for dense arrays: pass mass_matrix and jacobian dense")
+        if self.jacobian.shape[1] != nv:
+            raise InvalidCollisionError(f"friction jacobian must have {nv} columns, got {self.jacobian.shape}")
+        if len(self) and self.contact[-1] >= contacts:
+            raise InvalidCollisionError(f"friction of contact {self.contact[-1]}, but there are {contacts} contacts")
+
+    def select(self, indices: ArrayLike) -> Friction | None:
+        """Return the friction of some contacts, renumbered to 0, 1, ... in the order given; None if they have none.
+
+        Args:
+            indices: of the contacts, integers without repetition.
+        """
+        indices = np.asarray(indices, dtype=int)
+        first = np.searchsorted(self.contact, indices, side="left")
+        count = np.searchsorted(self.contact, indices, side="right") - first
+        contact = np.repeat(np.arange(len(indices)), count)
+        if not len(contact):
+            return None
+        rows = np.arange(len(contact)) + np.repeat(first - (np.cumsum(count) - count), count)
+        return Friction(
+            self.jacobian[rows],
+            contact,
+            self.coefficient[rows],
+            self.surface_velocity[rows],
+            self.post_surface_velocity[rows],
+        )
+
+    def cone_rows(self, contacts: int) -> ConeRows:
+        """Return how the rows of this many contacts and of their friction are put together."""
+        order = np.argsort(np.concatenate([np.arange(contacts), self.contact]), kind="stable")
+        return ConeRows(order, 1 + np.bincount(self.contact, minlength=contacts))
+
+    @cached_property
+    def surface_jump(self) -> np.ndarray:
+        """``w_t+ - w_t-``, shape (k,)."""
+        return self.post_surface_velocity - self.surface_velocity

@@ -1,0 +1,222 @@
+"""An impact with friction: impulses in friction cones, and the checks that need only the outcome."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from math import sqrt
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from impactlaw.errors import InvalidCollisionError, SolverError
+from impactlaw.mechanics.admissible.violations import Violations, penetration
+from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.friction import Friction
+from impactlaw.mechanics.impact import Impact
+from impactlaw.solvers import beyond_rounding
+from impactlaw.solvers.friction.problem import ConeProblem, ConeStatus, project
+from impactlaw.solvers.friction.solve import solve_cones
+
+
+class FrictionImpact(Impact):
+    """Velocity after a collision with friction, ``M (v+ - v-) = J^T Lambda + J_t^T Lambda_t``.
+
+    What `Impact` says about normal directions keeps its meaning. Attributes beyond those of `Impact`:
+
+    Attributes:
+        friction_impulse: ``Lambda_t``, shape (k,), N s or N m s, one entry per row of the collision's friction.
+        target_sliding_velocity: ``-e_t gamma_t-`` of the law that decided, shape (k,); None for an observed outcome.
+        restitution_scale: s in [0, 1], by which the law scaled all its restitution so that no energy is created.
+        exact: exact Coulomb friction, or its convex relaxation.
+    """
+
+    friction_impulse: np.ndarray
+    target_sliding_velocity: np.ndarray | None
+    restitution_scale: float
+    exact: bool
+    _solved: ConeProblem | None
+
+    @classmethod
+    def of_cones(
+        cls,
+        collision: Collision,
+        impulse: np.ndarray,
+        jump: np.ndarray,
+        targets: tuple[np.ndarray, np.ndarray] | None = None,
+        *,
+        scale: float = 1.0,
+        exact: bool = True,
+        problem: ConeProblem | None = None,
+    ) -> FrictionImpact:
+        """Return the impact of an answer of the cone problem.
+
+        Args:
+            collision: what collided.
+            impulse: of the cone problem, contact by contact, shape (h + k,).
+            jump: ``R^T (v+ - v-)``, shape (nv,).
+            targets: normal and sliding velocities aimed at.
+            scale: see `restitution_scale`.
+            exact: exact Coulomb friction, or its convex relaxation.
+            problem: the cone problem, if it is to be kept.
+        """
+        friction, h = _friction(collision), len(collision.labels)
+        parts = np.empty(len(impulse))
+        parts[friction.cone_rows(h).order] = impulse
+        normal, sliding = (None, None) if targets is None else targets
+        impact = cls(collision, collision.pre_velocity + collision.metric.unwhiten(jump), parts[:h], normal)
+        impact.__dict__.update(
+            friction_impulse=parts[h:] * friction.coefficient,
+            target_sliding_velocity=sliding,
+            restitution_scale=scale,
+            exact=exact,
+            _solved=problem,
+        )
+        return impact
+
+    @classmethod
+    def observed(cls, collision: Collision, post_velocity: ArrayLike) -> FrictionImpact:
+        """Audit an outcome that came from anywhere.
+
+        The impulse is one in the friction cones that comes nearest to the velocity jump in the kinetic metric; what
+        is left over is ``violations.kinetic``. Which one is not unique where contacts are redundant.
+
+        Raises:
+            InvalidCollisionError: post_velocity does not fit, or the collision has no friction.
+            SolverError: no nearest impulse was found.
+        """
+        v, rows = Impact.observed(collision, post_velocity).post_velocity, cone_gradients(collision)
+        jump = collision.metric.whiten(v - collision.pre_velocity)
+        sizes = _friction(collision).cone_rows(len(collision.labels)).sizes
+        answer = solve_cones(ConeProblem(rows, -rows.dot(jump), sizes, exact=False))
+        if answer.status is not ConeStatus.SOLVED:
+            raise SolverError(f"no impulse nearest to this velocity was found: residual {answer.residual:.1e} sqrt(J)")
+        impact = cls.of_cones(collision, answer.impulse, jump)
+        impact.__dict__["post_velocity"] = v
+        return impact
+
+    @cached_property
+    def pre_sliding_velocity(self) -> np.ndarray:
+        """``gamma_t- = J_t v- + w_t-``, shape (k,), m/s or rad/s."""
+        return self.collision.pre_sliding_velocity
+
+    @cached_property
+    def post_sliding_velocity(self) -> np.ndarray:
+        """``gamma_t+ = J_t v+ + w_t+``, shape (k,), m/s or rad/s."""
+        friction = _friction(self.collision)
+        return friction.jacobian.dot(self.post_velocity) + friction.post_surface_velocity
+
+    @cached_property
+    def surface_work(self) -> float:
+        """``T+ - T-`` less what `work` says, J: the work of moving surfaces, and of moving bilateral constraints."""
+        return self.energy_change - self.work
+
+    @cached_property
+    def work(self) -> float:
+        """``Lambda^T gamma_bar + Lambda_t^T gamma_bar_t``, J: of all impulses of contact; positive is creation."""
+        sliding = 0.5 * (self.pre_sliding_velocity + self.post_sliding_velocity)
+        return float(self.impulse @ self.mean_contact_velocity + self.friction_impulse @ sliding)
+
+    @cached_property
+    def violations(self) -> Violations:
+        """How far v+ is from no penetration, from impulses in the friction cones, and from no energy gain, sqrt(J).
+
+        They are compared with the speed at which moving surfaces slide, too, where that is larger than ``|v-|``.
+        """
+        c = self.collision
+        before = c.relative_velocity
+        z = before + self.whitened_jump
+        kinematic = (
+            penetration(c, self.whitened_jump, self.post_contact_velocity)
+            if (self.post_contact_velocity < 0).any()
+            else 0.0
+        )
+        speeds = sqrt(z.dot(z)) + sqrt(before.dot(before))
+        energetic = max(0.0, 2.0 * self.work / speeds) if speeds > 0 else 0.0
+        x = self._problem.scaled(self._cone_impulse)
+        outside = float(np.linalg.norm(x - project(x)))
+        speed = max(c.pre_speed, self._problem.scale)
+        return Violations(kinematic, max(self._cone_imbalance, outside), energetic, speed)
+
+    @cached_property
+    def residual(self) -> float:
+        """Certificate, relative to the speed: of momentum, the cones, and a law's complementarity if one decided.
+
+        The last is the length of the natural map ``Lambda - P_K(Lambda - u - |u_t| e_n)`` in units of the kinetic
+        metric, with ``u = (gamma+ - gamma^h, mu (gamma_t+ + e_t gamma_t-))`` contact by contact (exact friction; the
+        relaxation has no ``|u_t|`` there).
+        """
+        x, problem = self._problem.scaled(self._cone_impulse), self._problem
+        error = max(self._cone_imbalance, float(np.linalg.norm(x - project(x))))
+        if self.target_contact_velocity is not None:
+            friction = _friction(self.collision)
+            u = np.concatenate(
+                [
+                    self.post_contact_velocity - self.target_contact_velocity,
+                    friction.coefficient * (self.post_sliding_velocity - self.target_sliding_velocity),
+                ]
+            )[self._rows.order]
+            u = problem.scaled(u) / problem.lengths[:, None] ** 2
+            error = max(error, problem.residual(x, u))
+        speed = max(self._speed, problem.scale)
+        return error / speed if speed > 0 else error
+
+    @cached_property
+    def _rows(self):
+        return _friction(self.collision).cone_rows(len(self.collision.labels))
+
+    @cached_property
+    def _cone_impulse(self) -> np.ndarray:
+        friction = _friction(self.collision)
+        return np.concatenate([self.impulse, self.friction_impulse / friction.coefficient])[self._rows.order]
+
+    @cached_property
+    def _problem(self) -> ConeProblem:
+        """The cones of this collision, with the velocity before as the offset."""
+        return cone_problem(self.collision, exact=self.exact, known=self._solved)
+
+    @property
+    def _cone_imbalance(self) -> float:
+        problem = self._problem
+        x = problem.scaled(self._cone_impulse)
+        gap = float(np.linalg.norm(self.whitened_jump - x.reshape(-1).dot(problem.rows)))
+        return beyond_rounding(gap, float(np.abs(x).sum()), self._speed)
+
+
+def cone_gradients(collision: Collision) -> np.ndarray:
+    """Return the rows of the cone problem, contact by contact, those of friction times coefficients, (h + k, nv)."""
+    friction = _friction(collision)
+    tangential = collision.whitened_friction * friction.coefficient[:, None]
+    return np.vstack([collision.whitened_jacobian, tangential])[friction.cone_rows(len(collision.labels)).order]
+
+
+def cone_problem(
+    collision: Collision,
+    normal: np.ndarray | None = None,
+    sliding: np.ndarray | None = None,
+    *,
+    exact: bool = True,
+    known: ConeProblem | None = None,
+) -> ConeProblem:
+    """Return the problem of reaching normal velocities, (h,), and sliding velocities, (k,), that a law aims at.
+
+    ``u_n = gamma+ - normal`` and ``u_t = mu (gamma_t+ - sliding)``; both 0 if None. A problem of the same contacts that
+    is known saves half of the work.
+    """
+    friction = _friction(collision)
+    order, sizes = friction.cone_rows(len(collision.labels))
+    bound = collision.pre_contact_velocity
+    if collision.surface_jump is not None:
+        bound = bound + collision.surface_jump
+    along = collision.pre_sliding_velocity + friction.surface_jump
+    bound = bound if normal is None else bound - normal
+    along = along if sliding is None else along - sliding
+    offset = np.concatenate([bound, along * friction.coefficient])[order]
+    if known is not None:
+        return known.starting(offset, collision.pre_speed)
+    return ConeProblem(cone_gradients(collision), offset, sizes, exact=exact, speed=collision.pre_speed)
+
+
+def _friction(collision: Collision) -> Friction:
+    if collision.friction is None:
+        raise InvalidCollisionError("the collision has no friction: Collision(..., friction=Friction(...))")
+    return collision.friction

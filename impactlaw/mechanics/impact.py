@@ -1,0 +1,206 @@
+"""An impact: the outcome of a collision, its characteristic entities, and the checks that need only the outcome."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from impactlaw.errors import InvalidCollisionError
+from impactlaw.lazy import cached_property
+from impactlaw.mechanics.admissible.violations import Violations, imbalance, larger_speed, measure
+from impactlaw.mechanics.collision import Collision
+from impactlaw.solvers import Answer, Problem, nonnegative_combination, share
+
+SIGNIFICANT = 1e-9
+"""Part of |v-| below which a velocity or a scaled impulse is rounding when signs are asked for."""
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Impact:
+    """Velocity after a collision and the impulse that leads there, ``M (v+ - v-) = J^T Lambda``.
+
+    All entities are those of Aeberhard and Glocker, "Perfect multi-contact collisions".
+
+    Attributes:
+        collision: what collided.
+        post_velocity: ``v+``, shape (nv,).
+        impulse: ``Lambda``, shape (h,), N s; the one of least Euclidean norm where contacts are redundant.
+        target_contact_velocity: ``gamma^h`` of the law that decided, shape (h,), m/s; None for an observed outcome.
+        least_impulse: what the law gives each contact anyway, shape (h,), N s; None if that is 0. Under Poisson's law
+            it is ``(1 + e) Lambda_C``, and what goes beyond that is of least norm.
+        compression: the first phase of an impact with two; None if it has one.
+    """
+
+    collision: Collision
+    post_velocity: np.ndarray
+    impulse: np.ndarray
+    target_contact_velocity: np.ndarray | None = None
+    least_impulse: np.ndarray | None = None
+    compression: Impact | None = None
+
+    def __init__(
+        self,
+        collision: Collision,
+        post_velocity: np.ndarray,
+        impulse: np.ndarray,
+        target_contact_velocity: np.ndarray | None = None,
+        *,
+        least_impulse: np.ndarray | None = None,
+        compression: Impact | None = None,
+    ):
+        values = self.__dict__  # at a quarter of the cost of a frozen dataclass's own
+        values["collision"] = collision
+        values["post_velocity"] = post_velocity
+        values["impulse"] = impulse
+        values["target_contact_velocity"] = target_contact_velocity
+        values["least_impulse"] = least_impulse
+        values["compression"] = compression
+
+    @classmethod
+    def solved(cls, collision: Collision, problem: Problem, answer: Answer, target: np.ndarray) -> Impact:
+        """Return a law's impact; redundant contacts share the impulse when it is first asked for."""
+        impact = cls.__new__(cls)
+        values = impact.__dict__
+        values["collision"] = collision
+        values["post_velocity"] = collision.pre_velocity + collision.metric.unwhiten(answer.jump)
+        values["target_contact_velocity"] = target
+        values["_solution"] = problem, answer
+        return impact
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        """Compute the impulse of a solved impact."""
+        solution = self.__dict__.get("_solution") if name == "impulse" else None
+        if solution is None:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        self.__dict__["impulse"] = impulse = share(*solution).impulse
+        return impulse
+
+    @property
+    def _any_impulse(self) -> np.ndarray:
+        """An impulse that makes the jump, of least norm or not, (h,)."""
+        solution = self.__dict__.get("_solution")
+        return self.impulse if solution is None else solution[1].impulse
+
+    @classmethod
+    def observed(cls, collision: Collision, post_velocity: ArrayLike) -> Impact:
+        """Audit an outcome that came from anywhere: a measurement, another engine, MuJoCo itself.
+
+        The impulse is the one, of least norm, that comes nearest to the velocity jump in the kinetic metric,
+        ``min |v+ - v- - M^-1 J^T Lambda|, Lambda >= 0``; what is left over is ``violations.kinetic``.
+
+        Raises:
+            InvalidCollisionError: post_velocity has the wrong shape or entries that are not finite.
+        """
+        try:
+            v = np.array(post_velocity, dtype=float)
+        except (TypeError, ValueError) as error:
+            raise InvalidCollisionError(f"post_velocity is not an array of numbers: {error}") from None
+        if v.shape != collision.pre_velocity.shape or not np.isfinite(v).all():
+            raise InvalidCollisionError(
+                f"post_velocity must be finite with shape {collision.pre_velocity.shape}, got {v.shape}"
+            )
+        jump = collision.metric.whiten(v - collision.pre_velocity)
+        return cls(collision, v, nonnegative_combination(collision.whitened_jacobian, jump))
+
+    @cached_property
+    def whitened_jump(self) -> np.ndarray:
+        """``R^T (v+ - v-)``, shape (nv,)."""
+        return self.collision.metric.whiten(self.post_velocity - self.collision.pre_velocity)
+
+    @cached_property
+    def post_contact_velocity(self) -> np.ndarray:
+        """``gamma+ = J v+ + w+``, shape (h,), m/s."""
+        return self.collision.contact_velocity_after(self.post_velocity)
+
+    @cached_property
+    def mean_contact_velocity(self) -> np.ndarray:
+        """``(gamma- + gamma+) / 2``, shape (h,), m/s."""
+        return 0.5 * (self.collision.pre_contact_velocity + self.post_contact_velocity)
+
+    @cached_property
+    def intensity(self) -> float:
+        """``rho = |v+ - v-|`` in the kinetic metric, sqrt(J)."""
+        return float(np.linalg.norm(self.whitened_jump))
+
+    @cached_property
+    def induced_impulse(self) -> float:
+        """``|Lambda|_1``, N s: the impulse of the one-point collision on the induced contact."""
+        return float(np.abs(self.impulse).sum())
+
+    @cached_property
+    def topology(self) -> np.ndarray:
+        """``alpha = Lambda / |Lambda|_1``, shape (h,); zeros when nothing collided."""
+        total = self.induced_impulse
+        return self.impulse / total if total > 0 else np.zeros_like(self.impulse)
+
+    @cached_property
+    def induced_gradient(self) -> np.ndarray:
+        """``alpha^T J``, shape (nv,): gradient of the induced contact ``g_alpha = sum alpha_i g_i``."""
+        return self.topology @ self.collision.jacobian
+
+    @cached_property
+    def energy_change(self) -> float:
+        """``T+ - T-``, J; equals ``Lambda^T gamma_bar + surface_work`` when the impulses explain the jump."""
+        return float(self.whitened_jump @ (self.collision.whitened_velocity + 0.5 * self.whitened_jump))
+
+    @cached_property
+    def surface_work(self) -> float:
+        """``-Lambda^T (w- + w+) / 2``, J: the work of moving surfaces; of bilateral constraints too, if they move."""
+        rates = self.collision.frame_rates
+        return 0.0 if rates is None else -float(self.impulse @ rates)
+
+    @cached_property
+    def antidissipative(self) -> np.ndarray:
+        """Contacts that gave energy, ``Lambda_i gamma_bar_i > 0``, bool (h,); both factors must exceed rounding."""
+        scale = self.collision.gradient_norms
+        smallest = SIGNIFICANT * self.collision.pre_speed
+        return (self.impulse * scale > smallest) & (self.mean_contact_velocity > smallest * scale)
+
+    @property
+    def has_distant_effect(self) -> bool:
+        """Whether any contact is antidissipative: energy reached it from elsewhere."""
+        return bool(self.antidissipative.any())
+
+    @cached_property
+    def violations(self) -> Violations:
+        """How far v+ is outside of each of the three sets whose intersection is S(v-)."""
+        return measure(self.collision, self.whitened_jump, self.post_contact_velocity, self._any_impulse)
+
+    @cached_property
+    def residual(self) -> float:
+        """Certificate, relative to the larger of ``|v-|`` and ``|v+|``, from v+, Lambda and the collision alone.
+
+        The largest of ``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm, beyond the rounding of Lambda itself) and, per
+        contact, the negative part of ``Lambda_i sqrt(G_ii)`` and, when a law decided, the natural map
+        ``min(Lambda_i sqrt(G_ii), (gamma+_i - gamma^h_i) / sqrt(G_ii))`` of its complementarity
+        ``0 <= Lambda_i  ⊥  gamma+_i - gamma^h_i >= 0``. Under Poisson's law ``Lambda - (1 + e) Lambda_C`` takes the
+        place of Lambda there, and the residual of the compression counts too.
+        """
+        c = self.collision
+        scale = c.gradient_norms
+        scaled_impulse = self.impulse * scale
+        error = self._imbalance(self.impulse)
+        if self.target_contact_velocity is not None:
+            slack = self.post_contact_velocity - self.target_contact_velocity
+            moving = scale > 0
+            if not moving.all():
+                largest = np.abs(self.target_contact_velocity).max()
+                if (slack[~moving] < -1e-12 * largest).any():
+                    return np.inf
+            free = self.impulse if self.least_impulse is None else self.impulse - self.least_impulse
+            natural = np.minimum((free * scale)[moving], slack[moving] / scale[moving])
+            error = max(error, float(np.abs(natural).max(initial=0.0)))
+        error = max(error, float(-scaled_impulse.min(initial=0.0)))
+        error = error / self._speed if self._speed > 0 else error
+        return error if self.compression is None else max(error, self.compression.residual)
+
+    @cached_property
+    def _speed(self) -> float:
+        """The larger of ``|v-|`` and ``|v+|``, sqrt(J), as seen from the surfaces."""
+        return larger_speed(self.collision, self.whitened_jump)
+
+    def _imbalance(self, impulse: np.ndarray) -> float:
+        """``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm), beyond what rounding Lambda to doubles makes of it."""
+        return imbalance(self.collision, self.whitened_jump, impulse)

@@ -1,0 +1,211 @@
+"""Contacts, gap gradients and the mass matrix out of MuJoCo's arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+
+from impactlaw.errors import SceneError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+GAP_TOLERANCE = 1e-9
+"""Gap, in m, up to which a contact counts as closed."""
+
+_FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
+_PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Contacts between pairs of geoms, ordered by geom ids, so that a chain's contacts stand in the chain's order.
+
+    Limits of joints and tendons that are near follow them.
+
+    Attributes:
+        labels: ``"first/second"`` per contact: the names of the two geoms, or of their bodies where geoms have none;
+            the name of the joint or tendon for a limit.
+        geoms: geom ids, the lower one first, int (h, 2); -1 for a limit.
+        gap: signed distance, less the `SKIN` where there is one, m, (h,); distance from a limit, m or rad.
+        position: midway between the two surfaces, world frame, m, (h, 3); the anchor of a joint, zero for a tendon.
+        normal: unit vector from the first geom to the second, world frame, (h, 3); the axis of a joint, away from the
+            limit; zero for a tendon.
+    """
+
+    labels: tuple[str, ...]
+    geoms: np.ndarray
+    gap: np.ndarray
+    position: np.ndarray
+    normal: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.gap)
+
+    def select(self, which: np.ndarray) -> Contacts:
+        """Return the contacts of a boolean mask, (h,), or an index array, (k,)."""
+        index = np.flatnonzero(which) if which.dtype == bool else which
+        return Contacts(
+            tuple(self.labels[i] for i in index),
+            self.geoms[index],
+            self.gap[index],
+            self.position[index],
+            self.normal[index],
+        )
+
+
+def geom_names(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Return the name by which each geom appears in contact labels: its own, its body's, or ``geom<id>``."""
+    names = []
+    for geom in range(model.ngeom):
+        body = model.body(model.geom_bodyid[geom])
+        names.append(model.geom(geom).name or (body.name if body.id else "") or f"geom{geom}")
+    return tuple(names)
+
+
+def update_positions(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Bring frames, inertia and all that gap gradients need up to data.qpos."""
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    if model.ntendon:
+        mujoco.mj_tendon(model, data)
+    mujoco.mj_makeM(model, data)
+
+
+def active_contacts(model: mujoco.MjModel, data: mujoco.MjData, names: tuple[str, ...]) -> Contacts:
+    """Return the contacts that MuJoCo's constraint solver acts on now, as the position stage has found them."""
+    return _read(data, np.flatnonzero(data.contact.efc_address >= 0), names)
+
+
+def closes(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray, speed: float) -> bool:
+    """Return whether a contact or limit that MuJoCo's solver acts on closes faster than this, m/s or rad/s.
+
+    With pyramidal cones the mean of a contact's first two rows is the normal. Python's own numbers are faster here than
+    arrays up to dozens of contacts, and what they cost per contact is little next to what MuJoCo's step does.
+
+    Args:
+        model: the scene.
+        data: its constraint rows of some configuration.
+        rows: their velocities there, ``data.efc_vel`` or `row_velocities`, (nefc,).
+        speed: the speed.
+    """
+    if not len(rows) or not rows.item(rows.argmin()) < -speed:  # of all rows: a bound
+        return False
+    limits = data.nl
+    if limits == len(rows):
+        return True
+    first = data.ne + data.nf
+    values = rows[first:].tolist()
+    if limits and min(values[:limits]) < -speed:
+        return True
+    if not data.ncon:
+        return False
+    found, pyramidal = data.contact, model.opt.cone == _PYRAMIDAL
+    for address, dim in zip(found.efc_address.tolist(), found.dim.tolist(), strict=True):
+        if address >= 0:
+            row = address - first
+            normal = 0.5 * (values[row] + values[row + 1]) if pyramidal and dim > 1 else values[row]
+            if normal < -speed:
+                return True
+    return False
+
+
+def row_velocities(model: mujoco.MjModel, data: mujoco.MjData, velocity: np.ndarray) -> np.ndarray:
+    """Return the velocities, (nefc,), that MuJoCo's constraint rows of now would have at another qvel, (nv,)."""
+    rows = np.empty(data.nefc)
+    mujoco.mj_mulJacVec(model, data, rows, velocity)
+    return rows
+
+
+def collide(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Run MuJoCo's collision detection at the current frames (`update_positions`); replaces data.contact.
+
+    Raises:
+        SceneError: there are more contacts than MuJoCo has room for.
+    """
+    numbers = data.warning.number
+    before = numbers[_FULL]
+    mujoco.mj_collision(model, data)
+    if numbers[_FULL] != before:
+        raise SceneError(
+            f'MuJoCo has no room for more than {data.ncon} contacts; give the scene a larger <size memory="..."/>'
+        )
+
+
+def sorted_geoms(geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return pairs of geom ids with the lower one first, in order, the indices that sort, and which pairs are swapped.
+
+    Raises:
+        SceneError: a flex is in contact.
+    """
+    if (geoms < 0).any():
+        raise SceneError("a flex is in contact; an impact law is for contacts between geoms only")
+    order = np.lexsort((geoms.max(axis=1), geoms.min(axis=1)))
+    geoms = np.array(geoms[order], dtype=int)
+    swapped = geoms[:, 0] > geoms[:, 1]
+    geoms[swapped] = geoms[swapped, ::-1]
+    return geoms, order, swapped
+
+
+def contact_labels(geoms: np.ndarray, names: Sequence[str]) -> tuple[str, ...]:
+    """Return ``"first/second"`` for each pair of geom ids."""
+    return tuple(f"{names[a]}/{names[b]}" for a, b in geoms)
+
+
+def _read(data: mujoco.MjData, index: np.ndarray, names: tuple[str, ...]) -> Contacts:
+    found = data.contact
+    geoms, order, swapped = sorted_geoms(found.geom[index])
+    index = index[order]
+    normal = found.frame[index, :3]
+    normal[swapped] *= -1.0
+    return Contacts(contact_labels(geoms, names), geoms, found.dist[index], found.pos[index], normal)
+
+
+def make_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
+    """Make constraint rows and return the gap gradients of data.contact, in its order, (h, nv).
+
+    Other rows than those of equality constraints and limits must be off and the Jacobian dense (`BorrowedOptions`).
+    None if MuJoCo makes no row for a contact. To be followed by `forget_rows`.
+    """
+    contact, h = data.contact, data.ncon
+    mujoco.mj_makeConstraint(model, data)
+    if data.nefc != data.ne + data.nl + h:
+        dim = contact.dim.copy()
+        contact.dim[:] = 1  # a frictionless contact has one row
+        contact.exclude[:] = 0  # one within a detection gap too
+        mujoco.mj_makeConstraint(model, data)
+        contact.dim[:] = dim
+    if h == 0:
+        return np.zeros((0, model.nv))
+    first = data.ne + data.nl
+    return data.efc_J.reshape(data.nefc, -1)[first:].copy() if data.nefc == first + h else None
+
+
+def forget_rows(data: mujoco.MjData) -> None:
+    """Leave no constraint rows behind that have no forces yet."""
+    data.contact.efc_address[:] = -1
+    data.nefc = data.nl = data.ne = 0
+
+
+def gap_gradients(model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts) -> np.ndarray:
+    """Return ``J``, shape (h, nv): the velocity of the second body's point minus the first's, along the normal."""
+    J = np.zeros((len(contacts), model.nv))
+    point = np.zeros((3, model.nv))
+    weld = model.body_weldid
+    for row, geoms, position, normal in zip(J, contacts.geoms, contacts.position, contacts.normal, strict=True):
+        for sign, geom in ((-1.0, geoms[0]), (1.0, geoms[1])):
+            body = model.geom_bodyid[geom]
+            if weld[body] != 0:
+                mujoco.mj_jac(model, data, point, None, position, body)
+                row += sign * (normal @ point)
+    return J
+
+
+def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Return ``M`` at the current frames (`update_positions`), (nv, nv)."""
+    M = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, M)
+    return M

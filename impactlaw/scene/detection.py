@@ -1,0 +1,195 @@
+"""Which contacts are near: MuJoCo's collision detection, with what depends on the geoms alone computed once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from impactlaw.scene.contacts import (
+    GAP_TOLERANCE,
+    Contacts,
+    collide,
+    forget_rows,
+    gap_gradients,
+    geom_names,
+    make_rows,
+)
+from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows
+from impactlaw.scene.geoms import SKIN, several_contacts
+from impactlaw.scene.joint_limits import LimitRows, Limits
+from impactlaw.scene.options import BorrowedOptions
+from impactlaw.scene.patterns import Pattern, Patterns
+
+_PARALLEL = 0.99  # cosine of an angle within which MuJoCo takes two faces for parallel
+
+
+class Found(NamedTuple):
+    """What is near at one configuration.
+
+    Attributes:
+        pattern: what the geoms say.
+        contacts: contacts and limits.
+        jacobian: their gap gradients, (h, nv).
+        bilateral: gradients of equality constraints, (m, nv); None if there are none, or nothing is near.
+    """
+
+    pattern: Pattern
+    contacts: Contacts
+    jacobian: np.ndarray
+    bilateral: np.ndarray | None
+
+
+class Detector:
+    """Finds the contacts of one scene.
+
+    Args:
+        model: the scene.
+        convex: whether some pairs are measured by MuJoCo's general convex collider.
+        faces: whether MuJoCo is to look for several contacts between faces where it can.
+        friction: whether contacts are to have their friction.
+
+    Attributes:
+        names: of all geoms, as in contact labels.
+        limits: of joints and tendons.
+        options: to be entered (``with``) around every use of `find`.
+    """
+
+    def __init__(self, model: mujoco.MjModel, *, convex: bool = True, faces: bool = True, friction: bool = False):
+        self._model = model
+        self.names = geom_names(model)
+        self.limits = Limits(model)
+        self._bilateral = bilateral_constraints(model)
+        self._has_bilateral = bool(self._bilateral.any())
+        self._has_limits, self._limits_of_rows = bool(self.limits), self.limits.of_rows
+        self.options = BorrowedOptions(model, convex=convex, limits=self._limits_of_rows, bilateral=self._has_bilateral)
+        alone = not (self._has_limits or self._has_bilateral)
+        self._patterns = Patterns(model, self.names, self.limits.labels, faces=faces, friction=friction, alone=alone)
+        nothing = np.zeros((0, 2), int)
+        self.empty = self._patterns.of(nothing), Contacts((), nothing, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
+
+    def near(self, data: mujoco.MjData, within: float) -> Found:
+        """Return the contacts with a gap of at most ``within``, m or rad; the pattern is that of more.
+
+        Frames must be current; replaces data.contact.
+
+        Raises:
+            SceneError: a flex is in contact, or there are more contacts than MuJoCo reports.
+        """
+        with self.options:
+            found = self.look(data, 2.0 * within + SKIN)  # MuJoCo compares with "<"
+        near = np.flatnonzero(found.contacts.gap <= within)
+        return Found(found.pattern, found.contacts.select(near), found.jacobian[near], found.bilateral)
+
+    def look(self, data: mujoco.MjData, within: float) -> Found:
+        """Return contacts and limits with a gap below ``within``, m or rad, and perhaps more."""
+        pattern, contacts = self.find(data, within)
+        limits = self._limits_near(data, within)
+        if not pattern and limits is None and not self._limits_of_rows:
+            return Found(pattern, contacts, np.zeros((0, self._model.nv)), None)
+        J = bilateral = None
+        if pattern or self._limits_of_rows or self._has_bilateral:
+            J = make_rows(self._model, data)
+            bilateral = bilateral_rows(self._model, data, self._bilateral) if data.ne else None
+            if data.nl:
+                limits = self.limits.read(data)
+            forget_rows(data)
+        if pattern.several or J is None:
+            J = gap_gradients(self._model, data, contacts)
+        elif pattern.order is not None:
+            J = J[pattern.order]
+        if limits is None:
+            return Found(pattern, contacts, J, bilateral)
+        pattern = self._patterns.with_limits(pattern, limits.code)
+        position, normal = self.limits.places(data, limits.code)
+        if contacts:
+            position, normal = np.vstack([contacts.position, position]), np.vstack([contacts.normal, normal])
+        contacts = Contacts(pattern.labels, pattern.geoms, np.append(contacts.gap, limits.gap), position, normal)
+        return Found(pattern, contacts, np.vstack([J, limits.jacobian]) if len(J) else limits.jacobian, bilateral)
+
+    def _limits_near(self, data: mujoco.MjData, within: float) -> LimitRows | None:
+        """Return the limits that their positions tell; None if none is near, or MuJoCo's rows are to tell them."""
+        if not self._has_limits or self._limits_of_rows or not self.options.limited:
+            return None
+        return self.limits.near(data, within)
+
+    def find(self, data: mujoco.MjData, within: float) -> tuple[Pattern, Contacts]:
+        """Return all contacts of geoms with a gap below ``within``, m, and perhaps more; see `near`."""
+        self.options.look(within + SKIN)
+        collide(self._model, data)
+        if data.ncon == 0:
+            return self.empty
+        pattern, contacts = self._read(data)
+        if pattern.several and self.options.several:
+            nearest = contacts.select(several_contacts(self._model, pattern.geoms))
+            self.options.look_for_several()
+            collide(self._model, data)
+            pattern, several = self._read(data)
+            contacts = _complete(several, nearest)
+            if len(contacts) > len(several):
+                pattern = self._patterns.of(contacts.geoms.astype(np.int32))
+        if pattern.skin is not None:
+            contacts = replace(contacts, gap=contacts.gap - pattern.skin)
+        return pattern, contacts
+
+    def refresh(self, data: mujoco.MjData, within: float, pattern: Pattern) -> None:
+        """Leave in data.contact what `find` leaves there where the pattern is known, and read nothing."""
+        self.options.look(within + SKIN)
+        if pattern.several and self.options.several:
+            self.options.look_for_several()
+        collide(self._model, data)
+
+    def are_closed(self, data: mujoco.MjData, within: float, pattern: Pattern, gaps: tuple[float, float]) -> bool:
+        """Return whether the contacts within a gap, m, are those of a plain pattern, and closed.
+
+        Args:
+            data: frames must be current.
+            within: see `find`.
+            pattern: which contacts; must be plain.
+            gaps: the smallest and the largest that count as closed, m.
+        """
+        self.options.look(within + SKIN)
+        collide(self._model, data)
+        contact = data.contact
+        if contact.geom.tobytes() != pattern.found:
+            return False
+        distances = contact.dist.tolist()
+        return gaps[0] <= min(distances) and max(distances) <= gaps[1]
+
+    def _read(self, data: mujoco.MjData) -> tuple[Pattern, Contacts]:
+        found = data.contact
+        pattern = self._patterns.of(found.geom)
+        order = pattern.order
+        if order is None:
+            gap, position, normal = found.dist.copy(), found.pos.copy(), found.frame[:, :3].copy()
+        else:
+            gap, position, normal = found.dist[order], found.pos[order], found.frame[order, :3]
+        if pattern.sign is not None:
+            normal *= pattern.sign
+        return pattern, Contacts(pattern.labels, pattern.geoms, gap, position, normal)
+
+
+def _complete(several: Contacts, nearest: Contacts) -> Contacts:
+    """Give contacts between faces the direction of the shortest distance, and add the nearest contact if it is missing.
+
+    Where MuJoCo looks for several contacts, it takes faces within some degrees for parallel and the normal of one of
+    them for that of the contacts; and the contacts it chooses need not include the nearest.
+    """
+    gap, normal = several.gap.copy(), several.normal.copy()
+    kept = np.ones(len(nearest), dtype=bool)
+    for i, pair in enumerate(nearest.geoms):
+        same = np.flatnonzero((several.geoms == pair).all(axis=1))
+        cosine = normal[same] @ nearest.normal[i]
+        parallel = same[cosine > _PARALLEL]
+        gap[parallel] /= cosine[cosine > _PARALLEL]
+        normal[parallel] = nearest.normal[i]
+        kept[i] = gap[same].min(initial=np.inf) > nearest.gap[i] + GAP_TOLERANCE
+    several, missing = replace(several, gap=gap, normal=normal), nearest.select(kept)
+    if len(missing) == 0:
+        return several
+    fields = ("geoms", "gap", "position", "normal")
+    parts = [np.concatenate([getattr(several, name), getattr(missing, name)]) for name in fields]
+    both = Contacts(several.labels + missing.labels, *parts)
+    return both.select(np.lexsort((both.geoms[:, 1], both.geoms[:, 0])))

@@ -1,0 +1,52 @@
+"""Equality constraints of a scene: which of them an impact must not violate, and their gradients."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from impactlaw.solvers.least_squares import RANK, row_span
+
+_CONNECT, _WELD = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
+_SITE = int(mujoco.mjtObj.mjOBJ_SITE)
+_GIVEN = 10.0  # how much more than its part of the bodies' size a violation may change rows
+_LOOSEST = 1e-2  # relative singular value above which a constraint is one of its own, whatever has given way
+
+
+def bilateral_constraints(model: mujoco.MjModel) -> np.ndarray:
+    """Return which equality constraints an impact must not violate, bool (neq,): all but those to mocap bodies.
+
+    A constraint to a mocap body is a servo that drives what is held towards a target; it may lag behind.
+    """
+    kept = np.ones(model.neq, dtype=bool)
+    for i in range(model.neq):
+        if model.eq_type[i] in (_CONNECT, _WELD):
+            objects = [int(model.eq_obj1id[i]), int(model.eq_obj2id[i])]
+            bodies = model.site_bodyid[objects] if model.eq_objtype[i] == _SITE else np.array(objects)
+            kept[i] = not (model.body_mocapid[model.body_rootid[bodies]] >= 0).any()
+    return kept
+
+
+def bilateral_rows(model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray) -> np.ndarray | None:
+    """Return ``J_eq`` of the equality constraints that are kept and active, (m, nv), among the rows of now.
+
+    MuJoCo's constraints are soft: where they have given way by a distance d, rows that depend on each other do so up
+    to d over the size of the bodies only. What is that small counts as dependence, or redundant constraints would lock
+    a mechanism; then rows that span the rest are returned. Inertia must be current (`contacts.update_positions`).
+    """
+    rows = np.flatnonzero(kept[data.efc_id[: data.ne]])
+    if len(rows) == 0:
+        return None
+    J, unit = np.empty((len(rows), model.nv)), np.zeros(data.nefc)
+    for out, row in zip(J, rows, strict=True):
+        unit[row] = 1.0
+        mujoco.mj_mulJacTVec(model, data, out, unit)
+        unit[row] = 0.0
+    if not J.any():
+        return None
+    given = float(np.abs(data.efc_pos[rows]).max()) / model.stat.meansize
+    mujoco.mj_factorM(model, data)
+    Y = np.empty_like(J)
+    mujoco.mj_solveM2(model, data, Y, J, np.sqrt(data.qLDiagInv))
+    basis, combination = row_span(Y, min(max(_GIVEN * given, RANK), _LOOSEST))
+    return J if len(basis) == len(J) else combination.dot(J)

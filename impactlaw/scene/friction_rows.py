@@ -1,0 +1,190 @@
+"""Directions of friction of MuJoCo's contacts: sliding, torsion and rolling, and their coefficients."""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from impactlaw.scene.contacts import Contacts
+from impactlaw.scene.moving_surfaces import Surfaces
+
+MIN_FRICTION = 1e-10
+"""Coefficient up to which there is no friction."""
+
+_TORSION = 2  # rows of a contact are two of sliding, one of torsion, two of rolling
+
+
+class Span(NamedTuple):
+    """The rows of one contact.
+
+    Attributes:
+        first: the first one; those of sliding come first.
+        turning: the first one of torsion or rolling.
+        last: the first one of another contact.
+        contact: its index.
+        bodies: of its geoms, -1 for one that is fixed to the world.
+    """
+
+    first: int
+    turning: int
+    last: int
+    contact: int
+    bodies: tuple[int, ...]
+
+
+class Grip(NamedTuple):
+    """Which rows of friction a sequence of contacts has, whatever the configuration is.
+
+    Attributes:
+        contact: index of the contact of each row, ascending, int (k,).
+        kind: 0 and 1 for sliding, 2 for torsion, 3 and 4 for rolling, int (k,).
+        coefficient: of each row: 1 for sliding, m for the others, (k,).
+        axis: of each row: 0 for the normal, 1 and 2 for the directions of sliding, int (k,).
+        spans: rows by contacts.
+    """
+
+    contact: np.ndarray
+    kind: np.ndarray
+    coefficient: np.ndarray
+    axis: np.ndarray
+    spans: tuple[Span, ...]
+
+
+class GripRows(NamedTuple):
+    """Rows of pressing, (h,), and of friction, (k,), contact by contact, pressing first.
+
+    Attributes:
+        contact: index of the contact of each row, int (h + k,).
+        kind: 0 for pressing, 1 to 5 for friction, int (h + k,).
+        order: where each row comes from, ``[rows of pressing, rows of friction][order]``.
+    """
+
+    contact: np.ndarray
+    kind: np.ndarray
+    order: np.ndarray
+
+
+class Tangents(NamedTuple):
+    """The rows of friction at one configuration.
+
+    Attributes:
+        grip: which rows they are.
+        jacobian: ``J_t``, sliding in m/s, torsion and rolling in rad/s, (k, nv).
+        drift: what moving surfaces add to these velocities, (k,).
+    """
+
+    grip: Grip
+    jacobian: np.ndarray
+    drift: np.ndarray
+
+
+def pair_friction(model: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return dimensions, (h,), and coefficients, (h, 5), of contacts between pairs of geoms, (h, 2).
+
+    MuJoCo's rule: an explicit pair has its own; else the geom of higher priority decides, else the larger value.
+    """
+    first, second = geoms.T
+    ahead = model.geom_priority[first].astype(int) - model.geom_priority[second]
+    one, other = model.geom_condim[first], model.geom_condim[second]
+    dim = np.where(ahead > 0, one, np.where(ahead < 0, other, np.maximum(one, other)))
+    mu1, mu2 = (model.geom_friction[geom][:, [0, 0, 1, 2, 2]] for geom in (first, second))
+    ahead = ahead[:, None]
+    mu = np.where(ahead > 0, mu1, np.where(ahead < 0, mu2, np.maximum(mu1, mu2)))
+    for i in range(model.npair):
+        pair = model.pair_geom1[i], model.pair_geom2[i]
+        same = ((first == pair[0]) & (second == pair[1])) | ((first == pair[1]) & (second == pair[0]))
+        dim[same], mu[same] = model.pair_dim[i], model.pair_friction[i]
+    return dim, mu
+
+
+def learn_grip(model: mujoco.MjModel, geoms: np.ndarray) -> Grip | None:
+    """Return the rows of friction of contacts between these geoms, (h, 2); None if there are none."""
+    dim, mu = pair_friction(model, geoms)
+    rows = (np.arange(5) < dim[:, None] - 1) & (mu > MIN_FRICTION)
+    if not rows.any():
+        return None
+    contact, kind = np.nonzero(rows)
+    slides = kind < _TORSION
+    bodies = model.geom_bodyid[geoms]
+    bodies = np.where(model.body_weldid[bodies] != 0, bodies, -1)
+    spans = []
+    for i in np.unique(contact).tolist():
+        first, last = np.searchsorted(contact, [i, i + 1]).tolist()
+        spans.append(Span(first, first + int(slides[first:last].sum()), last, i, tuple(bodies[i].tolist())))
+    return Grip(contact, kind, mu[contact, kind], np.where(slides, kind + 1, kind - _TORSION), tuple(spans))
+
+
+def grip_rows(grip: Grip | None, contacts: int) -> GripRows:
+    """Return how the rows of this many contacts are put together."""
+    contact, kind = np.arange(contacts), np.zeros(contacts, dtype=int)
+    if grip is not None:
+        contact, kind = np.concatenate([contact, grip.contact]), np.concatenate([kind, grip.kind + 1])
+    order = np.argsort(contact, kind="stable")
+    return GripRows(contact[order], kind[order], order)
+
+
+def find_tangents(
+    model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts, grip: Grip, surfaces: Surfaces | None
+) -> Tangents:
+    """Return the rows of friction of contacts at the current frames (`contacts.update_positions`).
+
+    The directions are MuJoCo's: the second axis is the world's y, or z where the normal is near to that, made
+    perpendicular.
+    """
+    axis = _axes(contacts.normal)[grip.axis, grip.contact]
+    J = np.empty((len(axis), model.nv))
+    for first, turning, last, i, bodies in grip.spans:
+        slide, turn = _relative(model, data, contacts.position[i], bodies)
+        J[first:turning] = axis[first:turning].dot(slide)
+        if turning < last:
+            J[turning:last] = axis[turning:last].dot(turn)
+    drift = np.zeros(len(axis))
+    if surfaces is not None:
+        velocity, spin, belt = (part[grip.contact] for part in surfaces.motion(data, contacts))
+        slides = (grip.kind < _TORSION)[:, None]
+        drift = np.vecdot(axis, np.where(slides, velocity + belt, spin))
+    return Tangents(grip, J, drift)
+
+
+def _relative(
+    model: mujoco.MjModel, data: mujoco.MjData, point: np.ndarray, bodies: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return Jacobians of how the second body moves and turns seen from the first one, at a point, (3, nv) each."""
+    one, other = np.zeros((2, 2, 3, model.nv))
+    for jacobian, body in zip((one, other), bodies, strict=True):
+        if body >= 0:
+            mujoco.mj_jac(model, data, jacobian[0], jacobian[1], point, body)
+    return other[0] - one[0], other[1] - one[1]
+
+
+def tangential_impulses(model: mujoco.MjModel, contacts: Contacts, friction_impulse: np.ndarray) -> np.ndarray:
+    """Return the impulses of sliding friction on contacts that collided, world frame, N s, (h, 3).
+
+    Args:
+        model: the scene.
+        contacts: that collided.
+        friction_impulse: of all their rows of friction, (k,).
+    """
+    grip, impulse = learn_grip(model, contacts.geoms[contacts.geoms[:, 0] >= 0]), np.zeros((len(contacts), 3))
+    if grip is not None:
+        slides = grip.kind < _TORSION
+        contact, kind = grip.contact[slides], grip.kind[slides]
+        axes = _axes(contacts.normal)[kind + 1, contact]
+        np.add.at(impulse, contact, axes * friction_impulse[slides, None])
+    return impulse
+
+
+def _axes(normal: np.ndarray) -> np.ndarray:
+    """Return the axes of contacts, normals first, then two tangents, (3, h, 3)."""
+    axes = np.empty((3, *normal.shape))
+    axes[0] = normal
+    for i, (x, y, z) in enumerate(normal.tolist()):
+        p, q, r = (-x * z, -y * z, 1.0 - z * z) if abs(y) >= 0.5 else (-x * y, 1.0 - y * y, -z * y)
+        length = sqrt(p * p + q * q + r * r)
+        p, q, r = p / length, q / length, r / length
+        axes[1, i] = p, q, r
+        axes[2, i] = y * r - z * q, z * p - x * r, x * q - y * p
+    return axes

@@ -1,0 +1,139 @@
+"""Limits of joints and tendons as unilateral contacts: the gap is the distance from the limit, in m or rad."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from impactlaw.scene.contacts import Contacts
+
+_JOINT = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT)
+_TENDON = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON)
+_BALL = int(mujoco.mjtJoint.mjJNT_BALL)
+NO_GEOM = -1
+"""Stands for both geoms of a contact that is a limit."""
+
+
+class LimitRows(NamedTuple):
+    """Limits near or reached.
+
+    Attributes:
+        code: which limit, int (l,): the same number for the same limit at any time, ascending.
+        gap: distance from the limit, m or rad, (l,).
+        jacobian: gap gradients, (l, nv).
+    """
+
+    code: np.ndarray
+    gap: np.ndarray
+    jacobian: np.ndarray
+
+
+class LimitState(NamedTuple):
+    """What MuJoCo's data tells of its limits, copied under the same names."""
+
+    efc_id: np.ndarray
+    efc_type: np.ndarray
+    efc_pos: np.ndarray
+    qpos: np.ndarray
+    ten_length: np.ndarray
+    xanchor: np.ndarray
+    xaxis: np.ndarray
+
+    @classmethod
+    def of(cls, data: mujoco.MjData) -> LimitState:
+        """Return a copy of what data tells now."""
+        return cls(*(getattr(data, name).copy() for name in cls._fields))
+
+
+class Limits:
+    """The limits of one scene.
+
+    Attributes:
+        labels: name of the joint or tendon by code; a joint or tendon has two codes, lower and upper limit.
+        of_rows: whether MuJoCo's constraint rows are needed to tell them: some are of ball joints or tendons.
+    """
+
+    def __init__(self, model: mujoco.MjModel):
+        self._model = model
+        joints = [model.joint(i).name or f"joint{i}" for i in range(model.njnt)]
+        tendons = [model.tendon(i).name or f"tendon{i}" for i in range(model.ntendon)]
+        self.labels = tuple(name for name in joints + tendons for _ in range(2))
+        self._limited = np.concatenate([model.jnt_limited, model.tendon_limited]).astype(bool)
+        self._exist = bool(self._limited.any())
+        self.of_rows = bool(model.tendon_limited.any() or (model.jnt_limited & (model.jnt_type == _BALL)).any())
+        joint = np.repeat(np.flatnonzero(model.jnt_limited), 2)
+        upper = np.arange(len(joint)) % 2
+        self._code_of, self._side = 2 * joint + upper, 1.0 - 2.0 * upper
+        self._position, self._dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+        self._bound = model.jnt_range[joint, upper]
+
+    def __bool__(self) -> bool:
+        return self._exist
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Labels of all limits that the scene has."""
+        return tuple(label for label, on in zip(self.labels[::2], self._limited, strict=True) if on)
+
+    def near(self, data: mujoco.MjData, within: float) -> LimitRows | None:
+        """Return the limits of hinges and slides with a gap below ``within``, m or rad; None if there are none.
+
+        The gaps are ``q - lower`` and ``upper - q``.
+        """
+        gap = (data.qpos[self._position] - self._bound) * self._side
+        near = (gap < within).nonzero()[0]
+        if not len(near):
+            return None
+        J = np.zeros((len(near), self._model.nv))
+        J[np.arange(len(near)), self._dof[near]] = self._side[near]
+        return LimitRows(self._code_of[near], gap[near], J)
+
+    def read(self, data: mujoco.MjData) -> LimitRows:
+        """Return the limits among MuJoCo's constraint rows of now (``mj_makeConstraint``)."""
+        rows = np.flatnonzero((data.efc_type == _JOINT) | (data.efc_type == _TENDON))
+        code, J = np.empty(len(rows), dtype=int), np.empty((len(rows), self._model.nv))
+        unit = np.zeros(data.nefc)
+        for i, row in enumerate(rows.tolist()):
+            unit[row] = 1.0
+            mujoco.mj_mulJacTVec(self._model, data, J[i], unit)
+            unit[row] = 0.0
+            code[i] = self.code(data, row)
+        return LimitRows(code, data.efc_pos[rows], J)
+
+    def code(self, data: mujoco.MjData | LimitState, row: int) -> int:
+        """Return which limit a row of MuJoCo's constraints is of."""
+        model, i, gap = self._model, int(data.efc_id[row]), data.efc_pos[row]
+        if data.efc_type[row] == _TENDON:
+            value, span, number = data.ten_length[i], model.tendon_range[i], model.njnt + i
+        elif model.jnt_type[i] == _BALL:
+            return 2 * i + 1
+        else:
+            value, span, number = data.qpos[model.jnt_qposadr[i]], model.jnt_range[i], i
+        return 2 * number + int(abs(gap - (value - span[0])) > abs(gap - (span[1] - value)))
+
+    def contacts(self, data: mujoco.MjData, rows: LimitRows) -> Contacts:
+        """Return the limits as contacts: at the joint's anchor, along its axis; at the origin for tendons."""
+        labels = tuple(self.labels[code] for code in rows.code)
+        return Contacts(labels, np.full((len(labels), 2), NO_GEOM), rows.gap, *self.places(data, rows.code))
+
+    def places(self, data: mujoco.MjData | LimitState, code: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions and normals of limits, (l, 3) each; see `Contacts`."""
+        number, upper = np.divmod(code, 2)
+        side = (1.0 - 2.0 * upper)[:, None]
+        joint = number < self._model.njnt
+        if joint.all():
+            return data.xanchor[number], data.xaxis[number] * side
+        position, normal = np.zeros((len(code), 3)), np.zeros((len(code), 3))
+        position[joint], normal[joint] = data.xanchor[number[joint]], data.xaxis[number[joint]] * side[joint]
+        return position, normal
+
+
+def joined(contacts: Contacts, limits: Contacts) -> Contacts:
+    """Return contacts between geoms, then limits."""
+    if len(contacts) == 0:
+        return limits
+    fields = ("geoms", "gap", "position", "normal")
+    parts = [np.concatenate([getattr(contacts, name), getattr(limits, name)]) for name in fields]
+    return Contacts(contacts.labels + limits.labels, *parts)

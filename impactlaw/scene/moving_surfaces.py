@@ -1,0 +1,213 @@
+"""Surfaces that move by themselves: mocap bodies, and geoms whose surface runs like a belt.
+
+MuJoCo knows no velocity of a mocap body: its pose is set between steps, and jumps. Here it moves through a step, from
+the pose that the last step has left to the one that is set now, and a contact sees ``gamma = J v + w``. With the mean
+velocities u of this step and u' of the one before, its velocity is at first that at the end of the last step, in the
+end ``(3 u - u') / 2``, and a parabola in between: continuous, and right up to the square of the timestep. Where u and
+u' differ by more than `BLOW`, the body was struck: it moves at constant velocity u, and ``w- != w+`` at the start.
+
+A geom's ``surfacevel`` moves its surface within itself. As in MuJoCo, it counts in the tangent plane of a contact only:
+it takes along by friction, and never pushes.
+"""
+
+from __future__ import annotations
+
+import copy
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from impactlaw.scene.contacts import Contacts
+
+BLOW = 0.1
+"""Change of a surface's mean velocity from step to step, m/s, above which its velocity jumps, which is a collision."""
+
+_REMEMBERED = 256  # sequences of contacts
+_CROSS = np.zeros((3, 9))  # w @ _CROSS is the matrix, row by row, of the cross product with w
+_CROSS[0, [7, 5]] = _CROSS[1, [2, 6]] = _CROSS[2, [3, 1]] = 1.0, -1.0
+
+
+class Motion(NamedTuple):
+    """How the second surface of each contact moves by itself, as seen from the first.
+
+    Attributes:
+        velocity: of the contact point, world frame, m/s, (h, 3).
+        spin: angular velocity, world frame, rad/s, (h, 3).
+        belt: of surfaces that run within themselves, world frame, m/s, (h, 3).
+    """
+
+    velocity: np.ndarray
+    spin: np.ndarray
+    belt: np.ndarray
+
+
+class Surfaces:
+    """The moving surfaces of one scene.
+
+    Args:
+        model: the scene.
+        geoms: pairs of geoms that can meet, (p, 2).
+
+    Attributes:
+        run: whether surfaces run like belts.
+        still: whether no body moves in this step, nor did at the end of the one before.
+        goes_on: whether the velocities at the start of this step are those at the end of the one before.
+    """
+
+    def __init__(self, model: mujoco.MjModel, geoms: np.ndarray):
+        self._model = model
+        mocap = model.body_mocapid[model.body_rootid[model.geom_bodyid]]
+        self._mocap = np.append(mocap, -1)  # limits have geom -1
+        used = np.unique(mocap[np.unique(geoms)]) if len(geoms) else np.zeros(0, dtype=int)
+        self._move = bool((used >= 0).any())
+        self._belts = np.append(model.geom_surfacevel.any(axis=1), False)
+        self.run = bool(self._belts[np.unique(geoms)].any()) if len(geoms) else False
+        self._arm = np.zeros(model.nmocap)
+        for geom in np.unique(geoms[np.isfinite(model.geom_rbound[geoms])]) if self._move else ():
+            if mocap[geom] >= 0:
+                self._arm[mocap[geom]] = max(self._arm[mocap[geom]], self._distance(geom))
+        self._time, self._duration = np.nan, 1.0
+        self._start = self._target = np.zeros((model.nmocap, 7))
+        self._before = self._mean = self._first = self._last = np.zeros((model.nmocap, 6))
+        self.still = self.goes_on = False
+        self._known: dict[bytes, tuple[tuple[float, int, Any], ...]] = {}
+
+    @property
+    def move(self) -> bool:
+        """Whether bodies of the scene that can meet others move in this step."""
+        return self._move and not self.still
+
+    def _distance(self, geom: int) -> float:
+        """Return how far from its mocap body a geom can reach, m, joints between them left out."""
+        model = self._model
+        reach, body = model.geom_rbound[geom] + np.linalg.norm(model.geom_pos[geom]), model.geom_bodyid[geom]
+        while model.body_mocapid[body] < 0:
+            reach, body = reach + np.linalg.norm(model.body_pos[body]), model.body_parentid[body]
+        return float(reach)
+
+    def begin(self, data: mujoco.MjData, duration: float) -> None:
+        """Let a step of this duration begin, s: bodies move to the poses of data from where the last one has left them.
+
+        They stand still if that step did not end now.
+        """
+        target = np.empty_like(self._target)
+        target[:, :3], target[:, 3:] = data.mocap_pos, data.mocap_quat
+        self.goes_on = going_on = self._time == data.time
+        self._time, self._duration = data.time, duration
+        if going_on and self.still and np.array_equal(target, self._target):
+            return
+        start = self._target if going_on else target
+        mean = np.zeros_like(self._mean)
+        mean[:, :3] = (target[:, :3] - start[:, :3]) / duration
+        for i in np.flatnonzero((target[:, 3:] != start[:, 3:]).any(axis=1)):
+            turn = np.zeros(3)
+            mujoco.mju_subQuat(turn, target[i, 3:], start[i, 3:])
+            mujoco.mju_rotVecQuat(mean[i, 3:], turn / duration, start[i, 3:])
+        known = self._mean if going_on else mean
+        struck = self._speeds(mean - known) > BLOW
+        self._before = self._first = self._last if going_on else mean
+        self._last = 1.5 * mean - 0.5 * known
+        if np.count_nonzero(struck):
+            self.goes_on = False
+            self._first = np.where(struck[:, None], mean, self._first)
+            self._last = np.where(struck[:, None], mean, self._last)
+        self._start, self._target, self._mean = start, target, mean
+        self.still = not any(np.count_nonzero(v) for v in (self._before, self._first, self._last, mean))
+
+    def _speeds(self, velocity: np.ndarray) -> np.ndarray:
+        """Return how fast a point of each body can be at velocities (.., nmocap, 6), m/s, (.., nmocap)."""
+        linear, turning = velocity[..., :3], velocity[..., 3:]
+        return np.sqrt(np.vecdot(linear, linear)) + self._arm * np.sqrt(np.vecdot(turning, turning))
+
+    def from_here(self, data: mujoco.MjData) -> Surfaces:
+        """Return the same surfaces as if the step before had ended now, where and as fast as they are now."""
+        here = copy.copy(self)
+        here._time, here._target = data.time, np.hstack([data.mocap_pos, data.mocap_quat])
+        here._mean = here._last = self._before if data.time == self._time else self._now(data)
+        return here
+
+    def end(self, data: mujoco.MjData) -> None:
+        """Let the step end now, in the poses that it went to."""
+        self.aim(data)
+        self._time = data.time
+
+    def aim(self, data: mujoco.MjData) -> None:
+        """Put the bodies where the step ends: there MuJoCo sees them from its beginning."""
+        data.mocap_pos[:], data.mocap_quat[:] = self._target[:, :3], self._target[:, 3:]
+
+    def place(self, data: mujoco.MjData) -> None:
+        """Put the bodies where they are now."""
+        s = (data.time - self._time) / self._duration
+        if self.still or s >= 1.0 - 1e-9:
+            self.aim(data)
+            return
+        first, last, mean = s * (1 - s) ** 2, s * s * (s - 1), s * s * (3 - 2 * s)
+        moved = self._duration * (first * self._first + last * self._last + mean * self._mean)
+        quat = np.empty(4)
+        for i, start in enumerate(self._start):
+            data.mocap_pos[i] = start[:3] + moved[i, :3]
+            angle = float(np.sqrt(moved[i, 3:].dot(moved[i, 3:])))
+            mujoco.mju_axisAngle2Quat(quat, moved[i, 3:] / angle if angle > 0 else np.array([1.0, 0.0, 0.0]), angle)
+            turned = np.empty(4)
+            mujoco.mju_mulQuat(turned, quat, start[3:])
+            data.mocap_quat[i] = turned
+
+    def jumps(self, data: mujoco.MjData) -> bool:
+        """Whether it is the start of the step, and a velocity is another one than at the end of the step before."""
+        return data.time == self._time and self._first is not self._before
+
+    @property
+    def speed(self) -> float:
+        """How fast a point of a moving surface is at most, m/s."""
+        if self.still:
+            return 0.0
+        ends = (self._first, self._last, 1.5 * self._mean - 0.25 * (self._first + self._last))
+        return float(self._speeds(np.stack(ends)).max())
+
+    def _now(self, data: mujoco.MjData) -> np.ndarray:
+        s = (data.time - self._time) / self._duration
+        first, last, mean = (1 - s) * (1 - 3 * s), s * (3 * s - 2), 6 * s * (1 - s)
+        return first * self._first + last * self._last + mean * self._mean
+
+    def drift(self, data: mujoco.MjData, contacts: Contacts, *, before: bool = False) -> np.ndarray:
+        """Return ``w`` of these contacts, m/s, (h,); with the velocities before the step if asked for."""
+        velocity, _ = self._relative(data, contacts, self._before if before else self._now(data))
+        return np.vecdot(contacts.normal, velocity)
+
+    def motion(self, data: mujoco.MjData, contacts: Contacts) -> Motion:
+        """Return how the surfaces of these contacts move."""
+        velocity, spin = self._relative(data, contacts, self._now(data))
+        belt = np.zeros_like(velocity)
+        if self.run:
+            for sign, geom in ((-1.0, contacts.geoms[:, 0]), (1.0, contacts.geoms[:, 1])):
+                for i in np.flatnonzero(self._belts[geom]):
+                    belt[i] += sign * self._belt(data, int(geom[i]), contacts.position[i])
+        return Motion(velocity, spin, belt)
+
+    def _belt(self, data: mujoco.MjData, geom: int, point: np.ndarray) -> np.ndarray:
+        own, turn = self._model.geom_surfacevel[geom], data.geom_xmat[geom].reshape(3, 3)
+        return turn @ (own[:3] + np.cross(own[3:], turn.T @ (point - data.geom_xpos[geom])))
+
+    def _relative(self, data: mujoco.MjData, contacts: Contacts, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        linear, spin = np.zeros((2, len(contacts), 3))
+        for sign, body, on in self._carried(contacts.geoms) if self.move else ():
+            v, w = velocity[body, :3], velocity[body, 3:]
+            arm = contacts.position[on] - data.mocap_pos[body]
+            linear[on] += sign * (v + arm.dot(w.dot(_CROSS).reshape(3, 3).T))
+            spin[on] += sign * w
+        return linear, spin
+
+    def _carried(self, geoms: np.ndarray) -> tuple[tuple[float, int, Any], ...]:
+        """Return which of these contacts, (h, 2), are on which mocap body, with the sign of its velocity there."""
+        seen = geoms.tobytes()
+        if seen not in self._known:
+            if len(self._known) >= _REMEMBERED:
+                self._known.clear()
+            sides = [(sign, self._mocap[geom]) for sign, geom in ((-1.0, geoms[:, 0]), (1.0, geoms[:, 1]))]
+            self._known[seen] = tuple(
+                (sign, int(body), slice(None) if (bodies == body).all() else np.flatnonzero(bodies == body))
+                for sign, bodies in sides
+                for body in np.unique(bodies[bodies >= 0])
+            )
+        return self._known[seen]

@@ -1,0 +1,155 @@
+"""What the geoms of contacts say, whatever their configuration is: learned once for each sequence of contacts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from impactlaw.scene.contacts import contact_labels, sorted_geoms
+from impactlaw.scene.friction_rows import Grip, GripRows, grip_rows, learn_grip
+from impactlaw.scene.geoms import one_contact, rolling_contacts, several_contacts, touching_distance, vague_contacts
+from impactlaw.scene.joint_limits import NO_GEOM
+
+_REMEMBERED = 256  # patterns; a pile has many
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """What the geoms of a sequence of contacts say, whatever their configuration is.
+
+    Attributes:
+        labels: as in `Contacts`.
+        geoms: as in `Contacts`, int (h, 2).
+        key: one number per pair of geoms, ascending, (h,).
+        single: which contacts are of pairs that never have more than one, bool (h,).
+        all_single: whether all are.
+        distinct: whether no two contacts are of the same pair.
+        vague: which contacts may be anywhere in common faces, bool (h,).
+        rolling: which of those run along one edge or face, not from piece to piece of a surface, bool (h,).
+        skin: distance at which the geoms touch, m, (h,); None if 0 for all.
+        several: whether MuJoCo is to look for several contacts of a pair.
+        index: 0, 1, .., (h,).
+        ones: 1, 1, .., (h,).
+        order: indices that bring MuJoCo's contacts into order; None if they are in it.
+        sign: -1 where MuJoCo has the higher geom id first, else 1, (h, 1); None if 1 for all.
+        grip: which rows of friction they have; None if they have none, or it is ignored.
+        rows: how rows of pressing and of friction are put together, see `impactlaw.scene.friction_rows.GripRows`.
+        found: geom ids in MuJoCo's order, as bytes.
+        plain: whether each pair has one contact, whose distance in MuJoCo is the gap, and nothing else has rows.
+    """
+
+    labels: tuple[str, ...]
+    geoms: np.ndarray
+    key: np.ndarray
+    single: np.ndarray
+    all_single: bool
+    distinct: bool
+    vague: np.ndarray
+    rolling: np.ndarray
+    skin: np.ndarray | None
+    several: bool
+    index: np.ndarray
+    ones: np.ndarray
+    order: np.ndarray | None
+    sign: np.ndarray | None
+    grip: Grip | None
+    rows: GripRows
+    found: bytes
+    plain: bool
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+
+class Patterns:
+    """The patterns of one scene.
+
+    Args:
+        model: the scene.
+        names: of all geoms, as in contact labels.
+        limits: names of limits, by their code.
+        faces: whether MuJoCo is to look for several contacts between faces where it can.
+        friction: whether contacts are to have their friction.
+        alone: whether contacts are the only constraints.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        names: tuple[str, ...],
+        limits: tuple[str, ...],
+        *,
+        faces: bool,
+        friction: bool,
+        alone: bool,
+    ):
+        self._model, self._names, self._limits = model, names, limits
+        self._faces, self._friction, self._alone = faces, friction, alone
+        self._known: dict[bytes, Pattern] = {}
+
+    def of(self, geoms: np.ndarray) -> Pattern:
+        """Return what geom ids in MuJoCo's order, int32 (h, 2), say."""
+        seen = geoms.tobytes()
+        pattern = self._known.get(seen)
+        return self._remember(seen, self._learn(geoms)) if pattern is None else pattern
+
+    def with_limits(self, pattern: Pattern, code: np.ndarray) -> Pattern:
+        """Return the pattern of contacts between geoms followed by limits; see `LimitRows`."""
+        seen = pattern.geoms.tobytes() + b"limits" + code.tobytes()
+        known = self._known.get(seen)
+        if known is None:
+            n, none = len(code), np.zeros(len(code), dtype=bool)
+            h = len(pattern) + n
+            known = replace(
+                pattern,
+                labels=pattern.labels + tuple(self._limits[i] for i in code),
+                geoms=np.vstack([pattern.geoms, np.full((n, 2), NO_GEOM)]),
+                key=np.concatenate([pattern.key, self._model.ngeom**2 + code]),
+                single=np.concatenate([pattern.single, ~none]),
+                vague=np.concatenate([pattern.vague, none]),
+                rolling=np.concatenate([pattern.rolling, none]),
+                skin=None if pattern.skin is None else np.concatenate([pattern.skin, np.zeros(n)]),
+                index=np.arange(h),
+                ones=np.ones(h),
+                rows=grip_rows(pattern.grip, h),
+            )
+            self._remember(seen, known)
+        return known
+
+    def _remember(self, seen: bytes, pattern: Pattern) -> Pattern:
+        if len(self._known) >= _REMEMBERED:
+            self._known.clear()
+        self._known[seen] = pattern
+        return pattern
+
+    def _learn(self, found: np.ndarray) -> Pattern:
+        model = self._model
+        geoms, order, swapped = sorted_geoms(found)
+        key = geoms[:, 0] * model.ngeom + geoms[:, 1]
+        single = one_contact(model, geoms)
+        distinct = len(np.unique(key)) == len(key)
+        all_single = bool(single.all()) and distinct
+        skin = touching_distance(model, geoms)
+        grip = learn_grip(model, geoms) if self._friction else None
+        return Pattern(
+            labels=contact_labels(geoms, self._names),
+            geoms=geoms,
+            key=key,
+            single=single,
+            all_single=all_single,
+            distinct=distinct,
+            vague=vague_contacts(model, geoms),
+            rolling=rolling_contacts(model, geoms),
+            skin=skin if skin.any() else None,
+            several=self._faces and bool(several_contacts(model, geoms).any()),
+            index=np.arange(len(key)),
+            ones=np.ones(len(key)),
+            order=None if np.array_equal(order, np.arange(len(order))) else order,
+            sign=np.where(swapped, -1.0, 1.0)[:, None] if swapped.any() else None,
+            grip=grip,
+            rows=grip_rows(grip, len(key)),
+            found=found.tobytes(),
+            plain=all_single and self._alone and not skin.any(),
+        )

@@ -1,0 +1,1 @@
+"""Solvers of the problem with friction: one cone per contact."""

@@ -1,0 +1,1 @@
+"""Solvers of the frictionless problem, one file each."""

@@ -1,0 +1,40 @@
+"""A dual active set (daqp) on the velocity form, for any bound, also one that no velocity reaches exactly.
+
+D. Arnström, A. Bemporad and D. Axehill, IEEE Trans. Automat. Contr. 67, 2022.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlaw.solvers.problem import Problem, Solution, Status
+
+_INFEASIBLE = -1  # daqp's exit flag
+
+
+def dual_active_set(problem: Problem) -> Solution:
+    """Solve ``min |z|^2 / 2, Y z >= c`` with rows of unit length and bounds of size one."""
+    import daqp
+
+    lengths = problem.lengths
+    Y = np.ascontiguousarray(problem.gradients / lengths[:, None])
+    c = problem.bound / lengths
+    size = float(np.abs(c).max(initial=0.0))
+    if size == 0.0:
+        return Solution(np.zeros_like(c))
+    h, nv = Y.shape
+    _, _, flag, info = daqp.solve(
+        np.eye(nv),
+        np.zeros(nv),
+        Y,
+        np.full(h, 1e30),
+        c / size,
+        np.zeros(h, dtype=np.int32),
+        primal_tol=max(1e-11, 1e-12 * problem.scale / size),  # what is rounding of c cannot make it unsolvable
+        dual_tol=1e-12,
+        iter_limit=100 * (h + nv),
+    )
+    if flag <= 0:  # then the multipliers are whatever the memory held
+        status = Status.INFEASIBLE if flag == _INFEASIBLE else Status.STOPPED
+        return Solution(np.zeros_like(c), status, info["iterations"])
+    return Solution(np.maximum(0.0 - info["lam"], 0.0) * size / lengths, Status.SOLVED, info["iterations"])

@@ -1,0 +1,50 @@
+"""Lawson and Hanson's least-distance form by NNLS, scaled so that it keeps its digits: slow, sure, for any bound.
+
+C. L. Lawson and R. J. Hanson, *Solving Least Squares Problems*, 1974, ch. 23, problem LDP.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlaw import deferred
+from impactlaw.solvers.problem import Problem, Solution, Status
+
+_FAR = 1e9  # a jump so many times larger than the velocities that ask for it is no solution
+_PASSES = 8
+
+
+def least_distance(problem: Problem) -> Solution:
+    """Solve ``min |z|, Y z >= c`` by ``min |Y^T u|^2 + (c^T u / t - 1)^2, u >= 0`` with t near ``|z|``.
+
+    One pass with a wrong t loses the digits of ``(|z| / t)^2``, so t follows the ``|z|`` of the pass before. A residual
+    of zero at the largest t means that u is a Farkas ray: the law has no solution.
+    """
+    lengths = problem.lengths
+    Y, c = problem.gradients / lengths[:, None], problem.bound / lengths
+    h, nv = Y.shape
+    wanted = np.zeros(nv + 1)
+    wanted[nv] = 1.0
+    t = float(c.max(initial=0.0))
+    if t <= 0.0:
+        return Solution(np.zeros(h))
+    farthest = _FAR * problem.scale
+    for done in range(1, _PASSES + 1):
+        try:
+            u, _ = deferred.nnls(np.vstack([Y.T, c / t]), wanted, maxiter=30 * h)
+        except RuntimeError:
+            return Solution(np.zeros(h), Status.STOPPED, done)
+        z = u.dot(Y)
+        left = 1.0 - u.dot(c) / t  # of the law's own row; |residual|^2 where u is exact
+        if left < 1e-6:  # |z| exceeds t a thousandfold
+            if t >= farthest:
+                return Solution(np.zeros(h), Status.INFEASIBLE, done)
+            t = min(1e3 * t, farthest)
+            continue
+        far = t * float(np.linalg.norm(z)) / left
+        if 0.1 * t < far < 10.0 * t:
+            return Solution(u * (t / left) / lengths, Status.SOLVED, done)
+        if far == 0.0:
+            break
+        t = far
+    return Solution(np.zeros(h), Status.STOPPED, _PASSES)

@@ -1,0 +1,53 @@
+"""OSQP, an operator splitting method for quadratic programs: the one many people know, to compare with.
+
+B. Stellato, G. Banjac, P. Goulart, A. Bemporad and S. Boyd, Math. Program. Comput. 12, 2020.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlaw import deferred
+from impactlaw.solvers.problem import Problem, Solution, Status, natural_residual, row_scaled
+
+_INFEASIBLE = (3, 4)  # osqp's status: primal infeasible, also inaccurately
+
+
+def osqp(problem: Problem, *, tolerance: float = 1e-9, iterations: int = 10_000, polish: bool = True) -> Solution:
+    """Solve ``min |z|^2 / 2, Y z >= c`` with rows of unit length and bounds of size one, to a tolerance.
+
+    Args:
+        problem: what to solve.
+        tolerance: OSQP's absolute and relative tolerance.
+        iterations: at most so many; an answer that is not accurate by then is ``Status.STOPPED``, with its impulse.
+        polish: whether OSQP solves once more on the constraints that it found active.
+    """
+    import osqp as package
+
+    c = problem.bound / problem.lengths
+    size = float(np.abs(c).max(initial=0.0))
+    if size == 0.0:
+        return Solution(np.zeros_like(c))
+    nv = problem.gradients.shape[1]
+    solver = package.OSQP()
+    solver.setup(
+        deferred.csc_matrix(deferred.eye_array(nv)),
+        np.zeros(nv),
+        deferred.csc_matrix(row_scaled(problem.gradients, problem.lengths)),
+        c / size,
+        np.full(len(c), np.inf),
+        verbose=False,
+        eps_abs=tolerance,
+        eps_rel=tolerance,
+        max_iter=iterations,
+        polishing=polish,
+    )
+    found = solver.solve(raise_error=False)
+    count = int(found.info.iter)
+    if int(found.info.status_val) in _INFEASIBLE:
+        return Solution(np.zeros_like(c), Status.INFEASIBLE, count)
+    if found.y is None or not np.isfinite(found.y).all():
+        return Solution(np.zeros_like(c), Status.STOPPED, count)
+    impulse = np.maximum(-found.y, 0.0) * size / problem.lengths
+    status = Status.SOLVED if found.info.status_val == 1 else Status.STOPPED
+    return Solution(impulse, status, count, natural_residual(problem, impulse))

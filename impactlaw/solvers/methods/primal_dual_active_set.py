@@ -1,0 +1,163 @@
+"""A primal-dual active set on a banded Delassus matrix, for chains and piles: all contacts active at the start."""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+
+import numpy as np
+
+from impactlaw.solvers.methods.banded_delassus import BandedDelassus, Factor
+from impactlaw.solvers.problem import Problem, Solution, Status
+
+_INDEPENDENT = 1e-13  # squared sine, of a gradient and the span of others, below which the system is made definite
+_SHIFTS = (1e-3, 1e-7)  # first and last, of the diagonal of G, of unit gradients, where it is singular
+_PROXIMAL = 60  # steps of the proximal point method, with systems of which each is definite
+_CHANGES = 60  # of the active set, at most
+_PATIENCE = 8  # changes without fewer wrong contacts, after which gradients look for a better guess
+_GRADIENTS = 3000
+_NEAR = 1e-10  # natural map, relative to the scale, from which the active contacts are likely to be the right ones
+_ROUNDING = 1e-15  # impulse or slack, relative to the scale, whose sign means nothing
+_REFINEMENTS = 3
+_NEARLY = 1e-12  # impulse or slack, relative to the scale, from which refined numbers decide on their sign
+_ILL = 1e-6  # squared sine of the angles between gradients from which they always do
+_REACHED = 1e-9  # natural map, relative to the scale, of proximal points that are an answer
+
+
+def primal_dual_active_set(problem: Problem) -> Solution:
+    """Solve ``Y z >= c``, ``z = Y^T Lambda``, by guessing the contacts that carry an impulse and correcting the guess.
+
+    On the active contacts ``G Lambda = c``, on the others ``Lambda = 0``; then those with ``Lambda < 0`` leave and
+    those with ``Y z < c`` enter; when that makes the guess no better, projected gradients give another one. Where
+    active gradients depend on each other, proximal points ``(G + s) Lambda' = c + s Lambda``, found the same way, lead
+    to a solution. Residuals are computed through Y, not through G.
+
+    ``Status.STOPPED`` when the bounds on changes and steps are reached.
+    """
+    h = len(problem.bound)
+    if h == 0 or not (problem.bound > 0).any():
+        return Solution(np.zeros(h))
+    U = BandedDelassus(problem)
+    if U.band.size == 0:
+        return Solution(np.zeros(h), Status.STOPPED)
+    search = _Search(U, (problem.bound / problem.lengths)[U.order], problem.scale)
+    scaled = search.run(np.ones(h, dtype=bool))
+    if scaled is None:
+        return Solution(np.zeros(h), Status.STOPPED, search.changes)
+    impulse = np.zeros(h)
+    impulse[U.order] = np.maximum(scaled, 0.0)
+    return Solution(impulse / problem.lengths, Status.SOLVED, search.changes)
+
+
+class _Search:
+    """The search for the active contacts of one problem with unit gradients, in the order of the band."""
+
+    def __init__(self, U: BandedDelassus, bound: np.ndarray, scale: float):
+        self.U, self.bound, self.scale = U, bound, scale
+        self.changes = 0
+        self._last: tuple[float, np.ndarray, Factor | None] | None = None
+
+    def run(self, active: np.ndarray) -> np.ndarray | None:
+        """Return the impulses, (h,), or None."""
+        settled = self._settle(active, 0.0, self.bound)
+        if settled is not None and _length(np.minimum(*settled)) <= _REACHED * self.scale:
+            return settled[0]
+        best, least, shift, worse = None, inf, _SHIFTS[0], 0
+        before = np.zeros_like(self.bound)
+        for _ in range(_PROXIMAL):
+            settled = self._settle(active, shift, self.bound + shift * before)
+            if settled is None:
+                break
+            before = settled[0]
+            active = before > 0
+            error = _length(np.minimum(before, self._slack(before, self.bound, 0.0)))
+            worse = 0 if error < 0.5 * least else worse + 1
+            if error < least:
+                best, least = before, error
+            if least <= _ROUNDING * self.scale or worse == _PATIENCE:
+                break
+            shift = max(0.1 * shift, _SHIFTS[1])
+        return best if least <= _REACHED * self.scale else None
+
+    def _settle(self, active: np.ndarray, shift: float, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return ``Lambda >= 0  ⊥  (G + shift) Lambda - wanted >= 0``, both; None if singular or not found."""
+        fewest, patience, rounding = len(wanted) + 1, _PATIENCE, _ROUNDING * self.scale
+        helped = False
+        for _ in range(_CHANGES):
+            factor = self._factor(active, shift)
+            if factor is None:
+                return None
+            impulse = factor.solve(wanted)
+            slack = self._slack(impulse, wanted, shift, careful=False)
+            signed = np.where(active, impulse, slack)
+            if signed.min() > -_NEARLY * self.scale or factor.least_pivot < _ILL:
+                impulse, slack = self._refined(factor, active, impulse, wanted, shift)
+                signed = np.where(active, impulse, slack)
+            wrong = signed < -rounding
+            count = np.count_nonzero(wrong)
+            if count == 0:
+                return impulse, slack
+            self.changes += 1
+            patience = _PATIENCE if count < fewest else patience - 1
+            fewest = min(count, fewest)
+            if patience > 0:
+                active = active ^ wrong
+            elif helped:
+                return None
+            else:
+                active = self._approach(np.maximum(impulse, 0.0), shift, wanted) > 0
+                fewest, patience, helped = len(wanted) + 1, _PATIENCE, True
+        return None
+
+    def _approach(self, impulse: np.ndarray, shift: float, wanted: np.ndarray) -> np.ndarray:
+        """Return a point near the solution by Nesterov's accelerated projected gradients, restarted where they turn."""
+        ahead, t, step = impulse, 1.0, 1.0 / (self.U.largest + shift)
+        for count in range(_GRADIENTS):
+            slack = self._slack(ahead, wanted, shift, careful=False)
+            if count % 32 == 0 and np.abs(np.minimum(ahead, slack)).max() <= _NEAR * self.scale:
+                break
+            following = np.maximum(ahead - step * slack, 0.0)
+            move = following - impulse
+            t_following = 0.5 + sqrt(0.25 + t * t)
+            if move.dot(ahead - following) > 0:
+                t = t_following = 1.0
+            ahead = np.maximum(following + (t - 1.0) / t_following * move, 0.0)
+            impulse, t = following, t_following
+        return impulse
+
+    def _factor(self, active: np.ndarray, shift: float) -> Factor | None:
+        """Return a factor of the active system, the last one if it is the same; None if that is singular."""
+        if shift == 0.0:  # no two systems are the same
+            factor = self.U.factor(active, shift)
+            return None if factor is None or factor.least_pivot < _INDEPENDENT else factor
+        if self._last is None or self._last[0] != shift or not np.array_equal(self._last[1], active):
+            self._last = shift, active, self.U.factor(active, shift)
+        return self._last[2]
+
+    def _refined(
+        self, factor: Factor, active: np.ndarray, impulse: np.ndarray, wanted: np.ndarray, shift: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return better impulses that solve the system on the active contacts, and the slack of all contacts."""
+        slack = self._slack(impulse, wanted, shift)
+        error = _length(slack * active)
+        for _ in range(_REFINEMENTS):
+            if error <= _ROUNDING * self.scale:
+                break
+            better = impulse - factor.solve(slack)
+            following = self._slack(better, wanted, shift)
+            left = _length(following * active)
+            if left < error:
+                impulse, slack = better, following
+            if not left < 0.5 * error:
+                break
+            error = left
+        return impulse, slack
+
+    def _slack(self, impulse: np.ndarray, wanted: np.ndarray, shift: float, *, careful: bool = True) -> np.ndarray:
+        """Return ``(G + shift) Lambda - wanted``, (h,); with care, without the rounding of G."""
+        slack = (self.U.careful_product if careful else self.U.product)(impulse)
+        slack -= wanted
+        return slack if shift == 0.0 else slack + shift * impulse
+
+
+def _length(vector: np.ndarray) -> float:
+    return sqrt(vector.dot(vector))

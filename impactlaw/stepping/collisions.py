@@ -1,0 +1,205 @@
+"""Collisions at one instant: the law, again and again, until no closed contact approaches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+import mujoco
+import numpy as np
+
+from impactlaw.errors import InadmissibleImpactError
+from impactlaw.laws import Coulomb, Law
+from impactlaw.mechanics.bilateral import Bilateral
+from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.friction import Friction
+from impactlaw.mechanics.impact import Impact
+from impactlaw.mechanics.kinetic_metric import KineticMetric
+from impactlaw.scene.contacts import Contacts, mass_matrix
+from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.work import Work
+
+_SAME_INERTIA = 1e-14  # relative difference of mass matrices that is rounding where bodies only turn
+_MANY = 8  # contacts from which a search for impulses with friction gives up soon in a step
+
+
+class Closed(NamedTuple):
+    """Closed contacts, and what impulses on them must respect.
+
+    Attributes:
+        contacts: the contacts.
+        jacobian: their gap gradients, (h, nv).
+        bilateral: gradients of equality constraints, (m, nv); None if there are none.
+        drift: what moving surfaces add to the contact velocities, m/s, (h,); None if none move.
+        drift_before: the same before a jump of the surfaces' velocity; None if there is no jump.
+        friction: of these contacts; None if they have none.
+    """
+
+    contacts: Contacts
+    jacobian: np.ndarray
+    bilateral: np.ndarray | None = None
+    drift: np.ndarray | None = None
+    drift_before: np.ndarray | None = None
+    friction: Friction | None = None
+
+    def contact_velocity(self, velocity: np.ndarray) -> np.ndarray:
+        """Return ``J v + w``, m/s, (h,)."""
+        gamma = self.jacobian @ velocity
+        return gamma if self.drift is None else gamma + self.drift
+
+    def whitened(self, metric: KineticMetric) -> np.ndarray:
+        """Return the gradients where the kinetic metric is Euclidean, less what the constraints fix, (h, nv)."""
+        Y = metric.whiten_gradients(self.jacobian)
+        return Y if self.bilateral is None else Bilateral.of(metric.whiten_gradients(self.bilateral)).project(Y)
+
+    def collision(self, chosen: np.ndarray, metric: KineticMetric, velocity: np.ndarray) -> Collision:
+        """Return the collision of some of the contacts, (k,) indices, at a velocity, (nv,)."""
+        before, after = self.drift_before, self.drift
+        all_chosen = len(chosen) == len(self.contacts)
+        return Collision(
+            metric.mass_matrix,
+            self.jacobian if all_chosen else self.jacobian[chosen],
+            velocity,
+            labels=self.contacts.labels if all_chosen else tuple(self.contacts.labels[i] for i in chosen),
+            metric=metric,
+            bilateral_jacobian=self.bilateral,
+            surface_velocity=_part(after if before is None else before, chosen),
+            post_surface_velocity=None if before is None else _part(after, chosen),
+            friction=self.friction if self.friction is None or all_chosen else self.friction.select(chosen),
+        )
+
+    def resting(self, velocity: np.ndarray, rounding: np.ndarray) -> Closed:
+        """Return the same where only surfaces under contacts that rest jump: one that separates is met by another."""
+        if self.drift is None or self.drift_before is None:
+            return self
+        rests = np.abs(self.jacobian @ velocity + self.drift_before) <= rounding
+        return self._replace(drift_before=np.where(rests, self.drift_before, self.drift))
+
+
+@dataclass(frozen=True)
+class Collider:
+    """Resolves collisions by a law.
+
+    Only contacts with ``gamma- <= 0`` take part, since a law is a map from -T_C, and of those only the ones that an
+    impulse can reach. A contact that separates and is driven closed by the others collides next, at the same time.
+
+    Attributes:
+        law: the law.
+        last_law: the law of a collision that ends the matter, E = 0.
+        on_inadmissible: what to do with an outcome outside of S(v-): "raise", "project" it onto S(v-), or "allow" it.
+        most: collisions of one step after which the last law on every closed contact ends the matter.
+        solver: a name from `impactlaw.solvers.SOLVERS`, or "auto".
+    """
+
+    law: Law
+    last_law: Law
+    on_inadmissible: Literal["raise", "project", "allow"]
+    most: int
+    solver: str
+
+    def collide(
+        self,
+        metric: KineticMetric,
+        closed: Closed,
+        velocity: np.ndarray,
+        *,
+        approach: np.ndarray,
+        rounding: np.ndarray,
+        time: float,
+        qpos: np.ndarray,
+        events: list[ImpactEvent],
+        work: Work | None = None,
+    ) -> np.ndarray:
+        """Return the velocity after all collisions, (nv,), and append one event for each.
+
+        Args:
+            metric: mass matrix.
+            closed: the closed contacts.
+            velocity: v-, (nv,).
+            approach: speed of closing, m/s, (h,), above which a contact collides.
+            rounding: contact velocity, m/s, (h,), up to which a contact counts as not separating.
+            time: of the collision, s.
+            qpos: configuration of the collision, (nq,).
+            events: of the step so far.
+            work: counts what the step has taken, if that is limited.
+
+        Raises:
+            InadmissibleImpactError: an outcome leaves S(v-) and on_inadmissible is "raise".
+            UnsolvableLawError: the law has no solution.
+            UnfinishedStepError: that takes too much work.
+        """
+        Y = None
+        closed = closed.resting(velocity, rounding)
+        while True:
+            gamma = closed.contact_velocity(velocity)
+            approaching = gamma < -approach
+            if not approaching.any():
+                return velocity
+            final = len(events) >= self.most
+            if final:
+                chosen = np.arange(len(gamma))
+            else:
+                chosen = np.flatnonzero(gamma <= rounding)
+                if closed.friction is None:
+                    Y = closed.whitened(metric) if Y is None else Y
+                    chosen = _reached(Y, chosen, approaching)
+            if work is not None:
+                work.collide(len(chosen), friction=closed.friction is not None)
+            collision = closed.collision(chosen, metric, velocity)
+            law = self.last_law if final else self.law
+            many = work is not None and len(chosen) > _MANY
+            brief = {"brief": True} if many and isinstance(law, Coulomb) else {}
+            impact = self._admissible(law.resolve(collision, solver=self.solver, **brief), rounding[chosen], time)
+            events.append(ImpactEvent(time, closed.contacts.select(chosen), impact, qpos.copy()))
+            before, velocity = velocity, impact.post_velocity
+            if final or np.array_equal(before, velocity):  # a law that changes nothing changes nothing the next time
+                return velocity
+            closed = closed._replace(drift_before=None)
+
+    def _admissible(self, impact: Impact, rounding: np.ndarray, time: float) -> Impact:
+        if self.on_inadmissible == "allow":
+            return impact
+        v = impact.violations
+        if v.is_admissible():
+            return impact
+        if replace(v, kinematic=0.0).is_admissible() and np.all(impact.post_contact_velocity >= -rounding):
+            return impact  # a contact that opened by rounding closes by rounding
+        collision = impact.collision
+        if self.on_inadmissible == "project":
+            if not collision.has_admissible_set:
+                return self.last_law.resolve(collision, solver=self.solver)
+            return Impact.observed(collision, collision.admissible_set.project(impact.post_velocity))
+        before = collision.kinetic_energy
+        ratio = 1 + impact.energy_change / before if before > 0 else np.inf
+        raise InadmissibleImpactError(
+            f"{self.law!r} leaves the set of possible velocities at t = {time:.6g} s for contacts "
+            f"{', '.join(collision.labels)}: energy ratio T+/T- = {ratio:.6g}, violations kinematic {v.kinematic:.2g}, "
+            f"energetic {v.energetic:.2g} sqrt(J); choose a dissipative law, or "
+            'on_inadmissible="project" or "allow"'
+        )
+
+
+def _part(values: np.ndarray | None, chosen: np.ndarray) -> np.ndarray | None:
+    return None if values is None else values[chosen]
+
+
+def _reached(gradients: np.ndarray, candidates: np.ndarray, approaching: np.ndarray) -> np.ndarray:
+    """Return the candidates that an impulse of an approaching contact can reach through others, as indices."""
+    if approaching[candidates].all():
+        return candidates
+    Y = gradients[candidates]
+    norms = np.linalg.norm(Y, axis=1)
+    coupled = np.abs(Y @ Y.T) > 1e-12 * np.outer(norms, norms)
+    reached = approaching[candidates]
+    count = 0
+    while count < (count := int(np.count_nonzero(reached))):
+        reached = reached | coupled[reached].any(axis=0)
+    return candidates[reached]
+
+
+def kinetic_metric(model: mujoco.MjModel, data: mujoco.MjData, *, known: KineticMetric | None = None) -> KineticMetric:
+    """Return the kinetic metric at the current frames; the known one if the mass matrix is the same."""
+    M = mass_matrix(model, data)
+    if known is not None and not np.count_nonzero(np.abs(M - known.mass_matrix) > _SAME_INERTIA * np.abs(M)):
+        return known
+    return KineticMetric(M)

@@ -1,0 +1,166 @@
+"""Whether a scene and a law fit a way to step, and numbers an option: looked at when a stepper is made."""
+
+from __future__ import annotations
+
+import math
+import numbers
+
+import mujoco
+import numpy as np
+
+from impactlaw.errors import OptionError, RestitutionError, SceneError
+from impactlaw.laws import Coulomb, Law, LinearMap
+from impactlaw.laws.labels import check_labels
+from impactlaw.scene.contacts import geom_names
+from impactlaw.scene.geoms import one_contact
+from impactlaw.scene.joint_limits import Limits
+from impactlaw.scene.pairs import geom_pairs
+
+_RESOLVED = 1e-15  # part of the size of the scene that gaps are rounded to
+
+
+def check_model(model: object) -> None:
+    """Refuse what is no compiled scene.
+
+    Raises:
+        SceneError: it is something else, such as the path of a file.
+    """
+    if not isinstance(model, mujoco.MjModel):
+        raise SceneError(
+            f"a model is a mujoco.MjModel, got {model!r:.100}; impactlaw.models.load and mujoco.MjModel.from_xml_path "
+            "make one of a file"
+        )
+
+
+def check_resolved(model: mujoco.MjModel, gap_tolerance: float) -> None:
+    """Refuse a gap tolerance that positions cannot resolve: contacts would open and close by rounding.
+
+    Raises:
+        SceneError: the tolerance is below the rounding of the largest size or distance in the scene.
+    """
+    extent = max(np.abs(model.body_pos).max(), model.geom_rbound.max(initial=0.0))
+    if gap_tolerance < _RESOLVED * extent:
+        raise SceneError(
+            f"a gap tolerance of {gap_tolerance:g} m is below the rounding of positions in a scene of {extent:.2g} m; "
+            f"pass gap_tolerance={1e-9 * extent:.0e}, or at least {_RESOLVED * extent:.0e}"
+        )
+
+
+def check_rigid(model: mujoco.MjModel) -> None:
+    """Refuse what rigid stepping would simulate wrongly.
+
+    Raises:
+        SceneError: flexes, adhesion, delays, geoms whose shape is a signed distance function.
+    """
+    check_time_stepping(model)
+    meeting = geom_pairs(model).geoms
+    shaped = meeting[model.geom_type[meeting] == int(mujoco.mjtGeom.mjGEOM_SDF)]
+    if len(shaped):
+        raise SceneError(
+            f"MuJoCo samples the contacts of signed distance functions ({geom_names(model)[shaped[0]]} is one): "
+            'no gap can be located; use scheme="time-stepping", or contact_model="soft"'
+        )
+    adhesion = int(mujoco.mjtTrn.mjTRN_BODY)
+    if model.flg_adhesion or (model.nu and (model.actuator_trntype == adhesion).any()):
+        raise SceneError(
+            "contacts that are located do not pull, but the scene has adhesion; "
+            'use scheme="time-stepping" or contact_model="soft"'
+        )
+
+
+def check_time_stepping(model: mujoco.MjModel) -> None:
+    """Refuse what no scheme of rigid stepping covers.
+
+    Raises:
+        SceneError: flexes, delays.
+    """
+    if model.nflex:
+        raise SceneError('rigid stepping is between geoms only, but the scene has a flex; use contact_model="soft"')
+    if model.nhistory:
+        raise SceneError(
+            "MuJoCo's buffers of delayed actuators and sensors take one sample a step of MuJoCo's own; "
+            'use contact_model="soft", or leave out delay and nsample'
+        )
+
+
+def check_law(model: mujoco.MjModel, law: Law) -> None:
+    """Refuse a law that no collision of the scene can be resolved by.
+
+    Raises:
+        UnknownNameError: it is keyed by contacts that the scene cannot have; names the nearest ones.
+        RestitutionError: it has more coefficients than the scene can have contacts, or none, or maps other velocities.
+    """
+    inner = law.law if isinstance(law, Coulomb) else law
+    used, size = getattr(inner, "contact_labels", None), getattr(inner, "contact_count", None)
+    if isinstance(inner, LinearMap) and len(inner.h) != model.nv:  # pyright: ignore[reportArgumentType]
+        raise RestitutionError(
+            f"the linear map is for {len(inner.h)} degrees of freedom, but the scene has {model.nv}"  # pyright: ignore[reportArgumentType]
+        )
+    if used:
+        names = geom_names(model)
+        pairs = tuple(f"{names[a]}/{names[b]}" for a, b in geom_pairs(model).geoms)
+        check_labels(used, pairs + Limits(model).names)
+    if size == 0:
+        raise RestitutionError(f"{type(inner).__name__} has coefficients for no contact; key them by contact label")
+    if size is not None and size > (most := most_contacts(model)):
+        raise RestitutionError(
+            f"{type(inner).__name__} has coefficients for {size} contacts, but the scene never has more than {most:g} "
+            "at once; key them by contact label, or give one for all"
+        )
+
+
+def most_contacts(model: mujoco.MjModel) -> float:
+    """Return how many contacts the scene can have at once, limits included; infinite where that is not known."""
+    geoms = geom_pairs(model).geoms
+    if model.nflex or not one_contact(model, geoms).all():
+        return math.inf
+    return len(geoms) + len(Limits(model).names)
+
+
+def check_friction(law: Law, friction: str | None) -> None:
+    """Refuse a law with friction where something else decides about friction.
+
+    Args:
+        law: the law.
+        friction: the option of a stepper that was given; "soft" where MuJoCo has the friction.
+
+    Raises:
+        RestitutionError: the law is a `Coulomb`, and that is in vain or contradicts the option.
+    """
+    if not isinstance(law, Coulomb) or friction is None:
+        return
+    if friction in ("soft", "ignore"):
+        why = "friction is MuJoCo's in soft steps" if friction == "soft" else 'friction="ignore" leaves friction out'
+        raise RestitutionError(f"{why}: {law!r} would lose its friction; pass the law inside of it, {law.law!r}")
+    if friction != {"exact": "coulomb", "convex": "convex"}[law.cone]:
+        raise RestitutionError(f"friction={friction!r} contradicts the law, whose cone is {law.cone!r}; leave it out")
+
+
+def check_speed(name: str, value: float | None) -> None:
+    """Refuse what is no speed.
+
+    Raises:
+        OptionError: not a number, NaN, negative or infinite.
+    """
+    if value is not None and not (isinstance(value, numbers.Real) and 0.0 <= float(value) < math.inf):
+        raise OptionError(f"{name} must be a speed of 0 m/s or more, got {value!r}")
+
+
+def check_length(name: str, value: float | None) -> None:
+    """Refuse what is no length.
+
+    Raises:
+        OptionError: not a number, NaN, infinite, or not positive.
+    """
+    if value is not None and not (isinstance(value, numbers.Real) and 0.0 < float(value) < math.inf):
+        raise OptionError(f"{name} must be a positive length in m, got {value!r}")
+
+
+def check_count(name: str, value: int | None) -> None:
+    """Refuse what is no count.
+
+    Raises:
+        OptionError: not a whole number, or less than 1.
+    """
+    if value is not None and not (isinstance(value, numbers.Integral) and value >= 1):
+        raise OptionError(f"{name} must be a whole number, 1 or more, got {value!r}")

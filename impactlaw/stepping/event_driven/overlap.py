@@ -1,0 +1,104 @@
+"""Geoms that overlap, and joints and tendons beyond limits, at the start of rigid stepping: refused or pushed out.
+
+Rigid contacts never overlap by themselves; what does was put there from outside, by a reset or by hand. To push it out
+is to move the configuration q once, by the smallest shift d in the kinetic metric that opens all gaps,
+
+    min d^T M d,   gap(q + d) >= 0,
+
+found by Gauss-Newton on the gaps, with M at the configuration that was reached; where contacts jump between points of
+faces and that does not settle, what still overlaps is opened by the smallest shift from there. Bodies share a shift by
+their inertia, as they would an impulse; equality constraints keep, to first order, the violation that they have.
+Velocities stay.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from impactlaw.errors import OverlapError, UnsolvableLawError
+from impactlaw.solvers import Problem, solve_with_jump
+from impactlaw.stepping.event_driven.contact_set import Touch, jump
+from impactlaw.stepping.event_driven.contact_state import CORRECTED, Moment
+from impactlaw.stepping.event_driven.smooth_phase import Flights
+
+_SHIFTS = 100  # corrections of the shift at most
+_SMALLEST = 40  # of them that look for the smallest one; those after them only open what still overlaps
+_SETTLED = 1e-6  # part of the shift by which a last correction would still change it
+_NAMED = 5  # overlaps that an error names
+
+
+def clearance(touch: Touch) -> np.ndarray:
+    """Return the distances of surfaces, without the skin of those that count as touching before they do, (h,)."""
+    gap, skin = touch.contacts.gap, touch.pattern.skin
+    return gap if skin is None else gap + skin
+
+
+def overlaps(touch: Touch, tolerance: float) -> bool:
+    """Return whether something overlaps by more than the gap tolerance, m or rad."""
+    return bool(np.count_nonzero(clearance(touch) < -tolerance))
+
+
+def refuse(touch: Touch, tolerance: float, reason: str) -> OverlapError:
+    """Return the error that names what overlaps, the deepest first.
+
+    Args:
+        touch: contacts, with frames of the same configuration.
+        tolerance: depth up to which a contact counts as touching, m.
+        reason: what the error says after the names.
+    """
+    contacts, depth = touch.contacts, -clearance(touch)
+    deep = np.flatnonzero(depth > tolerance)
+    deep = deep[np.argsort(-depth[deep])]
+    units = np.where(contacts.geoms[:, 0] < 0, "beyond the limit", "m")
+    named = ", ".join(f"{contacts.labels[i]} by {depth[i]:.3g} {units[i]}" for i in deep[:_NAMED])
+    return OverlapError(f"geoms overlap at the start of a step: {named}; {reason}")
+
+
+def push_out(model: mujoco.MjModel, data: mujoco.MjData, flights: Flights, start: Moment, tolerance: float) -> Moment:
+    """Move data.qpos by the smallest shift that opens all gaps; return the contacts after it, data's frames current.
+
+    Args:
+        model: the scene.
+        data: its state, frames current; only the configuration changes.
+        flights: detects contacts.
+        start: the contacts of now.
+        tolerance: gap up to which a contact is closed, m.
+
+    Raises:
+        OverlapError: bodies are squeezed: no shift opens all gaps, or none was found. data.qpos may have changed.
+    """
+    qpos, reach = data.qpos.copy(), 2.0 * float(-start.gap.min())
+    now, shift, allowed = flights.look(data, reach), np.zeros(model.nv), CORRECTED * tolerance
+    for correction in range(_SHIFTS):
+        flights.work.look(len(now.gap))
+        touch, gap, last = now.touch, now.gap, correction >= _SMALLEST
+        if not touch.pattern or (last and gap.min() >= -allowed):  # or pushed out further than contacts are sought
+            return now
+        if last:
+            qpos, shift = data.qpos.copy(), np.zeros(model.nv)
+        try:
+            wanted = _shift(model, data, touch, touch.jacobian.dot(shift) - gap)
+        except UnsolvableLawError:
+            break
+        change = wanted - shift
+        settled = np.abs(change).max() <= _SETTLED * np.abs(wanted).max()
+        if settled and gap.min() >= -allowed and np.abs(touch.jacobian.dot(change)).max() <= allowed:
+            return now
+        shift = wanted
+        moved = qpos.copy()
+        mujoco.mj_integratePos(model, moved, shift, 1.0)
+        data.qpos[:] = moved
+        flights.update(data)
+        now = flights.look(data, reach)
+    if overlaps(now.touch, tolerance):
+        reason = "bodies are squeezed there: no shift was found that opens all gaps"
+        raise refuse(start.touch, tolerance, reason)
+    return now
+
+
+def _shift(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, least: np.ndarray) -> np.ndarray:
+    """Return the shift d of least ``d^T M d`` with ``J d >= least``, (nv,)."""
+    rows, Y, _ = touch.whitened(model, data)
+    solution = solve_with_jump(Problem(Y, least), ("",) * len(least), shared=False)
+    return jump(model, data, rows, solution.impulse)

@@ -1,0 +1,93 @@
+"""The smooth flow feels the contact forces of the step before as applied forces, and only what is left is projected.
+
+With f the force at the start of a flow of duration tau, its end (q, v) is taken for that of a flow without contact plus
+
+    d_v = tau M^-1 f,   d_q = c tau d_v,   c = 1/2 (RK4), 1 (semi-implicit)
+
+and the impulses Lambda >= 0 of contact are sought from ``v - d_v`` and ``q - d_q``. Where the force was right they give
+back the same d_v and d_q, so that nothing is moved at all; what is left is smaller by one order of tau, and with it the
+error of adding at one configuration what acts on a whole path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from impactlaw.stepping.event_driven.contact_state import Flow, Moment
+
+_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+
+
+class Felt(NamedTuple):
+    """What the force that a flow has felt has done to it.
+
+    Attributes:
+        impulse: ``tau f``, N s or N m s, (nv,).
+        velocity: ``tau M^-1 f``, (nv,).
+        shift: of the configuration, (nv,).
+    """
+
+    impulse: np.ndarray
+    velocity: np.ndarray
+    shift: np.ndarray
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, data: mujoco.MjData, force: np.ndarray | None, duration: float) -> Felt:
+        """Return what a force, (nv,), has done; data is at the end of the flow, its inertia factored."""
+        if force is None:
+            nothing = np.zeros(model.nv)
+            return cls(nothing, nothing, nothing)
+        impulse, velocity = duration * force, np.empty((1, model.nv))
+        mujoco.mj_solveM(model, data, velocity, impulse[None])
+        return cls(impulse, velocity[0], moving_part(model) * duration * velocity[0])
+
+    def is_settled(self, impulse: np.ndarray, velocity: np.ndarray) -> bool:
+        """Return whether less was left to do than contact has done, in the kinetic metric.
+
+        Otherwise the next flow had better feel nothing: springs near the stability limit of the integrator answer to a
+        force with another sign, and there it would grow from step to step.
+
+        Args:
+            impulse: of contact on all degrees of freedom, (nv,).
+            velocity: ``M^-1`` times that, (nv,).
+        """
+        left = (impulse - self.impulse).dot(velocity - self.velocity)
+        return bool(left <= impulse.dot(velocity))
+
+
+def moving_part(model: mujoco.MjModel) -> float:
+    """Return the part of ``tau M^-1 Lambda`` by which forces that are constant over a flow have moved the bodies."""
+    return 0.5 if model.opt.integrator == _RK4 else 1.0
+
+
+def constrained_velocity(model: mujoco.MjModel, data: mujoco.MjData, now: Moment, flow: Flow) -> np.ndarray:
+    """Return the velocity at the end of a flow as equality constraints had wanted it there, (nv,).
+
+    MuJoCo finds the forces of constraints with M, and then integrates joint damping D implicitly, with ``M + tau D``:
+    where damping is strong that misses what was found, and contact would pass the error on from joint to joint. So the
+    part that constraints fix is taken from ``v + tau a``, a being the acceleration that they were found with.
+    """
+    velocity = now.velocity
+    if now.touch.bilateral is None or model.opt.integrator == _RK4:
+        return velocity
+    wanted = flow.start.velocity + flow.duration * data.qacc
+    return velocity + now.touch.along_constraints(model, data, wanted - velocity)
+
+
+@contextmanager
+def applied(data: mujoco.MjData, force: np.ndarray | None) -> Iterator[None]:
+    """Let a force, (nv,), act beside the applied ones."""
+    if force is None:
+        yield
+        return
+    own = data.qfrc_applied.copy()
+    data.qfrc_applied += force
+    try:
+        yield
+    finally:
+        data.qfrc_applied[:] = own

@@ -1,0 +1,338 @@
+"""Rigid stepping: collisions by a chosen law at located times, contact-free flow between them.
+
+A step whose contacts need no more than one look is taken by a shortcut (`shortcuts`). Any other of duration h, from a
+state in which no gap is below minus the tolerance (`overlap`):
+
+1. Closed contacts (gap <= tolerance) that approach collide: the law gives v+, again and again until none approaches
+   (`collisions.Collider`).
+2. MuJoCo's integrator advances what remains of the step without contacts. The flow is shortened where bodies travel
+   further than they are thick (`travel.Travel`).
+3. Contacts that stay closed are held closed (`persistent_contact`).
+4. If another gap fell below minus the tolerance, the flow is repeated up to the time at which it closes, found by a
+   bracketed search on the smallest gap; then again from 1. (2 to 4: `smooth_phase`) A gap that has jumped below minus
+   the tolerance, as between points of faces, is opened by the smallest shift (`overlap.push_out`).
+5. More than max_events collisions in one step: E = 0 on every closed contact, and flows for the rest of the step at
+   whose end every closed contact is held. That ends a collapse, in which ever smaller collisions follow each other. If
+   it would cost energy, if no impulses are certified, if contact is not held, if contact points jump, or if the step
+   takes too much work (`work`), time stepping takes the rest of the step instead (`rest_of_step`), from the last flow
+   on; all of the step where many collisions are the reason, in the middle of which energy is anywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from impactlaw.errors import (
+    DivergenceError,
+    OverlapError,
+    SceneError,
+    SolverError,
+    UnfinishedStepError,
+    UnsolvableLawError,
+)
+from impactlaw.laws import Law
+from impactlaw.mechanics.kinetic_metric import KineticMetric
+from impactlaw.scene.contacts import update_positions
+from impactlaw.solvers.one_thread import one_thread
+from impactlaw.stepping.collisions import Collider, kinetic_metric
+from impactlaw.stepping.compatibility import check_resolved, check_rigid
+from impactlaw.stepping.event_driven.contact_state import Moment
+from impactlaw.stepping.event_driven.overlap import overlaps, push_out, refuse
+from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
+from impactlaw.stepping.event_driven.shortcuts import Apart, Shortcut, find_rest, find_together, is_still
+from impactlaw.stepping.event_driven.smooth_phase import Flights
+from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.integration import advance, check_input, empty_state, restore_state, save_state
+from impactlaw.stepping.plan import Plan
+from impactlaw.stepping.work import Work
+
+Events = tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]]
+"""The collisions of a step, or what tells them."""
+
+_JUMPS = 5  # flows of no length, each ended by another contact that closes without a collision: points that jump
+_INSTANT = 1e-4  # part of the timestep that such a flow lasts
+_WORK = 120  # units that a step may take at least, whatever max_events is
+_DEEP = 1e3  # gap tolerances by which contact that is held overlaps at most
+_OPENING = 0.15  # part of the work of a step that it may take to open them
+_SLIGHT = 1e6  # gap tolerances by which time stepping may leave bodies overlapping that are opened at once
+_MANY = 0.5  # part of max_events that are many collisions, if they keep a step from being finished
+_ENDED = 1e-6  # part of the kinetic energy that E = 0 may take after max_events collisions
+_UNFINISHED = DivergenceError, SolverError, UnfinishedStepError, UnsolvableLawError, np.linalg.LinAlgError
+
+
+class RigidStepping:
+    """The algorithm behind ``Stepper(contact_model="rigid")``; see there for the options.
+
+    Attributes:
+        unlocated: steps so far that time stepping, or E = 0 after max_events collisions, has finished.
+        crowded: whether many collisions have kept one of them from being finished otherwise.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        collider: Collider,
+        plan: Plan,
+        *,
+        exact: bool,
+        gap_tolerance: float,
+        push_out: bool = False,
+        rest: RestOfStep | None = None,
+    ):
+        if not 0 < gap_tolerance < np.inf:
+            raise SceneError(f"gap_tolerance must be a positive length, got {gap_tolerance}")
+        check_resolved(model, gap_tolerance)
+        check_rigid(model)
+        self._model = model
+        self._plan = plan
+        self._collider = collider
+        self._tolerance = gap_tolerance
+        self._push_out = push_out
+        self._rest = rest
+        self._work = Work(model.nv, max(_WORK, collider.most))
+        self._flights = Flights(model, plan, gap_tolerance, self._work, exact=exact)
+        self._options = self._flights.options
+        self._before, self._state = empty_state(model), empty_state(model)
+        self._left: tuple[bytes, bytes, float, int, bytes] = b"", b"", 0.0, 0, b""
+        self._next: Moment | None = None
+        self._shortcut: Shortcut | None = None
+        self._restless = False  # whether the last rest found was none
+        self._metric: KineticMetric | None = None
+        self._part: tuple[np.ndarray, float, int] = self._before, 0.0, 0
+        self.unlocated, self.crowded = 0, False
+
+    def set_law(self, law: Law) -> None:
+        """Let the collisions of the next steps be by another law."""
+        self._collider = replace(self._collider, law=law)
+        if self._rest is not None:
+            self._rest.set_law(law)
+
+    def step(self, data: mujoco.MjData) -> Events:
+        """Advance by one timestep and return the collisions; data is back where it was if an error is raised."""
+        state, events = save_state(self._model, data, self._before), []
+        check_input(self._model, data, state)
+        waits = self._rest is not None and self._rest.waits()
+        try:
+            try:
+                with self._options:
+                    return self._step(data, events, waits=waits)
+            except _UNFINISHED:
+                if self._rest is None:
+                    raise
+                if not waits:
+                    self._rest.failed()
+                    if len(events) > _MANY * self._collider.most:  # each has only some of the energy by now
+                        self.crowded = True
+                        self._part = state, self._options.timestep, 0
+                return self._finish(data, self._rest, events)
+        except BaseException:
+            restore_state(self._model, data, state)
+            update_positions(self._model, data)
+            raise
+
+    def _finish(self, data: mujoco.MjData, rest: RestOfStep, events: list[ImpactEvent]) -> Events:
+        """Let time stepping take what is left of the step."""
+        (state, remaining, count), surfaces = self._part, self._flights.surfaces
+        known = tuple(events[:count])
+        restore_state(self._model, data, state)
+        end = data.time + remaining
+        more = rest.take(data, remaining, surfaces)
+        data.time = end
+        self._open(data)
+        if surfaces is not None:
+            surfaces.end(data)
+        self.unlocated += 1
+        self._left, self._next, self._shortcut, self._restless = self._now(data), None, None, False
+        return (lambda: (*known, *more())) if callable(more) else known
+
+    def _open(self, data: mujoco.MjData) -> None:
+        """Open what time stepping has left overlapping by next to nothing; the rest it opens over time."""
+        self._work.begin(_OPENING)
+        with self._options:
+            self._flights.update(data)
+            now = self._flights.look(data)
+            if overlaps(now.touch, self._tolerance) and now.gap.min() >= -_SLIGHT * self._tolerance:
+                self._apart(data, now)
+
+    def _step(self, data: mujoco.MjData, events: list[ImpactEvent], *, waits: bool) -> Events:
+        timestep = self._options.timestep
+        end = data.time + timestep
+        self._part = self._before, timestep, 0
+        self._work.begin()
+        if not (self._plan.detection or self._plan.limits):
+            advance(self._model, data, self._options, timestep)
+            update_positions(self._model, data)
+            return ()
+        surfaces = self._flights.surfaces
+        if surfaces is not None:
+            surfaces.begin(data, timestep)
+        if self._shortcut is not None and self._lasts(data, self._shortcut):
+            return ()
+        if waits:
+            raise UnfinishedStepError("the step before was not finished")
+        with one_thread():
+            start = self._fly(data, events, end)
+        data.time = end
+        if surfaces is not None:
+            surfaces.end(data)
+        self.unlocated += len(events) > self._collider.most
+        if self._rest is not None:
+            self._rest.succeeded()
+        self._left = self._now(data)
+        self._next = start
+        self._shortcut = self._find_shortcut(data, start, bool(events))
+        return tuple(events)
+
+    def _fly(self, data: mujoco.MjData, events: list[ImpactEvent], end: float) -> Moment:
+        """Fly from collision to collision up to the end of the step; return the contacts there."""
+        timestep = remaining = self._options.timestep
+        start, pushed = self._begin(data, events)
+        closings = jumps = 0
+        while remaining > 1e-12 * timestep:
+            hold_all = jumps > _JUMPS or max(len(events), closings) > self._collider.most
+            before = len(events)
+            changed = pushed or events or remaining < timestep
+            state = save_state(self._model, data, self._state) if changed else self._before
+            self._part = state, remaining, before
+            flight, closed = self._flights.fly(data, state, start, remaining, hold_all=hold_all)
+            closings += closed
+            remaining -= flight.flow.duration
+            data.time = end - remaining
+            start = flight.arrival.now
+            if closed and flight.gap < -self._tolerance:  # it has jumped there
+                start = self._apart(data, start)
+            self._check_held(start)
+            if start.collides:
+                start = self._collide(data, start, events)
+            if closed and len(events) == before and flight.flow.duration < _INSTANT * timestep:
+                jumps += 1
+        self.unlocated += jumps > _JUMPS or closings > self._collider.most >= len(events)
+        return start
+
+    def _lasts(self, data: mujoco.MjData, shortcut: Shortcut) -> bool:
+        """Take a step by a shortcut if nothing stands against it; return whether that was the whole step.
+
+        Velocities may have been changed: those at the end decide.
+        """
+        same = self._is_left(data)
+        self._shortcut = shortcut.lasts(self._model, data, self._flights) if same else None
+        if self._shortcut is not None:
+            if self._flights.surfaces is not None:
+                self._flights.surfaces.end(data)
+            self._next, self._restless = None, False
+            self._left = self._now(data)
+            return True
+        if same:
+            restore_state(self._model, data, self._before)
+        return False
+
+    def _find_shortcut(self, data: mujoco.MjData, end: Moment, collided: bool) -> Shortcut | None:
+        """Return what the next step may find as the last one has left it."""
+        if not end.touch.pattern:
+            return Apart(self._flights.frames(data))
+        if collided or not self._plan.rest:
+            return None
+        if not is_still(self._flights, end.velocity, end.still):
+            self._restless = False
+            return find_together(end)
+        if self._restless:  # the last rest that was found was none
+            return None
+        self._restless = True
+        return find_rest(self._model, data, self._flights, self._before, end)
+
+    def _begin(self, data: mujoco.MjData, events: list[ImpactEvent]) -> tuple[Moment, bool]:
+        """Return the contacts of now, after collisions, and whether the configuration had to be changed for them.
+
+        They are those that the last step has left, if nothing has changed.
+        """
+        surfaces = self._flights.surfaces
+        if self._next is not None and (surfaces is None or surfaces.goes_on) and self._is_unchanged(data):
+            return self._next, False
+        self._flights.update(data)
+        start = self._flights.look(data)
+        pushed = not self._is_left(data) and overlaps(start.touch, self._tolerance)
+        if pushed:
+            if not self._push_out:
+                reason = f"move them apart (up to {self._tolerance:g} m counts as touching)"
+                raise refuse(start.touch, self._tolerance, f'{reason}, or let overlap="push-out" do it')
+            start = self._pushed_out(data, start)
+        self._check_held(start)
+        return (self._collide(data, start, events) if start.collides else start), pushed
+
+    def _pushed_out(self, data: mujoco.MjData, start: Moment) -> Moment:
+        """Push out what overlaps where that was put; what is squeezed is opened over time."""
+        try:
+            return push_out(self._model, data, self._flights, start, self._tolerance)
+        except OverlapError as squeezed:
+            if self._rest is None:
+                raise
+            raise UnfinishedStepError(str(squeezed)) from None
+
+    def _check_held(self, moment: Moment) -> None:
+        """Raise `UnfinishedStepError` if something overlaps by more than what is left where contact is held."""
+        if moment.gap.min(initial=0.0) < -_DEEP * self._tolerance:
+            reason = 'smaller timesteps, or scheme="time-stepping", may hold them'
+            raise UnfinishedStepError(f"contacts were not held: {refuse(moment.touch, self._tolerance, reason)}")
+
+    def _is_left(self, data: mujoco.MjData) -> bool:
+        """Return whether the same contacts are near, and no other, as the last step has left it."""
+        return self._left[0] == data.qpos.tobytes() and self._left[3] == self._options.disabled
+
+    def _apart(self, data: mujoco.MjData, start: Moment) -> Moment:
+        """Move apart what overlaps because a gap has jumped; leave it where bodies are squeezed."""
+        state = save_state(self._model, data)
+        try:
+            return push_out(self._model, data, self._flights, start, self._tolerance)
+        except (OverlapError, UnfinishedStepError):
+            restore_state(self._model, data, state)
+            self._flights.update(data)
+            return self._flights.look(data)
+
+    def _is_unchanged(self, data: mujoco.MjData) -> bool:
+        """Return whether everything that contacts depend on is as the last step has left it."""
+        return self._left == self._now(data)
+
+    def _now(self, data: mujoco.MjData) -> tuple[bytes, bytes, float, int, bytes]:
+        """Return what contacts depend on: position, velocity, timestep, what is disabled, which equalities are on."""
+        active = data.eq_active.tobytes() if self._plan.bilateral else b""
+        options = self._options
+        return data.qpos.tobytes(), data.qvel.tobytes(), options.timestep, options.disabled, active
+
+    def _collide(self, data: mujoco.MjData, start: Moment, events: list[ImpactEvent]) -> Moment:
+        """Resolve the collisions of now; frames and inertia of data are those of the start."""
+        closed, before = np.flatnonzero(start.closed), len(events)
+        rounding = start.rounding[closed]
+        data.qvel[:] = self._collider.collide(
+            self._metric_at(data),
+            start.touch.closed(self._model, data, closed),
+            start.velocity,
+            approach=rounding,
+            rounding=rounding,
+            time=data.time,
+            qpos=data.qpos,
+            events=events,
+            work=self._work,
+        )
+        self._check_ended(data, events[before:], len(events))
+        return start.moving(self._model, data)
+
+    def _check_ended(self, data: mujoco.MjData, new: list[ImpactEvent], count: int) -> None:
+        """Raise `UnfinishedStepError` if E = 0 after max_events collisions has taken more energy than rounding."""
+        if self._rest is not None and count > self._collider.most:
+            impact = new[-1].impact
+            pushed = self._options.timestep * impact.collision.metric.norm(data.qacc)  # by all but contact, in a step
+            lost = -impact.energy_change
+            if lost > _ENDED * impact.collision.kinetic_energy and impact.intensity > pushed:
+                raise UnfinishedStepError(f"more than {self._collider.most} collisions in a step")
+
+    def _metric_at(self, data: mujoco.MjData) -> KineticMetric:
+        """Return the kinetic metric of now: the last one where inertia is constant, unless somebody has changed it."""
+        if self._plan.inertia or self._metric is None:
+            self._metric = kinetic_metric(self._model, data)
+        else:
+            self._metric = kinetic_metric(self._model, data, known=self._metric)
+        return self._metric

@@ -1,0 +1,151 @@
+"""Steps whose contacts need no look but one at the end, to see that the last step's answer holds once more.
+
+- `Apart`: nothing is near, neither before nor after.
+- `Together`: contacts are closed, and still, without any force; they are closed after.
+- `Rest`: nothing has moved in the last step, and nothing moves in this one if the contacts exert the same forces.
+
+A shortcut tries the flow of a whole step. Where its condition does not hold at the end, the flow is forgotten, and the
+step taken as any other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import mujoco
+import numpy as np
+
+from impactlaw.scene.patterns import Pattern
+from impactlaw.stepping.event_driven.contact_state import CORRECTED, SILENT, Moment
+from impactlaw.stepping.event_driven.smooth_phase import Flights
+from impactlaw.stepping.event_driven.travel import Frames
+from impactlaw.stepping.integration import restore_state, save_state, saved_qpos, saved_qvel
+
+
+class Shortcut(Protocol):
+    """What the last step has shown, and whether it holds in the next one, too, which starts where that has ended."""
+
+    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
+        """Advance by a timestep; return the shortcut of the next one, or None if the flow is to be forgotten."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Apart:
+    """No contact is near.
+
+    Attributes:
+        frames: of all geoms at the start of the step; None if no body can pass through another.
+    """
+
+    frames: Frames | None
+
+    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
+        """See `Shortcut`."""
+        if flights.leap(data, self.frames) and not flights.is_near(data):
+            return Apart(flights.frames(data))
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class Together:
+    """All contacts are closed and were still, and no force is needed for that.
+
+    One that begins to approach or to separate is noticed as soon as its gap is not closed any more.
+
+    Attributes:
+        pattern: of these contacts, the only ones near.
+    """
+
+    pattern: Pattern
+
+    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
+        """See `Shortcut`."""
+        return self if flights.leap(data) and flights.are_closed(data, self.pattern) else None
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """Nothing moves.
+
+    The impulse ``P = M (v+ - v)`` that the contacts have given to the last flow is known. The next one gets ``P / tau``
+    as an applied force. If nothing has moved at its end, neither in position nor in velocity, the same contacts are
+    closed, and their forces lie in the same cones as before.
+
+    Attributes:
+        qpos: where the contacts were looked at, (nq,).
+        force: that the contacts exert on all degrees of freedom, N or N m, (nv,).
+        distance: of all coordinates together, below which no gap changes by more than a correction, m or rad.
+        speed: of all coordinates together, below which every contact velocity is rounding, m/s or rad/s.
+        pattern: of the contacts.
+    """
+
+    qpos: np.ndarray
+    force: np.ndarray
+    distance: float
+    speed: float
+    pattern: Pattern
+
+    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
+        """See `Shortcut`."""
+        if not flights.is_steady:
+            return None
+        flights.advance(data, flights.options.timestep, self.force)
+        moved = _difference(model, self.qpos, data.qpos)
+        if mujoco.mju_norm(moved) <= self.distance and mujoco.mju_norm(data.qvel) <= self.speed:
+            flights.refresh(data, self.pattern)
+            return self
+        return None
+
+
+def find_together(end: Moment) -> Together | None:
+    """Return that contacts stay together by themselves if they do so at the end of a step; None if they do not."""
+    return Together(end.touch.pattern) if end.quiet and end.touch.pattern.plain else None
+
+
+def is_still(flights: Flights, velocity: np.ndarray, still: float) -> bool:
+    """Return whether all contacts are still at a velocity, (nv,); see `Moment.still`."""
+    return mujoco.mju_norm(velocity) <= SILENT * still / _farthest(flights)
+
+
+def find_rest(
+    model: mujoco.MjModel, data: mujoco.MjData, flights: Flights, state: np.ndarray, end: Moment
+) -> Rest | None:
+    """Return the rest that a step without collisions was; None if something has moved in it.
+
+    Args:
+        model: the scene.
+        data: at the end of the step.
+        flights: what has taken it.
+        state: at its start.
+        end: the contacts at its end.
+    """
+    if not is_still(flights, saved_qvel(model, state), end.still):
+        return None
+    qpos, timestep = data.qpos.copy(), flights.options.timestep
+    distance, speed = CORRECTED * flights.tolerance / _farthest(flights), SILENT * end.still / _farthest(flights)
+    if mujoco.mju_norm(_difference(model, saved_qpos(model, state), qpos)) > distance:
+        return None
+    after = save_state(model, data)
+    restore_state(model, data, state)
+    flights.advance(data, timestep)
+    change = end.velocity - data.qvel
+    restore_state(model, data, after)
+    flights.update(data)
+    flights.refresh(data, end.touch.pattern)
+    force = np.empty(model.nv)
+    mujoco.mj_mulM(model, data, force, change / timestep)
+    return Rest(qpos, force, distance, speed, end.touch.pattern)
+
+
+def _farthest(flights: Flights) -> float:
+    """Return how much two points in contact can move against each other, m per unit of all coordinates together."""
+    return 2.0 * max(flights.farthest, 1.0)
+
+
+def _difference(model: mujoco.MjModel, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return the displacement from one configuration to another, (nv,)."""
+    result = np.empty(model.nv)
+    mujoco.mj_differentiatePos(model, result, 1.0, one, other)
+    return result

@@ -1,0 +1,145 @@
+"""How far geoms travel, so that no body passes through another unseen."""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from impactlaw.scene.pairs import GeomPairs, thickness
+
+_FREE, _BALL, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{name}")) for name in ("FREE", "BALL", "SLIDE"))
+_FAR = 1e100  # m: how far a slide may carry what hangs on it
+
+
+class Frames(NamedTuple):
+    """Positions (ngeom, 3) and orientations (ngeom, 9) of all geoms at one time."""
+
+    position: np.ndarray
+    rotation: np.ndarray
+
+    @classmethod
+    def of(cls, data: mujoco.MjData) -> Frames:
+        """Copy the frames of now."""
+        return cls(data.geom_xpos.copy(), data.geom_xmat.copy())
+
+
+class Travel:
+    """How far geoms move in a flow, and how long a flow may be so that no body passes through another unseen.
+
+    A pair is safe when the sum of both travels is at most the pair's own thickness (the sum of the smallest
+    half-extents), or the distance between the two geoms at the start of the flow.
+
+    Args:
+        model: the scene.
+        pairs: geoms that can meet.
+        passing: whether any of them can pass through another.
+        turning: whether rotation counts there.
+
+    Attributes:
+        farthest: how far a point of a geom can move at most, m per unit of displacement of all coordinates together.
+    """
+
+    def __init__(self, model: mujoco.MjModel, pairs: GeomPairs, *, passing: bool, turning: bool):
+        self._model = model
+        thin = thickness(model)
+        self._radius = model.geom_rbound.copy()
+        self._lever = np.where(np.isfinite(thin), np.maximum(self._radius - thin, 0.0), 0.0)
+        finite = np.isfinite(thin[pairs.geoms]).all(axis=1)
+        self._pairs = pairs.geoms[finite]
+        self._thickness = thin[self._pairs].sum(axis=1)
+        self._thinnest = self._thickness.min(initial=np.inf)
+        self._spins = np.zeros(model.nv, dtype=bool)
+        for joint in range(model.njnt):
+            kind, dof = int(model.jnt_type[joint]), int(model.jnt_dofadr[joint])
+            if kind == int(mujoco.mjtJoint.mjJNT_FREE):
+                self._spins[dof + 3 : dof + 6] = True
+            elif kind == int(mujoco.mjtJoint.mjJNT_BALL):
+                self._spins[dof : dof + 3] = True
+            elif kind == int(mujoco.mjtJoint.mjJNT_HINGE):
+                self._spins[dof] = True
+        self._round = not turning
+        self._passable = passing
+        self._reach, self._short = self._reaches(pairs.geoms[np.isfinite(thin[pairs.geoms])]), 0.5 * self._thinnest
+        if not self._round:
+            self._short = min(self._short, 1.0)
+            self._reach[self._spins] = np.maximum(self._reach[self._spins], self._short)
+        self.farthest = float(np.linalg.norm(self._reach))
+
+    def is_short(self, before: np.ndarray, after: np.ndarray, duration: float, *, drift: float = 0.0) -> bool:
+        """Return whether nothing can have passed through another body, or turned so far that orientations alias.
+
+        A bound from the velocities, (nv,), at both ends of a flow, and the largest speed of surfaces that move by
+        themselves, m/s; where it fails, `between` tells more.
+        """
+        if not self._passable:
+            return True
+        short = self._short - 2.0 * drift * duration
+        if self.reach(before, after, duration) <= short:
+            return True
+        return self._reach.dot(np.abs(before) + np.abs(after)) * duration <= short
+
+    def reach(self, before: np.ndarray, after: np.ndarray, duration: float) -> float:
+        """Return a distance, m, that no point of a geom can have moved further than; see `is_short`."""
+        return self.farthest * (sqrt(before.dot(before)) + sqrt(after.dot(after))) * duration
+
+    def _reaches(self, geoms: np.ndarray) -> np.ndarray:
+        """Return how far a joint's motion can move a point of a geom, m per m or per rad, (nv,)."""
+        model = self._model
+        reach = np.zeros(model.nv)
+        for geom in np.unique(geoms):
+            arm, body = model.geom_rbound[geom] + np.linalg.norm(model.geom_pos[geom]), model.geom_bodyid[geom]
+            while body:
+                first, count = model.body_jntadr[body], model.body_jntnum[body]
+                for joint in reversed(range(first, first + count)):
+                    kind, dof = int(model.jnt_type[joint]), int(model.jnt_dofadr[joint])
+                    offset = float(np.linalg.norm(model.jnt_pos[joint]))
+                    size = {_FREE: 6, _BALL: 3}.get(kind, 1)
+                    turn = slice(dof + 3 if kind == _FREE else dof, dof + size)
+                    if kind in (_FREE, _SLIDE):
+                        reach[dof : dof + size] = np.maximum(reach[dof : dof + size], 1.0)
+                    if kind != _SLIDE:
+                        reach[turn] = np.maximum(reach[turn], arm + offset)
+                    arm += _FAR if kind == _SLIDE else 2.0 * offset
+                arm += np.linalg.norm(model.body_pos[body])
+                body = model.body_parentid[body]
+        return reach
+
+    def between(self, start: Frames, data: mujoco.MjData) -> np.ndarray:
+        """Return a bound on the travel of each geom's surface from the start to now, m, (ngeom,)."""
+        shift, turn = data.geom_xpos - start.position, data.geom_xmat - start.rotation
+        return np.sqrt(np.vecdot(shift, shift)) + self._lever * np.sqrt(0.5 * np.vecdot(turn, turn))
+
+    def suspects(self, start: Frames, travel: np.ndarray) -> np.ndarray:
+        """Return the indices of pairs that may have passed through each other."""
+        if 2.0 * travel.max(initial=0.0) <= self._thinnest:
+            return np.zeros(0, dtype=int)
+        first, second = self._pairs.T
+        moved = travel[first] + travel[second]
+        far = np.flatnonzero(moved > self._thickness)
+        first, second, moved = first[far], second[far], moved[far]
+        apart = np.linalg.norm(start.position[first] - start.position[second], axis=1)
+        return far[apart - (self._radius[first] + self._radius[second]) <= moved]
+
+    def is_safe(self, start: Frames, before: np.ndarray, data: mujoco.MjData, duration: float) -> bool:
+        """Return whether no body has passed through another in a flow from these frames, and velocity, until now."""
+        return duration <= self.longest_turn(before) and not len(self.suspects(start, self.between(start, data)))
+
+    def safe_fraction(self, data: mujoco.MjData, suspects: np.ndarray, travel: np.ndarray) -> float:
+        """Return the part of the flow after which no suspect can have passed through; data at the flow's start."""
+        fraction = 1.0
+        for k in suspects:
+            first, second = self._pairs[k]
+            moved = travel[first] + travel[second]
+            distance = mujoco.mj_geomDistance(self._model, data, first, second, moved, None)
+            fraction = min(fraction, max(self._thickness[k], distance) / moved)
+        return fraction
+
+    def longest_turn(self, velocity: np.ndarray) -> float:
+        """Return the duration, s, in which the fastest joint turns by one radian (orientations alias beyond it)."""
+        if self._round:
+            return np.inf
+        fastest = np.abs(velocity[self._spins]).max(initial=0.0)
+        return 1.0 / fastest if fastest > 0 else np.inf

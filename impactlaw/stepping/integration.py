@@ -1,0 +1,93 @@
+"""MuJoCo's own integrator with contacts switched off, over any duration, and the state that it starts from."""
+
+from __future__ import annotations
+
+from math import inf
+
+import mujoco
+import numpy as np
+
+from impactlaw.errors import DivergenceError, SceneError
+from impactlaw.scene.options import BorrowedOptions
+
+_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+_HUGE = mujoco.mjMAXVAL  # MuJoCo takes larger numbers for a mistake
+_INPUT = ("time", "qpos", "qvel", "act", "ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "mocap_quat")
+
+
+def empty_state(model: mujoco.MjModel) -> np.ndarray:
+    """Return room for a state."""
+    return np.empty(mujoco.mj_stateSize(model, _STATE))
+
+
+def save_state(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray | None = None) -> np.ndarray:
+    """Return everything that the integrator starts from, in the given array if there is one."""
+    state = empty_state(model) if state is None else state
+    mujoco.mj_getState(model, data, state, _STATE)
+    return state
+
+
+def saved_qpos(model: mujoco.MjModel, state: np.ndarray) -> np.ndarray:
+    """Return the positions in what `save_state` returned, (nq,)."""
+    return state[1 : 1 + model.nq]  # the time is first
+
+
+def saved_qvel(model: mujoco.MjModel, state: np.ndarray) -> np.ndarray:
+    """Return the velocities in what `save_state` returned, (nv,)."""
+    return state[1 + model.nq : 1 + model.nq + model.nv]
+
+
+def restore_state(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -> None:
+    """Go back to what `save_state` returned."""
+    mujoco.mj_setState(model, data, state, _STATE)
+
+
+def check_input(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -> None:
+    """Refuse what MuJoCo would reset or ignore in silence.
+
+    Args:
+        model: the scene.
+        data: its state.
+        state: the same, saved: one look at all of it, of which most steps need no more.
+
+    Raises:
+        DivergenceError: a position, velocity, activation, control, applied force, pose of a mocap body, or the time is
+            not finite, or huge.
+        SceneError: the timestep is not positive, or not finite.
+    """
+    if not mujoco.mju_norm(state) <= _HUGE:
+        for name in _INPUT:
+            values = np.asarray(getattr(data, name))
+            if values.size and not np.abs(values).max() <= _HUGE:
+                raise DivergenceError(f"{name} is not finite, or huge, at t = {data.time:.6g} s")
+    check_timestep(model.opt.timestep)
+
+
+def check_timestep(timestep: float) -> None:
+    """Refuse what no step can advance by.
+
+    Raises:
+        SceneError: it is not positive, or not finite.
+    """
+    if not 0.0 < timestep < inf:
+        raise SceneError(f"the timestep must be positive, got {timestep:g} s")
+
+
+def is_huge(data: mujoco.MjData) -> bool:
+    """Return whether a position or velocity is not finite, or so large that MuJoCo takes it for a mistake."""
+    return not (mujoco.mju_norm(data.qpos) <= _HUGE and mujoco.mju_norm(data.qvel) <= _HUGE)
+
+
+def advance(model: mujoco.MjModel, data: mujoco.MjData, options: BorrowedOptions, duration: float) -> None:
+    """Integrate for ``duration`` s as `mj_step` does, without contacts.
+
+    Raises:
+        DivergenceError: the velocity is not finite afterwards, or huge.
+    """
+    options.flow(duration)
+    mujoco.mj_step(model, data)
+    if not mujoco.mju_norm(data.qvel) <= _HUGE:  # numpy would warn of an overflow
+        raise DivergenceError(
+            f"the velocity is not finite, or huge, at t = {data.time:.6g} s; use a smaller timestep, or check "
+            "the controls and the stiffness of the scene"
+        )

@@ -1,0 +1,296 @@
+"""What stepping a scene takes, read off the compiled model: parts that some scenes need, and whether this one does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+
+import mujoco
+import numpy as np
+
+from impactlaw.scene.contacts import geom_names
+from impactlaw.scene.equality_constraints import bilateral_constraints
+from impactlaw.scene.geoms import one_contact, several_contacts, touching_distance
+from impactlaw.scene.joint_limits import Limits
+from impactlaw.scene.pairs import GeomPairs, geom_pairs, thickness
+
+_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+_NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+_HINGE, _SLIDE, _FREE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{name}")) for name in ("HINGE", "SLIDE", "FREE"))
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part of a step.
+
+    Attributes:
+        name: what it does.
+        runs: whether it runs in this scene.
+        why: the fact about the scene that decides.
+    """
+
+    name: str
+    runs: bool
+    why: str
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Which parts of stepping a scene needs. What is False is left out.
+
+    Attributes:
+        contact_model: "rigid" or "soft".
+        scheme: of rigid stepping, "event-driven" or "time-stepping"; None for soft stepping.
+        limits: joints or tendons have limits, which are contacts like any other.
+        detection: collision detection: some geoms can meet.
+        convex: exact settings of MuJoCo's general convex collider: some pairs are measured by it.
+        faces: a second detection for several contacts between faces of cylinders and meshes.
+        points: matching contact points from flow to flow: some pairs have several contacts.
+        passing: the check that no body passes through another: some bodies meet others that are not planes.
+        turning: the same check's bound on rotation: some of those are not round.
+        bilateral: equality constraints that no impulse may violate.
+        friction: some contacts have friction.
+        surfaces: surfaces that move by themselves: some mocap bodies can meet others, or belts with friction (rigid).
+        inertia: a new factor of the mass matrix at every collision: it depends on the configuration.
+        rest: the contact forces of a step that has moved nothing are tried in the next one.
+        pairs: geoms that can meet.
+        parts: the same for people to read, with reasons.
+    """
+
+    contact_model: Literal["rigid", "soft"]
+    scheme: Literal["event-driven", "time-stepping"] | None
+    limits: bool
+    detection: bool
+    convex: bool
+    faces: bool
+    points: bool
+    passing: bool
+    turning: bool
+    bilateral: bool
+    friction: bool
+    surfaces: bool
+    inertia: bool
+    rest: bool
+    pairs: GeomPairs = field(repr=False, compare=False)
+    parts: tuple[Part, ...] = field(repr=False, compare=False)
+
+
+def make_plan(
+    model: mujoco.MjModel,
+    contact_model: Literal["rigid", "soft"] = "rigid",
+    *,
+    scheme: Literal["event-driven", "time-stepping"] | None = None,
+    friction: Literal["coulomb", "convex", "ignore"] = "coulomb",
+) -> Plan:
+    """Derive from the compiled model, and the options of a `Stepper`, what steps of it take."""
+    pairs = geom_pairs(model)
+    geoms = pairs.geoms
+    thin = thickness(model)
+    solid = geoms[np.isfinite(thin[geoms]).all(axis=1)]
+    several = ~one_contact(model, geoms)
+    rigid = contact_model == "rigid"
+    located = rigid and scheme != "time-stepping"
+    flags = {
+        "limits": bool(Limits(model)),
+        "detection": len(geoms) > 0 or (not rigid and model.nflex > 0),
+        "convex": located and bool((touching_distance(model, geoms) > 0).any()),
+        "faces": located and bool(several_contacts(model, geoms).any()),
+        "points": located and bool(several.any()),
+        "passing": located and len(solid) > 0,
+        "turning": located and bool((model.geom_rbound[solid] > thin[solid]).any()),
+        "bilateral": bool(bilateral_constraints(model).any()),
+        "friction": rigid and friction != "ignore" and bool(pairs.friction.any()),
+        "surfaces": bool(_moves(model, geoms).any()) or (rigid and bool((pairs.friction & _runs(model, geoms)).any())),
+        "inertia": (len(geoms) > 0 or bool(Limits(model))) and not has_constant_inertia(model),
+    }
+    given = flags["bilateral"] or model.tendon_limited.any()
+    flags["inertia"] &= located or not rigid
+    flags["rest"] = located and (flags["detection"] or flags["limits"]) and not given
+    reasons = _Reasons(model, pairs, flags)
+    parts = tuple(reasons.soft() if not rigid else reasons.rigid() if located else reasons.time_stepping())
+    scheme = (scheme or "event-driven") if rigid else None
+    return Plan(contact_model=contact_model, scheme=scheme, **flags, pairs=pairs, parts=parts)
+
+
+def _moves(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
+    """Return which pairs of geoms have one on a mocap body, bool (p,)."""
+    return (model.body_mocapid[model.body_rootid[model.geom_bodyid[geoms]]] >= 0).any(axis=1)
+
+
+def _runs(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
+    """Return which pairs of geoms have one whose surface runs like a belt, bool (p,)."""
+    return model.geom_surfacevel.any(axis=1)[geoms].any(axis=1)
+
+
+def format_plan(plan: Plan) -> str:
+    """Return the plan as lines of text, what runs first."""
+    width = max(len(part.name) for part in plan.parts)
+    parts = sorted(plan.parts, key=lambda part: not part.runs)
+    return "\n".join(f"{'runs    ' if part.runs else 'left out'}  {part.name:<{width}}  {part.why}" for part in parts)
+
+
+@dataclass(frozen=True)
+class _Reasons:
+    """Puts into words why a part runs or is left out."""
+
+    model: mujoco.MjModel
+    pairs: GeomPairs
+    flags: dict[str, bool]
+
+    def rigid(self) -> Iterator[Part]:
+        geoms, first = self.pairs.geoms, self._first
+        yield self._detection()
+        stages = "the integrator has one stage" if self.model.opt.integrator != _RK4 else "once, at the end of a flow"
+        yield Part("collision detection at every stage of the integrator", False, stages)
+        yield self._part(
+            "convex",
+            "exact settings for general convex shapes",
+            lambda: first(touching_distance(self.model, geoms) > 0),
+            "distances of all pairs have closed forms",
+        )
+        yield self._part(
+            "faces",
+            "second detection, for several contacts between faces",
+            lambda: first(several_contacts(self.model, geoms)),
+            "no cylinder or mesh meets a face",
+        )
+        yield self._part(
+            "points",
+            "matching of contact points from flow to flow",
+            lambda: first(~one_contact(self.model, geoms)),
+            "no pair has more than one contact",
+        )
+        thin = thickness(self.model)[geoms].sum(axis=1)
+        yield self._part(
+            "passing",
+            "check that nothing passes through another body",
+            lambda: f"the thinnest pair measures {2 * thin.min():.3g} m",
+            "bodies meet planes only",
+        )
+        yield self._part(
+            "turning",
+            "bound on rotation within a flow",
+            lambda: "some of these bodies are not round",
+            "bodies that meet others are round",
+        )
+        yield self._solver()
+        yield self._part(
+            "inertia",
+            "new factor of the mass matrix at every collision",
+            lambda: "the mass matrix depends on the configuration",
+            "the mass matrix is constant: factored once",
+        )
+        yield self._part(
+            "rest",
+            "trial of the last contact forces, for scenes at rest",
+            lambda: "contacts are not looked at, nor forces solved for, while it lasts",
+            "equality constraints or limits of tendons",
+        )
+        yield from self._mujoco()
+        yield from self._friction()
+        yield Part("copies for events and logs", False, "made when something collides")
+
+    def time_stepping(self) -> Iterator[Part]:
+        yield self._detection()
+        yield Part(
+            "location of collisions in time", False, "one look at contacts, one problem for all of them, every step"
+        )
+        rk4 = self.model.opt.integrator == _RK4
+        yield Part("stages of the integrator", False, "RK4 becomes the midpoint rule" if rk4 else "it has one")
+        yield self._solver()
+        yield from self._mujoco()
+        yield from self._friction()
+        yield Part("events", False, "resolved when they are read")
+
+    def _friction(self) -> Iterator[Part]:
+        geoms = self.pairs.geoms
+        friction = int(np.count_nonzero(self.pairs.friction))
+        runs = self.flags["friction"]
+        why = f"{friction} of {len(geoms)} pairs" if runs else f"ignored on {friction} pairs"
+        yield Part("friction", runs, why if friction else "no pair has friction")
+        moves = _moves(self.model, geoms) | _runs(self.model, geoms)
+        yield self._part(
+            "surfaces",
+            "moving surfaces",
+            lambda: self._first(moves),
+            "no mocap body collides, and no belt has friction",
+        )
+
+    def soft(self) -> Iterator[Part]:
+        yield self._detection()
+        rk4 = self.model.opt.integrator == _RK4
+        yield Part(
+            "second look at the end of a step that met new contacts",
+            rk4 and self.flags["detection"],
+            "RK4's stages look ahead" if rk4 else "the integrator evaluates forces at the start of the step only",
+        )
+        yield self._solver()
+        yield from self._mujoco()
+        moves = _moves(self.model, self.pairs.geoms)
+        yield self._part("surfaces", "moving surfaces", lambda: self._first(moves), "no mocap body collides")
+        yield Part("sustained contact and friction", False, "MuJoCo's own")
+
+    def _first(self, chosen: np.ndarray) -> str:
+        geoms, names = self.pairs.geoms, geom_names(self.model)
+        a, b = geoms[int(np.argmax(chosen))]
+        return f"{int(np.count_nonzero(chosen))} of {len(geoms)} pairs, {names[a]}/{names[b]} among them"
+
+    def _part(self, flag: str, name: str, why: Callable[[], str], why_not: str) -> Part:
+        runs = self.flags[flag]
+        return Part(name, runs, why() if runs else why_not if self.flags["detection"] else "no two geoms can meet")
+
+    def _detection(self) -> Part:
+        n = len(self.pairs.geoms)
+        if self.flags["detection"] and not n:
+            return Part("collision detection", True, "a flex can collide")
+        if self.model.opt.disableflags & _NO_CONTACT:
+            return Part("collision detection", False, "the scene's options disable contact")
+        why = f"{n} pair{'s' if n > 1 else ''} of geoms can meet" if n else "no two geoms can meet"
+        return Part("collision detection", n > 0, why)
+
+    def _solver(self) -> Part:
+        name = "solver for several contacts at once"
+        geoms = self.pairs.geoms
+        limits = len(Limits(self.model).names)
+        if limits + len(geoms) == 1 and (limits or one_contact(self.model, geoms)[0]):
+            return Part(name, False, "at most one contact: closed form")
+        some = limits + len(geoms) > 0
+        return Part(name, some, "more than one contact can collide" if some else "no contact")
+
+    def _mujoco(self) -> Iterator[Part]:
+        m = self.model
+        limits = len(Limits(m).names)
+        for name, n, what in (
+            ("limits as contacts", limits, "of the joints and tendons"),
+            ("equality constraints", int(np.count_nonzero(m.eq_active0)), "active: impulses leave them alone"),
+            ("tendons", int(m.ntendon), "tendons"),
+            ("actuators", int(m.nu), "actuators"),
+        ):
+            yield Part(name, n > 0, f"{n} {what}" if n else "none")
+
+
+def has_constant_inertia(model: mujoco.MjModel) -> bool:
+    """Return whether the mass matrix is the same in every configuration.
+
+    So it is where each tree of bodies has slides only, or one joint, which is a hinge, or free with the center of mass
+    in the origin of its body.
+    """
+    if model.ntendon and model.tendon_armature.any():
+        return False
+    root = model.body_rootid[model.jnt_bodyid]
+    for tree in np.unique(root):
+        kinds = model.jnt_type[root == tree]
+        alone = len(kinds) == 1
+        centered = alone and kinds[0] == _FREE and _is_centered(model, tree)
+        if not ((kinds == _SLIDE).all() or (alone and kinds[0] == _HINGE) or centered):
+            return False
+    return True
+
+
+def _is_centered(model: mujoco.MjModel, root: int) -> bool:
+    """Return whether the center of mass of a tree without inner joints is the origin of its root."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    return bool(np.abs(data.subtree_com[root] - data.xpos[root]).max() <= 1e-15 + 1e-12 * model.stat.extent)

@@ -1,0 +1,1 @@
+"""Soft stepping: MuJoCo keeps contact, the law takes over collisions."""

@@ -1,0 +1,307 @@
+"""Stepping a MuJoCo scene with a chosen impact law."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Literal
+
+import mujoco
+
+from impactlaw import deferred
+from impactlaw.errors import ManyCollisionsWarning, SceneError, UnknownNameError
+from impactlaw.laws import Coulomb, Law, MaximalDissipation
+from impactlaw.laws.from_scene import scene_law
+from impactlaw.scene.contacts import GAP_TOLERANCE
+from impactlaw.settled import Settled
+from impactlaw.solvers import SOLVERS
+from impactlaw.stepping.collisions import Collider
+from impactlaw.stepping.compatibility import (
+    check_count,
+    check_friction,
+    check_law,
+    check_length,
+    check_model,
+    check_speed,
+)
+from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
+from impactlaw.stepping.event_driven.scheme import RigidStepping
+from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.plan import make_plan
+from impactlaw.stepping.soft.scheme import REST_SPEED, SoftStepping
+
+if TYPE_CHECKING:
+    from impactlaw.stepping.time_stepping.scheme import TimeStepping
+
+_ANEW = "make a new Stepper"
+
+
+class Stepper:
+    """Advances a scene by its own timestep under an impact law.
+
+    With ``contact_model="rigid"`` MuJoCo does everything but contact and the law owns the contacts, with the friction
+    of the scene. Event-driven steps locate the times at which gaps close, resolve every collision by the law, and keep
+    touching contacts touching (`impactlaw.stepping.event_driven`): exact; what takes too much work is time stepped.
+    Time stepping solves one problem a step for impacts and held contact together (`impactlaw.stepping.time_stepping`):
+    of first order in collisions, at a bounded price, and after the constructor nothing about contact raises. With
+    ``contact_model="soft"`` MuJoCo keeps contact and friction, and the law takes over collisions only; a step without
+    one is `mj_step`, bit for bit (`impactlaw.stepping.soft`).
+
+    Args:
+        model: the compiled scene. Its options are read at every step, so they may be changed between steps (contacts
+            and limits that they disable are off). What else of it is changed later has its effect where MuJoCo reads it
+            again; event-driven steps keep shapes, limits and friction as they were when a contact was first seen.
+        law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`impactlaw.laws.from_scene`).
+        contact_model: "rigid" or "soft".
+        scheme: "event-driven", if not given, or "time-stepping" (rigid).
+        friction: "coulomb", if not given, is exact Coulomb friction in collisions and in sustained contact, with the
+            coefficients of the scene; "convex" its convex relaxation, in which contacts that slide also separate;
+            "ignore" leaves it out (rigid). A law that is not a `Coulomb` becomes one where contacts have friction.
+        overlap: "refuse" geoms that overlap and joints beyond their limits by more than gap_tolerance, or "push-out":
+            move the configuration by the smallest shift in the kinetic metric that opens all gaps, with the velocity as
+            it is. Looked at where the configuration is not the one that the last step has left, as at the start and
+            after a reset (event-driven; time stepping opens what overlaps over time).
+        on_inadmissible: what to do with an outcome of the law outside of S(v-), that is one that would create
+            energy or penetrate: "raise", the default, "project" it onto S(v-), or "allow" it. Under time stepping,
+            where nothing penetrates, "project", the default, scales all restitution of a collision so that it creates
+            none.
+        on_unsolved: what to do where no certified impulses are found, where the law has no solution, where contact is
+            not held or cannot be pushed out, and where a step takes too much work, which is counted, not timed: let
+            "time-stepping", the default, take the rest of the step, or "raise" (event-driven).
+        gap_tolerance: gap up to which a contact counts as closed, and largest penetration at an event, m; 1e-9 if not
+            given (event-driven).
+        rest_speed: closing speed above which a contact collides, m/s or rad/s: 0.1 for soft contacts if not given; 1e-3
+            under time stepping, where forces must not have made more within a step.
+        max_events: collisions of one step, 100 if not given; what is left of a step with more is finished with E = 0,
+            or time stepped if that would cost energy (event-driven, soft). A larger one allows more work.
+        solver: a name from `impactlaw.solvers.SOLVERS`, or "auto" (event-driven, soft).
+
+    Attributes:
+        law: the law; set to another one, it takes effect with the next step. The other options can be read, not set.
+        events: the collisions of the last step, in order.
+        plan: what a step does in this scene and what it leaves out (`impactlaw.stepping.plan`).
+        unlocated: steps so far that had more than max_events collisions, or were time stepped in part or as a whole.
+        shortfall: by how much a contact velocity of the last step missed its law (time stepping).
+        short_steps: steps so far in which that was too much (time stepping).
+
+    Raises:
+        SceneError: the scene holds something rigid stepping does not cover, or an option means nothing to this way to
+            step; the message says what to do.
+        RestitutionError: law="scene" and the scene carries none, or the law is for more contacts than the scene can
+            have, or for other velocities, or for friction where there is none.
+        UnknownNameError: no such option, or the law is keyed by contacts that the scene cannot have.
+        OptionError: rest_speed is not a speed, gap_tolerance no length, or max_events no count.
+    """
+
+    model, plan = Settled(_ANEW), Settled(_ANEW)
+    contact_model, scheme, friction, overlap = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
+    on_inadmissible, gap_tolerance, rest_speed = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
+    on_unsolved, max_events, solver = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        law: Law | Literal["scene"],
+        *,
+        contact_model: Literal["rigid", "soft"] = "rigid",
+        scheme: Literal["event-driven", "time-stepping"] | None = None,
+        friction: Literal["coulomb", "convex", "ignore"] | None = None,
+        overlap: Literal["refuse", "push-out"] | None = None,
+        on_inadmissible: Literal["raise", "project", "allow"] | None = None,
+        on_unsolved: Literal["time-stepping", "raise"] | None = None,
+        gap_tolerance: float | None = None,
+        rest_speed: float | None = None,
+        max_events: int | None = None,
+        solver: str | None = None,
+    ):
+        for kind, value, known in (
+            ("contact_model", contact_model, ("rigid", "soft")),
+            ("scheme", scheme, (None, "event-driven", "time-stepping")),
+            ("friction option", friction, (None, "coulomb", "convex", "ignore")),
+            ("overlap option", overlap, (None, "refuse", "push-out")),
+            ("on_inadmissible option", on_inadmissible, (None, "raise", "project", "allow")),
+            ("on_unsolved option", on_unsolved, (None, "time-stepping", "raise")),
+            ("solver", solver, (None, "auto", *SOLVERS)),
+        ):
+            if value not in known:
+                raise UnknownNameError(kind, value, [name for name in known if name])
+        check_model(model)
+        way = "soft" if contact_model == "soft" else scheme or "event-driven"
+        given = {
+            "scheme": scheme,
+            "friction": friction,
+            "overlap": overlap,
+            "on_unsolved": on_unsolved,
+            "gap_tolerance": gap_tolerance,
+            "rest_speed": rest_speed,
+            "max_events": max_events,
+            "solver": solver,
+        }
+        _refuse_unused(way, {name for name, value in given.items() if value is not None}, overlap)
+        check_length("gap_tolerance", gap_tolerance)
+        check_speed("rest_speed", rest_speed)
+        check_count("max_events", max_events)
+        deferred.load_solvers()
+        for name, value in {**given, "contact_model": contact_model, "on_inadmissible": on_inadmissible}.items():
+            setattr(self, name, value)
+        self.model = self._model = model
+        self._way = way
+        self._law = self._known(law)
+        self.plan = make_plan(model, contact_model, scheme=scheme, friction=friction or "coulomb")
+        law, last = self._with_friction(self._law), self._with_friction(MaximalDissipation())
+        most = 100 if max_events is None else max_events
+        collider = Collider(law, last, on_inadmissible or "raise", most, solver or "auto")
+        self._events: tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]] = ()
+        self._stepping: RigidStepping | SoftStepping | TimeStepping
+        if way == "time-stepping":
+            from impactlaw.stepping.time_stepping.scheme import TimeStepping
+            from impactlaw.stepping.time_stepping.warm_up import warm_up
+
+            warm_up()
+            self._stepping = TimeStepping(
+                model,
+                law,
+                self.plan,
+                friction=friction or "coulomb",
+                on_inadmissible=on_inadmissible or "project",
+                rest_speed=rest_speed,
+            )
+        elif way == "soft":
+            speed = REST_SPEED if rest_speed is None else rest_speed
+            self._stepping = SoftStepping(model, collider, self.plan, rest_speed=speed)
+        else:
+            self._stepping = RigidStepping(
+                model,
+                collider,
+                self.plan,
+                exact=friction != "convex",
+                gap_tolerance=GAP_TOLERANCE if gap_tolerance is None else gap_tolerance,
+                push_out=overlap == "push-out",
+                rest=None
+                if on_unsolved == "raise"
+                else RestOfStep(
+                    model, self._law, friction=friction or "coulomb", on_inadmissible=on_inadmissible or "raise"
+                ),
+            )
+        self._warned = False
+
+    @property
+    def law(self) -> Law:
+        """The law; set it to another `Law`, or "scene", and the next step is under that one.
+
+        Raises:
+            RestitutionError: as the constructor, and the law stays what it was.
+            UnknownNameError: as the constructor, and the law stays what it was.
+        """
+        return self._law
+
+    @law.setter
+    def law(self, law: Law | Literal["scene"]) -> None:
+        known = self._known(law)
+        self._stepping.set_law(self._with_friction(known))
+        self._law = known
+
+    @property
+    def events(self) -> tuple[ImpactEvent, ...]:
+        """The collisions of the last step, in order; time stepping resolves its one when it is first asked for."""
+        return self._events() if callable(self._events) else self._events
+
+    @property
+    def unlocated(self) -> int:
+        """Steps so far that had more than max_events collisions, or were time stepped in part (event-driven)."""
+        return self._stepping.unlocated
+
+    @property
+    def shortfall(self) -> float:
+        """Largest amount by which a contact velocity of the last step misses its law, m/s or rad/s.
+
+        Under other schemes than time stepping it is 0: they certify every collision, or refuse it.
+        """
+        return getattr(self._stepping, "shortfall", 0.0)
+
+    @property
+    def short_steps(self) -> int:
+        """Steps so far whose shortfall was above 1e-6 of the largest contact velocity, or 1e-8 m/s (time stepping)."""
+        return getattr(self._stepping, "short_steps", 0)
+
+    def step(self, data: mujoco.MjData) -> None:
+        """Advance data by one ``model.opt.timestep``.
+
+        Rigid steps leave frames and inertia current; soft ones leave them as `mj_step` does. A rigid step that raises
+        leaves the state as it was before the step.
+
+        Raises:
+            OverlapError: geoms overlap at the start by more than the gap tolerance, or are squeezed so that they cannot
+                be pushed out, and on_unsolved is "raise"; names the pairs and depths.
+            InadmissibleImpactError: the law would create energy and on_inadmissible is "raise".
+            RestitutionError: the law's coefficients do not fit the contacts that collide.
+            UnsolvableLawError: the law has no solution for the contacts that collide, and on_unsolved is "raise".
+            SolverError: no solver's answer for these contacts passed its certificate, and on_unsolved is "raise".
+            UnfinishedStepError: the step takes too much work, or contact is not held, and on_unsolved is "raise".
+            DivergenceError: position or velocity is not finite.
+            SceneError: data is of a model with other bodies, joints or geoms.
+        """
+        if data.signature != self._model.signature:
+            raise _other_model()
+        self._events = self._stepping.step(data)
+        if isinstance(self._stepping, RigidStepping) and self._stepping.crowded and not self._warned:
+            self._warned = True
+            warnings.warn(_CROWDED.format(data.time), ManyCollisionsWarning, stacklevel=2)
+
+    def finish_step(self, data: mujoco.MjData) -> None:
+        """Do what follows `mj_step1` in a soft step, as `mj_step2` does.
+
+        Raises:
+            SceneError: the contact model is not "soft", or data is of another model.
+            ImpactLawError: as by `step`.
+        """
+        if data.signature != self._model.signature:
+            raise _other_model()
+        if not isinstance(self._stepping, SoftStepping):
+            raise SceneError('only soft stepping can be cut in two halves; use step(), or contact_model="soft"')
+        self._events = self._stepping.finish(data)
+
+    def _known(self, law: Law | Literal["scene"]) -> Law:
+        """Return the law, if it can be that of the scene and of the way to step."""
+        if isinstance(law, str) and law == "scene":
+            law = scene_law(self.model)
+        if not isinstance(law, Law):
+            raise UnknownNameError("law", law, ("scene", "a Law, see impactlaw.make_law"))
+        check_law(self.model, law)
+        check_friction(law, "soft" if self._way == "soft" else self.friction)
+        return law
+
+    def _with_friction(self, law: Law) -> Law:
+        """Return the law with the friction of the contacts of the scene; time stepping adds it by itself."""
+        if not self.plan.friction or self._way == "time-stepping" or isinstance(law, Coulomb):
+            return law
+        return Coulomb(law, cone="convex" if self.friction == "convex" else "exact")
+
+
+def _other_model() -> SceneError:
+    return SceneError("data belongs to another model than the one that this stepper was made with")
+
+
+_CROWDED = (
+    "a step that ended at t = {:.6g} s had too many collisions to locate them all: time stepping has resolved them at "
+    "once; Stepper.unlocated counts such steps, a larger max_events locates more"
+)
+_UNUSED = {
+    "soft": ("scheme", "friction", "overlap", "on_unsolved", "gap_tolerance"),
+    "event-driven": ("rest_speed",),
+    "time-stepping": ("on_unsolved", "gap_tolerance", "max_events", "solver"),
+}
+"""Options that a way to step has no use for."""
+
+
+def _refuse_unused(way: str, given: set[str], overlap: str | None) -> None:
+    """Refuse options that would change nothing.
+
+    Raises:
+        SceneError: an option is given that is for another way to step.
+    """
+    for name in _UNUSED[way]:
+        if name in given:
+            raise SceneError(f"{name} means nothing to {way} steps; leave it out")
+    if way == "time-stepping" and overlap == "refuse":
+        raise SceneError('time stepping opens what overlaps, over time; leave overlap="refuse" out')

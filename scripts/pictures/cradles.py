@@ -1,0 +1,90 @@
+"""Newton's cradle under two laws and under MuJoCo's contacts, side by side: ``python -m scripts.pictures.cradles``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib as mpl
+import mujoco
+import numpy as np
+import tyro
+
+from impactlaw import Fremond, Moreau, Stepper
+from impactlaw.models import load
+
+_RAIL, _RADIUS, _SPACING = 1.25, 0.125, 0.25  # m, of the scene
+_LIFTED = 0.7  # rad, the first ball at the start
+_COLORS = ("#c0392b", "#aeb6bf", "#aeb6bf", "#aeb6bf", "#aeb6bf")
+
+
+@dataclass(frozen=True)
+class Cradles:
+    """Animate the cradle under the reversal law, under Moreau's and under MuJoCo's own contacts."""
+
+    out: Path = Path("out/cradles.gif")
+    """The file."""
+    seconds: float = 4.0
+    """Of motion, about two periods of the pendulums."""
+    frames_per_second: int = 15
+    """Of the animation, which runs at the speed of the scene."""
+
+
+def swings(law: Fremond | Moreau | None, times: np.ndarray) -> np.ndarray:
+    """Return the angles of the five balls at some times, rad, (n, 5); without a law contacts are MuJoCo's."""
+    model, data = load("newtons_cradle")
+    data.qpos[0], data.qvel[0] = -_LIFTED, 0.0
+    step = (lambda: mujoco.mj_step(model, data)) if law is None else _step(Stepper(model, law), data)
+    angles = []
+    for time in times:
+        while data.time < time - 1e-9:
+            step()
+        angles.append(data.qpos.copy())
+    return np.array(angles)
+
+
+def _step(stepper: Stepper, data: mujoco.MjData):
+    return lambda: stepper.step(data)
+
+
+def main(options: Cradles) -> None:
+    """Simulate, draw and write."""
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+    from matplotlib.animation import FuncAnimation, PillowWriter
+
+    times = np.arange(0.0, options.seconds, 1.0 / options.frames_per_second)
+    runs = {
+        "reversal law": swings(Fremond.reversal(), times),
+        "Moreau's law, e = 1": swings(Moreau(1.0), times),
+        "MuJoCo's contacts": swings(None, times),
+    }
+    figure, panels = plt.subplots(1, 3, figsize=(7.8, 2.3), dpi=100)
+    rest = _SPACING * (np.arange(5) - 2)
+    drawn = []
+    for panel, (name, _) in zip(panels, runs.items(), strict=True):
+        panel.set(xlim=(-1.3, 1.3), ylim=(0.07, 1.32), aspect="equal", title=name)
+        panel.axis("off")
+        panel.plot([-0.75, 0.75], [_RAIL, _RAIL], color="#34495e", linewidth=4, solid_capstyle="round")
+        strings = [panel.plot([], [], color="#7f8c8d", linewidth=1)[0] for _ in rest]
+        balls = [plt.Circle((0, 0), _RADIUS, facecolor=c, edgecolor="#34495e") for c in _COLORS]
+        for ball in balls:
+            panel.add_patch(ball)
+        drawn.append((strings, balls))
+    figure.subplots_adjust(left=0.0, right=1.0, bottom=0.0, top=0.88, wspace=0.0)
+
+    def draw(frame: int) -> None:
+        for (strings, balls), angles in zip(drawn, runs.values(), strict=True):
+            x, z = rest + np.sin(angles[frame]), _RAIL - np.cos(angles[frame])
+            for i, (string, ball) in enumerate(zip(strings, balls, strict=True)):
+                string.set_data([rest[i], x[i]], [_RAIL, z[i]])
+                ball.center = x[i], z[i]
+
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    animation = FuncAnimation(figure, draw, frames=len(times), init_func=lambda: None)
+    animation.save(options.out, writer=PillowWriter(fps=options.frames_per_second))
+    print(f"{options.out}: {options.out.stat().st_size / 1e6:.2f} MB, {len(times)} frames")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Cradles))

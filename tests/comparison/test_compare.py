@@ -1,0 +1,200 @@
+"""The main job: one scene under several laws and under MuJoCo's soft contacts."""
+
+import inspect
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from impactlaw import Collision
+from impactlaw.cli import Compare
+from impactlaw.comparison.compare import DEFAULT_LAWS, Comparison, choose_laws, compare, format_table
+from impactlaw.comparison.soft_contact import soft_outcome, tuned_contacts
+from impactlaw.errors import ImpactLawError, RestitutionError, UnknownNameError
+from impactlaw.laws import LAWS, Moreau
+from impactlaw.models import SCENES, load
+from impactlaw.recording import read_log
+
+
+@pytest.fixture(scope="module")
+def cradle(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cradle")
+    return folder, compare(Comparison(scene="newtons_cradle", duration=0.1), folder).set_index("run")
+
+
+@pytest.mark.parametrize(
+    ("law", "expected"),
+    [
+        ("maximal-dissipation", [0.2, 0.2, 0.2, 0.2, 0.2]),
+        ("moreau", [-0.6, 0.4, 0.4, 0.4, 0.4]),
+        ("reversal", [0.0, 0.0, 0.0, 0.0, 1.0]),
+    ],
+)
+def test_the_cradle_leaves_its_first_collision_as_the_law_says(cradle, law, expected):
+    row = cradle[1].loc[law]
+    assert row["v+"] == pytest.approx(expected, abs=1e-12)
+    assert row["admissible"] == "yes"
+    assert row["distance from S"] < 1e-12
+    assert row["events"] == 1
+
+
+def test_mujoco_outcome_of_the_cradle_is_audited_against_the_same_set(cradle):
+    model, start = load("newtons_cradle")
+    collision = Collision.from_mujoco(model, start)
+    for run in ("mujoco", "mujoco-tuned"):
+        row = cradle[1].loc[run]
+        outside = collision.admissible_set.distance(row["v+"])
+        assert row["distance from S"] == pytest.approx(outside, rel=1e-6)
+        assert outside > 1e-3  # gravity and the contacts' duration take it out of the set of velocity jumps
+        assert row["admissible"] != "yes"
+        assert np.isnan(row["events"])
+        assert row["penetration"] > 1e-3
+
+
+def test_antidissipative_contacts_of_the_reversal_are_named(cradle):
+    assert cradle[1].loc["reversal", "antidissipative"] == "ball4/ball5"
+    assert cradle[1].loc["moreau", "antidissipative"] == ""
+
+
+def test_everything_is_written_and_reads_back(cradle):
+    folder, table = cradle
+    names = {path.name for path in folder.iterdir()}
+    assert names == {"table.csv", "picture.png", *(f"{run}.rrd" for run in table.index)}
+    collisions = read_log(folder / "reversal.rrd").collisions
+    assert len(collisions) == table.loc["reversal", "events"]
+
+
+def test_the_table_on_screen_has_a_line_per_run(cradle):
+    text, _, laws = format_table(cradle[1].reset_index()).partition("\n\n")
+    assert len(text.splitlines()) == 1 + len(cradle[1])
+    assert laws == (
+        "laws: maximal-dissipation = MaximalDissipation(), moreau = Moreau(restitution=1.0), "
+        "reversal = Reversal(restitution=1.0)"
+    )
+    assert "(0, 0, 0, 0, 1)" in text
+    assert "(-0.6, 0.4, 0.4, 0.4, 0.4)" in text
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_every_scene_compares(scene, tmp_path):
+    table = compare(Comparison(scene=scene, laws=("moreau",), duration=0.4), tmp_path)
+    moreau = table.set_index("run").loc["moreau"]
+    assert not moreau["refused"]
+    assert moreau["penetration"] <= 1e-9
+    assert moreau["unlocated"] == 0
+    assert moreau["energy kept"] <= 1.0 + 1e-4
+
+
+def test_the_first_collision_of_the_rod_has_its_exact_answer(tmp_path):
+    table = compare(Comparison(scene="falling_rod", duration=1.1), tmp_path).set_index("run")
+    assert table.loc["scene", "T+/T-"] == pytest.approx(1 / 3, abs=1e-9)
+    assert table.loc["moreau", "admissible"] == "yes"
+
+
+def test_a_law_that_creates_energy_is_refused_and_the_others_run(tmp_path):
+    table = compare(Comparison(scene="ball_stack", laws=("moreau", "reversal"), duration=0.6), tmp_path)
+    table = table.set_index("run")
+    assert "energy ratio" in table.loc["reversal", "refused"]
+    assert not table.loc["moreau", "refused"]
+    assert "reversal was refused" in format_table(table.reset_index())
+
+
+@pytest.mark.parametrize("restitution", [0.05, 0.2, 0.5, 0.9, 1.0])
+def test_tuned_soft_contacts_bounce_with_about_their_restitution(restitution):
+    model, data = load("bouncing_ball")
+    model.opt.gravity[:] = 0.0
+    data.qpos[:] = 0.0
+    data.qvel[:] = -3.0
+    collision = Collision.from_mujoco(model, data)
+    soft = soft_outcome(tuned_contacts(model, restitution), data, Moreau(restitution).resolve(collision))
+    e = -soft.post_contact_velocity[0] / collision.pre_contact_velocity[0]
+    assert e == pytest.approx(restitution, abs=0.05)
+    assert abs(e - restitution) > 1e-6  # MuJoCo's own best is not exact, which is what the laws are for
+
+
+def test_tuning_leaves_the_scene_alone():
+    model, _ = load("bouncing_ball")
+    before = model.opt.o_solref.copy(), model.opt.enableflags
+    tuned_contacts(model, 0.5)
+    assert (model.opt.o_solref == before[0]).all()
+    assert model.opt.enableflags == before[1]
+
+
+def test_default_laws_hold_the_scene_law_only_where_it_differs_between_pairs():
+    assert "scene" not in choose_laws(load("newtons_cradle")[0], None, 1.0)
+    assert "scene" in choose_laws(load("falling_rod")[0], None, 1.0)
+
+
+def test_the_restitution_is_that_of_every_law_that_takes_one(tmp_path):
+    names = tuple(name for name in LAWS if name != "fremond")
+    laws = choose_laws(load("ball_chain")[0], names, 0.5)
+    assert {name: getattr(law, "restitution", None) for name, law in laws.items()} == {
+        "maximal-dissipation": None,
+        "moreau": 0.5,
+        "newton": 0.5,
+        "poisson": 0.5,
+        "reversal": 0.5,
+    }
+    table = compare(Comparison(scene="ball_chain", laws=("reversal",), restitution=0.5, duration=0.02), tmp_path)
+    assert table.set_index("run").loc["reversal", "v+"] == pytest.approx([1 / 6, 1 / 6, 2 / 3])
+    assert table.set_index("run").loc["reversal", "law"] == "Reversal(restitution=0.5)"
+    assert read_log(tmp_path / "reversal.rrd").properties["restitution"] == 0.5
+
+
+def test_the_help_names_the_laws_that_run():
+    text = " ".join((Compare.__doc__ or "", inspect.getsource(Compare)))
+    assert "maximal-dissipation, moreau, reversal, and scene where" in text
+    assert DEFAULT_LAWS == ("maximal-dissipation", "moreau", "scene", "reversal")
+
+
+def test_scene_without_restitution_has_no_law_of_its_own():
+    model = mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>")
+    with pytest.raises(RestitutionError, match="carries no restitution"):
+        choose_laws(model, ("scene",), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("study", "error", "message"),
+    [
+        ({"scene": "newtons_cradel"}, UnknownNameError, "newtons_cradle"),
+        ({"laws": ("moro",)}, UnknownNameError, "moreau"),
+        ({"laws": ("fremond",)}, RestitutionError, "matrix"),
+        ({"laws": ()}, RestitutionError, "choose from"),
+        ({"restitution": -0.1}, RestitutionError, "-0.1"),
+        ({"restitution": math.nan}, RestitutionError, "nan"),
+        ({"duration": 0.0}, ImpactLawError, "duration"),
+        ({"timestep": math.inf}, ImpactLawError, "timestep"),
+    ],
+)
+def test_wrong_input_is_named_and_nothing_is_written(study, error, message, tmp_path):
+    with pytest.raises(error, match=message):
+        compare(Comparison(**study), tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_soft_outcome_on_a_mocap_body_that_was_moved():
+    """MuJoCo's contacts act where the surface is now: the ball comes back, as far as they are tuned."""
+    model, data = load("juggler")
+    data.mocap_pos[0, 2] = data.qpos[0] = 0.3
+    data.qvel[0] = -4.0
+    collision = Collision.from_mujoco(model, data)
+    soft = soft_outcome(tuned_contacts(model, 0.8), data, Moreau(0.8).resolve(collision))
+    assert soft.post_velocity == pytest.approx([3.2], abs=0.1)
+
+
+@pytest.mark.parametrize("pair", ["", '<contact><pair geom1="floor" geom2="block" friction=".3 .3"/></contact>'])
+def test_tuned_contacts_have_the_friction_of_the_scene(pair):
+    block = '<body pos="0 0 .1"><freejoint/><geom name="block" type="box" size=".1 .1 .1" friction=".3"/></body>'
+    model = tuned_contacts(
+        mujoco.MjModel.from_xml_string(
+            '<mujoco><option timestep="0.001" cone="elliptic" impratio="100"/><worldbody>'
+            f'<geom name="floor" type="plane" size="9 9 1" friction=".3"/>{block}</worldbody>{pair}</mujoco>'
+        ),
+        0.0,
+    )
+    data = mujoco.MjData(model)
+    data.qvel[0] = 2.0
+    for _ in range(300):
+        mujoco.mj_step(model, data)
+    assert data.qvel[0] == pytest.approx(2.0 - 0.3 * 9.81 * 0.3, abs=0.05)

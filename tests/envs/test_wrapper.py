@@ -1,0 +1,331 @@
+"""The wrapper: a law that changes nothing changes nothing, one that does stays admissible, what is wrong is said."""
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+from wrapped import (
+    BALL,
+    NOTHING_HAPPENED,
+    SUITE,
+    V5,
+    Falling,
+    assert_equal,
+    assert_plain,
+    data_of,
+    hopper,
+    identity,
+    make_any,
+    model_of,
+    split_info,
+    theirs,
+)
+
+from impactlaw import LinearMap, Newton
+from impactlaw.envs import ImpactLaw
+from impactlaw.errors import (
+    InadmissibleImpactError,
+    RecordingError,
+    RestitutionError,
+    SceneError,
+    UnknownNameError,
+    WrapperError,
+)
+from impactlaw.mechanics.friction_impact import FrictionImpact
+from impactlaw.scene.read import read_contacts
+
+pytestmark = theirs
+
+
+@pytest.mark.parametrize("name", [*V5, "Ant-v4", *SUITE], ids=str)
+def test_a_law_that_changes_nothing(name):
+    """Whole episodes, bit for bit."""
+    bare, env = make_any(name), make_any(name)
+    env = ImpactLaw(env, **identity(env))
+    collisions = steps = 0
+    bare.action_space.seed(1)
+    for seed in range(2):
+        (observation, info), (reference, bare_info) = env.reset(seed=seed), bare.reset(seed=seed)
+        assert_equal(observation, reference)
+        assert_equal(split_info(info)[0], bare_info)
+        assert split_info(info)[1] == NOTHING_HAPPENED
+        over = False
+        while not over and steps < 1000 * (seed + 1):
+            action = bare.action_space.sample()
+            got, wanted = env.step(action), bare.step(action)
+            for a, b in zip(got[:4], wanted[:4], strict=True):
+                assert_equal(a, b)
+            own, impact = split_info(got[4])
+            assert_equal(own, wanted[4])
+            assert_plain(impact)
+            assert impact["impact/count"] == len(env.events)
+            collisions += impact["impact/count"]
+            steps += 1
+            over = wanted[2] or wanted[3]
+    assert collisions > 0 or name in ("Pusher-v5", ("ball_in_cup", "catch"))
+    env.close()
+    bare.close()
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize("name", [*V5, *SUITE], ids=str)
+def test_a_thousand_random_steps(name, e):
+    env = ImpactLaw(make_any(name), "moreau", e, on_inadmissible="allow")
+    env.action_space.seed(2)
+    env.reset(seed=2)
+    collisions = 0
+    for _ in range(1000):
+        observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        values = observation.values() if isinstance(observation, dict) else [observation]
+        assert all(np.isfinite(value).all() for value in values)
+        assert np.isfinite(reward)
+        assert info["impact/diverged"] == info["impact/inadmissible"] == 0
+        assert info["impact/count"] == len(env.events)
+        for event in env.events:
+            assert event.impact.violations.is_admissible()
+        energy = sum(event.impact.energy_change for event in env.events)
+        assert info["impact/energy_change"] == pytest.approx(energy, abs=1e-12)
+        assert energy <= 1e-12
+        collisions += len(env.events)
+        if terminated or truncated:
+            env.reset()
+    assert collisions > 20 or name in ("Pusher-v5", ("ball_in_cup", "catch"))
+    env.close()
+
+
+def test_restitution_makes_the_hopper_bounce():
+    """Dropped from half a metre, limp: what is left of the fall is what the law leaves."""
+    rises = []
+    for e in (0.0, 0.5, 0.9):
+        env = ImpactLaw(gymnasium.make("Hopper-v5", reset_noise_scale=0.0, terminate_when_unhealthy=False), "moreau", e)
+        env.reset(seed=0)
+        base = env.unwrapped
+        qpos = base.init_qpos.copy()
+        qpos[1] += 0.5
+        base.set_state(qpos, base.init_qvel)
+        env.step(np.zeros(3))
+        while not env.events:
+            env.step(np.zeros(3))
+        speed = [base.data.qvel[1]]
+        speed += [env.step(np.zeros(3)) and base.data.qvel[1] for _ in range(3)]
+        rises.append(max(speed))
+    assert rises[0] < rises[1] < rises[2]
+
+
+def test_a_law_by_name_and_keyed_by_contacts():
+    env = ImpactLaw(gymnasium.make("Hopper-v5"), "newton", {("foot_geom", "floor"): 0.7, ("floor", "leg_geom"): 0.1})
+    assert env.law == Newton({("floor", "foot_geom"): 0.7, ("floor", "leg_geom"): 0.1})
+    env.reset(seed=0)
+    while not env.events:
+        env.step(np.zeros(3))
+    event = env.events[0]
+    assert set(event.contacts.labels) == {"floor/foot_geom"}
+    e = -event.impact.post_contact_velocity / event.impact.collision.pre_contact_velocity
+    np.testing.assert_allclose(e[event.impact.impulse > 0], 0.7)
+
+
+@pytest.mark.usefixtures("quiet")
+@pytest.mark.parametrize("name", ["Hopper-v5", "HalfCheetah-v5", ("walker", "walk"), ("hopper", "hop")], ids=str)
+@pytest.mark.parametrize("steps", [0, 3])
+@pytest.mark.parametrize("field", ["qpos", "qvel", "qfrc_applied"])
+def test_divergence_ends_the_episode(name, steps, field):
+    env = ImpactLaw(make_any(name), "moreau", 0.5)
+    env.action_space.seed(0)
+    for seed in range(2):
+        observation, _ = env.reset(seed=seed)
+        for _ in range(steps):
+            observation, *_ = env.step(env.action_space.sample())
+        getattr(data_of(env), field)[0] = 1e200 if field == "qfrc_applied" else np.nan
+        last, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        assert info["impact/diverged"] == 1
+        assert_plain(split_info(info)[1])
+        assert (reward, terminated, truncated) == (0.0, False, True)
+        assert_equal(last, observation)
+        data_of(env).qfrc_applied[0] = 0.0
+    env.reset(seed=0)
+    assert env.step(env.action_space.sample())[4]["impact/diverged"] == 0
+
+
+@pytest.mark.usefixtures("quiet")
+@pytest.mark.parametrize("name", ["Hopper-v5", "Ant-v5", "HalfCheetah-v5"])
+def test_a_force_of_any_size_moves_or_diverges(name):
+    """Velocities may be finite and yet too large to be squared, in a collision before MuJoCo notices."""
+    env = ImpactLaw(gymnasium.make(name), "moreau", 0.5)
+    env.action_space.seed(0)
+    for trial in range(60):
+        env.reset(seed=trial)
+        for _ in range(trial % 7):
+            env.step(env.action_space.sample())
+        data = data_of(env)
+        data.qfrc_applied[trial % 3] = 10.0 ** (8 + 5 * trial)
+        diverged = env.step(env.action_space.sample())[-1]["impact/diverged"]
+        assert diverged or np.abs(data.qvel).max() <= mujoco.mjMAXVAL
+        data.qfrc_applied[:] = 0.0
+
+
+@pytest.mark.usefixtures("quiet")
+def test_rk4_diverging_in_a_last_timestep_is_seen_at_once():
+    """MuJoCo itself sees what comes out of RK4 at the beginning of the next timestep."""
+    env = hopper()
+    observation, _ = env.reset(seed=0)
+    env.unwrapped.frame_skip = 1
+
+    def break_later_stages(_model, data):
+        if data.time > 0:
+            data.qfrc_passive[0] = np.nan
+
+    mujoco.set_mjcb_passive(break_later_stages)
+    try:
+        last, *_, truncated, info = env.step(np.zeros(3))
+    finally:
+        mujoco.set_mjcb_passive(None)
+    assert truncated
+    assert info["impact/diverged"] == 1
+    assert_equal(last, observation)
+
+
+def test_other_errors_pass_through():
+    env = hopper()
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="dimension"):
+        env.step(np.zeros(7))
+    env = ImpactLaw(Falling(), LinearMap(-1.5 * np.eye(6)), on_inadmissible="raise")
+    env.reset(seed=0)
+    with pytest.raises(InadmissibleImpactError):
+        for _ in range(300):
+            env.step(np.zeros(0))
+
+
+@pytest.mark.parametrize(("scheme", "early"), [("event-driven", 2e-3), ("time-stepping", 4e-3), (None, 4e-3)])
+def test_rigid_contacts(scheme, early):
+    """Time stepping turns the ball round up to a timestep early, 4 mm at 2 m/s and 2 ms; never late."""
+    env = ImpactLaw(Falling(condim=1), "moreau", 1.0, contact_model="rigid", scheme=scheme)
+    env.reset(seed=0)
+    heights = [env.step(np.zeros(0))[0][2] for _ in range(600)]
+    assert 0.1 - 1e-9 <= min(heights) <= 0.1 + early
+    assert max(heights[300:]) == pytest.approx(0.3, abs=0.01)  # elastic: it comes back to where it fell from
+
+
+def test_an_inadmissible_law_is_counted_and_projected():
+    counts = {}
+    for what in ("allow", "project"):
+        env = ImpactLaw(Falling(), LinearMap(-1.5 * np.eye(6)), on_inadmissible=what)
+        env.reset(seed=0)
+        while not env.events:
+            info = env.step(np.zeros(0))[4]
+        counts[what] = info["impact/inadmissible"], info["impact/energy_change"] > 1e-9
+    assert counts == {"allow": (1, True), "project": (1, False)}
+
+
+class StepsItself(Falling):
+    def _step_mujoco_simulation(self, ctrl, n_frames):
+        self.data.time += 1.0
+
+
+@pytest.mark.parametrize(
+    ("make", "reason"),
+    [
+        (lambda: gymnasium.make("CartPole-v1"), "CartPoleEnv does not step MuJoCo in a way that is known"),
+        (lambda: gymnasium.make("impactlaw/NewtonsCradle-v0"), "takes its law as an argument"),
+        (StepsItself, "StepsItself steps MuJoCo in a way of its own"),
+    ],
+)
+def test_an_environment_that_does_not_step_mujoco(make, reason):
+    with pytest.raises(WrapperError, match=reason):
+        ImpactLaw(make(), "moreau", 0.5)
+
+
+@pytest.mark.parametrize(
+    ("law", "options", "error"),
+    [
+        ("moro", {"restitution": 0.5}, UnknownNameError),
+        ("moreau", {}, RestitutionError),
+        ("moreau", {"restitution": 1.5}, RestitutionError),
+        ("scene", {}, RestitutionError),
+        ("moreau", {"restitution": 0.5, "contact_model": "hard"}, UnknownNameError),
+        ("newton", {"restitution": {("floor", "foot"): 0.5}}, UnknownNameError),
+        ("moreau", {"restitution": 0.5, "log": "/proc/no/run.rrd"}, RecordingError),
+    ],
+)
+def test_wrong_arguments_are_one_clear_error(law, options, error):
+    env = gymnasium.make("Hopper-v5")
+    with pytest.raises(error):
+        ImpactLaw(env, law, **options)
+    assert "_step_mujoco_simulation" not in vars(env.unwrapped)
+
+
+@pytest.mark.parametrize(("scheme", "opened"), [("event-driven", 0), ("time-stepping", 15)])
+def test_ant_on_rigid_contact_with_friction(scheme, opened):
+    """A reset leaves joints beyond their limits by 0.6 rad: pushed out at once, or opened in some environment steps."""
+    env = ImpactLaw(gymnasium.make("Ant-v5"), "moreau", 0.0, contact_model="rigid", scheme=scheme)
+    rng, kinds = np.random.default_rng(0), set()
+    env.reset(seed=0)
+    model, data = model_of(env), data_of(env)
+    for k in range(25):
+        *_, info = env.step(0.5 * rng.uniform(-1, 1, 8).astype(np.float32))
+        assert not info["impact/diverged"]
+        assert info["impact/energy_change"] <= 1e-9
+        if k >= opened:
+            assert read_contacts(model, data).gap.min(initial=0.0) > -1e-6
+        kinds |= {type(event.impact) for event in env.events}
+    assert FrictionImpact in kinds
+    env.close()
+
+
+def test_located_contacts_refuse_adhesion():
+    class Sticking(Falling):
+        def _initialize_simulation(self):
+            adhesion = '<actuator><adhesion body="ball" ctrlrange="0 1"/></actuator></mujoco>'
+            xml = self._xml.replace("<body", '<body name="ball"').replace("</mujoco>", adhesion)
+            model = mujoco.MjModel.from_xml_string(xml)
+            return model, mujoco.MjData(model)
+
+    with pytest.raises(SceneError, match="adhesion"):
+        ImpactLaw(Sticking(), "moreau", 0.5, contact_model="rigid", scheme="event-driven")
+
+
+def test_gymnasium_robotics():
+    robotics = pytest.importorskip(
+        "gymnasium_robotics.envs.robot_env", reason="gymnasium-robotics is not installed: its robots are not tested"
+    )
+
+    class Robot(robotics.MujocoRobotEnv):
+        def _initialize_simulation(self):
+            self.model = mujoco.MjModel.from_xml_string(BALL)
+            self.data = mujoco.MjData(self.model)
+            self.initial_time, self.initial_qvel = 0.0, self.data.qvel.copy()
+            self.initial_qpos = self.data.qpos.copy()
+
+        def _get_obs(self):
+            return dict.fromkeys(("observation", "achieved_goal", "desired_goal"), self.data.qpos.copy())
+
+        def _set_action(self, action):
+            pass
+
+        def _sample_goal(self):
+            return np.zeros(7)
+
+        def _is_success(self, achieved_goal, desired_goal):
+            return False
+
+        def compute_reward(self, achieved_goal, desired_goal, info):
+            return 0.0
+
+    def robot():
+        return Robot(model_path=__file__, initial_qpos={}, n_actions=1, n_substeps=20)
+
+    bare, same, bouncing = robot(), ImpactLaw(robot(), LinearMap(np.eye(6)), on_inadmissible="allow"), robot()
+    bouncing = ImpactLaw(bouncing, "moreau", 1.0)
+    for env in (bare, same, bouncing):
+        env.reset(seed=0)
+    counts = np.zeros(2, int)
+    speeds = []
+    for _ in range(12):
+        observation, *_ = bare.step(np.zeros(1, np.float32))
+        got, *_, info = same.step(np.zeros(1, np.float32))
+        assert_equal(got, observation)
+        *_, other = bouncing.step(np.zeros(1, np.float32))
+        counts += info["impact/count"], other["impact/count"]
+        speeds.append((bouncing.unwrapped.data.qvel[2], bare.data.qvel[2]))
+    assert (counts > 0).all()
+    assert max(s[0] for s in speeds) > 1.5 > max(s[1] for s in speeds)

@@ -1,0 +1,147 @@
+"""The solver of contacts with friction: closed forms, a certificate of its own, random problems, redundant contacts."""
+
+import numpy as np
+import pytest
+from problems import friction_problem
+
+from impactlaw.solvers.friction.augmented_lagrangian import augmented_lagrangian
+from impactlaw.solvers.friction.problem import ConeProblem, ConeStatus, project, projection_derivative
+from impactlaw.solvers.friction.semismooth_newton import continuation, newton
+from impactlaw.solvers.friction.solve import Effort, solve_cones
+
+
+def complementarity(A, b, sizes, impulse, *, exact, scale):
+    """The largest violation of the cone complementarity, contact by contact, relative, from its definition."""
+    u = A @ (A.T @ impulse) + b
+    worst = 0.0
+    for i, first in enumerate(np.cumsum(sizes) - sizes):
+        rows = slice(first, first + sizes[i])
+        length = max(np.linalg.norm(A[rows], axis=1).max(), 1e-300)
+        x, w = impulse[rows] * length / scale, u[rows] / length / scale
+        if exact:
+            w = w + np.eye(sizes[i])[0] * np.linalg.norm(w[1:])
+        outside = max(np.linalg.norm(x[1:]) - x[0], np.linalg.norm(w[1:]) - w[0], 0.0)
+        worst = max(worst, outside, min(abs(x @ w), np.linalg.norm(x), np.linalg.norm(w)))
+    return worst
+
+
+@pytest.mark.parametrize("exact", [True, False])
+@pytest.mark.parametrize(
+    ("mu", "expected"),
+    [(0.5, "slides"), (4.0, "sticks")],
+)
+def test_one_contact(mu, expected, exact):
+    """A point of mass 1 comes in with velocity (3, 0, -2): it sticks for mu > 3/2, and slides below."""
+    A = np.array([[0.0, 0.0, 1.0], [mu, 0.0, 0.0], [0.0, mu, 0.0]])
+    answer = solve_cones(ConeProblem(A, A @ [3.0, 0.0, -2.0], np.array([3]), exact=exact))
+    jump = [-3.0, 0.0, 2.0]
+    if expected == "slides":
+        # relaxed: u = (u_n, u_t) on the boundary of the cone, u_n = mu v_x
+        normal = 2.0 if exact else (2.0 + mu * 3.0) / (1 + mu**2)
+        jump = [-mu * normal, 0.0, normal]
+    np.testing.assert_allclose(answer.jump, jump, rtol=0, atol=1e-14)
+    assert answer.status is ConeStatus.SOLVED
+
+
+def test_separating_contacts_get_no_impulse():
+    A, b, sizes, speed = friction_problem(np.random.default_rng(0))
+    b[np.cumsum(sizes) - sizes] = 1.0
+    answer = solve_cones(ConeProblem(A, b, sizes, speed=speed))
+    assert not answer.impulse.any()
+    assert answer.residual == 0.0
+
+
+@pytest.mark.parametrize("exact", [True, False])
+@pytest.mark.parametrize("seed", range(60))
+def test_random(seed, exact):
+    A, b, sizes, speed = friction_problem(np.random.default_rng(seed))
+    problem = ConeProblem(A, b, sizes, exact=exact, speed=speed)
+    answer = solve_cones(problem)
+    assert answer.status is ConeStatus.SOLVED
+    np.testing.assert_allclose(answer.jump, A.T @ answer.impulse, rtol=0, atol=1e-12 * problem.scale)
+    assert complementarity(A, b, sizes, answer.impulse, exact=exact, scale=problem.scale) < 1e-8
+
+
+def test_warm_start_needs_no_step():
+    A, b, sizes, speed = friction_problem(np.random.default_rng(5))
+    problem = ConeProblem(A, b, sizes, speed=speed)
+    cold = solve_cones(problem)
+    warm = solve_cones(problem, cold.impulse)
+    assert cold.iterations > 1 >= warm.iterations
+
+
+def test_no_solution_is_said():
+    """Two contacts on one coordinate that are asked to reach different velocities in opposite directions."""
+    A = np.array([[1.0], [-1.0]])
+    answer = solve_cones(ConeProblem(A, np.array([-1.0, -1.0]), np.array([1, 1])))
+    assert answer.status is ConeStatus.STOPPED
+    assert answer.residual > 0.1
+
+
+def test_projection_onto_the_cone():
+    rng = np.random.default_rng(1)
+    x = rng.normal(size=(200, 4))
+    p = project(x)
+    assert (np.linalg.norm(p[:, 1:], axis=1) <= p[:, 0] * (1 + 1e-15)).all()
+    w = p - x  # in the cone too, and orthogonal to p: Moreau's decomposition
+    assert (np.linalg.norm(w[:, 1:], axis=1) <= w[:, 0] + 1e-15).all()
+    np.testing.assert_allclose(np.vecdot(p, w), 0.0, atol=1e-14)
+    d = rng.normal(size=x.shape)
+    slope = (project(x + 1e-7 * d) - project(x - 1e-7 * d)) / 2e-7
+    np.testing.assert_allclose(slope, np.einsum("hij,hj->hi", projection_derivative(x), d), atol=1e-6)
+
+
+# --- what comes after Newton's method --------------------------------------------------------------------------------
+
+HARD = [1008, 1009, 1010, 1015, 1024, 1026, 1363, 1548, 1612, 1671, 1714, 1824]
+"""Seeds at which Newton's method from rest cycled where this was written."""
+
+
+def hard(seed, exact=True):
+    A, b, sizes, speed = friction_problem(np.random.default_rng(seed))
+    return ConeProblem(A, b, sizes, exact=exact, speed=speed)
+
+
+def test_newton_alone_is_not_enough():
+    with np.errstate(all="ignore"):
+        reached = [newton(p, np.zeros(p.shape), most=15)[1] / p.scale for p in map(hard, HARD)]
+    assert np.count_nonzero(np.array(reached) > 1e-6) >= 4
+
+
+@pytest.mark.parametrize("seed", HARD)
+def test_hard_problems_are_solved(seed):
+    problem = hard(seed)
+    answer = solve_cones(problem)
+    x = problem.scaled(answer.impulse)
+    assert problem.residual(x, problem.velocity(x)) <= 1e-10 * problem.scale
+    assert answer.status is ConeStatus.SOLVED
+
+
+def test_hard_problems_need_no_starting_again():
+    brief = Effort(0, False, 0)
+    assert all(solve_cones(hard(seed), effort=brief).status is ConeStatus.SOLVED for seed in HARD)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_augmented_lagrangian_solves_the_relaxation(seed):
+    """The minimum of ``|z|^2 / 2`` where ``A z + b`` is in the cones, approached from outside as compliance falls."""
+    problem = hard(seed, exact=False)
+    shift = np.zeros(problem.shape[0])
+    errors = []
+    for outer in (2, 5, 10):
+        with np.errstate(all="ignore"):
+            x, _ = augmented_lagrangian(problem, np.zeros(problem.shape), shift, outer=outer, enough=0.0)
+        errors.append(problem.residual(x, problem.velocity(x)) / problem.scale)
+    assert errors[2] <= max(errors[0], 1e-12)
+    assert errors[2] < 1e-4
+
+
+def test_continuation_ends_near_the_solution():
+    reached = []
+    for seed in range(20):
+        problem = hard(seed)
+        with np.errstate(all="ignore"):
+            x, steps = continuation(problem)
+        reached.append(problem.residual(x, problem.velocity(x)) / problem.scale)
+        assert steps < 7 * 16
+    assert np.median(reached) < 1e-6
