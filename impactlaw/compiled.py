@@ -16,18 +16,21 @@ from typing import Any, cast
 
 import numba
 
-_COMPILED = ("solvers/cones", "stepping/time_stepping")
-"""Folders of this package whose functions are compiled."""
+_PARTS = ("solvers/cones", "stepping/time_stepping", "stepping/time_stepping/compiled")
+"""Folders of this package whose functions are compiled; each calls functions of itself and of those before it."""
 
 
 @cache
-def cache_folder() -> Path | None:
+def cache_folder(parts: int = len(_PARTS)) -> Path | None:
     """Return where the compiled functions of this version are kept; None if nothing can be written there.
 
     It is in ``NUMBA_CACHE_DIR``, if that is set, else in ``XDG_CACHE_HOME`` or ``~/.cache``.
+
+    Args:
+        parts: so many folders of sources count.
     """
     digest, root = hashlib.sha256(f"{numba.__version__} {sys.version}".encode()), Path(__file__).parent
-    for folder in _COMPILED:
+    for folder in _PARTS[:parts]:
         for path in sorted((root / folder).glob("*.py")):
             digest.update(path.read_bytes())
     base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
@@ -39,11 +42,24 @@ def cache_folder() -> Path | None:
     return folder if os.access(folder, os.W_OK) else None
 
 
+def _parts(module: str) -> int:
+    """Return how many folders of sources count for the functions of a module."""
+    inside = [i for i, part in enumerate(_PARTS) if f"impactlaw.{part.replace('/', '.')}." in f"{module}."]
+    return max(inside, default=len(_PARTS) - 1) + 1
+
+
+@cache
+def _announce() -> None:
+    print("impactlaw: compiling the steps of rigid contact, once; this takes about a minute", file=sys.stderr)
+
+
 def compiled(*signature: str) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator that compiles a function when it is first called, or at once if its signature is given."""
 
     def decorate(function: Callable[..., Any]) -> Any:
-        folder, settings = cache_folder(), cast(Any, numba).config
+        folder, settings = cache_folder(_parts(function.__module__)), cast(Any, numba).config
+        if signature and (folder is None or not any(folder.rglob("*.nbi"))):
+            _announce()
         kept, settings.CACHE_DIR = settings.CACHE_DIR, "" if folder is None else str(folder)
         try:
             return cast(Any, numba.njit)(*signature, cache=folder is not None, error_model="numpy", nogil=True)(

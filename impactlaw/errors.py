@@ -103,3 +103,7 @@ class OptionError(ImpactLawError, ValueError):
 
 class SettledError(ImpactLawError, AttributeError):
     """Something that is settled when its owner is made was set later: it would have no effect."""
+
+
+class UncompiledWarning(UserWarning):
+    """Steps are taken in Python, though compiled ones were asked for."""

@@ -143,6 +143,40 @@ class TimeStepping:
         """Equality constraints that collisions must not violate, bool (neq,)."""
         return self._bilateral
 
+    @property
+    def targets(self) -> LawTargets:
+        """What the law asks for."""
+        return self._targets
+
+    @property
+    def labels(self) -> tuple[tuple[str, ...], Limits]:
+        """Names of geoms, and the limits."""
+        return self._names, self._limits
+
+    @property
+    def follows_surfaces(self) -> bool:
+        """Whether mocap bodies can move surfaces."""
+        return self._surfaces is not None
+
+    @property
+    def law(self) -> Law:
+        """The law."""
+        return self._law
+
+    def resume(self, data: mujoco.MjData, known: tuple[Any, ...], gained: np.ndarray, *, solved: bool) -> None:
+        """Go on from data as if the step before had been one of this scheme.
+
+        Args:
+            data: where that step ended; its frames become current.
+            known: groups, keys, coefficients of friction and impulses of that step.
+            gained: velocity to which forces led without contact in that step, (nv,).
+            solved: whether that step has met the law.
+        """
+        with self._borrowed:
+            self._update_frames(data)
+        self._left = data.qpos.tobytes(), data.qvel.tobytes()
+        self._known, self._gained, self.solved = known if len(known[1]) else None, gained.copy(), solved
+
     def settings(self) -> tuple[float, ...]:
         """Return the options as compiled code takes them, see `compiled.world.Settings`."""
         e = self._targets.restitution

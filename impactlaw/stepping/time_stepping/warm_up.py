@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from functools import cache
 
 import mujoco
 
-from impactlaw.compiled import cache_folder
 from impactlaw.laws import Moreau
 from impactlaw.stepping.plan import make_plan
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
@@ -19,9 +17,6 @@ _SCENE = """<mujoco><option timestep="0.01"/><worldbody><geom type="plane" size=
 @cache
 def warm_up() -> None:
     """Take two steps of a spinning box that overlaps a floor: they call all that is compiled."""
-    folder = cache_folder()
-    if folder is None or not any(folder.rglob("*.nbi")):
-        print("impactlaw: compiling the steps of rigid contact, once; this takes about a minute", file=sys.stderr)
     model = mujoco.MjModel.from_xml_string(_SCENE)
     data, plan = mujoco.MjData(model), make_plan(model, scheme="time-stepping")
     data.qvel[:] = 0.0, 0.0, -1.0, 9.0, 9.0, 9.0

@@ -9,8 +9,10 @@ from numba import types
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.stepping.time_stepping.compiled.fields import floats, longs
+from impactlaw.solvers.cones.loops import plain
+from impactlaw.stepping.time_stepping.compiled.fields import floats, long_at, longs, put
 from impactlaw.stepping.time_stepping.compiled.law import LawTable
+from impactlaw.stepping.time_stepping.compiled.status import CALLBACK
 from impactlaw.stepping.time_stepping.compiled.step import advance
 
 
@@ -31,6 +33,8 @@ class Context(NamedTuple):
         structure: room for a copy of the model's structure.
         margins: room for its margins, and how many.
         state: room for the state, and how many numbers.
+        before: room for the memory as it was before the step.
+        callbacks: addresses of MuJoCo's callbacks, and how many.
         status: how the step has ended, written.
         asked: see `law.LawTable`, written.
     """
@@ -52,17 +56,34 @@ class Context(NamedTuple):
     margin_count: int = 14
     state: int = 15
     states: int = 16
-    status: int = 17
-    asked: int = 18
+    before: int = 17
+    callbacks: int = 18
+    callback_count: int = 19
+    status: int = 20
+    asked: int = 21
 
 
 CONTEXT = Context()
+
+
+@plain
+def _is_watched(callbacks):
+    """Return whether a callback of MuJoCo is set, which may be in Python."""
+    for i in range(len(callbacks)):
+        if long_at(callbacks[i]) != 0:
+            return True
+    return False
 
 
 @compiled("void(int64)")
 def one_step(context):
     """Take one step of one world."""
     c = longs(context, len(CONTEXT))
+    if _is_watched(longs(c[CONTEXT.callbacks], c[CONTEXT.callback_count])):
+        c[CONTEXT.status] = CALLBACK
+        return
+    memory = floats(c[CONTEXT.memory], c[CONTEXT.memories])
+    put(floats(c[CONTEXT.before], c[CONTEXT.memories]), memory)
     law = LawTable(
         longs(c[CONTEXT.keys], c[CONTEXT.known]),
         floats(c[CONTEXT.values], c[CONTEXT.known]),
@@ -77,7 +98,7 @@ def one_step(context):
         c[CONTEXT.sizes],
         c[CONTEXT.bilateral],
         law,
-        floats(c[CONTEXT.memory], c[CONTEXT.memories]),
+        memory,
         c[CONTEXT.structure],
         floats(c[CONTEXT.margins], c[CONTEXT.margin_count]),
         floats(c[CONTEXT.state], c[CONTEXT.states]),

@@ -9,6 +9,7 @@ from typing import Any
 
 import llvmlite.binding as llvm
 import mujoco
+import numpy as np
 from numba import types
 
 _P, _I, _F = types.int64, types.int32, types.float64
@@ -68,3 +69,11 @@ integrate_pos, rne, mul_m = (_external(name) for name in ("mj_integratePos", "mj
 mul_jac_t_vec = _external("mj_mulJacTVec")
 get_state, set_state = _external("mj_getState"), _external("mj_setState")
 is_sparse = _external("mj_isSparse", types.int32)
+
+
+@cache
+def callbacks() -> np.ndarray:
+    """Return where MuJoCo keeps its callbacks, int64."""
+    names = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter", "sensor")
+    places = [ctypes.addressof(ctypes.c_void_p.in_dll(library(), f"mjcb_{name}")) for name in names]
+    return np.array(places, dtype=np.int64)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 from typing import NamedTuple
 
-import llvmlite.binding as llvm
 import numpy as np
 from numba import types
 
@@ -18,6 +18,8 @@ class Memory(NamedTuple):
     Attributes:
         block: address of the impulses of the last step, an int64.
         capacity: bytes there, an int64.
+        other: another such address: the impulses of the step before the last one.
+        other_capacity: bytes there, an int64.
         groups: of the last step, an int64.
         rows: of the last step, an int64.
         known: whether there was a last step, and the state that it left is the one of now if it looks the same, int64.
@@ -29,7 +31,6 @@ class Memory(NamedTuple):
         shortfall: largest amount by which a contact velocity of the last step misses its law, m/s or rad/s.
         worst: the largest of these so far.
         created: energy that the law would have created in the last step, J.
-        asked: key of a contact whose restitution is not known, an int64.
         left: nothing but the number of places: here qpos and qvel begin that the last step has left, and after them
             the velocity that forces have led to without contact in the last step.
     """
@@ -38,17 +39,18 @@ class Memory(NamedTuple):
     capacity: int = 1
     groups: int = 2
     rows: int = 3
-    known: int = 4
-    solved: int = 5
-    steps: int = 6
-    short_steps: int = 7
-    impacts: int = 8
-    collided: int = 9
-    shortfall: int = 10
-    worst: int = 11
-    created: int = 12
-    asked: int = 13
-    left: int = 14
+    other: int = 4
+    other_capacity: int = 5
+    known: int = 6
+    solved: int = 7
+    steps: int = 8
+    short_steps: int = 9
+    impacts: int = 10
+    collided: int = 11
+    shortfall: int = 12
+    worst: int = 13
+    created: int = 14
+    left: int = 15
 
 
 MEMORY = Memory()
@@ -58,7 +60,10 @@ def _external(name: str, *arguments: object) -> object:
     return types.ExternalFunction(name, types.int64(*arguments))
 
 
-assert llvm.address_of_symbol("realloc")
+_LIBC = ctypes.CDLL(None)
+_LIBC.realloc.restype = ctypes.c_size_t
+_LIBC.realloc.argtypes = [ctypes.c_void_p, ctypes.c_size_t]
+_LIBC.free.restype = None
 _realloc = _external("realloc", types.int64, types.int64)
 
 
@@ -83,9 +88,12 @@ def remember(counts, groups, key, scale, impulses):
     """Keep groups, keys, coefficients and impulses of a step."""
     g, n = len(key), len(scale)
     needed = 8 * g + 16 * n + 16 * g
-    if counts[MEMORY.capacity] < needed:
-        counts[MEMORY.block] = _realloc(counts[MEMORY.block], 2 * needed)
-        counts[MEMORY.capacity] = 2 * needed
+    block, capacity = counts[MEMORY.other], counts[MEMORY.other_capacity]
+    if capacity < needed:
+        capacity = 2 * needed
+        block = _realloc(block, capacity)
+    counts[MEMORY.other], counts[MEMORY.other_capacity] = counts[MEMORY.block], counts[MEMORY.capacity]
+    counts[MEMORY.block], counts[MEMORY.capacity] = block, capacity
     counts[MEMORY.groups], counts[MEMORY.rows] = g, n
     to_groups, to_key, to_scale, to_impulses = last_step(counts)
     to_groups[:] = groups
@@ -99,3 +107,50 @@ def make_memory(numbers: int, worlds: int) -> np.ndarray:
     memory = np.zeros((worlds, len(MEMORY) - 1 + numbers))
     memory.view(np.int64)[:, MEMORY.solved] = 1
     return memory
+
+
+def free(memory: np.ndarray) -> None:
+    """Give the memory of impulses back."""
+    for counts in memory.view(np.int64):
+        for place in (MEMORY.block, MEMORY.other):
+            _LIBC.free(ctypes.c_void_p(int(counts[place])))
+            counts[place] = 0
+        counts[[MEMORY.capacity, MEMORY.other_capacity, MEMORY.groups, MEMORY.rows]] = 0
+
+
+class Known(NamedTuple):
+    """What `contact_problem.recall` takes: groups, keys, coefficients and impulses of a step."""
+
+    groups: np.ndarray
+    key: np.ndarray
+    scale: np.ndarray
+    impulses: np.ndarray
+
+
+def recollect(numbers: np.ndarray) -> Known:
+    """Return a copy of the impulses that the numbers of a world tell of; its block must not have been written since."""
+    counts = numbers.view(np.int64)
+    g, n, at = (int(counts[place]) for place in (MEMORY.groups, MEMORY.rows, MEMORY.block))
+
+    def copied(kind: type, many: int, skip: int) -> np.ndarray:
+        if many == 0:
+            return np.zeros(0, kind)
+        size = many * np.dtype(kind).itemsize
+        return np.frombuffer(ctypes.string_at(at + skip, size), kind).copy()
+
+    key, scale = copied(np.int64, g, 0), copied(np.float64, n, 8 * g)
+    impulses, groups = copied(np.float64, n, 8 * (g + n)), copied(np.int32, 4 * g, 8 * (g + 2 * n))
+    return Known(groups.reshape(4, g), key, scale, impulses)
+
+
+def restore(numbers: np.ndarray, kept: np.ndarray, known: Known) -> None:
+    """Let a world that has nothing to remember have the memory of another one."""
+    counts, mine = numbers.view(np.int64), [MEMORY.block, MEMORY.capacity, MEMORY.other, MEMORY.other_capacity]
+    blocks = counts[mine].copy()
+    numbers[:] = kept
+    counts[mine] = blocks
+    data = known.key.tobytes() + known.scale.tobytes() + known.impulses.tobytes() + known.groups.tobytes()
+    if data:
+        counts[MEMORY.block] = block = _LIBC.realloc(ctypes.c_void_p(int(counts[MEMORY.block])), len(data))
+        counts[MEMORY.capacity] = len(data)
+        ctypes.memmove(block, data, len(data))

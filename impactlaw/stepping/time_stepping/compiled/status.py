@@ -13,3 +13,5 @@ UNKNOWN = 5
 """The restitution of a contact is not known yet."""
 TIMESTEP = 6
 """It is not positive, or not finite."""
+CALLBACK = 7
+"""A callback of MuJoCo is set."""

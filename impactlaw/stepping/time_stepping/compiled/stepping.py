@@ -1,151 +1,203 @@
-"""Time stepping of one world in compiled code, with the scheme in Python for what compiled code does not take."""
+"""Time stepping of one world in compiled code; what that does not take is stepped by the scheme in Python."""
 
 from __future__ import annotations
 
 import ctypes
+import warnings
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from impactlaw.errors import DivergenceError, InadmissibleImpactError
+from impactlaw.errors import DivergenceError, InadmissibleImpactError, UncompiledWarning
+from impactlaw.laws import Law
 from impactlaw.stepping.impact_event import ImpactEvent
-from impactlaw.stepping.integration import check_input, check_timestep, empty_state
-from impactlaw.stepping.time_stepping.compiled import status
+from impactlaw.stepping.integration import check_input, check_timestep, empty_state, restore_state
+from impactlaw.stepping.time_stepping.compiled import memory, status
 from impactlaw.stepping.time_stepping.compiled.borrow import room
+from impactlaw.stepping.time_stepping.compiled.engine import Pool
 from impactlaw.stepping.time_stepping.compiled.entry import CONTEXT, single
-from impactlaw.stepping.time_stepping.compiled.fields import SIZE
+from impactlaw.stepping.time_stepping.compiled.fields import DATA, SIZE
+from impactlaw.stepping.time_stepping.compiled.law_table import Coefficients, reason
 from impactlaw.stepping.time_stepping.compiled.layout import table
-from impactlaw.stepping.time_stepping.compiled.libmujoco import library
-from impactlaw.stepping.time_stepping.compiled.memory import MEMORY, make_memory
+from impactlaw.stepping.time_stepping.compiled.libmujoco import callbacks
+from impactlaw.stepping.time_stepping.compiled.memory import MEMORY
 from impactlaw.stepping.time_stepping.compiled.world import SETTING
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
-
-class World:
-    """The numbers and arrays that compiled code needs of one scene.
-
-    Args:
-        scheme: the scheme in Python, whose options it has.
-    """
-
-    def __init__(self, scheme: TimeStepping):
-        model = self.model = scheme.model
-        self.scheme = scheme
-        self.table = table()
-        self.settings = np.zeros(len(SETTING))
-        self.sizes = scheme.sizes
-        self.bilateral = scheme.bilateral.astype(np.uint8)
-        self.keys, self.values = np.zeros(0, np.int64), np.zeros(0)
-        self.set_law()
-        self.numbers = model.nq + 2 * model.nv
-        self.scratch: Any = mujoco.MjData(model)
-
-    def set_law(self) -> None:
-        """Take over the law and the options of the scheme."""
-        self.settings[:] = self.scheme.settings()
-        self.keys, self.values = np.zeros(0, np.int64), np.zeros(0)
-
-
-def _address(array: np.ndarray) -> int:
-    return array.ctypes.data
+_EMPTY = "<mujoco/>"
 
 
 class CompiledStepping:
-    """Time stepping in compiled code; see `scheme.TimeStepping`, whose attributes it has."""
+    """Time stepping in compiled code; see `scheme.TimeStepping`, whose interface it has.
 
-    def __init__(self, scheme: TimeStepping):
-        self._scheme, self._world = scheme, World(scheme)
-        self._model: Any = scheme.model
-        world, model = self._world, self._model
-        self._memory = make_memory(world.numbers, 1)
-        self._numbers = self._memory[0]
-        self._counts = self._numbers.view(np.int64)
-        self._state = empty_state(model)
-        self._structure = np.zeros(int(world.table[SIZE.model]) // 8)
-        self._margins = np.zeros(room(model))
-        self._context = np.zeros(len(CONTEXT), np.int64)
-        self._write_context()
-        self._enter = _Entry()
+    Args:
+        scheme: the scheme in Python, whose options it has, and which takes what compiled code does not.
+        warn: whether to warn where it does.
+    """
+
+    def __init__(self, scheme: TimeStepping, *, warn: bool):
+        self._scheme, self._warn = scheme, warn
+        model = scheme.model
+        numbers = model.nq + 2 * model.nv
+        self._memory, self._before = memory.make_memory(numbers, 1), np.zeros(len(MEMORY) - 1 + numbers)
         self.unlocated = 0
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Make room for what a step needs, and take over the options of the scheme."""
+        model: Any = self._scheme.model
+        self._model, self._numbers = model, self._memory[0]
+        self._counts, self._state = self._numbers.view(np.int64), empty_state(model)
+        self._table, self._callbacks = table(), callbacks()
+        self._structure = np.zeros(int(self._table[SIZE.model]) // 8)
+        self._margins, self._settings = np.zeros(room(model)), np.zeros(len(SETTING))
+        self._bilateral, self._scratch = self._scheme.bilateral.astype(np.uint8), mujoco.MjData(model)
+        self._pool = Pool(mujoco.MjModel.from_xml_string(_EMPTY), 1, 1, persistent=True)
+        self._context = np.zeros(len(CONTEXT), np.int64)
+        self._at = self._context.ctypes.data
+        self._take_over()
+
+    def _take_over(self) -> None:
+        """Take over the law and the options of the scheme."""
+        self._coefficients, self._reason = Coefficients(self._scheme), reason(self._scheme)
+        self._settings[:] = self._scheme.settings()
+        self._write_context()
+        if self._reason is not None:
+            self._tell(self._reason)
+
+    def _tell(self, why: str) -> None:
+        if self._warn:
+            self._warn = False
+            warnings.warn(f"steps are not compiled, but in Python: {why}", UncompiledWarning, stacklevel=5)
 
     def _write_context(self) -> None:
-        world, c = self._world, self._context
-        values = {
-            "model": self._model._address, "scratch": world.scratch._address, "table": _address(world.table),
-            "settings": _address(world.settings), "sizes": _address(world.sizes),
-            "bilateral": _address(world.bilateral),
-            "keys": _address(world.keys), "values": _address(world.values), "known": len(world.keys),
-            "memory": _address(self._memory), "memories": self._memory.shape[1],
-            "structure": _address(self._structure), "margins": _address(self._margins),
-            "margin_count": len(self._margins), "state": _address(self._state), "states": len(self._state),
+        """Tell compiled code where all is."""
+        scratch: Any = self._scratch
+        arrays = {
+            "table": self._table, "settings": self._settings, "sizes": self._scheme.sizes,
+            "bilateral": self._bilateral, "keys": self._coefficients.key, "values": self._coefficients.value,
+            "memory": self._memory, "structure": self._structure, "margins": self._margins, "state": self._state,
+            "before": self._before, "callbacks": self._callbacks,
+        }  # fmt: skip
+        values = {name: array.ctypes.data for name, array in arrays.items()}
+        values |= {
+            "model": self._model._address, "scratch": scratch._address, "known": len(self._coefficients.key),
+            "memories": self._memory.shape[1], "margin_count": len(self._margins), "states": len(self._state),
+            "callback_count": len(self._callbacks),
         }  # fmt: skip
         for name, value in values.items():
-            c[getattr(CONTEXT, name)] = value
+            self._context[getattr(CONTEXT, name)] = value
 
     @property
     def shortfall(self) -> float:
+        """See `scheme.TimeStepping`, like those that follow."""
         return float(self._numbers[MEMORY.shortfall])
 
     @property
     def short_steps(self) -> int:
-        return int(self._numbers[MEMORY.short_steps])
+        """Of both, compiled code and the scheme in Python."""
+        return int(self._numbers[MEMORY.short_steps]) + self._scheme.short_steps
 
     @property
     def solved(self) -> bool:
+        """Whether the last step with contact has met the law."""
         return bool(self._counts[MEMORY.solved])
 
+    def set_law(self, law: Law) -> None:
+        """Let the collisions of the next steps be by another law."""
+        self._scheme.set_law(law)
+        self._take_over()
+
     def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
-        """Advance by one timestep."""
-        c: Any = self._context
-        c[CONTEXT.data] = data._address  # pyright: ignore[reportAttributeAccessIssue]
-        self._enter(c.ctypes.data)
-        if c[CONTEXT.status] != status.FINE:
-            self._raise(int(c[CONTEXT.status]), data)
-        return ()
+        """Advance by one timestep and return what tells its collisions; data is back where it was after an error."""
+        if self._reason is not None:
+            return self._in_python(data)
+        context, world = self._context, data
+        context[CONTEXT.data] = world._address  # pyright: ignore[reportAttributeAccessIssue]
+        while True:
+            if self._pool.apply(single.address, self._at, save=False):
+                self._fail(data)
+            how = int(context[CONTEXT.status])
+            if how == status.FINE:
+                break
+            if how == status.CALLBACK:
+                self._tell("a callback of MuJoCo is set")
+                return self._in_python(data)
+            if how != status.UNKNOWN:
+                raise self._error(how, data)
+            self._coefficients.learn(int(context[CONTEXT.asked]))
+            self._write_context()
+        if self._numbers[MEMORY.collided] == 0.0:
+            return ()
+        return _Replay(self._scheme, self._state.copy(), self._before.copy()).events
 
-    def _raise(self, how: int, data: mujoco.MjData) -> None:
-        if how in (status.HUGE_INPUT, status.TIMESTEP):
+    def _in_python(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
+        self._counts[MEMORY.known] = 0
+        events = self._scheme.step(data)
+        self._numbers[MEMORY.shortfall], self._counts[MEMORY.solved] = self._scheme.shortfall, self._scheme.solved
+        return events
+
+    def _fail(self, data: mujoco.MjData) -> None:
+        """Raise what MuJoCo has said, with data where it was."""
+        message, world = self._pool.error(0), data
+        for place in (DATA.pstack, DATA.pbase):  # what was on MuJoCo's stack is lost
+            ctypes.c_size_t.from_address(world._address + int(self._table[place])).value = 0  # pyright: ignore[reportAttributeAccessIssue]
+        restore_state(self._model, data, self._state)
+        raise mujoco.FatalError(message)
+
+    def _error(self, how: int, data: mujoco.MjData) -> Exception:
+        """Return what has gone wrong."""
+        if how == status.TIMESTEP:
             check_timestep(self._model.opt.timestep)
+        if how == status.HUGE_INPUT:
             check_input(self._model, data, self._state)
-        if how == status.NOT_FINITE:
-            raise DivergenceError(f"the forces at t = {data.time:.6g} s are not finite")
         if how == status.CREATES:
-            raise InadmissibleImpactError("creates")
-        raise DivergenceError(f"position or velocity is not finite, or huge, at t = {data.time:.6g} s")
+            return InadmissibleImpactError(
+                f"{self._scheme.law!r} creates {self._numbers[MEMORY.created]:.3g} J at t = {data.time:.6g} s; choose "
+                'a dissipative law, or on_inadmissible="project" or "allow"'
+            )
+        if how == status.NOT_FINITE:
+            return DivergenceError(f"the forces at t = {data.time:.6g} s are not finite")
+        return DivergenceError(f"position or velocity is not finite, or huge, at t = {data.time:.6g} s")
 
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy goes on from what this one remembers."""
+        known = memory.recollect(self._numbers)
+        return {"scheme": self._scheme, "warn": self._warn, "numbers": self._numbers.copy(), "known": known}
 
-class _Configuration(ctypes.Structure):
-    _fields_ = [("nthread", ctypes.c_int), ("persistent", ctypes.c_uint8)]
-
-
-class _Entry:
-    """Calls compiled code so that an error of MuJoCo's engine is an exception: in a batch of one empty world."""
-
-    def __init__(self):
-        self._library, error = library(), ctypes.create_string_buffer(500)
-        empty: Any = mujoco.MjModel.from_xml_string("<mujoco/>")
-        make = self._library.mjb_makeBatch
-        make.restype = ctypes.c_void_p
-        make.argtypes = [ctypes.c_size_t, ctypes.c_int, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int]
-        self._batch = make(empty._address, 1, ctypes.byref(_Configuration(1, 1)), error, 500)
-        if not self._batch:
-            raise mujoco.FatalError(error.value.decode())
-        prototype = ctypes.CFUNCTYPE(
-            ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int
-        )
-        apply = prototype(("mjb_apply", self._library))
-        self._apply, self._address = apply, single.address
-
-    def __call__(self, context: int) -> None:
-        if self._apply(self._batch, None, 1, self._address, context, 0):
-            text = self._library.mjb_error
-            text.restype = ctypes.c_char_p
-            text.argtypes = [ctypes.c_void_p, ctypes.c_int]
-            raise mujoco.FatalError(text(self._batch, 0).decode())
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Go on."""
+        self.__init__(state["scheme"], warn=state["warn"])
+        memory.restore(self._numbers, state["numbers"], state["known"])
 
     def __del__(self):
-        if getattr(self, "_batch", None):
-            self._library.mjb_deleteBatch.argtypes = [ctypes.c_void_p]
-            self._library.mjb_deleteBatch(self._batch)
+        """Give memory back."""
+        if hasattr(self, "_memory"):
+            memory.free(self._memory)
+
+
+class _Replay:
+    """The collision of a step, told by the scheme in Python, which takes that step once more if somebody asks."""
+
+    def __init__(self, scheme: TimeStepping, state: np.ndarray, numbers: np.ndarray):
+        self._scheme, self._state, self._numbers = scheme, state, numbers
+        self._known = memory.recollect(numbers)
+
+    def events(self) -> tuple[ImpactEvent, ...]:
+        """Return the collision as an event."""
+        return self._events
+
+    @cached_property
+    def _events(self) -> tuple[ImpactEvent, ...]:
+        scheme, model = self._scheme, self._scheme.model
+        data, kept = mujoco.MjData(model), scheme.short_steps
+        restore_state(model, data, self._state)
+        counts = self._numbers.view(np.int64)
+        gained = self._numbers[MEMORY.left + model.nq + model.nv :]
+        scheme.resume(data, self._known, gained, solved=bool(counts[MEMORY.solved]))
+        told = scheme.step(data)
+        scheme.short_steps = kept
+        return told() if callable(told) else told
