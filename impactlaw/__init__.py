@@ -1,5 +1,7 @@
 """Exact, chosen multi-contact impact laws for MuJoCo scenes, after Aeberhard and Glocker."""
 
+from typing import TYPE_CHECKING, Any
+
 from impactlaw.errors import ImpactLawError
 from impactlaw.laws import (
     Coulomb,
@@ -24,8 +26,12 @@ from impactlaw.scene.read import read_contacts
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.stepper import Stepper
 
+if TYPE_CHECKING:
+    from impactlaw.batch import Batch
+
 __all__ = [
     "AdmissibleSet",
+    "Batch",
     "Collision",
     "Contacts",
     "Coulomb",
@@ -47,3 +53,12 @@ __all__ = [
     "make_law",
     "read_contacts",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Load what few use, and what takes long, when it is first asked for."""
+    if name == "Batch":
+        from impactlaw.batch import Batch
+
+        return Batch
+    raise AttributeError(f"module 'impactlaw' has no attribute {name!r}")

@@ -24,6 +24,19 @@ def functions() -> Any:
     found.mjb_error.argtypes = [address, number]
     found.mjb_deleteBatch.argtypes = [address]
     found.mjb_deleteBatch.restype = None
+    found.mjb_nthread.argtypes = found.mjb_nstate.argtypes = found.mjb_state.argtypes = [address]
+    found.mjb_state.restype = address
+    found.mjb_stateComponent.restype = address
+    found.mjb_stateComponent.argtypes = [address, number, ctypes.POINTER(number)]
+    sizes = [ctypes.POINTER(number), ctypes.POINTER(number)]
+    found.mjb_output.restype = found.mjb_expand.restype = address
+    found.mjb_output.argtypes = found.mjb_expand.argtypes = [address, ctypes.c_char_p, *sizes]
+    found.mjb_reset.argtypes = [address, address, number, address, number]
+    found.mjb_forward.argtypes = [address, address, number, number]
+    found.mjb_getData.argtypes = found.mjb_getModel.argtypes = [address, number, address]
+    found.mjb_status.restype = address
+    found.mjb_status.argtypes = [address]
+    found.mj_deleteData.argtypes = [address]
     return found
 
 
@@ -49,9 +62,11 @@ class Pool:
             raise mujoco.FatalError(message.value.decode())
         self._call = self._functions.mjb_apply
 
-    def apply(self, function: int, argument: int, *, save: bool) -> int:
-        """Call a C function of each world, and return for how many MuJoCo has raised an error."""
-        return self._call(self.handle, None, self.worlds, function, argument, save)
+    def apply(self, function: int, argument: int, *, save: bool, worlds: Any = None) -> int:
+        """Call a C function of all worlds, or some, int32; return for how many MuJoCo has raised an error."""
+        if worlds is None:
+            return self._call(self.handle, None, self.worlds, function, argument, save)
+        return self._call(self.handle, worlds.ctypes.data, len(worlds), function, argument, save)
 
     def error(self, world: int) -> str:
         """Return what MuJoCo has said of a world in the last call."""

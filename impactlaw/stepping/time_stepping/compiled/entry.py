@@ -5,15 +5,19 @@ from __future__ import annotations
 from typing import Any, NamedTuple, cast
 
 import numba
+import numpy as np
 from numba import types
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.loops import plain
-from impactlaw.stepping.time_stepping.compiled.fields import floats, long_at, longs, put
+from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
+from impactlaw.stepping.time_stepping.compiled.fields import SIZE, address_of, claim, floats, long_at, longs, put
 from impactlaw.stepping.time_stepping.compiled.law import LawTable
-from impactlaw.stepping.time_stepping.compiled.status import CALLBACK
-from impactlaw.stepping.time_stepping.compiled.step import advance
+from impactlaw.stepping.time_stepping.compiled.memory import go_back
+from impactlaw.stepping.time_stepping.compiled.status import CALLBACK, FINE
+from impactlaw.stepping.time_stepping.compiled.step import STATE, advance
+from impactlaw.stepping.time_stepping.compiled.world import SETTING
 
 
 class Context(NamedTuple):
@@ -106,7 +110,93 @@ def one_step(context):
     )
 
 
-_one_step = linked(one_step)
+class Worlds(NamedTuple):
+    """Places in the numbers that an entry of many worlds is given; of each world there is one of what ends in _of.
+
+    Attributes:
+        table: offsets of fields.
+        sizes: of bodies.
+        bilateral: which equality constraints a collision must not violate.
+        margin_count: numbers that a copy of a model needs for margins.
+        states: numbers of a state.
+        memories: numbers that a world remembers.
+        steps: to take.
+        slots: of pairs of data and other data, and how many: each thread of the pool has its own.
+        settings_of: see `world.Settings`.
+        laws_of: address of keys, address of values, and how many, int64 (nsim, 3).
+        memory_of: see `memory`.
+        status_of: how the last call has ended, and the key that was asked for, int64 (nsim, 2), written.
+    """
+
+    table: int = 0
+    sizes: int = 1
+    bilateral: int = 2
+    margin_count: int = 3
+    states: int = 4
+    memories: int = 5
+    steps: int = 6
+    slots: int = 7
+    slot_count: int = 8
+    settings_of: int = 9
+    laws_of: int = 10
+    memory_of: int = 11
+    status_of: int = 12
+
+
+WORLDS = Worlds()
+
+
+@plain
+def _other_data(model, data, slots):
+    """Return the other data of the thread that has this data, which is made when it is first needed."""
+    for i in range(len(slots) // 2):
+        slot = address_of(slots) + 16 * i
+        owner = long_at(slot)
+        if owner == 0:
+            owner = claim(slot, data)
+            if owner == 0:
+                slots[2 * i + 1] = mj.make_data(model)
+                owner = data
+        if owner == data:
+            return slots[2 * i + 1]
+    return 0
+
+
+@compiled("void(int64,int64,int64,int64)")
+def some_steps(model, data, world, context):
+    """Take the steps of one of many worlds; after a failure its state and memory are those of before."""
+    c, rooms = longs(context, len(WORLDS)), np.int64(0)
+    n, many = c[WORLDS.memories], c[WORLDS.states]
+    memory = floats(c[WORLDS.memory_of] + 8 * n * world, n)
+    report = longs(c[WORLDS.status_of] + 16 * world, 2)
+    where = longs(c[WORLDS.laws_of] + 24 * world, 3)
+    law = LawTable(longs(where[0], where[2]), floats(where[1], where[2]), report[1:2])
+    settings = c[WORLDS.settings_of] + 8 * len(SETTING) * world
+    structure = np.empty(long_at(c[WORLDS.table] + 8 * SIZE.model) // 8, np.int64)
+    rooms = address_of(structure)
+    margins, state, first = np.empty(c[WORLDS.margin_count]), np.empty(many), np.empty(many)
+    other = _other_data(model, data, longs(c[WORLDS.slots], 2 * c[WORLDS.slot_count]))
+    before = memory.copy()
+    mj.get_state(model, data, address_of(first), STATE)
+    for step in range(c[WORLDS.steps]):
+        report[0] = advance(
+            model, data, other, c[WORLDS.table], settings, c[WORLDS.sizes], c[WORLDS.bilateral], law, memory, rooms,
+            margins, state, step == 0,
+        )  # fmt: skip
+        if report[0] != FINE:
+            mj.set_state(model, data, address_of(first), STATE)
+            go_back(memory, before)
+            break
+    structure[0] = rooms  # it is to live as long as its address is in use
+
+
+_one_step, _some_steps = linked(one_step), linked(some_steps)
+
+
+@cast(Any, numba).cfunc(types.void(types.int64, types.int64, types.int32, types.int64))
+def many(model, data, world, context):
+    """Take the steps of one of many worlds."""
+    _some_steps(model, data, world, context)
 
 
 @cast(Any, numba).cfunc(types.void(types.int64, types.int64, types.int32, types.int64))

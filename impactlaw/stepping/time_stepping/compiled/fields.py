@@ -209,6 +209,18 @@ def table_ints(address, rows, columns):
     return carray(_int(address), (rows, columns))
 
 
+@intrinsic
+def claim(typingctx: Any, address: Any, value: Any) -> Any:
+    """Write a number of 64 bits to an address if 0 is there, in one piece, and return what was there."""
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        place = builder.inttoptr(values[0], context.get_value_type(types.CPointer(types.int64)))
+        nothing = context.get_constant(types.int64, 0)
+        return builder.extract_value(builder.cmpxchg(place, nothing, values[1], "seq_cst", "seq_cst"), 0)
+
+    return types.int64(types.int64, types.int64), generate
+
+
 @plain
 def put(to, source):
     """Write the numbers of one array to another."""

@@ -21,7 +21,7 @@ class Coefficients:
     """
 
     def __init__(self, scheme: TimeStepping):
-        self._scheme = scheme
+        self._scheme, self._targets = scheme, scheme.targets
         self.key, self.value = np.zeros(0, np.int64), np.zeros(0)
 
     def learn(self, key: int) -> None:
@@ -37,7 +37,7 @@ class Coefficients:
             number, kind = divmod(-1 - key, 8)
             joint = kind == _LIMIT_JOINT
             label = limits.labels[2 * (number if joint else self._scheme.model.njnt + number)]
-        e = float(self._scheme.targets.of_each((label,), _UNIT)[0])
+        e = float(self._targets.of_each((label,), _UNIT)[0])
         at = int(np.searchsorted(self.key, key))
         self.key, self.value = np.insert(self.key, at, key), np.insert(self.value, at, e)
 

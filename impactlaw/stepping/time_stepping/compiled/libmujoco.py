@@ -37,6 +37,7 @@ _FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "mj_mulM": (_P, _P, _P, _P),
     "mj_mulJacTVec": (_P, _P, _P, _P),
     "mj_isSparse": (_P,),
+    "mj_makeData": (_P,),
     "mj_getState": (_P, _P, _P, _I),
     "mj_setState": (_P, _P, _P, _I),
 }
@@ -68,7 +69,7 @@ tendon, collision, make_constraint = (_external(n) for n in ("mj_tendon", "mj_co
 integrate_pos, rne, mul_m = (_external(name) for name in ("mj_integratePos", "mj_rne", "mj_mulM"))
 mul_jac_t_vec = _external("mj_mulJacTVec")
 get_state, set_state = _external("mj_getState"), _external("mj_setState")
-is_sparse = _external("mj_isSparse", types.int32)
+is_sparse, make_data = _external("mj_isSparse", types.int32), _external("mj_makeData", types.int64)
 
 
 @cache

@@ -102,6 +102,18 @@ def remember(counts, groups, key, scale, impulses):
     to_impulses[:] = impulses
 
 
+@kernel
+def go_back(memory, before):
+    """Let the memory be what it was, but for where impulses are kept; the impulses are forgotten."""
+    counts = memory.view(np.int64)
+    mine = counts[: MEMORY.other_capacity + 1].copy()
+    for i in range(len(memory)):
+        memory[i] = before[i]
+    for i in range(len(mine)):
+        counts[i] = mine[i]
+    forget(counts)
+
+
 def make_memory(numbers: int, worlds: int) -> np.ndarray:
     """Return the memory of some worlds that have nothing to remember, (worlds, n)."""
     memory = np.zeros((worlds, len(MEMORY) - 1 + numbers))
