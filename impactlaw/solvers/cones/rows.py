@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from impactlaw.solvers.cones.loops import FIRST, Array, kernel, plain
+from impactlaw.solvers.cones.loops import FIRST, Array, filled, kernel, numbers, plain
 from impactlaw.solvers.cones.projection import group_residual
 
 _NOTHING = 1e-10  # rows shorter than this part of the longest do not move anything
@@ -69,7 +69,7 @@ def islands(
                             root = _root(parent, label[g])
                             parent[t] = root
                             label[g] = root
-    number = np.full(trees, -1, np.int64)
+    number = filled(trees, -1)
     count = 0
     for g in range(len(first)):
         if length[g] > 0.0:
@@ -124,7 +124,7 @@ def certificate(
     most = 0
     for g in range(len(first)):
         most = max(most, size[g])
-    xs, us = np.empty(most), np.empty(most)
+    xs, us = numbers(most), numbers(most)
     largest = 0.0
     for g in range(len(first)):
         if label[g] < 0:

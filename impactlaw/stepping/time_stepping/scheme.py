@@ -261,7 +261,7 @@ class TimeStepping:
             model.jnt_margin, model.tendon_margin,
             model.geom_bodyid, model.body_rootid, self._sizes, data.xipos, data.subtree_com, now, data.cvel,
             model.body_mocapid, 0.0 if self._surfaces is None else self._surfaces.speed,
-            data.ten_velocity, h,
+            h,
             float(np.sqrt(gravity.dot(gravity))),
         )  # fmt: skip
 

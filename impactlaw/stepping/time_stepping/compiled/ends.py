@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.solvers.cones.loops import kernel, plain
+from impactlaw.solvers.cones.loops import kernel, plain, zeros
 from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
 from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins
 from impactlaw.stepping.time_stepping.compiled.contact import jacobian_of, rows_of_step
@@ -49,7 +49,7 @@ def update_frames(w):
 def write_forces(w, found, start, cone):
     """Let sensors and others see the impulses of the step over h, as forces of the cones of the user's choice."""
     nv, n, h = w.nv, number(w, DATA.nefc), w.timestep
-    force, rows = np.zeros(n), found.rows
+    force, rows = zeros(n), found.rows
     for r in range(len(found.x)):
         force[rows.sparse[2, r]] = rows.rates[0, r] * found.x[r] / h
     mj.mul_jac_t_vec(w.model, w.data, data_at(w, DATA.qfrc_constraint), address_of(force))

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple, cast
 
 import numba
-import numpy as np
 from numba import types
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.loops import plain
+from impactlaw.solvers.cones.loops import copied, indices, numbers, plain
 from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
 from impactlaw.stepping.time_stepping.compiled.fields import SIZE, address_of, claim, floats, long_at, longs, put
 from impactlaw.stepping.time_stepping.compiled.law import LawTable
@@ -165,29 +164,29 @@ def _other_data(model, data, slots):
 @compiled("void(int64,int64,int64,int64)")
 def some_steps(model, data, world, context):
     """Take the steps of one of many worlds; after a failure its state and memory are those of before."""
-    c, rooms = longs(context, len(WORLDS)), np.int64(0)
+    c = longs(context, len(WORLDS))
     n, many = c[WORLDS.memories], c[WORLDS.states]
     memory = floats(c[WORLDS.memory_of] + 8 * n * world, n)
     report = longs(c[WORLDS.status_of] + 16 * world, 2)
     where = longs(c[WORLDS.laws_of] + 24 * world, 3)
     law = LawTable(longs(where[0], where[2]), floats(where[1], where[2]), report[1:2])
     settings = c[WORLDS.settings_of] + 8 * len(SETTING) * world
-    structure = np.empty(long_at(c[WORLDS.table] + 8 * SIZE.model) // 8, np.int64)
-    rooms = address_of(structure)
-    margins, state, first = np.empty(c[WORLDS.margin_count]), np.empty(many), np.empty(many)
+    structure = indices(long_at(c[WORLDS.table] + 8 * SIZE.model) // 8)
+    margins, state, first = numbers(c[WORLDS.margin_count]), numbers(many), numbers(many)
     other = _other_data(model, data, longs(c[WORLDS.slots], 2 * c[WORLDS.slot_count]))
-    before = memory.copy()
+    before = copied(memory)
     mj.get_state(model, data, address_of(first), STATE)
     for step in range(c[WORLDS.steps]):
         report[0] = advance(
-            model, data, other, c[WORLDS.table], settings, c[WORLDS.sizes], c[WORLDS.bilateral], law, memory, rooms,
+            model, data, other, c[WORLDS.table], settings, c[WORLDS.sizes], c[WORLDS.bilateral], law, memory,
+            address_of(structure),
             margins, state, step == 0,
         )  # fmt: skip
         if report[0] != FINE:
             mj.set_state(model, data, address_of(first), STATE)
             go_back(memory, before)
             break
-    structure[0] = rooms  # it is to live as long as its address is in use
+    structure[0] = 0  # it is to live as long as its address is in use
 
 
 _one_step, _some_steps = linked(one_step), linked(some_steps)

@@ -35,7 +35,6 @@ class _Data(NamedTuple):
     cvel: int
     xipos: int
     subtree_com: int
-    ten_velocity: int
     qLD: int
     qLDiagInv: int
     qH: int

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.solvers.cones.loops import kernel, plain
+from impactlaw.solvers.cones.loops import copied, kernel, numbers, plain
 from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
 from impactlaw.stepping.time_stepping.compiled.fields import DATA, address_of, put
 from impactlaw.stepping.time_stepping.compiled.world import data_floats, layout_of, metric_of, velocity_of
@@ -38,7 +38,7 @@ def settle(w, start, bias):
 def lead_to(w, start, mean, bias):
     """Return where forces lead without contact if these are those of a mean velocity, (nv,); see `settle`."""
     velocity = velocity_of(w)
-    kept = velocity.copy()
+    kept = copied(velocity)
     put(velocity, mean)
     mj.com_vel(w.model, w.data)
     mj.rne(w.model, w.data, 0, address_of(bias))
@@ -61,7 +61,7 @@ def inertial_work(w, start, after, bias):
 @kernel
 def _allowed(w, start, free):
     """Return ``v^T M v`` of the start, with twice the work of other forces, relative to ``v^T M v`` of the end."""
-    momentum = np.empty(w.nv)
+    momentum = numbers(w.nv)
     mj.mul_m(w.model, w.data, address_of(momentum), address_of(free))
     after, before, work = 0.0, 0.0, 0.0
     for i in range(w.nv):

@@ -139,30 +139,32 @@ class Known(NamedTuple):
     impulses: np.ndarray
 
 
-def recollect(numbers: np.ndarray) -> Known:
+def raw(numbers: np.ndarray) -> bytes:
     """Return a copy of the impulses that the numbers of a world tell of; its block must not have been written since."""
-    counts = numbers.view(np.int64)
-    g, n, at = (int(counts[place]) for place in (MEMORY.groups, MEMORY.rows, MEMORY.block))
+    block, _, g, n = numbers[: MEMORY.rows + 1].view(np.int64).tolist()
+    return ctypes.string_at(block, 24 * g + 16 * n) if g else b""
 
-    def copied(kind: type, many: int, skip: int) -> np.ndarray:
-        if many == 0:
-            return np.zeros(0, kind)
+
+def recollect(numbers: np.ndarray, impulses: bytes) -> Known:
+    """Return the impulses that the numbers of a world tell of, from what `raw` returned."""
+    g, n = numbers[MEMORY.groups : MEMORY.rows + 1].view(np.int64).tolist()
+    parts = (np.int64, g), (np.float64, n), (np.float64, n), (np.int32, 4 * g)
+    found, at = [], 0
+    for kind, many in parts:
         size = many * np.dtype(kind).itemsize
-        return np.frombuffer(ctypes.string_at(at + skip, size), kind).copy()
+        found.append(np.frombuffer(impulses[at : at + size], kind).copy())
+        at += size
+    key, scale, x, groups = found
+    return Known(groups.reshape(4, g), key, scale, x)
 
-    key, scale = copied(np.int64, g, 0), copied(np.float64, n, 8 * g)
-    impulses, groups = copied(np.float64, n, 8 * (g + n)), copied(np.int32, 4 * g, 8 * (g + 2 * n))
-    return Known(groups.reshape(4, g), key, scale, impulses)
 
-
-def restore(numbers: np.ndarray, kept: np.ndarray, known: Known) -> None:
+def restore(numbers: np.ndarray, kept: np.ndarray, impulses: bytes) -> None:
     """Let a world that has nothing to remember have the memory of another one."""
     counts, mine = numbers.view(np.int64), [MEMORY.block, MEMORY.capacity, MEMORY.other, MEMORY.other_capacity]
     blocks = counts[mine].copy()
     numbers[:] = kept
     counts[mine] = blocks
-    data = known.key.tobytes() + known.scale.tobytes() + known.impulses.tobytes() + known.groups.tobytes()
-    if data:
-        counts[MEMORY.block] = block = _LIBC.realloc(ctypes.c_void_p(int(counts[MEMORY.block])), len(data))
-        counts[MEMORY.capacity] = len(data)
-        ctypes.memmove(block, data, len(data))
+    if impulses:
+        counts[MEMORY.block] = block = _LIBC.realloc(ctypes.c_void_p(int(counts[MEMORY.block])), len(impulses))
+        counts[MEMORY.capacity] = len(impulses)
+        ctypes.memmove(block, impulses, len(impulses))

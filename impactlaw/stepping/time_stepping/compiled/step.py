@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.solvers.cones.loops import kernel, plain
+from impactlaw.solvers.cones.loops import copied, kernel, numbers, plain, zeros
 from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
 from impactlaw.stepping.time_stepping.compiled.borrow import borrow, is_damped
 from impactlaw.stepping.time_stepping.compiled.contact import attempt, jacobian_of, near
@@ -102,7 +102,7 @@ def _step(w, law, memory, margins, cone, loaded):
         forget(counts)
         gained[:] = 0.0
     _set_margins(w, gained)
-    start, middle, bias = qvel.copy(), np.empty(nq), np.zeros(nv)
+    start, middle, bias = copied(qvel), numbers(nq), zeros(nv)
     full = _to_midpoint(w, start, margins, middle, sensors)
     _free_step(w, start, bias, gained)
     collided, missed, touched = False, 0.0, False
@@ -138,7 +138,7 @@ def _step(w, law, memory, margins, cone, loaded):
             qacc[i] = (qvel[i] - start[i]) / h
         if sensors:
             _sense(w, start)
-        _to_end(w, middle, np.empty(0))
+        _to_end(w, middle, middle[:0])
         if _is_huge(qpos, qvel):
             return HUGE_OUTPUT
         update_frames(w)
@@ -172,8 +172,8 @@ def _set_margins(w, gained):
     """Let MuJoCo find the contacts that bodies can reach in this step; see `margins.set_margins`."""
     nbody = size(w, MODEL.nbody)
     ngeom, npair, ntendon = size(w, MODEL.ngeom), size(w, MODEL.npair), size(w, MODEL.ntendon)
-    qvel, now = velocity_of(w), rows_of(w, DATA.cvel, nbody, 6).copy()
-    kept = qvel.copy()
+    qvel, now = velocity_of(w), copied(data_floats(w, DATA.cvel, 6 * nbody)).reshape((nbody, 6))
+    kept = copied(qvel)
     qvel += gained
     mj.com_vel(w.model, w.data)
     put(qvel, kept)
@@ -185,7 +185,7 @@ def _set_margins(w, gained):
         model_floats(w, MODEL.tendon_margin, ntendon),
         model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_rootid, nbody), floats(w.sizes, nbody),
         rows_of(w, DATA.xipos, nbody, 3), rows_of(w, DATA.subtree_com, nbody, 3), now, rows_of(w, DATA.cvel, nbody, 6),
-        model_ints(w, MODEL.body_mocapid, nbody), 0.0, data_floats(w, DATA.ten_velocity, ntendon), w.timestep,
+        model_ints(w, MODEL.body_mocapid, nbody), 0.0, w.timestep,
         _length(gravity),
     )  # fmt: skip
 
@@ -245,7 +245,7 @@ def _free_step(w, start, bias, gained):
 def _contact(w, law, known, start, bias, rounds):
     """Add what contact does to the velocity, and return it; see `scheme.TimeStepping`."""
     h, qvel = w.timestep, velocity_of(w)
-    free, jacobian, look = qvel.copy(), jacobian_of(w), 1
+    free, jacobian, look = copied(qvel), jacobian_of(w), 1
     chosen = near(w, jacobian, start, free, 2.0 * h)
     found = attempt(w, jacobian, chosen, start, free, known, rounds, law)
     while look < LOOKS and len(found.x) > 0 and found.status == FINE:
@@ -288,7 +288,7 @@ def _created(w, found, start, bias):
 def _sense(w, start):
     """Compute the sensors that depend on accelerations and forces, at the middle of the step."""
     qvel = velocity_of(w)
-    after = qvel.copy()
+    after = copied(qvel)
     put(qvel, start)
     mj.sensor_acc(w.model, w.data)
     put(qvel, after)

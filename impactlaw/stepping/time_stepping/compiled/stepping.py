@@ -55,7 +55,7 @@ class CompiledStepping:
         self._structure = np.zeros(int(self._table[SIZE.model]) // 8)
         self._margins, self._settings = np.zeros(room(model)), np.zeros(len(SETTING))
         self._bilateral, self._scratch = self._scheme.bilateral.astype(np.uint8), mujoco.MjData(model)
-        self._pool = Pool(mujoco.MjModel.from_xml_string(_EMPTY), 1, 1, persistent=True)
+        self._pool: Pool | None = None
         self._context = np.zeros(len(CONTEXT), np.int64)
         self._at = self._context.ctypes.data
         self._take_over()
@@ -115,11 +115,15 @@ class CompiledStepping:
         """Advance by one timestep and return what tells its collisions; data is back where it was after an error."""
         if self._reason is not None:
             return self._in_python(data)
-        context, world = self._context, data
+        if self._pool is None:
+            if any(ctypes.c_size_t.from_address(place).value for place in self._callbacks.tolist()):
+                return self._in_python(data)
+            self._pool = Pool(mujoco.MjModel.from_xml_string(_EMPTY), 1, 1, persistent=True)
+        context, world, apply = self._context, data, self._pool.apply
         context[CONTEXT.data] = world._address  # pyright: ignore[reportAttributeAccessIssue]
         while True:
-            if self._pool.apply(single.address, self._at, save=False):
-                self._fail(data)
+            if apply(single.address, self._at, save=False):
+                self._fail(data, self._pool.error(0))
             how = int(context[CONTEXT.status])
             if how == status.FINE:
                 break
@@ -140,9 +144,9 @@ class CompiledStepping:
         self._numbers[MEMORY.shortfall], self._counts[MEMORY.solved] = self._scheme.shortfall, self._scheme.solved
         return events
 
-    def _fail(self, data: mujoco.MjData) -> None:
+    def _fail(self, data: mujoco.MjData, message: str) -> None:
         """Raise what MuJoCo has said, with data where it was."""
-        message, world = self._pool.error(0), data
+        world = data
         for place in (DATA.pstack, DATA.pbase):  # what was on MuJoCo's stack is lost
             ctypes.c_size_t.from_address(world._address + int(self._table[place])).value = 0  # pyright: ignore[reportAttributeAccessIssue]
         restore_state(self._model, data, self._state)
@@ -165,7 +169,7 @@ class CompiledStepping:
 
     def __getstate__(self) -> dict[str, Any]:
         """A copy goes on from what this one remembers."""
-        known = memory.recollect(self._numbers)
+        known = memory.raw(self._numbers)
         return {"scheme": self._scheme, "warn": self._warn, "numbers": self._numbers.copy(), "known": known}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -184,7 +188,7 @@ class _Replay:
 
     def __init__(self, scheme: TimeStepping, state: np.ndarray, numbers: np.ndarray):
         self._scheme, self._state, self._numbers = scheme, state, numbers
-        self._known = memory.recollect(numbers)
+        self._impulses = memory.raw(numbers)
 
     def events(self) -> tuple[ImpactEvent, ...]:
         """Return the collision as an event."""
@@ -197,7 +201,8 @@ class _Replay:
         restore_state(model, data, self._state)
         counts = self._numbers.view(np.int64)
         gained = self._numbers[MEMORY.left + model.nq + model.nv :]
-        scheme.resume(data, self._known, gained, solved=bool(counts[MEMORY.solved]))
+        known = memory.recollect(self._numbers, self._impulses)
+        scheme.resume(data, known, gained, solved=bool(counts[MEMORY.solved]))
         told = scheme.step(data)
         scheme.short_steps = kept
         return told() if callable(told) else told

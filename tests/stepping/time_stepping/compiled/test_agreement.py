@@ -12,7 +12,7 @@ import pytest
 
 from impactlaw import Coulomb, Law, MaximalDissipation, Moreau, Newton, Stepper
 from impactlaw.errors import DivergenceError, InadmissibleImpactError, RestitutionError, UncompiledWarning
-from impactlaw.stepping.time_stepping.compiled.memory import MEMORY, recollect
+from impactlaw.stepping.time_stepping.compiled.memory import MEMORY, raw, recollect
 from impactlaw.stepping.time_stepping.compiled.stepping import CompiledStepping
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
@@ -65,7 +65,7 @@ def _as_before(ours: Stepper, python: Stepper, one: mujoco.MjData, other: mujoco
     mujoco.mj_setState(model, other, state, kind)
     if numbers[MEMORY.steps]:
         gained = numbers[MEMORY.left + model.nq + model.nv :]
-        scheme.resume(other, recollect(numbers), gained, solved=compiled.solved)
+        scheme.resume(other, recollect(numbers, raw(numbers)), gained, solved=compiled.solved)
 
 
 def _difference(one: mujoco.MjData, other: mujoco.MjData) -> float:
