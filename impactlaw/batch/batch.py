@@ -177,6 +177,7 @@ class Batch:
             broken |= self._call(asked)
         if broken:
             failed = np.array(sorted(broken))
+            self._memory.view(np.int64)[failed, MEMORY.known] = 0
             raise WorldsFailed(failed, self._pool.error(int(failed[0])))
         failed = np.flatnonzero(self._report[:, 0])
         if len(failed):

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlaw.solvers.cones import BILATERAL
-from impactlaw.solvers.cones.loops import kernel
+from impactlaw.solvers.cones.loops import kernel, once
 from impactlaw.stepping.time_stepping.compiled.fields import CONTACT, DATA, MODEL, flags
 from impactlaw.stepping.time_stepping.compiled.law import ask_law
 from impactlaw.stepping.time_stepping.compiled.libmujoco import is_sparse
@@ -121,28 +121,6 @@ def rows_of_step(w, jacobian, metric, velocity, start, free, chosen, frictional)
 
 
 @kernel
-def attempt(w, jacobian, chosen, start, free, known, rounds, law):
-    """Solve the problem of the rows that are near, set the velocity after it, and return what contact does.
-
-    Args:
-        w: the world in the middle of the step.
-        jacobian: `jacobian_of`.
-        chosen: the rows, bool (nefc,).
-        start: velocity at the start, (nv,).
-        free: velocity without contact, (nv,).
-        known: groups, keys, coefficients and impulses of the last step.
-        rounds: of the slower solvers.
-        law: see `law`.
-    """
-    if not chosen.any():
-        return _nothing()
-    metric, frictional = metric_of(w), setting(w, SETTING.frictional) != 0.0
-    row_velocity = data_floats(w, DATA.efc_vel, number(w, DATA.nefc))
-    rows = rows_of_step(w, jacobian, metric, row_velocity, start, free, chosen, frictional)
-    return _resolve(w, rows, metric, free, known, rounds, law)
-
-
-@kernel
 def _nothing():
     """Return what contact does where there is none."""
     table, no, few = np.empty((3, 0), np.int32), np.empty(0), np.empty(0, np.int32)
@@ -151,7 +129,18 @@ def _nothing():
     return Outcome(rows, no, no, False, 0.0, 0.0, 0.0, 0.0, 0.0, FINE)
 
 
-@kernel
+@once
+def _collide(w, rows, tree, collides, target):
+    """Let contacts in touch stay closed, and equality constraints keep their velocity."""
+    close_gaps(rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, tree, collides, target)
+    number_of = data_ints(w, DATA.efc_id, number(w, DATA.nefc))
+    for g in range(len(target)):
+        row = rows.groups[0, g]
+        if rows.groups[2, g] == BILATERAL and flags(w.bilateral, size(w, MODEL.neq))[number_of[rows.sparse[2, row]]]:
+            rows.rates[4, row] *= STIFF
+
+
+@once
 def _resolve(w, rows, metric, free, known, rounds, law):
     n, tree, (factor, inverse) = len(rows.rates[0]), model_ints(w, MODEL.dof_treeid, w.nv), metric
     e = setting(w, SETTING.restitution)
@@ -188,11 +177,22 @@ def _resolve(w, rows, metric, free, known, rounds, law):
 
 
 @kernel
-def _collide(w, rows, tree, collides, target):
-    """Let contacts in touch stay closed, and equality constraints keep their velocity."""
-    close_gaps(rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, tree, collides, target)
-    number_of = data_ints(w, DATA.efc_id, number(w, DATA.nefc))
-    for g in range(len(target)):
-        row = rows.groups[0, g]
-        if rows.groups[2, g] == BILATERAL and flags(w.bilateral, size(w, MODEL.neq))[number_of[rows.sparse[2, row]]]:
-            rows.rates[4, row] *= STIFF
+def attempt(w, jacobian, chosen, start, free, known, rounds, law):
+    """Solve the problem of the rows that are near, set the velocity after it, and return what contact does.
+
+    Args:
+        w: the world in the middle of the step.
+        jacobian: `jacobian_of`.
+        chosen: the rows, bool (nefc,).
+        start: velocity at the start, (nv,).
+        free: velocity without contact, (nv,).
+        known: groups, keys, coefficients and impulses of the last step.
+        rounds: of the slower solvers.
+        law: see `law`.
+    """
+    if not chosen.any():
+        return _nothing()
+    metric, frictional = metric_of(w), setting(w, SETTING.frictional) != 0.0
+    row_velocity = data_floats(w, DATA.efc_vel, number(w, DATA.nefc))
+    rows = rows_of_step(w, jacobian, metric, row_velocity, start, free, chosen, frictional)
+    return _resolve(w, rows, metric, free, known, rounds, law)

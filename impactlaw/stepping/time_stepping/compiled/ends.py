@@ -5,11 +5,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.solvers.cones.loops import kernel, plain, zeros
+from impactlaw.solvers.cones.loops import once, plain, zeros
 from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
 from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins
 from impactlaw.stepping.time_stepping.compiled.contact import jacobian_of, rows_of_step
-from impactlaw.stepping.time_stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, put_int, put
+from impactlaw.stepping.time_stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, keep, put_int, put
 from impactlaw.stepping.time_stepping.compiled.world import (
     SETTING,
     World,
@@ -45,7 +45,7 @@ def update_frames(w):
     mj.com_vel(w.model, w.data)
 
 
-@kernel
+@once
 def write_forces(w, found, start, cone):
     """Let sensors and others see the impulses of the step over h, as forces of the cones of the user's choice."""
     nv, n, h = w.nv, number(w, DATA.nefc), w.timestep
@@ -53,6 +53,7 @@ def write_forces(w, found, start, cone):
     for r in range(len(found.x)):
         force[rows.sparse[2, r]] = rows.rates[0, r] * found.x[r] / h
     mj.mul_jac_t_vec(w.model, w.data, data_at(w, DATA.qfrc_constraint), address_of(force))
+    keep(force)
     qacc, qvel = data_floats(w, DATA.qacc, nv), data_floats(w, DATA.qvel, nv)
     for i in range(nv):
         qacc[i] = (qvel[i] - start[i]) / h
@@ -69,32 +70,7 @@ def write_forces(w, found, start, cone):
         put(data_floats(w, DATA.efc_force, n), force)
 
 
-@kernel
-def look_again(w, rows):
-    """Move bodies out of overlaps at the end of a step that gradients of the middle have not told of."""
-    nbody, ngeom, h = size(w, MODEL.nbody), size(w, MODEL.ngeom), w.timestep
-    depth = bend(
-        rows.groups, rows.amounts, rows.rates, contact_ints(w, CONTACT.geom, 2),
-        model_ints(w, MODEL.geom_bodyid, ngeom), rows_of(w, DATA.cvel, nbody, 6), floats(w.sizes, nbody),
-        rows_of(w, DATA.xipos, nbody, 3), rows_of(w, DATA.subtree_com, nbody, 3),
-        model_ints(w, MODEL.body_rootid, nbody), h,
-    )  # fmt: skip
-    if depth == 0.0:
-        return
-    put_int(w.model + offset(w, MODEL.opt_cone), np.int32(_ELLIPTIC))
-    if setting(w, SETTING.sticks) == 0.0:
-        limit_margins(w.model, w.table, BEYOND * depth)
-    now = World(w.model, w.scratch, w.scratch, w.table, w.settings, w.sizes, w.bilateral, w.nv, h, w.damped)
-    _find_contacts(w, now)
-    metric = metric_of(w)
-    shift = _shift(now, metric, rows, depth)
-    if len(shift):
-        qpos = data_floats(w, DATA.qpos, size(w, MODEL.nq))
-        mj.integrate_pos(w.model, address_of(qpos), address_of(shift), h)
-        update_frames(w)
-
-
-@plain
+@once
 def _find_contacts(w, now):
     """Let other data see the contacts of now."""
     nq, mocap, equalities = size(w, MODEL.nq), size(w, MODEL.nmocap), size(w, MODEL.neq)
@@ -111,7 +87,7 @@ def _find_contacts(w, now):
     mj.make_constraint(w.model, now.data)
 
 
-@kernel
+@once
 def _shift(now, metric, rows, depth):
     """Return the velocity that opens the overlaps that other data shows, (nv,); (0,) if there are none."""
     n, h, nothing = number(now, DATA.nefc), now.timestep, np.empty(0)
@@ -139,7 +115,33 @@ def _shift(now, metric, rows, depth):
     return unwhiten(w, factor, nnz, adr, col, np.sqrt(inverse))
 
 
-@plain
+@once
+def look_again(w, rows):
+    """Move bodies out of overlaps at the end of a step that gradients of the middle have not told of."""
+    nbody, ngeom, h = size(w, MODEL.nbody), size(w, MODEL.ngeom), w.timestep
+    depth = bend(
+        rows.groups, rows.amounts, rows.rates, contact_ints(w, CONTACT.geom, 2),
+        model_ints(w, MODEL.geom_bodyid, ngeom), rows_of(w, DATA.cvel, nbody, 6), floats(w.sizes, nbody),
+        rows_of(w, DATA.xipos, nbody, 3), rows_of(w, DATA.subtree_com, nbody, 3),
+        model_ints(w, MODEL.body_rootid, nbody), h,
+    )  # fmt: skip
+    if depth == 0.0:
+        return
+    put_int(w.model + offset(w, MODEL.opt_cone), np.int32(_ELLIPTIC))
+    if setting(w, SETTING.sticks) == 0.0:
+        limit_margins(w.model, w.table, BEYOND * depth)
+    now = World(w.model, w.scratch, w.scratch, w.table, w.settings, w.sizes, w.bilateral, w.nv, h, w.damped)
+    _find_contacts(w, now)
+    metric = metric_of(w)
+    shift = _shift(now, metric, rows, depth)
+    if len(shift):
+        qpos = data_floats(w, DATA.qpos, size(w, MODEL.nq))
+        mj.integrate_pos(w.model, address_of(qpos), address_of(shift), h)
+        keep(shift)
+        update_frames(w)
+
+
+@once
 def finish(w):
     """Leave what a step leaves beside the state."""
     if option(w, MODEL.opt_enableflags) & _ENERGY:

@@ -11,11 +11,10 @@ from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.loops import copied, indices, numbers, plain
 from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
-from impactlaw.stepping.time_stepping.compiled.fields import SIZE, address_of, claim, floats, long_at, longs, put
-from impactlaw.stepping.time_stepping.compiled.law import LawTable
+from impactlaw.stepping.time_stepping.compiled.fields import SIZE, address_of, claim, floats, keep, long_at, longs, put
 from impactlaw.stepping.time_stepping.compiled.memory import go_back
 from impactlaw.stepping.time_stepping.compiled.status import CALLBACK, FINE
-from impactlaw.stepping.time_stepping.compiled.step import STATE, advance
+from impactlaw.stepping.time_stepping.compiled.step import STATE, linked_advance
 from impactlaw.stepping.time_stepping.compiled.world import SETTING
 
 
@@ -87,12 +86,7 @@ def one_step(context):
         return
     memory = floats(c[CONTEXT.memory], c[CONTEXT.memories])
     put(floats(c[CONTEXT.before], c[CONTEXT.memories]), memory)
-    law = LawTable(
-        longs(c[CONTEXT.keys], c[CONTEXT.known]),
-        floats(c[CONTEXT.values], c[CONTEXT.known]),
-        c[CONTEXT.asked : CONTEXT.asked + 1],
-    )
-    c[CONTEXT.status] = advance(
+    c[CONTEXT.status] = linked_advance(
         c[CONTEXT.model],
         c[CONTEXT.data],
         c[CONTEXT.scratch],
@@ -100,7 +94,9 @@ def one_step(context):
         c[CONTEXT.settings],
         c[CONTEXT.sizes],
         c[CONTEXT.bilateral],
-        law,
+        longs(c[CONTEXT.keys], c[CONTEXT.known]),
+        floats(c[CONTEXT.values], c[CONTEXT.known]),
+        c[CONTEXT.asked : CONTEXT.asked + 1],
         memory,
         c[CONTEXT.structure],
         floats(c[CONTEXT.margins], c[CONTEXT.margin_count]),
@@ -169,7 +165,7 @@ def some_steps(model, data, world, context):
     memory = floats(c[WORLDS.memory_of] + 8 * n * world, n)
     report = longs(c[WORLDS.status_of] + 16 * world, 2)
     where = longs(c[WORLDS.laws_of] + 24 * world, 3)
-    law = LawTable(longs(where[0], where[2]), floats(where[1], where[2]), report[1:2])
+    keys, values = longs(where[0], where[2]), floats(where[1], where[2])
     settings = c[WORLDS.settings_of] + 8 * len(SETTING) * world
     structure = indices(long_at(c[WORLDS.table] + 8 * SIZE.model) // 8)
     margins, state, first = numbers(c[WORLDS.margin_count]), numbers(many), numbers(many)
@@ -177,8 +173,9 @@ def some_steps(model, data, world, context):
     before = copied(memory)
     mj.get_state(model, data, address_of(first), STATE)
     for step in range(c[WORLDS.steps]):
-        report[0] = advance(
-            model, data, other, c[WORLDS.table], settings, c[WORLDS.sizes], c[WORLDS.bilateral], law, memory,
+        report[0] = linked_advance(
+            model, data, other, c[WORLDS.table], settings, c[WORLDS.sizes], c[WORLDS.bilateral], keys, values,
+            report[1:2], memory,
             address_of(structure),
             margins, state, step == 0,
         )  # fmt: skip
@@ -186,7 +183,8 @@ def some_steps(model, data, world, context):
             mj.set_state(model, data, address_of(first), STATE)
             go_back(memory, before)
             break
-    structure[0] = 0  # it is to live as long as its address is in use
+    keep(structure)
+    keep(first)
 
 
 _one_step, _some_steps = linked(one_step), linked(some_steps)

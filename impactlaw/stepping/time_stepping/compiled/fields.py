@@ -209,6 +209,16 @@ def table_ints(address, rows, columns):
 
 
 @intrinsic
+def keep(typingctx: Any, array: Any) -> Any:
+    """Do nothing: an array whose address is in use is to live until here."""
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        return context.get_dummy_value()
+
+    return types.void(array), generate
+
+
+@intrinsic
 def claim(typingctx: Any, address: Any, value: Any) -> Any:
     """Write a number of 64 bits to an address if 0 is there, in one piece, and return what was there."""
 

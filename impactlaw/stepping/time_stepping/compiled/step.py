@@ -5,13 +5,16 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.solvers.cones.loops import copied, kernel, numbers, plain, zeros
+from impactlaw.compiled import compiled
+from impactlaw.linked import linked
+from impactlaw.solvers.cones.loops import copied, kernel, numbers, once, plain, zeros
 from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
 from impactlaw.stepping.time_stepping.compiled.borrow import borrow, is_damped
 from impactlaw.stepping.time_stepping.compiled.contact import attempt, jacobian_of, near
 from impactlaw.stepping.time_stepping.compiled.ends import finish, look_again, update_frames, write_forces
 from impactlaw.stepping.time_stepping.compiled.fields import DATA, MODEL, address_of, float_at, floats, ints, long_at, put
 from impactlaw.stepping.time_stepping.compiled.forces import inertial_work, lead_to, settle
+from impactlaw.stepping.time_stepping.compiled.law import LawTable
 from impactlaw.stepping.time_stepping.compiled.memory import MEMORY, forget, last_step, remember
 from impactlaw.stepping.time_stepping.compiled.status import FINE, HUGE_INPUT, HUGE_OUTPUT, TIMESTEP
 from impactlaw.stepping.time_stepping.compiled.world import (
@@ -45,41 +48,6 @@ _EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
 _CONTACT_FULL, _ROWS_FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)
 
 
-@kernel
-def advance(user, data, scratch, table, settings, sizes, bilateral, law, memory, model, margins, state, loaded):
-    """Take one step and return how it has ended; data is back where it was if that is not `status.FINE`.
-
-    Args:
-        user: address of the model.
-        data: address of its data.
-        scratch: address of other data of the model.
-        table: address of offsets of fields, see `fields`.
-        settings: address of `world.Settings`.
-        sizes: address of `margins.body_sizes`, (nbody,).
-        bilateral: address of which equality constraints collisions must not violate, uint8 (neq,).
-        law: see `law`.
-        memory: of the world, see `memory.Memory`.
-        model: address of room for a copy of the model's structure.
-        margins: room for its margins, `borrow.room`.
-        state: room for the state, where that of the start is in the end.
-        loaded: whether nothing but the state of data is current.
-    """
-    cone = borrow(user, model, margins, table, float_at(settings + 8 * SETTING.sticks) != 0.0)
-    h = float_at(model + long_at(table + 8 * MODEL.opt_timestep))
-    if not 0.0 < h < np.inf:
-        return TIMESTEP
-    mj.get_state(model, data, address_of(state), STATE)
-    if not _length(state) <= HUGE:
-        return HUGE_INPUT
-    nv = long_at(model + long_at(table + 8 * MODEL.nv))
-    w = World(model, data, scratch, table, settings, sizes, bilateral, nv, h, is_damped(model, table))
-    status = _step(w, law, memory, margins, cone, loaded)
-    if status != FINE:
-        mj.set_state(user, data, address_of(state), STATE)
-        mj.fwd_position(user, data)
-    return status
-
-
 @plain
 def _length(v):
     s = 0.0
@@ -88,7 +56,7 @@ def _length(v):
     return np.sqrt(s)
 
 
-@kernel
+@once
 def _step(w, law, memory, margins, cone, loaded):
     nq, nv, h, sensors = size(w, MODEL.nq), w.nv, w.timestep, size(w, MODEL.nsensordata) > 0
     counts = memory.view(np.int64)
@@ -167,7 +135,7 @@ def _is_huge(qpos, qvel):
     return not (_length(qpos) <= HUGE and _length(qvel) <= HUGE)
 
 
-@kernel
+@once
 def _set_margins(w, gained):
     """Let MuJoCo find the contacts that bodies can reach in this step; see `margins.set_margins`."""
     nbody = size(w, MODEL.nbody)
@@ -190,7 +158,7 @@ def _set_margins(w, gained):
     )  # fmt: skip
 
 
-@plain
+@once
 def _to_midpoint(w, start, margins, middle, sensors):
     """Put bodies where they are in the middle of the step, and compute all forces but those of contact there.
 
@@ -210,7 +178,7 @@ def _to_midpoint(w, start, margins, middle, sensors):
     return full
 
 
-@plain
+@once
 def _find_contacts(w, margins):
     warnings = ints(w.data + offset(w, DATA.warning), 2 * (max(_CONTACT_FULL, _ROWS_FULL) + 1))
     for share in SHARES:
@@ -224,7 +192,7 @@ def _find_contacts(w, margins):
     return True
 
 
-@plain
+@once
 def _free_step(w, start, bias, gained):
     """Let MuJoCo's integrator advance velocity, activations and time without contact."""
     nv = w.nv
@@ -241,7 +209,7 @@ def _free_step(w, start, bias, gained):
         gained[i] = qvel[i] - start[i]
 
 
-@kernel
+@once
 def _contact(w, law, known, start, bias, rounds):
     """Add what contact does to the velocity, and return it; see `scheme.TimeStepping`."""
     h, qvel = w.timestep, velocity_of(w)
@@ -302,3 +270,49 @@ def _to_end(w, middle, shift):
     mj.integrate_pos(w.model, address_of(qpos), address_of(velocity_of(w)), 0.5 * w.timestep)
     if len(shift):
         mj.integrate_pos(w.model, address_of(qpos), address_of(shift), w.timestep)
+
+
+@compiled(
+    "int64(int64,int64,int64,int64,int64,int64,int64,int64[::1],float64[::1],int64[::1],float64[::1],int64,float64[::1],"
+    "float64[::1],boolean)"
+)
+def advance(
+    user, data, scratch, table, settings, sizes, bilateral, keys, values, asked, memory, model, margins, state, loaded
+):  # fmt: skip
+    """Take one step and return how it has ended; data is back where it was if that is not `status.FINE`.
+
+    Args:
+        user: address of the model.
+        data: address of its data.
+        scratch: address of other data of the model.
+        table: address of offsets of fields, see `fields`.
+        settings: address of `world.Settings`.
+        sizes: address of `margins.body_sizes`, (nbody,).
+        bilateral: address of which equality constraints collisions must not violate, uint8 (neq,).
+        keys: of the law's contacts, see `law.LawTable`, like the two that follow.
+        values: restitution of each.
+        asked: the key of a contact that is not known, (1,), to be written.
+        memory: of the world, see `memory.Memory`.
+        model: address of room for a copy of the model's structure.
+        margins: room for its margins, `borrow.room`.
+        state: room for the state, where that of the start is in the end.
+        loaded: whether nothing but the state of data is current.
+    """
+    cone = borrow(user, model, margins, table, float_at(settings + 8 * SETTING.sticks) != 0.0)
+    h = float_at(model + long_at(table + 8 * MODEL.opt_timestep))
+    if not 0.0 < h < np.inf:
+        return TIMESTEP
+    mj.get_state(model, data, address_of(state), STATE)
+    if not _length(state) <= HUGE:
+        return HUGE_INPUT
+    nv = long_at(model + long_at(table + 8 * MODEL.nv))
+    w = World(model, data, scratch, table, settings, sizes, bilateral, nv, h, is_damped(model, table))
+    status = _step(w, LawTable(keys, values, asked), memory, margins, cone, loaded)
+    if status != FINE:
+        mj.set_state(user, data, address_of(state), STATE)
+        mj.fwd_position(user, data)
+    return status
+
+
+linked_advance = linked(advance)
+"""What compiled functions call."""
