@@ -11,7 +11,7 @@ import numpy as np
 
 from impactlaw.batch.laws import Laws
 from impactlaw.batch.rows import Fields
-from impactlaw.errors import ImpactLawError, SceneError
+from impactlaw.errors import SceneError, WorldsFailedError
 from impactlaw.laws import Law
 from impactlaw.stepping.compatibility import check_law, check_model
 from impactlaw.stepping.plan import make_plan
@@ -31,18 +31,6 @@ _WHY = {
     status.CREATES: "the law creates energy",
     status.TIMESTEP: "the timestep is not positive",
 }
-
-
-class WorldsFailed(ImpactLawError):
-    """Some worlds have failed; they are as they were before the call, and the others have made their steps.
-
-    Attributes:
-        worlds: numbers of those that have failed, int (k,).
-    """
-
-    def __init__(self, worlds: np.ndarray, why: str):
-        self.worlds = worlds
-        super().__init__(f"{len(worlds)} worlds have failed ({', '.join(map(str, worlds[:5]))} ..): {why}")
 
 
 class Batch:
@@ -122,7 +110,7 @@ class Batch:
 
     @property
     def restitution(self) -> np.ndarray:
-        """e of each world, (nsim,), to be written; NaN where a law has more than one."""
+        """E of each world, (nsim,), to be written; NaN where a law has more than one."""
         return self._laws.settings[:, SETTING.restitution]
 
     @property
@@ -150,7 +138,10 @@ class Batch:
 
     def bind(self, name: str) -> np.ndarray:
         """Return a live array over a field of mjData, (nsim, ..): of the state to be written, of others to be read."""
-        return self._fields.bind(name)
+        found = self._fields.bind(name)
+        self._context[WORLDS.outputs] = self._fields.outputs.ctypes.data
+        self._context[WORLDS.output_count] = len(self._fields.outputs)
+        return found
 
     def expand(self, name: str) -> np.ndarray:
         """Give a field of mjModel its own values in each world, (nsim, ..), to be written."""
@@ -160,7 +151,7 @@ class Batch:
         """Take steps of some worlds, or all.
 
         Raises:
-            WorldsFailed: some could not be stepped; these are as they were before the call.
+            WorldsFailedError: some could not be stepped; these are as they were before the call.
             RestitutionError: a law does not know the restitution of a contact; its world is as it was.
         """
         self._context[WORLDS.steps] = nstep
@@ -178,18 +169,18 @@ class Batch:
         if broken:
             failed = np.array(sorted(broken))
             self._memory.view(np.int64)[failed, MEMORY.known] = 0
-            raise WorldsFailed(failed, self._pool.error(int(failed[0])))
+            raise WorldsFailedError(failed.tolist(), self._pool.error(int(failed[0])))
         failed = np.flatnonzero(self._report[:, 0])
         if len(failed):
             self._report[failed, 0], why = status.FINE, _WHY[int(self._report[failed[0], 0])]
-            raise WorldsFailed(failed, why)
+            raise WorldsFailedError(failed.tolist(), why)
 
     def _call(self, worlds: np.ndarray | None) -> set[int]:
         """Let the pool step, and return the worlds of which MuJoCo has raised an error."""
         if not self._pool.apply(many.address, self._context.ctypes.data, save=True, worlds=worlds):
             return set()
-        number = (ctypes.c_int * self.nsim).from_address(self._functions.mjb_status(self._pool.handle))
-        return {int(i) for i in np.flatnonzero(np.frombuffer(number, np.int32))}
+        raised = (ctypes.c_int * self.nsim).from_address(self._functions.mjb_status(self._pool.handle))
+        return {i for i, status in enumerate(raised) if status}
 
     def reset(self, ids: Sequence[int] | None = None, keyframe: int | Sequence[int] = -1) -> None:
         """Put some worlds, or all, back to the start or to a keyframe, with nothing to remember."""
@@ -197,7 +188,7 @@ class Batch:
         key = np.ascontiguousarray(np.broadcast_to(np.asarray(keyframe, dtype=np.int32), worlds.shape))
         level = int(mujoco.mjtStage.mjSTAGE_ACC)
         if self._functions.mjb_reset(self._pool.handle, worlds.ctypes.data, len(worlds), key.ctypes.data, level):
-            raise WorldsFailed(worlds, self._pool.error(int(worlds[0])))
+            raise WorldsFailedError(worlds.tolist(), self._pool.error(int(worlds[0])))
         counts = self._memory.view(np.int64)
         counts[worlds, MEMORY.known], counts[worlds, MEMORY.solved] = 0, 1
         self._memory[worlds, MEMORY.steps : MEMORY.left] = 0.0
@@ -207,7 +198,7 @@ class Batch:
         worlds = np.arange(self.nsim, dtype=np.int32) if ids is None else np.asarray(ids, dtype=np.int32)
         level = int(mujoco.mjtStage.mjSTAGE_ACC)
         if self._functions.mjb_forward(self._pool.handle, worlds.ctypes.data, len(worlds), level):
-            raise WorldsFailed(worlds, self._pool.error(int(worlds[0])))
+            raise WorldsFailedError(worlds.tolist(), self._pool.error(int(worlds[0])))
 
     def get_data(self, world: int) -> mujoco.MjData:
         """Return the state of a world as data of its own."""

@@ -46,6 +46,7 @@ class Laws:
         row = self._scheme.settings()
         for world in worlds:
             self.settings[world], self._tables[world] = row, table
+            self.settings[world, SETTING.forces] = 0.0
             self._place(world)
 
     def learn(self, world: int, key: int) -> None:

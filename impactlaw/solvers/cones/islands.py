@@ -99,7 +99,8 @@ def build(
     `number` and `seen` (nv,) are room filled with -1, which all islands may share.
     """
     groups = len(members)
-    start, begin, entry, square = filled(groups + 1, 0), filled(groups + 1, 0), filled(groups + 1, 0), filled(groups + 1, 0)
+    start, begin = filled(groups + 1, 0), filled(groups + 1, 0)
+    entry, square = filled(groups + 1, 0), filled(groups + 1, 0)
     kinds, bounds = indices(groups), numbers(groups)
     count = 0
     for j in range(groups):

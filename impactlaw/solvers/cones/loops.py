@@ -16,17 +16,17 @@ from numba.np.arrayobj import populate_array
 
 Array = np.ndarray[Any, Any]
 _INNER: Any = {"error_model": "numpy", "nogil": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-kernel: Any = njit(**_INNER, _nrt=True)
+kernel: Any = njit(**_INNER | {"_nrt": True})
 """Compile a function that only compiled functions call.
 
 `solve` is stored on disk with all that it calls, and numba looks at the text of solve.py alone to see whether that
 is still valid: delete `__pycache__/*.nb*` after a change of other files.
 """
-plain: Any = njit(**_INNER, _nrt=False)
+plain: Any = njit(**_INNER | {"_nrt": False})
 """The same for a function that makes no arrays: it does not count who holds those that it is given."""
 once: Any = njit(**_INNER, inline="always")
 """The same for a function that is called from one place: it becomes a part of its caller, which halves compile time."""
-sums: Any = njit(**_INNER, _nrt=False, fastmath={"reassoc", "contract"})
+sums: Any = njit(**_INNER | {"_nrt": False, "fastmath": {"reassoc", "contract"}})
 """The same for sums that may be reassociated."""
 FIRST: Any = np.int64(0)
 """The first index; numba would compile functions once more for a literal 0."""
@@ -46,7 +46,8 @@ def _room(kind: Any) -> Any:
     def make(typingctx: Any, many: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
             size = builder.mul(values[0], context.get_constant(types.intp, 8))
-            place, owner = cgutils.alloca_once(builder, cgutils.voidptr_t), cgutils.alloca_once(builder, cgutils.voidptr_t)
+            place = cgutils.alloca_once(builder, cgutils.voidptr_t)
+            owner = cgutils.alloca_once(builder, cgutils.voidptr_t)
             small = builder.icmp_signed("<=", values[0], context.get_constant(types.intp, _SMALL))
             with builder.if_else(small) as (then, otherwise):
                 with then:

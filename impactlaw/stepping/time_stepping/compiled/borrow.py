@@ -80,7 +80,7 @@ def borrow(user, model, margins, table, sticks):
     put_int(model + _at(table, MODEL.opt_noslip_iterations), np.int32(0))
     integrator = model + _at(table, MODEL.opt_integrator)
     kind = int_at(integrator)
-    put_int(integrator, np.int32(_EULER if kind == _EULER or kind == _RK4 else _FAST))
+    put_int(integrator, np.int32(_EULER if kind == _EULER or kind == _RK4 else _FAST))  # noqa: SIM109
     return chosen
 
 
@@ -101,7 +101,7 @@ def is_damped(model, table):
         if more[i] != 0.0:
             return True
     actuator = ints(long_at(model + _at(table, MODEL.jnt_actuatorid)), joints)
-    for i in range(joints):
+    for i in range(joints):  # noqa: SIM110 - compiled
         if actuator[i] != -1:
             return True
     return False

@@ -9,7 +9,17 @@ from impactlaw.solvers.cones.loops import once, plain, zeros
 from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
 from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins
 from impactlaw.stepping.time_stepping.compiled.contact import jacobian_of, rows_of_step
-from impactlaw.stepping.time_stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, keep, put_int, put
+from impactlaw.stepping.time_stepping.compiled.fields import (
+    CONTACT,
+    DATA,
+    MODEL,
+    address_of,
+    flags,
+    floats,
+    keep,
+    put,
+    put_int,
+)
 from impactlaw.stepping.time_stepping.compiled.world import (
     SETTING,
     World,
@@ -57,15 +67,14 @@ def write_forces(w, found, start, cone):
     qacc, qvel = data_floats(w, DATA.qacc, nv), data_floats(w, DATA.qvel, nv)
     for i in range(nv):
         qacc[i] = (qvel[i] - start[i]) / h
-    if cone == _PYRAMIDAL and number(w, DATA.ncon) > 0:
-        if setting(w, SETTING.forces) != 0.0:
-            put_int(w.model + offset(w, MODEL.opt_cone), np.int32(_PYRAMIDAL))
-            elliptic = contact_ints(w, CONTACT.efc_address, 1)[:, 0].copy()
-            mj.make_constraint(w.model, w.data)
-            encode_pyramids(
-                force, elliptic, contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_ints(w, CONTACT.dim, 1)[:, 0],
-                contact_floats(w, CONTACT.friction, 5), data_floats(w, DATA.efc_force, number(w, DATA.nefc)),
-            )  # fmt: skip
+    if cone == _PYRAMIDAL and number(w, DATA.ncon) > 0 and setting(w, SETTING.forces) != 0.0:
+        put_int(w.model + offset(w, MODEL.opt_cone), np.int32(_PYRAMIDAL))
+        elliptic = contact_ints(w, CONTACT.efc_address, 1)[:, 0].copy()
+        mj.make_constraint(w.model, w.data)
+        encode_pyramids(
+            force, elliptic, contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_ints(w, CONTACT.dim, 1)[:, 0],
+            contact_floats(w, CONTACT.friction, 5), data_floats(w, DATA.efc_force, number(w, DATA.nefc)),
+        )  # fmt: skip
     else:
         put(data_floats(w, DATA.efc_force, n), force)
 

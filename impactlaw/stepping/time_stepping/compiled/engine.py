@@ -1,4 +1,4 @@
-"""Calls of compiled code in which an error of MuJoCo's engine becomes an exception instead of the end of the process."""
+"""MuJoCo's thread pool, in which an error of its engine is reported instead of ending the process."""
 
 from __future__ import annotations
 

@@ -11,7 +11,17 @@ from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.loops import copied, indices, numbers, plain
 from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
-from impactlaw.stepping.time_stepping.compiled.fields import SIZE, address_of, claim, floats, keep, long_at, longs, put
+from impactlaw.stepping.time_stepping.compiled.fields import (
+    SIZE,
+    address_of,
+    claim,
+    flags,
+    floats,
+    keep,
+    long_at,
+    longs,
+    put,
+)
 from impactlaw.stepping.time_stepping.compiled.memory import go_back
 from impactlaw.stepping.time_stepping.compiled.status import CALLBACK, FINE
 from impactlaw.stepping.time_stepping.compiled.step import STATE, linked_advance
@@ -71,7 +81,7 @@ CONTEXT = Context()
 @plain
 def _is_watched(callbacks):
     """Return whether a callback of MuJoCo is set, which may be in Python."""
-    for i in range(len(callbacks)):
+    for i in range(len(callbacks)):  # noqa: SIM110 - compiled
         if long_at(callbacks[i]) != 0:
             return True
     return False
@@ -121,6 +131,9 @@ class Worlds(NamedTuple):
         laws_of: address of keys, address of values, and how many, int64 (nsim, 3).
         memory_of: see `memory`.
         status_of: how the last call has ended, and the key that was asked for, int64 (nsim, 2), written.
+        outputs: fields of data that are copied out: where data tells their address, where those of world 0 are to be,
+            and bytes of each world, int64 (k, 3).
+        output_count: k.
     """
 
     table: int = 0
@@ -136,6 +149,8 @@ class Worlds(NamedTuple):
     laws_of: int = 10
     memory_of: int = 11
     status_of: int = 12
+    outputs: int = 13
+    output_count: int = 14
 
 
 WORLDS = Worlds()
@@ -183,6 +198,10 @@ def some_steps(model, data, world, context):
             mj.set_state(model, data, address_of(first), STATE)
             go_back(memory, before)
             break
+    for i in range(c[WORLDS.output_count]):
+        output = longs(c[WORLDS.outputs] + 24 * i, 3)
+        size = output[2]
+        put(flags(output[1] + size * world, size), flags(long_at(data + output[0]), size))
     keep(structure)
     keep(first)
 

@@ -1,13 +1,18 @@
 """Fields of MuJoCo's structures in compiled code: at an address and an offset that are numbers, int64."""
 
+# ruff: noqa: N815 - names are MuJoCo's
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
-from numba import carray, types
-from numba.extending import intrinsic
+import numba
+from numba import extending, types
 
 from impactlaw.solvers.cones.loops import kernel, plain
+
+
+_intrinsic: Any = extending.intrinsic
+carray: Any = cast(Any, numba).carray
 
 
 class _Data(NamedTuple):
@@ -130,7 +135,7 @@ ALL = len(DATA) + len(MODEL) + len(CONTACT) + len(SIZE)
 def _pointer(kind: Any) -> Any:
     """Return a compiled function that makes a pointer to numbers of a kind of an address."""
 
-    @intrinsic
+    @_intrinsic
     def of(typingctx: Any, address: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
             return builder.inttoptr(values[0], context.get_value_type(types.CPointer(kind)))
@@ -143,7 +148,7 @@ def _pointer(kind: Any) -> Any:
 def _reader(kind: Any) -> Any:
     """Return a compiled function that returns the number of a kind at an address."""
 
-    @intrinsic
+    @_intrinsic
     def read(typingctx: Any, address: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
             return builder.load(builder.inttoptr(values[0], context.get_value_type(types.CPointer(kind))))
@@ -156,7 +161,7 @@ def _reader(kind: Any) -> Any:
 def _writer(kind: Any) -> Any:
     """Return a compiled function that writes a number of a kind to an address."""
 
-    @intrinsic
+    @_intrinsic
     def write(typingctx: Any, address: Any, value: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
             builder.store(values[1], builder.inttoptr(values[0], context.get_value_type(types.CPointer(kind))))
@@ -208,7 +213,7 @@ def table_ints(address, rows, columns):
     return carray(_int(address), (rows, columns))
 
 
-@intrinsic
+@_intrinsic
 def keep(typingctx: Any, array: Any) -> Any:
     """Do nothing: an array whose address is in use is to live until here."""
 
@@ -218,7 +223,7 @@ def keep(typingctx: Any, array: Any) -> Any:
     return types.void(array), generate
 
 
-@intrinsic
+@_intrinsic
 def claim(typingctx: Any, address: Any, value: Any) -> Any:
     """Write a number of 64 bits to an address if 0 is there, in one piece, and return what was there."""
 
@@ -237,7 +242,7 @@ def put(to, source):
         to[i] = source[i]
 
 
-@intrinsic
+@_intrinsic
 def address_of(typingctx: Any, array: Any) -> Any:
     """Return where an array begins."""
 

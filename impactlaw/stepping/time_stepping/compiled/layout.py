@@ -1,4 +1,4 @@
-"""Where the fields of MuJoCo's structures are in memory: read from `mujoco.introspect`, given to compiled code as numbers.
+"""Where the fields of MuJoCo's structures are: read from `mujoco.introspect`, given to compiled code as numbers.
 
 The numbers are arguments of what is compiled, not parts of it, so that the cache on disk holds for any MuJoCo.
 """
@@ -89,6 +89,12 @@ def table() -> np.ndarray:
     found = np.array(offsets, dtype=np.int64)
     _check(found)
     return found
+
+
+@cache
+def data_offset(name: str) -> int:
+    """Return where mjData tells the address of an array, bytes."""
+    return getattr(_named("mjData", {}), name).offset
 
 
 _SCENE = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
@@ -64,7 +64,7 @@ _LIBC = ctypes.CDLL(None)
 _LIBC.realloc.restype = ctypes.c_size_t
 _LIBC.realloc.argtypes = [ctypes.c_void_p, ctypes.c_size_t]
 _LIBC.free.restype = None
-_realloc = _external("realloc", types.int64, types.int64)
+_realloc: Any = _external("realloc", types.int64, types.int64)
 
 
 @kernel

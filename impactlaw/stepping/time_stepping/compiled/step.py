@@ -1,4 +1,4 @@
-"""One step of `scheme.TimeStepping` in compiled code, over MuJoCo's C functions; see there for what each part is for."""
+"""One step of `scheme.TimeStepping` in compiled code, over MuJoCo's C functions; see there what each part is for."""
 
 from __future__ import annotations
 
@@ -12,7 +12,16 @@ from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
 from impactlaw.stepping.time_stepping.compiled.borrow import borrow, is_damped
 from impactlaw.stepping.time_stepping.compiled.contact import attempt, jacobian_of, near
 from impactlaw.stepping.time_stepping.compiled.ends import finish, look_again, update_frames, write_forces
-from impactlaw.stepping.time_stepping.compiled.fields import DATA, MODEL, address_of, float_at, floats, ints, long_at, put
+from impactlaw.stepping.time_stepping.compiled.fields import (
+    DATA,
+    MODEL,
+    address_of,
+    float_at,
+    floats,
+    ints,
+    long_at,
+    put,
+)
 from impactlaw.stepping.time_stepping.compiled.forces import inertial_work, lead_to, settle
 from impactlaw.stepping.time_stepping.compiled.law import LawTable
 from impactlaw.stepping.time_stepping.compiled.memory import MEMORY, forget, last_step, remember
@@ -124,7 +133,7 @@ def _step(w, law, memory, margins, cone, loaded):
 
 @plain
 def _equal(one, other):
-    for i in range(len(one)):
+    for i in range(len(one)):  # noqa: SIM110 - compiled
         if one[i] != other[i]:
             return False
     return True
