@@ -10,7 +10,6 @@ from numba import extending, types
 
 from impactlaw.solvers.cones.loops import kernel, plain
 
-
 _intrinsic: Any = extending.intrinsic
 carray: Any = cast(Any, numba).carray
 
