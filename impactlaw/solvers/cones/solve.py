@@ -10,11 +10,14 @@ from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.hybrid import solve_island
 from impactlaw.solvers.cones.islands import build
-from impactlaw.solvers.cones.loops import Array, filled, indices, kernel, numbers
+from impactlaw.solvers.cones.loops import Array, filled, indices, numbers
 from impactlaw.solvers.cones.rows import certificate, impulse_jump, islands, lengths
 
 
-@kernel
+@compiled(
+    "int64(int64[::1],int32[::1],int32[::1],int32[::1],float64[::1],int32[::1],int32[::1],int32[::1],int32[::1],"
+    "float64[::1],float64[::1],float64[::1],float64[::1],boolean,int64[::1],int64[::1],float64[::1],float64,float64,int64)"
+)
 def _solve_one(
     members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, exact, number, seen,
     x, scale, tolerance, rounds,
@@ -35,6 +38,9 @@ def _solve_one(
         for k in range(size[g]):
             x[first[g] + k] = point[P.start[j] + k] / length[g]
     return taken
+
+
+_linked_one = linked(_solve_one)
 
 
 @compiled(
@@ -131,7 +137,7 @@ def solve(
         if np.sqrt(squares[i]) <= tolerance * scale[i]:
             continue
         members = order[begin[i] : begin[i + 1]]
-        total += _solve_one(
+        total += _linked_one(
             members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length,
             exact, number, seen,
             x, scale[i], tolerance, rounds,
