@@ -15,7 +15,7 @@ from impactlaw.laws.labels import canonical, put
 from impactlaw.mechanics.block_metric import finite_sparse, is_sparse
 from impactlaw.mechanics.collision import Collision
 
-_COUPLED = 1e-12  # cosine of the angle between two gradients above which their contacts influence each other
+COUPLED = 1e-12  # cosine of the angle between two gradients above which their contacts influence each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,13 +142,13 @@ def _mirror(collision: Collision) -> np.ndarray:
     if len(scale) < 2:
         return np.arange(len(scale))
     if isinstance(Y, np.ndarray):
-        coupled = np.abs(collision.delassus) > _COUPLED * np.outer(scale, scale)
+        coupled = np.abs(collision.delassus) > COUPLED * np.outer(scale, scale)
         if coupled.diagonal(1).all():  # a chain: one block
             return np.arange(len(scale))[::-1]
     else:
         G: Any = collision.delassus
         G = G.tocoo()
-        real = np.abs(G.data) > _COUPLED * scale[G.row] * scale[G.col]
+        real = np.abs(G.data) > COUPLED * scale[G.row] * scale[G.col]
         coupled = deferred.csr_array((G.data[real], (G.row[real], G.col[real])), shape=G.shape)
     _, member = deferred.connected_components(coupled, directed=False)
     along = np.arange(len(member))

@@ -137,7 +137,7 @@ def test_an_error_of_the_engine_is_one_of_its_world():
 
 def test_what_a_batch_does_not_take(model: mujoco.MjModel):
     with pytest.raises(SceneError, match="looks at all contacts"):
-        Batch(model, Fremond.reversal(), 2)
+        Batch(model, Fremond({("box/floor", "ball/floor"): 0.5}), 2)
     with pytest.raises(SceneError, match="need as many laws"):
         Batch(model, [Moreau(0.5)], 2)
     batch = Batch(model, Newton({("ball", "floor"): 0.9}), 2, 1)

@@ -36,6 +36,7 @@ from mujoco import (
 
 from impactlaw.errors import DivergenceError, InadmissibleImpactError
 from impactlaw.laws import Coulomb, Law
+from impactlaw.laws.fremond import Reversal
 from impactlaw.scene.contacts import Contacts, geom_names
 from impactlaw.scene.equality_constraints import bilateral_constraints
 from impactlaw.scene.joint_limits import Limits
@@ -190,6 +191,7 @@ class TimeStepping:
             float(self._borrowed.sticks),
             1.0,
             np.nan if e is None else e,
+            self._targets.law.restitution if isinstance(self._targets.law, Reversal) else np.nan,
         )
 
     def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:

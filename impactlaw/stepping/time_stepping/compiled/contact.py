@@ -9,7 +9,7 @@ import numpy as np
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.solvers.cones.loops import kernel, once
 from impactlaw.stepping.time_stepping.compiled.fields import CONTACT, DATA, MODEL, flags
-from impactlaw.stepping.time_stepping.compiled.law import ask_law
+from impactlaw.stepping.time_stepping.compiled.law import ask_law, reverse
 from impactlaw.stepping.time_stepping.compiled.libmujoco import is_sparse
 from impactlaw.stepping.time_stepping.compiled.status import CREATES, FINE, NOT_FINITE
 from impactlaw.stepping.time_stepping.compiled.world import (
@@ -150,7 +150,9 @@ def _resolve(w, rows, metric, free, known, rounds, law):
     )  # fmt: skip
     collided, status = collides.any(), FINE
     if collided:
-        if np.isnan(e):
+        if not np.isnan(setting(w, SETTING.reversal)):
+            reverse(setting(w, SETTING.reversal), rows, tree, collides, target)
+        elif np.isnan(e):
             status = ask_law(law, rows, tree, collides, target)
         _collide(w, rows, tree, collides, target)
     nothing = np.empty(0)

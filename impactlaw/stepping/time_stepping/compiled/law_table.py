@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from impactlaw.laws.fremond import Reversal
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 _UNIT = np.array([-1.0])
@@ -51,6 +52,8 @@ def reason(scheme: TimeStepping) -> str | None:
         return "mocap bodies that touch others move as surfaces"
     targets = scheme.targets
     if targets.restitution is not None:
+        return None
+    if isinstance(targets.law, Reversal) and not scheme.model.neq:
         return None
     if not targets.alone:
         return f"{targets.law!r:.60} looks at all contacts of a collision at once"

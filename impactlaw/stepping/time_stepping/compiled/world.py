@@ -34,6 +34,7 @@ class Settings(NamedTuple):
         sticks: 1 where something sticks across gaps.
         forces: 1 where forces are written as MuJoCo's own cones have them.
         restitution: e, where it is the same for all contacts; else NaN.
+        reversal: e of a law that reverses contact velocities along the contacts' order; else NaN.
     """
 
     rest_speed: int = 0
@@ -45,6 +46,7 @@ class Settings(NamedTuple):
     sticks: int = 6
     forces: int = 7
     restitution: int = 8
+    reversal: int = 9
 
 
 SETTING = Settings()

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from impactlaw import Coulomb, Law, MaximalDissipation, Moreau, Newton, Stepper
+from impactlaw import Coulomb, Fremond, Law, MaximalDissipation, Moreau, Newton, Stepper
 from impactlaw.errors import DivergenceError, InadmissibleImpactError, RestitutionError, UncompiledWarning
 from impactlaw.stepping.time_stepping.compiled.memory import MEMORY, raw, recollect
 from impactlaw.stepping.time_stepping.compiled.stepping import CompiledStepping
@@ -128,6 +128,33 @@ def test_robots_under_random_controls(name: str):
         python.step(other)
         assert _difference(one, other) < 1e-10
     env.close()
+
+
+def _row_of_balls(apart: float) -> str:
+    balls = "".join(
+        f'<body pos="{(0.2 + apart) * i} {1.0 * row} 0"><joint type="slide" axis="1 0 0" limited="true" range="-1 1"/>'
+        f'<geom name="b{row}{i}" size=".1" mass="1"/></body>'
+        for row in range(2)
+        for i in range(5)
+    )
+    option = '<option gravity="0 0 0" timestep=".002"/><default><geom condim="1"/></default>'
+    return f"<mujoco>{option}<worldbody>{balls}</worldbody></mujoco>"
+
+
+@pytest.mark.parametrize("apart", [0.0, 1e-7, 1e-3])
+def test_reversal_of_two_rows_of_balls(apart: float):
+    model = mujoco.MjModel.from_xml_string(_row_of_balls(apart))
+    ours = _compiled(model, Fremond.reversal())
+    python = Stepper(model, Fremond.reversal(), scheme="time-stepping", compiled="never")
+    one, other = mujoco.MjData(model), mujoco.MjData(model)
+    one.qvel[[0, 5, 6]], one.qpos[[0, 5, 6]] = 1.0, -0.01
+    for step in range(1200):
+        _as_before(ours, python, one, other)
+        ours.step(one)
+        python.step(other)
+        assert _difference(one, other) < 1e-10
+        if step == 50 and apart == 0.0:
+            np.testing.assert_allclose(one.qvel, [0, 0, 0, 0, 1, 0, 0, 0, 1, 1], atol=1e-9)
 
 
 def test_copies_go_on_alike():
