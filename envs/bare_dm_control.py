@@ -48,8 +48,8 @@ def put_law(
         friction: of rigid contact: "coulomb", if not given, "convex" or "ignore".
         rest_speed: closing speed, m/s, above which a contact collides.
         on_inadmissible: "raise", "project" or "allow".
-        log: file to record every timestep to, with states and episodes, but without actions and rewards, of which
-            physics is not told.
+        log: file to record every timestep to, with episodes, and with actions and rewards of what this environment
+            steps, or a wrapper that steps it.
         log_every: record every so many episodes.
 
     Raises:
@@ -74,7 +74,9 @@ def put_law(
         rest_speed=rest_speed,
         on_inadmissible=on_inadmissible,
     )
-    return OnDmControl(env, options, episode_log(log, log_every))
+    placed = OnDmControl(env, options, episode_log(log, log_every))
+    placed.record_steps(env)
+    return placed
 
 
 def placed_law(env: dm_env.Environment) -> PlacedLaw | None:

@@ -98,16 +98,33 @@ class OnDmControl(OnPhysics):
             raise WrapperError(f"{physics.__class__.__name__} steps MuJoCo in a way of its own (step is overridden)")
         super().__init__(physics, options, log)
         self._removed = False
+        self._told: Any = None
         self._composer = hasattr(env, "add_extra_hook")
         if self._composer:
             composed: Any = env
             composed.add_extra_hook("after_compile", self._after_compile)
             composed.add_extra_hook("before_step", self._before_step)
 
+    def record_steps(self, env: Any) -> None:
+        """Record actions and rewards of an environment's own steps, too, if anything is recorded: physics has none."""
+        if self._log is not None:
+            self._told, self._plain_step = env, env.step
+            env.step = self._told_step
+
+    def _told_step(self, action: Any) -> Any:
+        """Stand for the environment's `step`; one that has been a reset is none."""
+        result = self._plain_step(action)
+        if not result.first():
+            ended = result.last()
+            self.record_step(action, result.reward, ended and result.discount == 0.0, ended and result.discount != 0.0)
+        return result
+
     def remove(self) -> None:
         """Let the environment step as it did before, and end the recording."""
         super().remove()
         self._removed = True
+        if self._told is not None and vars(self._told).get("step") == self._told_step:
+            del self._told.step
 
     def _after_compile(self, physics: Any, _random_state: Any) -> None:
         if not self._removed:

@@ -1,7 +1,7 @@
 """Compiled functions: numba's, in a cache on disk that no other version of the code can be mistaken for.
 
 Numba looks at the file of a function alone to see whether what it has in its cache is still right, not at the files of
-the functions that it calls. So the cache is in a folder named by all sources that are compiled, and by numba's version.
+the functions that it calls. So the cache is in a folder named by all sources that are compiled, and by the versions of numba and MuJoCo.
 """
 
 from __future__ import annotations
@@ -14,10 +14,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any, cast
 
+import mujoco
 import numba
 
 _PARTS = ("solvers/cones", "stepping/time_stepping", "stepping/time_stepping/compiled")
 """Folders of this package whose functions are compiled; each calls functions of itself and of those before it."""
+
+_NUMBERS = ("laws/tolerances.py",)
+"""Files whose numbers these functions have taken over."""
 
 
 @cache
@@ -29,7 +33,12 @@ def cache_folder(parts: int = len(_PARTS)) -> Path | None:
     Args:
         parts: so many folders of sources count.
     """
-    digest, root = hashlib.sha256(f"{numba.__version__} {sys.version}".encode()), Path(__file__).parent
+    digest, root = (
+        hashlib.sha256(f"{numba.__version__} {mujoco.__version__} {sys.version}".encode()),
+        Path(__file__).parent,
+    )
+    for name in _NUMBERS:
+        digest.update((root / name).read_bytes())
     for folder in _PARTS[:parts]:
         for path in sorted((root / folder).glob("*.py")):
             digest.update(path.read_bytes())
@@ -49,8 +58,11 @@ def _parts(module: str) -> int:
 
 
 @cache
-def _announce() -> None:
-    print("impactlaw: compiling the steps of rigid contact, once; this takes about a minute", file=sys.stderr)
+def announce() -> None:
+    """Tell on stderr, once, that what is compiled is going to be compiled now, if none of it is in the cache."""
+    folder = cache_folder()
+    if folder is None or not any(folder.rglob("*.nbi")):
+        print("impactlaw: compiling the steps of rigid contact, once; this takes about a minute", file=sys.stderr)
 
 
 def compiled(*signature: str) -> Callable[[Callable[..., Any]], Any]:
@@ -58,8 +70,8 @@ def compiled(*signature: str) -> Callable[[Callable[..., Any]], Any]:
 
     def decorate(function: Callable[..., Any]) -> Any:
         folder, settings = cache_folder(_parts(function.__module__)), cast(Any, numba).config
-        if signature and (folder is None or not any(folder.rglob("*.nbi"))):
-            _announce()
+        if signature:  # it is compiled now
+            announce()
         kept, settings.CACHE_DIR = settings.CACHE_DIR, "" if folder is None else str(folder)
         try:
             return cast(Any, numba.njit)(*signature, cache=folder is not None, error_model="numpy", nogil=True)(

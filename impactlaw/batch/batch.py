@@ -36,8 +36,9 @@ _WHY = {
 class Batch:
     """Worlds of a copy of one model, time stepped in threads; the steps are those of `Stepper`.
 
-    Laws are those of one coefficient of restitution per contact, and the reversal; others are refused. Results do not depend on the number of
-    threads. Derived fields are those of the end of a step where they are frames, else those of its middle.
+    Laws are those of one coefficient of restitution per contact, and the reversal; others are refused. Results do not
+    depend on the number of threads. Derived fields are those of the end of a step where they are frames, else those of
+    its middle.
 
     Args:
         model: the compiled scene.

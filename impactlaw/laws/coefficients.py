@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -26,8 +26,11 @@ class ContactCoefficients:
 
     Attributes:
         restitution: one coefficient for every contact, a sequence with one per contact, or a mapping from contact
-            labels, ``("ball1", "floor")`` or ``"ball1/floor"`` in either order, to coefficients.
-        default: coefficient of contacts that the mapping does not name; without it such a contact is an error.
+            labels, ``("ball1", "floor")`` or ``"ball1/floor"`` in either order, to coefficients. A sequence is for
+            collisions of exactly as many contacts, in their order: while a scene moves these are rarely the same, so
+            that a step in which others collide raises. Labels follow the contacts.
+        default: coefficient of contacts that the mapping does not name; without it such a contact is an error, and a
+            stepper refuses the law if the scene can have one.
 
     Raises:
         RestitutionError: a coefficient is not in [0, 1], there is none, a contact has two, or a default is given
@@ -36,8 +39,6 @@ class ContactCoefficients:
 
     restitution: Coefficient | Sequence[Coefficient] | Mapping[str | tuple[str, str], Coefficient]
     default: Coefficient | None = field(default=None, kw_only=True)
-    _numbers: ClassVar[np.ndarray | None] = None  # a sequence of numbers as an array
-    _common: ClassVar[float | None] = None  # what all of them are
 
     def __post_init__(self):
         value = self.restitution
@@ -55,9 +56,6 @@ class ContactCoefficients:
         else:
             value = tuple(_checked(e, f"restitution of contact {i}") for i, e in enumerate(value))  # pyright: ignore[reportArgumentType]
         object.__setattr__(self, "restitution", value)
-        if isinstance(value, tuple) and not any(map(callable, value)):
-            object.__setattr__(self, "_numbers", _frozen(value))
-            object.__setattr__(self, "_common", _common(value))
         if self.default is not None:
             if not isinstance(value, dict):
                 raise RestitutionError(
@@ -85,17 +83,15 @@ class ContactCoefficients:
             RestitutionError: as many coefficients as contacts are needed; a contact is not named and no default set;
                 or a function of speed returns what is not in [0, 1].
         """
-        labels, numbers = collision.labels, self._numbers
-        if numbers is not None and len(numbers) == len(labels):
-            return numbers
-        value, table = self.restitution, self._table
+        labels, value, table = collision.labels, self.restitution, self._table
         if table is not None:
             given = [self._lookup(table, label) for label in labels]
         elif isinstance(value, tuple):
             if len(value) != len(labels):
                 raise RestitutionError(
                     f"{type(self).__name__} has {len(value)} coefficients but {len(labels)} contacts collide "
-                    f"({', '.join(labels)}); key them by contact label so that they follow the contacts"
+                    f"({', '.join(labels)}); key them by contact label so that they follow the contacts, or give one "
+                    "for all (a stepper whose law is changed goes on from before the step)"
                 )
             given = value
         elif callable(value):
@@ -107,10 +103,6 @@ class ContactCoefficients:
             given = [_at(e, speed, label) for e, speed, label in zip(given, speeds, labels, strict=True)]
         return np.array(given, dtype=float)
 
-    def common(self, e: np.ndarray) -> float | None:
-        """Return the value of all these coefficients, which `coefficients` returned; None if they differ."""
-        return self._common if e is self._numbers else _common(e.tolist())
-
     @property
     def _table(self) -> dict[str, Coefficient] | None:
         return self.restitution if isinstance(self.restitution, dict) else None  # pyright: ignore[reportReturnType]
@@ -118,18 +110,10 @@ class ContactCoefficients:
     def _lookup(self, table: dict[str, Coefficient], label: str) -> Coefficient:
         e = table.get(canonical(label), self.default)
         if e is None:
-            raise RestitutionError(f"no restitution for contact {label}, and no default")
+            raise RestitutionError(
+                f"{type(self).__name__} has no restitution for contact {label}, and no default: name it, or give one"
+            )
         return e
-
-
-def _common(values: Sequence[Any]) -> float | None:
-    return values[0] if values and values.count(values[0]) == len(values) else None
-
-
-def _frozen(values: Sequence[Any]) -> np.ndarray:
-    array = np.array(values, dtype=float)
-    array.flags.writeable = False
-    return array
 
 
 def described(value: object) -> object:

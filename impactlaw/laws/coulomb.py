@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -12,17 +12,28 @@ from impactlaw.laws.base import Law, Target, coefficient
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
 from impactlaw.mechanics.impact import Impact
-from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem, ConeStatus
-from impactlaw.solvers.friction.solve import BRIEF, COMPILED, THOROUGH, USUAL, Effort, shared, solve_cones
+from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem
+from impactlaw.solvers.friction.solve import BRIEF, THOROUGH, shared, solve_cones
+from impactlaw.solvers.problem import Status
 
-_FEW = 4  # contacts, up to which a brief search tries what is not compiled
-_BRIEFLY = 3000, 300  # steps of Newton's method in all with few contacts, and with more, after which it gives up
 _CREATED = 1e-12
 """Energy, relative to the one before, up to which its creation is rounding."""
 _SEARCHES = 60
 _FOUND = 1e-10  # width of the bracket of s that is narrow enough
 _SOLVABLE = 0.03  # the same where beyond the bracket no impact was found
 _CLOSE = 1e-11  # energy lost, relative to the one before, that is as good as none
+
+
+class Effort(Protocol):
+    """How much work a collision may take."""
+
+    def rounds(self, rows: int) -> int:
+        """Return how many rounds a problem of so many rows may have where Newton's method fails."""
+        ...
+
+    def attempt(self, rows: int, steps: int) -> None:
+        """Count one attempt, which took so many steps; raise to end the matter."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -58,11 +69,12 @@ class Coulomb(Law):
     law: Law
     tangential_restitution: float = field(default=0.0, kw_only=True)
     cone: Literal["exact", "convex"] = field(default="exact", kw_only=True)
+    has_friction = True
 
     def __post_init__(self):
         if not isinstance(self.law, Law):
             raise RestitutionError(f"Coulomb extends a law, such as Coulomb(Moreau(0.5)), got {self.law!r}")
-        if type(self.law).resolve is not Law.resolve:
+        if not self.law.has_target:
             raise RestitutionError(
                 f"Coulomb needs a law that aims at contact velocities; {type(self.law).__name__} has a rule of its own "
                 "for impulses. Extend Moreau, Newton, Fremond or LinearMap"
@@ -73,6 +85,11 @@ class Coulomb(Law):
             raise UnknownNameError("cone", self.cone, ["exact", "convex"])
 
     @property
+    def normal_law(self) -> Law:
+        """The inner law."""
+        return self.law
+
+    @property
     def contact_labels(self) -> frozenset[str]:
         """Labels that the inner law was keyed with, in canonical order."""
         return getattr(self.law, "contact_labels", frozenset())
@@ -81,13 +98,13 @@ class Coulomb(Law):
         """Return ``gamma^h`` of the inner law."""
         return self.law.target(collision)
 
-    def resolve(self, collision: Collision, *, solver: str = "auto", brief: bool = False) -> Impact:
+    def resolve(self, collision: Collision, *, solver: str = "auto", effort: Effort | None = None) -> Impact:
         """Return the impact: a `FrictionImpact` where the collision has friction.
 
         Args:
             collision: what collides.
             solver: of collisions without friction, see `Law.resolve`.
-            brief: whether to give up soon where Newton's method fails, as in the steps of a simulation.
+            effort: limits the work, as in the steps of a simulation; without it no effort is spared.
 
         Raises:
             RestitutionError: the law's coefficients do not fit the number of contacts.
@@ -98,8 +115,8 @@ class Coulomb(Law):
         if collision.friction is None or not len(collision.friction):
             return self.law.resolve(collision, solver=solver)
         wanted = np.asarray(self.target(collision).contact_velocity, dtype=float)
-        attempt = _Attempt(self, collision, wanted, _BRIEFLY[len(wanted) > _FEW] if brief else np.inf)
-        impact, answer = attempt(1.0, None, USUAL)
+        attempt = _Attempt(self, collision, wanted, effort)
+        impact, answer = attempt(1.0, None, THOROUGH)
         created = np.inf if impact is None else attempt.created(impact, answer)
         return _largest(attempt, created, solver) if impact is None or created > 0.0 else impact
 
@@ -107,24 +124,21 @@ class Coulomb(Law):
 class _Attempt:
     """The law with its restitution scaled."""
 
-    def __init__(self, law: Coulomb, collision: Collision, wanted: np.ndarray, most: float):
-        self.law, self.collision, self.wanted, self.most = law, collision, wanted, most
-        self.taken = 0
+    def __init__(self, law: Coulomb, collision: Collision, wanted: np.ndarray, effort: Effort | None):
+        self.law, self.collision, self.wanted, self.effort = law, collision, wanted, effort
         self.problem: ConeProblem | None = None
         self.sliding = -law.tangential_restitution * collision.pre_sliding_velocity
 
-    def __call__(self, s: float, guess: np.ndarray | None, effort: Effort) -> tuple[FrictionImpact | None, ConeAnswer]:
+    def __call__(self, s: float, guess: np.ndarray | None, rounds: int) -> tuple[FrictionImpact | None, ConeAnswer]:
         """Return the impact with restitution scaled by s, None if none is certified, and the solver's answer."""
         targets = np.where(self.wanted > 0, s * self.wanted, self.wanted), s * self.sliding
         exact = self.law.cone == "exact"
-        if self.taken > self.most:
-            raise SolverError(f"the impact of contacts {', '.join(self.collision.labels)} takes too many steps")
         problem = self.problem = cone_problem(self.collision, *targets, exact=exact, known=self.problem)
-        if np.isfinite(self.most):
-            effort = min(effort, USUAL) if len(self.wanted) <= _FEW else COMPILED
-        answer = solve_cones(problem, guess, effort=effort)
-        self.taken += answer.iterations
-        if answer.status is not ConeStatus.SOLVED:
+        rows = problem.start.size
+        answer = solve_cones(problem, guess, rounds=rounds if self.effort is None else self.effort.rounds(rows))
+        if self.effort is not None:
+            self.effort.attempt(rows, answer.iterations)
+        if answer.status is not Status.SOLVED:
             return None, answer
         if problem.is_redundant:
             answer = shared(problem, answer)

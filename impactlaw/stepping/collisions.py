@@ -20,7 +20,6 @@ from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.work import Work
 
 _SAME_INERTIA = 1e-14  # relative difference of mass matrices that is rounding where bodies only turn
-_MANY = 8  # contacts from which a search for impulses with friction gives up soon in a step
 
 
 class Closed(NamedTuple):
@@ -147,9 +146,8 @@ class Collider:
                 work.collide(len(chosen), friction=closed.friction is not None)
             collision = closed.collision(chosen, metric, velocity)
             law = self.last_law if final else self.law
-            many = work is not None and len(chosen) > _MANY
-            brief = {"brief": True} if many and isinstance(law, Coulomb) else {}
-            impact = self._admissible(law.resolve(collision, solver=self.solver, **brief), rounding[chosen], time)
+            limited = {"effort": work} if work is not None and isinstance(law, Coulomb) else {}
+            impact = self._admissible(law.resolve(collision, solver=self.solver, **limited), rounding[chosen], time)
             events.append(ImpactEvent(time, closed.contacts.select(chosen), impact, qpos.copy()))
             before, velocity = velocity, impact.post_velocity
             if final or np.array_equal(before, velocity):  # a law that changes nothing changes nothing the next time

@@ -10,13 +10,15 @@ import numpy as np
 
 from impactlaw.errors import OptionError, RestitutionError, SceneError
 from impactlaw.laws import Coulomb, Law, LinearMap
-from impactlaw.laws.labels import check_labels
+from impactlaw.laws.coefficients import ContactCoefficients
+from impactlaw.laws.labels import canonical, check_labels
 from impactlaw.scene.contacts import geom_names
 from impactlaw.scene.geoms import one_contact
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.scene.pairs import geom_pairs
 
 _RESOLVED = 1e-15  # part of the size of the scene that gaps are rounded to
+_NAMED = 5  # contacts that an error names
 
 
 def check_model(model: object) -> None:
@@ -88,9 +90,10 @@ def check_law(model: mujoco.MjModel, law: Law) -> None:
 
     Raises:
         UnknownNameError: it is keyed by contacts that the scene cannot have; names the nearest ones.
-        RestitutionError: it has more coefficients than the scene can have contacts, or none, or maps other velocities.
+        RestitutionError: it has more coefficients than the scene can have contacts, or none, or none for some of them
+            and no default, or maps other velocities.
     """
-    inner = law.law if isinstance(law, Coulomb) else law
+    inner = law.normal_law
     used, size = getattr(inner, "contact_labels", None), getattr(inner, "contact_count", None)
     if isinstance(inner, LinearMap) and len(inner.h) != model.nv:  # pyright: ignore[reportArgumentType]
         raise RestitutionError(
@@ -100,12 +103,31 @@ def check_law(model: mujoco.MjModel, law: Law) -> None:
         names = geom_names(model)
         pairs = tuple(f"{names[a]}/{names[b]}" for a, b in geom_pairs(model).geoms)
         check_labels(used, pairs + Limits(model).names)
+        _check_all_named(inner, pairs + Limits(model).names)
     if size == 0:
         raise RestitutionError(f"{type(inner).__name__} has coefficients for no contact; key them by contact label")
     if size is not None and size > (most := most_contacts(model)):
         raise RestitutionError(
             f"{type(inner).__name__} has coefficients for {size} contacts, but the scene never has more than {most:g} "
             "at once; key them by contact label, or give one for all"
+        )
+
+
+def _check_all_named(law: Law, known: tuple[str, ...]) -> None:
+    """Refuse a law that would end a run with the first collision of a contact that it does not name.
+
+    Raises:
+        RestitutionError: it has a coefficient for some of these contacts only, and no default.
+    """
+    if not isinstance(law, ContactCoefficients) or law.default is not None:
+        return
+    missing = sorted({canonical(label) for label in known} - law.contact_labels)
+    if missing:
+        more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
+        raise RestitutionError(
+            f"{type(law).__name__} has no restitution for contacts that the scene can have: "
+            f"{', '.join(missing[:_NAMED])}{more}; name them, or give a default "
+            '(in a scene: <numeric name="restitution" data="..."/>)'
         )
 
 

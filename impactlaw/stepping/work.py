@@ -6,16 +6,15 @@ One unit is about a millisecond on one core of an AMD EPYC.
 from __future__ import annotations
 
 from impactlaw.errors import UnfinishedStepError
+from impactlaw.solvers.friction.solve import BRIEF, STEPS_OF_A_ROUND, cost
 
 _FLOW, _PER_FREEDOM = 0.05, 0.004
-_LOOK, _PER_CONTACT = 0.08, 0.01
+_LOOK, _PER_CONTACT, _LOOK_PER_FREEDOM = 0.08, 0.01, 0.006
+_CONVEX = 0.3  # a look at geoms that are measured by the general convex collider, such as meshes
 _HOLD, _CONFLICT, _CUT = 0.15, 0.25, 2e-3
-_CONES, _PER_STEP, _PER_ROW = 0.1, 0.04, 8e-7  # dense solvers: the cube of the number of rows counts
 _COLLISION, _PER_PARTNER = 0.4, 0.004
 _RUBBING, _DENSE = 0.6, 3e-6  # collisions with friction are dense: the cube of the degrees of freedom counts, too
-_FIRST = 5  # steps of Newton's method that a problem usually takes
-_ATTEMPTS = 50  # steps of Newton's method in a collision with friction
-_ROWS = 3  # of a contact with friction
+_IMPACT = 0.3  # an impact with friction, made of impulses and audited
 
 
 class Work:
@@ -24,10 +23,12 @@ class Work:
     Args:
         freedoms: degrees of freedom of the scene.
         most: units that a step may take.
+        convex: whether contacts are looked for by the general convex collider.
     """
 
-    def __init__(self, freedoms: int, most: float):
+    def __init__(self, freedoms: int, most: float, *, convex: bool = False):
         self._freedoms, self._most, self._spent = freedoms, most, 0.0
+        self._look = _LOOK + _LOOK_PER_FREEDOM * freedoms + (_CONVEX if convex else 0.0)
 
     def begin(self, part: float = 1.0) -> None:
         """Let a step begin, or what may take a part of the work of one."""
@@ -51,7 +52,7 @@ class Work:
 
     def look(self, contacts: int) -> None:
         """Count one look at so many contacts, or distances of geoms, and what follows from it."""
-        self._spend(_LOOK + _PER_CONTACT * contacts)
+        self._spend(self._look + _PER_CONTACT * contacts)
 
     def hold(self, contacts: int) -> None:
         """Count bringing so many contacts back."""
@@ -65,13 +66,25 @@ class Work:
         """Count one problem of contacts that jump between points of faces, and of those seen before."""
         self._spend(_CUT * contacts**2)
 
-    def press(self, rows: int, steps: int = _FIRST) -> None:
-        """Count one problem of contacts with friction, before it is solved; and the steps that it took, after."""
-        self._spend(_CONES + steps * (_PER_STEP + _PER_ROW * rows**3))
+    def rounds(self, rows: int) -> int:
+        """Return how many rounds of slower methods a problem of contacts with friction may have, 1 or more."""
+        start, step = cost(rows, self._freedoms)
+        allowed = (self._most - self._spent - start) / (STEPS_OF_A_ROUND * step)
+        return max(1, min(BRIEF, int(allowed)))
+
+    def solve(self, rows: int, steps: int) -> None:
+        """Count one problem of contacts with friction, which took so many steps of a solver."""
+        start, step = cost(rows, self._freedoms)
+        self._spend(start + steps * step)
+
+    def attempt(self, rows: int, steps: int) -> None:
+        """Count one attempt at the impact of a collision with friction: its problem, and what is made of its answer."""
+        self._spend(_IMPACT)
+        self.solve(rows, steps)
 
     def collide(self, contacts: int, *, friction: bool) -> None:
-        """Count one collision."""
-        if not friction:
+        """Count one collision, before it is resolved; one with friction without its `attempt`s."""
+        if friction:
+            self._spend(_RUBBING + _PER_PARTNER * contacts + _DENSE * self._freedoms**3)
+        else:
             self._spend(_COLLISION + _PER_PARTNER * contacts)
-            return
-        self._spend(_RUBBING + _ATTEMPTS * _PER_ROW * (_ROWS * contacts) ** 3 + _DENSE * self._freedoms**3)

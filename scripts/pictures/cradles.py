@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import tyro
 
-from impactlaw import Fremond, Moreau, Stepper
+from impactlaw import Fremond, Law, Moreau, Stepper
 from impactlaw.models import load
 
 _RAIL, _RADIUS, _SPACING = 1.25, 0.125, 0.25  # m, of the scene
@@ -30,7 +30,7 @@ class Cradles:
     """Of the animation, which runs at the speed of the scene."""
 
 
-def swings(law: Fremond | Moreau | None, times: np.ndarray) -> np.ndarray:
+def swings(law: Law | None, times: np.ndarray) -> np.ndarray:
     """Return the angles of the five balls at some times, rad, (n, 5); without a law contacts are MuJoCo's."""
     model, data = load("newtons_cradle")
     data.qpos[0], data.qvel[0] = -_LIFTED, 0.0
@@ -52,6 +52,7 @@ def main(options: Cradles) -> None:
     mpl.use("Agg")
     from matplotlib import pyplot as plt
     from matplotlib.animation import FuncAnimation, PillowWriter
+    from matplotlib.patches import Circle
 
     times = np.arange(0.0, options.seconds, 1.0 / options.frames_per_second)
     runs = {
@@ -67,7 +68,7 @@ def main(options: Cradles) -> None:
         panel.axis("off")
         panel.plot([-0.75, 0.75], [_RAIL, _RAIL], color="#34495e", linewidth=4, solid_capstyle="round")
         strings = [panel.plot([], [], color="#7f8c8d", linewidth=1)[0] for _ in rest]
-        balls = [plt.Circle((0, 0), _RADIUS, facecolor=c, edgecolor="#34495e") for c in _COLORS]
+        balls = [Circle((0, 0), _RADIUS, facecolor=c, edgecolor="#34495e") for c in _COLORS]
         for ball in balls:
             panel.add_patch(ball)
         drawn.append((strings, balls))

@@ -1,11 +1,13 @@
 """Recordings of environments: one file each, none written over, and episodes that can be played again from them."""
 
+import copy
 import itertools
 import json
 
 import gymnasium
 import numpy as np
 import pytest
+from dm_control import suite
 from own_envs import bare, every_env
 from wrapped import drop, hopper, shimmy_task, theirs
 
@@ -151,7 +153,32 @@ def test_every_second_episode_of_bare_dm_control(tmp_path):
     (episode,) = read_log(tmp_path / "run-2.rrd").episodes
     assert len(episode.time) == 1 + 10 * 10
     assert episode.time[0] == 0.0
-    assert episode.actions.size == 0
+    assert episode.actions.shape == (10, 0)
+
+
+def test_actions_and_rewards_of_bare_dm_control(tmp_path):
+    rng, told = np.random.default_rng(0), []
+    env = suite.load("cartpole", "balance", task_kwargs={"random": 0, "time_limit": 0.1})
+    placed = put_law(env, "moreau", 0.5, log=tmp_path / "run.rrd")
+    twin = copy.deepcopy(env)  # does not record
+    for _ in range(2):
+        env.reset()
+        step = None
+        while step is None or not step.last():
+            action = rng.uniform(-1.0, 1.0, 1)
+            step = env.step(action)
+            told.append((action, step.reward))
+    env.step(action)  # is a reset, which has no reward
+    twin.reset()
+    twin.step(action)
+    placed.remove()
+    env.reset()
+    env.step(action)
+    first, second = read_log(tmp_path / "run.rrd").episodes[:2]
+    actions, rewards = zip(*told, strict=True)
+    np.testing.assert_array_equal(np.concatenate([first.actions, second.actions]), actions)
+    np.testing.assert_array_equal(np.concatenate([first.rewards, second.rewards]), rewards)
+    assert first.ended == second.ended == "truncated"
 
 
 @pytest.mark.parametrize("path", ["run-{seed}.rrd", "run-{}.rrd", "run-{env.rrd", "run-{env:q}.rrd", "run-{0}.rrd"])

@@ -113,8 +113,11 @@ def test_restitution_makes_the_hopper_bounce():
 
 
 def test_a_law_by_name_and_keyed_by_contacts():
-    env = ImpactLaw(gymnasium.make("Hopper-v5"), "newton", {("foot_geom", "floor"): 0.7, ("floor", "leg_geom"): 0.1})
-    assert env.law == Newton({("floor", "foot_geom"): 0.7, ("floor", "leg_geom"): 0.1})
+    others = ["floor/torso_geom", "floor/thigh_geom", "torso_geom/leg_geom", "torso_geom/foot_geom"]
+    others += ["thigh_geom/foot_geom", "thigh_joint", "leg_joint", "foot_joint"]
+    keyed = {("foot_geom", "floor"): 0.7, ("floor", "leg_geom"): 0.1} | dict.fromkeys(others, 0.2)
+    env = ImpactLaw(gymnasium.make("Hopper-v5"), "newton", keyed)
+    assert env.law == Newton({("floor", "foot_geom"): 0.7, ("floor", "leg_geom"): 0.1} | dict.fromkeys(others, 0.2))
     env.reset(seed=0)
     while not env.events:
         env.step(np.zeros(3))

@@ -37,7 +37,7 @@ def test_newton_by_label(keys):
 def test_newton_by_label_with_default_and_without():
     law = Newton({("ball1", "floor"): 0.9}, default=0.5)
     np.testing.assert_allclose(law.coefficients(labelled()), [0.9, 0.5, 0.5])
-    with pytest.raises(RestitutionError, match="no restitution for contact ball1/ball2, and no default"):
+    with pytest.raises(RestitutionError, match="Newton has no restitution for contact ball1/ball2, and no default"):
         Newton({("ball1", "floor"): 0.9}).resolve(labelled())
 
 

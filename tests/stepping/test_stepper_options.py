@@ -350,3 +350,19 @@ def test_errors_of_options_are_of_this_package():
     assert issubclass(OptionError, ImpactLawError)
     stepper = Stepper(ball()[0], MaximalDissipation())
     assert not hasattr(stepper, "no_such_thing")
+
+
+def test_a_law_that_names_only_some_contacts_of_the_scene_is_refused_when_made():
+    balls = "".join(f'<body pos="0 0 {z}"><freejoint/><geom name="b{z}" size=".1"/></body>' for z in (1, 2))
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/>{balls}</worldbody></mujoco>'
+    )
+    some = {("b1", "floor"): 0.5, ("b2", "floor"): 0.5}
+    for contact_model in ("rigid", "soft"):
+        for law in (Newton(some), Poisson(some)):
+            with pytest.raises(RestitutionError, match="no restitution for contacts that the scene can have: b1/b2; "):
+                Stepper(model, law, contact_model=contact_model)
+        Stepper(model, Newton(some, default=0.0), contact_model=contact_model)
+        stepper = Stepper(model, Newton(some | {("b1", "b2"): 0.1}), contact_model=contact_model)
+        with pytest.raises(RestitutionError, match="b1/b2"):
+            stepper.law = Newton(some)

@@ -16,7 +16,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.errors import OverlapError, UnsolvableLawError
+from impactlaw.errors import OverlapError, UnfinishedStepError, UnsolvableLawError
 from impactlaw.solvers import Problem, solve_with_jump
 from impactlaw.stepping.event_driven.contact_set import Touch, jump
 from impactlaw.stepping.event_driven.contact_state import CORRECTED, Moment
@@ -26,6 +26,7 @@ _SHIFTS = 100  # corrections of the shift at most
 _SMALLEST = 40  # of them that look for the smallest one; those after them only open what still overlaps
 _SETTLED = 1e-6  # part of the shift by which a last correction would still change it
 _NAMED = 5  # overlaps that an error names
+_SINGLE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def clearance(touch: Touch) -> np.ndarray:
@@ -58,6 +59,8 @@ def refuse(touch: Touch, tolerance: float, reason: str) -> OverlapError:
 def push_out(model: mujoco.MjModel, data: mujoco.MjData, flights: Flights, start: Moment, tolerance: float) -> Moment:
     """Move data.qpos by the smallest shift that opens all gaps; return the contacts after it, data's frames current.
 
+    Where none is found, joints that are beyond their limits are put back to these, if that opens all gaps.
+
     Args:
         model: the scene.
         data: its state, frames current; only the configuration changes.
@@ -67,11 +70,37 @@ def push_out(model: mujoco.MjModel, data: mujoco.MjData, flights: Flights, start
 
     Raises:
         OverlapError: bodies are squeezed: no shift opens all gaps, or none was found. data.qpos may have changed.
+        UnfinishedStepError: looking for one takes too much work.
     """
+    qpos = data.qpos.copy()
+    try:
+        return _smallest_shift(model, data, flights, start, tolerance)
+    except (OverlapError, UnfinishedStepError):
+        data.qpos[:] = qpos
+        _put_back(model, data)
+        flights.update(data)
+        now = flights.look(data)
+        if overlaps(now.touch, tolerance):
+            raise
+        return now
+
+
+def _put_back(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Put hinges and slides that are beyond their limits back to these."""
+    joints = np.flatnonzero(model.jnt_limited & np.isin(model.jnt_type, _SINGLE))
+    where, (low, high) = model.jnt_qposadr[joints], model.jnt_range[joints].T
+    data.qpos[where] = np.clip(data.qpos[where], low, high)
+
+
+def _smallest_shift(
+    model: mujoco.MjModel, data: mujoco.MjData, flights: Flights, start: Moment, tolerance: float
+) -> Moment:
+    """Do what `push_out` says, by Gauss-Newton on the gaps."""
     qpos, reach = data.qpos.copy(), 2.0 * float(-start.gap.min())
     now, shift, allowed = flights.look(data, reach), np.zeros(model.nv), CORRECTED * tolerance
     for correction in range(_SHIFTS):
         flights.work.look(len(now.gap))
+        flights.work.hold(len(now.gap))
         touch, gap, last = now.touch, now.gap, correction >= _SMALLEST
         if not touch.pattern or (last and gap.min() >= -allowed):  # or pushed out further than contacts are sought
             return now

@@ -45,6 +45,7 @@ from impactlaw.stepping.event_driven.overlap import overlaps, push_out, refuse
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 from impactlaw.stepping.event_driven.shortcuts import Apart, Shortcut, find_rest, find_together, is_still
 from impactlaw.stepping.event_driven.smooth_phase import Flights
+from impactlaw.stepping.event_driven.strong_damping import locks
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import advance, check_input, empty_state, restore_state, save_state
 from impactlaw.stepping.plan import Plan
@@ -93,7 +94,7 @@ class RigidStepping:
         self._tolerance = gap_tolerance
         self._push_out = push_out
         self._rest = rest
-        self._work = Work(model.nv, max(_WORK, collider.most))
+        self._work = Work(model.nv, max(_WORK, collider.most), convex=plan.convex)
         self._flights = Flights(model, plan, gap_tolerance, self._work, exact=exact)
         self._options = self._flights.options
         self._before, self._state = empty_state(model), empty_state(model)
@@ -273,7 +274,11 @@ class RigidStepping:
             raise UnfinishedStepError(str(squeezed)) from None
 
     def _check_held(self, moment: Moment) -> None:
-        """Raise `UnfinishedStepError` if something overlaps by more than what is left where contact is held."""
+        """Raise `UnfinishedStepError` where contact is not held: joints are locked, or something overlaps too far."""
+        if moment.touch.pattern and locks(self._model, self._options.timestep):
+            raise UnfinishedStepError(
+                'contact is not held beside joints that damping all but locks; use RK4, or scheme="time-stepping"'
+            )
         if moment.gap.min(initial=0.0) < -_DEEP * self._tolerance:
             reason = 'smaller timesteps, or scheme="time-stepping", may hold them'
             raise UnfinishedStepError(f"contacts were not held: {refuse(moment.touch, self._tolerance, reason)}")

@@ -263,6 +263,7 @@ class Flights:
         smooth: bool,
         reach: float,
     ) -> Flight:
+        self.work.fly()
         self.advance(data, duration, start.force)
         flow = Flow(start, duration, self.tolerance, self._travel, self.work, smooth=smooth, exact=self._exact)
         return self._arrive(data, flow, reach) or self._without_force(data, state, flow, reach)
@@ -271,6 +272,7 @@ class Flights:
         """Fly once more, without the force of contacts that are lost."""
         restore_state(self._model, data, state)
         flow = flow._replace(start=flow.start._replace(force=None))
+        self.work.fly()
         self.advance(data, flow.duration)
         flight = self._arrive(data, flow, reach)
         assert flight is not None

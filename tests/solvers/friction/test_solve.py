@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from problems import friction_problem
 
-from impactlaw.solvers.friction.augmented_lagrangian import augmented_lagrangian
-from impactlaw.solvers.friction.problem import ConeProblem, ConeStatus, project, projection_derivative
-from impactlaw.solvers.friction.semismooth_newton import continuation, newton
-from impactlaw.solvers.friction.solve import Effort, solve_cones
+from impactlaw.solvers.friction.problem import ConeProblem, project, projection_derivative
+from impactlaw.solvers.friction.solve import BRIEF, solve_cones
+from impactlaw.solvers.problem import Status
 
 
 def complementarity(A, b, sizes, impulse, *, exact, scale):
@@ -40,7 +39,7 @@ def test_one_contact(mu, expected, exact):
         normal = 2.0 if exact else (2.0 + mu * 3.0) / (1 + mu**2)
         jump = [-mu * normal, 0.0, normal]
     np.testing.assert_allclose(answer.jump, jump, rtol=0, atol=1e-14)
-    assert answer.status is ConeStatus.SOLVED
+    assert answer.status is Status.SOLVED
 
 
 def test_separating_contacts_get_no_impulse():
@@ -57,7 +56,7 @@ def test_random(seed, exact):
     A, b, sizes, speed = friction_problem(np.random.default_rng(seed))
     problem = ConeProblem(A, b, sizes, exact=exact, speed=speed)
     answer = solve_cones(problem)
-    assert answer.status is ConeStatus.SOLVED
+    assert answer.status is Status.SOLVED
     np.testing.assert_allclose(answer.jump, A.T @ answer.impulse, rtol=0, atol=1e-12 * problem.scale)
     assert complementarity(A, b, sizes, answer.impulse, exact=exact, scale=problem.scale) < 1e-8
 
@@ -74,7 +73,7 @@ def test_no_solution_is_said():
     """Two contacts on one coordinate that are asked to reach different velocities in opposite directions."""
     A = np.array([[1.0], [-1.0]])
     answer = solve_cones(ConeProblem(A, np.array([-1.0, -1.0]), np.array([1, 1])))
-    assert answer.status is ConeStatus.STOPPED
+    assert answer.status is Status.STOPPED
     assert answer.residual > 0.1
 
 
@@ -103,9 +102,8 @@ def hard(seed, exact=True):
 
 
 def test_newton_alone_is_not_enough():
-    with np.errstate(all="ignore"):
-        reached = [newton(p, np.zeros(p.shape), most=15)[1] / p.scale for p in map(hard, HARD)]
-    assert np.count_nonzero(np.array(reached) > 1e-6) >= 4
+    alone = [solve_cones(problem, rounds=0) for problem in map(hard, HARD)]
+    assert np.count_nonzero([answer.status is Status.STOPPED for answer in alone]) >= 2
 
 
 @pytest.mark.parametrize("seed", HARD)
@@ -114,34 +112,8 @@ def test_hard_problems_are_solved(seed):
     answer = solve_cones(problem)
     x = problem.scaled(answer.impulse)
     assert problem.residual(x, problem.velocity(x)) <= 1e-10 * problem.scale
-    assert answer.status is ConeStatus.SOLVED
+    assert answer.status is Status.SOLVED
 
 
-def test_hard_problems_need_no_starting_again():
-    brief = Effort(0, False, 0)
-    assert all(solve_cones(hard(seed), effort=brief).status is ConeStatus.SOLVED for seed in HARD)
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_augmented_lagrangian_solves_the_relaxation(seed):
-    """The minimum of ``|z|^2 / 2`` where ``A z + b`` is in the cones, approached from outside as compliance falls."""
-    problem = hard(seed, exact=False)
-    shift = np.zeros(problem.shape[0])
-    errors = []
-    for outer in (2, 5, 10):
-        with np.errstate(all="ignore"):
-            x, _ = augmented_lagrangian(problem, np.zeros(problem.shape), shift, outer=outer, enough=0.0)
-        errors.append(problem.residual(x, problem.velocity(x)) / problem.scale)
-    assert errors[2] <= max(errors[0], 1e-12)
-    assert errors[2] < 1e-4
-
-
-def test_continuation_ends_near_the_solution():
-    reached = []
-    for seed in range(20):
-        problem = hard(seed)
-        with np.errstate(all="ignore"):
-            x, steps = continuation(problem)
-        reached.append(problem.residual(x, problem.velocity(x)) / problem.scale)
-        assert steps < 7 * 16
-    assert np.median(reached) < 1e-6
+def test_hard_problems_need_few_rounds():
+    assert all(solve_cones(hard(seed), rounds=BRIEF).status is Status.SOLVED for seed in HARD)

@@ -8,6 +8,7 @@ import pytest
 from scenes import compiled
 
 from impactlaw import Moreau, Stepper
+from impactlaw.stepping.event_driven import smooth_phase
 from impactlaw.stepping.event_driven.event_location import locate
 from impactlaw.stepping.event_driven.gap_functions import Courses, Sight, parabola_closes
 from impactlaw.stepping.event_driven.persistent_contact import frictional as gripped
@@ -192,17 +193,17 @@ def test_limits_that_bounce_take_few_flows(flows, integrator):
 
 def test_flow_that_is_only_tried_is_not_given_its_last_velocity(monkeypatch):
     """A ball slides under an arm whose limits bounce: one impulse is enough to tell when."""
-    solves, arrive, solve = [], Flights._arrive, gripped.solve_grasp
+    solves, hold, solve = [], smooth_phase.hold, gripped.solve_grasp
 
-    def arrived(self, *args):
+    def held(*args):
         solves.append(0)
-        return arrive(self, *args)
+        return hold(*args)
 
     def solved(*args, **options):
         solves[-1] += 1
         return solve(*args, **options)
 
-    monkeypatch.setattr(Flights, "_arrive", arrived)
+    monkeypatch.setattr(smooth_phase, "hold", held)
     monkeypatch.setattr(gripped, "solve_grasp", solved)
     ball = '<body pos="0 2 .1"><freejoint/><geom size=".1" contype="1" friction="0.1"/></body>'
     floor = '<geom type="plane" size="9 9 1" contype="1" friction="0.1"/>'

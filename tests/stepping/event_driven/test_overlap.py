@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import scenes
 
-from impactlaw import Moreau, Stepper, read_contacts
+from impactlaw import MaximalDissipation, Moreau, Stepper, read_contacts
 from impactlaw.envs import ImpactLaw
-from impactlaw.errors import OverlapError, UnknownNameError
+from impactlaw.errors import OverlapError, UnfinishedStepError, UnknownNameError
 from impactlaw.stepping.event_driven import scheme as rigid
 from impactlaw.stepping.event_driven.smooth_phase import Flights
 
@@ -296,3 +296,23 @@ def test_a_gap_that_jumps_in_a_flow_is_opened_unless_bodies_are_squeezed(squeeze
     Stepper(model, Moreau(0.5)).step(data)
     assert jumped
     assert data.qpos[0] == pytest.approx(-1e-7 if squeezed else 0.0, abs=1e-9)
+
+
+def test_joints_are_put_back_to_their_limits_where_no_smallest_shift_is_found(monkeypatch):
+    """As for a hand whose thumb starts beyond its limit, with fingers in the way of any smaller shift."""
+
+    def squeezed(*args):
+        raise UnfinishedStepError("too much work")
+
+    monkeypatch.setattr("impactlaw.stepping.event_driven.overlap._smallest_shift", squeezed)
+    xml = """<mujoco><worldbody><body><joint type="hinge" axis="0 1 0" range="15 60" limited="true"/>
+      <geom type="capsule" fromto="0 0 0 .1 0 0" size=".01"/>
+      <body pos=".1 0 0"><joint type="slide" axis="1 0 0" range="-.1 .1" limited="true"/><geom size=".01"/></body>
+      </body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    data.qpos[1] = 0.05
+    stepper = Stepper(model, MaximalDissipation(), overlap="push-out")
+    stepper.step(data)
+    assert stepper.unlocated == 0
+    np.testing.assert_allclose(data.qpos, [np.deg2rad(15), 0.05], atol=1e-3)

@@ -21,8 +21,9 @@ import numpy as np
 
 from impactlaw.errors import SolverError
 from impactlaw.scene.contacts import update_positions
-from impactlaw.solvers.friction.problem import ConeProblem, ConeStatus
-from impactlaw.solvers.friction.solve import BRIEF, COMPILED, solve_cones
+from impactlaw.solvers.friction.problem import ConeProblem
+from impactlaw.solvers.friction.solve import solve_cones
+from impactlaw.solvers.problem import Status
 from impactlaw.stepping.event_driven.contact_set import Touch, jump, kinetic_norm
 from impactlaw.stepping.event_driven.contact_state import CORRECTED, Arrival, Carried, Flow, Grasp, Moment, stays
 from impactlaw.stepping.event_driven.persistent_contact.felt_force import Felt, constrained_velocity, moving_part
@@ -31,7 +32,6 @@ from impactlaw.stepping.work import Work
 _SETTLINGS = 4  # shifts of position at most
 _LARGEST_TURN = 0.3  # rad in one flow
 _RANK = 1e-9  # relative singular value below which contacts press redundantly
-_FEW_ROWS = 24  # of contacts with friction, up to which what is not compiled is as fast
 _KINDS = 6  # rows that a contact can have: one of pressing, two of sliding, one of torsion, two of rolling
 
 
@@ -225,11 +225,12 @@ def solve_grasp(grasp: Grasp, guess: np.ndarray | None, speed: float, work: Work
         SolverError: no solver has found them.
         UnfinishedStepError: that takes too much work.
     """
-    work.press(len(grasp.contact))
+    rows = len(grasp.contact)
+    work.solve(rows, 0)
     problem = ConeProblem(grasp.whitened, grasp.velocity, grasp.sizes, exact=exact, speed=speed)
-    answer = solve_cones(problem, guess, effort=BRIEF if len(grasp.contact) <= _FEW_ROWS else COMPILED)
-    work.press(len(grasp.contact), answer.iterations)
-    if answer.status is not ConeStatus.SOLVED:
+    answer = solve_cones(problem, guess, rounds=work.rounds(rows))
+    work.solve(rows, answer.iterations)
+    if answer.status is not Status.SOLVED:
         raise SolverError(
             f"no impulses of {len(grasp.sizes)} contacts with friction were found: relative residual "
             f'{answer.residual / problem.scale:.1e}; use a smaller timestep, or friction="convex"'

@@ -179,11 +179,11 @@ def _position_impulse(
 
 
 def _opening(gradients: np.ndarray, least: np.ndarray, guess: np.ndarray | None, work: Work) -> np.ndarray:
-    """Return what `_pushing` returns, and 0 for contacts of bodies that cannot give way, or not all at once."""
+    """Return what `pushing` returns, and 0 for contacts of bodies that cannot give way, or not all at once."""
     able = np.vecdot(gradients, gradients) > 0
     if np.count_nonzero(able) == len(able):
         try:
-            return _pushing(gradients, least, guess)
+            return pushing(gradients, least, guess)
         except UnsolvableLawError as conflict:
             work.disagree(len(least))
             able = conflict.ray <= _CONFLICT * conflict.ray.max()
@@ -251,10 +251,10 @@ def _pressing(
     Y = touch.whitened(model, data)[1][held]
     gamma = touch.contact_velocity(velocity)[held]
     known = touch.bilateral is None and touch.drift is None and len(held) > 1
-    return _pushing(Y, -gamma, guess, -whiten(model, data, velocity) if known else None)
+    return pushing(Y, -gamma, guess, -whiten(model, data, velocity) if known else None)
 
 
-def _pushing(
+def pushing(
     gradients: np.ndarray, bound: np.ndarray, guess: np.ndarray | None, preimage: np.ndarray | None = None
 ) -> np.ndarray:
     """Return ``p`` with ``0 <= p  ⊥  Y Y^T p >= c``, (h,); see `Problem`.

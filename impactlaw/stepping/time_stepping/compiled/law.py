@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impactlaw.laws.fremond import COUPLED
+from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.solvers.cones.loops import kernel, once
 from impactlaw.stepping.time_stepping.compiled.status import FINE, UNKNOWN
 from impactlaw.stepping.time_stepping.targets import reached_groups
@@ -104,7 +104,7 @@ def _blocks(rows, order, nv):
             q, s = rows.groups[0, order[j]], 0.0
             for a in range(sparse[1, q], sparse[1, q] + sparse[0, q]):
                 s += value[a] * row[colind[a]]
-            if abs(s) > COUPLED * norm[i] * norm[j] and label[i] != label[j]:
+            if abs(s) > INFLUENCE * norm[i] * norm[j] and label[i] != label[j]:
                 old, new = max(label[i], label[j]), min(label[i], label[j])
                 for k in range(i + 1):
                     if label[k] == old:

@@ -1,0 +1,73 @@
+"""One impulse among the many that redundant contacts with friction leave: the least, so that they share alike."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+
+from impactlaw.solvers.friction.problem import ConeProblem, project, projection_derivative
+
+_TINY = 1e-300
+_LEAST = 1e-6  # of the diagonal of G, at most 1, that the steps of the map are made of
+_RANK = 1e-9  # relative singular value of the derivative below which contacts are redundant
+_SHARED = 1e-12  # relative residual that sharing may cost
+
+
+def share(problem: ConeProblem, x: np.ndarray, residual: float) -> np.ndarray:
+    """Return the least impulse, scaled, that solves the problem with what sticks, slides or is open as with x.
+
+    Newton's equation at x, ``F'(x) (y - x) = -F(x)``, has many solutions y where G is singular: this is the least one.
+
+    Args:
+        problem: what was solved.
+        x: scaled impulse that solves it, (h, m).
+        residual: its residual, sqrt(J).
+
+    Returns:
+        The least one, (h, m); x itself if that one leaves the cones.
+    """
+    value, system = _linearized(problem, x)
+    wanted = system.dot(x.reshape(-1)) - value.reshape(-1)
+    least = scipy.linalg.lstsq(system, wanted, cond=_RANK)[0].reshape(x.shape)
+    reached = problem.residual(least, problem.velocity(least))
+    return least if reached <= max(10.0 * residual, _SHARED * problem.scale) else x
+
+
+def _linearized(problem: ConeProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return F, (h, m), and F', (h m, h m), of a map that is zero where the complementarity holds.
+
+    ``F = x - P(x - R u)`` and ``F' = 1 - D + D R G``, with P the projection of the map, D its derivative, and R one
+    over the diagonal of G. For exact friction P is that of P. Alart and A. Curnier (Comput. Methods Appl. Mech. Eng.
+    92, 1991), normal part on the half line and tangential part on the disk of that radius; for the relaxation that on
+    the cone.
+    """
+    h, m = problem.shape
+    u = problem.velocity(x)
+    diagonal = np.maximum(problem.delassus.diagonal().reshape(h, m), _LEAST)
+    if problem.exact:
+        steps = np.repeat(1.0 / diagonal[:, 1:].max(axis=1, initial=_LEAST, keepdims=True), m, axis=1)
+        steps[:, 0] = 1.0 / diagonal[:, 0]
+        projected, D = _on_disks(x - steps * u)
+    else:
+        steps = np.repeat(1.0 / diagonal.max(axis=1, keepdims=True), m, axis=1)
+        y = x - steps * u
+        projected, D = project(y), projection_derivative(y)
+    system = np.matmul(D * steps[:, None, :], problem.delassus.reshape(h, m, h * m)).reshape(h, m, h, m)
+    i = np.arange(h)
+    system[i, :, i, :] += np.eye(m) - D
+    return x - projected, system.reshape(h * m, h * m)
+
+
+def _on_disks(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return ``(N, y_t`` cut to the length N``)`` with ``N = max(y_n, 0)``, (h, m), and its derivative, (h, m, m)."""
+    h, m = y.shape
+    N, q = np.maximum(y[:, 0], 0.0), y[:, 1:]
+    r = np.sqrt(np.vecdot(q, q))
+    cut = N / np.maximum(np.maximum(r, N), _TINY)
+    direction = np.where(r > N, 1.0 / np.maximum(r, _TINY), 0.0)[:, None] * q  # zero where it sticks
+    projected, D = np.empty((h, m)), np.zeros((h, m, m))
+    projected[:, 0], projected[:, 1:] = N, cut[:, None] * q
+    D[:, 0, 0] = N > 0
+    D[:, 1:, 0] = direction * (N > 0)[:, None]
+    D[:, 1:, 1:] = cut[:, None, None] * (np.eye(m - 1) - direction[:, :, None] * direction[:, None, :])
+    return projected, D
