@@ -1,7 +1,8 @@
 """Compiled functions: numba's, in a cache on disk that no other version of the code can be mistaken for.
 
 Numba looks at the file of a function alone to see whether what it has in its cache is still right, not at the files of
-the functions that it calls. So the cache is in a folder named by all sources that are compiled, and by the versions of numba and MuJoCo.
+the functions that it calls. So the cache is in a folder named by all sources that are compiled,
+and by the versions of numba and MuJoCo.
 """
 
 from __future__ import annotations

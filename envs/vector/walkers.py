@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from impactlaw.envs.vector.worlds import VectorWorlds
+from impactlaw.envs.vector.worlds import Outcome, VectorWorlds
 from impactlaw.laws import Law, make_law
-
-
-class Judged(NamedTuple):
-    """See `worlds.Outcome`."""
-
-    reward: np.ndarray
-    terminated: np.ndarray
-    info: dict[str, np.ndarray]
 
 
 class Planar:
@@ -57,7 +49,7 @@ class Planar:
         seen = qvel if self._cheetah else np.clip(qvel, -10.0, 10.0)
         return np.concatenate([qpos[:, self._hidden :], seen], axis=1)
 
-    def judge(self, before: np.ndarray, qpos: np.ndarray, qvel: np.ndarray, action: np.ndarray) -> Judged:
+    def judge(self, before: np.ndarray, qpos: np.ndarray, qvel: np.ndarray, action: np.ndarray) -> Outcome:
         """Return rewards and ends."""
         velocity = (qpos[:, 0] - before[:, 0]) / self._dt
         healthy = self._is_healthy(qpos, qvel)
@@ -66,7 +58,7 @@ class Planar:
         info = {"x_position": qpos[:, 0], "x_velocity": velocity, "reward_forward": forward, "reward_ctrl": -cost}
         if not self._cheetah:
             info["reward_survive"] = self._healthy * healthy
-        return Judged(reward, ~healthy & self._ends, info)
+        return Outcome(reward, ~healthy & self._ends, info)
 
     def _is_healthy(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         if self._cheetah:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import mujoco
 import numpy as np
@@ -16,8 +16,8 @@ from impactlaw.batch import Batch
 from impactlaw.laws import Law
 
 
-class Outcome(Protocol):
-    """What follows from steps of all worlds: rewards and ends, (n,) each, and what else there is to know."""
+class Outcome(NamedTuple):
+    """What follows from steps of worlds: rewards and ends, (n,) each, and what else there is to know, (n,) each."""
 
     reward: np.ndarray
     terminated: np.ndarray

@@ -65,15 +65,15 @@ def test_episodes_are_truncated_and_begin_anew():
     worlds = make("HalfCheetah-v5", 2, max_episode_steps=5)
     assert worlds.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
     worlds.reset(seed=0)
-    action = np.zeros(worlds.action_space.shape, np.float32)
+    action = np.zeros_like(worlds.action_space.sample())
     ends = [worlds.step(action)[3].tolist() for _ in range(12)]
     assert [i for i, (one, other) in enumerate(ends) if one and other] == [4, 10]
 
 
 def test_worlds_have_laws_of_their_own():
     worlds = make("Hopper-v5", 2, law=[Moreau(0.0), Moreau(0.9)])
-    worlds.reset(seed=[3, 3])
-    action = np.zeros(worlds.action_space.shape, np.float32)
+    observed, _ = worlds.reset(seed=[3, 3])
+    action = np.zeros_like(worlds.action_space.sample())
     for _ in range(12):
         observed = worlds.step(action)[0]
     assert np.abs(observed[0] - observed[1]).max() > 1e-3
