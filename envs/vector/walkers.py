@@ -26,7 +26,7 @@ class Planar:
         self._cheetah = name.startswith("HalfCheetah")
         self.model, self.frame_skip, self._dt = env.model, env.frame_skip, env.dt
         self.action_space, shape = env.action_space, env.observation_space.shape
-        self.observation_space = spaces.Box(-np.inf, np.inf, shape, np.float64)
+        self.observation_space: spaces.Box = spaces.Box(-np.inf, np.inf, shape, np.float64)
         self._forward, self._cost = env._forward_reward_weight, env._ctrl_cost_weight
         self._noise, self._hidden = env._reset_noise_scale, int(env._exclude_current_positions_from_observation)
         self._qpos, self._qvel = env.init_qpos.copy(), env.init_qvel.copy()
