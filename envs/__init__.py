@@ -36,4 +36,11 @@ for _entry_point, _steps, _solved in (
         max_episode_steps=_steps,
         reward_threshold=_solved,
     )
+for _name in ("Hopper-v5", "Walker2d-v5", "HalfCheetah-v5"):
+    gymnasium.register(
+        f"impactlaw/{_name}",
+        vector_entry_point="impactlaw.envs.vector.walkers:make_planar",
+        max_episode_steps=1000,
+        kwargs={"name": _name},
+    )
 choose_backend()

@@ -1,5 +1,7 @@
 """Exact, chosen multi-contact impact laws for MuJoCo scenes, after Aeberhard and Glocker."""
 
+from typing import TYPE_CHECKING, Any
+
 from impactlaw.errors import ImpactLawError
 from impactlaw.laws import (
     Compliant,
@@ -27,8 +29,12 @@ from impactlaw.scene.read import read_contacts
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.stepper import Stepper
 
+if TYPE_CHECKING:
+    from impactlaw.batch import Batch
+
 __all__ = [
     "AdmissibleSet",
+    "Batch",
     "Collision",
     "Compliant",
     "Contacts",
@@ -53,3 +59,12 @@ __all__ = [
     "make_law",
     "read_contacts",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Load what few use, and what takes long, when it is first asked for."""
+    if name == "Batch":
+        from impactlaw.batch import Batch
+
+        return Batch
+    raise AttributeError(f"module 'impactlaw' has no attribute {name!r}")

@@ -1,7 +1,8 @@
 """Compiled functions: numba's, in a cache on disk that no other version of the code can be mistaken for.
 
 Numba looks at the file of a function alone to see whether what it has in its cache is still right, not at the files of
-the functions that it calls. So the cache is in a folder named by all sources that are compiled, and by numba's version.
+the functions that it calls. So the cache is in a folder named by all sources that are compiled,
+and by the versions of numba and MuJoCo.
 """
 
 from __future__ import annotations
@@ -14,20 +15,32 @@ from functools import cache
 from pathlib import Path
 from typing import Any, cast
 
+import mujoco
 import numba
 
-_COMPILED = ("solvers/cones", "stepping/time_stepping")
-"""Folders of this package whose functions are compiled."""
+_PARTS = ("solvers/cones", "stepping/time_stepping", "stepping/time_stepping/compiled")
+"""Folders of this package whose functions are compiled; each calls functions of itself and of those before it."""
+
+_NUMBERS = ("laws/tolerances.py",)
+"""Files whose numbers these functions have taken over."""
 
 
 @cache
-def cache_folder() -> Path | None:
+def cache_folder(parts: int = len(_PARTS)) -> Path | None:
     """Return where the compiled functions of this version are kept; None if nothing can be written there.
 
     It is in ``NUMBA_CACHE_DIR``, if that is set, else in ``XDG_CACHE_HOME`` or ``~/.cache``.
+
+    Args:
+        parts: so many folders of sources count.
     """
-    digest, root = hashlib.sha256(f"{numba.__version__} {sys.version}".encode()), Path(__file__).parent
-    for folder in _COMPILED:
+    digest, root = (
+        hashlib.sha256(f"{numba.__version__} {mujoco.__version__} {sys.version}".encode()),
+        Path(__file__).parent,
+    )
+    for name in _NUMBERS:
+        digest.update((root / name).read_bytes())
+    for folder in _PARTS[:parts]:
         for path in sorted((root / folder).glob("*.py")):
             digest.update(path.read_bytes())
     base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
@@ -37,6 +50,12 @@ def cache_folder() -> Path | None:
     except OSError:
         return None
     return folder if os.access(folder, os.W_OK) else None
+
+
+def _parts(module: str) -> int:
+    """Return how many folders of sources count for the functions of a module."""
+    inside = [i for i, part in enumerate(_PARTS) if f"impactlaw.{part.replace('/', '.')}." in f"{module}."]
+    return max(inside, default=len(_PARTS) - 1) + 1
 
 
 @cache
@@ -51,7 +70,9 @@ def compiled(*signature: str) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator that compiles a function when it is first called, or at once if its signature is given."""
 
     def decorate(function: Callable[..., Any]) -> Any:
-        folder, settings = cache_folder(), cast(Any, numba).config
+        folder, settings = cache_folder(_parts(function.__module__)), cast(Any, numba).config
+        if signature:  # it is compiled now
+            announce()
         kept, settings.CACHE_DIR = settings.CACHE_DIR, "" if folder is None else str(folder)
         try:
             return cast(Any, numba.njit)(*signature, cache=folder is not None, error_model="numpy", nogil=True)(

@@ -107,3 +107,19 @@ class OptionError(ImpactLawError, ValueError):
 
 class SettledError(ImpactLawError, AttributeError):
     """Something that is settled when its owner is made was set later: it would have no effect."""
+
+
+class UncompiledWarning(UserWarning):
+    """Steps are taken in Python, though compiled ones were asked for."""
+
+
+class WorldsFailedError(ImpactLawError):
+    """Some worlds have failed; they are as they were before the call, and the others have made their steps.
+
+    Attributes:
+        worlds: numbers of those that have failed, int (k,).
+    """
+
+    def __init__(self, worlds: Sequence[int], why: str):
+        self.worlds = worlds
+        super().__init__(f"{len(worlds)} worlds have failed ({', '.join(map(str, worlds[:5]))} ..): {why}")

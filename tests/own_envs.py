@@ -5,7 +5,9 @@ import pytest
 
 from impactlaw.envs.base import ImpactEnv
 
-IDS = sorted(name for name in gymnasium.registry if name.startswith("impactlaw/"))
+IDS = sorted(
+    name for name, spec in gymnasium.registry.items() if name.startswith("impactlaw/") and spec.entry_point is not None
+)
 INFO = {
     "impact/count": int,
     "impact/energy_change": float,

@@ -30,6 +30,7 @@ from impactlaw.stepping.plan import make_plan
 from impactlaw.stepping.soft.scheme import REST_SPEED, SoftStepping
 
 if TYPE_CHECKING:
+    from impactlaw.stepping.time_stepping.compiled.stepping import CompiledStepping
     from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 _ANEW = "make a new Stepper"
@@ -75,6 +76,8 @@ class Stepper:
         max_events: collisions of one step, 100 if not given; what is left of a step with more is finished with E = 0,
             or time stepped if that would cost energy (event-driven, soft). A larger one allows more work.
         solver: a name from `impactlaw.solvers.SOLVERS`, or "auto" (event-driven, soft).
+        compiled: take steps in compiled code where that covers the scene and the law, or "never"; "auto" is the default
+            and, if given, warns where steps are in Python (time stepping).
 
     Attributes:
         law: the law; set to another one, it takes effect with the next step. The other options can be read, not set.
@@ -97,6 +100,7 @@ class Stepper:
     contact_model, scheme, friction, overlap = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
     on_inadmissible, gap_tolerance, rest_speed = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
     on_unsolved, max_events, solver = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
+    compiled = Settled(_ANEW)
 
     def __init__(
         self,
@@ -113,6 +117,7 @@ class Stepper:
         rest_speed: float | None = None,
         max_events: int | None = None,
         solver: str | None = None,
+        compiled: Literal["auto", "never"] | None = None,
     ):
         for kind, value, known in (
             ("contact_model", contact_model, ("rigid", "soft")),
@@ -122,6 +127,7 @@ class Stepper:
             ("on_inadmissible option", on_inadmissible, (None, "raise", "project", "allow")),
             ("on_unsolved option", on_unsolved, (None, "time-stepping", "raise")),
             ("solver", solver, (None, "auto", *SOLVERS)),
+            ("compiled option", compiled, (None, "auto", "never")),
         ):
             if value not in known:
                 raise UnknownNameError(kind, value, [name for name in known if name])
@@ -136,6 +142,7 @@ class Stepper:
             "rest_speed": rest_speed,
             "max_events": max_events,
             "solver": solver,
+            "compiled": compiled,
         }
         _refuse_unused(way, {name for name, value in given.items() if value is not None}, overlap)
         check_length("gap_tolerance", gap_tolerance)
@@ -152,19 +159,18 @@ class Stepper:
         most = 100 if max_events is None else max_events
         collider = Collider(law, last, on_inadmissible or "raise", most, solver or "auto")
         self._events: tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]] = ()
-        self._stepping: RigidStepping | SoftStepping | TimeStepping
+        self._stepping: RigidStepping | SoftStepping | TimeStepping | CompiledStepping
         if way == "time-stepping":
-            from impactlaw.stepping.time_stepping.scheme import TimeStepping
-            from impactlaw.stepping.time_stepping.warm_up import warm_up
+            from impactlaw.stepping.time_stepping.make import make_time_stepping
 
-            warm_up()
-            self._stepping = TimeStepping(
+            self._stepping = make_time_stepping(
                 model,
                 law,
                 self.plan,
                 friction=friction or "coulomb",
                 on_inadmissible=on_inadmissible or "project",
                 rest_speed=rest_speed,
+                compiled=compiled,
             )
         elif way == "soft":
             speed = REST_SPEED if rest_speed is None else rest_speed
@@ -287,8 +293,8 @@ _CROWDED = (
     "once; Stepper.unlocated counts such steps, a larger max_events locates more"
 )
 _UNUSED = {
-    "soft": ("scheme", "friction", "overlap", "on_unsolved", "gap_tolerance"),
-    "event-driven": ("rest_speed",),
+    "soft": ("scheme", "friction", "overlap", "on_unsolved", "gap_tolerance", "compiled"),
+    "event-driven": ("rest_speed", "compiled"),
     "time-stepping": ("on_unsolved", "gap_tolerance", "max_events", "solver"),
 }
 """Options that a way to step has no use for."""

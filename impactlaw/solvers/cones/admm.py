@@ -8,7 +8,7 @@ velocity. De Saxcé's correction is taken from the w of the step before. The mat
 import numpy as np
 
 from impactlaw.solvers.cones.blocks import assemble, factor, room, solve
-from impactlaw.solvers.cones.loops import FIRST, Array, kernel, once
+from impactlaw.solvers.cones.loops import FIRST, Array, once, plain
 from impactlaw.solvers.cones.ordering import Blocks
 from impactlaw.solvers.cones.projection import norm_of, project, residual
 from impactlaw.solvers.cones.structure import CONE, Island, jump, rows_times, velocity
@@ -36,7 +36,7 @@ def largest_eigenvalue(P: Island) -> float:
     return max(L, 1e-9)
 
 
-@kernel
+@plain
 def _prepare(P: Island, K: Blocks, rho: float, W: Array, H: Array, pivot: Array, left: Array, row: Array) -> None:
     """Factor ``I + A^T T A``."""
     W[:] = 0.0
@@ -104,7 +104,7 @@ def admm(P: Island, K: Blocks, L: float, x: Array, tolerance: float, most: int) 
     return most
 
 
-@kernel
+@plain
 def _shift(P: Island, u: Array, v: Array, sign: float) -> None:
     """Add ``sign |u_t|`` to the normal entries of v, where friction is exact."""
     if P.exact:

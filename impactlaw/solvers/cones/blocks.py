@@ -7,12 +7,12 @@ is one block, and this is then the dense LU.
 import numpy as np
 
 from impactlaw.solvers.cones.linear import lu_factor, lu_solve, lu_solve_rows
-from impactlaw.solvers.cones.loops import FIRST, Array, add_at, dot, fill, kernel, subtract
+from impactlaw.solvers.cones.loops import FIRST, Array, add_at, dot, fill, plain, subtract
 from impactlaw.solvers.cones.ordering import Blocks
 from impactlaw.solvers.cones.structure import Island
 
 
-@kernel
+@plain
 def assemble(P: Island, K: Blocks, W: Array, H: Array, left: Array, row: Array) -> None:
     """Write ``H = I + A^T W A``; W in the order of `Island.square`; `left`, `row`: room for m x k and k numbers."""
     fill(H, FIRST, K.size, 0.0)
@@ -45,7 +45,7 @@ def assemble(P: Island, K: Blocks, W: Array, H: Array, left: Array, row: Array) 
                     H[base + np.int64(K.inner[begin + j])] += row[j]
 
 
-@kernel
+@plain
 def factor(K: Blocks, H: Array, pivot: Array, product: Array) -> None:
     """Factor H in place; `product`: room for one row of a strip."""
     for k in range(len(K.width)):
@@ -70,7 +70,7 @@ def factor(K: Blocks, H: Array, pivot: Array, product: Array) -> None:
                     at += many
 
 
-@kernel
+@plain
 def solve(K: Blocks, H: Array, pivot: Array, v: Array) -> None:
     """Overwrite v by ``H^-1 v``, H factored."""
     nb = len(K.width)
@@ -94,7 +94,7 @@ def solve(K: Blocks, H: Array, pivot: Array, v: Array) -> None:
             v[o + i] = s
 
 
-@kernel
+@plain
 def room(P: Island) -> int:
     """Return the most entries that a group has."""
     most = P.nv
@@ -103,7 +103,7 @@ def room(P: Island) -> int:
     return most
 
 
-@kernel
+@plain
 def flops(P: Island, K: Blocks) -> float:
     """Return about how many operations one assembly, factorization and line search take."""
     s = K.flops + 4.0 * K.size

@@ -12,7 +12,7 @@ import numpy as np
 
 from impactlaw.solvers.cones.blocks import assemble, factor, room, solve
 from impactlaw.solvers.cones.linear import lu_factor, lu_solve
-from impactlaw.solvers.cones.loops import FIRST, Array, kernel, once
+from impactlaw.solvers.cones.loops import FIRST, Array, kernel, once, plain
 from impactlaw.solvers.cones.ordering import Blocks
 from impactlaw.solvers.cones.projection import norm_of, project, projection_derivative, residual, slips
 from impactlaw.solvers.cones.structure import Island, jump, rows_times, velocity
@@ -23,7 +23,7 @@ _MEMORY = 5
 _EXACT = np.bool_(False)  # the convex problem is not
 
 
-@kernel
+@plain
 def _envelope(P: Island, y: Array, p: Array, kappa: Array) -> float:
     """Write ``p = P(y)``; return the sum of ``kappa (y^T p - |p|^2 / 2)``."""
     project(P, y, p)

@@ -10,7 +10,7 @@ from impactlaw.solvers.cones.admm import admm, largest_eigenvalue
 from impactlaw.solvers.cones.blocks import flops
 from impactlaw.solvers.cones.convex import corrected
 from impactlaw.solvers.cones.linear import triangular_rows
-from impactlaw.solvers.cones.loops import FIRST, Array, once
+from impactlaw.solvers.cones.loops import FIRST, Array, copied, numbers, once
 from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, newton
 from impactlaw.solvers.cones.ordering import Blocks, lay_out
 from impactlaw.solvers.cones.projection import norm_of
@@ -69,11 +69,11 @@ def solve_island(P: Island, K: Blocks, x: Array, scale: float, tolerance: float,
     """
     n = len(x)
     few = n <= max(P.nv, 6) and float(n) ** 3 <= 1.5 * K.flops + 1e3
-    G = np.empty(n * n if few else 0)
+    G = numbers(n * n if few else 0)
     if few:
         delassus(P, G)
     delta = _DENSE if few else _REDUCED
-    start, point, total, least = x.copy(), x.copy(), 0, np.inf
+    start, point, total, least = copied(x), copied(x), 0, np.inf
     patience = _PATIENCE if len(K.width) > 1 else _ENDLESS
     warm = norm_of(x, FIRST, n) > 0.0
     for k in range(4):

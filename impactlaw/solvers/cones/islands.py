@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from impactlaw.solvers.cones.loops import Array, once
+from impactlaw.solvers.cones.loops import Array, filled, indices, numbers, once, zeros
 from impactlaw.solvers.cones.ordering import Blocks, lay_out, least_degree
 from impactlaw.solvers.cones.structure import Island
 
@@ -99,9 +99,9 @@ def build(
     `number` and `seen` (nv,) are room filled with -1, which all islands may share.
     """
     groups = len(members)
-    start, begin = np.zeros(groups + 1, np.int64), np.zeros(groups + 1, np.int64)
-    entry, square = np.zeros(groups + 1, np.int64), np.zeros(groups + 1, np.int64)
-    kinds, bounds = np.empty(groups, np.int64), np.empty(groups)
+    start, begin = filled(groups + 1, 0), filled(groups + 1, 0)
+    entry, square = filled(groups + 1, 0), filled(groups + 1, 0)
+    kinds, bounds = indices(groups), numbers(groups)
     count = 0
     for j in range(groups):
         g = members[j]
@@ -110,7 +110,7 @@ def build(
         kinds[j], bounds[j] = kind[g], bound[g] * length[g]
         for i in range(first[g], first[g] + size[g]):
             count += rownnz[i]
-    cols, dofs = np.empty(count, np.int64), np.empty(min(count, len(tree)), np.int64)
+    cols, dofs = indices(count), indices(min(count, len(tree)))
     nv, count = _columns(members, rownnz, rowadr, colind, value, first, size, number, seen, begin, cols, dofs)
     cols = cols[:count]
     raw = cols.copy()
@@ -119,8 +119,8 @@ def build(
     K = _blocks(tree, dofs[:nv], begin, cols)
     for k in range(count):
         number[dofs[raw[k]]] = cols[k]
-    position = np.empty(nv, np.int64)
-    A, compliance, offset = np.zeros(entry[groups]), np.empty(start[groups]), np.empty(start[groups])
+    position = indices(nv)
+    A, compliance, offset = zeros(entry[groups]), numbers(start[groups]), numbers(start[groups])
     for j in range(groups):
         g, width = members[j], begin[j + 1] - begin[j]
         for k in range(width):

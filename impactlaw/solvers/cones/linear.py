@@ -5,12 +5,12 @@ Loops run along rows, so that they become vector instructions without any reorde
 
 import numpy as np
 
-from impactlaw.solvers.cones.loops import Array, dot, kernel, subtract
+from impactlaw.solvers.cones.loops import Array, dot, kernel, plain, subtract
 
 _LIFT = 1e-14  # smallest pivot, relative to the largest entry
 
 
-@kernel
+@plain
 def lu_factor(H: Array, base: int, n: int, pivot: Array, at: int) -> None:
     """Factor the n x n matrix that begins at H[base]; the exchanged rows go to pivot[at:at + n]."""
     big = 0.0
@@ -42,7 +42,7 @@ def lu_factor(H: Array, base: int, n: int, pivot: Array, at: int) -> None:
             H[other + j] = f
 
 
-@kernel
+@plain
 def lu_solve(H: Array, base: int, n: int, pivot: Array, at: int, v: Array, first: int) -> None:
     """Overwrite v[first:first + n] by the solution."""
     for j in range(n):
@@ -58,7 +58,7 @@ def lu_solve(H: Array, base: int, n: int, pivot: Array, at: int, v: Array, first
         v[first + i] = (v[first + i] - dot(H, row + 1, v, first + i + 1, n - i - 1)) / H[row]
 
 
-@kernel
+@plain
 def lu_solve_rows(H: Array, base: int, n: int, pivot: Array, at: int, V: Array, first: int, many: int) -> None:
     """Overwrite the n x many matrix that begins at V[first] by the solution for each of its columns."""
     for j in range(n):

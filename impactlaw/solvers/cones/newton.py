@@ -13,7 +13,19 @@ import numpy as np
 
 from impactlaw.solvers.cones.blocks import assemble, factor, room, solve
 from impactlaw.solvers.cones.linear import lu_factor, lu_solve, lu_solve_rows
-from impactlaw.solvers.cones.loops import FIRST, Array, fill, kernel, once, scatter_add, subtract
+from impactlaw.solvers.cones.loops import (
+    FIRST,
+    Array,
+    copied,
+    fill,
+    indices,
+    kernel,
+    numbers,
+    once,
+    plain,
+    scatter_add,
+    subtract,
+)
 from impactlaw.solvers.cones.ordering import Blocks
 from impactlaw.solvers.cones.projection import norm_of, project, projection_derivative, residual
 from impactlaw.solvers.cones.structure import CONE, Island, rows_times, velocity
@@ -46,7 +58,7 @@ def step_factors(P: Island, kind: int, scale: float, rn: Array, rt: Array) -> No
         rn[g], rt[g] = scale / max(normal, 1e-6), scale / max(tangential, 1e-6)
 
 
-@kernel
+@plain
 def mapping(P: Island, x: Array, u: Array, kind: int, rn: Array, rt: Array, y: Array, p: Array, F: Array) -> float:
     """Write ``y = x - R (u + shift)``, its projection p and ``F = x - p``; return ``|F|``."""
     for g in range(len(P.kind)):
@@ -72,7 +84,7 @@ def mapping(P: Island, x: Array, u: Array, kind: int, rn: Array, rt: Array, y: A
     return np.sqrt(s)
 
 
-@kernel
+@plain
 def _disk_derivative(y: Array, o: int, m: int, D: Array) -> None:
     """Write the derivative of Alart and Curnier's projection."""
     for k in range(m):
@@ -219,13 +231,13 @@ def newton(
     most_rows = 1
     for g in range(groups):
         most_rows = max(most_rows, P.start[g + 1] - P.start[g])
-    rn, rt, D = np.empty(groups), np.empty(groups), np.empty((most_rows, most_rows))
-    y, p, F, u, z = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(P.nv)
-    point, direction, trial, w = x.copy(), np.empty(n), np.empty(n), np.empty(n)
-    B, E = np.empty(P.square[groups]), np.empty(P.square[groups])
-    pivot = np.empty(max(n, P.nv), np.int64)
-    H = np.empty(n * n if dense else K.size)
-    left, row = np.empty(room(P)), np.empty(max(P.nv, 1))
+    rn, rt, D = numbers(groups), numbers(groups), numbers(most_rows**2).reshape((most_rows, most_rows))
+    y, p, F, u, z = numbers(n), numbers(n), numbers(n), numbers(n), numbers(P.nv)
+    point, direction, trial, w = copied(x), numbers(n), numbers(n), numbers(n)
+    B, E = numbers(P.square[groups]), numbers(P.square[groups])
+    pivot = indices(max(n, P.nv))
+    H = numbers(n * n if dense else K.size)
+    left, row = numbers(room(P)), numbers(max(P.nv, 1))
     step_factors(P, kind, scale, rn, rt)
     exact = P.exact
     velocity(P, P.b, point, z, u)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlaw.solvers.cones.loops import Array, kernel
+from impactlaw.solvers.cones.loops import Array, kernel, plain
 
 
 class Blocks(NamedTuple):
@@ -89,7 +89,7 @@ def least_degree(joined: Array, width: Array, order: Array) -> None:
                     degree[i] += width[j]
 
 
-@kernel
+@plain
 def _block(i: int, j: int, spot: Array, diagonal: Array, upper: Array, lower: Array, span: Array, width: Array):
     """Return storage and stride of the block (i, j)."""
     if i == j:

@@ -6,11 +6,11 @@ Exact Coulomb friction after de Saxcé & Feng (1998): ``K ∋ x  ⊥  u + |u_t| 
 
 import numpy as np
 
-from impactlaw.solvers.cones.loops import Array, kernel
+from impactlaw.solvers.cones.loops import Array, plain
 from impactlaw.solvers.cones.structure import BILATERAL, BOX, CONE, Island
 
 
-@kernel
+@plain
 def norm_of(v: Array, start: int, stop: int) -> float:
     """Return ``|v[start:stop]|``."""
     s = 0.0
@@ -19,7 +19,7 @@ def norm_of(v: Array, start: int, stop: int) -> float:
     return np.sqrt(s)
 
 
-@kernel
+@plain
 def project(P: Island, y: Array, p: Array) -> None:
     """Write the point of the sets that is nearest to y."""
     for g in range(len(P.kind)):
@@ -42,7 +42,7 @@ def project(P: Island, y: Array, p: Array) -> None:
             p[o] = y[o]
 
 
-@kernel
+@plain
 def group_residual(kind: int, bound: float, x: Array, u: Array, o: int, e: int, exact: bool) -> float:
     """Return the square of the natural map of the group with the rows o to e."""
     s = 0.0
@@ -71,7 +71,7 @@ def group_residual(kind: int, bound: float, x: Array, u: Array, o: int, e: int, 
     return s
 
 
-@kernel
+@plain
 def residual(P: Island, x: Array, u: Array, exact: bool) -> float:
     """Return the length of the natural map; infinite where a number is none."""
     s = 0.0
@@ -80,14 +80,14 @@ def residual(P: Island, x: Array, u: Array, exact: bool) -> float:
     return np.sqrt(s) if s >= 0.0 else np.inf
 
 
-@kernel
+@plain
 def slips(P: Island, u: Array, s: Array) -> None:
     """Write de Saxcé's correction ``|u_t|`` of each group; 0 for those that are no cones."""
     for g in range(len(P.kind)):
         s[g] = norm_of(u, P.start[g] + 1, P.start[g + 1]) if P.kind[g] == CONE else 0.0
 
 
-@kernel
+@plain
 def projection_derivative(kind: int, bound: float, y: Array, o: int, m: int, D: Array) -> None:
     """Write a generalized derivative of the projection at the group of m rows from o; symmetric, between 0 and 1."""
     for k in range(m):

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from impactlaw.solvers.cones.loops import FIRST, Array, kernel
+from impactlaw.solvers.cones.loops import FIRST, Array, filled, kernel, numbers, plain
 from impactlaw.solvers.cones.projection import group_residual
 
 _NOTHING = 1e-10  # rows shorter than this part of the longest do not move anything
 _SHARE = 1e-3  # least scale of an island, as a part of the largest
 
 
-@kernel
+@plain
 def lengths(rownnz: Array, rowadr: Array, value: Array, first: Array, size: Array, c: Array, length: Array) -> None:
     """Write the length of each group: of its longest row, else the root of its compliance, else 0 (it cannot move)."""
     longest = 0.0
@@ -30,7 +30,7 @@ def lengths(rownnz: Array, rowadr: Array, value: Array, first: Array, size: Arra
             length[g] = np.sqrt(most)
 
 
-@kernel
+@plain
 def _root(parent: Array, i: int) -> int:
     while parent[i] != i:
         parent[i] = parent[parent[i]]
@@ -69,7 +69,7 @@ def islands(
                             root = _root(parent, label[g])
                             parent[t] = root
                             label[g] = root
-    number = np.full(trees, -1, np.int64)
+    number = filled(trees, -1)
     count = 0
     for g in range(len(first)):
         if length[g] > 0.0:
@@ -85,7 +85,7 @@ def islands(
     return count
 
 
-@kernel
+@plain
 def impulse_jump(rownnz: Array, rowadr: Array, colind: Array, value: Array, x: Array, z: Array) -> None:
     """Write ``z = Y^T x``."""
     z[:] = 0.0
@@ -124,7 +124,7 @@ def certificate(
     most = 0
     for g in range(len(first)):
         most = max(most, size[g])
-    xs, us = np.empty(most), np.empty(most)
+    xs, us = numbers(most), numbers(most)
     largest = 0.0
     for g in range(len(first)):
         if label[g] < 0:

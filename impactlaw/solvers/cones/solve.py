@@ -7,13 +7,46 @@ order of attempts.
 import numpy as np
 
 from impactlaw.compiled import compiled
+from impactlaw.linked import linked
 from impactlaw.solvers.cones.hybrid import solve_island
 from impactlaw.solvers.cones.islands import build
-from impactlaw.solvers.cones.loops import Array
+from impactlaw.solvers.cones.loops import Array, filled, indices, numbers
 from impactlaw.solvers.cones.rows import certificate, impulse_jump, islands, lengths
 
 
-@compiled()
+@compiled(
+    "int64(int64[::1],int32[::1],int32[::1],int32[::1],float64[::1],int32[::1],int32[::1],int32[::1],int32[::1],"
+    "float64[::1],float64[::1],float64[::1],float64[::1],boolean,int64[::1],int64[::1],float64[::1],float64,float64,int64)"
+)
+def _solve_one(
+    members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, exact, number, seen,
+    x, scale, tolerance, rounds,
+):  # fmt: skip
+    """Overwrite the impulses of the groups of one island and return the steps taken."""
+    P, K = build(
+        members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, exact, number,
+        seen,
+    )  # fmt: skip
+    point = numbers(len(P.b))
+    for j in range(len(members)):
+        g = members[j]
+        for k in range(size[g]):
+            point[P.start[j] + k] = x[first[g] + k] * length[g]
+    taken, _ = solve_island(P, K, point, scale, tolerance * scale, rounds)
+    for j in range(len(members)):
+        g = members[j]
+        for k in range(size[g]):
+            x[first[g] + k] = point[P.start[j] + k] / length[g]
+    return taken
+
+
+_linked_one = linked(_solve_one)
+
+
+@compiled(
+    "Tuple((float64[::1],float64[::1],float64,int64))(int32[::1],int32[::1],int32[::1],float64[::1],int64,int32[::1],"
+    "int32[::1],int32[::1],int32[::1],float64[::1],float64[::1],float64[::1],float64[::1],boolean,float64,int64)"
+)
 def solve(
     rownnz: Array,
     rowadr: Array,
@@ -54,10 +87,10 @@ def solve(
     """
     groups, n = len(first), len(b)
     x, z = x0.copy(), np.zeros(nv)
-    length, label = np.empty(groups), np.empty(groups, np.int64)
+    length, label = numbers(groups), indices(groups)
     lengths(rownnz, rowadr, value, first, size, compliance, length)
     count = islands(rownnz, rowadr, colind, value, tree, first, size, length, label)
-    scale, squares = np.empty(count), np.empty(count)
+    scale, squares = numbers(count), numbers(count)
     for g in range(groups):
         if label[g] < 0:
             x[first[g] : first[g] + size[g]] = 0.0
@@ -87,51 +120,28 @@ def solve(
     total = 0
     if worst <= tolerance:
         return x, z, worst, total
-    begin, order = np.zeros(count + 1, np.int64), np.empty(groups, np.int64)
+    begin, order = filled(count + 1, 0), indices(groups)
     for g in range(groups):
         if label[g] >= 0:
             begin[label[g] + 1] += 1
     for i in range(count):
         begin[i + 1] += begin[i]
-    at = begin.copy()
+    at = indices(count + 1)
+    at[:] = begin
     for g in range(groups):
         if label[g] >= 0:
             order[at[label[g]]] = g
             at[label[g]] += 1
-    number, seen = np.full(nv, -1, np.int64), np.full(nv, -1, np.int64)
+    number, seen = filled(nv, -1), filled(nv, -1)
     for i in range(count):
         if np.sqrt(squares[i]) <= tolerance * scale[i]:
             continue
         members = order[begin[i] : begin[i + 1]]
-        P, K = build(
-            members,
-            rownnz,
-            rowadr,
-            colind,
-            value,
-            tree,
-            first,
-            size,
-            kind,
-            bound,
-            compliance,
-            b,
-            length,
-            exact,
-            number,
-            seen,
-        )
-        point = np.empty(len(P.b))
-        for j in range(len(members)):
-            g = members[j]
-            for k in range(size[g]):
-                point[P.start[j] + k] = x[first[g] + k] * length[g]
-        taken, _ = solve_island(P, K, point, scale[i], tolerance * scale[i], rounds)
-        total += taken
-        for j in range(len(members)):
-            g = members[j]
-            for k in range(size[g]):
-                x[first[g] + k] = point[P.start[j] + k] / length[g]
+        total += _linked_one(
+            members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length,
+            exact, number, seen,
+            x, scale[i], tolerance, rounds,
+        )  # fmt: skip
     impulse_jump(rownnz, rowadr, colind, value, x, z)
     worst = certificate(
         rownnz,
@@ -153,6 +163,10 @@ def solve(
         squares,
     )
     return x, z, worst, total
+
+
+linked_solve = linked(solve)
+"""What compiled functions call."""
 
 
 @compiled()

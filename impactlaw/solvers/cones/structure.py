@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlaw.solvers.cones.loops import Array, gather_dot, kernel, scatter_add
+from impactlaw.solvers.cones.loops import Array, gather_dot, kernel, plain, scatter_add
 
 BILATERAL, BOX, CONE = 0, 1, 2
 """Kinds of groups: ``u = 0``; ``x`` in an interval; ``x`` in the cone ``K = {(a, y) : |y| <= a}``."""
@@ -47,7 +47,7 @@ class Island(NamedTuple):
     exact: bool
 
 
-@kernel
+@plain
 def jump(P: Island, x: Array, z: Array) -> None:
     """Write ``z = A^T x``."""
     z[:] = 0.0
@@ -61,7 +61,7 @@ def jump(P: Island, x: Array, z: Array) -> None:
             a += width
 
 
-@kernel
+@plain
 def rows_times(P: Island, z: Array, w: Array) -> None:
     """Write ``w = A z``."""
     for g in range(len(P.kind)):
@@ -72,7 +72,7 @@ def rows_times(P: Island, z: Array, w: Array) -> None:
             a += width
 
 
-@kernel
+@plain
 def velocity(P: Island, b: Array, x: Array, z: Array, u: Array) -> None:
     """Write ``z = A^T x`` and ``u = A z + c x + b``."""
     jump(P, x, z)

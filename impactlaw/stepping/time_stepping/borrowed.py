@@ -7,13 +7,13 @@ from types import TracebackType
 import mujoco
 import numpy as np
 
-_EULER, _RK4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
+EULER, RK4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
 _BODY = int(mujoco.mjtTrn.mjTRN_BODY)
-_FAST = int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
-_OFF = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET) | int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
-_NO_DAMPING = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP) | int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
-_ON = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE) | int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-_ELLIPTIC, _NEWTON = int(mujoco.mjtCone.mjCONE_ELLIPTIC), int(mujoco.mjtSolver.mjSOL_NEWTON)
+FAST = int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
+OFF = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET) | int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
+NO_DAMPING = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP) | int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
+ON = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE) | int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+ELLIPTIC, NEWTON = int(mujoco.mjtCone.mjCONE_ELLIPTIC), int(mujoco.mjtSolver.mjSOL_NEWTON)
 _MARGINS = ("body_margin", "geom_margin", "geom_gap", "pair_margin", "pair_gap", "jnt_margin", "tendon_margin")
 
 
@@ -30,6 +30,7 @@ class BorrowedModel:
         cone: of the user's choice.
         damped: whether the integrator damps implicitly, by a mass matrix of its own.
         integrator: of MuJoCo, for the forces without contact.
+        sticks: whether something sticks across gaps.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -37,8 +38,8 @@ class BorrowedModel:
         self._margins = [array for name in _MARGINS if (array := getattr(model, name)).size]
         self._kept = [array.copy() for array in self._margins]
         self._gaps = [array for name in ("geom_gap", "pair_gap") if (array := getattr(model, name)).size]
-        sticks = model.flg_adhesion or (model.nu and bool((model.actuator_trntype == _BODY).any()))
-        if sticks:  # across the gap
+        self.sticks = bool(model.flg_adhesion or (model.nu and (model.actuator_trntype == _BODY).any()))
+        if self.sticks:  # across the gap
             self._gaps = []
         self.cone = model.opt.cone
         self.damped = False
@@ -53,14 +54,14 @@ class BorrowedModel:
             kept[:] = array
         for gap in self._gaps:
             gap[:] = 0.0
-        opt.disableflags = flags | _OFF
-        opt.enableflags &= ~_ON
-        opt.cone, opt.solver, opt.noslip_iterations = _ELLIPTIC, _NEWTON, 0
-        if integrator in (_EULER, _RK4):
-            opt.integrator, self.integrator = _EULER, mujoco.mj_Euler
-            self.damped = not flags & _NO_DAMPING and _damps(model)
+        opt.disableflags = flags | OFF
+        opt.enableflags &= ~ON
+        opt.cone, opt.solver, opt.noslip_iterations = ELLIPTIC, NEWTON, 0
+        if integrator in (EULER, RK4):
+            opt.integrator, self.integrator = EULER, mujoco.mj_Euler
+            self.damped = not flags & NO_DAMPING and _damps(model)
         else:
-            opt.integrator, self.integrator = _FAST, mujoco.mj_implicit
+            opt.integrator, self.integrator = FAST, mujoco.mj_implicit
             self.damped = True
         return self
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.compiled import compiled
+from impactlaw.linked import linked
 from impactlaw.solvers.cones import BILATERAL, CONE
-from impactlaw.solvers.cones.solve import solve
+from impactlaw.solvers.cones.loops import plain
+from impactlaw.solvers.cones.solve import linked_solve
 from impactlaw.stepping.time_stepping.rows import unwhiten
 from impactlaw.stepping.time_stepping.targets import offsets
 
@@ -60,7 +62,7 @@ def row_velocities(sparse, colind, value, rates, z):
     return after
 
 
-@compiled()
+@plain
 def contact_work(groups, rates, after, x):
     """Return ``Lambda^T (gamma- + gamma+) / 2`` of all contacts, J, and the sum of the sizes of its terms."""
     work, total = 0.0, 0.0
@@ -76,7 +78,7 @@ def contact_work(groups, rates, after, x):
 @compiled()
 def solve_rows(sparse, colind, value, groups, amounts, rates, b, guess, tree, exact, rounds):
     """Return x and z of the problem of a step with the offset b, (n,); see `impactlaw.solvers.cones.solve`."""
-    x, z, residual, _ = solve(
+    x, z, residual, _ = linked_solve(
         sparse[0], sparse[1], colind, value, len(tree), tree, groups[0], groups[1], groups[2], amounts[1], rates[4], b,
         guess, exact, TOLERANCE, rounds,
     )  # fmt: skip
@@ -118,7 +120,7 @@ def correct_normals(sparse, colind, value, groups, amounts, rates, b, guess, tre
     for g in range(groups.shape[1]):
         for k in range(groups[0, g] + 1, groups[0, g] + groups[1, g]):
             start[k] = 0.0
-    normal, z, left, _ = solve(
+    normal, z, left, _ = linked_solve(
         sparse[0], sparse[1], colind, value, nv, tree, groups[0], size, groups[2], amounts[1], rates[4], offset,
         start, _CONVEX, TOLERANCE, rounds,
     )  # fmt: skip
@@ -278,7 +280,12 @@ def open_overlaps(sparse, colind, value, groups, rates, need, nv):
     return z
 
 
-@compiled()
+@compiled(
+    "Tuple((float64[::1],float64[::1],float64[::1],float64[::1],float64,float64,float64,float64,float64,float64))"
+    "(int32[:,::1],int32[::1],float64[::1],int32[:,::1],int64[::1],float64[:,::1],float64[:,::1],float64[::1],"
+    "float64[::1],boolean[::1],int32[:,::1],int64[::1],float64[::1],float64[::1],float64,boolean,boolean,int64,"
+    "int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1])"
+)
 def resolve_step(
     sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
     known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, tree,
@@ -313,3 +320,7 @@ def resolve_step(
         shift = unwhiten(w, factor, Mnnz, Madr, Mcol, root)
     work, total = contact_work(groups, rates, after, x)
     return x, change, shift, reached, missed, fastest, s, created, work, _CREATED * total
+
+
+linked_step = linked(resolve_step)
+"""What compiled functions call."""

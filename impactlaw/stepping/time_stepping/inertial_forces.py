@@ -14,7 +14,7 @@ from impactlaw.stepping.time_stepping.rows import solve_inertia
 ROUNDS = 6
 """Fixed point iterations at most, for bodies that turn fast."""
 
-_SETTLED = 1e-2  # part of the velocity by which a round may change it and be the last one
+SETTLED = 1e-2  # part of the velocity by which a round may change it and be the last one
 _TURNING = [int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)]
 _ROUND = 1e-9  # relative difference of moments of inertia that is rounding
 
@@ -51,7 +51,7 @@ class InertialForces:
         free = data.qvel.copy()
         for _ in range(ROUNDS):
             before, free = free, self.lead_to(data, start, 0.5 * (start + free), metric, h)
-            if np.abs(free - before).max() <= _SETTLED * np.abs(free).max():
+            if np.abs(free - before).max() <= SETTLED * np.abs(free).max():
                 return free
         free = start + h * self._accelerate(data.qfrc_smooth, metric)  # they turn too fast for the timestep:
         return free * min(1.0, np.sqrt(self._allowed(data, start, free, h)))  # at least no energy comes of it

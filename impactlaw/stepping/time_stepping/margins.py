@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import compiled
+from impactlaw.solvers.cones.loops import plain
 
 _LEAST = 1e-5
 """Reach at rest, m or rad: contacts that are held are to be found."""
@@ -23,7 +24,7 @@ def body_sizes(model: mujoco.MjModel) -> np.ndarray:
     return size
 
 
-@compiled()
+@plain
 def _speed(velocity, arm, size):
     """Return how fast a point of a body can be, m/s, from its row of MuJoCo's cvel."""
     w0, w1, w2 = velocity[0], velocity[1], velocity[2]
@@ -36,12 +37,12 @@ def _speed(velocity, arm, size):
 @compiled()
 def set_margins(
     body_margin, geom_margin, geom_gap, pair_margin, pair_gap, joint_margin, tendon_margin, body_of_geom, root, size,
-    center, subtree, velocity, led_to, mocap, surface_speed, tendon_velocity, timestep, gravity,
+    center, subtree, velocity, led_to, mocap, surface_speed, timestep, gravity,
 ):  # fmt: skip
     """Write margins of bodies, geoms, pairs, joints and tendons, m or rad, for one step.
 
     MuJoCo takes the larger margin of two geoms: it is twice what the body itself can travel in the step. Limits of
-    joints are always found; those that are far are left out by `rows.read_rows`.
+    joints and tendons are always found; those that are far are left out by `rows.read_rows`.
 
     Args:
         body_margin: to be written, like the other margins, (nbody,).
@@ -60,7 +61,6 @@ def set_margins(
         led_to: the same where forces lead without contact, (nbody, 6).
         mocap: which mocap body each body is, or -1, (nbody,).
         surface_speed: of the fastest point of mocap bodies, m/s.
-        tendon_velocity: (ntendon,).
         timestep: h, s.
         gravity: its magnitude, m/s^2.
     """
@@ -81,5 +81,4 @@ def set_margins(
     for i in range(len(pair_margin)):
         pair_margin[i] = far + pair_gap[i]
     joint_margin[:] = _ALWAYS
-    for i in range(len(tendon_margin)):
-        tendon_margin[i] = 2.0 * timestep * abs(tendon_velocity[i]) + _LEAST
+    tendon_margin[:] = _ALWAYS

@@ -13,6 +13,7 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import BILATERAL, BOX, CONE
+from impactlaw.solvers.cones.loops import plain
 
 NEAR = 1e-5
 """Gap, m or rad, up to which a contact takes part whatever its velocity."""
@@ -97,7 +98,7 @@ class Rows(NamedTuple):
         return self.rates[4]
 
 
-@compiled()
+@plain
 def _group(kinds, address, dim, friction, number, row, frictional):
     """Return the kind of the group that begins at a row, and its rows, those without friction left out."""
     kind = kinds[row]
@@ -115,7 +116,7 @@ def _group(kinds, address, dim, friction, number, row, frictional):
     return CONE, rows, dim[contact]
 
 
-@compiled()
+@plain
 def _is_near(row, position, Jnnz, Jadr, Jcol, J, one, other, reach):
     if position[row] <= NEAR:
         return True
@@ -156,7 +157,7 @@ def near_rows(kinds, position, Jnnz, Jadr, Jcol, J, address, one, other, reach):
     return near
 
 
-@compiled()
+@plain
 def whiten(nnz, adr, col, val, start, work, mark, factor, Mnnz, Madr, Mcol, root, tree, treeadr, treenum, out, colout):
     """Write one row of ``Y = J L^-1 D^-1/2`` to the end of what is known of Y and return the number of its entries.
 

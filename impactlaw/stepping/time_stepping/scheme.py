@@ -36,6 +36,7 @@ from mujoco import (
 
 from impactlaw.errors import DivergenceError, InadmissibleImpactError
 from impactlaw.laws import Coulomb, Law
+from impactlaw.laws.fremond import Reversal
 from impactlaw.scene.contacts import Contacts, geom_names
 from impactlaw.scene.equality_constraints import bilateral_constraints
 from impactlaw.scene.joint_limits import Limits
@@ -56,23 +57,19 @@ from impactlaw.stepping.time_stepping.rows import Rows, near_rows, read_rows
 from impactlaw.stepping.time_stepping.second_look import SecondLook
 from impactlaw.stepping.time_stepping.seen import Seen, in_order
 from impactlaw.stepping.time_stepping.targets import close_gaps, contact_targets
+from impactlaw.stepping.time_stepping.tolerances import (
+    FEW_ROUNDS,
+    LOOKS,
+    MANY_ROUNDS,
+    RESOLVED,
+    REST_SPEED,
+    SHARES,
+    SHORTFALL_LIMIT,
+    SLOWEST,
+    STIFF,
+)
 
-REST_SPEED = 1e-3
-"""Closing speed, m/s or rad/s, up to which a contact does not collide, if forces are not faster within a step."""
-
-RESOLVED = 0.05
-"""Closing speed, m/s or rad/s, from which a contact always collides."""
-
-SHORTFALL_LIMIT = 1e-6
-"""Part of the largest contact velocity of a step by which a step may miss its law without being counted."""
-
-_ROUNDS = 24  # of the slower solvers, where Newton's method fails
-_FEW_ROUNDS = 1  # of these where they have failed in the step before, too
-_LOOKS = 3  # at most, for contacts that the velocity after a collision closes
-_STIFF = 1e-6  # part of their compliance that equality constraints keep in a collision
-_SLOWEST = 1e-2  # m/s: velocity below which shortfalls are compared with this
-_MARGINS = 0.2, 0.0  # what is left of margins where there are too many contacts
-_PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
+_PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 _FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
 
@@ -122,7 +119,7 @@ class TimeStepping:
         self._middle, self._velocity = np.zeros(0), np.zeros(0)
         self._gained = np.zeros(model.nv)  # velocity by the forces of the last step, without contact
         self.shortfall = self._fastest = 0.0
-        self._work, self._rounds = [0.0, 0.0], _ROUNDS
+        self._work, self._rounds = [0.0, 0.0], MANY_ROUNDS
         self.short_steps = self.unlocated = 0
         self.solved, self._overflown = True, False
 
@@ -131,6 +128,71 @@ class TimeStepping:
         self._law, self._targets = law, LawTargets(law, exact=self._exact_cones)
         self._sliding = law.tangential_restitution if isinstance(law, Coulomb) else 0.0
         self._exact = law.cone == "exact" if isinstance(law, Coulomb) else self._exact_cones
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The scene."""
+        return self._model
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """See `margins.body_sizes`."""
+        return self._sizes
+
+    @property
+    def bilateral(self) -> np.ndarray:
+        """Equality constraints that collisions must not violate, bool (neq,)."""
+        return self._bilateral
+
+    @property
+    def targets(self) -> LawTargets:
+        """What the law asks for."""
+        return self._targets
+
+    @property
+    def labels(self) -> tuple[tuple[str, ...], Limits]:
+        """Names of geoms, and the limits."""
+        return self._names, self._limits
+
+    @property
+    def follows_surfaces(self) -> bool:
+        """Whether mocap bodies can move surfaces."""
+        return self._surfaces is not None
+
+    @property
+    def law(self) -> Law:
+        """The law."""
+        return self._law
+
+    def resume(self, data: mujoco.MjData, known: tuple[Any, ...], gained: np.ndarray, *, solved: bool) -> None:
+        """Go on from data as if the step before had been one of this scheme.
+
+        Args:
+            data: where that step ended; its frames become current.
+            known: groups, keys, coefficients of friction and impulses of that step.
+            gained: velocity to which forces led without contact in that step, (nv,).
+            solved: whether that step has met the law.
+        """
+        with self._borrowed:
+            self._update_frames(data)
+        self._left = data.qpos.tobytes(), data.qvel.tobytes()
+        self._known, self._gained, self.solved = known if len(known[1]) else None, gained.copy(), solved
+
+    def settings(self) -> tuple[float, ...]:
+        """Return the options as compiled code takes them, see `compiled.world.Settings`."""
+        e = self._targets.restitution
+        return (
+            self._rest_speed,
+            self._sliding,
+            float(self._exact),
+            {"project": 1.0, "allow": 0.0, "raise": -1.0}[self._on_inadmissible],
+            float(self._friction),
+            float(self._inertial.act),
+            float(self._borrowed.sticks),
+            1.0,
+            np.nan if e is None else e,
+            self._targets.law.restitution if isinstance(self._targets.law, Reversal) else np.nan,
+        )
 
     def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
         """Advance by one timestep and return what tells its collisions; data is back where it was after an error."""
@@ -162,7 +224,7 @@ class TimeStepping:
         shift = None
         if data.nefc:
             shift = self._contact(data, h)
-            self.solved = self.shortfall <= SHORTFALL_LIMIT * max(_SLOWEST, self._fastest) and not self._overflown
+            self.solved = self.shortfall <= SHORTFALL_LIMIT * max(SLOWEST, self._fastest) and not self._overflown
             self.short_steps += not self.solved
         else:
             self._known = None
@@ -178,6 +240,7 @@ class TimeStepping:
         if self._surfaces is not None:
             self._surfaces.end(data)
         self._update_frames(data)
+        model.opt.cone = _ELLIPTIC
         if self._rows is not None and (shift := self._second_look.shift(data, self._rows, self._metric)) is not None:
             mj_integratePos(model, data.qpos, shift, h)
             self._update_frames(data)
@@ -200,7 +263,7 @@ class TimeStepping:
             model.jnt_margin, model.tendon_margin,
             model.geom_bodyid, model.body_rootid, self._sizes, data.xipos, data.subtree_com, now, data.cvel,
             model.body_mocapid, 0.0 if self._surfaces is None else self._surfaces.speed,
-            data.ten_velocity, h,
+            h,
             float(np.sqrt(gravity.dot(gravity))),
         )  # fmt: skip
 
@@ -228,7 +291,7 @@ class TimeStepping:
     def _find_contacts(self, data: mujoco.MjData) -> None:
         """Compute all that depends on positions; where MuJoCo has no room for all contacts, with smaller margins."""
         self._overflown = False
-        for share in _MARGINS:
+        for share in SHARES:
             seen = data.warning.number[_FULL].sum()
             mj_fwdPosition(self._model, data)
             if data.warning.number[_FULL].sum() == seen:
@@ -257,14 +320,14 @@ class TimeStepping:
         """
         free = data.qvel.copy()
         near, look = self._near(data, self._velocity, free, 2.0 * h), 1
-        self._rounds = _ROUNDS if self.solved else _FEW_ROUNDS
+        self._rounds = MANY_ROUNDS if self.solved else FEW_ROUNDS
         rows, shift = self._try(data, near, free, h)
-        self._rounds = _FEW_ROUNDS
-        while look < _LOOKS and np.count_nonzero(found := self._near(data, data.qvel, data.qvel, h) & ~near):
+        self._rounds = FEW_ROUNDS
+        while look < LOOKS and np.count_nonzero(found := self._near(data, data.qvel, data.qvel, h) & ~near):
             near, look = near | found, look + 1
             rows, shift = self._try(data, near, free, h)
         created = self._created(data, h)
-        while look < _LOOKS + ROUNDS and created > self._work[1]:
+        while look < LOOKS + ROUNDS and created > self._work[1]:
             known, mean, look = (free, created), 0.5 * (self._velocity + data.qvel), look + 1
             free = self._inertial.lead_to(data, self._velocity, mean, self._metric, h)
             rows, shift = self._try(data, near, free, h)
@@ -362,7 +425,7 @@ class TimeStepping:
         )
         if data.ne:
             equal = rows.first[rows.kind == BILATERAL]
-            rows.compliance[equal[self._bilateral[data.efc_id[rows.row[equal]]]]] *= _STIFF
+            rows.compliance[equal[self._bilateral[data.efc_id[rows.row[equal]]]]] *= STIFF
 
     def _add_surfaces(self, data: mujoco.MjData, rows: Rows, h: float) -> None:
         """Add the velocities of mocap bodies to those of the rows of contacts."""

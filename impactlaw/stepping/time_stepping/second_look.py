@@ -17,11 +17,11 @@ _SEEN = 3e-6
 _DEEP = 1e-4
 """Depth, m or rad, of an overlap that is opened over time."""
 
-_SLOP = 1e-8
+SLOP = 1e-8
 """Depth, m or rad, that is left as it is."""
-_BEYOND = 4.0
+BEYOND = 4.0
 """Times the depth: contacts up to there can be closed by what opens others."""
-_LAST_LOSS = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON)
+LAST_LOSS = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON)
 
 
 @compiled(
@@ -86,7 +86,7 @@ def end_targets(groups, key, amounts, depth, before_key, before, timestep):
             continue
         gap = amounts[0, g]
         need[g] = -gap / timestep
-        if gap < -_SLOP:
+        if gap < -SLOP:
             some = True
             for k in range(len(before)):
                 if before_key[k] == key[g] and before[k] < -_DEEP:
@@ -122,12 +122,12 @@ class SecondLook:
         )  # fmt: skip
         if depth == 0.0:
             return None
-        self._borrowed.tighten_margins(_BEYOND * depth)
+        self._borrowed.tighten_margins(BEYOND * depth)
         now, nothing = self._look(data), np.zeros(model.nv)
-        always = now.efc_type <= _LAST_LOSS
-        if not now.ncon or not np.count_nonzero((now.efc_pos < -_SLOP) & ~always):
+        always = now.efc_type <= LAST_LOSS
+        if not now.ncon or not np.count_nonzero((now.efc_pos < -SLOP) & ~always):
             return None
-        near = always | (now.efc_pos < _BEYOND * depth)
+        near = always | (now.efc_pos < BEYOND * depth)
         found, factor, inverse = now.contact, *metric
         layout = model.M_rownnz, model.M_rowadr, model.M_colind
         seen = Rows(

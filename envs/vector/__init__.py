@@ -1,0 +1,1 @@
+"""Vectorized environments: all worlds of one batch, stepped in MuJoCo's own threads under impact laws."""

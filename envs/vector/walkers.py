@@ -1,0 +1,99 @@
+"""Gymnasium's planar robots in many worlds: Hopper, Walker2d, HalfCheetah, with their observations and rewards."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from impactlaw.envs.vector.worlds import Outcome, VectorWorlds
+from impactlaw.laws import Law, make_law
+
+
+class Planar:
+    """The task of a planar robot of gymnasium, whose numbers are those of gymnasium's own environment.
+
+    Args:
+        name: of that environment.
+        options: of that environment, such as ``ctrl_cost_weight``.
+    """
+
+    def __init__(self, name: str, **options: Any):
+        env: Any = gymnasium.make(name, **options).unwrapped
+        self._cheetah = name.startswith("HalfCheetah")
+        self.model, self.frame_skip, self._dt = env.model, env.frame_skip, env.dt
+        self.action_space, shape = env.action_space, env.observation_space.shape
+        self.observation_space: spaces.Box = spaces.Box(-np.inf, np.inf, shape, np.float64)
+        self._forward, self._cost = env._forward_reward_weight, env._ctrl_cost_weight
+        self._noise, self._hidden = env._reset_noise_scale, int(env._exclude_current_positions_from_observation)
+        self._qpos, self._qvel = env.init_qpos.copy(), env.init_qvel.copy()
+        self._healthy = getattr(env, "_healthy_reward", 0.0)
+        self._ends = bool(getattr(env, "_terminate_when_unhealthy", False))
+        self._height = getattr(env, "_healthy_z_range", (-np.inf, np.inf))
+        self._angle = getattr(env, "_healthy_angle_range", (-np.inf, np.inf))
+        self._state = getattr(env, "_healthy_state_range", (-np.inf, np.inf))
+        env.close()
+
+    def start(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Return qpos and qvel of a new episode."""
+        qpos = self._qpos + rng.uniform(-self._noise, self._noise, self.model.nq)
+        if self._cheetah:
+            return qpos, self._qvel + self._noise * rng.standard_normal(self.model.nv)
+        return qpos, self._qvel + rng.uniform(-self._noise, self._noise, self.model.nv)
+
+    def observe(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+        """Return observations of worlds."""
+        seen = qvel if self._cheetah else np.clip(qvel, -10.0, 10.0)
+        return np.concatenate([qpos[:, self._hidden :], seen], axis=1)
+
+    def judge(self, before: np.ndarray, qpos: np.ndarray, qvel: np.ndarray, action: np.ndarray) -> Outcome:
+        """Return rewards and ends."""
+        velocity = (qpos[:, 0] - before[:, 0]) / self._dt
+        healthy = self._is_healthy(qpos, qvel)
+        forward, cost = self._forward * velocity, self._cost * np.square(action).sum(axis=1, dtype=action.dtype)
+        reward = forward + self._healthy * healthy - cost
+        info = {"x_position": qpos[:, 0], "x_velocity": velocity, "reward_forward": forward, "reward_ctrl": -cost}
+        if not self._cheetah:
+            info["reward_survive"] = self._healthy * healthy
+        return Outcome(reward, ~healthy & self._ends, info)
+
+    def _is_healthy(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+        if self._cheetah:
+            return np.ones(len(qpos), bool)
+        state = np.concatenate([qpos[:, 2:], qvel], axis=1)
+        parts = (qpos[:, 1], self._height), (qpos[:, 2], self._angle), (state, self._state)
+        inside = [(low < value) & (value < high) for value, (low, high) in parts]
+        return inside[0] & inside[1] & inside[2].all(axis=1)
+
+
+def make_planar(
+    num_envs: int,
+    *,
+    name: str,
+    law: str | Law | list[Law] = "moreau",
+    restitution: Any = 0.0,
+    nthread: int = 0,
+    max_episode_steps: int | None = None,
+    batch_options: Mapping[str, Any] | None = None,
+    **options: Any,
+) -> VectorWorlds:
+    """Return worlds of a planar robot of gymnasium under an impact law.
+
+    Args:
+        num_envs: number of worlds.
+        name: of gymnasium's environment.
+        law: name of the law, or a law, or one for each world.
+        restitution: of a law that is given by its name.
+        nthread: number of threads; 0 for one per processor.
+        max_episode_steps: steps after which an episode is truncated.
+        batch_options: of `impactlaw.Batch`.
+        options: of gymnasium's environment.
+    """
+    chosen = make_law(law, restitution) if isinstance(law, str) else law
+    return VectorWorlds(
+        Planar(name, **options), num_envs, chosen, nthread=nthread, max_episode_steps=max_episode_steps,
+        options=batch_options,
+    )  # fmt: skip

@@ -1,0 +1,135 @@
+"""A vectorized environment over `impactlaw.Batch`: one task in many worlds, with laws of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
+
+import mujoco
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from impactlaw.batch import Batch
+from impactlaw.laws import Law
+
+
+class Outcome(NamedTuple):
+    """What follows from steps of worlds: rewards and ends, (n,) each, and what else there is to know, (n,) each."""
+
+    reward: np.ndarray
+    terminated: np.ndarray
+    info: dict[str, np.ndarray]
+
+
+class Task(Protocol):
+    """What worlds are for.
+
+    Attributes:
+        model: of all worlds.
+        frame_skip: timesteps of one step of the environment.
+        observation_space: of one world.
+        action_space: of one world.
+    """
+
+    model: mujoco.MjModel
+    frame_skip: int
+    observation_space: spaces.Box
+    action_space: spaces.Box
+
+    def start(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Return qpos and qvel of a new episode."""
+        ...
+
+    def observe(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+        """Return observations of worlds, (n, ..)."""
+        ...
+
+    def judge(self, before: np.ndarray, qpos: np.ndarray, qvel: np.ndarray, action: np.ndarray) -> Outcome:
+        """Return what follows; before is qpos before the steps."""
+        ...
+
+
+class VectorWorlds(VectorEnv):
+    """Worlds of one task under impact laws.
+
+    A world whose episode has ended is reset by the next step, which ignores its action (`AutoresetMode.NEXT_STEP`).
+    World i of ``reset(seed=s)`` starts as a single environment after ``reset(seed=s + i)``.
+
+    Args:
+        task: what the worlds are for.
+        num_envs: number of worlds.
+        law: the law of all worlds, or one for each.
+        nthread: number of threads; 0 for one per processor.
+        max_episode_steps: steps after which an episode is truncated; None for no limit.
+        options: of `Batch`.
+
+    Attributes:
+        batch: the worlds; restitution and laws can be set there between steps.
+    """
+
+    metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+
+    def __init__(
+        self,
+        task: Task,
+        num_envs: int,
+        law: Law | list[Law],
+        *,
+        nthread: int = 0,
+        max_episode_steps: int | None = None,
+        options: Mapping[str, Any] | None = None,
+    ):
+        self._task, self.num_envs, self._limit = task, num_envs, max_episode_steps
+        self.single_observation_space, self.single_action_space = task.observation_space, task.action_space
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.batch = Batch(task.model, law, num_envs, nthread, **(options or {}))
+        self._qpos, self._qvel, self._ctrl = (self.batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
+        self._rngs = [seeding.np_random(None)[0] for _ in range(num_envs)]
+        self._elapsed, self._over = np.zeros(num_envs, int), np.ones(num_envs, bool)
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin a new episode in all worlds, or where ``options["reset_mask"]``, bool (n,), says so."""
+        mask = np.ones(self.num_envs, bool) if options is None else np.asarray(options.get("reset_mask", True))
+        chosen = np.flatnonzero(np.broadcast_to(mask, self.num_envs))
+        if seed is not None:
+            seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed
+            for i in chosen:
+                if seeds[i] is not None:
+                    self._rngs[i] = seeding.np_random(seeds[i])[0]
+        self._begin(chosen)
+        return self._task.observe(self._qpos, self._qvel), {}
+
+    def _begin(self, worlds: np.ndarray) -> None:
+        self.batch.reset(worlds.tolist())
+        for i in worlds:
+            self._qpos[i], self._qvel[i] = self._task.start(self._rngs[i])
+        self._elapsed[worlds], self._over[worlds] = 0, False
+
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Step all worlds whose episode goes on, and reset the others."""
+        over, going = np.flatnonzero(self._over), np.flatnonzero(~self._over)
+        before, reward = self._qpos.copy(), np.zeros(self.num_envs)
+        terminated, truncated = np.zeros(self.num_envs, bool), np.zeros(self.num_envs, bool)
+        info: dict[str, Any] = {}
+        self._ctrl[going] = actions[going]
+        if len(going):
+            self.batch.step(None if len(going) == self.num_envs else going.tolist(), nstep=self._task.frame_skip)
+            found = self._task.judge(before[going], self._qpos[going], self._qvel[going], actions[going])
+            reward[going], terminated[going] = found.reward, found.terminated
+            for name, value in found.info.items():
+                info[name] = np.zeros(self.num_envs)
+                info[name][going] = value
+                info[f"_{name}"] = ~self._over
+            self._elapsed[going] += 1
+            if self._limit is not None:
+                truncated[going] = self._elapsed[going] >= self._limit
+        if len(over):
+            self._begin(over)
+        self._over = terminated | truncated
+        return self._task.observe(self._qpos, self._qvel), reward, terminated, truncated, info

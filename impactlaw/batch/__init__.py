@@ -1,0 +1,5 @@
+"""Thousands of worlds of one scene under impact laws, in MuJoCo's own threads."""
+
+from impactlaw.batch.batch import Batch
+
+__all__ = ["Batch"]

@@ -1,0 +1,216 @@
+"""Many worlds of one scene, time stepped under impact laws in MuJoCo's own thread pool."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import mujoco
+import numpy as np
+
+from impactlaw.batch.laws import Laws
+from impactlaw.batch.rows import Fields
+from impactlaw.errors import SceneError, WorldsFailedError
+from impactlaw.laws import Law
+from impactlaw.stepping.compatibility import check_law, check_model
+from impactlaw.stepping.plan import make_plan
+from impactlaw.stepping.time_stepping.compiled import memory, status
+from impactlaw.stepping.time_stepping.compiled.borrow import room
+from impactlaw.stepping.time_stepping.compiled.engine import Pool, functions
+from impactlaw.stepping.time_stepping.compiled.entry import WORLDS, many
+from impactlaw.stepping.time_stepping.compiled.layout import table
+from impactlaw.stepping.time_stepping.compiled.memory import MEMORY
+from impactlaw.stepping.time_stepping.compiled.world import SETTING
+from impactlaw.stepping.time_stepping.scheme import TimeStepping
+
+_WHY = {
+    status.HUGE_INPUT: "the state is not finite, or huge",
+    status.HUGE_OUTPUT: "position or velocity is not finite, or huge",
+    status.NOT_FINITE: "the forces are not finite",
+    status.CREATES: "the law creates energy",
+    status.TIMESTEP: "the timestep is not positive",
+}
+
+
+class Batch:
+    """Worlds of a copy of one model, time stepped in threads; the steps are those of `Stepper`.
+
+    Laws are those of one coefficient of restitution per contact, and the reversal; others are refused. Results do not
+    depend on the number of threads. Derived fields are those of the end of a step where they are frames, else those of
+    its middle.
+
+    Args:
+        model: the compiled scene.
+        law: the law, or one for each world.
+        nsim: number of worlds.
+        nthread: number of threads; 0 for one per processor.
+        friction: see `Stepper`.
+        on_inadmissible: see `Stepper`.
+        rest_speed: see `Stepper`.
+
+    Attributes:
+        model: the scene.
+        state: MuJoCo's state rows, (nsim, nstate).
+        restitution: e of each world, (nsim,), to be written; NaN where a law has more than one.
+
+    Raises:
+        SceneError: the scene, or the law, is not covered.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        law: Law | Sequence[Law],
+        nsim: int,
+        nthread: int = 0,
+        *,
+        friction: Literal["coulomb", "convex", "ignore"] = "coulomb",
+        on_inadmissible: Literal["raise", "project", "allow"] = "project",
+        rest_speed: float | None = None,
+    ):
+        check_model(model)
+        self.model, self.nsim = model, nsim
+        plan = make_plan(model, scheme="time-stepping", friction=friction)
+        first = law if isinstance(law, Law) else law[0]
+        options: Any = {"friction": friction, "on_inadmissible": on_inadmissible, "rest_speed": rest_speed}
+        scheme = TimeStepping(model, first, plan, **options)
+        if scheme.follows_surfaces:
+            raise SceneError("a batch does not take mocap bodies that touch others: they move as surfaces; use Stepper")
+        self._pool = Pool(model, nsim, nthread, persistent=False)
+        self._fields, self._functions = Fields(self._pool, model), functions()
+        self.state = self._fields.state
+        self._memory = memory.make_memory(model.nq + 2 * model.nv, nsim)
+        self._laws = Laws(scheme, nsim)
+        self.set_law(law)
+        self._report = np.zeros((nsim, 2), np.int64)
+        self._sizes, self._bilateral = scheme.sizes, scheme.bilateral.astype(np.uint8)
+        self._slots = np.zeros((self.nthread + 1, 2), np.int64)
+        self._context, self._table = np.zeros(len(WORLDS), np.int64), table()
+        self._write_context()
+
+    def _write_context(self) -> None:
+        """Tell compiled code where all is."""
+        arrays = {
+            "table": self._table, "sizes": self._sizes, "bilateral": self._bilateral, "slots": self._slots,
+            "settings_of": self._laws.settings, "laws_of": self._laws.places, "memory_of": self._memory,
+            "status_of": self._report,
+        }  # fmt: skip
+        values = {name: array.ctypes.data for name, array in arrays.items()}
+        values |= {
+            "margin_count": room(self.model), "states": self.state.shape[1], "memories": self._memory.shape[1],
+            "slot_count": len(self._slots),
+        }  # fmt: skip
+        for name, value in values.items():
+            self._context[getattr(WORLDS, name)] = value
+
+    @property
+    def nthread(self) -> int:
+        """Number of threads, the caller's included."""
+        return self._functions.mjb_nthread(self._pool.handle)
+
+    @property
+    def restitution(self) -> np.ndarray:
+        """E of each world, (nsim,), to be written; NaN where a law has more than one."""
+        return self._laws.settings[:, SETTING.restitution]
+
+    @property
+    def impact_count(self) -> np.ndarray:
+        """Steps of each world so far in which something collided, (nsim,)."""
+        return self._memory[:, MEMORY.impacts].astype(int)
+
+    @property
+    def shortfall(self) -> np.ndarray:
+        """Largest amount by which each world has missed its law so far, m/s or rad/s, (nsim,)."""
+        return self._memory[:, MEMORY.worst].copy()
+
+    def set_law(self, law: Law | Sequence[Law], ids: Sequence[int] | None = None) -> None:
+        """Let the collisions of the next steps of some worlds, or all, be by another law, or one for each of them."""
+        worlds = range(self.nsim) if ids is None else list(ids)
+        if isinstance(law, Law):
+            check_law(self.model, law)
+            self._laws.set(law, worlds)
+            return
+        if len(law) != len(worlds):
+            raise SceneError(f"{len(worlds)} worlds need as many laws, got {len(law)}")
+        for world, own in zip(worlds, law, strict=True):
+            check_law(self.model, own)
+            self._laws.set(own, [world])
+
+    def bind(self, name: str) -> np.ndarray:
+        """Return a live array over a field of mjData, (nsim, ..): of the state to be written, of others to be read."""
+        found = self._fields.bind(name)
+        self._context[WORLDS.outputs] = self._fields.outputs.ctypes.data
+        self._context[WORLDS.output_count] = len(self._fields.outputs)
+        return found
+
+    def expand(self, name: str) -> np.ndarray:
+        """Give a field of mjModel its own values in each world, (nsim, ..), to be written."""
+        return self._fields.expand(name)
+
+    def step(self, ids: Sequence[int] | None = None, nstep: int = 1) -> None:
+        """Take steps of some worlds, or all.
+
+        Raises:
+            WorldsFailedError: some could not be stepped; these are as they were before the call.
+            RestitutionError: a law does not know the restitution of a contact; its world is as it was.
+        """
+        self._context[WORLDS.steps] = nstep
+        worlds = None if ids is None else np.asarray(ids, dtype=np.int32)
+        self._report[slice(None) if worlds is None else worlds, 0] = status.FINE
+        broken = self._call(worlds)
+        while True:
+            asked = np.flatnonzero(self._report[:, 0] == status.UNKNOWN).astype(np.int32)
+            if not len(asked):
+                break
+            for world in asked:
+                self._laws.learn(int(world), int(self._report[world, 1]))
+            self._report[asked, 0] = status.FINE
+            broken |= self._call(asked)
+        if broken:
+            failed = np.array(sorted(broken))
+            self._memory.view(np.int64)[failed, MEMORY.known] = 0
+            raise WorldsFailedError(failed.tolist(), self._pool.error(int(failed[0])))
+        failed = np.flatnonzero(self._report[:, 0])
+        if len(failed):
+            self._report[failed, 0], why = status.FINE, _WHY[int(self._report[failed[0], 0])]
+            raise WorldsFailedError(failed.tolist(), why)
+
+    def _call(self, worlds: np.ndarray | None) -> set[int]:
+        """Let the pool step, and return the worlds of which MuJoCo has raised an error."""
+        if not self._pool.apply(many.address, self._context.ctypes.data, save=True, worlds=worlds):
+            return set()
+        raised = (ctypes.c_int * self.nsim).from_address(self._functions.mjb_status(self._pool.handle))
+        return {i for i, status in enumerate(raised) if status}
+
+    def reset(self, ids: Sequence[int] | None = None, keyframe: int | Sequence[int] = -1) -> None:
+        """Put some worlds, or all, back to the start or to a keyframe, with nothing to remember."""
+        worlds = np.arange(self.nsim, dtype=np.int32) if ids is None else np.asarray(ids, dtype=np.int32)
+        key = np.ascontiguousarray(np.broadcast_to(np.asarray(keyframe, dtype=np.int32), worlds.shape))
+        level = int(mujoco.mjtStage.mjSTAGE_ACC)
+        if self._functions.mjb_reset(self._pool.handle, worlds.ctypes.data, len(worlds), key.ctypes.data, level):
+            raise WorldsFailedError(worlds.tolist(), self._pool.error(int(worlds[0])))
+        counts = self._memory.view(np.int64)
+        counts[worlds, MEMORY.known], counts[worlds, MEMORY.solved] = 0, 1
+        self._memory[worlds, MEMORY.steps : MEMORY.left] = 0.0
+
+    def forward(self, ids: Sequence[int] | None = None) -> None:
+        """Bring the bound fields of some worlds, or all, up to their state."""
+        worlds = np.arange(self.nsim, dtype=np.int32) if ids is None else np.asarray(ids, dtype=np.int32)
+        level = int(mujoco.mjtStage.mjSTAGE_ACC)
+        if self._functions.mjb_forward(self._pool.handle, worlds.ctypes.data, len(worlds), level):
+            raise WorldsFailedError(worlds.tolist(), self._pool.error(int(worlds[0])))
+
+    def get_data(self, world: int) -> mujoco.MjData:
+        """Return the state of a world as data of its own."""
+        data: Any = mujoco.MjData(self.model)
+        self._functions.mjb_getData(self._pool.handle, world, data._address)
+        return data
+
+    def __del__(self):
+        """Give memory back."""
+        if hasattr(self, "_context"):
+            memory.free(self._memory)
+            for _, other in self._slots:
+                if other:
+                    self._functions.mj_deleteData(int(other))

@@ -1,0 +1,85 @@
+"""Rows of state and fields of many worlds, as MuJoCo's batches keep them."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from impactlaw.errors import UnknownNameError
+from impactlaw.stepping.time_stepping.compiled.engine import Pool, functions
+from impactlaw.stepping.time_stepping.compiled.layout import data_offset
+
+_STATE = {
+    "time": "TIME", "qpos": "QPOS", "qvel": "QVEL", "act": "ACT", "qacc_warmstart": "WARMSTART", "ctrl": "CTRL",
+    "qfrc_applied": "QFRC_APPLIED", "xfrc_applied": "XFRC_APPLIED", "eq_active": "EQ_ACTIVE",
+    "mocap_pos": "MOCAP_POS", "mocap_quat": "MOCAP_QUAT", "userdata": "USERDATA",
+}  # fmt: skip
+
+
+class Fields:
+    """Live arrays over the fields of all worlds.
+
+    Args:
+        pool: the worlds.
+        model: of all of them.
+
+    Attributes:
+        state: rows, (nsim, nstate).
+        outputs: see `compiled.entry.Worlds`.
+    """
+
+    def __init__(self, pool: Pool, model: mujoco.MjModel):
+        self._pool, self._functions, self._data = pool, functions(), mujoco.MjData(model)
+        self._model, self._known = model, {}
+        self.outputs = np.zeros((0, 3), np.int64)
+        self._width = self._functions.mjb_nstate(pool.handle)
+        self.state = _numbers(pool, self._functions.mjb_state(pool.handle), (pool.worlds, self._width), np.dtype(float))
+
+    def bind(self, name: str) -> np.ndarray:
+        """Return a field of mjData of all worlds, (nsim, ..)."""
+        if name in _STATE:
+            return self._part(name)
+        new = ("mjb_output", name) not in self._known
+        found = self._array("mjb_output", name, getattr(self._data, name, None), "field of mjData", writeable=False)
+        if new:
+            output = data_offset(name), found.ctypes.data, found.nbytes // len(found)
+            self.outputs = np.vstack([self.outputs, np.array([output], np.int64)])
+        return found
+
+    def expand(self, name: str) -> np.ndarray:
+        """Return a field of mjModel that each world has for itself from now on, (nsim, ..)."""
+        return self._array("mjb_expand", name, getattr(self._model, name, None), "field of mjModel", writeable=True)
+
+    def _part(self, name: str) -> np.ndarray:
+        size = ctypes.c_int()
+        kind = int(getattr(mujoco.mjtState, f"mjSTATE_{_STATE[name]}"))
+        at = self._functions.mjb_stateComponent(self._pool.handle, kind, ctypes.byref(size)) or 0
+        begin = (at - self.state.ctypes.data) // 8 if size.value else 0
+        view = self.state[:, begin : begin + size.value]
+        return view[:, 0] if name == "time" else view.reshape(len(view), *np.shape(getattr(self._data, name)))
+
+    def _array(self, function: str, name: str, like: Any, what: str, *, writeable: bool) -> np.ndarray:
+        if (function, name) not in self._known:
+            size, width = ctypes.c_int(), ctypes.c_int()
+            get = getattr(self._functions, function)
+            at = get(self._pool.handle, name.encode(), ctypes.byref(size), ctypes.byref(width))
+            if not at or not isinstance(like, np.ndarray):
+                raise UnknownNameError(what, name, sorted(_STATE))
+            shape = (self._pool.worlds, *like.shape)
+            found = _numbers(self._pool, at, shape, like.dtype)
+            found.flags.writeable = writeable
+            self._known[function, name] = found
+        return self._known[function, name]
+
+
+def _numbers(pool: Pool, address: int, shape: tuple[int, ...], kind: np.dtype) -> np.ndarray:
+    """Return the numbers at an address, which the pool keeps as long as they are held."""
+    size = int(np.prod(shape)) * kind.itemsize
+    if size == 0:
+        return np.zeros(shape, kind)
+    place: Any = (ctypes.c_char * size).from_address(address)
+    place.owner = pool
+    return np.frombuffer(place, kind).reshape(shape)

@@ -1,0 +1,42 @@
+"""Compiled functions that others call by address: numba would make a copy of them in each function that calls them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import llvmlite.binding as llvm
+from numba.core import cgutils, types
+from numba.extending import intrinsic
+
+
+def linked(function: Any) -> Any:
+    """Return what compiled functions call instead of a compiled function that has one signature of its own.
+
+    Numba puts all that a function calls into its own machine code, and compiles it once more for that. What is linked
+    is compiled once. The symbol that stands for it in caches on disk is made here, before anything is loaded that needs
+    it.
+    """
+    (overload,) = function.overloads.values()
+    signature, library, description = overload.signature, overload.library, overload.fndesc
+    symbol = f"impactlaw_{function.__module__.replace('.', '_')}_{function.__name__}"
+    llvm.add_symbol(symbol, library.get_pointer_to_function(description.llvm_func_name))
+
+    def generate(context: Any, builder: Any, called: Any, values: Any) -> Any:
+        returned, arguments = signature.return_type, signature.args
+        values = cgutils.unpack_tuple(builder, values[0], len(arguments))
+        values = [context.cast(builder, *given) for given in zip(values, called.args[0], arguments, strict=True)]
+        kind = context.call_conv.get_function_type(returned, arguments)
+        callee = cgutils.get_or_insert_function(builder.module, kind, symbol)
+        status, result = context.call_conv.call_function(builder, callee, returned, arguments, values)
+        with cgutils.if_unlikely(builder, status.is_error):
+            context.call_conv.return_status_propagate(builder, status)
+        return result
+
+    @intrinsic
+    def call(typingctx: Any, *arguments: Any) -> Any:
+        given = tuple(arguments[0]) if len(arguments) == 1 and isinstance(arguments[0], tuple) else arguments
+        if len(given) != len(signature.args):
+            raise TypeError(f"{function.__name__} takes {len(signature.args)} arguments, not {len(given)}")
+        return signature.return_type(types.StarArgTuple(given)), generate
+
+    return call

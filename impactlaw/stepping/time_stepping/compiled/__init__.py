@@ -1,0 +1,1 @@
+"""Time stepping in compiled code, over the C functions of MuJoCo."""

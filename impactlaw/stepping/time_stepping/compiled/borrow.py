@@ -1,0 +1,120 @@
+"""A copy of the model's own structure for one step, with options and margins of its own: the user's stays as it is.
+
+The copy shares all arrays but those of margins, so that many threads can step worlds of one model.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from impactlaw.solvers.cones.loops import plain
+from impactlaw.stepping.time_stepping import borrowed
+from impactlaw.stepping.time_stepping.compiled.fields import (
+    MODEL,
+    SIZE,
+    address_of,
+    floats,
+    int_at,
+    ints,
+    long_at,
+    longs,
+    put,
+    put_int,
+    put_long,
+)
+
+_OFF, _ON = borrowed.OFF, borrowed.ON
+_NO_DAMPING = borrowed.NO_DAMPING
+_EULER, _RK4, _FAST = borrowed.EULER, borrowed.RK4, borrowed.FAST
+_ELLIPTIC, _NEWTON = borrowed.ELLIPTIC, borrowed.NEWTON
+_POLYNOMIAL = 2  # coefficients of each degree of freedom, MuJoCo's mjNPOLY
+
+
+def room(model: mujoco.MjModel) -> int:
+    """Return how many numbers of 64 bits a copy of a model takes beside its structure."""
+    return model.nbody + 2 * model.ngeom + 2 * model.npair + model.njnt + model.ntendon
+
+
+@plain
+def _at(table, place):
+    return long_at(table + 8 * place)
+
+
+@plain
+def borrow(user, model, margins, table, sticks):
+    """Write the copy of a model for one step, and return the cone of the user's choice.
+
+    Args:
+        user: address of the model.
+        model: address of its copy.
+        margins: room for margins, (room,).
+        table: address of offsets of fields.
+        sticks: whether something sticks across gaps.
+    """
+    words = _at(table, SIZE.model) // 8
+    put(longs(model, words), longs(user, words))
+    begin = 0
+    for field, many in (
+        (MODEL.body_margin, MODEL.nbody),
+        (MODEL.geom_margin, MODEL.ngeom),
+        (MODEL.pair_margin, MODEL.npair),
+        (MODEL.jnt_margin, MODEL.njnt),
+        (MODEL.tendon_margin, MODEL.ntendon),
+        (MODEL.geom_gap, MODEL.ngeom),
+        (MODEL.pair_gap, MODEL.npair),
+    ):
+        n = long_at(user + _at(table, many))
+        margins[begin : begin + n] = 0.0
+        if sticks:  # gaps count
+            put(margins[begin : begin + n], floats(long_at(user + _at(table, field)), n))
+        put_long(model + _at(table, field), address_of(margins) + 8 * begin)
+        begin += n
+    off, on = model + _at(table, MODEL.opt_disableflags), model + _at(table, MODEL.opt_enableflags)
+    put_int(off, np.int32(int_at(off) | _OFF))
+    put_int(on, np.int32(int_at(on) & ~_ON))
+    cone = model + _at(table, MODEL.opt_cone)
+    chosen = int_at(cone)
+    put_int(cone, np.int32(_ELLIPTIC))
+    put_int(model + _at(table, MODEL.opt_solver), np.int32(_NEWTON))
+    put_int(model + _at(table, MODEL.opt_noslip_iterations), np.int32(0))
+    integrator = model + _at(table, MODEL.opt_integrator)
+    kind = int_at(integrator)
+    put_int(integrator, np.int32(_EULER if kind == _EULER or kind == _RK4 else _FAST))  # noqa: SIM109
+    return chosen
+
+
+@plain
+def is_damped(model, table):
+    """Return whether the integrator of a copy of a model damps implicitly, by a mass matrix of its own."""
+    if int_at(model + _at(table, MODEL.opt_integrator)) != _EULER:
+        return True
+    if int_at(model + _at(table, MODEL.opt_disableflags)) & _NO_DAMPING:
+        return False
+    nv, joints = long_at(model + _at(table, MODEL.nv)), long_at(model + _at(table, MODEL.njnt))
+    damping = floats(long_at(model + _at(table, MODEL.dof_damping)), nv)
+    more = floats(long_at(model + _at(table, MODEL.dof_dampingpoly)), _POLYNOMIAL * nv)
+    for i in range(nv):
+        if damping[i] != 0.0:
+            return True
+    for i in range(_POLYNOMIAL * nv):
+        if more[i] != 0.0:
+            return True
+    actuator = ints(long_at(model + _at(table, MODEL.jnt_actuatorid)), joints)
+    for i in range(joints):  # noqa: SIM110 - compiled
+        if actuator[i] != -1:
+            return True
+    return False
+
+
+@plain
+def limit_margins(model, table, reach):
+    """Let no contact be found farther away than reach, m."""
+    for field, many in (
+        (MODEL.body_margin, MODEL.nbody),
+        (MODEL.geom_margin, MODEL.ngeom),
+        (MODEL.pair_margin, MODEL.npair),
+    ):
+        n = long_at(model + _at(table, many))
+        margin = floats(long_at(model + _at(table, field)), n)
+        np.minimum(margin, reach, margin)

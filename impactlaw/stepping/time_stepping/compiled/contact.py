@@ -1,0 +1,200 @@
+"""The problem of a step in compiled code: rows of MuJoCo's arrays, targets of the law, and what `resolve_step` says."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from impactlaw.solvers.cones import BILATERAL
+from impactlaw.solvers.cones.loops import kernel, once
+from impactlaw.stepping.time_stepping.compiled.fields import CONTACT, DATA, MODEL, flags
+from impactlaw.stepping.time_stepping.compiled.law import ask_law, reverse
+from impactlaw.stepping.time_stepping.compiled.libmujoco import is_sparse
+from impactlaw.stepping.time_stepping.compiled.status import CREATES, FINE, NOT_FINITE
+from impactlaw.stepping.time_stepping.compiled.world import (
+    SETTING,
+    contact_floats,
+    contact_ints,
+    data_floats,
+    data_ints,
+    layout_of,
+    metric_of,
+    model_ints,
+    number,
+    setting,
+    size,
+    velocity_of,
+)
+from impactlaw.stepping.time_stepping.contact_problem import linked_step
+from impactlaw.stepping.time_stepping.rows import Rows, near_rows, read_rows
+from impactlaw.stepping.time_stepping.targets import close_gaps, contact_targets
+from impactlaw.stepping.time_stepping.tolerances import RESOLVED, STIFF
+
+Array = np.ndarray[Any, Any]
+
+
+class Outcome(NamedTuple):
+    """What contact does in a step.
+
+    Attributes:
+        rows: of the step.
+        x: impulses of rows, in units of the problem, (n,).
+        shift: velocity that opens overlaps, (nv,), or (0,).
+        collided: whether some contact collides.
+        missed: largest amount by which a contact velocity misses its target, m/s or rad/s.
+        fastest: largest velocity of a row, m/s or rad/s.
+        created: energy that the law would create, J.
+        work: of contact, J.
+        rounding: what of it is rounding, J.
+        status: see `status`.
+    """
+
+    rows: Rows
+    x: Array
+    shift: Array
+    collided: bool
+    missed: float
+    fastest: float
+    created: float
+    work: float
+    rounding: float
+    status: int
+
+
+@kernel
+def jacobian_of(w):
+    """Return entries of MuJoCo's rows, where they begin, their columns, and the entries; dense ones in full."""
+    n = number(w, DATA.nefc)
+    if is_sparse(w.model):
+        many = number(w, DATA.nJ)
+        nnz, adr = data_ints(w, DATA.efc_J_rownnz, n), data_ints(w, DATA.efc_J_rowadr, n)
+        return nnz, adr, data_ints(w, DATA.efc_J_colind, many), data_floats(w, DATA.efc_J, many)
+    nnz, adr, col = np.full(n, w.nv, np.int32), np.empty(n, np.int32), np.empty(n * w.nv, np.int32)
+    for i in range(n):
+        adr[i] = i * w.nv
+        for k in range(w.nv):
+            col[i * w.nv + k] = k
+    return nnz, adr, col, data_floats(w, DATA.efc_J, n * w.nv)
+
+
+@kernel
+def near(w, jacobian, one, other, reach):
+    """Return which rows begin a contact or limit that is in touch, or would be soon; see `rows.near_rows`."""
+    n, (nnz, adr, col, J) = number(w, DATA.nefc), jacobian
+    kinds, position = data_ints(w, DATA.efc_type, n), data_floats(w, DATA.efc_pos, n)
+    return near_rows(
+        kinds, position, nnz, adr, col, J, contact_ints(w, CONTACT.efc_address, 1)[:, 0], one, other, reach
+    )
+
+
+@kernel
+def rows_of_step(w, jacobian, metric, velocity, start, free, chosen, frictional):
+    """Return the rows of the groups that are chosen; see `rows.read_rows`.
+
+    Args:
+        w: the world, contacts current.
+        jacobian: `jacobian_of`.
+        metric: L and 1 / D.
+        velocity: of MuJoCo's rows, with that of belts, (nefc,); (0,) to leave belts out.
+        start: velocity at the start, (nv,).
+        free: velocity without contact, (nv,).
+        chosen: of MuJoCo's rows, bool (nefc,).
+        frictional: whether rows of friction take part.
+    """
+    n, (nnz, adr, col, J), (factor, inverse) = number(w, DATA.nefc), jacobian, metric
+    Mnnz, Madr, Mcol = layout_of(w)
+    trees = size(w, MODEL.ntree)
+    return Rows(
+        *read_rows(
+            data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n), data_floats(w, DATA.efc_pos, n), velocity,
+            data_floats(w, DATA.efc_aref, n), data_floats(w, DATA.efc_R, n), data_floats(w, DATA.efc_frictionloss, n),
+            nnz, adr, col, J,
+            contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_ints(w, CONTACT.dim, 1)[:, 0],
+            contact_ints(w, CONTACT.geom, 2), contact_floats(w, CONTACT.friction, 5),
+            Mnnz, Madr, Mcol, factor, inverse,
+            model_ints(w, MODEL.dof_treeid, w.nv), model_ints(w, MODEL.tree_dofadr, trees),
+            model_ints(w, MODEL.tree_dofnum, trees),
+            start, free, chosen, w.timestep, frictional,
+        )
+    )  # fmt: skip
+
+
+@kernel
+def _nothing():
+    """Return what contact does where there is none."""
+    table, no, few = np.empty((3, 0), np.int32), np.empty(0), np.empty(0, np.int32)
+    groups, amounts, rates = np.empty((4, 0), np.int32), np.empty((2, 0)), np.empty((5, 0))
+    rows = Rows(table, few, no, groups, np.empty(0, np.int64), amounts, rates)
+    return Outcome(rows, no, no, False, 0.0, 0.0, 0.0, 0.0, 0.0, FINE)
+
+
+@once
+def _collide(w, rows, tree, collides, target):
+    """Let contacts in touch stay closed, and equality constraints keep their velocity."""
+    close_gaps(rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, tree, collides, target)
+    number_of = data_ints(w, DATA.efc_id, number(w, DATA.nefc))
+    for g in range(len(target)):
+        row = rows.groups[0, g]
+        if rows.groups[2, g] == BILATERAL and flags(w.bilateral, size(w, MODEL.neq))[number_of[rows.sparse[2, row]]]:
+            rows.rates[4, row] *= STIFF
+
+
+@once
+def _resolve(w, rows, metric, free, known, rounds, law):
+    n, tree, (factor, inverse) = len(rows.rates[0]), model_ints(w, MODEL.dof_treeid, w.nv), metric
+    e = setting(w, SETTING.restitution)
+    target, collides = contact_targets(
+        rows.groups, rows.amounts, rows.rates, w.timestep, 0.0 if np.isnan(e) else e, setting(w, SETTING.rest_speed),
+        RESOLVED,
+    )  # fmt: skip
+    collided, status = collides.any(), FINE
+    if collided:
+        if not np.isnan(setting(w, SETTING.reversal)):
+            reverse(setting(w, SETTING.reversal), rows, tree, collides, target)
+        elif np.isnan(e):
+            status = ask_law(law, rows, tree, collides, target)
+        _collide(w, rows, tree, collides, target)
+    nothing = np.empty(0)
+    if status != FINE:
+        return Outcome(rows, nothing, nothing, collided, 0.0, 0.0, 0.0, 0.0, 0.0, status)
+    sliding, some = np.zeros(n), setting(w, SETTING.sliding)
+    if collided and some != 0.0:
+        sliding = -some * rows.rates[1]
+    known_groups, known_key, known_scale, impulses = known
+    Mnnz, Madr, Mcol = layout_of(w)
+    x, change, shift, _, missed, fastest, _, created, work, rounding = linked_step(
+        rows.sparse, rows.colind, rows.value, rows.groups, rows.key, rows.amounts, rows.rates, target, sliding,
+        collides, known_groups, known_key, known_scale, impulses, w.timestep, setting(w, SETTING.exact) != 0.0,
+        setting(w, SETTING.dissipative) > 0.0, rounds, tree, factor, inverse, Mnnz, Madr, Mcol,
+    )  # fmt: skip
+    if not np.isfinite(missed):
+        status = NOT_FINITE
+    elif created > 0.0 and setting(w, SETTING.dissipative) < 0.0:
+        status = CREATES
+    velocity = velocity_of(w)
+    for i in range(w.nv):
+        velocity[i] = free[i] + change[i]
+    return Outcome(rows, x, shift, collided, missed, fastest, created, work, rounding, status)
+
+
+@kernel
+def attempt(w, jacobian, chosen, start, free, known, rounds, law):
+    """Solve the problem of the rows that are near, set the velocity after it, and return what contact does.
+
+    Args:
+        w: the world in the middle of the step.
+        jacobian: `jacobian_of`.
+        chosen: the rows, bool (nefc,).
+        start: velocity at the start, (nv,).
+        free: velocity without contact, (nv,).
+        known: groups, keys, coefficients and impulses of the last step.
+        rounds: of the slower solvers.
+        law: see `law`.
+    """
+    if not chosen.any():
+        return _nothing()
+    metric, frictional = metric_of(w), setting(w, SETTING.frictional) != 0.0
+    row_velocity = data_floats(w, DATA.efc_vel, number(w, DATA.nefc))
+    rows = rows_of_step(w, jacobian, metric, row_velocity, start, free, chosen, frictional)
+    return _resolve(w, rows, metric, free, known, rounds, law)

@@ -1,0 +1,160 @@
+"""What follows the contact problem of a step in compiled code: forces, the look at the end, frames, energy."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from impactlaw.solvers.cones.loops import once, plain, zeros
+from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
+from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins
+from impactlaw.stepping.time_stepping.compiled.contact import jacobian_of, rows_of_step
+from impactlaw.stepping.time_stepping.compiled.fields import (
+    CONTACT,
+    DATA,
+    MODEL,
+    address_of,
+    flags,
+    floats,
+    keep,
+    put,
+    put_int,
+)
+from impactlaw.stepping.time_stepping.compiled.world import (
+    SETTING,
+    World,
+    contact_floats,
+    contact_ints,
+    data_at,
+    data_floats,
+    data_ints,
+    layout_of,
+    metric_of,
+    model_ints,
+    number,
+    offset,
+    option,
+    rows_of,
+    setting,
+    size,
+)
+from impactlaw.stepping.time_stepping.contact_problem import open_overlaps
+from impactlaw.stepping.time_stepping.dense import encode_pyramids
+from impactlaw.stepping.time_stepping.rows import unwhiten
+from impactlaw.stepping.time_stepping.second_look import BEYOND, LAST_LOSS, SLOP, bend, end_targets
+
+_PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
+_ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+
+
+@plain
+def update_frames(w):
+    """Bring frames and velocities of bodies up to the state."""
+    mj.kinematics(w.model, w.data)
+    mj.com_pos(w.model, w.data)
+    mj.com_vel(w.model, w.data)
+
+
+@once
+def write_forces(w, found, start, cone):
+    """Let sensors and others see the impulses of the step over h, as forces of the cones of the user's choice."""
+    nv, n, h = w.nv, number(w, DATA.nefc), w.timestep
+    force, rows = zeros(n), found.rows
+    for r in range(len(found.x)):
+        force[rows.sparse[2, r]] = rows.rates[0, r] * found.x[r] / h
+    mj.mul_jac_t_vec(w.model, w.data, data_at(w, DATA.qfrc_constraint), address_of(force))
+    keep(force)
+    qacc, qvel = data_floats(w, DATA.qacc, nv), data_floats(w, DATA.qvel, nv)
+    for i in range(nv):
+        qacc[i] = (qvel[i] - start[i]) / h
+    if cone == _PYRAMIDAL and number(w, DATA.ncon) > 0 and setting(w, SETTING.forces) != 0.0:
+        put_int(w.model + offset(w, MODEL.opt_cone), np.int32(_PYRAMIDAL))
+        elliptic = contact_ints(w, CONTACT.efc_address, 1)[:, 0].copy()
+        mj.make_constraint(w.model, w.data)
+        encode_pyramids(
+            force, elliptic, contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_ints(w, CONTACT.dim, 1)[:, 0],
+            contact_floats(w, CONTACT.friction, 5), data_floats(w, DATA.efc_force, number(w, DATA.nefc)),
+        )  # fmt: skip
+    else:
+        put(data_floats(w, DATA.efc_force, n), force)
+
+
+@once
+def _find_contacts(w, now):
+    """Let other data see the contacts of now."""
+    nq, mocap, equalities = size(w, MODEL.nq), size(w, MODEL.nmocap), size(w, MODEL.neq)
+    put(data_floats(now, DATA.qpos, nq), data_floats(w, DATA.qpos, nq))
+    put(data_floats(now, DATA.mocap_pos, 3 * mocap), data_floats(w, DATA.mocap_pos, 3 * mocap))
+    put(data_floats(now, DATA.mocap_quat, 4 * mocap), data_floats(w, DATA.mocap_quat, 4 * mocap))
+    seen = flags(data_at(now, DATA.eq_active), equalities)
+    put(seen, flags(data_at(w, DATA.eq_active), equalities))
+    mj.kinematics(w.model, now.data)
+    mj.com_pos(w.model, now.data)
+    if size(w, MODEL.ntendon) > 0:
+        mj.tendon(w.model, now.data)
+    mj.collision(w.model, now.data)
+    mj.make_constraint(w.model, now.data)
+
+
+@once
+def _shift(now, metric, rows, depth):
+    """Return the velocity that opens the overlaps that other data shows, (nv,); (0,) if there are none."""
+    n, h, nothing = number(now, DATA.nefc), now.timestep, np.empty(0)
+    if number(now, DATA.ncon) == 0:
+        return nothing
+    kinds, position = data_ints(now, DATA.efc_type, n), data_floats(now, DATA.efc_pos, n)
+    near, some = np.empty(n, np.bool_), False
+    for r in range(n):
+        always = kinds[r] <= LAST_LOSS
+        near[r] = always or position[r] < BEYOND * depth
+        some = some or (not always and position[r] < -SLOP)
+    if not some:
+        return nothing
+    still = np.zeros(now.nv)
+    seen = rows_of_step(now, jacobian_of(now), metric, nothing, still, still, near, False)
+    before = np.empty(len(rows.key))
+    for g in range(len(before)):
+        before[g] = rows.amounts[0, g] - 0.5 * h * rows.rates[1, rows.groups[0, g]]
+    need, found = end_targets(seen.groups, seen.key, seen.amounts, depth, rows.key, before, h)
+    if not found:
+        return nothing
+    w = open_overlaps(seen.sparse, seen.colind, seen.value, seen.groups, seen.rates, need, now.nv)
+    factor, inverse = metric
+    nnz, adr, col = layout_of(now)
+    return unwhiten(w, factor, nnz, adr, col, np.sqrt(inverse))
+
+
+@once
+def look_again(w, rows):
+    """Move bodies out of overlaps at the end of a step that gradients of the middle have not told of."""
+    nbody, ngeom, h = size(w, MODEL.nbody), size(w, MODEL.ngeom), w.timestep
+    depth = bend(
+        rows.groups, rows.amounts, rows.rates, contact_ints(w, CONTACT.geom, 2),
+        model_ints(w, MODEL.geom_bodyid, ngeom), rows_of(w, DATA.cvel, nbody, 6), floats(w.sizes, nbody),
+        rows_of(w, DATA.xipos, nbody, 3), rows_of(w, DATA.subtree_com, nbody, 3),
+        model_ints(w, MODEL.body_rootid, nbody), h,
+    )  # fmt: skip
+    if depth == 0.0:
+        return
+    put_int(w.model + offset(w, MODEL.opt_cone), np.int32(_ELLIPTIC))
+    if setting(w, SETTING.sticks) == 0.0:
+        limit_margins(w.model, w.table, BEYOND * depth)
+    now = World(w.model, w.scratch, w.scratch, w.table, w.settings, w.sizes, w.bilateral, w.nv, h, w.damped)
+    _find_contacts(w, now)
+    metric = metric_of(w)
+    shift = _shift(now, metric, rows, depth)
+    if len(shift):
+        qpos = data_floats(w, DATA.qpos, size(w, MODEL.nq))
+        mj.integrate_pos(w.model, address_of(qpos), address_of(shift), h)
+        keep(shift)
+        update_frames(w)
+
+
+@once
+def finish(w):
+    """Leave what a step leaves beside the state."""
+    if option(w, MODEL.opt_enableflags) & _ENERGY:
+        mj.make_m(w.model, w.data)
+        mj.energy_pos(w.model, w.data)
+        mj.energy_vel(w.model, w.data)
+    put(data_floats(w, DATA.qacc_warmstart, w.nv), data_floats(w, DATA.qacc, w.nv))

@@ -1,0 +1,79 @@
+"""MuJoCo's thread pool, in which an error of its engine is reported instead of ending the process."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import mujoco
+
+from impactlaw.stepping.time_stepping.compiled.libmujoco import library
+
+
+class _Configuration(ctypes.Structure):
+    _fields_ = (("nthread", ctypes.c_int), ("persistent", ctypes.c_uint8))
+
+
+def functions() -> Any:
+    """Return MuJoCo's library with the types of its functions for batches."""
+    found, number, address = library(), ctypes.c_int, ctypes.c_void_p
+    found.mjb_makeBatch.restype = address
+    found.mjb_makeBatch.argtypes = [address, number, address, ctypes.c_char_p, number]
+    found.mjb_apply.argtypes = [address, address, number, address, address, number]
+    found.mjb_error.restype = ctypes.c_char_p
+    found.mjb_error.argtypes = [address, number]
+    found.mjb_deleteBatch.argtypes = [address]
+    found.mjb_deleteBatch.restype = None
+    found.mjb_nthread.argtypes = found.mjb_nstate.argtypes = found.mjb_state.argtypes = [address]
+    found.mjb_state.restype = address
+    found.mjb_stateComponent.restype = address
+    found.mjb_stateComponent.argtypes = [address, number, ctypes.POINTER(number)]
+    sizes = [ctypes.POINTER(number), ctypes.POINTER(number)]
+    found.mjb_output.restype = found.mjb_expand.restype = address
+    found.mjb_output.argtypes = found.mjb_expand.argtypes = [address, ctypes.c_char_p, *sizes]
+    found.mjb_reset.argtypes = [address, address, number, address, number]
+    found.mjb_forward.argtypes = [address, address, number, number]
+    found.mjb_getData.argtypes = found.mjb_getModel.argtypes = [address, number, address]
+    found.mjb_status.restype = address
+    found.mjb_status.argtypes = [address]
+    found.mj_deleteData.argtypes = [address]
+    return found
+
+
+class Pool:
+    """MuJoCo's thread pool with some worlds of a model.
+
+    Args:
+        model: of all worlds.
+        worlds: how many.
+        threads: how many; 0 for one per processor.
+        persistent: whether each world has data of its own.
+
+    Raises:
+        mujoco.FatalError: MuJoCo cannot make it.
+    """
+
+    def __init__(self, model: Any, worlds: int, threads: int, *, persistent: bool):
+        self._functions, message = functions(), ctypes.create_string_buffer(500)
+        configuration = _Configuration(threads, persistent)
+        self.worlds = worlds
+        self.handle = self._functions.mjb_makeBatch(model._address, worlds, ctypes.byref(configuration), message, 500)
+        if not self.handle:
+            raise mujoco.FatalError(message.value.decode())
+        self._call = self._functions.mjb_apply
+
+    def apply(self, function: int, argument: int, *, save: bool, worlds: Any = None) -> int:
+        """Call a C function of all worlds, or some, int32; return for how many MuJoCo has raised an error."""
+        if worlds is None:
+            return self._call(self.handle, None, self.worlds, function, argument, save)
+        return self._call(self.handle, worlds.ctypes.data, len(worlds), function, argument, save)
+
+    def error(self, world: int) -> str:
+        """Return what MuJoCo has said of a world in the last call."""
+        return self._functions.mjb_error(self.handle, world).decode()
+
+    def __del__(self):
+        """Give the threads and the worlds back."""
+        if getattr(self, "handle", None):
+            self._functions.mjb_deleteBatch(self.handle)
+            self.handle = None

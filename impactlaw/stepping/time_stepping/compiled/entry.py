@@ -1,0 +1,221 @@
+"""Where MuJoCo's batches enter compiled code: a C function of a simulation, and numbers that say where all else is."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, cast
+
+import numba
+from numba import types
+
+from impactlaw.compiled import compiled
+from impactlaw.linked import linked
+from impactlaw.solvers.cones.loops import copied, indices, numbers, plain
+from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
+from impactlaw.stepping.time_stepping.compiled.fields import (
+    SIZE,
+    address_of,
+    claim,
+    flags,
+    floats,
+    keep,
+    long_at,
+    longs,
+    put,
+)
+from impactlaw.stepping.time_stepping.compiled.memory import go_back
+from impactlaw.stepping.time_stepping.compiled.status import CALLBACK, FINE
+from impactlaw.stepping.time_stepping.compiled.step import STATE, linked_advance
+from impactlaw.stepping.time_stepping.compiled.world import SETTING
+
+
+class Context(NamedTuple):
+    """Places in the numbers that an entry is given: addresses, and after some of them how many numbers are there.
+
+    Attributes:
+        model: of the scene.
+        data: of the world.
+        scratch: other data.
+        table: offsets of fields.
+        settings: see `world.Settings`.
+        sizes: of bodies.
+        bilateral: which equality constraints a collision must not violate.
+        keys: of the law's contacts, and how many.
+        values: their restitution.
+        memory: of the world, and how many numbers.
+        structure: room for a copy of the model's structure.
+        margins: room for its margins, and how many.
+        state: room for the state, and how many numbers.
+        before: room for the memory as it was before the step.
+        callbacks: addresses of MuJoCo's callbacks, and how many.
+        status: how the step has ended, written.
+        asked: see `law.LawTable`, written.
+    """
+
+    model: int = 0
+    data: int = 1
+    scratch: int = 2
+    table: int = 3
+    settings: int = 4
+    sizes: int = 5
+    bilateral: int = 6
+    keys: int = 7
+    values: int = 8
+    known: int = 9
+    memory: int = 10
+    memories: int = 11
+    structure: int = 12
+    margins: int = 13
+    margin_count: int = 14
+    state: int = 15
+    states: int = 16
+    before: int = 17
+    callbacks: int = 18
+    callback_count: int = 19
+    status: int = 20
+    asked: int = 21
+
+
+CONTEXT = Context()
+
+
+@plain
+def _is_watched(callbacks):
+    """Return whether a callback of MuJoCo is set, which may be in Python."""
+    for i in range(len(callbacks)):  # noqa: SIM110 - compiled
+        if long_at(callbacks[i]) != 0:
+            return True
+    return False
+
+
+@compiled("void(int64)")
+def one_step(context):
+    """Take one step of one world."""
+    c = longs(context, len(CONTEXT))
+    if _is_watched(longs(c[CONTEXT.callbacks], c[CONTEXT.callback_count])):
+        c[CONTEXT.status] = CALLBACK
+        return
+    memory = floats(c[CONTEXT.memory], c[CONTEXT.memories])
+    put(floats(c[CONTEXT.before], c[CONTEXT.memories]), memory)
+    c[CONTEXT.status] = linked_advance(
+        c[CONTEXT.model],
+        c[CONTEXT.data],
+        c[CONTEXT.scratch],
+        c[CONTEXT.table],
+        c[CONTEXT.settings],
+        c[CONTEXT.sizes],
+        c[CONTEXT.bilateral],
+        longs(c[CONTEXT.keys], c[CONTEXT.known]),
+        floats(c[CONTEXT.values], c[CONTEXT.known]),
+        c[CONTEXT.asked : CONTEXT.asked + 1],
+        memory,
+        c[CONTEXT.structure],
+        floats(c[CONTEXT.margins], c[CONTEXT.margin_count]),
+        floats(c[CONTEXT.state], c[CONTEXT.states]),
+        False,
+    )
+
+
+class Worlds(NamedTuple):
+    """Places in the numbers that an entry of many worlds is given; of each world there is one of what ends in _of.
+
+    Attributes:
+        table: offsets of fields.
+        sizes: of bodies.
+        bilateral: which equality constraints a collision must not violate.
+        margin_count: numbers that a copy of a model needs for margins.
+        states: numbers of a state.
+        memories: numbers that a world remembers.
+        steps: to take.
+        slots: of pairs of data and other data, and how many: each thread of the pool has its own.
+        settings_of: see `world.Settings`.
+        laws_of: address of keys, address of values, and how many, int64 (nsim, 3).
+        memory_of: see `memory`.
+        status_of: how the last call has ended, and the key that was asked for, int64 (nsim, 2), written.
+        outputs: fields of data that are copied out: where data tells their address, where those of world 0 are to be,
+            and bytes of each world, int64 (k, 3).
+        output_count: k.
+    """
+
+    table: int = 0
+    sizes: int = 1
+    bilateral: int = 2
+    margin_count: int = 3
+    states: int = 4
+    memories: int = 5
+    steps: int = 6
+    slots: int = 7
+    slot_count: int = 8
+    settings_of: int = 9
+    laws_of: int = 10
+    memory_of: int = 11
+    status_of: int = 12
+    outputs: int = 13
+    output_count: int = 14
+
+
+WORLDS = Worlds()
+
+
+@plain
+def _other_data(model, data, slots):
+    """Return the other data of the thread that has this data, which is made when it is first needed."""
+    for i in range(len(slots) // 2):
+        slot = address_of(slots) + 16 * i
+        owner = long_at(slot)
+        if owner == 0:
+            owner = claim(slot, data)
+            if owner == 0:
+                slots[2 * i + 1] = mj.make_data(model)
+                owner = data
+        if owner == data:
+            return slots[2 * i + 1]
+    return 0
+
+
+@compiled("void(int64,int64,int64,int64)")
+def some_steps(model, data, world, context):
+    """Take the steps of one of many worlds; after a failure its state and memory are those of before."""
+    c = longs(context, len(WORLDS))
+    n, many = c[WORLDS.memories], c[WORLDS.states]
+    memory = floats(c[WORLDS.memory_of] + 8 * n * world, n)
+    report = longs(c[WORLDS.status_of] + 16 * world, 2)
+    where = longs(c[WORLDS.laws_of] + 24 * world, 3)
+    keys, values = longs(where[0], where[2]), floats(where[1], where[2])
+    settings = c[WORLDS.settings_of] + 8 * len(SETTING) * world
+    structure = indices(long_at(c[WORLDS.table] + 8 * SIZE.model) // 8)
+    margins, state, first = numbers(c[WORLDS.margin_count]), numbers(many), numbers(many)
+    other = _other_data(model, data, longs(c[WORLDS.slots], 2 * c[WORLDS.slot_count]))
+    before = copied(memory)
+    mj.get_state(model, data, address_of(first), STATE)
+    for step in range(c[WORLDS.steps]):
+        report[0] = linked_advance(
+            model, data, other, c[WORLDS.table], settings, c[WORLDS.sizes], c[WORLDS.bilateral], keys, values,
+            report[1:2], memory,
+            address_of(structure),
+            margins, state, step == 0,
+        )  # fmt: skip
+        if report[0] != FINE:
+            mj.set_state(model, data, address_of(first), STATE)
+            go_back(memory, before)
+            break
+    for i in range(c[WORLDS.output_count]):
+        output = longs(c[WORLDS.outputs] + 24 * i, 3)
+        size = output[2]
+        put(flags(output[1] + size * world, size), flags(long_at(data + output[0]), size))
+    keep(structure)
+    keep(first)
+
+
+_one_step, _some_steps = linked(one_step), linked(some_steps)
+
+
+@cast(Any, numba).cfunc(types.void(types.int64, types.int64, types.int32, types.int64))
+def many(model, data, world, context):
+    """Take the steps of one of many worlds."""
+    _some_steps(model, data, world, context)
+
+
+@cast(Any, numba).cfunc(types.void(types.int64, types.int64, types.int32, types.int64))
+def single(model, data, simulation, context):
+    """Take one step of the world that the numbers at an address tell of; the batch's own is not touched."""
+    _one_step(context)

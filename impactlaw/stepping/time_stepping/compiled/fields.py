@@ -1,0 +1,252 @@
+"""Fields of MuJoCo's structures in compiled code: at an address and an offset that are numbers, int64."""
+
+# ruff: noqa: N815 - names are MuJoCo's
+from __future__ import annotations
+
+from typing import Any, NamedTuple, cast
+
+import numba
+from numba import extending, types
+
+from impactlaw.solvers.cones.loops import kernel, plain
+
+_intrinsic: Any = extending.intrinsic
+carray: Any = cast(Any, numba).carray
+
+
+class _Data(NamedTuple):
+    """Places in the table of offsets of fields of mjData."""
+
+    time: int
+    nefc: int
+    ncon: int
+    ne: int
+    nJ: int
+    pstack: int
+    pbase: int
+    warning: int
+    qpos: int
+    qvel: int
+    eq_active: int
+    mocap_pos: int
+    mocap_quat: int
+    qacc: int
+    qacc_smooth: int
+    qacc_warmstart: int
+    qfrc_constraint: int
+    qfrc_smooth: int
+    qfrc_bias: int
+    cvel: int
+    xipos: int
+    subtree_com: int
+    qLD: int
+    qLDiagInv: int
+    qH: int
+    qHDiagInv: int
+    contact: int
+    efc_type: int
+    efc_id: int
+    efc_pos: int
+    efc_vel: int
+    efc_aref: int
+    efc_R: int
+    efc_frictionloss: int
+    efc_force: int
+    efc_J: int
+    efc_J_rownnz: int
+    efc_J_rowadr: int
+    efc_J_colind: int
+
+
+class _Model(NamedTuple):
+    """Places in the table of offsets of fields of mjModel; opt_ stands for those of its mjOption."""
+
+    nq: int
+    nv: int
+    nbody: int
+    njnt: int
+    ngeom: int
+    npair: int
+    ntendon: int
+    ntree: int
+    neq: int
+    nmocap: int
+    nC: int
+    nsensordata: int
+    body_margin: int
+    geom_margin: int
+    geom_gap: int
+    pair_margin: int
+    pair_gap: int
+    jnt_margin: int
+    tendon_margin: int
+    geom_bodyid: int
+    body_rootid: int
+    body_mocapid: int
+    M_rownnz: int
+    M_rowadr: int
+    M_colind: int
+    dof_treeid: int
+    tree_dofadr: int
+    tree_dofnum: int
+    dof_damping: int
+    dof_dampingpoly: int
+    jnt_actuatorid: int
+    opt_timestep: int
+    opt_gravity: int
+    opt_integrator: int
+    opt_cone: int
+    opt_solver: int
+    opt_noslip_iterations: int
+    opt_disableflags: int
+    opt_enableflags: int
+
+
+class _Contact(NamedTuple):
+    """Places in the table of offsets of fields of mjContact."""
+
+    dist: int
+    dim: int
+    geom: int
+    friction: int
+    efc_address: int
+
+
+class _Size(NamedTuple):
+    """Places in the table of sizes of structures, bytes."""
+
+    model: int
+    contact: int
+
+
+def _places(kind: Any, first: int) -> Any:
+    return kind(*range(first, first + len(kind._fields)))
+
+
+DATA: _Data = _places(_Data, 0)
+MODEL: _Model = _places(_Model, len(DATA))
+CONTACT: _Contact = _places(_Contact, len(DATA) + len(MODEL))
+SIZE: _Size = _places(_Size, len(DATA) + len(MODEL) + len(CONTACT))
+ALL = len(DATA) + len(MODEL) + len(CONTACT) + len(SIZE)
+"""Numbers in the table."""
+
+
+def _pointer(kind: Any) -> Any:
+    """Return a compiled function that makes a pointer to numbers of a kind of an address."""
+
+    @_intrinsic
+    def of(typingctx: Any, address: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            return builder.inttoptr(values[0], context.get_value_type(types.CPointer(kind)))
+
+        return types.CPointer(kind)(types.int64), generate
+
+    return of
+
+
+def _reader(kind: Any) -> Any:
+    """Return a compiled function that returns the number of a kind at an address."""
+
+    @_intrinsic
+    def read(typingctx: Any, address: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            return builder.load(builder.inttoptr(values[0], context.get_value_type(types.CPointer(kind))))
+
+        return kind(types.int64), generate
+
+    return read
+
+
+def _writer(kind: Any) -> Any:
+    """Return a compiled function that writes a number of a kind to an address."""
+
+    @_intrinsic
+    def write(typingctx: Any, address: Any, value: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            builder.store(values[1], builder.inttoptr(values[0], context.get_value_type(types.CPointer(kind))))
+            return context.get_dummy_value()
+
+        return types.void(types.int64, kind), generate
+
+    return write
+
+
+_double, _int, _long, _byte = (_pointer(kind) for kind in (types.float64, types.int32, types.int64, types.uint8))
+float_at, int_at, long_at = (_reader(kind) for kind in (types.float64, types.int32, types.int64))
+put_int, put_long = (_writer(kind) for kind in (types.int32, types.int64))
+
+
+@kernel
+def floats(address, n):
+    """Return n doubles at an address."""
+    return carray(_double(address), n)
+
+
+@kernel
+def ints(address, n):
+    """Return n ints at an address."""
+    return carray(_int(address), n)
+
+
+@kernel
+def longs(address, n):
+    """Return n numbers of 64 bits at an address."""
+    return carray(_long(address), n)
+
+
+@kernel
+def flags(address, n):
+    """Return n bytes at an address."""
+    return carray(_byte(address), n)
+
+
+@kernel
+def table_floats(address, rows, columns):
+    """Return a table of doubles at an address."""
+    return carray(_double(address), (rows, columns))
+
+
+@kernel
+def table_ints(address, rows, columns):
+    """Return a table of ints at an address."""
+    return carray(_int(address), (rows, columns))
+
+
+@_intrinsic
+def keep(typingctx: Any, array: Any) -> Any:
+    """Do nothing: an array whose address is in use is to live until here."""
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        return context.get_dummy_value()
+
+    return types.void(array), generate
+
+
+@_intrinsic
+def claim(typingctx: Any, address: Any, value: Any) -> Any:
+    """Write a number of 64 bits to an address if 0 is there, in one piece, and return what was there."""
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        place = builder.inttoptr(values[0], context.get_value_type(types.CPointer(types.int64)))
+        nothing = context.get_constant(types.int64, 0)
+        return builder.extract_value(builder.cmpxchg(place, nothing, values[1], "seq_cst", "seq_cst"), 0)
+
+    return types.int64(types.int64, types.int64), generate
+
+
+@plain
+def put(to, source):
+    """Write the numbers of one array to another."""
+    for i in range(len(source)):
+        to[i] = source[i]
+
+
+@_intrinsic
+def address_of(typingctx: Any, array: Any) -> Any:
+    """Return where an array begins."""
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        found = context.make_array(signature.args[0])(context, builder, values[0])
+        return builder.ptrtoint(found.data, context.get_value_type(types.int64))
+
+    return types.int64(array), generate

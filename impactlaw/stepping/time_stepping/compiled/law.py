@@ -1,0 +1,114 @@
+"""Laws in compiled code: one coefficient of restitution per contact, from a table by their keys; and the reversal."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from impactlaw.laws.tolerances import INFLUENCE
+from impactlaw.solvers.cones.loops import kernel, once
+from impactlaw.stepping.time_stepping.compiled.status import FINE, UNKNOWN
+from impactlaw.stepping.time_stepping.targets import reached_groups
+
+Array = np.ndarray[Any, Any]
+
+
+class LawTable(NamedTuple):
+    """A law whose contacts know their own restitution.
+
+    Attributes:
+        key: of contacts and limits, see `rows.Rows`, ascending, int64 (k,).
+        value: e of each, (k,).
+        asked: key of the contact that is not among them, int64 (1,), written.
+    """
+
+    key: Array
+    value: Array
+    asked: Array
+
+
+@kernel
+def ask_law(law, rows, tree, collides, target):
+    """Write the law's targets of the contacts that collide, and return `status.FINE`, or `status.UNKNOWN`."""
+    for g in range(len(target)):
+        if not collides[g]:
+            continue
+        at = np.searchsorted(law.key, rows.key[g])
+        if at == len(law.key) or law.key[at] != rows.key[g]:
+            law.asked[0] = rows.key[g]
+            return UNKNOWN
+        target[g] = -law.value[at] * rows.rates[1, rows.groups[0, g]]
+    return FINE
+
+
+@once
+def reverse(e, rows, tree, collides, target):
+    """Write the targets of `laws.fremond.Reversal`; contacts that a collision reaches take part, and ``collides``."""
+    none = np.zeros(len(collides), np.bool_)
+    reached = reached_groups(
+        rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, tree, collides, none
+    )  # fmt: skip
+    for g in range(len(collides)):
+        collides[g] = collides[g] or reached[g]
+    order = _in_order(rows, collides)
+    label, h = _blocks(rows, order, len(tree)), len(order)
+    for i in range(h):
+        after = 0  # contacts of its own block behind it
+        for j in range(i + 1, h):
+            after += label[j] == label[i]
+        for j in range(h):
+            if label[j] == label[i]:
+                if after == 0:
+                    target[order[i]] = -e * rows.rates[1, rows.groups[0, order[j]]]
+                    break
+                after -= 1
+
+
+@kernel
+def _in_order(rows, chosen):
+    """Return the groups of a mask, contacts by their keys and then limits, int64 (h,)."""
+    order, count = np.empty(len(chosen), np.int64), 0
+    for g in range(len(chosen)):
+        if not chosen[g]:
+            continue
+        at, limit = count, rows.groups[3, g] < 0
+        while at > 0:
+            other = order[at - 1]
+            behind = rows.groups[3, other] < 0
+            if behind < limit or (behind == limit and rows.key[other] <= rows.key[g]):
+                break
+            order[at] = other
+            at -= 1
+        order[at] = g
+        count += 1
+    return order[:count]
+
+
+@kernel
+def _blocks(rows, order, nv):
+    """Return a number for each contact, the same for those that influence each other, int64 (h,)."""
+    h = len(order)
+    label, row, norm = np.arange(h), np.zeros(nv), np.zeros(h)
+    sparse, colind, value = rows.sparse, rows.colind, rows.value
+    for i in range(h):
+        r = rows.groups[0, order[i]]
+        for a in range(sparse[1, r], sparse[1, r] + sparse[0, r]):
+            norm[i] += value[a] * value[a]
+        norm[i] = np.sqrt(norm[i])
+    for i in range(h):
+        r = rows.groups[0, order[i]]
+        for a in range(sparse[1, r], sparse[1, r] + sparse[0, r]):
+            row[colind[a]] = value[a]
+        for j in range(i):
+            q, s = rows.groups[0, order[j]], 0.0
+            for a in range(sparse[1, q], sparse[1, q] + sparse[0, q]):
+                s += value[a] * row[colind[a]]
+            if abs(s) > INFLUENCE * norm[i] * norm[j] and label[i] != label[j]:
+                old, new = max(label[i], label[j]), min(label[i], label[j])
+                for k in range(i + 1):
+                    if label[k] == old:
+                        label[k] = new
+        for a in range(sparse[1, r], sparse[1, r] + sparse[0, r]):
+            row[colind[a]] = 0.0
+    return label

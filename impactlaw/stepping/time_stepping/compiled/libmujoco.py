@@ -1,0 +1,80 @@
+"""MuJoCo's C functions for compiled code; a pointer is a number, int64."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import llvmlite.binding as llvm
+import mujoco
+import numpy as np
+from numba import types
+
+_P, _I, _F = types.int64, types.int32, types.float64
+_FUNCTIONS: dict[str, tuple[Any, ...]] = {
+    "mj_kinematics": (_P, _P),
+    "mj_comPos": (_P, _P),
+    "mj_comVel": (_P, _P),
+    "mj_fwdPosition": (_P, _P),
+    "mj_fwdVelocity": (_P, _P),
+    "mj_fwdActuation": (_P, _P),
+    "mj_fwdAcceleration": (_P, _P),
+    "mj_Euler": (_P, _P),
+    "mj_implicit": (_P, _P),
+    "mj_sensorPos": (_P, _P),
+    "mj_sensorVel": (_P, _P),
+    "mj_sensorAcc": (_P, _P),
+    "mj_makeM": (_P, _P),
+    "mj_energyPos": (_P, _P),
+    "mj_energyVel": (_P, _P),
+    "mj_tendon": (_P, _P),
+    "mj_collision": (_P, _P),
+    "mj_makeConstraint": (_P, _P),
+    "mj_integratePos": (_P, _P, _P, _F),
+    "mj_rne": (_P, _P, _I, _P),
+    "mj_mulM": (_P, _P, _P, _P),
+    "mj_mulJacTVec": (_P, _P, _P, _P),
+    "mj_isSparse": (_P,),
+    "mj_makeData": (_P,),
+    "mj_getState": (_P, _P, _P, _I),
+    "mj_setState": (_P, _P, _P, _I),
+}
+
+
+@cache
+def library() -> Any:
+    """Return the library that the bindings of MuJoCo have loaded."""
+    (path,) = [path for path in Path(mujoco.__file__).parent.iterdir() if _is_library(path.name)]
+    return ctypes.CDLL(str(path))
+
+
+def _is_library(name: str) -> bool:
+    return name.startswith(("libmujoco.", "mujoco.dll")) and any(end in name for end in (".so", ".dylib", ".dll"))
+
+
+def _external(name: str, returned: Any = types.void) -> Any:
+    llvm.add_symbol(name, ctypes.cast(getattr(library(), name), ctypes.c_void_p).value)
+    return types.ExternalFunction(name, returned(*_FUNCTIONS[name]))
+
+
+kinematics, com_pos, com_vel = (_external(name) for name in ("mj_kinematics", "mj_comPos", "mj_comVel"))
+fwd_position, fwd_velocity = _external("mj_fwdPosition"), _external("mj_fwdVelocity")
+fwd_actuation, fwd_acceleration = _external("mj_fwdActuation"), _external("mj_fwdAcceleration")
+euler, implicit = _external("mj_Euler"), _external("mj_implicit")
+sensor_pos, sensor_vel, sensor_acc = (_external(name) for name in ("mj_sensorPos", "mj_sensorVel", "mj_sensorAcc"))
+make_m, energy_pos, energy_vel = (_external(name) for name in ("mj_makeM", "mj_energyPos", "mj_energyVel"))
+tendon, collision, make_constraint = (_external(n) for n in ("mj_tendon", "mj_collision", "mj_makeConstraint"))
+integrate_pos, rne, mul_m = (_external(name) for name in ("mj_integratePos", "mj_rne", "mj_mulM"))
+mul_jac_t_vec = _external("mj_mulJacTVec")
+get_state, set_state = _external("mj_getState"), _external("mj_setState")
+is_sparse, make_data = _external("mj_isSparse", types.int32), _external("mj_makeData", types.int64)
+
+
+@cache
+def callbacks() -> np.ndarray:
+    """Return where MuJoCo keeps its callbacks, int64."""
+    names = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter", "sensor")
+    places = [ctypes.addressof(ctypes.c_void_p.in_dll(library(), f"mjcb_{name}")) for name in names]
+    return np.array(places, dtype=np.int64)

@@ -1,0 +1,170 @@
+"""What a world remembers from step to step in compiled code: the impulses of the last step, and some numbers."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+
+from impactlaw.solvers.cones.loops import kernel, plain
+from impactlaw.stepping.time_stepping.compiled.fields import floats, longs, table_ints
+
+
+class Memory(NamedTuple):
+    """Places in the row of numbers of a world; what is left and gained follows.
+
+    Attributes:
+        block: address of the impulses of the last step, an int64.
+        capacity: bytes there, an int64.
+        other: another such address: the impulses of the step before the last one.
+        other_capacity: bytes there, an int64.
+        groups: of the last step, an int64.
+        rows: of the last step, an int64.
+        known: whether there was a last step, and the state that it left is the one of now if it looks the same, int64.
+        solved: whether the last step with contact has met its law, an int64.
+        steps: taken so far.
+        short_steps: of these, steps that have missed it.
+        impacts: steps so far with a collision.
+        collided: 1 if the last step had one.
+        shortfall: largest amount by which a contact velocity of the last step misses its law, m/s or rad/s.
+        worst: the largest of these so far.
+        created: energy that the law would have created in the last step, J.
+        left: nothing but the number of places: here qpos and qvel begin that the last step has left, and after them
+            the velocity that forces have led to without contact in the last step.
+    """
+
+    block: int = 0
+    capacity: int = 1
+    groups: int = 2
+    rows: int = 3
+    other: int = 4
+    other_capacity: int = 5
+    known: int = 6
+    solved: int = 7
+    steps: int = 8
+    short_steps: int = 9
+    impacts: int = 10
+    collided: int = 11
+    shortfall: int = 12
+    worst: int = 13
+    created: int = 14
+    left: int = 15
+
+
+MEMORY = Memory()
+
+
+def _external(name: str, *arguments: object) -> object:
+    return types.ExternalFunction(name, types.int64(*arguments))
+
+
+_LIBC = ctypes.CDLL(None)
+_LIBC.realloc.restype = ctypes.c_size_t
+_LIBC.realloc.argtypes = [ctypes.c_void_p, ctypes.c_size_t]
+_LIBC.free.restype = None
+_realloc: Any = _external("realloc", types.int64, types.int64)
+
+
+@kernel
+def last_step(counts):
+    """Return groups, keys, coefficients and impulses of the last step; see `contact_problem.recall`."""
+    g, n, block = counts[MEMORY.groups], counts[MEMORY.rows], counts[MEMORY.block]
+    keys = block
+    scale = keys + 8 * g
+    impulses = scale + 8 * n
+    return table_ints(impulses + 8 * n, 4, g), longs(keys, g), floats(scale, n), floats(impulses, n)
+
+
+@plain
+def forget(counts):
+    """Forget the impulses of the last step."""
+    counts[MEMORY.groups] = counts[MEMORY.rows] = 0
+
+
+@kernel
+def remember(counts, groups, key, scale, impulses):
+    """Keep groups, keys, coefficients and impulses of a step."""
+    g, n = len(key), len(scale)
+    needed = 8 * g + 16 * n + 16 * g
+    block, capacity = counts[MEMORY.other], counts[MEMORY.other_capacity]
+    if capacity < needed:
+        capacity = 2 * needed
+        block = _realloc(block, capacity)
+    counts[MEMORY.other], counts[MEMORY.other_capacity] = counts[MEMORY.block], counts[MEMORY.capacity]
+    counts[MEMORY.block], counts[MEMORY.capacity] = block, capacity
+    counts[MEMORY.groups], counts[MEMORY.rows] = g, n
+    to_groups, to_key, to_scale, to_impulses = last_step(counts)
+    to_groups[:] = groups
+    to_key[:] = key
+    to_scale[:] = scale
+    to_impulses[:] = impulses
+
+
+@kernel
+def go_back(memory, before):
+    """Let the memory be what it was, but for where impulses are kept; the impulses are forgotten."""
+    counts = memory.view(np.int64)
+    mine = counts[: MEMORY.other_capacity + 1].copy()
+    for i in range(len(memory)):
+        memory[i] = before[i]
+    for i in range(len(mine)):
+        counts[i] = mine[i]
+    forget(counts)
+
+
+def make_memory(numbers: int, worlds: int) -> np.ndarray:
+    """Return the memory of some worlds that have nothing to remember, (worlds, n)."""
+    memory = np.zeros((worlds, len(MEMORY) - 1 + numbers))
+    memory.view(np.int64)[:, MEMORY.solved] = 1
+    return memory
+
+
+def free(memory: np.ndarray) -> None:
+    """Give the memory of impulses back."""
+    for counts in memory.view(np.int64):
+        for place in (MEMORY.block, MEMORY.other):
+            _LIBC.free(ctypes.c_void_p(int(counts[place])))
+            counts[place] = 0
+        counts[[MEMORY.capacity, MEMORY.other_capacity, MEMORY.groups, MEMORY.rows]] = 0
+
+
+class Known(NamedTuple):
+    """What `contact_problem.recall` takes: groups, keys, coefficients and impulses of a step."""
+
+    groups: np.ndarray
+    key: np.ndarray
+    scale: np.ndarray
+    impulses: np.ndarray
+
+
+def raw(numbers: np.ndarray) -> bytes:
+    """Return a copy of the impulses that the numbers of a world tell of; its block must not have been written since."""
+    block, _, g, n = numbers[: MEMORY.rows + 1].view(np.int64).tolist()
+    return ctypes.string_at(block, 24 * g + 16 * n) if g else b""
+
+
+def recollect(numbers: np.ndarray, impulses: bytes) -> Known:
+    """Return the impulses that the numbers of a world tell of, from what `raw` returned."""
+    g, n = numbers[MEMORY.groups : MEMORY.rows + 1].view(np.int64).tolist()
+    parts = (np.int64, g), (np.float64, n), (np.float64, n), (np.int32, 4 * g)
+    found, at = [], 0
+    for kind, many in parts:
+        size = many * np.dtype(kind).itemsize
+        found.append(np.frombuffer(impulses[at : at + size], kind).copy())
+        at += size
+    key, scale, x, groups = found
+    return Known(groups.reshape(4, g), key, scale, x)
+
+
+def restore(numbers: np.ndarray, kept: np.ndarray, impulses: bytes) -> None:
+    """Let a world that has nothing to remember have the memory of another one."""
+    counts, mine = numbers.view(np.int64), [MEMORY.block, MEMORY.capacity, MEMORY.other, MEMORY.other_capacity]
+    blocks = counts[mine].copy()
+    numbers[:] = kept
+    counts[mine] = blocks
+    if impulses:
+        counts[MEMORY.block] = block = _LIBC.realloc(ctypes.c_void_p(int(counts[MEMORY.block])), len(impulses))
+        counts[MEMORY.capacity] = len(impulses)
+        ctypes.memmove(block, impulses, len(impulses))

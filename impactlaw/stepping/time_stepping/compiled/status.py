@@ -1,0 +1,17 @@
+"""How a step in compiled code has ended."""
+
+FINE = 0
+HUGE_INPUT = 1
+"""The state is not finite, or huge."""
+HUGE_OUTPUT = 2
+"""Position or velocity is not finite, or huge, at the end."""
+NOT_FINITE = 3
+"""The forces are not."""
+CREATES = 4
+"""The law would create energy."""
+UNKNOWN = 5
+"""The restitution of a contact is not known yet."""
+TIMESTEP = 6
+"""It is not positive, or not finite."""
+CALLBACK = 7
+"""A callback of MuJoCo is set."""

@@ -1,0 +1,208 @@
+"""Time stepping of one world in compiled code; what that does not take is stepped by the scheme in Python."""
+
+from __future__ import annotations
+
+import ctypes
+import warnings
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from impactlaw.errors import DivergenceError, InadmissibleImpactError, UncompiledWarning
+from impactlaw.laws import Law
+from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.integration import check_input, check_timestep, empty_state, restore_state
+from impactlaw.stepping.time_stepping.compiled import memory, status
+from impactlaw.stepping.time_stepping.compiled.borrow import room
+from impactlaw.stepping.time_stepping.compiled.engine import Pool
+from impactlaw.stepping.time_stepping.compiled.entry import CONTEXT, single
+from impactlaw.stepping.time_stepping.compiled.fields import DATA, SIZE
+from impactlaw.stepping.time_stepping.compiled.law_table import Coefficients, reason
+from impactlaw.stepping.time_stepping.compiled.layout import table
+from impactlaw.stepping.time_stepping.compiled.libmujoco import callbacks
+from impactlaw.stepping.time_stepping.compiled.memory import MEMORY
+from impactlaw.stepping.time_stepping.compiled.world import SETTING
+from impactlaw.stepping.time_stepping.scheme import TimeStepping
+
+_EMPTY = "<mujoco/>"
+
+
+class CompiledStepping:
+    """Time stepping in compiled code; see `scheme.TimeStepping`, whose interface it has.
+
+    Args:
+        scheme: the scheme in Python, whose options it has, and which takes what compiled code does not.
+        warn: whether to warn where it does.
+    """
+
+    def __init__(self, scheme: TimeStepping, *, warn: bool):
+        self._scheme, self._warn = scheme, warn
+        model = scheme.model
+        numbers = model.nq + 2 * model.nv
+        self._memory, self._before = memory.make_memory(numbers, 1), np.zeros(len(MEMORY) - 1 + numbers)
+        self.unlocated = 0
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Make room for what a step needs, and take over the options of the scheme."""
+        model: Any = self._scheme.model
+        self._model, self._numbers = model, self._memory[0]
+        self._counts, self._state = self._numbers.view(np.int64), empty_state(model)
+        self._table, self._callbacks = table(), callbacks()
+        self._structure = np.zeros(int(self._table[SIZE.model]) // 8)
+        self._margins, self._settings = np.zeros(room(model)), np.zeros(len(SETTING))
+        self._bilateral, self._scratch = self._scheme.bilateral.astype(np.uint8), mujoco.MjData(model)
+        self._pool: Pool | None = None
+        self._context = np.zeros(len(CONTEXT), np.int64)
+        self._at = self._context.ctypes.data
+        self._take_over()
+
+    def _take_over(self) -> None:
+        """Take over the law and the options of the scheme."""
+        self._coefficients, self._reason = Coefficients(self._scheme), reason(self._scheme)
+        self._settings[:] = self._scheme.settings()
+        self._write_context()
+        if self._reason is not None:
+            self._tell(self._reason)
+
+    def _tell(self, why: str) -> None:
+        if self._warn:
+            self._warn = False
+            warnings.warn(f"steps are not compiled, but in Python: {why}", UncompiledWarning, stacklevel=5)
+
+    def _write_context(self) -> None:
+        """Tell compiled code where all is."""
+        scratch: Any = self._scratch
+        arrays = {
+            "table": self._table, "settings": self._settings, "sizes": self._scheme.sizes,
+            "bilateral": self._bilateral, "keys": self._coefficients.key, "values": self._coefficients.value,
+            "memory": self._memory, "structure": self._structure, "margins": self._margins, "state": self._state,
+            "before": self._before, "callbacks": self._callbacks,
+        }  # fmt: skip
+        values = {name: array.ctypes.data for name, array in arrays.items()}
+        values |= {
+            "model": self._model._address, "scratch": scratch._address, "known": len(self._coefficients.key),
+            "memories": self._memory.shape[1], "margin_count": len(self._margins), "states": len(self._state),
+            "callback_count": len(self._callbacks),
+        }  # fmt: skip
+        for name, value in values.items():
+            self._context[getattr(CONTEXT, name)] = value
+
+    @property
+    def shortfall(self) -> float:
+        """See `scheme.TimeStepping`, like those that follow."""
+        return float(self._numbers[MEMORY.shortfall])
+
+    @property
+    def short_steps(self) -> int:
+        """Of both, compiled code and the scheme in Python."""
+        return int(self._numbers[MEMORY.short_steps]) + self._scheme.short_steps
+
+    @property
+    def solved(self) -> bool:
+        """Whether the last step with contact has met the law."""
+        return bool(self._counts[MEMORY.solved])
+
+    def set_law(self, law: Law) -> None:
+        """Let the collisions of the next steps be by another law."""
+        self._scheme.set_law(law)
+        self._take_over()
+
+    def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
+        """Advance by one timestep and return what tells its collisions; data is back where it was after an error."""
+        if self._reason is not None:
+            return self._in_python(data)
+        if self._pool is None:
+            if any(ctypes.c_size_t.from_address(place).value for place in self._callbacks.tolist()):
+                return self._in_python(data)
+            self._pool = Pool(mujoco.MjModel.from_xml_string(_EMPTY), 1, 1, persistent=True)
+        context, world, apply = self._context, data, self._pool.apply
+        context[CONTEXT.data] = world._address  # pyright: ignore[reportAttributeAccessIssue]
+        while True:
+            if apply(single.address, self._at, save=False):
+                self._fail(data, self._pool.error(0))
+            how = int(context[CONTEXT.status])
+            if how == status.FINE:
+                break
+            if how == status.CALLBACK:
+                self._tell("a callback of MuJoCo is set")
+                return self._in_python(data)
+            if how != status.UNKNOWN:
+                raise self._error(how, data)
+            self._coefficients.learn(int(context[CONTEXT.asked]))
+            self._write_context()
+        if self._numbers[MEMORY.collided] == 0.0:
+            return ()
+        return _Replay(self._scheme, self._state.copy(), self._before.copy()).events
+
+    def _in_python(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
+        self._counts[MEMORY.known] = 0
+        events = self._scheme.step(data)
+        self._numbers[MEMORY.shortfall], self._counts[MEMORY.solved] = self._scheme.shortfall, self._scheme.solved
+        return events
+
+    def _fail(self, data: mujoco.MjData, message: str) -> None:
+        """Raise what MuJoCo has said, with data where it was."""
+        world = data
+        for place in (DATA.pstack, DATA.pbase):  # what was on MuJoCo's stack is lost
+            ctypes.c_size_t.from_address(world._address + int(self._table[place])).value = 0  # pyright: ignore[reportAttributeAccessIssue]
+        restore_state(self._model, data, self._state)
+        raise mujoco.FatalError(message)
+
+    def _error(self, how: int, data: mujoco.MjData) -> Exception:
+        """Return what has gone wrong."""
+        if how == status.TIMESTEP:
+            check_timestep(self._model.opt.timestep)
+        if how == status.HUGE_INPUT:
+            check_input(self._model, data, self._state)
+        if how == status.CREATES:
+            return InadmissibleImpactError(
+                f"{self._scheme.law!r} creates {self._numbers[MEMORY.created]:.3g} J at t = {data.time:.6g} s; choose "
+                'a dissipative law, or on_inadmissible="project" or "allow"'
+            )
+        if how == status.NOT_FINITE:
+            return DivergenceError(f"the forces at t = {data.time:.6g} s are not finite")
+        return DivergenceError(f"position or velocity is not finite, or huge, at t = {data.time:.6g} s")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy goes on from what this one remembers."""
+        known = memory.raw(self._numbers)
+        return {"scheme": self._scheme, "warn": self._warn, "numbers": self._numbers.copy(), "known": known}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Go on."""
+        self.__init__(state["scheme"], warn=state["warn"])
+        memory.restore(self._numbers, state["numbers"], state["known"])
+
+    def __del__(self):
+        """Give memory back."""
+        if hasattr(self, "_memory"):
+            memory.free(self._memory)
+
+
+class _Replay:
+    """The collision of a step, told by the scheme in Python, which takes that step once more if somebody asks."""
+
+    def __init__(self, scheme: TimeStepping, state: np.ndarray, numbers: np.ndarray):
+        self._scheme, self._state, self._numbers = scheme, state, numbers
+        self._impulses = memory.raw(numbers)
+
+    def events(self) -> tuple[ImpactEvent, ...]:
+        """Return the collision as an event."""
+        return self._events
+
+    @cached_property
+    def _events(self) -> tuple[ImpactEvent, ...]:
+        scheme, model = self._scheme, self._scheme.model
+        data, kept = mujoco.MjData(model), scheme.short_steps
+        restore_state(model, data, self._state)
+        counts = self._numbers.view(np.int64)
+        gained = self._numbers[MEMORY.left + model.nq + model.nv :]
+        known = memory.recollect(self._numbers, self._impulses)
+        scheme.resume(data, known, gained, solved=bool(counts[MEMORY.solved]))
+        told = scheme.step(data)
+        scheme.short_steps = kept
+        return told() if callable(told) else told

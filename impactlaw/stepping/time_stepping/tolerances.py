@@ -1,0 +1,29 @@
+"""The numbers of the scheme."""
+
+from __future__ import annotations
+
+import mujoco
+
+REST_SPEED = 1e-3
+"""Closing speed, m/s or rad/s, up to which a contact does not collide, if forces are not faster within a step."""
+
+RESOLVED = 0.05
+"""Closing speed, m/s or rad/s, from which a contact always collides."""
+
+SHORTFALL_LIMIT = 1e-6
+"""Part of the largest contact velocity of a step by which a step may miss its law without being counted."""
+
+MANY_ROUNDS = 24
+"""Rounds of the slower solvers, where Newton's method fails."""
+FEW_ROUNDS = 1
+"""Rounds of these where they have failed in the step before, too."""
+LOOKS = 3
+"""Looks at contacts at most, for those that the velocity after a collision closes."""
+STIFF = 1e-6
+"""Part of their compliance that equality constraints keep in a collision."""
+SLOWEST = 1e-2
+"""Velocity below which shortfalls are compared with this, m/s."""
+SHARES = 0.2, 0.0
+"""What is left of margins where there are too many contacts."""
+HUGE = mujoco.mjMAXVAL
+"""MuJoCo takes larger numbers for a mistake."""

@@ -1,0 +1,158 @@
+"""Many worlds step as single ones do, whatever the number of threads."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from impactlaw import Batch, Coulomb, Fremond, Moreau, Newton, Stepper
+from impactlaw.errors import RestitutionError, SceneError, WorldsFailedError
+
+SCENE = """<mujoco><option timestep="0.005"/><worldbody><geom name="floor" type="plane" size="3 3 1" friction=".7"/>
+  <body pos="0 0 .4"><freejoint/><geom name="box" type="box" size=".1 .08 .06" condim="4"/></body>
+  <body pos=".1 0 .7"><freejoint/><geom name="ball" size=".07" condim="6" friction=".5 .01 .001"/></body>
+  <body pos="-.6 0 .5"><joint name="a" axis="0 1 0" range="-40 40"/><geom name="arm" size=".06" pos=".2 0 0"/></body>
+  </worldbody><actuator><motor joint="a" gear="2"/></actuator>
+  <keyframe><key name="turned" qpos="0 0 .5 0 1 0 0 .3 0 .9 1 0 0 0 .2"/></keyframe></mujoco>"""
+WORLDS = 12
+
+
+@pytest.fixture(scope="module")
+def model() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(SCENE)
+
+
+def _throw(batch: Batch, seed: int = 0) -> np.ndarray:
+    """Give each world a velocity of its own, and return these."""
+    velocity = np.random.default_rng(seed).normal(size=(batch.nsim, batch.model.nv))
+    batch.bind("qvel")[:] = velocity
+    return velocity
+
+
+def _stepped(model: mujoco.MjModel, law: Moreau | Newton, velocity: np.ndarray, steps: int) -> mujoco.MjData:
+    stepper, data = Stepper(model, law, scheme="time-stepping", compiled="never"), mujoco.MjData(model)
+    data.qvel[:] = velocity
+    for _ in range(steps):
+        stepper.step(data)
+    return data
+
+
+@pytest.mark.parametrize("nstep", [1, 5])
+def test_each_world_is_that_of_a_stepper(model: mujoco.MjModel, nstep: int):
+    batch = Batch(model, Moreau(0.5), WORLDS, 2)
+    velocity = _throw(batch)
+    for _ in range(100 // nstep):
+        batch.step(nstep=nstep)
+    assert (batch.impact_count > 0).all()
+    assert batch.shortfall.max() < 1e-6
+    for world in range(WORLDS):
+        data = _stepped(model, Moreau(0.5), velocity[world], 100)
+        np.testing.assert_allclose(batch.bind("qpos")[world], data.qpos, atol=1e-8)
+        np.testing.assert_allclose(batch.bind("qvel")[world], data.qvel, atol=1e-6)
+        assert batch.bind("time")[world] == pytest.approx(data.time)
+
+
+def test_results_do_not_depend_on_threads(model: mujoco.MjModel):
+    ends = []
+    for threads in (1, 2, 4):
+        batch = Batch(model, Moreau(0.5), WORLDS, threads)
+        assert batch.nthread == threads
+        _throw(batch)
+        for _ in range(40):
+            batch.step(nstep=3)
+        ends.append(batch.state.copy())
+    assert np.array_equal(ends[0], ends[1])
+    assert np.array_equal(ends[0], ends[2])
+
+
+def test_worlds_have_laws_and_restitution_of_their_own(model: mujoco.MjModel):
+    laws = [
+        Moreau(0.1),
+        Newton({("ball", "floor"): 0.9}, default=0.3),
+        Coulomb(Moreau(0.7), tangential_restitution=0.2),
+    ]
+    batch = Batch(model, laws * 2, 6, 2)
+    velocity = _throw(batch)
+    batch.restitution[3] = 0.8
+    batch.step(nstep=100)
+    own = [*laws, Moreau(0.8), *laws[1:]]
+    for world in range(6):
+        data = _stepped(model, own[world], velocity[world], 100)
+        np.testing.assert_allclose(batch.bind("qpos")[world], data.qpos, atol=1e-8)
+
+
+def test_worlds_have_parameters_of_their_own(model: mujoco.MjModel):
+    batch = Batch(model, Moreau(0.5), 3, 1)
+    friction = batch.expand("geom_friction")
+    friction[1, :, 0] = 0.1
+    velocity = np.random.default_rng(3).normal(size=model.nv)
+    batch.bind("qvel")[:] = velocity
+    batch.step(nstep=150)
+    ends = batch.bind("qpos")
+    assert np.array_equal(ends[0], ends[2])
+    own = mujoco.MjModel.from_xml_string(SCENE)
+    own.geom_friction[:, 0] = 0.1
+    np.testing.assert_allclose(ends[1], _stepped(own, Moreau(0.5), velocity, 150).qpos, atol=1e-8)
+    assert np.abs(ends[1] - ends[0]).max() > 1e-3
+
+
+def test_some_worlds_are_stepped_and_reset(model: mujoco.MjModel):
+    batch = Batch(model, Moreau(0.5), 4, 2)
+    _throw(batch)
+    batch.step(ids=[1, 3], nstep=60)
+    assert batch.bind("time") == pytest.approx([0.0, 0.3, 0.0, 0.3])
+    kept = batch.state[3].copy()
+    batch.reset([1], keyframe=0)
+    assert np.array_equal(batch.bind("qpos")[1], model.key_qpos[0])
+    assert batch.impact_count[1] == 0
+    assert np.array_equal(batch.state[3], kept)
+    assert np.array_equal(batch.get_data(3).qpos, batch.bind("qpos")[3])
+
+
+def test_a_world_fails_alone(model: mujoco.MjModel):
+    batch, other = Batch(model, Moreau(0.5), 4, 2), Batch(model, Moreau(0.5), 4, 1)
+    _throw(batch)
+    _throw(other)
+    batch.bind("qvel")[2, 0] = np.nan
+    before = batch.state[2].copy()
+    with pytest.raises(WorldsFailedError, match="not finite") as caught:
+        batch.step(nstep=50)
+    assert list(caught.value.worlds) == [2]
+    np.testing.assert_array_equal(batch.state[2], before)
+    other.step(nstep=50)
+    for world in (0, 1, 3):
+        assert np.array_equal(batch.state[world], other.state[world])
+
+
+def test_an_error_of_the_engine_is_one_of_its_world():
+    tight = mujoco.MjModel.from_xml_string(SCENE.replace("<worldbody>", '<size memory="14K"/><worldbody>', 1))
+    batch = Batch(tight, Moreau(0.5), 3, 1)
+    batch.bind("qpos")[0, 2], batch.bind("qpos")[0, 9] = 30.0, 40.0  # nothing is near in world 0
+    with pytest.raises(WorldsFailedError, match="memory") as caught:
+        for _ in range(200):
+            batch.step()
+    assert 0 not in caught.value.worlds
+
+
+def test_what_a_batch_does_not_take(model: mujoco.MjModel):
+    with pytest.raises(SceneError, match="looks at all contacts"):
+        Batch(model, Fremond({("box/floor", "ball/floor"): 0.5}), 2)
+    with pytest.raises(SceneError, match="need as many laws"):
+        Batch(model, [Moreau(0.5)], 2)
+    batch = Batch(model, Newton({("ball", "floor"): 0.9}), 2, 1)
+    with pytest.raises(RestitutionError, match="no restitution for contact"):
+        batch.step(nstep=200)
+
+
+def test_fields_of_the_step_are_bound(model: mujoco.MjModel):
+    batch = Batch(model, Moreau(0.5), 2, 1)
+    place = batch.bind("xpos")
+    batch.step(nstep=10)
+    data = batch.get_data(1)
+    mujoco.mj_kinematics(model, data)
+    np.testing.assert_allclose(place[1], data.xpos, atol=1e-12)
+    with pytest.raises(ValueError, match="read-only"):
+        place[0] = 0.0
+    with pytest.raises(Exception, match="xpo"):
+        batch.bind("xpo")

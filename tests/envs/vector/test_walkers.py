@@ -1,0 +1,80 @@
+"""Many worlds of gymnasium's robots are as gymnasium's own environments, but for contact."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+import impactlaw.envs  # noqa: F401
+from impactlaw import Moreau, Stepper
+from impactlaw.envs.vector.worlds import VectorWorlds
+
+NAMES = ["Hopper-v5", "Walker2d-v5", "HalfCheetah-v5"]
+
+
+def make(name: str, num_envs: int, **options: Any) -> VectorWorlds:
+    env = gymnasium.make_vec(f"impactlaw/{name}", num_envs=num_envs, vectorization_mode="vector_entry_point", **options)
+    assert isinstance(env, VectorWorlds)
+    return env
+
+
+class Alone:
+    """Gymnasium's own environment, with the steps of a `Stepper`."""
+
+    def __init__(self, name: str, restitution: float):
+        self.env: Any = gymnasium.make(name).unwrapped
+        self.stepper = Stepper(self.env.model, Moreau(restitution), scheme="time-stepping")
+        self.env._step_mujoco_simulation = self._step
+
+    def _step(self, ctrl: np.ndarray, frames: int) -> None:
+        self.env.data.ctrl[:] = ctrl
+        for _ in range(frames):
+            self.stepper.step(self.env.data)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_observations_rewards_and_ends_are_gymnasiums(name: str):
+    worlds, rng = make(name, 3, restitution=0.3, nthread=2), np.random.default_rng(0)
+    singles = [Alone(name, 0.3) for _ in range(3)]
+    observed, _ = worlds.reset(seed=7)
+    for i, single in enumerate(singles):
+        np.testing.assert_allclose(observed[i], single.env.reset(seed=7 + i)[0], atol=1e-12)
+    over, ended = np.zeros(3, bool), 0
+    for _ in range(150):
+        action = rng.uniform(-1.0, 1.0, worlds.action_space.shape).astype(np.float32)
+        observed, reward, terminated, _, info = worlds.step(action)
+        for i, single in enumerate(singles):
+            if over[i]:  # reset by this step
+                np.testing.assert_allclose(observed[i], single.env.reset()[0], atol=1e-12)
+                assert reward[i] == 0.0
+                continue
+            mine, gain, end, _, told = single.env.step(action[i])
+            np.testing.assert_allclose(observed[i], mine, atol=1e-6)
+            assert reward[i] == pytest.approx(gain, abs=1e-6)
+            assert terminated[i] == end
+            assert info["x_velocity"][i] == pytest.approx(told["x_velocity"], abs=1e-6)
+        over, ended = terminated.copy(), ended + int(terminated.sum())
+    assert ended > 0 or name == "HalfCheetah-v5"
+
+
+def test_episodes_are_truncated_and_begin_anew():
+    worlds = make("HalfCheetah-v5", 2, max_episode_steps=5)
+    assert worlds.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    worlds.reset(seed=0)
+    action = np.zeros_like(worlds.action_space.sample())
+    ends = [worlds.step(action)[3].tolist() for _ in range(12)]
+    assert [i for i, (one, other) in enumerate(ends) if one and other] == [4, 10]
+
+
+def test_worlds_have_laws_of_their_own():
+    worlds = make("Hopper-v5", 2, law=[Moreau(0.0), Moreau(0.9)])
+    observed, _ = worlds.reset(seed=[3, 3])
+    action = np.zeros_like(worlds.action_space.sample())
+    for _ in range(12):
+        observed = worlds.step(action)[0]
+    assert np.abs(observed[0] - observed[1]).max() > 1e-3
+    assert worlds.batch.restitution.tolist() == [0.0, 0.9]
