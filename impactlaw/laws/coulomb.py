@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
 from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem
-from impactlaw.solvers.friction.solve import BRIEF, THOROUGH, shared, solve_cones
+from impactlaw.solvers.friction.solve import BRIEF, THOROUGH, Effort, shared, solve_cones
 from impactlaw.solvers.problem import Status
 
 _CREATED = 1e-12
@@ -24,18 +24,6 @@ _SEARCHES = 60
 _FOUND = 1e-10  # width of the bracket of s that is narrow enough
 _SOLVABLE = 0.03  # the same where beyond the bracket no impact was found
 _CLOSE = 1e-11  # energy lost, relative to the one before, that is as good as none
-
-
-class Effort(Protocol):
-    """How much work a collision may take."""
-
-    def rounds(self, rows: int) -> int:
-        """Return how many rounds a problem of so many rows may have where Newton's method fails."""
-        ...
-
-    def attempt(self, rows: int, steps: int) -> None:
-        """Count one attempt, which took so many steps; raise to end the matter."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -125,7 +113,7 @@ class Coulomb(Law):
         if collision.friction is None or not len(collision.friction):
             return self.law.resolve(collision, solver=solver)
         if isinstance(self.law, Poisson):
-            return resolve_phases(self, self.law, collision, effort=effort)
+            return resolve_phases(self.law, collision, exact=self.cone == "exact", effort=effort)
         wanted = np.asarray(self.target(collision).contact_velocity, dtype=float)
         attempt = _Attempt(self, collision, wanted, effort)
         impact, answer = attempt(1.0, None, THOROUGH)

@@ -10,11 +10,10 @@ from impactlaw.errors import SolverError
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_gradients
 from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem
-from impactlaw.solvers.friction.solve import THOROUGH, solve_cones
+from impactlaw.solvers.friction.solve import THOROUGH, Effort, solve_cones
 from impactlaw.solvers.problem import Status
 
 if TYPE_CHECKING:
-    from impactlaw.laws.coulomb import Coulomb, Effort
     from impactlaw.laws.poisson import Poisson
 
 _CREATED = 1e-12  # energy, relative to the one before, up to which its creation is rounding
@@ -109,23 +108,20 @@ class TwoPhases:
         return answer
 
 
-def resolve_phases(
-    law: Coulomb, inner: Poisson, collision: Collision, *, effort: Effort | None = None
-) -> FrictionImpact:
+def resolve_phases(law: Poisson, collision: Collision, *, exact: bool, effort: Effort | None = None) -> FrictionImpact:
     """Return the impact of Poisson's law with friction.
 
     Args:
-        law: with the cone.
-        inner: the coefficients.
+        law: with the coefficients.
         collision: with rows of friction.
+        exact: exact Coulomb friction, or its convex relaxation.
         effort: limits the work; without it no effort is spared.
 
     Raises:
         RestitutionError: the coefficients do not fit the contacts.
         SolverError: no answer passed its certificate.
     """
-    exact = law.cone == "exact"
-    phases = TwoPhases(collision, inner.coefficients(collision), exact=exact, effort=effort)
+    phases = TwoPhases(collision, law.coefficients(collision), exact=exact, effort=effort)
     s, low, high = 1.0, 0.0, 1.0
     impulse, jump = phases.outcome(1.0)
     if phases.created(jump, impulse) > _CREATED:

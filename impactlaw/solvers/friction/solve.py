@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from impactlaw.solvers.friction.problem import ENOUGH, ConeAnswer, ConeProblem
@@ -19,6 +21,18 @@ BRIEF = 8
 """Rounds that are worth their time within a step."""
 STEPS_OF_A_ROUND = 150
 """Steps that a round usually has."""
+
+
+class Effort(Protocol):
+    """How much work a collision may take."""
+
+    def rounds(self, rows: int) -> int:
+        """Return how many rounds a problem of so many rows may have where Newton's method fails."""
+        ...
+
+    def attempt(self, rows: int, steps: int) -> None:
+        """Count one attempt, which took so many steps; raise to end the matter."""
+        ...
 
 
 def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, rounds: int = THOROUGH) -> ConeAnswer:
