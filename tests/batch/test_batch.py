@@ -140,9 +140,12 @@ def test_what_a_batch_does_not_take(model: mujoco.MjModel):
         Batch(model, Fremond({("box/floor", "ball/floor"): 0.5}), 2)
     with pytest.raises(SceneError, match="need as many laws"):
         Batch(model, [Moreau(0.5)], 2)
-    batch = Batch(model, Newton({("ball", "floor"): 0.9}), 2, 1)
-    with pytest.raises(RestitutionError, match="no restitution for contact"):
-        batch.step(nstep=200)
+    with pytest.raises(RestitutionError, match="no restitution for contacts"):
+        Batch(model, Newton({("ball", "floor"): 0.9}), 2, 1)
+    batch = Batch(model, Moreau(0.5), 2, 1)
+    with pytest.raises(RestitutionError, match="no restitution for contacts"):
+        batch.set_law(Newton({("ball", "floor"): 0.9}), [1])
+    assert batch.restitution.tolist() == [0.5, 0.5]
 
 
 def test_fields_of_the_step_are_bound(model: mujoco.MjModel):

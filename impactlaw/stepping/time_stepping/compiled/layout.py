@@ -69,6 +69,10 @@ def _named(name: str, known: dict[str, Any]) -> Any:
     return known[name]
 
 
+def _names(fields: Any) -> tuple[str, ...]:
+    return tuple(type(fields).__annotations__)
+
+
 @cache
 def table() -> np.ndarray:
     """Return the offsets of all fields in `fields`, in its order, and the sizes of structures, bytes, int64.
@@ -80,11 +84,11 @@ def table() -> np.ndarray:
     model, data, contact = (_named(name, known) for name in ("mjModel", "mjData", "mjContact"))
     option = model.opt.offset
     kind: Any = _named("mjOption", known)
-    offsets = [getattr(data, name).offset for name in DATA._fields]
-    for name in MODEL._fields:
+    offsets = [getattr(data, name).offset for name in _names(DATA)]
+    for name in _names(MODEL):
         inner = name.removeprefix("opt_")
         offsets.append(getattr(model, name).offset if inner == name else option + getattr(kind, inner).offset)
-    offsets += [getattr(contact, name).offset for name in CONTACT._fields]
+    offsets += [getattr(contact, name).offset for name in _names(CONTACT)]
     offsets += [ctypes.sizeof(model), ctypes.sizeof(contact)]
     found = np.array(offsets, dtype=np.int64)
     _check(found)
@@ -110,7 +114,7 @@ def _check(offsets: np.ndarray) -> None:
     pointers = [(data._address, DATA, data), (model._address, MODEL, model)]
     wrong = []
     for address, fields, owner in pointers:
-        for name, index in zip(fields._fields, fields, strict=True):
+        for name, index in zip(_names(fields), fields, strict=True):
             array = getattr(owner, name, None)
             if not isinstance(array, np.ndarray) or not array.size:
                 continue

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from impactlaw import Coulomb, Fremond, Law, MaximalDissipation, Moreau, Newton, Stepper
-from impactlaw.errors import DivergenceError, InadmissibleImpactError, RestitutionError, UncompiledWarning
+from impactlaw.errors import DivergenceError, InadmissibleImpactError, UncompiledWarning
 from impactlaw.stepping.time_stepping.compiled.memory import MEMORY, raw, recollect
 from impactlaw.stepping.time_stepping.compiled.stepping import CompiledStepping
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
@@ -194,17 +194,6 @@ def test_states_that_are_not_finite_are_refused_and_kept():
     with pytest.raises(Exception, match="timestep must be positive"):
         ours.step(one)
     assert one.time == 0.0
-
-
-def test_contacts_that_the_law_does_not_name():
-    model = mujoco.MjModel.from_xml_string(SCENE.format(**VARIANTS[0]))
-    ours, one = _compiled(model, Newton({("ball", "floor"): 0.9})), mujoco.MjData(model)
-    before = one.qpos.copy()
-    with pytest.raises(RestitutionError, match="no restitution for contact"):
-        for _ in range(200):
-            before[:] = one.qpos
-            ours.step(one)
-    assert np.array_equal(one.qpos, before)
 
 
 def test_laws_that_create_energy_are_refused_where_asked():
