@@ -93,7 +93,7 @@ def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bo
     if solver == "auto":
         if has_structure(problem):
             problem = problem.with_gradients(sparse(problem.gradients))
-        answer = None if problem.is_sparse else _with_all_active(problem)
+        answer = None if problem.is_sparse else with_all_active(problem)
         if answer is not None and problem.allows(answer.residual, GOOD):
             return share(problem, answer) if shared else answer
     elif not problem.is_sparse and len(parts := groups(problem)) > 1:
@@ -117,7 +117,7 @@ def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bo
     return share(problem, answer) if shared else answer
 
 
-def _with_all_active(problem: Problem) -> Answer | None:
+def with_all_active(problem: Problem) -> Answer | None:
     """Return the answer with an impulse at every contact, as most small problems have it; None if it has not."""
     return one_contact(problem) if len(problem.bound) == 1 else judge_active(problem, slice(None))
 

@@ -213,6 +213,11 @@ class Stepper:
         return self._events() if callable(self._events) else self._events
 
     @property
+    def stepping(self) -> RigidStepping | SoftStepping | TimeStepping | CompiledStepping:
+        """What takes the steps: its class tells the way, and whether compiled code covers scene and law."""
+        return self._stepping
+
+    @property
     def unlocated(self) -> int:
         """Steps so far that had more than max_events collisions, or were time stepped in part (event-driven)."""
         return self._stepping.unlocated

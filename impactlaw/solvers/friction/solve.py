@@ -56,15 +56,19 @@ def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, rounds
         if x is not None and (residual := problem.residual(x, problem.velocity(x))) <= _ALONE * problem.scale:
             return problem.answer(x, residual, Status.SOLVED, 0)
     x, residual, total = np.zeros(problem.shape), np.inf, 0
-    for _ in range(_AGAIN if rounds > BRIEF else 1):
-        x, taken = compiled_answer(problem, guess, rounds)
+    for _ in range(_AGAIN if rounds > BRIEF else 2):
+        found, taken = compiled_answer(problem, guess, rounds)
         total += taken
         with np.errstate(all="ignore"):
-            residual = problem.residual(x, problem.velocity(x))
-        if residual <= ENOUGH * problem.scale:
-            return problem.answer(x, residual, Status.SOLVED, total)
+            reached = problem.residual(found, problem.velocity(found))
+        enough = residual <= ENOUGH * problem.scale  # and once more from there made it sharper, or did not
+        if reached < residual:
+            x, residual = found, reached
+        if enough or residual <= _ALONE * problem.scale or (residual > ENOUGH * problem.scale and rounds <= BRIEF):
+            break
         guess = problem.unscaled(x)
-    return problem.answer(x, residual, Status.STOPPED, total)
+    status = Status.SOLVED if residual <= ENOUGH * problem.scale else Status.STOPPED
+    return problem.answer(x, residual, status, total)
 
 
 def cost(rows: int, freedoms: int) -> tuple[float, float]:

@@ -36,7 +36,7 @@ THREE_BALLS = {
     "moreau 1/2": (Moreau(0.5), (0.0, 1 / 2, 1 / 2), (1, 1 / 2)),
     "newton 1": (Newton(1.0), (-1 / 3, 2 / 3, 2 / 3), (4 / 3, 2 / 3)),
     "newton by contact": (
-        Newton({("ball1", "ball2"): 1.0, ("ball2", "ball3"): 0.3}),
+        Newton({("ball1", "ball2"): 1.0, ("ball2", "ball3"): 0.3}, default=0.0),
         (-1 / 3, 2 / 3, 2 / 3),
         (4 / 3, 2 / 3),
     ),

@@ -49,8 +49,8 @@ class CompiledStepping:
     def _prepare(self) -> None:
         """Make room for what a step needs, and take over the options of the scheme."""
         model: Any = self._scheme.model
-        self._model, self._numbers = model, self._memory[0]
-        self._counts, self._state = self._numbers.view(np.int64), empty_state(model)
+        self._model, self.numbers = model, self._memory[0]
+        self._counts, self._state = self.numbers.view(np.int64), empty_state(model)
         self._table, self._callbacks = table(), callbacks()
         self._structure = np.zeros(int(self._table[SIZE.model]) // 8)
         self._margins, self._settings = np.zeros(room(model)), np.zeros(len(SETTING))
@@ -94,12 +94,12 @@ class CompiledStepping:
     @property
     def shortfall(self) -> float:
         """See `scheme.TimeStepping`, like those that follow."""
-        return float(self._numbers[MEMORY.shortfall])
+        return float(self.numbers[MEMORY.shortfall])
 
     @property
     def short_steps(self) -> int:
         """Of both, compiled code and the scheme in Python."""
-        return int(self._numbers[MEMORY.short_steps]) + self._scheme.short_steps
+        return int(self.numbers[MEMORY.short_steps]) + self._scheme.short_steps
 
     @property
     def solved(self) -> bool:
@@ -134,14 +134,14 @@ class CompiledStepping:
                 raise self._error(how, data)
             self._coefficients.learn(int(context[CONTEXT.asked]))
             self._write_context()
-        if self._numbers[MEMORY.collided] == 0.0:
+        if self.numbers[MEMORY.collided] == 0.0:
             return ()
         return _Replay(self._scheme, self._state.copy(), self._before.copy()).events
 
     def _in_python(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
         self._counts[MEMORY.known] = 0
         events = self._scheme.step(data)
-        self._numbers[MEMORY.shortfall], self._counts[MEMORY.solved] = self._scheme.shortfall, self._scheme.solved
+        self.numbers[MEMORY.shortfall], self._counts[MEMORY.solved] = self._scheme.shortfall, self._scheme.solved
         return events
 
     def _fail(self, data: mujoco.MjData, message: str) -> None:
@@ -160,7 +160,7 @@ class CompiledStepping:
             check_input(self._model, data, self._state)
         if how == status.CREATES:
             return InadmissibleImpactError(
-                f"{self._scheme.law!r} creates {self._numbers[MEMORY.created]:.3g} J at t = {data.time:.6g} s; choose "
+                f"{self._scheme.law!r} creates {self.numbers[MEMORY.created]:.3g} J at t = {data.time:.6g} s; choose "
                 'a dissipative law, or on_inadmissible="project" or "allow"'
             )
         if how == status.NOT_FINITE:
@@ -169,13 +169,13 @@ class CompiledStepping:
 
     def __getstate__(self) -> dict[str, Any]:
         """A copy goes on from what this one remembers."""
-        known = memory.raw(self._numbers)
-        return {"scheme": self._scheme, "warn": self._warn, "numbers": self._numbers.copy(), "known": known}
+        known = memory.raw(self.numbers)
+        return {"scheme": self._scheme, "warn": self._warn, "numbers": self.numbers.copy(), "known": known}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Go on."""
         self.__init__(state["scheme"], warn=state["warn"])
-        memory.restore(self._numbers, state["numbers"], state["known"])
+        memory.restore(self.numbers, state["numbers"], state["known"])
 
     def __del__(self):
         """Give memory back."""
@@ -187,7 +187,7 @@ class _Replay:
     """The collision of a step, told by the scheme in Python, which takes that step once more if somebody asks."""
 
     def __init__(self, scheme: TimeStepping, state: np.ndarray, numbers: np.ndarray):
-        self._scheme, self._state, self._numbers = scheme, state, numbers
+        self._scheme, self._state, self.numbers = scheme, state, numbers
         self._impulses = memory.raw(numbers)
 
     def events(self) -> tuple[ImpactEvent, ...]:
@@ -199,9 +199,9 @@ class _Replay:
         scheme, model = self._scheme, self._scheme.model
         data, kept = mujoco.MjData(model), scheme.short_steps
         restore_state(model, data, self._state)
-        counts = self._numbers.view(np.int64)
-        gained = self._numbers[MEMORY.left + model.nq + model.nv :]
-        known = memory.recollect(self._numbers, self._impulses)
+        counts = self.numbers.view(np.int64)
+        gained = self.numbers[MEMORY.left + model.nq + model.nv :]
+        known = memory.recollect(self.numbers, self._impulses)
         scheme.resume(data, known, gained, solved=bool(counts[MEMORY.solved]))
         told = scheme.step(data)
         scheme.short_steps = kept

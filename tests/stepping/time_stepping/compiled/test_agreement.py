@@ -62,16 +62,16 @@ DERIVED = (
 
 def _compiled(model: mujoco.MjModel, law: Law, **options: object) -> Stepper:
     stepper = Stepper(model, law, scheme="time-stepping", compiled="auto", **options)  # pyright: ignore[reportArgumentType]
-    assert isinstance(stepper._stepping, CompiledStepping)
+    assert isinstance(stepper.stepping, CompiledStepping)
     return stepper
 
 
 def _as_before(ours: Stepper, python: Stepper, one: mujoco.MjData, other: mujoco.MjData) -> None:
     """Let the scheme in Python begin where compiled code does: from its state, and from what it remembers."""
-    model, compiled, scheme = ours.model, ours._stepping, python._stepping
+    model, compiled, scheme = ours.model, ours.stepping, python.stepping
     assert isinstance(compiled, CompiledStepping)
     assert isinstance(scheme, TimeStepping)
-    kind, numbers = mujoco.mjtState.mjSTATE_INTEGRATION, compiled._numbers
+    kind, numbers = mujoco.mjtState.mjSTATE_INTEGRATION, compiled.numbers
     state = np.empty(mujoco.mj_stateSize(model, kind))
     mujoco.mj_getState(model, one, state, kind)
     mujoco.mj_setState(model, other, state, kind)
