@@ -35,7 +35,7 @@ class Span(NamedTuple):
     bodies: tuple[int, ...]
 
 
-class Grip(NamedTuple):
+class FrictionPattern(NamedTuple):
     """Which rows of friction a sequence of contacts has, whatever the configuration is.
 
     Attributes:
@@ -53,7 +53,7 @@ class Grip(NamedTuple):
     spans: tuple[Span, ...]
 
 
-class GripRows(NamedTuple):
+class RowOrder(NamedTuple):
     """Rows of pressing, (h,), and of friction, (k,), contact by contact, pressing first.
 
     Attributes:
@@ -71,12 +71,12 @@ class Tangents(NamedTuple):
     """The rows of friction at one configuration.
 
     Attributes:
-        grip: which rows they are.
+        friction_pattern: which rows they are.
         jacobian: ``J_t``, sliding in m/s, torsion and rolling in rad/s, (k, nv).
         drift: what moving surfaces add to these velocities, (k,).
     """
 
-    grip: Grip
+    friction_pattern: FrictionPattern
     jacobian: np.ndarray
     drift: np.ndarray
 
@@ -100,7 +100,7 @@ def pair_friction(model: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray,
     return dim, mu
 
 
-def learn_grip(model: mujoco.MjModel, geoms: np.ndarray) -> Grip | None:
+def learn_friction(model: mujoco.MjModel, geoms: np.ndarray) -> FrictionPattern | None:
     """Return the rows of friction of contacts between these geoms, (h, 2); None if there are none."""
     dim, mu = pair_friction(model, geoms)
     rows = (np.arange(5) < dim[:, None] - 1) & (mu > MIN_FRICTION)
@@ -114,39 +114,46 @@ def learn_grip(model: mujoco.MjModel, geoms: np.ndarray) -> Grip | None:
     for i in np.unique(contact).tolist():
         first, last = np.searchsorted(contact, [i, i + 1]).tolist()
         spans.append(Span(first, first + int(slides[first:last].sum()), last, i, tuple(bodies[i].tolist())))
-    return Grip(contact, kind, mu[contact, kind], np.where(slides, kind + 1, kind - _TORSION), tuple(spans))
+    return FrictionPattern(contact, kind, mu[contact, kind], np.where(slides, kind + 1, kind - _TORSION), tuple(spans))
 
 
-def grip_rows(grip: Grip | None, contacts: int) -> GripRows:
+def row_order(friction_pattern: FrictionPattern | None, contacts: int) -> RowOrder:
     """Return how the rows of this many contacts are put together."""
     contact, kind = np.arange(contacts), np.zeros(contacts, dtype=int)
-    if grip is not None:
-        contact, kind = np.concatenate([contact, grip.contact]), np.concatenate([kind, grip.kind + 1])
+    if friction_pattern is not None:
+        contact, kind = (
+            np.concatenate([contact, friction_pattern.contact]),
+            np.concatenate([kind, friction_pattern.kind + 1]),
+        )
     order = np.argsort(contact, kind="stable")
-    return GripRows(contact[order], kind[order], order)
+    return RowOrder(contact[order], kind[order], order)
 
 
 def find_tangents(
-    model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts, grip: Grip, surfaces: Surfaces | None
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    contacts: Contacts,
+    friction_pattern: FrictionPattern,
+    surfaces: Surfaces | None,
 ) -> Tangents:
     """Return the rows of friction of contacts at the current frames (`contacts.update_positions`).
 
     The directions are MuJoCo's: the second axis is the world's y, or z where the normal is near to that, made
     perpendicular.
     """
-    axis = _axes(contacts.normal)[grip.axis, grip.contact]
+    axis = _axes(contacts.normal)[friction_pattern.axis, friction_pattern.contact]
     J = np.empty((len(axis), model.nv))
-    for first, turning, last, i, bodies in grip.spans:
+    for first, turning, last, i, bodies in friction_pattern.spans:
         slide, turn = _relative(model, data, contacts.position[i], bodies)
         J[first:turning] = axis[first:turning].dot(slide)
         if turning < last:
             J[turning:last] = axis[turning:last].dot(turn)
     drift = np.zeros(len(axis))
     if surfaces is not None:
-        velocity, spin, belt = (part[grip.contact] for part in surfaces.motion(data, contacts))
-        slides = (grip.kind < _TORSION)[:, None]
+        velocity, spin, belt = (part[friction_pattern.contact] for part in surfaces.motion(data, contacts))
+        slides = (friction_pattern.kind < _TORSION)[:, None]
         drift = np.vecdot(axis, np.where(slides, velocity + belt, spin))
-    return Tangents(grip, J, drift)
+    return Tangents(friction_pattern, J, drift)
 
 
 def _relative(
@@ -168,10 +175,13 @@ def tangential_impulses(model: mujoco.MjModel, contacts: Contacts, friction_impu
         contacts: that collided.
         friction_impulse: of all their rows of friction, (k,).
     """
-    grip, impulse = learn_grip(model, contacts.geoms[contacts.geoms[:, 0] >= 0]), np.zeros((len(contacts), 3))
-    if grip is not None:
-        slides = grip.kind < _TORSION
-        contact, kind = grip.contact[slides], grip.kind[slides]
+    friction_pattern, impulse = (
+        learn_friction(model, contacts.geoms[contacts.geoms[:, 0] >= 0]),
+        np.zeros((len(contacts), 3)),
+    )
+    if friction_pattern is not None:
+        slides = friction_pattern.kind < _TORSION
+        contact, kind = friction_pattern.contact[slides], friction_pattern.kind[slides]
         axes = _axes(contacts.normal)[kind + 1, contact]
         np.add.at(impulse, contact, axes * friction_impulse[slides, None])
     return impulse

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.contacts import contact_labels, sorted_geoms
-from impactlaw.scene.friction_rows import Grip, GripRows, grip_rows, learn_grip
+from impactlaw.scene.friction_rows import FrictionPattern, RowOrder, learn_friction, row_order
 from impactlaw.scene.geoms import one_contact, rolling_contacts, several_contacts, touching_distance, vague_contacts
 from impactlaw.scene.joint_limits import NO_GEOM
 
@@ -34,8 +34,8 @@ class Pattern:
         ones: 1, 1, .., (h,).
         order: indices that bring MuJoCo's contacts into order; None if they are in it.
         sign: -1 where MuJoCo has the higher geom id first, else 1, (h, 1); None if 1 for all.
-        grip: which rows of friction they have; None if they have none, or it is ignored.
-        rows: how rows of pressing and of friction are put together, see `impactlaw.scene.friction_rows.GripRows`.
+        friction_pattern: which rows of friction they have; None if they have none, or it is ignored.
+        rows: how rows of pressing and of friction are put together, see `impactlaw.scene.friction_rows.RowOrder`.
         found: geom ids in MuJoCo's order, as bytes.
         plain: whether each pair has one contact, whose distance in MuJoCo is the gap, and nothing else has rows.
     """
@@ -54,8 +54,8 @@ class Pattern:
     ones: np.ndarray
     order: np.ndarray | None
     sign: np.ndarray | None
-    grip: Grip | None
-    rows: GripRows
+    friction_pattern: FrictionPattern | None
+    rows: RowOrder
     found: bytes
     plain: bool
 
@@ -113,7 +113,7 @@ class Patterns:
                 skin=None if pattern.skin is None else np.concatenate([pattern.skin, np.zeros(n)]),
                 index=np.arange(h),
                 ones=np.ones(h),
-                rows=grip_rows(pattern.grip, h),
+                rows=row_order(pattern.friction_pattern, h),
             )
             self._remember(seen, known)
         return known
@@ -132,7 +132,7 @@ class Patterns:
         distinct = len(np.unique(key)) == len(key)
         all_single = bool(single.all()) and distinct
         skin = touching_distance(model, geoms)
-        grip = learn_grip(model, geoms) if self._friction else None
+        friction_pattern = learn_friction(model, geoms) if self._friction else None
         return Pattern(
             labels=contact_labels(geoms, self._names),
             geoms=geoms,
@@ -148,8 +148,8 @@ class Patterns:
             ones=np.ones(len(key)),
             order=None if np.array_equal(order, np.arange(len(order))) else order,
             sign=np.where(swapped, -1.0, 1.0)[:, None] if swapped.any() else None,
-            grip=grip,
-            rows=grip_rows(grip, len(key)),
+            friction_pattern=friction_pattern,
+            rows=row_order(friction_pattern, len(key)),
             found=found.tobytes(),
             plain=all_single and self._alone and not skin.any(),
         )

@@ -42,7 +42,7 @@ class Work:
                 'scheme="time-stepping"'
             )
 
-    def fly(self) -> None:
+    def integrate(self) -> None:
         """Count one flow.
 
         Raises:

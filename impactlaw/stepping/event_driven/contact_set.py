@@ -2,7 +2,7 @@
 
 MuJoCo factors ``M = L^T D L``, so that here ``R^T = D^1/2 L``: ``|R^T v|`` is the kinetic metric, and
 ``Y = J R^-T`` has ``Y Y^T = G`` (`impactlaw.mechanics.kinetic_metric`). All functions want current frames and inertia
-(`impactlaw.scene.contacts.update_positions`); those that use the factor want `Touch.whitened` before them.
+(`impactlaw.scene.contacts.update_positions`); those that use the factor want `ContactSet.whitened` before them.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Rows(NamedTuple):
     whitened: np.ndarray
 
 
-class Touch:
+class ContactSet:
     """Contacts near each other or closed, at one configuration.
 
     Attributes:
@@ -85,8 +85,8 @@ class Touch:
 
         Computed when first asked for, which must be before data leaves the configuration of this touch.
         """
-        if self._tangents is None and self.pattern.grip is not None:
-            self._tangents = find_tangents(model, data, self.contacts, self.pattern.grip, self._surfaces)
+        if self._tangents is None and self.pattern.friction_pattern is not None:
+            self._tangents = find_tangents(model, data, self.contacts, self.pattern.friction_pattern, self._surfaces)
         return self._tangents
 
     def rows(self, model: mujoco.MjModel, data: mujoco.MjData) -> Rows:
@@ -96,8 +96,8 @@ class Touch:
             J, drift = self.jacobian, np.zeros(len(self.contacts)) if self.drift is None else self.drift
             tangents = self.tangents(model, data)
             if tangents is not None:
-                grip, sliding, more = tangents
-                mu = grip.coefficient
+                friction_pattern, sliding, more = tangents
+                mu = friction_pattern.coefficient
                 J = np.concatenate([J, mu[:, None] * sliding])[order]
                 drift = np.concatenate([drift, mu * more])[order]
             self.whitened(model, data)
@@ -109,8 +109,8 @@ class Touch:
         drift, before = (None if w is None else w[which] for w in (self.drift, self.drift_before))
         tangents, friction = self.tangents(model, data), None
         if tangents is not None:
-            grip, J, sliding = tangents
-            friction = Friction(J, grip.contact, grip.coefficient, sliding).select(which)
+            friction_pattern, J, sliding = tangents
+            friction = Friction(J, friction_pattern.contact, friction_pattern.coefficient, sliding).select(which)
         return Closed(self.contacts.select(which), self.jacobian[which], self.bilateral, drift, before, friction)
 
     def whitened(self, model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

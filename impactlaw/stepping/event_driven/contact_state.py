@@ -7,7 +7,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from impactlaw.stepping.event_driven.contact_set import Touch, kinetic_norm
+from impactlaw.stepping.event_driven.contact_set import ContactSet, kinetic_norm
 from impactlaw.stepping.event_driven.travel import Travel
 from impactlaw.stepping.work import Work
 
@@ -21,7 +21,7 @@ _ROUNDING = 1e-13  # of a contact velocity in the kinetic metric, relative to th
 _STILL = 1e-3  # part of the gap tolerance that a velocity must cross in a timestep to be one
 
 
-class Grasp(NamedTuple):
+class ConeRows(NamedTuple):
     """Rows of the cone problem of some contacts: contact by contact, pressing first, friction times its coefficient.
 
     Attributes:
@@ -41,93 +41,95 @@ class Grasp(NamedTuple):
     velocity: np.ndarray
 
 
-class Carried(NamedTuple):
+class ContactForces(NamedTuple):
     """What a flow had to hold where there is friction.
 
     Attributes:
-        grasp: the rows at its end.
+        cone_rows: the rows at its end.
         force: pressing, then friction divided by its coefficients, N or N m, (h, 6).
     """
 
-    grasp: Grasp
+    cone_rows: ConeRows
     force: np.ndarray
 
 
-class Moment(NamedTuple):
+class ContactState(NamedTuple):
     """Contacts at one time, and how they move.
 
     Attributes:
-        touch: the contacts that were detected, open ones included.
+        contact_set: the contacts that were detected, open ones included.
         closed: whose gap is at most the tolerance, bool (h,).
         still: contact velocity that crosses next to nothing in a timestep, m/s.
         velocity: qvel, (nv,).
         contact_velocity: ``gamma``, m/s, (h,).
         noise: size of the rounding errors of gamma, m/s, (h,).
         quiet: whether all contacts are closed, and neither move nor need a correction of position.
-        pressed: contacts that the last flow had to hold, bool (h,); None if there were none.
-        carried: the forces with which it held them where there is friction; None if there were none.
+        active: contacts that the last flow had to hold, bool (h,); None if there were none.
+        contact_forces: the forces with which it held them where there is friction; None if there were none.
         force: that these contacts exert on all degrees of freedom, N or N m, (nv,); None if it is not known.
         bend: b of ``gap + velocity t + b t^2`` over the last flow, m/s^2, (h,), 0 if unknown; None without any.
     """
 
-    touch: Touch
+    contact_set: ContactSet
     closed: np.ndarray
     still: float
     velocity: np.ndarray
     contact_velocity: np.ndarray
     noise: np.ndarray
     quiet: bool
-    pressed: np.ndarray | None = None
-    carried: Carried | None = None
+    active: np.ndarray | None = None
+    contact_forces: ContactForces | None = None
     bend: np.ndarray | None = None
     force: np.ndarray | None = None
 
     @classmethod
     def of(
-        cls, model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, *, tolerance: float, timestep: float
-    ) -> Moment:
+        cls, model: mujoco.MjModel, data: mujoco.MjData, contact_set: ContactSet, *, tolerance: float, timestep: float
+    ) -> ContactState:
         """Read the velocities of now; inertia must be that of the touch."""
-        gap = touch.contacts.gap
+        gap = contact_set.contacts.gap
         closed = gap <= tolerance
         still = _STILL * tolerance / timestep
-        velocity, gamma, noise, silent = _motion(model, data, touch, SILENT * still)
+        velocity, gamma, noise, silent = _motion(model, data, contact_set, SILENT * still)
         quiet = (
             silent
-            and touch.pattern.grip is None
+            and contact_set.pattern.friction_pattern is None
             and np.count_nonzero(closed & (gap >= -CORRECTED * tolerance)) == len(gap)
         )
-        return cls(touch, closed, still, velocity, gamma, noise, quiet)
+        return cls(contact_set, closed, still, velocity, gamma, noise, quiet)
 
     @classmethod
-    def without_motion(cls, touch: Touch, *, tolerance: float, timestep: float) -> Moment:
+    def without_motion(cls, contact_set: ContactSet, *, tolerance: float, timestep: float) -> ContactState:
         """Return contacts whose velocities are not looked at: all zero, until `moving` reads them."""
-        none = np.zeros(touch.jacobian.shape[1])
-        closed, rest = touch.contacts.gap <= tolerance, np.zeros(len(touch.contacts))
-        return cls(touch, closed, _STILL * tolerance / timestep, none, rest, rest, False)
+        none = np.zeros(contact_set.jacobian.shape[1])
+        closed, rest = contact_set.contacts.gap <= tolerance, np.zeros(len(contact_set.contacts))
+        return cls(contact_set, closed, _STILL * tolerance / timestep, none, rest, rest, False)
 
     def moving(
         self,
         model: mujoco.MjModel,
         data: mujoco.MjData,
-        pressed: np.ndarray | None = None,
-        carried: Carried | None = None,
+        active: np.ndarray | None = None,
+        contact_forces: ContactForces | None = None,
         force: np.ndarray | None = None,
-    ) -> Moment:
+    ) -> ContactState:
         """Return the same contacts with the velocities of now."""
-        velocity, gamma, noise, _ = _motion(model, data, self.touch, SILENT * self.still)
+        velocity, gamma, noise, _ = _motion(model, data, self.contact_set, SILENT * self.still)
         motion = velocity, gamma, noise, False
-        if np.count_nonzero(self.touch.pattern.vague):  # contact points may jump, and forces with them
+        if np.count_nonzero(self.contact_set.pattern.vague):  # contact points may jump, and forces with them
             force = None
-        return Moment(self.touch, self.closed, self.still, *motion, pressed, carried, self.bend, force)
+        return ContactState(
+            self.contact_set, self.closed, self.still, *motion, active, contact_forces, self.bend, force
+        )
 
-    def bending(self, bend: np.ndarray) -> Moment:
+    def bending(self, bend: np.ndarray) -> ContactState:
         """Return the same contacts after a flow that has bent their gaps, m/s^2, (h,)."""
         return self._replace(bend=bend)
 
     @property
     def gap(self) -> np.ndarray:
         """Gaps, m, (h,)."""
-        return self.touch.contacts.gap
+        return self.contact_set.contacts.gap
 
     @property
     def rounding(self) -> np.ndarray:
@@ -142,18 +144,18 @@ class Moment(NamedTuple):
 
 
 def _motion(
-    model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, silent: float
+    model: mujoco.MjModel, data: mujoco.MjData, contact_set: ContactSet, silent: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
     """Return v, gamma, its noise, and whether gamma is all noise."""
     velocity = data.qvel.copy()
-    gamma = touch.contact_velocity(velocity)
+    gamma = contact_set.contact_velocity(velocity)
     if not np.count_nonzero(np.abs(gamma) > silent):
-        return velocity, gamma, silent * touch.pattern.ones, True
-    _, _, lengths = touch.whitened(model, data)
+        return velocity, gamma, silent * contact_set.pattern.ones, True
+    _, _, lengths = contact_set.whitened(model, data)
     return velocity, gamma, (_ROUNDING * kinetic_norm(model, data, velocity)) * lengths, False
 
 
-class Flow(NamedTuple):
+class Phase(NamedTuple):
     """A flow that has been tried.
 
     Attributes:
@@ -167,7 +169,7 @@ class Flow(NamedTuple):
         work: counts what the step has taken.
     """
 
-    start: Moment
+    start: ContactState
     duration: float
     tolerance: float
     travel: Travel
@@ -177,7 +179,7 @@ class Flow(NamedTuple):
     exact: bool = True
 
 
-class Arrival(NamedTuple):
+class PhaseEnd(NamedTuple):
     """The contacts at the end of a flow.
 
     Attributes:
@@ -186,16 +188,16 @@ class Arrival(NamedTuple):
         sustained: which ones stay closed, bool (h,).
     """
 
-    now: Moment
+    now: ContactState
     known: np.ndarray
     sustained: np.ndarray
 
 
-def stays(gap: np.ndarray, known: np.ndarray, flow: Flow) -> np.ndarray:
+def stays(gap: np.ndarray, known: np.ndarray, phase: Phase) -> np.ndarray:
     """Return which contacts are sustained if they end the flow with these gaps, bool (h,)."""
-    if flow.hold_all:
-        return gap <= flow.tolerance
-    start, tau = flow.start, flow.duration
+    if phase.hold_all:
+        return gap <= phase.tolerance
+    start, tau = phase.start, phase.duration
     closed = start.closed
     if not np.count_nonzero(closed):
         return np.zeros(len(known), dtype=bool)
@@ -205,4 +207,4 @@ def stays(gap: np.ndarray, known: np.ndarray, flow: Flow) -> np.ndarray:
     if np.count_nonzero(held & slow) == np.count_nonzero(held):
         return held
     closing = 2.0 * (start.gap[known] + velocity * tau - gap)  # times tau^2
-    return held & (slow | ((velocity * tau) ** 2 <= 2.0 * closing * flow.tolerance))
+    return held & (slow | ((velocity * tau) ** 2 <= 2.0 * closing * phase.tolerance))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Protocol, TypeVar
 
-from impactlaw.stepping.event_driven.gap_functions import Courses, Sight
+from impactlaw.stepping.event_driven.gap_functions import GapFunctions, Observation
 
 _EVALUATIONS = 100
 _PATIENCE = 8  # flows that cubics are trusted for, of which smooth gaps take two or three
@@ -25,7 +25,7 @@ class Flown(Protocol):
         ...
 
     @property
-    def sights(self) -> Iterable[Sight]:
+    def observations(self) -> Iterable[Observation]:
         """Contacts there that are not held."""
         ...
 
@@ -34,9 +34,9 @@ F = TypeVar("F", bound=Flown)
 
 
 def locate(
-    fly: Callable[[float], F],
+    advance_to_contact: Callable[[float], F],
     end: F,
-    courses: Courses,
+    gap_functions: GapFunctions,
     *,
     target: float,
     tolerance: float,
@@ -46,9 +46,9 @@ def locate(
     """Return the flight at whose end the smallest gap is zero, or one that is enough.
 
     Args:
-        fly: flies for a given time from the start and returns how it ended.
+        advance_to_contact: flies for a given time from the start and returns how it ended.
         end: a flight whose gap is negative.
-        courses: what flights so far have shown, that one included.
+        gap_functions: what flights so far have shown, that one included.
         target: size of the gap at which the search ends, m.
         tolerance: size of the gap that is good enough for the bisection, m.
         shortest: time in which nothing moves as far as the tolerance, s.
@@ -58,22 +58,22 @@ def locate(
         The last flight flown. A gap that jumps from open to closed (a new contact point on an edge) has no zero; then
         it is the earliest flight after the jump.
     """
-    low, high = courses.low, end.duration
+    low, high = gap_functions.low, end.duration
     patience = _PATIENCE
     for _ in range(_EVALUATIONS):
-        time = courses.closing(low, high) if patience else None
+        time = gap_functions.closing(low, high) if patience else None
         if time is None:
             time = 0.5 * (low + high)
         else:
             patience -= 1
         if high - low <= shortest or not low < time < high:
             break
-        flight = fly(time)
-        if abs(flight.gap) <= (target if patience else tolerance) or enough(end, flight):
-            return flight
-        courses.add(time, flight.sights)
-        if flight.gap > 0:
+        trial_step = advance_to_contact(time)
+        if abs(trial_step.gap) <= (target if patience else tolerance) or enough(end, trial_step):
+            return trial_step
+        gap_functions.add(time, trial_step.observations)
+        if trial_step.gap > 0:
             low = time
         else:
-            high, end = time, flight
-    return fly(high)
+            high, end = time, trial_step
+    return advance_to_contact(high)

@@ -14,7 +14,7 @@ _ROOT = 1e-15  # part of a stretch to which the zero of its cubic is found
 _HALVINGS = 60
 
 
-class Sight(NamedTuple):
+class Observation(NamedTuple):
     """A contact at the end of a flow.
 
     Attributes:
@@ -37,7 +37,7 @@ class _Node(NamedTuple):
     guessed: bool = False  # whether the contact was out of sight there
 
 
-class Courses:
+class GapFunctions:
     """The gaps of contacts that are not held, as functions of the duration of a flow from one start.
 
     Args:
@@ -57,10 +57,10 @@ class Courses:
         self._deep: dict[float, list[int]] = {}
         self.low = 0.0
 
-    def add(self, time: float, sights: Iterable[Sight]) -> None:
+    def add(self, time: float, observations: Iterable[Observation]) -> None:
         """Add what a flow of this duration, s, has shown at its end."""
         deep = self._deep[time] = []
-        for contact, gap, rate, before in sights:
+        for contact, gap, rate, before in observations:
             nodes = self._nodes.get(contact)
             if nodes is None:
                 nodes = self._nodes[contact] = self._first(contact, time, gap, rate, before)

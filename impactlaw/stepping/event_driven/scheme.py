@@ -40,11 +40,11 @@ from impactlaw.scene.contacts import update_positions
 from impactlaw.solvers.one_thread import one_thread
 from impactlaw.stepping.collisions import Collider, kinetic_metric
 from impactlaw.stepping.compatibility import check_resolved, check_rigid
-from impactlaw.stepping.event_driven.contact_state import Moment
+from impactlaw.stepping.event_driven.contact_state import ContactState
 from impactlaw.stepping.event_driven.overlap import overlaps, push_out, refuse
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 from impactlaw.stepping.event_driven.shortcuts import Apart, Shortcut, find_rest, find_together, is_still
-from impactlaw.stepping.event_driven.smooth_phase import Flights
+from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 from impactlaw.stepping.event_driven.strong_damping import locks
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import advance, check_input, empty_state, restore_state, save_state
@@ -95,11 +95,11 @@ class RigidStepping:
         self._push_out = push_out
         self._rest = rest
         self._work = Work(model.nv, max(_WORK, collider.most), convex=plan.convex)
-        self._flights = Flights(model, plan, gap_tolerance, self._work, exact=exact)
-        self._options = self._flights.options
+        self._phases = SmoothPhases(model, plan, gap_tolerance, self._work, exact=exact)
+        self._options = self._phases.options
         self._before, self._state = empty_state(model), empty_state(model)
         self._left: tuple[bytes, bytes, float, int, bytes] = b"", b"", 0.0, 0, b""
-        self._next: Moment | None = None
+        self._next: ContactState | None = None
         self._shortcut: Shortcut | None = None
         self._restless = False  # whether the last rest found was none
         self._metric: KineticMetric | None = None
@@ -137,7 +137,7 @@ class RigidStepping:
 
     def _finish(self, data: mujoco.MjData, rest: RestOfStep, events: list[ImpactEvent]) -> Events:
         """Let time stepping take what is left of the step."""
-        (state, remaining, count), surfaces = self._part, self._flights.surfaces
+        (state, remaining, count), surfaces = self._part, self._phases.surfaces
         known = tuple(events[:count])
         restore_state(self._model, data, state)
         end = data.time + remaining
@@ -154,9 +154,9 @@ class RigidStepping:
         """Open what time stepping has left overlapping by next to nothing; the rest it opens over time."""
         self._work.begin(_OPENING)
         with self._options:
-            self._flights.update(data)
-            now = self._flights.look(data)
-            if overlaps(now.touch, self._tolerance) and now.gap.min() >= -_SLIGHT * self._tolerance:
+            self._phases.update(data)
+            now = self._phases.look(data)
+            if overlaps(now.contact_set, self._tolerance) and now.gap.min() >= -_SLIGHT * self._tolerance:
                 self._apart(data, now)
 
     def _step(self, data: mujoco.MjData, events: list[ImpactEvent], *, waits: bool) -> Events:
@@ -168,7 +168,7 @@ class RigidStepping:
             advance(self._model, data, self._options, timestep)
             update_positions(self._model, data)
             return ()
-        surfaces = self._flights.surfaces
+        surfaces = self._phases.surfaces
         if surfaces is not None:
             surfaces.begin(data, timestep)
         if self._shortcut is not None and self._lasts(data, self._shortcut):
@@ -176,7 +176,7 @@ class RigidStepping:
         if waits:
             raise UnfinishedStepError("the step before was not finished")
         with one_thread():
-            start = self._fly(data, events, end)
+            start = self._advance_to_contact(data, events, end)
         data.time = end
         if surfaces is not None:
             surfaces.end(data)
@@ -188,7 +188,7 @@ class RigidStepping:
         self._shortcut = self._find_shortcut(data, start, bool(events))
         return tuple(events)
 
-    def _fly(self, data: mujoco.MjData, events: list[ImpactEvent], end: float) -> Moment:
+    def _advance_to_contact(self, data: mujoco.MjData, events: list[ImpactEvent], end: float) -> ContactState:
         """Fly from collision to collision up to the end of the step; return the contacts there."""
         timestep = remaining = self._options.timestep
         start, pushed = self._begin(data, events)
@@ -199,17 +199,17 @@ class RigidStepping:
             changed = pushed or events or remaining < timestep
             state = save_state(self._model, data, self._state) if changed else self._before
             self._part = state, remaining, before
-            flight, closed = self._flights.fly(data, state, start, remaining, hold_all=hold_all)
+            trial_step, closed = self._phases.advance_to_contact(data, state, start, remaining, hold_all=hold_all)
             closings += closed
-            remaining -= flight.flow.duration
+            remaining -= trial_step.phase.duration
             data.time = end - remaining
-            start = flight.arrival.now
-            if closed and flight.gap < -self._tolerance:  # it has jumped there
+            start = trial_step.phase_end.now
+            if closed and trial_step.gap < -self._tolerance:  # it has jumped there
                 start = self._apart(data, start)
             self._check_held(start)
             if start.collides:
                 start = self._collide(data, start, events)
-            if closed and len(events) == before and flight.flow.duration < _INSTANT * timestep:
+            if closed and len(events) == before and trial_step.phase.duration < _INSTANT * timestep:
                 jumps += 1
         self.unlocated += jumps > _JUMPS or closings > self._collider.most >= len(events)
         return start
@@ -220,10 +220,10 @@ class RigidStepping:
         Velocities may have been changed: those at the end decide.
         """
         same = self._is_left(data)
-        self._shortcut = shortcut.lasts(self._model, data, self._flights) if same else None
+        self._shortcut = shortcut.lasts(self._model, data, self._phases) if same else None
         if self._shortcut is not None:
-            if self._flights.surfaces is not None:
-                self._flights.surfaces.end(data)
+            if self._phases.surfaces is not None:
+                self._phases.surfaces.end(data)
             self._next, self._restless = None, False
             self._left = self._now(data)
             return True
@@ -231,71 +231,71 @@ class RigidStepping:
             restore_state(self._model, data, self._before)
         return False
 
-    def _find_shortcut(self, data: mujoco.MjData, end: Moment, collided: bool) -> Shortcut | None:
+    def _find_shortcut(self, data: mujoco.MjData, end: ContactState, collided: bool) -> Shortcut | None:
         """Return what the next step may find as the last one has left it."""
-        if not end.touch.pattern:
-            return Apart(self._flights.frames(data))
+        if not end.contact_set.pattern:
+            return Apart(self._phases.frames(data))
         if collided or not self._plan.rest:
             return None
-        if not is_still(self._flights, end.velocity, end.still):
+        if not is_still(self._phases, end.velocity, end.still):
             self._restless = False
             return find_together(end)
         if self._restless:  # the last rest that was found was none
             return None
         self._restless = True
-        return find_rest(self._model, data, self._flights, self._before, end)
+        return find_rest(self._model, data, self._phases, self._before, end)
 
-    def _begin(self, data: mujoco.MjData, events: list[ImpactEvent]) -> tuple[Moment, bool]:
+    def _begin(self, data: mujoco.MjData, events: list[ImpactEvent]) -> tuple[ContactState, bool]:
         """Return the contacts of now, after collisions, and whether the configuration had to be changed for them.
 
         They are those that the last step has left, if nothing has changed.
         """
-        surfaces = self._flights.surfaces
+        surfaces = self._phases.surfaces
         if self._next is not None and (surfaces is None or surfaces.goes_on) and self._is_unchanged(data):
             return self._next, False
-        self._flights.update(data)
-        start = self._flights.look(data)
-        pushed = not self._is_left(data) and overlaps(start.touch, self._tolerance)
+        self._phases.update(data)
+        start = self._phases.look(data)
+        pushed = not self._is_left(data) and overlaps(start.contact_set, self._tolerance)
         if pushed:
             if not self._push_out:
                 reason = f"move them apart (up to {self._tolerance:g} m counts as touching)"
-                raise refuse(start.touch, self._tolerance, f'{reason}, or let overlap="push-out" do it')
+                raise refuse(start.contact_set, self._tolerance, f'{reason}, or let overlap="push-out" do it')
             start = self._pushed_out(data, start)
         self._check_held(start)
         return (self._collide(data, start, events) if start.collides else start), pushed
 
-    def _pushed_out(self, data: mujoco.MjData, start: Moment) -> Moment:
+    def _pushed_out(self, data: mujoco.MjData, start: ContactState) -> ContactState:
         """Push out what overlaps where that was put; what is squeezed is opened over time."""
         try:
-            return push_out(self._model, data, self._flights, start, self._tolerance)
+            return push_out(self._model, data, self._phases, start, self._tolerance)
         except OverlapError as squeezed:
             if self._rest is None:
                 raise
             raise UnfinishedStepError(str(squeezed)) from None
 
-    def _check_held(self, moment: Moment) -> None:
+    def _check_held(self, contact_state: ContactState) -> None:
         """Raise `UnfinishedStepError` where contact is not held: joints are locked, or something overlaps too far."""
-        if moment.touch.pattern and locks(self._model, self._options.timestep):
+        if contact_state.contact_set.pattern and locks(self._model, self._options.timestep):
             raise UnfinishedStepError(
                 'contact is not held beside joints that damping all but locks; use RK4, or scheme="time-stepping"'
             )
-        if moment.gap.min(initial=0.0) < -_DEEP * self._tolerance:
+        if contact_state.gap.min(initial=0.0) < -_DEEP * self._tolerance:
             reason = 'smaller timesteps, or scheme="time-stepping", may hold them'
-            raise UnfinishedStepError(f"contacts were not held: {refuse(moment.touch, self._tolerance, reason)}")
+            raise UnfinishedStepError(f"contacts were not held: {refuse(contact_state.touch, self._tolerance, reason)}")
 
     def _is_left(self, data: mujoco.MjData) -> bool:
         """Return whether the same contacts are near, and no other, as the last step has left it."""
         return self._left[0] == data.qpos.tobytes() and self._left[3] == self._options.disabled
 
-    def _apart(self, data: mujoco.MjData, start: Moment) -> Moment:
+    def _apart(self, data: mujoco.MjData, start: ContactState) -> ContactState:
         """Move apart what overlaps because a gap has jumped; leave it where bodies are squeezed."""
         state = save_state(self._model, data)
         try:
-            return push_out(self._model, data, self._flights, start, self._tolerance)
+            return push_out(self._model, data, self._phases, start, self._tolerance)
         except (OverlapError, UnfinishedStepError):
             restore_state(self._model, data, state)
-            self._flights.update(data)
-            return self._flights.look(data)
+            self._phases.update(data)
+            return self._phases.look(data)
 
     def _is_unchanged(self, data: mujoco.MjData) -> bool:
         """Return whether everything that contacts depend on is as the last step has left it."""
@@ -307,13 +307,13 @@ class RigidStepping:
         options = self._options
         return data.qpos.tobytes(), data.qvel.tobytes(), options.timestep, options.disabled, active
 
-    def _collide(self, data: mujoco.MjData, start: Moment, events: list[ImpactEvent]) -> Moment:
+    def _collide(self, data: mujoco.MjData, start: ContactState, events: list[ImpactEvent]) -> ContactState:
         """Resolve the collisions of now; frames and inertia of data are those of the start."""
         closed, before = np.flatnonzero(start.closed), len(events)
         rounding = start.rounding[closed]
         data.qvel[:] = self._collider.collide(
             self._metric_at(data),
-            start.touch.closed(self._model, data, closed),
+            start.contact_set.closed(self._model, data, closed),
             start.velocity,
             approach=rounding,
             rounding=rounding,

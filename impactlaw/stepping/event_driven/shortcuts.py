@@ -17,8 +17,8 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.patterns import Pattern
-from impactlaw.stepping.event_driven.contact_state import CORRECTED, SILENT, Moment
-from impactlaw.stepping.event_driven.smooth_phase import Flights
+from impactlaw.stepping.event_driven.contact_state import CORRECTED, SILENT, ContactState
+from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 from impactlaw.stepping.event_driven.travel import Frames
 from impactlaw.stepping.integration import restore_state, save_state, saved_qpos, saved_qvel
 
@@ -26,7 +26,7 @@ from impactlaw.stepping.integration import restore_state, save_state, saved_qpos
 class Shortcut(Protocol):
     """What the last step has shown, and whether it holds in the next one, too, which starts where that has ended."""
 
-    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
+    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, phases: SmoothPhases) -> Shortcut | None:
         """Advance by a timestep; return the shortcut of the next one, or None if the flow is to be forgotten."""
         ...
 
@@ -41,10 +41,10 @@ class Apart:
 
     frames: Frames | None
 
-    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
+    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, phases: SmoothPhases) -> Shortcut | None:
         """See `Shortcut`."""
-        if flights.leap(data, self.frames) and not flights.is_near(data):
-            return Apart(flights.frames(data))
+        if phases.try_timestep(data, self.frames) and not phases.is_near(data):
+            return Apart(phases.frames(data))
         return None
 
 
@@ -60,9 +60,9 @@ class Together:
 
     pattern: Pattern
 
-    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
+    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, phases: SmoothPhases) -> Shortcut | None:
         """See `Shortcut`."""
-        return self if flights.leap(data) and flights.are_closed(data, self.pattern) else None
+        return self if phases.try_timestep(data) and phases.are_closed(data, self.pattern) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,61 +87,61 @@ class Rest:
     speed: float
     pattern: Pattern
 
-    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
+    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, phases: SmoothPhases) -> Shortcut | None:
         """See `Shortcut`."""
-        if not flights.is_steady:
+        if not phases.is_steady:
             return None
-        flights.advance(data, flights.options.timestep, self.force)
+        phases.advance(data, phases.options.timestep, self.force)
         moved = _difference(model, self.qpos, data.qpos)
         if mujoco.mju_norm(moved) <= self.distance and mujoco.mju_norm(data.qvel) <= self.speed:
-            flights.refresh(data, self.pattern)
+            phases.refresh(data, self.pattern)
             return self
         return None
 
 
-def find_together(end: Moment) -> Together | None:
+def find_together(end: ContactState) -> Together | None:
     """Return that contacts stay together by themselves if they do so at the end of a step; None if they do not."""
-    return Together(end.touch.pattern) if end.quiet and end.touch.pattern.plain else None
+    return Together(end.contact_set.pattern) if end.quiet and end.contact_set.pattern.plain else None
 
 
-def is_still(flights: Flights, velocity: np.ndarray, still: float) -> bool:
-    """Return whether all contacts are still at a velocity, (nv,); see `Moment.still`."""
-    return mujoco.mju_norm(velocity) <= SILENT * still / _farthest(flights)
+def is_still(phases: SmoothPhases, velocity: np.ndarray, still: float) -> bool:
+    """Return whether all contacts are still at a velocity, (nv,); see `ContactState.still`."""
+    return mujoco.mju_norm(velocity) <= SILENT * still / _farthest(phases)
 
 
 def find_rest(
-    model: mujoco.MjModel, data: mujoco.MjData, flights: Flights, state: np.ndarray, end: Moment
+    model: mujoco.MjModel, data: mujoco.MjData, phases: SmoothPhases, state: np.ndarray, end: ContactState
 ) -> Rest | None:
     """Return the rest that a step without collisions was; None if something has moved in it.
 
     Args:
         model: the scene.
         data: at the end of the step.
-        flights: what has taken it.
+        phases: what has taken it.
         state: at its start.
         end: the contacts at its end.
     """
-    if not is_still(flights, saved_qvel(model, state), end.still):
+    if not is_still(phases, saved_qvel(model, state), end.still):
         return None
-    qpos, timestep = data.qpos.copy(), flights.options.timestep
-    distance, speed = CORRECTED * flights.tolerance / _farthest(flights), SILENT * end.still / _farthest(flights)
+    qpos, timestep = data.qpos.copy(), phases.options.timestep
+    distance, speed = CORRECTED * phases.tolerance / _farthest(phases), SILENT * end.still / _farthest(phases)
     if mujoco.mju_norm(_difference(model, saved_qpos(model, state), qpos)) > distance:
         return None
     after = save_state(model, data)
     restore_state(model, data, state)
-    flights.advance(data, timestep)
+    phases.advance(data, timestep)
     change = end.velocity - data.qvel
     restore_state(model, data, after)
-    flights.update(data)
-    flights.refresh(data, end.touch.pattern)
+    phases.update(data)
+    phases.refresh(data, end.contact_set.pattern)
     force = np.empty(model.nv)
     mujoco.mj_mulM(model, data, force, change / timestep)
-    return Rest(qpos, force, distance, speed, end.touch.pattern)
+    return Rest(qpos, force, distance, speed, end.contact_set.pattern)
 
 
-def _farthest(flights: Flights) -> float:
+def _farthest(phases: SmoothPhases) -> float:
     """Return how much two points in contact can move against each other, m per unit of all coordinates together."""
-    return 2.0 * max(flights.farthest, 1.0)
+    return 2.0 * max(phases.farthest, 1.0)
 
 
 def _difference(model: mujoco.MjModel, one: np.ndarray, other: np.ndarray) -> np.ndarray:

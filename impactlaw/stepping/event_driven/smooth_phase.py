@@ -17,15 +17,15 @@ from impactlaw.scene.contacts import update_positions
 from impactlaw.scene.detection import Detector
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.scene.patterns import Pattern
-from impactlaw.stepping.event_driven.contact_set import Touch
-from impactlaw.stepping.event_driven.contact_state import CORRECTED, Arrival, Flow, Moment, stays
+from impactlaw.stepping.event_driven.contact_set import ContactSet
+from impactlaw.stepping.event_driven.contact_state import CORRECTED, ContactState, Phase, PhaseEnd, stays
 from impactlaw.stepping.event_driven.event_location import locate
-from impactlaw.stepping.event_driven.gap_functions import Courses
-from impactlaw.stepping.event_driven.matching import elsewhere, match, refound, runs_on
-from impactlaw.stepping.event_driven.persistent_contact.felt_force import Felt, applied
+from impactlaw.stepping.event_driven.gap_functions import GapFunctions
+from impactlaw.stepping.event_driven.matching import continued, match, refound, runs_on
+from impactlaw.stepping.event_driven.persistent_contact.felt_force import FeltForce, applied
 from impactlaw.stepping.event_driven.persistent_contact.frictionless import hold
 from impactlaw.stepping.event_driven.travel import Frames, Travel
-from impactlaw.stepping.event_driven.trial_step import Flight, expected, further, rests
+from impactlaw.stepping.event_driven.trial_step import TrialStep, expected, further, rests
 from impactlaw.stepping.integration import advance, restore_state
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.work import Work
@@ -37,7 +37,7 @@ _AHEAD = 3  # flows at most up to where a gap is expected to close, before one o
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
-class Flights:
+class SmoothPhases:
     """Flies from one moment towards the end of a step.
 
     Args:
@@ -92,15 +92,15 @@ class Flights:
             return self._travel.is_short(before, after, duration)
         return self._travel.is_short(before, after, duration, drift=self.surfaces.speed)
 
-    def look(self, data: mujoco.MjData, within: float = 0.0) -> Moment:
+    def look(self, data: mujoco.MjData, within: float = 0.0) -> ContactState:
         """Return the contacts of now, of a gap up to ``within``, m or rad, at least; frames must be current."""
-        touch = Touch(self._detector.look(data, max(self._near, within)), data, self.surfaces)
-        return Moment.of(self._model, data, touch, tolerance=self.tolerance, timestep=self.options.timestep)
+        contact_set = ContactSet(self._detector.look(data, max(self._near, within)), data, self.surfaces)
+        return ContactState.of(self._model, data, contact_set, tolerance=self.tolerance, timestep=self.options.timestep)
 
-    def _look_at_places(self, data: mujoco.MjData, within: float) -> Moment:
+    def _look_at_places(self, data: mujoco.MjData, within: float) -> ContactState:
         """Return the contacts as `look` does, without their motion."""
-        touch = Touch(self._detector.look(data, max(self._near, within)), data, self.surfaces)
-        return Moment.without_motion(touch, tolerance=self.tolerance, timestep=self.options.timestep)
+        contact_set = ContactSet(self._detector.look(data, max(self._near, within)), data, self.surfaces)
+        return ContactState.without_motion(contact_set, tolerance=self.tolerance, timestep=self.options.timestep)
 
     def refresh(self, data: mujoco.MjData, pattern: Pattern) -> None:
         """Leave in data.contact what `look` leaves there where the pattern is known, and read nothing."""
@@ -110,7 +110,7 @@ class Flights:
         """Return the frames of all geoms of now; None if no body can pass through another."""
         return Frames.of(data) if self._passing else None
 
-    def leap(self, data: mujoco.MjData, start: Frames | None = None) -> bool:
+    def try_timestep(self, data: mujoco.MjData, start: Frames | None = None) -> bool:
         """Advance by a timestep in one go; return whether no body can have passed through another meanwhile.
 
         Args:
@@ -131,36 +131,41 @@ class Flights:
         """Return whether the contacts near now are those of a plain pattern, closed, and need no correction."""
         return self._detector.are_closed(data, self._near, pattern, (-CORRECTED * self.tolerance, self.tolerance))
 
-    def fly(
-        self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool
-    ) -> tuple[Flight, bool]:
+    def advance_to_contact(
+        self, data: mujoco.MjData, state: np.ndarray, start: ContactState, duration: float, *, hold_all: bool
+    ) -> tuple[TrialStep, bool]:
         """Advance from a saved state by at most ``duration``; return where that led, and whether a gap closed there."""
-        flight, closed = self._fly(data, state, start, duration, hold_all=hold_all)
-        return flight.kept(), closed
+        trial_step, closed = self._advance_to_contact(data, state, start, duration, hold_all=hold_all)
+        return trial_step.kept(), closed
 
-    def _fly(
-        self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool
-    ) -> tuple[Flight, bool]:
+    def _advance_to_contact(
+        self, data: mujoco.MjData, state: np.ndarray, start: ContactState, duration: float, *, hold_all: bool
+    ) -> tuple[TrialStep, bool]:
         """Fly, and leave data at the end of the flight returned."""
         if hold_all:
             return self._try_safely(data, state, start, duration, hold_all=True), False
-        courses, time = None, expected(start, self.tolerance)
+        gap_functions, time = None, expected(start, self.tolerance)
         if time < duration:
-            courses = self._courses(start)
-            flight = self._fly_ahead(data, state, start, (time, duration), courses)
-            if flight is not None:
-                located = flight.gap >= -_LOCATED * self.tolerance
-                return (flight, True) if located else self._locate(data, state, flight, courses)
-        flight = self._try_safely(data, state, start, duration)
-        if flight.gap >= -self.tolerance:
-            return flight, False
-        courses = self._courses(start) if courses is None else courses
-        courses.add(flight.duration, flight.sights)
-        return self._locate(data, state, flight, courses)
+            gap_functions = self._gap_functions(start)
+            trial_step = self._try_ahead(data, state, start, (time, duration), gap_functions)
+            if trial_step is not None:
+                located = trial_step.gap >= -_LOCATED * self.tolerance
+                return (trial_step, True) if located else self._locate(data, state, trial_step, gap_functions)
+        trial_step = self._try_safely(data, state, start, duration)
+        if trial_step.gap >= -self.tolerance:
+            return trial_step, False
+        gap_functions = self._gap_functions(start) if gap_functions is None else gap_functions
+        gap_functions.add(trial_step.duration, trial_step.observations)
+        return self._locate(data, state, trial_step, gap_functions)
 
-    def _fly_ahead(
-        self, data: mujoco.MjData, state: np.ndarray, start: Moment, times: tuple[float, float], courses: Courses
-    ) -> Flight | None:
+    def _try_ahead(
+        self,
+        data: mujoco.MjData,
+        state: np.ndarray,
+        start: ContactState,
+        times: tuple[float, float],
+        gap_functions: GapFunctions,
+    ) -> TrialStep | None:
         """Fly up to where a gap is expected to close; return that flight if one has closed there or before.
 
         Otherwise data is at the start again.
@@ -170,50 +175,52 @@ class Flights:
             state: the same, saved.
             start: contacts at the start.
             times: at which a gap is expected to close, and up to which one is looked for, s.
-            courses: to add what the flights have shown.
+            gap_functions: to add what the flights have shown.
         """
         time, last = times
         for _ in range(_AHEAD):
-            flight = self._try_safely(data, state, start, time)
-            courses.add(flight.duration, flight.sights)
-            if abs(flight.gap) > _LOCATED * self.tolerance:
-                if flight.gap < 0:
-                    return flight
-            elif courses.falls(flight.duration):
-                return flight
+            trial_step = self._try_safely(data, state, start, time)
+            gap_functions.add(trial_step.duration, trial_step.observations)
+            if abs(trial_step.gap) > _LOCATED * self.tolerance:
+                if trial_step.gap < 0:
+                    return trial_step
+            elif gap_functions.falls(trial_step.duration):
+                return trial_step
             restore_state(self._model, data, state)
-            time = courses.ahead(flight.duration)
+            time = gap_functions.ahead(trial_step.duration)
             if time >= last:
                 break
         self.update(data)
         return None
 
-    def _courses(self, start: Moment) -> Courses:
-        return Courses(start.gap, start.contact_velocity, exact=self._model.opt.integrator == _RK4)
+    def _gap_functions(self, start: ContactState) -> GapFunctions:
+        return GapFunctions(start.gap, start.contact_velocity, exact=self._model.opt.integrator == _RK4)
 
-    def _locate(self, data: mujoco.MjData, state: np.ndarray, flight: Flight, courses: Courses) -> tuple[Flight, bool]:
+    def _locate(
+        self, data: mujoco.MjData, state: np.ndarray, trial_step: TrialStep, gap_functions: GapFunctions
+    ) -> tuple[TrialStep, bool]:
         """Return the flight up to the first gap that closes, where one has closed after a longer one, and whether."""
-        start, tried = flight.flow.start, flight.flow
-        reach = 4.0 * abs(flight.gap) + self._near
+        start, tried = trial_step.phase.start, trial_step.phase
+        reach = 4.0 * abs(trial_step.gap) + self._near
 
-        def again(time: float, *, smooth: bool = False) -> Flight:
+        def again(time: float, *, smooth: bool = False) -> TrialStep:
             restore_state(self._model, data, state)
             return self._try(data, state, start, time, reach=reach, smooth=smooth)
 
-        longest = max(self._travel.between(start.touch.frames, data).max(initial=0.0), -flight.gap)
-        begun = elsewhere(flight.arrival, tried, flight.deepest, flight.gap)
+        longest = max(self._travel.between(start.contact_set.frames, data).max(initial=0.0), -trial_step.gap)
+        begun = continued(trial_step.phase_end, tried, trial_step.deepest, trial_step.gap)
         if begun is not None:
             half, (straight, bent) = again(0.5 * tried.duration), begun
             smooth = abs(half.gap - straight - 0.25 * bent) <= _SMOOTH * abs(bent)
-            if smooth or runs_on(half.arrival, flight.arrival, tried, flight.deepest):
+            if smooth or runs_on(half.phase_end, trial_step.phase_end, tried, trial_step.deepest):
                 held = again(tried.duration, smooth=True)
                 if held.gap >= -self.tolerance:
                     return held, False
         shortest = tried.duration * self.tolerance / max(longest, self.tolerance)
         located = locate(
             again,
-            flight,
-            courses,
+            trial_step,
+            gap_functions,
             target=_LOCATED * self.tolerance,
             tolerance=self.tolerance,
             shortest=shortest,
@@ -226,10 +233,10 @@ class Flights:
         return located, True
 
     def _try_safely(
-        self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool = False
-    ) -> Flight:
+        self, data: mujoco.MjData, state: np.ndarray, start: ContactState, duration: float, *, hold_all: bool = False
+    ) -> TrialStep:
         while True:
-            self.work.fly()
+            self.work.integrate()
             self.advance(data, duration, start.force)
             if self._is_short(start.velocity, data.qvel, duration):
                 break
@@ -238,8 +245,8 @@ class Flights:
                 restore_state(self._model, data, state)
                 duration = longest
                 continue
-            travel = self._travel.between(start.touch.frames, data)
-            suspects = self._travel.suspects(start.touch.frames, travel)
+            travel = self._travel.between(start.contact_set.frames, data)
+            suspects = self._travel.suspects(start.contact_set.frames, travel)
             if len(suspects) == 0:
                 break
             restore_state(self._model, data, state)
@@ -250,115 +257,119 @@ class Flights:
                 self.advance(data, duration, start.force)
                 break
             duration *= 0.9 * fraction
-        flow = Flow(start, duration, self.tolerance, self._travel, self.work, hold_all, exact=self._exact)
-        return self._arrive(data, flow) or self._without_force(data, state, flow)
+        phase = Phase(start, duration, self.tolerance, self._travel, self.work, hold_all, exact=self._exact)
+        return self._arrive(data, phase) or self._without_force(data, state, phase)
 
     def _try(
         self,
         data: mujoco.MjData,
         state: np.ndarray,
-        start: Moment,
+        start: ContactState,
         duration: float,
         *,
         smooth: bool,
         reach: float,
-    ) -> Flight:
-        self.work.fly()
+    ) -> TrialStep:
+        self.work.integrate()
         self.advance(data, duration, start.force)
-        flow = Flow(start, duration, self.tolerance, self._travel, self.work, smooth=smooth, exact=self._exact)
-        return self._arrive(data, flow, reach) or self._without_force(data, state, flow, reach)
+        phase = Phase(start, duration, self.tolerance, self._travel, self.work, smooth=smooth, exact=self._exact)
+        return self._arrive(data, phase, reach) or self._without_force(data, state, phase, reach)
 
-    def _without_force(self, data: mujoco.MjData, state: np.ndarray, flow: Flow, reach: float = 0.0) -> Flight:
+    def _without_force(self, data: mujoco.MjData, state: np.ndarray, phase: Phase, reach: float = 0.0) -> TrialStep:
         """Fly once more, without the force of contacts that are lost."""
         restore_state(self._model, data, state)
-        flow = flow._replace(start=flow.start._replace(force=None))
-        self.work.fly()
-        self.advance(data, flow.duration)
-        flight = self._arrive(data, flow, reach)
-        assert flight is not None
-        return flight
+        phase = phase._replace(start=phase.start._replace(force=None))
+        self.work.integrate()
+        self.advance(data, phase.duration)
+        trial_step = self._arrive(data, phase, reach)
+        assert trial_step is not None
+        return trial_step
 
-    def _match(self, data: mujoco.MjData, flow: Flow) -> tuple[Moment, np.ndarray] | None:
+    def _match(self, data: mujoco.MjData, phase: Phase) -> tuple[ContactState, np.ndarray] | None:
         """Return the contacts where the flow has led, and those at its start that they continue; see `match`.
 
         Contacts whose force the flow has felt are looked for as far as that can have moved them. None if they are lost.
         """
-        now, start = self.look(data), flow.start
+        now, start = self.look(data), phase.start
         self.work.look(len(now.gap))
-        known = match(self._model, data, now.touch, flow)
-        if start.force is None or start.pressed is None:
+        known = match(self._model, data, now.contact_set, phase)
+        if start.force is None or start.active is None:
             return now, known
-        pressed = np.flatnonzero(start.pressed)
-        if np.isin(pressed, known).all():
+        active = np.flatnonzero(start.active)
+        if np.isin(active, known).all():
             return now, known
-        now.touch.whitened(self._model, data)
-        shift = Felt.of(self._model, data, start.force, flow.duration).shift
-        now = self.look(data, start.touch.opening(shift))
-        known = match(self._model, data, now.touch, flow)
-        return (now, known) if np.isin(pressed, known).all() else None
+        now.contact_set.whitened(self._model, data)
+        shift = FeltForce.of(self._model, data, start.force, phase.duration).shift
+        now = self.look(data, start.contact_set.opening(shift))
+        known = match(self._model, data, now.contact_set, phase)
+        return (now, known) if np.isin(active, known).all() else None
 
-    def _arrive(self, data: mujoco.MjData, flow: Flow, reach: float = 0.0) -> Flight | None:
+    def _arrive(self, data: mujoco.MjData, phase: Phase, reach: float = 0.0) -> TrialStep | None:
         """Look at the contacts where the flow has led, and hold those that stay closed.
 
         None if contacts are lost whose force the flow has felt.
 
         Args:
             data: at the end of the flow.
-            flow: what led there.
+            phase: what led there.
             reach: distance to look further if nothing is near, m.
         """
-        found = self._match(data, flow)
+        found = self._match(data, phase)
         if found is None:
             return None
         now, known = found
-        if not now.touch.pattern:
-            return self._clear(flow, Arrival(now, known, known), data, reach)
+        if not now.contact_set.pattern:
+            return self._clear(phase, PhaseEnd(now, known, known), data, reach)
         if (
             now.quiet
-            and flow.start.quiet
-            and now.touch.pattern is flow.start.touch.pattern
-            and now.touch.pattern.all_single
+            and phase.start.quiet
+            and now.contact_set.pattern is phase.start.contact_set.pattern
+            and now.contact_set.pattern.all_single
         ):
-            return self._clear(flow, Arrival(now, known, now.closed), data, reach)
-        arrival, keep = Arrival(now, known, stays(now.gap, known, flow)), None
-        held = arrival.sustained if flow.start.force is not None else arrival.sustained & now.closed
+            return self._clear(phase, PhaseEnd(now, known, now.closed), data, reach)
+        phase_end, keep = PhaseEnd(now, known, stays(now.gap, known, phase)), None
+        held = phase_end.sustained if phase.start.force is not None else phase_end.sustained & now.closed
         if np.count_nonzero(held):
-            again = self._again(data, flow, arrival)
-            arrival, keep = hold(self._model, data, arrival, flow, again)
-        if np.count_nonzero(arrival.sustained) == len(arrival.sustained):
-            return self._clear(flow, arrival, data, reach, keep)
-        return Flight.of(flow, arrival, keep)
+            again = self._again(data, phase, phase_end)
+            phase_end, keep = hold(self._model, data, phase_end, phase, again)
+        if np.count_nonzero(phase_end.sustained) == len(phase_end.sustained):
+            return self._clear(phase, phase_end, data, reach, keep)
+        return TrialStep.of(phase, phase_end, keep)
 
-    def _again(self, data: mujoco.MjData, flow: Flow, arrival: Arrival) -> Callable[[float], tuple[Moment, np.ndarray]]:
+    def _again(
+        self, data: mujoco.MjData, phase: Phase, phase_end: PhaseEnd
+    ) -> Callable[[float], tuple[ContactState, np.ndarray]]:
         """Return what looks at the contacts of now up to a gap at least, m, and matches them with those at the start.
 
         Where the same pairs of geoms are near as before, with one contact each, these are the same contacts.
         """
-        last, held = arrival, arrival.known[arrival.sustained]
-        look = self.look if last.now.touch.pattern.grip is None else self._look_at_places
+        last, held = phase_end, phase_end.known[phase_end.sustained]
+        look = self.look if last.now.contact_set.pattern.friction_pattern is None else self._look_at_places
 
-        def look_again(within: float) -> tuple[Moment, np.ndarray]:
+        def look_again(within: float) -> tuple[ContactState, np.ndarray]:
             nonlocal last
-            now, known, pattern = look(data, within), last.known, last.now.touch.pattern
+            now, known, pattern = look(data, within), last.known, last.now.contact_set.pattern
             self.work.look(len(now.gap))
-            if now.touch.pattern is not pattern or not pattern.distinct:
-                known = refound(match(self._model, data, now.touch, flow), held, now.touch, flow)
-            last = Arrival(now, known, last.sustained)
+            if now.contact_set.pattern is not pattern or not pattern.distinct:
+                known = refound(match(self._model, data, now.contact_set, phase), held, now.contact_set, phase)
+            last = PhaseEnd(now, known, last.sustained)
             return now, known
 
         return look_again
 
     def _clear(
         self,
-        flow: Flow,
-        arrival: Arrival,
+        phase: Phase,
+        phase_end: PhaseEnd,
         data: mujoco.MjData,
         reach: float,
-        keep: Callable[[], Arrival] | None = None,
-    ) -> Flight:
+        keep: Callable[[], PhaseEnd] | None = None,
+    ) -> TrialStep:
         """Return a flight where all contacts near are held; others are looked for up to a gap of ``reach``, m."""
         if reach <= self._near:
-            return Flight(flow, arrival, self._near, -1, keep=keep)
-        touch = Touch(self._detector.look(data, reach), data, self.surfaces)
-        sights = further(touch, self._near, flow.start.velocity, data.qvel)
-        return Flight(flow, arrival, min(sights[0].gap, reach) if sights else reach, -1, sights, keep)
+            return TrialStep(phase, phase_end, self._near, -1, keep=keep)
+        contact_set = ContactSet(self._detector.look(data, reach), data, self.surfaces)
+        observations = further(contact_set, self._near, phase.start.velocity, data.qvel)
+        return TrialStep(
+            phase, phase_end, min(observations[0].gap, reach) if observations else reach, -1, observations, keep
+        )

@@ -9,106 +9,106 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlaw.stepping.event_driven.contact_set import Touch
-from impactlaw.stepping.event_driven.contact_state import CORRECTED, Arrival, Flow, Moment
-from impactlaw.stepping.event_driven.gap_functions import Sight, parabola_closes
+from impactlaw.stepping.event_driven.contact_set import ContactSet
+from impactlaw.stepping.event_driven.contact_state import CORRECTED, ContactState, Phase, PhaseEnd
+from impactlaw.stepping.event_driven.gap_functions import Observation, parabola_closes
 
 _SHORTER = 0.1  # part of a flow over which a contact that closes in its end may rest instead
 _RESTS = 4.0  # gap tolerances ``v t``, up to which a rebound at v of duration t rises by no more than the tolerance
 
 
-class Flight(NamedTuple):
+class TrialStep(NamedTuple):
     """A flow that has been tried: the contacts at its end, and the smallest gap among those that are not held.
 
     Attributes:
-        flow: what has been tried.
-        arrival: the contacts at its end.
+        phase: what has been tried.
+        phase_end: the contacts at its end.
         gap: smallest gap among those that are not held, m. A contact that was deeper at the start counts as touching.
         deepest: index of that contact, -1 where none is near.
         further: contacts that are not near.
         keep: what is left to do if the flow is to be kept, see `kept`; None if nothing is.
     """
 
-    flow: Flow
-    arrival: Arrival
+    phase: Phase
+    phase_end: PhaseEnd
     gap: float
     deepest: int
-    further: tuple[Sight, ...] = ()
-    keep: Callable[[], Arrival] | None = None
+    further: tuple[Observation, ...] = ()
+    keep: Callable[[], PhaseEnd] | None = None
 
     @classmethod
-    def of(cls, flow: Flow, arrival: Arrival, keep: Callable[[], Arrival] | None = None) -> Flight:
+    def of(cls, phase: Phase, phase_end: PhaseEnd, keep: Callable[[], PhaseEnd] | None = None) -> TrialStep:
         """Look at the contacts at the end of a flow, of which some are not held."""
-        opened = np.flatnonzero(~arrival.sustained)
-        clear = _clear(arrival.now.gap[opened], arrival.known[opened], flow)
+        opened = np.flatnonzero(~phase_end.sustained)
+        clear = _clear(phase_end.now.gap[opened], phase_end.known[opened], phase)
         least = int(clear.argmin())
-        return cls(flow, arrival, clear.item(least), opened.item(least), keep=keep)
+        return cls(phase, phase_end, clear.item(least), opened.item(least), keep=keep)
 
-    def kept(self) -> Flight:
+    def kept(self) -> TrialStep:
         """Return the flight with velocities as they are with contacts held, and bends; data must be at its end."""
-        arrival = self.arrival if self.keep is None else self.keep()
-        now, known, sustained = arrival
+        phase_end = self.phase_end if self.keep is None else self.keep()
+        now, known, sustained = phase_end
         if np.count_nonzero(sustained) < len(sustained):
-            arrival = Arrival(now.bending(_bend(arrival, self.flow)), known, sustained)
-        return self if arrival is self.arrival else self._replace(arrival=arrival, keep=None)
+            phase_end = PhaseEnd(now.bending(_bend(phase_end, self.phase)), known, sustained)
+        return self if phase_end is self.phase_end else self._replace(phase_end=phase_end, keep=None)
 
     @property
     def duration(self) -> float:
         """Of the flow, s."""
-        return self.flow.duration
+        return self.phase.duration
 
     @property
     def was_closed(self) -> bool:
         """Whether the deepest contact penetrates and was closed, and no deeper, at the start of the flow."""
-        if self.gap >= -self.flow.tolerance:
+        if self.gap >= -self.phase.tolerance:
             return False
-        before = self.arrival.known[self.deepest]
-        return bool(before >= 0 and abs(self.flow.start.gap[before]) <= self.flow.tolerance)
+        before = self.phase_end.known[self.deepest]
+        return bool(before >= 0 and abs(self.phase.start.gap[before]) <= self.phase.tolerance)
 
     @property
-    def sights(self) -> Iterator[Sight]:
+    def observations(self) -> Iterator[Observation]:
         """Contacts that are not held, by their gaps; those that were not near at the start are told by their geoms."""
-        now, known, sustained = self.arrival
+        now, known, sustained = self.phase_end
         opened = np.flatnonzero(~sustained)
         if not len(opened):
             return iter(self.further)
         known = known[opened]
-        contact = np.where(known >= 0, known, -1 - now.touch.pattern.key[opened])
-        gap = _clear(now.gap[opened], known, self.flow)
-        before = now.touch.contact_velocity(self.flow.start.velocity)[opened]
+        contact = np.where(known >= 0, known, -1 - now.contact_set.pattern.key[opened])
+        gap = _clear(now.gap[opened], known, self.phase)
+        before = now.contact_set.contact_velocity(self.phase.start.velocity)[opened]
         return chain(sighted(contact, gap, now.contact_velocity[opened], before), self.further)
 
 
-def rests(end: Flight, shorter: Flight) -> bool:
+def rests(end: TrialStep, shorter: TrialStep) -> bool:
     """Return whether the contact that closes in the end, closed at the start, stays closed over a shorter flow."""
-    before = end.arrival.known[end.deepest]
-    if shorter.gap < -end.flow.tolerance or before < 0 or shorter.duration < _SHORTER * end.duration:
+    before = end.phase_end.known[end.deepest]
+    if shorter.gap < -end.phase.tolerance or before < 0 or shorter.duration < _SHORTER * end.duration:
         return False
-    return bool(shorter.arrival.sustained[shorter.arrival.known == before].any())
+    return bool(shorter.phase_end.sustained[shorter.phase_end.known == before].any())
 
 
-def further(touch: Touch, near: float, before: np.ndarray, after: np.ndarray) -> tuple[Sight, ...]:
+def further(contact_set: ContactSet, near: float, before: np.ndarray, after: np.ndarray) -> tuple[Observation, ...]:
     """Return contacts that are not near.
 
     Args:
-        touch: contacts after a flow.
+        contact_set: contacts after a flow.
         near: gap, m, above which they are looked for.
         before: velocity at the start of the flow, (nv,).
         after: at its end.
     """
-    gap = touch.contacts.gap
+    gap = contact_set.contacts.gap
     far = np.flatnonzero(gap > near)
-    rate, first = (touch.contact_velocity(velocity)[far] for velocity in (after, before))
-    return tuple(sighted(-1 - touch.pattern.key[far], gap[far], rate, first))
+    rate, first = (contact_set.contact_velocity(velocity)[far] for velocity in (after, before))
+    return tuple(sighted(-1 - contact_set.pattern.key[far], gap[far], rate, first))
 
 
-def sighted(contact: np.ndarray, *columns: np.ndarray) -> Iterator[Sight]:
-    """Return contacts by their gaps, from the columns of `Sight`, (k,) each."""
+def sighted(contact: np.ndarray, *columns: np.ndarray) -> Iterator[Observation]:
+    """Return contacts by their gaps, from the columns of `Observation`, (k,) each."""
     order = columns[0].argsort()
-    return map(Sight, contact[order].tolist(), *(column[order].tolist() for column in columns))
+    return map(Observation, contact[order].tolist(), *(column[order].tolist() for column in columns))
 
 
-def expected(start: Moment, tolerance: float) -> float:
+def expected(start: ContactState, tolerance: float) -> float:
     """Return when a gap is expected to close, s, if contacts bend on as the last flow has bent them; infinite if none.
 
     That is the first zero of ``gap + velocity t + bend t^2`` of any contact whose bend is known, or which approaches. A
@@ -128,20 +128,20 @@ def expected(start: Moment, tolerance: float) -> float:
     return earliest
 
 
-def _bend(arrival: Arrival, flow: Flow) -> np.ndarray:
+def _bend(phase_end: PhaseEnd, phase: Phase) -> np.ndarray:
     """Return b of ``gap + velocity t + b t^2`` over a flow, m/s^2, (h,); 0 for those held, or not there."""
-    (now, known, sustained), start, tau = arrival, flow.start, flow.duration
+    (now, known, sustained), start, tau = phase_end, phase.start, phase.duration
     if not len(start.gap):
         return np.zeros(len(known))
     depth = now.gap - start.gap[known] - start.contact_velocity[known] * tau
-    bent = (known >= 0) & ~sustained & (np.abs(depth) > CORRECTED * flow.tolerance)
+    bent = (known >= 0) & ~sustained & (np.abs(depth) > CORRECTED * phase.tolerance)
     return np.where(bent, depth / tau**2, 0.0)
 
 
-def _clear(gap: np.ndarray, known: np.ndarray, flow: Flow) -> np.ndarray:
+def _clear(gap: np.ndarray, known: np.ndarray, phase: Phase) -> np.ndarray:
     """Return gaps at the end of a flow, from the start's where contacts were deeper than the tolerance there."""
-    start = flow.start.gap
-    if not len(start) or start.min() >= -flow.tolerance:
+    start = phase.start.gap
+    if not len(start) or start.min() >= -phase.tolerance:
         return gap
     before = np.where(known >= 0, start[known], 0.0)
-    return gap - np.where(before < -flow.tolerance, before, 0.0)
+    return gap - np.where(before < -phase.tolerance, before, 0.0)

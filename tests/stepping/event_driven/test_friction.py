@@ -12,7 +12,7 @@ from scenes import energy, run
 
 from impactlaw import Coulomb, MaximalDissipation, Moreau, Newton, Stepper, read_contacts
 from impactlaw.errors import InvalidCollisionError, RestitutionError
-from impactlaw.stepping.event_driven.contact_state import Grasp
+from impactlaw.stepping.event_driven.contact_state import ConeRows
 from impactlaw.stepping.event_driven.scheme import RigidStepping
 
 G = 9.81
@@ -268,7 +268,7 @@ def test_a_flow_may_start_where_nothing_was_held_in_the_end():
     known = stepping._next
     assert known is not None
     assert known.carried is not None
-    nothing = Grasp(*(part[:0] for part in known.carried.grasp))
+    nothing = ConeRows(*(part[:0] for part in known.contact_forces.cone_rows))
     stepping._next = known._replace(carried=known.carried._replace(grasp=nothing))
     stepper.step(data)
     assert data.qpos[:3] == pytest.approx([0.0, 0.0, 0.1], abs=1e-9)

@@ -10,7 +10,7 @@ from impactlaw import MaximalDissipation, Moreau, Stepper, read_contacts
 from impactlaw.envs import ImpactLaw
 from impactlaw.errors import OverlapError, UnfinishedStepError, UnknownNameError
 from impactlaw.stepping.event_driven import scheme as rigid
-from impactlaw.stepping.event_driven.smooth_phase import Flights
+from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 
 H = 0.002
 FLOOR = '<geom name="floor" type="plane" size="5 5 .1"/>'
@@ -274,7 +274,7 @@ def test_a_heap_thrown_into_itself_is_pulled_apart(shape, least):
 def test_a_gap_that_jumps_in_a_flow_is_opened_unless_bodies_are_squeezed(squeezed, monkeypatch):
     """The flow is told to have ended 1e-7 m deeper than it did, as a contact point that jumps on a face ends it."""
     model, data = build(FLOOR + '<body pos="0 0 .1"><joint type="slide" axis="0 0 1"/><geom size=".1"/></body>')
-    fly, jumped = Flights.fly, []
+    fly, jumped = SmoothPhases.advance_to_contact, []
 
     def fly_deeper(self, data, *args, **kwargs):
         flight, closed = fly(self, data, *args, **kwargs)
@@ -290,7 +290,7 @@ def test_a_gap_that_jumps_in_a_flow_is_opened_unless_bodies_are_squeezed(squeeze
         data.qpos[0] = 1.0
         raise OverlapError("bodies are squeezed there")
 
-    monkeypatch.setattr(Flights, "fly", fly_deeper)
+    monkeypatch.setattr(SmoothPhases, "advance_to_contact", fly_deeper)
     if squeezed:
         monkeypatch.setattr(rigid, "push_out", refuse)
     Stepper(model, Moreau(0.5)).step(data)

@@ -199,9 +199,9 @@ def test_a_rest_that_does_not_last_is_not_looked_for_again(monkeypatch):
     stepper = Stepper(model, Moreau(0.0))
     for _ in range(400):
         stepper.step(data)
-    advanced, advance = [], stepper._stepping._flights.advance
+    advanced, advance = [], stepper._stepping._phases.advance
     monkeypatch.setattr(
-        stepper._stepping._flights, "advance", lambda *args: advanced.append(1) or advance(*args), raising=True
+        stepper._stepping._phases, "advance", lambda *args: advanced.append(1) or advance(*args), raising=True
     )
     start = data.qpos.copy()
     for _ in range(10):
@@ -260,7 +260,7 @@ def shortcut_of(stepper, data):
     """Return the shortcut that the next step is going to try, ready to be tried on its own."""
     stepping = stepper._stepping
     stepping._options.__enter__()
-    return stepping._shortcut, stepping._flights
+    return stepping._shortcut, stepping._phases
 
 
 @pytest.mark.parametrize(("velocity", "shift", "lasts"), [(0, 0, True), (1e-10, 0, False), (0, 1e-10, False)])

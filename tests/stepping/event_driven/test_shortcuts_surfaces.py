@@ -153,7 +153,7 @@ def test_velocities_of_a_table_are_those_of_a_solid_that_turns():
     for _ in range(3):
         mujoco.mju_quatIntegrate(data.mocap_quat[0], spin, 0.005)
         stepper.step(data)
-    surfaces = stepper._stepping._flights.surfaces
+    surfaces = stepper._stepping._phases.surfaces
     contact = stepper._stepping._next.touch.contacts
     turn = np.empty(9)
     mujoco.mju_quat2Mat(turn, data.mocap_quat[0])

@@ -18,12 +18,12 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from impactlaw.stepping.event_driven.contact_state import Flow, Moment
+from impactlaw.stepping.event_driven.contact_state import ContactState, Phase
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
-class Felt(NamedTuple):
+class FeltForce(NamedTuple):
     """What the force that a flow has felt has done to it.
 
     Attributes:
@@ -37,7 +37,7 @@ class Felt(NamedTuple):
     shift: np.ndarray
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, data: mujoco.MjData, force: np.ndarray | None, duration: float) -> Felt:
+    def of(cls, model: mujoco.MjModel, data: mujoco.MjData, force: np.ndarray | None, duration: float) -> FeltForce:
         """Return what a force, (nv,), has done; data is at the end of the flow, its inertia factored."""
         if force is None:
             nothing = np.zeros(model.nv)
@@ -65,7 +65,7 @@ def moving_part(model: mujoco.MjModel) -> float:
     return 0.5 if model.opt.integrator == _RK4 else 1.0
 
 
-def constrained_velocity(model: mujoco.MjModel, data: mujoco.MjData, now: Moment, flow: Flow) -> np.ndarray:
+def constrained_velocity(model: mujoco.MjModel, data: mujoco.MjData, now: ContactState, phase: Phase) -> np.ndarray:
     """Return the velocity at the end of a flow as equality constraints had wanted it there, (nv,).
 
     MuJoCo finds the forces of constraints with M, and then integrates joint damping D implicitly, with ``M + tau D``:
@@ -73,10 +73,10 @@ def constrained_velocity(model: mujoco.MjModel, data: mujoco.MjData, now: Moment
     part that constraints fix is taken from ``v + tau a``, a being the acceleration that they were found with.
     """
     velocity = now.velocity
-    if now.touch.bilateral is None or model.opt.integrator == _RK4:
+    if now.contact_set.bilateral is None or model.opt.integrator == _RK4:
         return velocity
-    wanted = flow.start.velocity + flow.duration * data.qacc
-    return velocity + now.touch.along_constraints(model, data, wanted - velocity)
+    wanted = phase.start.velocity + phase.duration * data.qacc
+    return velocity + now.contact_set.along_constraints(model, data, wanted - velocity)
 
 
 @contextmanager

@@ -23,9 +23,17 @@ from impactlaw.errors import SolverError
 from impactlaw.scene.contacts import update_positions
 from impactlaw.solvers.friction.problem import ConeProblem, ConeStatus
 from impactlaw.solvers.friction.solve import solve_cones
-from impactlaw.stepping.event_driven.contact_set import Touch, jump, kinetic_norm
-from impactlaw.stepping.event_driven.contact_state import CORRECTED, Arrival, Carried, Flow, Grasp, Moment, stays
-from impactlaw.stepping.event_driven.persistent_contact.felt_force import Felt, constrained_velocity, moving_part
+from impactlaw.stepping.event_driven.contact_set import ContactSet, jump, kinetic_norm
+from impactlaw.stepping.event_driven.contact_state import (
+    CORRECTED,
+    ConeRows,
+    ContactForces,
+    ContactState,
+    Phase,
+    PhaseEnd,
+    stays,
+)
+from impactlaw.stepping.event_driven.persistent_contact.felt_force import FeltForce, constrained_velocity, moving_part
 from impactlaw.stepping.work import Work
 
 _SETTLINGS = 4  # shifts of position at most
@@ -34,21 +42,21 @@ _RANK = 1e-9  # relative singular value below which contacts press redundantly
 _KINDS = 6  # rows that a contact can have: one of pressing, two of sliding, one of torsion, two of rolling
 
 
-def hold_gripping(
+def hold_with_friction(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    arrival: Arrival,
-    flow: Flow,
-    look_again: Callable[[float], tuple[Moment, np.ndarray]],
-    correct: Callable[[Arrival], Arrival],
-) -> tuple[Arrival, Callable[[], Arrival]]:
+    phase_end: PhaseEnd,
+    phase: Phase,
+    look_again: Callable[[float], tuple[ContactState, np.ndarray]],
+    correct: Callable[[PhaseEnd], PhaseEnd],
+) -> tuple[PhaseEnd, Callable[[], PhaseEnd]]:
     """Bring the position back to the sustained contacts; data and its frames change.
 
     Args:
         model: the scene.
         data: at the end of the flow, frames current.
-        arrival: the contacts there.
-        flow: what led there.
+        phase_end: the contacts there.
+        phase: what led there.
         look_again: detects the contacts of now up to a gap at least, m, and matches them with the start.
         correct: opens sustained contacts that overlap.
 
@@ -59,83 +67,85 @@ def hold_gripping(
     Raises:
         SolverError: no solver has found the impulses.
     """
-    arrival.now.touch.whitened(model, data)
-    felt = Felt.of(model, data, flow.start.force, flow.duration)
-    free = constrained_velocity(model, data, arrival.now, flow) - felt.velocity
-    impulse, grasp, carried = _press(model, data, arrival, flow, free, None)
-    change = jump(model, data, grasp.along, impulse)
-    shift = (moving_part(model) * flow.duration) * change - felt.shift
+    phase_end.now.contact_set.whitened(model, data)
+    felt = FeltForce.of(model, data, phase.start.force, phase.duration)
+    free = constrained_velocity(model, data, phase_end.now, phase) - felt.velocity
+    impulse, cone_rows, contact_forces = _press(model, data, phase_end, phase, free, None)
+    change = jump(model, data, cone_rows.along, impulse)
+    shift = (moving_part(model) * phase.duration) * change - felt.shift
     if np.count_nonzero(shift):
-        reach = arrival.now.touch.opening(shift + felt.shift)
-        arrival, carried = _settle(model, data, arrival, shift, carried, flow, look_again, reach)
-    arrival = _with_more(arrival, flow)
-    if np.count_nonzero(arrival.sustained & (arrival.now.gap < -CORRECTED * flow.tolerance)):
-        before, arrival = arrival.known, _with_more(correct(arrival), flow)
-        carried = _matched(carried, before, arrival.known)
-    now, known, sustained = arrival
+        reach = phase_end.now.contact_set.opening(shift + felt.shift)
+        phase_end, contact_forces = _settle(model, data, phase_end, shift, contact_forces, phase, look_again, reach)
+    phase_end = _with_more(phase_end, phase)
+    if np.count_nonzero(phase_end.sustained & (phase_end.now.gap < -CORRECTED * phase.tolerance)):
+        before, phase_end = phase_end.known, _with_more(correct(phase_end), phase)
+        contact_forces = _matched(contact_forces, before, phase_end.known)
+    now, known, sustained = phase_end
     data.qvel[:] = free + change
-    tried = Arrival(now._replace(contact_velocity=now.touch.contact_velocity(data.qvel)), known, sustained)
-    return tried, partial(_hold_velocity, model, data, arrival, flow, felt, free, carried)
+    tried = PhaseEnd(now._replace(contact_velocity=now.contact_set.contact_velocity(data.qvel)), known, sustained)
+    return tried, partial(_hold_velocity, model, data, phase_end, phase, felt, free, contact_forces)
 
 
 def _hold_velocity(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    arrival: Arrival,
-    flow: Flow,
-    felt: Felt,
+    phase_end: PhaseEnd,
+    phase: Phase,
+    felt: FeltForce,
     free: np.ndarray,
     guess: np.ndarray,
-) -> Arrival:
+) -> PhaseEnd:
     """Give the sustained contacts the velocity that they have after impulses; return them with these impulses."""
-    impulse, grasp, carried = _press(model, data, arrival, flow, free, guess)
-    turned = _turned(model, data, arrival, flow, grasp)
+    impulse, cone_rows, contact_forces = _press(model, data, phase_end, phase, free, guess)
+    turned = _turned(model, data, phase_end, phase, cone_rows)
     if turned is not None:
         free = free + jump(model, data, turned, 0.5 * impulse)
-        impulse, grasp, carried = _press(model, data, arrival, flow, free, carried)
-    change, total = jump(model, data, grasp.along, impulse), impulse.dot(grasp.along)
+        impulse, cone_rows, contact_forces = _press(model, data, phase_end, phase, free, contact_forces)
+    change, total = jump(model, data, cone_rows.along, impulse), impulse.dot(cone_rows.along)
     data.qvel[:] = free + change
-    now, known, sustained = arrival
-    force = total / flow.duration if felt.is_settled(total, change) else None
-    moment = now.moving(model, data, carried[:, 0] > 0, Carried(grasp, carried / flow.duration), force)
-    return Arrival(moment, known, sustained)
+    now, known, sustained = phase_end
+    force = total / phase.duration if felt.is_settled(total, change) else None
+    contact_state = now.moving(
+        model, data, contact_forces[:, 0] > 0, ContactForces(cone_rows, contact_forces / phase.duration), force
+    )
+    return PhaseEnd(contact_state, known, sustained)
 
 
-def _with_more(arrival: Arrival, flow: Flow) -> Arrival:
+def _with_more(phase_end: PhaseEnd, phase: Phase) -> PhaseEnd:
     """Return the contacts with those sustained, too, that the others press closed now that they are held."""
-    now, known, sustained = arrival
-    return Arrival(now, known, sustained | stays(now.gap, known, flow))
+    now, known, sustained = phase_end
+    return PhaseEnd(now, known, sustained | stays(now.gap, known, phase))
 
 
 def _settle(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    arrival: Arrival,
+    phase_end: PhaseEnd,
     shift: np.ndarray,
-    carried: np.ndarray,
-    flow: Flow,
-    look_again: Callable[[float], tuple[Moment, np.ndarray]],
+    contact_forces: np.ndarray,
+    phase: Phase,
+    look_again: Callable[[float], tuple[ContactState, np.ndarray]],
     reach: float,
-) -> tuple[Arrival, np.ndarray]:
+) -> tuple[PhaseEnd, np.ndarray]:
     """Shift the bodies, and then so that contacts that press are closed; return the contacts and their impulses.
 
     They are looked for up to a gap of ``reach`` at least, m: surfaces may recede, too.
     """
-    held = arrival.known[arrival.sustained]
+    held = phase_end.known[phase_end.sustained]
     for _ in range(_SETTLINGS):
         qpos = data.qpos.copy()
         mujoco.mj_integratePos(model, qpos, shift, 1.0)
         data.qpos[:] = qpos
         update_positions(model, data)
-        before, (now, known) = arrival.known, look_again(max(reach, arrival.now.touch.opening(shift)))
-        arrival = Arrival(now, known, (known[:, None] == held[held >= 0]).any(axis=1))
-        carried = _matched(carried, before, known)
-        press = np.flatnonzero(carried[:, 0] > 0)
-        if np.abs(now.gap[press]).max(initial=0.0) <= CORRECTED * flow.tolerance:
+        before, (now, known) = phase_end.known, look_again(max(reach, phase_end.now.contact_set.opening(shift)))
+        phase_end = PhaseEnd(now, known, (known[:, None] == held[held >= 0]).any(axis=1))
+        contact_forces = _matched(contact_forces, before, known)
+        press = np.flatnonzero(contact_forces[:, 0] > 0)
+        if np.abs(now.gap[press]).max(initial=0.0) <= CORRECTED * phase.tolerance:
             break
-        along, Y, _ = now.touch.whitened(model, data)
+        along, Y, _ = now.contact_set.whitened(model, data)
         shift = jump(model, data, along[press], _opening(Y[press], -now.gap[press]))
-    return arrival, carried
+    return phase_end, contact_forces
 
 
 def _opening(gradients: np.ndarray, wanted: np.ndarray) -> np.ndarray:
@@ -146,92 +156,96 @@ def _opening(gradients: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(gradients.T, z, rcond=_RANK)[0]
 
 
-def _matched(carried: np.ndarray, before: np.ndarray, known: np.ndarray) -> np.ndarray:
+def _matched(contact_forces: np.ndarray, before: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Return impulses, (h, 6), in the order of other contacts; both orders are told by indices at the flow's start."""
     if np.array_equal(before, known):
-        return carried
+        return contact_forces
     result = np.zeros((len(known), _KINDS))
     for i, index in enumerate(known):
         same = np.flatnonzero(before == index)
         if index >= 0 and len(same):
-            result[i] = carried[same[0]]
+            result[i] = contact_forces[same[0]]
     return result
 
 
 def _press(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    arrival: Arrival,
-    flow: Flow,
+    phase_end: PhaseEnd,
+    phase: Phase,
     free: np.ndarray,
     guess: np.ndarray | None,
-) -> tuple[np.ndarray, Grasp, np.ndarray]:
+) -> tuple[np.ndarray, ConeRows, np.ndarray]:
     """Return the impulses of the sustained contacts, their rows, and the impulses contact by contact, (h, 6)."""
-    now, before = arrival.now, flow.start.carried
+    now, before = phase_end.now, phase.start.contact_forces
     held = now.closed
-    if flow.start.force is not None and before is not None:  # it may have pushed away what it has to pull back
-        held = held | ((arrival.known >= 0) & (before.force[arrival.known, 0] > 0))
-    grasp = grasp_of(model, data, now.touch, arrival.sustained & held, free)
+    if phase.start.force is not None and before is not None:  # it may have pushed away what it has to pull back
+        held = held | ((phase_end.known >= 0) & (before.force[phase_end.known, 0] > 0))
+    cone_rows = cone_rows_of(model, data, now.contact_set, phase_end.sustained & held, free)
     known = None
     if guess is not None and len(guess) == len(now.gap):
-        known = guess[grasp.contact, grasp.kind]
+        known = guess[cone_rows.contact, cone_rows.kind]
     elif before is not None:
-        index = arrival.known[grasp.contact]
-        known = np.where(index >= 0, before.force[index, grasp.kind] * flow.duration, 0.0)
-    impulse = solve_grasp(grasp, known, kinetic_norm(model, data, free), flow.work, exact=flow.exact)
-    carried = np.zeros((len(now.gap), _KINDS))
-    carried[grasp.contact, grasp.kind] = impulse
-    return impulse, grasp, carried
+        index = phase_end.known[cone_rows.contact]
+        known = np.where(index >= 0, before.force[index, cone_rows.kind] * phase.duration, 0.0)
+    impulse = solve_cone_rows(cone_rows, known, kinetic_norm(model, data, free), phase.work, exact=phase.exact)
+    contact_forces = np.zeros((len(now.gap), _KINDS))
+    contact_forces[cone_rows.contact, cone_rows.kind] = impulse
+    return impulse, cone_rows, contact_forces
 
 
 def _turned(
-    model: mujoco.MjModel, data: mujoco.MjData, arrival: Arrival, flow: Flow, grasp: Grasp
+    model: mujoco.MjModel, data: mujoco.MjData, phase_end: PhaseEnd, phase: Phase, cone_rows: ConeRows
 ) -> np.ndarray | None:
     """Return the rows at the start of the flow less those of now, (n, nv); None if they are the same.
 
     Half of an impulse acts along the rows of the start (as in RATTLE), so that what turns about a contact that sticks
     keeps its energy to second order.
     """
-    if flow.start.carried is None or not len(flow.start.carried.grasp.contact):
+    if phase.start.contact_forces is None or not len(phase.start.contact_forces.cone_rows.contact):
         return None
-    before = flow.start.carried.grasp
-    place = np.full((len(flow.start.gap), _KINDS), -1)
+    before = phase.start.contact_forces.cone_rows
+    place = np.full((len(phase.start.gap), _KINDS), -1)
     place[before.contact, before.kind] = np.arange(len(before.contact))
-    known = arrival.known[grasp.contact]
-    row = np.where(known >= 0, place[known, grasp.kind], -1)
-    difference = np.where(row[:, None] >= 0, before.along[row] - grasp.along, 0.0)
+    known = phase_end.known[cone_rows.contact]
+    row = np.where(known >= 0, place[known, cone_rows.kind], -1)
+    difference = np.where(row[:, None] >= 0, before.along[row] - cone_rows.along, 0.0)
     if not np.count_nonzero(difference):
         return None
-    difference, whitened = arrival.now.touch.confine(model, data, difference)
-    change, length = np.vecdot(whitened, whitened), np.vecdot(grasp.whitened, grasp.whitened)
+    difference, whitened = phase_end.now.contact_set.confine(model, data, difference)
+    change, length = np.vecdot(whitened, whitened), np.vecdot(cone_rows.whitened, cone_rows.whitened)
     difference[change > _LARGEST_TURN**2 * length] = 0.0  # another feature of the surface
     return difference if np.any(change > 1e-24 * length) else None
 
 
-def grasp_of(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, held: np.ndarray, velocity: np.ndarray) -> Grasp:
+def cone_rows_of(
+    model: mujoco.MjModel, data: mujoco.MjData, contact_set: ContactSet, held: np.ndarray, velocity: np.ndarray
+) -> ConeRows:
     """Return the rows of some contacts, bool (h,), at a velocity, (nv,)."""
-    contact, kind, jacobian, drift, along, whitened = touch.rows(model, data)
+    contact, kind, jacobian, drift, along, whitened = contact_set.rows(model, data)
     rows = np.flatnonzero(held[contact])
     sizes = np.bincount(contact[rows], minlength=1)
     gamma = jacobian.dot(velocity) + drift
-    return Grasp(contact[rows], kind[rows], sizes[sizes > 0], along[rows], whitened[rows], gamma[rows])
+    return ConeRows(contact[rows], kind[rows], sizes[sizes > 0], along[rows], whitened[rows], gamma[rows])
 
 
-def solve_grasp(grasp: Grasp, guess: np.ndarray | None, speed: float, work: Work, *, exact: bool) -> np.ndarray:
+def solve_cone_rows(
+    cone_rows: ConeRows, guess: np.ndarray | None, speed: float, work: Work, *, exact: bool
+) -> np.ndarray:
     """Return the impulses with E = 0, (n,), those of friction divided by their coefficients.
 
     Raises:
         SolverError: no solver has found them.
         UnfinishedStepError: that takes too much work.
     """
-    rows = len(grasp.contact)
+    rows = len(cone_rows.contact)
     work.solve(rows, 0)
-    problem = ConeProblem(grasp.whitened, grasp.velocity, grasp.sizes, exact=exact, speed=speed)
+    problem = ConeProblem(cone_rows.whitened, cone_rows.velocity, cone_rows.sizes, exact=exact, speed=speed)
     answer = solve_cones(problem, guess, rounds=work.rounds(rows))
     work.solve(rows, answer.iterations)
     if answer.status is not ConeStatus.SOLVED:
         raise SolverError(
-            f"no impulses of {len(grasp.sizes)} contacts with friction were found: relative residual "
+            f"no impulses of {len(cone_rows.sizes)} contacts with friction were found: relative residual "
             f'{answer.residual / problem.scale:.1e}; use a smaller timestep, or friction="convex"'
         )
     return answer.impulse
