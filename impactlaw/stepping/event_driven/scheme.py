@@ -281,7 +281,9 @@ class RigidStepping:
             )
         if contact_state.gap.min(initial=0.0) < -_DEEP * self._tolerance:
             reason = 'smaller timesteps, or scheme="time-stepping", may hold them'
-            raise UnfinishedStepError(f"contacts were not held: {refuse(contact_state.touch, self._tolerance, reason)}")
+            raise UnfinishedStepError(
+                f"contacts were not held: {refuse(contact_state.contact_set, self._tolerance, reason)}"
+            )
 
     def _is_left(self, data: mujoco.MjData) -> bool:
         """Return whether the same contacts are near, and no other, as the last step has left it."""

@@ -1,4 +1,4 @@
-"""When gaps close: cubics through what flows have shown, and how many flows that takes."""
+"""When gaps close: cubics through what phases have shown, and how many phases that takes."""
 
 import math
 from types import SimpleNamespace
@@ -10,35 +10,35 @@ from scenes import compiled
 from impactlaw import Moreau, Stepper
 from impactlaw.stepping.event_driven.event_location import locate
 from impactlaw.stepping.event_driven.gap_functions import GapFunctions, Observation, parabola_closes
-from impactlaw.stepping.event_driven.persistent_contact import frictional as gripped
+from impactlaw.stepping.event_driven.persistent_contact import frictional as frictional
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 
 
-class Flown:
-    """A flow after which contacts 0, 1, .. have gaps that are functions of its duration."""
+class Tried:
+    """A phase after which contacts 0, 1, .. have gaps that are functions of its duration."""
 
     def __init__(self, duration, gaps, slopes):
         self.duration = duration
-        self.sights = [
+        self.observations = [
             Observation(i, gap(duration), slope(duration), slope(0.0))
             for i, (gap, slope) in enumerate(zip(gaps, slopes, strict=True))
         ]
-        self.gap = min(sight.gap for sight in self.sights)
+        self.gap = min(one.gap for one in self.observations)
 
 
 def located(gaps, slopes, duration, tolerance=1e-9, *, exact=True):
-    """Return the flow up to the first gap that closes, and the durations of all flows that were tried."""
+    """Return the phase up to the first gap that closes, and the durations of all phases that were tried."""
     gap_functions = GapFunctions(np.array([g(0.0) for g in gaps]), np.array([s(0.0) for s in slopes]), exact=exact)
     tried = []
 
-    def fly(time):
+    def try_for(time):
         tried.append(time)
-        return Flown(time, gaps, slopes)
+        return Tried(time, gaps, slopes)
 
-    end = fly(duration)
-    gap_functions.add(duration, end.sights)
+    end = try_for(duration)
+    gap_functions.add(duration, end.observations)
     found = locate(
-        fly,
+        try_for,
         end,
         gap_functions,
         target=1e-2 * tolerance,
@@ -89,8 +89,8 @@ def test_gap_that_was_not_seen_at_the_start_has_come_by_a_parabola():
     assert gap_functions.closing(0.0, 1.0) == pytest.approx(1.0 / 3.0, abs=1e-14)
 
 
-def test_what_a_contact_was_believed_to_do_out_of_sight_does_not_mislead():
-    """The parabola through its velocities at both ends of a flow misses the start; the flow has bent early."""
+def test_what_a_contact_was_believed_to_do_too_far_to_be_seen_does_not_mislead():
+    """The parabola through its velocities at both ends of a phase misses the start; the phase has bent early."""
     gap_functions = GapFunctions(np.zeros(0), np.zeros(0), exact=True)
     gap, rate = lambda t: 0.5 - t + 0.01 * t**2, lambda t: -1.0 + 0.02 * t
     for time in (1.0, 0.8):
@@ -112,22 +112,22 @@ def test_gaps_of_semi_implicit_steps_are_found_in_a_few_flows():
     assert len(tried) <= 6
 
 
-def test_gap_out_of_sight_at_the_start_is_found_from_where_it_was_seen():
+def test_gap_too_far_to_be_seen_at_the_start_is_found_from_where_it_was_seen():
     near, gap, slope = 1e-6, lambda t: 9e-6 - 0.33 * t - 20 * t**2, lambda t: -0.33 - 40 * t
     gap_functions, tried = GapFunctions(np.zeros(0), np.zeros(0), exact=True), []
 
-    def fly(time):
+    def try_for(time):
         tried.append(time)
         seen = gap(time) <= near
-        sights = (
+        observations = (
             [Observation(-6, gap(time), slope(time), 0.1)] if seen else []
         )  # whatever it was that moved at the start
-        return SimpleNamespace(duration=time, gap=gap(time) if seen else near, sights=sights)
+        return SimpleNamespace(duration=time, gap=gap(time) if seen else near, observations=observations)
 
-    end = fly(0.01)
-    gap_functions.add(0.01, end.sights)
+    end = try_for(0.01)
+    gap_functions.add(0.01, end.observations)
     options = {"target": 1e-11, "tolerance": 1e-9, "shortest": 1e-12, "enough": lambda end, shorter: False}
-    found = locate(fly, end, gap_functions, **options)
+    found = locate(try_for, end, gap_functions, **options)
     assert abs(found.gap) <= 1e-11
     assert len(tried) <= 7
 
@@ -141,7 +141,7 @@ def test_smallest_gap_tells_whether_it_falls(slope, falls):
 
 
 def test_what_returns_to_its_contact_within_a_semi_implicit_step_is_found_at_once():
-    """The gap falls with the flow's duration although the contact velocity still separates: J turns with the body."""
+    """The gap falls with the phase's duration although the contact velocity still separates: J turns with the body."""
     gap_functions = GapFunctions(np.array([0.0]), np.array([2.7e-3]), exact=False)
     time = 6.3e-5
     gap_functions.add(time, [Observation(0, 0.0, 1.25e-3, 2.7e-3)])
@@ -168,8 +168,8 @@ ARM = f'<body pos="0 0 2">{link("shoulder", 0.2, "-30 20", 0.4, f"""<body pos=".
 
 
 @pytest.fixture
-def flows(monkeypatch):
-    """The duration of every flow, in order."""
+def phases(monkeypatch):
+    """The duration of every phase, in order."""
     durations, advance = [], SmoothPhases.advance
 
     def counted(self, data, duration, force=None):
@@ -181,20 +181,20 @@ def flows(monkeypatch):
 
 
 @pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicitfast"])
-def test_limits_that_bounce_take_few_flows(flows, integrator):
+def test_limits_that_bounce_take_few_flows(phases, integrator):
     model, data = compiled(ARM, option=f'timestep="0.004" integrator="{integrator}"', geom='contype="0"')
     stepper, collisions = Stepper(model, Moreau(0.3)), 0
     for _ in range(120):
         stepper.step(data)
         collisions += len(stepper.events)
     assert collisions > 60
-    assert len(flows) < 120 + 2 * collisions
+    assert len(phases) < 120 + 2 * collisions
     assert stepper.unlocated == 0
 
 
 def test_flow_that_is_only_tried_is_not_given_its_last_velocity(monkeypatch):
     """A ball slides under an arm whose limits bounce: one impulse is enough to tell when."""
-    solves, arrive, solve = [], SmoothPhases._arrive, gripped.solve_cone_rows
+    solves, arrive, solve = [], SmoothPhases._arrive, frictional.solve_cone_rows
 
     def arrived(self, *args):
         solves.append(0)
@@ -205,7 +205,7 @@ def test_flow_that_is_only_tried_is_not_given_its_last_velocity(monkeypatch):
         return solve(*args, **options)
 
     monkeypatch.setattr(SmoothPhases, "_arrive", arrived)
-    monkeypatch.setattr(gripped, "solve_cone_rows", solved)
+    monkeypatch.setattr(frictional, "solve_cone_rows", solved)
     ball = '<body pos="0 2 .1"><freejoint/><geom size=".1" contype="1" friction="0.1"/></body>'
     floor = '<geom type="plane" size="9 9 1" contype="1" friction="0.1"/>'
     model, data = compiled(ARM + ball + floor, option='timestep="0.004" integrator="RK4"', geom='contype="0"')

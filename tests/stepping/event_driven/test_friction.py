@@ -267,9 +267,9 @@ def test_a_flow_may_start_where_nothing_was_held_in_the_end():
     assert isinstance(stepping, RigidStepping)
     known = stepping._next
     assert known is not None
-    assert known.carried is not None
+    assert known.contact_forces is not None
     nothing = ConeRows(*(part[:0] for part in known.contact_forces.cone_rows))
-    stepping._next = known._replace(carried=known.carried._replace(grasp=nothing))
+    stepping._next = known._replace(contact_forces=known.contact_forces._replace(cone_rows=nothing))
     stepper.step(data)
     assert data.qpos[:3] == pytest.approx([0.0, 0.0, 0.1], abs=1e-9)
 

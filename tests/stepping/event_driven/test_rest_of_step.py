@@ -65,13 +65,13 @@ def test_a_collision_without_a_solution_is_time_stepped_from_where_it_was(monkey
 
 def test_after_a_step_that_was_not_finished_more_and_more_are_left_to_time_stepping(monkeypatch):
     model, data = compiled(FLOOR + BOX)
-    tried, fly = [], SmoothPhases.advance_to_contact
+    tried, advance = [], SmoothPhases.advance_to_contact
 
     def counted(self, *args, **kwargs):
         tried.append(1)
         if len(tried) < 6:
             raise UnfinishedStepError("too much")
-        return fly(self, *args, **kwargs)
+        return advance(self, *args, **kwargs)
 
     monkeypatch.setattr(SmoothPhases, "advance_to_contact", counted)
     stepper = Stepper(model, Moreau(0.0))

@@ -266,11 +266,11 @@ def shortcut_of(stepper, data):
 @pytest.mark.parametrize(("velocity", "shift", "lasts"), [(0, 0, True), (1e-10, 0, False), (0, 1e-10, False)])
 def test_a_rest_allows_for_rounding_only(velocity, shift, lasts):
     model, data = scene()
-    rest, flights = shortcut_of(settled(model, data), data)
+    rest, phases = shortcut_of(settled(model, data), data)
     assert isinstance(rest, Rest)
     data.qvel[0] += velocity
     data.qpos[0] += shift
-    assert (rest.lasts(model, data, flights) is rest) == lasts
+    assert (rest.lasts(model, data, phases) is rest) == lasts
 
 
 @pytest.mark.parametrize(
@@ -292,11 +292,11 @@ def test_contacts_together_allow_for_rounding_only(ball, position, velocity, las
     data = mujoco.MjData(model)
     model.opt.gravity[:] = 0.0
     data.qvel[:] = 0.1
-    together, flights = shortcut_of(settled(model, data), data)
+    together, phases = shortcut_of(settled(model, data), data)
     assert isinstance(together, Together)
     data.qpos[ball] += position
     data.qvel[ball] += velocity
-    assert (together.lasts(model, data, flights) is together) == lasts
+    assert (together.lasts(model, data, phases) is together) == lasts
 
 
 def test_other_contacts_of_the_same_number_are_not_those_together():
@@ -305,11 +305,11 @@ def test_other_contacts_of_the_same_number_are_not_those_together():
     data = mujoco.MjData(model)
     data.qvel[:] = 0.1
     data.qpos[2] = 0.01
-    together, flights = shortcut_of(settled(model, data), data)
+    together, phases = shortcut_of(settled(model, data), data)
     assert isinstance(together, Together)
     assert together.pattern.labels == ("ball1/ball2",)
     data.qpos[:] -= [0.01, 0.0, 0.01]
-    assert together.lasts(model, data, flights) is None
+    assert together.lasts(model, data, phases) is None
 
 
 def test_a_body_is_met_by_one_that_turns_a_whole_turn_in_a_step():

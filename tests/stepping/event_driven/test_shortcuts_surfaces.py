@@ -117,7 +117,7 @@ def test_a_ball_in_flight_is_met_by_a_table_that_jumps_up():
     assert data.qvel[2] == pytest.approx(600, rel=1e-2)
 
 
-def test_a_flight_over_a_moving_table_looks_only_at_its_end(monkeypatch):
+def test_flying_over_a_moving_table_looks_only_at_its_end(monkeypatch):
     model, data = scene(BALL.replace("0 0 .1", "0 0 1"))
     stepper = Stepper(model, Moreau(1.0))
     heights = 0.05 * np.sin(0.3 * np.arange(1, 40))
@@ -154,7 +154,7 @@ def test_velocities_of_a_table_are_those_of_a_solid_that_turns():
         mujoco.mju_quatIntegrate(data.mocap_quat[0], spin, 0.005)
         stepper.step(data)
     surfaces = stepper._stepping._phases.surfaces
-    contact = stepper._stepping._next.touch.contacts
+    contact = stepper._stepping._next.contact_set.contacts
     turn = np.empty(9)
     mujoco.mju_quat2Mat(turn, data.mocap_quat[0])
     velocity = surfaces.motion(data, contact).velocity[0]
