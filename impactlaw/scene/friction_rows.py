@@ -67,20 +67,6 @@ class RowOrder(NamedTuple):
     order: np.ndarray
 
 
-class Tangents(NamedTuple):
-    """The rows of friction at one configuration.
-
-    Attributes:
-        friction_pattern: which rows they are.
-        jacobian: ``J_t``, sliding in m/s, torsion and rolling in rad/s, (k, nv).
-        drift: what moving surfaces add to these velocities, (k,).
-    """
-
-    friction_pattern: FrictionPattern
-    jacobian: np.ndarray
-    drift: np.ndarray
-
-
 def pair_friction(model: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return dimensions, (h,), and coefficients, (h, 5), of contacts between pairs of geoms, (h, 2).
 
@@ -135,8 +121,10 @@ def find_tangents(
     contacts: Contacts,
     friction_pattern: FrictionPattern,
     surfaces: Surfaces | None,
-) -> Tangents:
-    """Return the rows of friction of contacts at the current frames (`contacts.update_positions`).
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return ``J_t``, (k, nv), and what surfaces add to ``J_t v``, (k,), of contacts at the current frames.
+
+    Sliding is in m/s, torsion and rolling are in rad/s.
 
     The directions are MuJoCo's: the second axis is the world's y, or z where the normal is near to that, made
     perpendicular.
@@ -153,7 +141,7 @@ def find_tangents(
         velocity, spin, belt = (part[friction_pattern.contact] for part in surfaces.motion(data, contacts))
         slides = (friction_pattern.kind < _TORSION)[:, None]
         drift = np.vecdot(axis, np.where(slides, velocity + belt, spin))
-    return Tangents(friction_pattern, J, drift)
+    return J, drift
 
 
 def _relative(

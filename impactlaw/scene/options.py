@@ -1,4 +1,4 @@
-"""The options of a scene that stepping changes for a moment: contacts off to integrate, nothing but contacts on to look."""
+"""The options of a scene that stepping changes while it works: no contacts to integrate, nothing else to detect."""
 
 from __future__ import annotations
 

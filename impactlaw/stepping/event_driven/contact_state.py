@@ -1,14 +1,16 @@
-"""Contacts at one time and how they move; a flow from one such moment to the next; which contacts stay closed."""
+"""Contacts at one time and how they move; the smooth phase from there; which contacts stay closed in it."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
-from impactlaw.stepping.event_driven.contact_set import ContactSet, kinetic_norm
-from impactlaw.stepping.event_driven.travel import Travel
+from impactlaw.scene.contacts import Contacts
+from impactlaw.scene.patterns import Pattern
+from impactlaw.stepping.event_driven.configuration import Configuration
+from impactlaw.stepping.event_driven.contact_set import ContactSet, Rows
+from impactlaw.stepping.event_driven.travel import Frames, Travel
 from impactlaw.stepping.work import Work
 
 CORRECTED = 1e-2
@@ -21,35 +23,15 @@ _ROUNDING = 1e-13  # of a contact velocity in the kinetic metric, relative to th
 _STILL = 1e-3  # part of the gap tolerance that a velocity must cross in a timestep to be one
 
 
-class ConeRows(NamedTuple):
-    """Rows of the cone problem of some contacts: contact by contact, pressing first, friction times its coefficient.
-
-    Attributes:
-        contact: index of the contact of each row, int (n,).
-        kind: 0 for pressing, 1 to 5 for friction, int (n,).
-        sizes: rows of each contact that takes part, int.
-        along: the rows along which impulses act, (n, nv).
-        whitened: the same where the kinetic metric is Euclidean, (n, nv).
-        velocity: of each row at a given velocity, (n,).
-    """
-
-    contact: np.ndarray
-    kind: np.ndarray
-    sizes: np.ndarray
-    along: np.ndarray
-    whitened: np.ndarray
-    velocity: np.ndarray
-
-
 class ContactForces(NamedTuple):
-    """What a flow had to hold where there is friction.
+    """The forces with which a phase has held contacts with friction.
 
     Attributes:
-        cone_rows: the rows at its end.
-        force: pressing, then friction divided by its coefficients, N or N m, (h, 6).
+        rows: those of the contacts, at its end.
+        force: normal force, then friction divided by its coefficients, N or N m, (h, 6).
     """
 
-    cone_rows: ConeRows
+    rows: Rows
     force: np.ndarray
 
 
@@ -64,10 +46,9 @@ class ContactState(NamedTuple):
         contact_velocity: ``gamma``, m/s, (h,).
         noise: size of the rounding errors of gamma, m/s, (h,).
         quiet: whether all contacts are closed, and neither move nor need a correction of position.
-        active: contacts that the last flow had to hold, bool (h,); None if there were none.
+        active: contacts that the last phase had to hold, bool (h,); None if there were none.
         contact_forces: the forces with which it held them where there is friction; None if there were none.
         force: that these contacts exert on all degrees of freedom, N or N m, (nv,); None if it is not known.
-        bend: b of ``gap + velocity t + b t^2`` over the last flow, m/s^2, (h,), 0 if unknown; None without any.
     """
 
     contact_set: ContactSet
@@ -79,57 +60,64 @@ class ContactState(NamedTuple):
     quiet: bool
     active: np.ndarray | None = None
     contact_forces: ContactForces | None = None
-    bend: np.ndarray | None = None
     force: np.ndarray | None = None
 
     @classmethod
-    def of(
-        cls, model: mujoco.MjModel, data: mujoco.MjData, contact_set: ContactSet, *, tolerance: float, timestep: float
-    ) -> ContactState:
-        """Read the velocities of now; inertia must be that of the touch."""
+    def of(cls, contact_set: ContactSet, *, tolerance: float, timestep: float) -> ContactState:
+        """Return the contacts of now with the velocities of now."""
         gap = contact_set.contacts.gap
         closed = gap <= tolerance
         still = _STILL * tolerance / timestep
-        velocity, gamma, noise, silent = _motion(model, data, contact_set, SILENT * still)
+        velocity, gamma, noise, silent = _motion(contact_set, SILENT * still)
         quiet = (
             silent
             and contact_set.pattern.friction_pattern is None
-            and np.count_nonzero(closed & (gap >= -CORRECTED * tolerance)) == len(gap)
+            and bool((closed & (gap >= -CORRECTED * tolerance)).all())
         )
         return cls(contact_set, closed, still, velocity, gamma, noise, quiet)
 
-    @classmethod
-    def without_motion(cls, contact_set: ContactSet, *, tolerance: float, timestep: float) -> ContactState:
-        """Return contacts whose velocities are not looked at: all zero, until `moving` reads them."""
-        none = np.zeros(contact_set.jacobian.shape[1])
-        closed, rest = contact_set.contacts.gap <= tolerance, np.zeros(len(contact_set.contacts))
-        return cls(contact_set, closed, _STILL * tolerance / timestep, none, rest, rest, False)
-
     def moving(
         self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
         active: np.ndarray | None = None,
         contact_forces: ContactForces | None = None,
         force: np.ndarray | None = None,
     ) -> ContactState:
         """Return the same contacts with the velocities of now."""
-        velocity, gamma, noise, _ = _motion(model, data, self.contact_set, SILENT * self.still)
+        velocity, gamma, noise, _ = _motion(self.contact_set, SILENT * self.still)
         motion = velocity, gamma, noise, False
-        if np.count_nonzero(self.contact_set.pattern.vague):  # contact points may jump, and forces with them
+        if self.pattern.vague.any():  # contact points may jump, and forces with them
             force = None
-        return ContactState(
-            self.contact_set, self.closed, self.still, *motion, active, contact_forces, self.bend, force
-        )
+        return ContactState(self.contact_set, self.closed, self.still, *motion, active, contact_forces, force)
 
-    def bending(self, bend: np.ndarray) -> ContactState:
-        """Return the same contacts after a flow that has bent their gaps, m/s^2, (h,)."""
-        return self._replace(bend=bend)
+    @property
+    def configuration(self) -> Configuration:
+        """At which the contacts are."""
+        return self.contact_set.configuration
+
+    @property
+    def pattern(self) -> Pattern:
+        """What the geoms of the contacts say."""
+        return self.contact_set.pattern
+
+    @property
+    def frames(self) -> Frames:
+        """Frames of all geoms."""
+        return self.contact_set.frames
 
     @property
     def gap(self) -> np.ndarray:
         """Gaps, m, (h,)."""
-        return self.contact_set.contacts.gap
+        return self.contacts.gap
+
+    @property
+    def position(self) -> np.ndarray:
+        """Contact points, m, (h, 3)."""
+        return self.contacts.position
+
+    @property
+    def contacts(self) -> Contacts:
+        """The contacts."""
+        return self.contact_set.contacts
 
     @property
     def rounding(self) -> np.ndarray:
@@ -139,24 +127,21 @@ class ContactState(NamedTuple):
     @property
     def collides(self) -> bool:
         """Whether a closed contact approaches."""
-        fast = self.closed & (self.contact_velocity < -self.still)
-        return bool(np.count_nonzero(fast)) and bool(np.any(self.contact_velocity[fast] < -self.noise[fast]))
+        return bool((self.closed & (self.contact_velocity < -self.rounding)).any())
 
 
-def _motion(
-    model: mujoco.MjModel, data: mujoco.MjData, contact_set: ContactSet, silent: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+def _motion(contact_set: ContactSet, silent: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
     """Return v, gamma, its noise, and whether gamma is all noise."""
-    velocity = data.qvel.copy()
+    configuration = contact_set.configuration
+    velocity = configuration.data.qvel.copy()
     gamma = contact_set.contact_velocity(velocity)
-    if not np.count_nonzero(np.abs(gamma) > silent):
+    if not (np.abs(gamma) > silent).any():
         return velocity, gamma, silent * contact_set.pattern.ones, True
-    _, _, lengths = contact_set.whitened(model, data)
-    return velocity, gamma, (_ROUNDING * kinetic_norm(model, data, velocity)) * lengths, False
+    return velocity, gamma, (_ROUNDING * configuration.kinetic_norm(velocity)) * contact_set.lengths, False
 
 
 class Phase(NamedTuple):
-    """A flow that has been tried.
+    """A smooth phase that has been tried.
 
     Attributes:
         start: where it began.
@@ -180,7 +165,7 @@ class Phase(NamedTuple):
 
 
 class PhaseEnd(NamedTuple):
-    """The contacts at the end of a flow.
+    """The contacts at the end of a phase.
 
     Attributes:
         now: those contacts, and how they move now.
@@ -194,17 +179,15 @@ class PhaseEnd(NamedTuple):
 
 
 def stays(gap: np.ndarray, known: np.ndarray, phase: Phase) -> np.ndarray:
-    """Return which contacts are sustained if they end the flow with these gaps, bool (h,)."""
+    """Return which contacts are sustained if they end the phase with these gaps, bool (h,)."""
     if phase.hold_all:
         return gap <= phase.tolerance
     start, tau = phase.start, phase.duration
     closed = start.closed
-    if not np.count_nonzero(closed):
+    if not closed.any():
         return np.zeros(len(known), dtype=bool)
     velocity = start.contact_velocity[known]
     slow = velocity <= start.rounding[known]
     held = (known >= 0) & closed[known]
-    if np.count_nonzero(held & slow) == np.count_nonzero(held):
-        return held
     closing = 2.0 * (start.gap[known] + velocity * tau - gap)  # times tau^2
     return held & (slow | ((velocity * tau) ** 2 <= 2.0 * closing * phase.tolerance))

@@ -1,11 +1,14 @@
-"""Which contacts at the end of a flow are those at its start."""
+"""Which contacts at the end of a smooth phase are those at its start."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from impactlaw.scene.contacts import Contacts, gap_gradients
+from impactlaw.scene.patterns import Pattern
 from impactlaw.stepping.event_driven.contact_set import ContactSet
 from impactlaw.stepping.event_driven.contact_state import Phase, PhaseEnd
 from impactlaw.stepping.event_driven.travel import Frames
@@ -14,36 +17,50 @@ _SAME_POINT = 1e3  # gap tolerances that a contact point may move more than the 
 _LAST = 1e9  # m: puts contacts that separate behind those that do not
 
 
-def match(model: mujoco.MjModel, data: mujoco.MjData, contact_set: ContactSet, phase: Phase) -> np.ndarray:
-    """Return for each contact at the end of a flow the index of the same contact at its start, or -1, int (h,).
+class Continued(NamedTuple):
+    """How the gap of a contact that continues another one has changed.
+
+    Attributes:
+        halfway: gap to which its velocity alone leads in half of the phase, m.
+        bent: the part of the gap at the end that is not due to the velocity, m.
+    """
+
+    halfway: float
+    bent: float
+
+
+def match(contact_set: ContactSet, phase: Phase) -> np.ndarray:
+    """Return for each contact at the end of a phase the index of the same contact at its start, or -1, int (h,).
 
     The same contact is of the same two geoms and has moved, seen from one of them, no further than they have travelled.
     If the two never have more than one contact, it is the same one anyway. If they touch somewhere in common faces, it
-    continues the nearest contact that was closed if, at the start, it approached no faster than the flow has changed
-    its velocity (an impact so slow is over within the flow), or if the flow is known to be smooth.
+    continues the nearest contact that was closed if, at the start, it approached no faster than the phase has changed
+    its velocity (an impact so slow is over within the phase), or if the phase is known to be smooth.
     """
-    before, now = phase.start.contact_set.pattern, contact_set.pattern
+    start, data = phase.start, contact_set.configuration.data
+    before, now = start.pattern, contact_set.pattern
     if not before or not now:
         return np.full(len(now), -1)
     if before.all_single and now.all_single:
-        if before is now:
-            return now.index
-        index = np.minimum(np.searchsorted(before.key, now.key), len(before) - 1)
-        return np.where(before.key[index] == now.key, index, -1)
+        return now.index if before is now else _by_geoms(before, now)
+    position, same_point = contact_set.contacts.position, _SAME_POINT * phase.tolerance
     if before is now:
-        moved = contact_set.contacts.position - phase.start.contact_set.contacts.position
-        same = _SAME_POINT * phase.tolerance
-        if np.abs(moved - moved[0]).max() <= same and _translates(data, contact_set, phase, moved[0], same):
+        moved = position - start.position
+        if np.abs(moved - moved[0]).max() <= same_point and _translates(contact_set, phase, moved[0], same_point):
             return now.index
     if before.distinct and now.distinct:
-        index = np.minimum(np.searchsorted(before.key, now.key), len(before) - 1)
-        same = before.key[index] == now.key
-        moved = contact_set.contacts.position - phase.start.contact_set.contacts.position[index]
-        travel = phase.travel.between(phase.start.contact_set.frames, data)[now.geoms].sum(axis=1)
-        allowed = travel + _SAME_POINT * phase.tolerance
-        if np.count_nonzero(same & (np.vecdot(moved, moved) > allowed * allowed)) == 0:
-            return np.where(same, index, -1)
-    return _match_points(model, data, contact_set, phase)
+        index = _by_geoms(before, now)
+        moved = position - start.position[index]
+        allowed = phase.travel.between(start.frames, data)[now.geoms].sum(axis=1) + same_point
+        if not ((index >= 0) & (np.vecdot(moved, moved) > allowed * allowed)).any():
+            return index
+    return _match_points(contact_set, phase)
+
+
+def _by_geoms(before: Pattern, now: Pattern) -> np.ndarray:
+    """Return the index of the contact of the same geoms before, or -1, int (h,)."""
+    index = np.minimum(np.searchsorted(before.key, now.key), len(before) - 1)
+    return np.where(before.key[index] == now.key, index, -1)
 
 
 def refound(known: np.ndarray, held: np.ndarray, contact_set: ContactSet, phase: Phase) -> np.ndarray:
@@ -55,68 +72,63 @@ def refound(known: np.ndarray, held: np.ndarray, contact_set: ContactSet, phase:
     missing = [index for index in held.tolist() if index >= 0 and index not in found]
     if not missing:
         return known
-    start, known = phase.start.contact_set, known.copy()
+    start, pattern, known = phase.start, contact_set.pattern, known.copy()
     for lost in missing:
-        new = np.flatnonzero(
-            (known < 0) & contact_set.pattern.rolling & (contact_set.pattern.key == start.pattern.key[lost])
-        )
+        new = np.flatnonzero((known < 0) & pattern.rolling & (pattern.key == start.pattern.key[lost]))
         if len(new):
-            away = np.linalg.norm(contact_set.contacts.position[new] - start.contacts.position[lost], axis=1)
+            away = np.linalg.norm(contact_set.contacts.position[new] - start.position[lost], axis=1)
             known[new[away.argmin()]] = lost
     return known
 
 
-def continued(phase_end: PhaseEnd, phase: Phase, deepest: int, gap: float) -> tuple[float, float] | None:
-    """Return how a contact has come to its gap if it continues one that was elsewhere in common faces.
+def continued(phase_end: PhaseEnd, phase: Phase, deepest: int, gap: float) -> Continued | None:
+    """Return how a contact has come to its gap if it continues one in another place of common faces; else None.
 
     That one was closed and did not separate, or so slowly that its rebound rises less than the gap tolerance.
 
     Args:
-        phase_end: the contacts at the end of the flow.
+        phase_end: the contacts at the end of the phase.
         phase: what led there.
         deepest: index of the contact.
         gap: its gap, m.
-
-    Returns:
-        Where its velocity alone leads in half of the flow, and the part of the gap that is bent, m; or None.
     """
-    start, contact_set, tau = phase.start, phase_end.now.contact_set, phase.duration
-    if phase_end.known[deepest] >= 0 or not contact_set.pattern.vague[deepest]:
+    start, pattern, tau = phase.start, phase_end.now.pattern, phase.duration
+    if phase_end.known[deepest] >= 0 or not pattern.vague[deepest]:
         return None
     velocity = start.contact_velocity
     bent = gap - start.gap - velocity * tau
     held = velocity <= start.rounding
-    if contact_set.pattern.rolling[deepest]:
+    if pattern.rolling[deepest]:
         held |= (velocity * tau) ** 2 <= -4.0 * bent * phase.tolerance
-    held &= start.closed & (start.contact_set.pattern.key == contact_set.pattern.key[deepest])
-    if not np.count_nonzero(held):
+    held &= start.closed & (start.pattern.key == pattern.key[deepest])
+    if not held.any():
         return None
     one = int(np.flatnonzero(held)[velocity[held].argmin()])
-    return float(start.gap[one] + 0.5 * velocity[one] * tau), float(bent[one])
+    return Continued(float(start.gap[one] + 0.5 * velocity[one] * tau), float(bent[one]))
 
 
-def _translates(data: mujoco.MjData, contact_set: ContactSet, phase: Phase, moved: np.ndarray, same: float) -> bool:
+def _translates(contact_set: ContactSet, phase: Phase, moved: np.ndarray, same: float) -> bool:
     """Return whether the first contact point, midway between two surfaces, has moved as they have on the average."""
     geoms = contact_set.contacts.geoms[0]
-    first, second = data.geom_xpos[geoms] - phase.start.contact_set.frames.position[geoms]
+    first, second = contact_set.configuration.data.geom_xpos[geoms] - phase.start.frames.position[geoms]
     return bool(np.abs(moved - 0.5 * (first + second)).max() <= same)
 
 
-def _match_points(model: mujoco.MjModel, data: mujoco.MjData, contact_set: ContactSet, phase: Phase) -> np.ndarray:
-    start, contacts = phase.start, contact_set.contacts
-    before = start.contact_set.contacts
+def _match_points(contact_set: ContactSet, phase: Phase) -> np.ndarray:
+    start, contacts, pattern = phase.start, contact_set.contacts, contact_set.pattern
+    model, data = contact_set.configuration.model, contact_set.configuration.data
     index = np.full(len(contacts), -1)
-    other = contact_set.pattern.key[:, None] != start.contact_set.pattern.key
-    moved = np.where(other, np.inf, _moved(contacts, before, start.contact_set.frames, data))
+    other = pattern.key[:, None] != start.pattern.key
+    moved = np.where(other, np.inf, _moved(contacts, start.contacts, start.frames, data))
     nearest = moved.argmin(axis=1)
     least = moved[np.arange(len(contacts)), nearest]
-    travel = phase.travel.between(start.contact_set.frames, data)
+    travel = phase.travel.between(start.frames, data)
     near = least <= 2.0 * travel[contacts.geoms].sum(axis=1) + _SAME_POINT * phase.tolerance
-    near |= np.isfinite(least) & contact_set.pattern.single
+    near |= np.isfinite(least) & pattern.single
     index[near] = nearest[near]
     moved[:, ~start.closed] = np.inf
-    moved[:, start.contact_velocity > start.rounding] += np.where(contact_set.pattern.rolling, _LAST, np.inf)[:, None]
-    vague = np.flatnonzero(~near & np.isfinite(moved).any(axis=1) & contact_set.pattern.vague)
+    moved[:, start.contact_velocity > start.rounding] += np.where(pattern.rolling, _LAST, np.inf)[:, None]
+    vague = np.flatnonzero(~near & np.isfinite(moved).any(axis=1) & pattern.vague)
     if len(vague) and not phase.smooth:
         J = gap_gradients(model, data, contacts.select(vague))
         velocity, change = J @ start.velocity, J @ (data.qvel - start.velocity)
@@ -128,33 +140,31 @@ def _match_points(model: mujoco.MjModel, data: mujoco.MjData, contact_set: Conta
 
 
 def runs_on(half: PhaseEnd, end: PhaseEnd, phase: Phase, deepest: int) -> bool:
-    """Return whether a contact at the end is one that is held after half of the flow, and has run on as before.
+    """Return whether a contact at the end is one that is held after half of the phase, and has run on as before.
 
     That is ``|p(tau) - p(tau / 2)| <= 2 |p(tau / 2) - p(0)|`` for the contact point p, m; another edge is further away.
 
     Args:
-        half: the contacts after half of the flow.
+        half: the contacts after half of the phase.
         end: the contacts at its end.
         phase: what led to the end.
         deepest: index of the contact at the end.
     """
-    pattern = end.now.contact_set.pattern
-    held = np.flatnonzero(half.sustained & (half.now.contact_set.pattern.key == pattern.key[deepest]))
+    pattern = end.now.pattern
+    held = np.flatnonzero(half.sustained & (half.now.pattern.key == pattern.key[deepest]))
     if not pattern.rolling[deepest] or len(held) != 1 or half.known[held[0]] < 0:
         return False
-    start = phase.start.contact_set.contacts.position[half.known[held[0]]]
-    middle, now = half.now.contact_set.contacts.position[held[0]], end.now.contact_set.contacts.position[deepest]
+    start = phase.start.position[half.known[held[0]]]
+    middle, now = half.now.position[held[0]], end.now.position[deepest]
     return bool(np.linalg.norm(now - middle) <= 2.0 * np.linalg.norm(middle - start))
 
 
 def _moved(contacts: Contacts, before: Contacts, frames: Frames, data: mujoco.MjData) -> np.ndarray:
     """Distances of contact points from earlier ones, seen from that of the two geoms for which they are smaller."""
     distances = []
-    for geom, geom_before in zip(contacts.geoms.T, before.geoms.T, strict=True):
-        turn = data.geom_xmat[geom].reshape(-1, 3, 3)
+    for geom, earlier in zip(contacts.geoms.T, before.geoms.T, strict=True):
+        turn, turn_before = data.geom_xmat[geom].reshape(-1, 3, 3), frames.rotation[earlier].reshape(-1, 3, 3)
         now = np.einsum("hij,hi->hj", turn, contacts.position - data.geom_xpos[geom])
-        then = np.einsum(
-            "hij,hi->hj", frames.rotation[geom_before].reshape(-1, 3, 3), before.position - frames.position[geom_before]
-        )
+        then = np.einsum("hij,hi->hj", turn_before, before.position - frames.position[earlier])
         distances.append(np.linalg.norm(now[:, None] - then, axis=2))
     return np.minimum(*distances)

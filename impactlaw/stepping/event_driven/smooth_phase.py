@@ -1,22 +1,23 @@
-"""Flows between collisions: how far one leads, which contacts stay closed meanwhile, and when another gap closes.
+"""Smooth phases between collisions: how far one leads, which contacts stay closed, and when another gap closes.
 
-A flow is MuJoCo's integrator without contacts (`integration.advance`). It is tried, shortened where bodies travel
+A phase is MuJoCo's integrator without contacts (`integration.advance`). It is tried, shortened where bodies travel
 further than they are thick (`travel.Travel`), brought back to the contacts that stay closed
-(`persistent_contact.hold`), and where another gap fell below minus the tolerance, repeated up to the time at which it
+(`persistent_contact`), and where another gap fell below minus the tolerance, repeated up to the time at which it
 closes (`event_location.locate`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from impactlaw.scene.contacts import update_positions
 from impactlaw.scene.detection import Detector
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.scene.patterns import Pattern
+from impactlaw.stepping.event_driven.configuration import Configuration
 from impactlaw.stepping.event_driven.contact_set import ContactSet
 from impactlaw.stepping.event_driven.contact_state import CORRECTED, ContactState, Phase, PhaseEnd, stays
 from impactlaw.stepping.event_driven.event_location import locate
@@ -24,21 +25,28 @@ from impactlaw.stepping.event_driven.gap_functions import GapFunctions
 from impactlaw.stepping.event_driven.matching import continued, match, refound, runs_on
 from impactlaw.stepping.event_driven.persistent_contact.felt_force import FeltForce, applied
 from impactlaw.stepping.event_driven.persistent_contact.frictionless import hold
+from impactlaw.stepping.event_driven.persistent_contact.position import LookAgain
 from impactlaw.stepping.event_driven.travel import Frames, Travel
-from impactlaw.stepping.event_driven.trial_step import TrialStep, expected, further, rests
-from impactlaw.stepping.integration import advance, restore_state
+from impactlaw.stepping.event_driven.trial_step import TrialStep, further
+from impactlaw.stepping.integration import advance
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.work import Work
 
 _LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located
-_SMOOTH = 0.1  # part of its bent depth by which a smooth gap may miss a quarter of it after half of the flow
+_SMOOTH = 0.1  # part of its bent depth by which a smooth gap may miss a quarter of it after half of the phase
 _NEAR = 1e3  # gap tolerances within which contacts are looked for
-_AHEAD = 3  # flows at most up to where a gap is expected to close, before one over all that remains
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
+class Matched(NamedTuple):
+    """Contacts that were looked at, and those at the start of the phase that they continue, int (h,), -1 for none."""
+
+    now: ContactState
+    known: np.ndarray
+
+
 class SmoothPhases:
-    """Flies from one moment towards the end of a step.
+    """Advances from one contact state towards the end of a step.
 
     Args:
         model: the scene.
@@ -48,6 +56,7 @@ class SmoothPhases:
         exact: whether friction is exact, or its convex relaxation.
 
     Attributes:
+        configuration: of the scene, which is advanced.
         tolerance: the gap tolerance, m.
         farthest: as in `Travel`.
         work: as given.
@@ -67,309 +76,223 @@ class SmoothPhases:
         self.farthest = self._travel.farthest
         self.options = self._detector.options
         self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
+        self.configuration = Configuration(model, self.surfaces)
 
     @property
     def is_steady(self) -> bool:
         """Whether no surface moves by itself in this step, nor is a belt that the model may start or stop."""
         return self.surfaces is None or (self.surfaces.still and not self.surfaces.run)
 
-    def update(self, data: mujoco.MjData) -> None:
-        """Bring frames and inertia up to data.qpos, and surfaces that move by themselves to where they are now."""
-        if self.surfaces is not None:
-            self.surfaces.place(data)
-        update_positions(self._model, data)
-
-    def advance(self, data: mujoco.MjData, duration: float, force: np.ndarray | None = None) -> None:
+    def advance(self, duration: float, force: np.ndarray | None = None) -> None:
         """Integrate for ``duration`` s without contacts, or with this force of theirs applied, (nv,)."""
+        data = self.configuration.data
         if self.surfaces is not None:
             self.surfaces.aim(data)
         with applied(data, force):
             advance(self._model, data, self.options, duration)
-        self.update(data)
+        self.configuration.update()
 
-    def _is_short(self, before: np.ndarray, after: np.ndarray, duration: float) -> bool:
-        if self.surfaces is None:
-            return self._travel.is_short(before, after, duration)
-        return self._travel.is_short(before, after, duration, drift=self.surfaces.speed)
+    def _is_short(self, before: np.ndarray, duration: float) -> bool:
+        """Return whether the velocities at both ends of a phase, (nv,), tell that nothing has passed through."""
+        drift = 0.0 if self.surfaces is None else self.surfaces.speed
+        return self._travel.is_short(before, self.configuration.data.qvel, duration, drift=drift)
 
-    def look(self, data: mujoco.MjData, within: float = 0.0) -> ContactState:
-        """Return the contacts of now, of a gap up to ``within``, m or rad, at least; frames must be current."""
-        contact_set = ContactSet(self._detector.look(data, max(self._near, within)), data, self.surfaces)
-        return ContactState.of(self._model, data, contact_set, tolerance=self.tolerance, timestep=self.options.timestep)
+    def detect(self, within: float) -> ContactSet:
+        """Return the contacts of now of a gap up to ``within``, m or rad, at least."""
+        self.configuration.refresh()
+        return ContactSet(self._detector.look(self.configuration.data, within), self.configuration)
 
-    def _look_at_places(self, data: mujoco.MjData, within: float) -> ContactState:
-        """Return the contacts as `look` does, without their motion."""
-        contact_set = ContactSet(self._detector.look(data, max(self._near, within)), data, self.surfaces)
-        return ContactState.without_motion(contact_set, tolerance=self.tolerance, timestep=self.options.timestep)
+    def look(self, within: float = 0.0) -> ContactState:
+        """Return the contacts of now, of a gap up to ``within``, m or rad, at least, and how they move."""
+        found = self.detect(max(self._near, within))
+        return ContactState.of(found, tolerance=self.tolerance, timestep=self.options.timestep)
 
-    def refresh(self, data: mujoco.MjData, pattern: Pattern) -> None:
+    def leave_contacts(self, pattern: Pattern) -> None:
         """Leave in data.contact what `look` leaves there where the pattern is known, and read nothing."""
-        self._detector.refresh(data, self._near, pattern)
+        self.configuration.refresh()
+        self._detector.refresh(self.configuration.data, self._near, pattern)
 
-    def frames(self, data: mujoco.MjData) -> Frames | None:
+    def frames(self) -> Frames | None:
         """Return the frames of all geoms of now; None if no body can pass through another."""
-        return Frames.of(data) if self._passing else None
+        return Frames.of(self.configuration.data) if self._passing else None
 
-    def try_timestep(self, data: mujoco.MjData, start: Frames | None = None) -> bool:
+    def try_timestep(self, start: Frames | None = None) -> bool:
         """Advance by a timestep in one go; return whether no body can have passed through another meanwhile.
 
         Args:
-            data: the state.
             start: frames at the start; without them this is told from velocities only.
         """
-        before, timestep = data.qvel.copy(), self.options.timestep
-        self.advance(data, timestep)
-        if self._is_short(before, data.qvel, timestep):
+        data, timestep = self.configuration.data, self.options.timestep
+        before = data.qvel.copy()
+        self.advance(timestep)
+        if self._is_short(before, timestep):
             return True
         return start is not None and self._travel.is_safe(start, before, data, timestep)
 
-    def is_near(self, data: mujoco.MjData) -> bool:
-        """Return whether a contact is near now; frames must be current."""
-        return bool(self._detector.look(data, self._near).pattern)
+    def is_near(self) -> bool:
+        """Return whether a contact is near now."""
+        return bool(self._detector.look(self.configuration.data, self._near).pattern)
 
-    def are_closed(self, data: mujoco.MjData, pattern: Pattern) -> bool:
+    def are_closed(self, pattern: Pattern) -> bool:
         """Return whether the contacts near now are those of a plain pattern, closed, and need no correction."""
-        return self._detector.are_closed(data, self._near, pattern, (-CORRECTED * self.tolerance, self.tolerance))
+        gaps = (-CORRECTED * self.tolerance, self.tolerance)
+        return self._detector.are_closed(self.configuration.data, self._near, pattern, gaps)
 
     def advance_to_contact(
-        self, data: mujoco.MjData, state: np.ndarray, start: ContactState, duration: float, *, hold_all: bool
+        self, state: np.ndarray, start: ContactState, duration: float, *, hold_all: bool
     ) -> tuple[TrialStep, bool]:
         """Advance from a saved state by at most ``duration``; return where that led, and whether a gap closed there."""
-        trial_step, closed = self._advance_to_contact(data, state, start, duration, hold_all=hold_all)
-        return trial_step.kept(), closed
+        trial, closed = self._try_safely(state, start, duration, hold_all=hold_all), False
+        if not hold_all and trial.gap < -self.tolerance:
+            trial, closed = self._locate(state, trial)
+        return trial.kept(), closed
 
-    def _advance_to_contact(
-        self, data: mujoco.MjData, state: np.ndarray, start: ContactState, duration: float, *, hold_all: bool
-    ) -> tuple[TrialStep, bool]:
-        """Fly, and leave data at the end of the flight returned."""
-        if hold_all:
-            return self._try_safely(data, state, start, duration, hold_all=True), False
-        gap_functions, time = None, expected(start, self.tolerance)
-        if time < duration:
-            gap_functions = self._gap_functions(start)
-            trial_step = self._try_ahead(data, state, start, (time, duration), gap_functions)
-            if trial_step is not None:
-                located = trial_step.gap >= -_LOCATED * self.tolerance
-                return (trial_step, True) if located else self._locate(data, state, trial_step, gap_functions)
-        trial_step = self._try_safely(data, state, start, duration)
-        if trial_step.gap >= -self.tolerance:
-            return trial_step, False
-        gap_functions = self._gap_functions(start) if gap_functions is None else gap_functions
-        gap_functions.add(trial_step.duration, trial_step.observations)
-        return self._locate(data, state, trial_step, gap_functions)
-
-    def _try_ahead(
-        self,
-        data: mujoco.MjData,
-        state: np.ndarray,
-        start: ContactState,
-        times: tuple[float, float],
-        gap_functions: GapFunctions,
-    ) -> TrialStep | None:
-        """Fly up to where a gap is expected to close; return that flight if one has closed there or before.
-
-        Otherwise data is at the start again.
-
-        Args:
-            data: the state.
-            state: the same, saved.
-            start: contacts at the start.
-            times: at which a gap is expected to close, and up to which one is looked for, s.
-            gap_functions: to add what the flights have shown.
-        """
-        time, last = times
-        for _ in range(_AHEAD):
-            trial_step = self._try_safely(data, state, start, time)
-            gap_functions.add(trial_step.duration, trial_step.observations)
-            if abs(trial_step.gap) > _LOCATED * self.tolerance:
-                if trial_step.gap < 0:
-                    return trial_step
-            elif gap_functions.falls(trial_step.duration):
-                return trial_step
-            restore_state(self._model, data, state)
-            time = gap_functions.ahead(trial_step.duration)
-            if time >= last:
-                break
-        self.update(data)
-        return None
-
-    def _gap_functions(self, start: ContactState) -> GapFunctions:
-        return GapFunctions(start.gap, start.contact_velocity, exact=self._model.opt.integrator == _RK4)
-
-    def _locate(
-        self, data: mujoco.MjData, state: np.ndarray, trial_step: TrialStep, gap_functions: GapFunctions
-    ) -> tuple[TrialStep, bool]:
-        """Return the flight up to the first gap that closes, where one has closed after a longer one, and whether."""
-        start, tried = trial_step.phase.start, trial_step.phase
-        reach = 4.0 * abs(trial_step.gap) + self._near
+    def _locate(self, state: np.ndarray, trial: TrialStep) -> tuple[TrialStep, bool]:
+        """Return the trial up to the first gap that closes, where one has closed in a longer one, and whether."""
+        start, tried = trial.phase.start, trial.phase
+        reach = 4.0 * abs(trial.gap) + self._near
 
         def again(time: float, *, smooth: bool = False) -> TrialStep:
-            restore_state(self._model, data, state)
-            return self._try(data, state, start, time, reach=reach, smooth=smooth)
+            self.configuration.restore(state)
+            self.work.integrate()
+            self.advance(time, start.force)
+            return self._arrive(state, tried._replace(start=start, duration=time, smooth=smooth), reach)
 
-        longest = max(self._travel.between(start.contact_set.frames, data).max(initial=0.0), -trial_step.gap)
-        begun = continued(trial_step.phase_end, tried, trial_step.deepest, trial_step.gap)
-        if begun is not None:
-            half, (straight, bent) = again(0.5 * tried.duration), begun
-            smooth = abs(half.gap - straight - 0.25 * bent) <= _SMOOTH * abs(bent)
-            if smooth or runs_on(half.phase_end, trial_step.phase_end, tried, trial_step.deepest):
-                held = again(tried.duration, smooth=True)
-                if held.gap >= -self.tolerance:
-                    return held, False
-        shortest = tried.duration * self.tolerance / max(longest, self.tolerance)
+        travel = self._travel.between(start.frames, self.configuration.data)
+        if self._is_continued(trial, again):
+            held = again(tried.duration, smooth=True)
+            if held.gap >= -self.tolerance:
+                return held, False
+        shortest = tried.duration * self.tolerance / max(travel.max(initial=0.0), -trial.gap, self.tolerance)
+        exact = self._model.opt.integrator == _RK4
+        gap_functions = GapFunctions(start.gap, start.contact_velocity, exact=exact)
+        gap_functions.add(trial.duration, trial.observations)
         located = locate(
             again,
-            trial_step,
+            trial,
             gap_functions,
             target=_LOCATED * self.tolerance,
             tolerance=self.tolerance,
             shortest=shortest,
-            enough=rests,
         )
         if located.was_closed and located.duration > 2.0 * shortest:
-            # at rest over shorter flows (`persistent_contact.stays`), not over longer ones: it rests up to there
+            # at rest over shorter phases (`stays`), not over longer ones: it rests up to there
             held = again(located.duration - 2.0 * shortest)
             return (held, True) if held.gap >= -self.tolerance else (again(located.duration), True)
         return located, True
 
+    def _is_continued(self, trial: TrialStep, again: Callable[[float], TrialStep]) -> bool:
+        """Return whether the deepest contact continues one that was closed at the start, in another place."""
+        begun = continued(trial.phase_end, trial.phase, trial.deepest, trial.gap)
+        if begun is None:
+            return False
+        half = again(0.5 * trial.duration)
+        smooth = abs(half.gap - begun.halfway - 0.25 * begun.bent) <= _SMOOTH * abs(begun.bent)
+        return smooth or runs_on(half.phase_end, trial.phase_end, trial.phase, trial.deepest)
+
     def _try_safely(
-        self, data: mujoco.MjData, state: np.ndarray, start: ContactState, duration: float, *, hold_all: bool = False
+        self, state: np.ndarray, start: ContactState, duration: float, *, hold_all: bool = False
     ) -> TrialStep:
+        """Advance by at most ``duration`` from a saved state, so that no body passes through another."""
+        configuration = self.configuration
         while True:
             self.work.integrate()
-            self.advance(data, duration, start.force)
-            if self._is_short(start.velocity, data.qvel, duration):
+            self.advance(duration, start.force)
+            if self._is_short(start.velocity, duration):
                 break
             longest = self._travel.longest_turn(start.velocity)
             if duration > longest:
-                restore_state(self._model, data, state)
+                configuration.restore(state)
                 duration = longest
                 continue
-            travel = self._travel.between(start.contact_set.frames, data)
-            suspects = self._travel.suspects(start.contact_set.frames, travel)
+            travel = self._travel.between(start.frames, configuration.data)
+            suspects = self._travel.suspects(start.frames, travel)
             if len(suspects) == 0:
                 break
-            restore_state(self._model, data, state)
-            self.update(data)
+            configuration.restore(state)
+            configuration.update()
             self.work.look(len(suspects))
-            fraction = self._travel.safe_fraction(data, suspects, travel)
+            fraction = self._travel.safe_fraction(configuration.data, suspects, travel)
             if fraction >= 1.0:
-                self.advance(data, duration, start.force)
+                self.advance(duration, start.force)
                 break
             duration *= 0.9 * fraction
         phase = Phase(start, duration, self.tolerance, self._travel, self.work, hold_all, exact=self._exact)
-        return self._arrive(data, phase) or self._without_force(data, state, phase)
+        return self._arrive(state, phase)
 
-    def _try(
-        self,
-        data: mujoco.MjData,
-        state: np.ndarray,
-        start: ContactState,
-        duration: float,
-        *,
-        smooth: bool,
-        reach: float,
-    ) -> TrialStep:
-        self.work.integrate()
-        self.advance(data, duration, start.force)
-        phase = Phase(start, duration, self.tolerance, self._travel, self.work, smooth=smooth, exact=self._exact)
-        return self._arrive(data, phase, reach) or self._without_force(data, state, phase, reach)
+    def _arrive(self, state: np.ndarray, phase: Phase, reach: float = 0.0) -> TrialStep:
+        """Look at the contacts where the phase has led, and hold those that stay closed.
 
-    def _without_force(self, data: mujoco.MjData, state: np.ndarray, phase: Phase, reach: float = 0.0) -> TrialStep:
-        """Fly once more, without the force of contacts that are lost."""
-        restore_state(self._model, data, state)
-        phase = phase._replace(start=phase.start._replace(force=None))
-        self.work.integrate()
-        self.advance(data, phase.duration)
-        trial_step = self._arrive(data, phase, reach)
-        assert trial_step is not None
-        return trial_step
-
-    def _match(self, data: mujoco.MjData, phase: Phase) -> tuple[ContactState, np.ndarray] | None:
-        """Return the contacts where the flow has led, and those at its start that they continue; see `match`.
-
-        Contacts whose force the flow has felt are looked for as far as that can have moved them. None if they are lost.
-        """
-        now, start = self.look(data), phase.start
-        self.work.look(len(now.gap))
-        known = match(self._model, data, now.contact_set, phase)
-        if start.force is None or start.active is None:
-            return now, known
-        active = np.flatnonzero(start.active)
-        if np.isin(active, known).all():
-            return now, known
-        now.contact_set.whitened(self._model, data)
-        shift = FeltForce.of(self._model, data, start.force, phase.duration).shift
-        now = self.look(data, start.contact_set.opening(shift))
-        known = match(self._model, data, now.contact_set, phase)
-        return (now, known) if np.isin(active, known).all() else None
-
-    def _arrive(self, data: mujoco.MjData, phase: Phase, reach: float = 0.0) -> TrialStep | None:
-        """Look at the contacts where the flow has led, and hold those that stay closed.
-
-        None if contacts are lost whose force the flow has felt.
+        If contacts are lost whose force it has felt, it is repeated without that force.
 
         Args:
-            data: at the end of the flow.
+            state: at the start of the phase.
             phase: what led there.
             reach: distance to look further if nothing is near, m.
         """
-        found = self._match(data, phase)
+        found = self._match(phase)
         if found is None:
-            return None
-        now, known = found
-        if not now.contact_set.pattern:
-            return self._clear(phase, PhaseEnd(now, known, known), data, reach)
-        if (
-            now.quiet
-            and phase.start.quiet
-            and now.contact_set.pattern is phase.start.contact_set.pattern
-            and now.contact_set.pattern.all_single
-        ):
-            return self._clear(phase, PhaseEnd(now, known, now.closed), data, reach)
+            self.configuration.restore(state)
+            phase = phase._replace(start=phase.start._replace(force=None))
+            self.work.integrate()
+            self.advance(phase.duration)
+            now, known = self._look_and_match(phase)
+            self.work.look(len(known))
+        else:
+            now, known = found
         phase_end, keep = PhaseEnd(now, known, stays(now.gap, known, phase)), None
         held = phase_end.sustained if phase.start.force is not None else phase_end.sustained & now.closed
-        if np.count_nonzero(held):
-            again = self._again(data, phase, phase_end)
-            phase_end, keep = hold(self._model, data, phase_end, phase, again)
-        if np.count_nonzero(phase_end.sustained) == len(phase_end.sustained):
-            return self._clear(phase, phase_end, data, reach, keep)
+        if held.any():
+            phase_end, keep = hold(phase_end, phase, self._look_again(phase, phase_end))
+        if phase_end.sustained.all():
+            return self._clear(phase, phase_end, reach, keep)
         return TrialStep.of(phase, phase_end, keep)
 
-    def _again(
-        self, data: mujoco.MjData, phase: Phase, phase_end: PhaseEnd
-    ) -> Callable[[float], tuple[ContactState, np.ndarray]]:
+    def _look_and_match(self, phase: Phase, within: float = 0.0) -> Matched:
+        now = self.look(within)
+        return Matched(now, match(now.contact_set, phase))
+
+    def _match(self, phase: Phase) -> Matched | None:
+        """Return the contacts where the phase has led, and those at its start that they continue; see `match`.
+
+        Contacts whose force the phase has felt are looked for as far as that can have moved them. None if they are
+        lost.
+        """
+        found, start = self._look_and_match(phase), phase.start
+        self.work.look(len(found.known))
+        if start.force is None or start.active is None:
+            return found
+        active = np.flatnonzero(start.active)
+        if np.isin(active, found.known).all():
+            return found
+        shift = FeltForce.of(self.configuration, start.force, phase.duration).shift
+        found = self._look_and_match(phase, start.contact_set.opening(shift))
+        return found if np.isin(active, found.known).all() else None
+
+    def _look_again(self, phase: Phase, phase_end: PhaseEnd) -> LookAgain:
         """Return what looks at the contacts of now up to a gap at least, m, and matches them with those at the start.
 
         Where the same pairs of geoms are near as before, with one contact each, these are the same contacts.
         """
-        last, held = phase_end, phase_end.known[phase_end.sustained]
-        look = self.look if last.now.contact_set.pattern.friction_pattern is None else self._look_at_places
+        known, pattern = phase_end.known, phase_end.now.pattern
+        held = known[phase_end.sustained]
 
-        def look_again(within: float) -> tuple[ContactState, np.ndarray]:
-            nonlocal last
-            now, known, pattern = look(data, within), last.known, last.now.contact_set.pattern
+        def look_again(within: float) -> Matched:
+            nonlocal known, pattern
+            now = self.look(within)
             self.work.look(len(now.gap))
-            if now.contact_set.pattern is not pattern or not pattern.distinct:
-                known = refound(match(self._model, data, now.contact_set, phase), held, now.contact_set, phase)
-            last = PhaseEnd(now, known, last.sustained)
-            return now, known
+            if now.pattern is not pattern or not pattern.distinct:
+                known = refound(match(now.contact_set, phase), held, now.contact_set, phase)
+            pattern = now.pattern
+            return Matched(now, known)
 
         return look_again
 
     def _clear(
-        self,
-        phase: Phase,
-        phase_end: PhaseEnd,
-        data: mujoco.MjData,
-        reach: float,
-        keep: Callable[[], PhaseEnd] | None = None,
+        self, phase: Phase, phase_end: PhaseEnd, reach: float, keep: Callable[[], PhaseEnd] | None = None
     ) -> TrialStep:
-        """Return a flight where all contacts near are held; others are looked for up to a gap of ``reach``, m."""
+        """Return a trial where all contacts near are held; others are looked for up to a gap of ``reach``, m."""
         if reach <= self._near:
             return TrialStep(phase, phase_end, self._near, -1, keep=keep)
-        contact_set = ContactSet(self._detector.look(data, reach), data, self.surfaces)
-        observations = further(contact_set, self._near, phase.start.velocity, data.qvel)
-        return TrialStep(
-            phase, phase_end, min(observations[0].gap, reach) if observations else reach, -1, observations, keep
-        )
+        found = further(self.detect(reach), self._near, phase.start.velocity, self.configuration.data.qvel)
+        return TrialStep(phase, phase_end, min(found[0].gap, reach) if found else reach, -1, found, keep)

@@ -12,7 +12,7 @@ from scenes import energy, run
 
 from impactlaw import Coulomb, MaximalDissipation, Moreau, Newton, Stepper, read_contacts
 from impactlaw.errors import InvalidCollisionError, RestitutionError
-from impactlaw.stepping.event_driven.contact_state import ConeRows
+from impactlaw.stepping.event_driven.contact_set import Rows
 from impactlaw.stepping.event_driven.scheme import RigidStepping
 
 G = 9.81
@@ -268,8 +268,8 @@ def test_a_flow_may_start_where_nothing_was_held_in_the_end():
     known = stepping._next
     assert known is not None
     assert known.contact_forces is not None
-    nothing = ConeRows(*(part[:0] for part in known.contact_forces.cone_rows))
-    stepping._next = known._replace(contact_forces=known.contact_forces._replace(cone_rows=nothing))
+    nothing = Rows(*(part[:0] for part in known.contact_forces.rows))
+    stepping._next = known._replace(contact_forces=known.contact_forces._replace(rows=nothing))
     stepper.step(data)
     assert data.qpos[:3] == pytest.approx([0.0, 0.0, 0.1], abs=1e-9)
 

@@ -276,17 +276,17 @@ def test_a_gap_that_jumps_in_a_phase_is_opened_unless_bodies_are_squeezed(squeez
     model, data = build(FLOOR + '<body pos="0 0 .1"><joint type="slide" axis="0 0 1"/><geom size=".1"/></body>')
     advance, jumped = SmoothPhases.advance_to_contact, []
 
-    def advance_deeper(self, data, *args, **kwargs):
-        trial, closed = advance(self, data, *args, **kwargs)
+    def advance_deeper(self, *args, **kwargs):
+        trial, closed = advance(self, *args, **kwargs)
         if jumped:
             return trial, closed
         jumped.append(1)
         data.qpos[0] = -1e-7
-        self.update(data)
-        phase_end = trial.phase_end._replace(now=self.look(data))
+        self.configuration.update()
+        phase_end = trial.phase_end._replace(now=self.look())
         return trial._replace(phase_end=phase_end, gap=-1e-7), True
 
-    def refuse(model, data, *args):
+    def refuse(phases, start):
         data.qpos[0] = 1.0
         raise OverlapError("bodies are squeezed there")
 

@@ -10,7 +10,7 @@ from impactlaw import Moreau, Stepper
 from impactlaw.errors import OverlapError
 from impactlaw.models.builder import cradle
 from impactlaw.scene.detection import Detector
-from impactlaw.stepping.event_driven.persistent_contact.frictionless import _pushing
+from impactlaw.stepping.event_driven.persistent_contact.position import least_impulse
 from impactlaw.stepping.event_driven.shortcuts import Apart, Rest, Together
 
 BOX = """
@@ -270,7 +270,7 @@ def test_a_rest_allows_for_rounding_only(velocity, shift, lasts):
     assert isinstance(rest, Rest)
     data.qvel[0] += velocity
     data.qpos[0] += shift
-    assert (rest.lasts(model, data, phases) is rest) == lasts
+    assert (rest.lasts(phases) is rest) == lasts
 
 
 @pytest.mark.parametrize(
@@ -296,7 +296,7 @@ def test_contacts_together_allow_for_rounding_only(ball, position, velocity, las
     assert isinstance(together, Together)
     data.qpos[ball] += position
     data.qvel[ball] += velocity
-    assert (together.lasts(model, data, phases) is together) == lasts
+    assert (together.lasts(phases) is together) == lasts
 
 
 def test_other_contacts_of_the_same_number_are_not_those_together():
@@ -309,7 +309,7 @@ def test_other_contacts_of_the_same_number_are_not_those_together():
     assert isinstance(together, Together)
     assert together.pattern.labels == ("ball1/ball2",)
     data.qpos[:] -= [0.01, 0.0, 0.01]
-    assert together.lasts(model, data, phases) is None
+    assert together.lasts(phases) is None
 
 
 def test_a_body_is_met_by_one_that_turns_a_whole_turn_in_a_step():
@@ -344,5 +344,5 @@ def test_a_position_given_in_flight_counts():
 
 def test_a_contact_is_never_pulled():
     gradients = np.array([[2.0, 0.0]])
-    assert _pushing(gradients, np.array([3.0]), None) == pytest.approx(0.75)
-    assert _pushing(gradients, np.array([-3.0]), None) == 0.0
+    assert least_impulse(gradients, np.array([3.0])) == pytest.approx(0.75)
+    assert least_impulse(gradients, np.array([-3.0])) == 0.0
