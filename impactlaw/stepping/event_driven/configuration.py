@@ -87,11 +87,11 @@ class Configuration:
 
     def jump(self, jacobian: np.ndarray, impulse: np.ndarray) -> np.ndarray:
         """Return ``M^-1 J^T Lambda``, (nv,)."""
-        return self.velocity(impulse @ jacobian)
+        return self.velocity(impulse.dot(jacobian))
 
     def kinetic_norm(self, velocity: np.ndarray) -> float:
         """Return ``|v| = sqrt(v^T M v)``."""
-        return sqrt(max(velocity @ self.momentum(velocity), 0.0))
+        return sqrt(max(velocity.dot(self.momentum(velocity)), 0.0))
 
     def whiten(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``R^T v = R^-1 M v``, (nv,)."""

@@ -43,7 +43,7 @@ class Rows(NamedTuple):
 
     def velocity(self, velocity: np.ndarray) -> np.ndarray:
         """Return the velocity of each row at a velocity of the scene, (nv,)."""
-        return self.jacobian @ velocity + self.drift
+        return self.jacobian.dot(velocity) + self.drift
 
     def select(self, held: np.ndarray) -> Rows:
         """Return the rows of some contacts, bool (h,)."""
@@ -82,12 +82,12 @@ class ContactSet:
 
     def contact_velocity(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``gamma = J v + w``, m/s, (h,)."""
-        gamma = self.jacobian @ velocity
+        gamma = self.jacobian.dot(velocity)
         return gamma if self.drift is None else gamma + self.drift
 
     def opening(self, shift: np.ndarray) -> float:
         """Return the largest change of a gap by a displacement, (nv,), m."""
-        return float(np.abs(self.jacobian @ shift).max(initial=0.0))
+        return float(np.abs(self.jacobian.dot(shift)).max(initial=0.0))
 
     @cached_property
     def tangents(self) -> tuple[np.ndarray, np.ndarray] | None:
@@ -154,5 +154,5 @@ class ContactSet:
         """Return the part of a velocity, (nv,), that equality constraints fix."""
         if self._constraints is None or self.bilateral is None:
             return np.zeros_like(velocity)
-        part = self._constraints.basis @ self.configuration.whiten(velocity)
-        return self.configuration.jump(self.bilateral, part @ self._constraints.combination)
+        part = self._constraints.basis.dot(self.configuration.whiten(velocity))
+        return self.configuration.jump(self.bilateral, part.dot(self._constraints.combination))

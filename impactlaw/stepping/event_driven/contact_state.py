@@ -85,7 +85,7 @@ class ContactState(NamedTuple):
         """Return the same contacts with the velocities of now."""
         velocity, gamma, noise, _ = _motion(self.contact_set, SILENT * self.still)
         motion = velocity, gamma, noise, False
-        if self.pattern.vague.any():  # contact points may jump, and forces with them
+        if np.count_nonzero(self.pattern.vague):  # contact points may jump, and forces with them
             force = None
         return ContactState(self.contact_set, self.closed, self.still, *motion, active, contact_forces, force)
 
@@ -127,7 +127,7 @@ class ContactState(NamedTuple):
     @property
     def collides(self) -> bool:
         """Whether a closed contact approaches."""
-        return bool((self.closed & (self.contact_velocity < -self.rounding)).any())
+        return bool(np.count_nonzero(self.closed & (self.contact_velocity < -self.rounding)))
 
 
 def _motion(contact_set: ContactSet, silent: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
@@ -135,7 +135,7 @@ def _motion(contact_set: ContactSet, silent: float) -> tuple[np.ndarray, np.ndar
     configuration = contact_set.configuration
     velocity = configuration.data.qvel.copy()
     gamma = contact_set.contact_velocity(velocity)
-    if not (np.abs(gamma) > silent).any():
+    if not np.count_nonzero(np.abs(gamma) > silent):
         return velocity, gamma, silent * contact_set.pattern.ones, True
     return velocity, gamma, (_ROUNDING * configuration.kinetic_norm(velocity)) * contact_set.lengths, False
 
@@ -184,7 +184,7 @@ def stays(gap: np.ndarray, known: np.ndarray, phase: Phase) -> np.ndarray:
         return gap <= phase.tolerance
     start, tau = phase.start, phase.duration
     closed = start.closed
-    if not closed.any():
+    if not np.count_nonzero(closed):
         return np.zeros(len(known), dtype=bool)
     velocity = start.contact_velocity[known]
     slow = velocity <= start.rounding[known]

@@ -52,7 +52,7 @@ def match(contact_set: ContactSet, phase: Phase) -> np.ndarray:
         index = _by_geoms(before, now)
         moved = position - start.position[index]
         allowed = phase.travel.between(start.frames, data)[now.geoms].sum(axis=1) + same_point
-        if not ((index >= 0) & (np.vecdot(moved, moved) > allowed * allowed)).any():
+        if not np.count_nonzero((index >= 0) & (np.vecdot(moved, moved) > allowed * allowed)):
             return index
     return _match_points(contact_set, phase)
 
@@ -101,7 +101,7 @@ def continued(phase_end: PhaseEnd, phase: Phase, deepest: int, gap: float) -> Co
     if pattern.rolling[deepest]:
         held |= (velocity * tau) ** 2 <= -4.0 * bent * phase.tolerance
     held &= start.closed & (start.pattern.key == pattern.key[deepest])
-    if not held.any():
+    if not np.count_nonzero(held):
         return None
     one = int(np.flatnonzero(held)[velocity[held].argmin()])
     return Continued(float(start.gap[one] + 0.5 * velocity[one] * tau), float(bent[one]))
@@ -131,7 +131,7 @@ def _match_points(contact_set: ContactSet, phase: Phase) -> np.ndarray:
     vague = np.flatnonzero(~near & np.isfinite(moved).any(axis=1) & pattern.vague)
     if len(vague) and not phase.smooth:
         J = gap_gradients(model, data, contacts.select(vague))
-        velocity, change = J @ start.velocity, J @ (data.qvel - start.velocity)
+        velocity, change = J.dot(start.velocity), J.dot(data.qvel - start.velocity)
         if contact_set.drift is not None:
             velocity = velocity + contact_set.drift[vague]
         vague = vague[-velocity <= np.abs(change) + start.rounding.max()]

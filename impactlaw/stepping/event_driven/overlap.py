@@ -38,7 +38,7 @@ def clearance(contact_set: ContactSet) -> np.ndarray:
 
 def overlaps(contact_set: ContactSet, tolerance: float) -> bool:
     """Return whether something overlaps by more than the gap tolerance, m or rad."""
-    return bool((clearance(contact_set) < -tolerance).any())
+    return bool(np.count_nonzero(clearance(contact_set) < -tolerance))
 
 
 def refuse(contact_set: ContactSet, tolerance: float, reason: str) -> OverlapError:
@@ -106,7 +106,7 @@ def _smallest_shift(phases: SmoothPhases, start: ContactState) -> ContactState:
         if last:
             qpos, shift = configuration.data.qpos.copy(), np.zeros(nv)
         try:
-            wanted = _shift(contact_set, contact_set.jacobian @ shift - gap)
+            wanted = _shift(contact_set, contact_set.jacobian.dot(shift) - gap)
         except UnsolvableLawError:
             break
         change = wanted - shift

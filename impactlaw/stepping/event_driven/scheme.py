@@ -176,7 +176,7 @@ class RigidStepping:
         if self._surfaces is not None:
             self._surfaces.end(data)
         self.unlocated += 1
-        self._left, self._next, self._shortcut, self._restless = self._now(), None, None, False
+        self._left, self._next, self._shortcut, self._wait = self._now(), None, None, False
         return (lambda: (*known, *more())) if callable(more) else known
 
     def _open(self) -> None:

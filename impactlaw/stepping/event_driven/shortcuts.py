@@ -125,6 +125,7 @@ def find_rest(phases: SmoothPhases, state: np.ndarray, end: ContactState) -> Res
         return None
     after = configuration.save()
     configuration.restore(state)
+    data.qvel[:] = end.velocity  # the force is not to undo once more what rounding has added up to
     phases.advance(timestep)
     change = end.velocity - data.qvel
     configuration.restore(after)

@@ -242,7 +242,7 @@ class SmoothPhases:
             now, known = found
         phase_end, keep = PhaseEnd(now, known, stays(now.gap, known, phase)), None
         held = phase_end.sustained if phase.start.force is not None else phase_end.sustained & now.closed
-        if held.any():
+        if np.count_nonzero(held):
             phase_end, keep = hold(phase_end, phase, self._look_again(phase, phase_end))
         if phase_end.sustained.all():
             return self._clear(phase, phase_end, reach, keep)

@@ -79,11 +79,11 @@ class Travel:
         short = self._short - 2.0 * drift * duration
         if self.reach(before, after, duration) <= short:
             return True
-        return self._reach @ (np.abs(before) + np.abs(after)) * duration <= short
+        return self._reach.dot(np.abs(before) + np.abs(after)) * duration <= short
 
     def reach(self, before: np.ndarray, after: np.ndarray, duration: float) -> float:
         """Return a distance, m, that no point of a geom can have moved further than; see `is_short`."""
-        return self.farthest * (sqrt(before @ before) + sqrt(after @ after)) * duration
+        return self.farthest * (sqrt(before.dot(before)) + sqrt(after.dot(after))) * duration
 
     def _reaches(self, geoms: np.ndarray) -> np.ndarray:
         """Return how far a joint's motion can move a point of a geom, m per m or per rad, (nv,)."""

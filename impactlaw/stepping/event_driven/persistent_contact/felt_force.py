@@ -57,8 +57,8 @@ class FeltForce(NamedTuple):
             impulse: of contact on all degrees of freedom, (nv,).
             velocity: ``M^-1`` times that, (nv,).
         """
-        left = (impulse - self.impulse) @ (velocity - self.velocity)
-        return bool(left <= impulse @ velocity)
+        left = (impulse - self.impulse).dot(velocity - self.velocity)
+        return bool(left <= impulse.dot(velocity))
 
 
 def moving_part(model: mujoco.MjModel) -> float:

@@ -71,11 +71,11 @@ def hold_with_friction(
     impulses = _solve(phase_end, phase, free, None)
     table, change = impulses.table, configuration.jump(impulses.rows.along, impulses.each)
     shift = (moving_part(configuration.model) * phase.duration) * change - felt.shift
-    if shift.any():
+    if np.count_nonzero(shift):
         reach = phase_end.now.contact_set.opening(shift + felt.shift)
         phase_end, table = _settle(phase_end, shift, table, phase, look_again, reach)
     phase_end = _with_more(phase_end, phase)
-    if (phase_end.sustained & (phase_end.now.gap < -CORRECTED * phase.tolerance)).any():
+    if np.count_nonzero(phase_end.sustained & (phase_end.now.gap < -CORRECTED * phase.tolerance)):
         before = phase_end.known
         phase_end = hold_position(phase_end, phase, look_again, np.zeros_like(shift))
         phase_end = _with_more(phase_end, phase)
@@ -94,7 +94,7 @@ def _hold_velocity(phase_end: PhaseEnd, phase: Phase, felt: FeltForce, free: np.
     if turned is not None:
         free = free + configuration.jump(turned, 0.5 * impulses.each)
         impulses = _solve(phase_end, phase, free, impulses.table)
-    total = impulses.each @ impulses.rows.along
+    total = impulses.each.dot(impulses.rows.along)
     change = configuration.velocity(total)
     configuration.data.qvel[:] = free + change
     force = total / phase.duration if felt.is_settled(total, change) else None
@@ -131,7 +131,7 @@ def _settle(
 
 def _closing_impulse(gradients: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Return the least p with ``Y Y^T p = c``, (h,), in the sense of least squares."""
-    if len(wanted) == 1 and (square := gradients[0] @ gradients[0]) > 0:
+    if len(wanted) == 1 and (square := gradients[0].dot(gradients[0])) > 0:
         return wanted / square
     z = np.linalg.lstsq(gradients, wanted, rcond=_RANK)[0]
     return np.linalg.lstsq(gradients.T, z, rcond=_RANK)[0]
@@ -182,12 +182,12 @@ def _turned(phase_end: PhaseEnd, phase: Phase, rows: Rows) -> np.ndarray | None:
     known = phase_end.known[rows.contact]
     row = np.where(known >= 0, place[known, rows.kind], -1)
     difference = np.where(row[:, None] >= 0, before.along[row] - rows.along, 0.0)
-    if not difference.any():
+    if not np.count_nonzero(difference):
         return None
     difference, whitened = phase_end.now.contact_set.confine(difference)
     change, length = np.vecdot(whitened, whitened), np.vecdot(rows.whitened, rows.whitened)
     difference[change > _LARGEST_TURN**2 * length] = 0.0  # another feature of the surface
-    return difference if (change > 1e-24 * length).any() else None
+    return difference if np.count_nonzero(change > 1e-24 * length) else None
 
 
 def solve_cone_rows(

@@ -49,10 +49,10 @@ def hold(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain) -> tuple[Phas
     amiss = now.gap < -CORRECTED * phase.tolerance
     if phase.start.force is not None and phase.start.active is not None:
         amiss |= (known >= 0) & phase.start.active[known] & (now.gap > CORRECTED * phase.tolerance)
-    if (sustained & amiss).any():
+    if np.count_nonzero(sustained & amiss):
         phase_end = hold_position(phase_end, phase, look_again, felt.shift)
     now, _, sustained = phase_end
-    if phase.start.force is None and not (sustained & now.closed & (now.contact_velocity < -now.noise)).any():
+    if phase.start.force is None and not np.count_nonzero(sustained & now.closed & (now.contact_velocity < -now.noise)):
         return phase_end, None
     return _hold_velocity(phase_end, phase, free, felt), None
 
@@ -77,7 +77,7 @@ def _hold_velocity(phase_end: PhaseEnd, phase: Phase, velocity: np.ndarray, felt
     if turned is not None:
         velocity = velocity + now.configuration.jump(turned, 0.5 * nu)
         nu = _velocity_impulse(contact_set, held, velocity)
-    impulse = nu @ contact_set.along[held]
+    impulse = nu.dot(contact_set.along[held])
     change = now.configuration.velocity(impulse)
     data.qvel[:] = velocity + change
     active[held] = nu > 0
@@ -88,15 +88,15 @@ def _hold_velocity(phase_end: PhaseEnd, phase: Phase, velocity: np.ndarray, felt
 def _turned(phase_end: PhaseEnd, phase: Phase, held: np.ndarray) -> np.ndarray | None:
     """Return the rows of contacts at the start of the phase less those of now, (k, nv); None if they are the same."""
     start, contact_set, known = phase.start.contact_set, phase_end.now.contact_set, phase_end.known[held]
-    if not (known >= 0).any():
+    if not np.count_nonzero(known >= 0):
         return None
     difference = np.where(known[:, None] >= 0, start.jacobian[known] - contact_set.jacobian[held], 0.0)
-    if not difference.any():
+    if not np.count_nonzero(difference):
         return None
     difference, turned = contact_set.confine(difference)
     change, lengths = np.sqrt(np.vecdot(turned, turned)), contact_set.lengths[held]
     difference[change > _LARGEST_TURN * lengths] = 0.0  # another feature of the surface, not a curved one
-    return difference if (change > 1e-12 * lengths).any() else None
+    return difference if np.count_nonzero(change > 1e-12 * lengths) else None
 
 
 def _velocity_impulse(contact_set: ContactSet, held: np.ndarray, velocity: np.ndarray) -> np.ndarray:

@@ -69,18 +69,18 @@ def hold_position(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain, felt
         now, known, _ = phase_end
         sustained, active, wanted = _correction(phase_end, shift + felt, phase, cuts)
         wanted = wanted - felt
-        if correction == 0 and not (active.any() or felt.any()):
+        if correction == 0 and not (np.count_nonzero(active) or np.count_nonzero(felt)):
             return PhaseEnd(now, known, sustained)
         if correction and now.contact_set.opening(wanted - shift) <= CORRECTED * phase.tolerance:
             break  # what still overlaps is squeezed between bodies that cannot give way
         if correction >= _SMOOTH_CORRECTIONS:  # the contacts jump between points of a face: keep them all
             J = now.contact_set.jacobian[sustained]
-            least = J @ (shift + felt) - now.gap[sustained]
+            least = J.dot(shift + felt) - now.gap[sustained]
             cuts = Cuts(np.vstack([cuts.jacobian, J]), np.concatenate([cuts.least, least]))
         shift = wanted
         configuration.shift(shift, qpos=end)
         before, (now, known) = known, look_again(reach)
-        if not np.array_equal(known, before):
+        if known is not before and not np.array_equal(known, before):
             if not np.isin(before[active & (before >= 0)], known).all():  # pushed out further than contacts are sought
                 now, known = look_again(float(-end_gap.min()))
             active = among(known, before[active])
@@ -94,9 +94,9 @@ def hold_position(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain, felt
 def _is_corrected(phase_end: PhaseEnd, active: np.ndarray, phase: Phase) -> bool:
     """Return whether sustained contacts do not overlap, active ones are closed, and no other should be held."""
     gap, sustained, allowed = phase_end.now.gap, phase_end.sustained, CORRECTED * phase.tolerance
-    if ((sustained & (gap < -allowed)) | (active & (np.abs(gap) > allowed))).any():
+    if np.count_nonzero((sustained & (gap < -allowed)) | (active & (np.abs(gap) > allowed))):
         return False
-    return not (stays(gap, phase_end.known, phase) & ~sustained).any()
+    return bool(sustained.all()) or not np.count_nonzero(stays(gap, phase_end.known, phase) & ~sustained)
 
 
 def among(known: np.ndarray, some: np.ndarray) -> np.ndarray:
@@ -110,7 +110,7 @@ def _correction(phase_end: PhaseEnd, shift: np.ndarray, phase: Phase, cuts: Cuts
     J = contact_set.jacobian
     while True:
         rows = np.flatnonzero(sustained)
-        gradients, least, part = contact_set.along[rows], J[rows] @ shift - gap[rows], contact_set.whitened[rows]
+        gradients, least, part = contact_set.along[rows], J[rows].dot(shift) - gap[rows], contact_set.whitened[rows]
         if len(cuts.least):
             phase.work.cut(len(least) + len(cuts.least))
             more_gradients, more = contact_set.confine(cuts.jacobian)
@@ -118,8 +118,10 @@ def _correction(phase_end: PhaseEnd, shift: np.ndarray, phase: Phase, cuts: Cuts
             part = np.vstack([part, more])
         p = _opening_impulse(part, least, phase.work)
         wanted = contact_set.configuration.jump(gradients, p)
-        more = stays(gap + J @ (wanted - shift), phase_end.known, phase) & ~sustained
-        if not more.any():
+        more = ~sustained
+        if np.count_nonzero(more):
+            more &= stays(gap + J.dot(wanted - shift), phase_end.known, phase)
+        if not np.count_nonzero(more):
             active = np.zeros(len(gap), dtype=bool)
             active[rows[p[: len(rows)] > 0]] = True
             return Correction(sustained, active, wanted)
@@ -136,13 +138,13 @@ def _opening_impulse(gradients: np.ndarray, least: np.ndarray, work: Work) -> np
             work.disagree(len(least))
             able = conflict.ray <= _CONFLICT * conflict.ray.max()
     p = np.zeros(len(least))
-    if able.any():
+    if np.count_nonzero(able):
         p[able] = _opening_impulse(gradients[able], least[able], work)
     return p
 
 
 def least_impulse(gradients: np.ndarray, bound: np.ndarray, preimage: np.ndarray | None = None) -> np.ndarray:
     """Return ``p`` with ``0 <= p  ⊥  Y Y^T p >= c``, (h,); see `Problem`. One contact has a closed form."""
-    if len(bound) == 1 and (square := gradients[0] @ gradients[0]) > 0:
+    if len(bound) == 1 and (square := gradients[0].dot(gradients[0])) > 0:
         return np.maximum(bound / square, 0.0)
     return solve_with_jump(Problem(gradients, bound, preimage), ("",) * len(bound), shared=False).impulse
