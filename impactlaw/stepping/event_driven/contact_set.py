@@ -60,6 +60,7 @@ class ContactSet:
     Attributes:
         pattern: what their geoms say.
         contacts: the contacts.
+        gap: their gaps, m, (h,).
         jacobian: gap gradients ``J``, (h, nv).
         configuration: at which they are.
         frames: of all geoms.
@@ -73,6 +74,7 @@ class ContactSet:
 
     def __init__(self, found: Found, configuration: Configuration):
         self.pattern, self.contacts, self.jacobian, self.bilateral = found
+        self.gap = self.contacts.gap
         self.configuration, data, surfaces = configuration, configuration.data, configuration.surfaces
         self.frames = Frames.of(data)
         if surfaces is not None and surfaces.move and self.pattern:
@@ -140,19 +142,20 @@ class ContactSet:
         return self.confine(self.jacobian)
 
     @cached_property
-    def _constraints(self) -> Bilateral | None:
-        return None if self.bilateral is None else Bilateral.of(self.configuration.whiten_gradients(self.bilateral))
+    def _constraints(self) -> Bilateral:
+        assert self.bilateral is not None
+        return Bilateral.of(self.configuration.whiten_gradients(self.bilateral))
 
     def confine(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return other rows without what equality constraints fix, and the same whitened, (k, nv)."""
         Y = self.configuration.whiten_gradients(rows)
-        if self._constraints is None or self.bilateral is None:
+        if self.bilateral is None:
             return rows, Y
         return self._constraints.confine(rows, Y, self.bilateral), self._constraints.project(Y)
 
     def along_constraints(self, velocity: np.ndarray) -> np.ndarray:
         """Return the part of a velocity, (nv,), that equality constraints fix."""
-        if self._constraints is None or self.bilateral is None:
+        if self.bilateral is None:
             return np.zeros_like(velocity)
         part = self._constraints.basis.dot(self.configuration.whiten(velocity))
         return self.configuration.jump(self.bilateral, part.dot(self._constraints.combination))

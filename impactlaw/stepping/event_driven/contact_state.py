@@ -65,7 +65,7 @@ class ContactState(NamedTuple):
     @classmethod
     def of(cls, contact_set: ContactSet, *, tolerance: float, timestep: float) -> ContactState:
         """Return the contacts of now with the velocities of now."""
-        gap = contact_set.contacts.gap
+        gap = contact_set.gap
         closed = gap <= tolerance
         still = _STILL * tolerance / timestep
         velocity, gamma, noise, silent = _motion(contact_set, SILENT * still)
@@ -107,7 +107,7 @@ class ContactState(NamedTuple):
     @property
     def gap(self) -> np.ndarray:
         """Gaps, m, (h,)."""
-        return self.contacts.gap
+        return self.contact_set.gap
 
     @property
     def position(self) -> np.ndarray:

@@ -32,7 +32,7 @@ _SINGLE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 def clearance(contact_set: ContactSet) -> np.ndarray:
     """Return the distances of surfaces, without the skin of those that count as touching before they do, (h,)."""
-    gap, skin = contact_set.contacts.gap, contact_set.pattern.skin
+    gap, skin = contact_set.gap, contact_set.pattern.skin
     return gap if skin is None else gap + skin
 
 

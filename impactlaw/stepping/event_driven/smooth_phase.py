@@ -25,7 +25,7 @@ from impactlaw.stepping.event_driven.gap_functions import GapFunctions
 from impactlaw.stepping.event_driven.matching import continued, match, refound, runs_on
 from impactlaw.stepping.event_driven.persistent_contact.felt_force import FeltForce, applied
 from impactlaw.stepping.event_driven.persistent_contact.frictionless import hold
-from impactlaw.stepping.event_driven.persistent_contact.position import LookAgain
+from impactlaw.stepping.event_driven.persistent_contact.position import LookAgain, among
 from impactlaw.stepping.event_driven.travel import Frames, Travel
 from impactlaw.stepping.event_driven.trial_step import TrialStep, further
 from impactlaw.stepping.integration import advance
@@ -263,11 +263,11 @@ class SmoothPhases:
         if start.force is None or start.active is None:
             return found
         active = np.flatnonzero(start.active)
-        if np.isin(active, found.known).all():
+        if among(active, found.known).all():
             return found
         shift = FeltForce.of(self.configuration, start.force, phase.duration).shift
         found = self._look_and_match(phase, start.contact_set.opening(shift))
-        return found if np.isin(active, found.known).all() else None
+        return found if among(active, found.known).all() else None
 
     def _look_again(self, phase: Phase, phase_end: PhaseEnd) -> LookAgain:
         """Return what looks at the contacts of now up to a gap at least, m, and matches them with those at the start.

@@ -80,7 +80,7 @@ def further(contact_set: ContactSet, near: float, before: np.ndarray, after: np.
         before: velocity at the start of the phase, (nv,).
         after: at its end.
     """
-    gap = contact_set.contacts.gap
+    gap = contact_set.gap
     far = np.flatnonzero(gap > near)
     rate, first = (contact_set.contact_velocity(velocity)[far] for velocity in (after, before))
     return tuple(_observed(-1 - contact_set.pattern.key[far], gap[far], rate, first))

@@ -81,7 +81,7 @@ def hold_position(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain, felt
         configuration.shift(shift, qpos=end)
         before, (now, known) = known, look_again(reach)
         if known is not before and not np.array_equal(known, before):
-            if not np.isin(before[active & (before >= 0)], known).all():  # pushed out further than contacts are sought
+            if not among(before[active & (before >= 0)], known).all():  # pushed out further than contacts are sought
                 now, known = look_again(float(-end_gap.min()))
             active = among(known, before[active])
             sustained = among(known, before[sustained])  # what the phase has decided stays decided
@@ -99,9 +99,9 @@ def _is_corrected(phase_end: PhaseEnd, active: np.ndarray, phase: Phase) -> bool
     return bool(sustained.all()) or not np.count_nonzero(stays(gap, phase_end.known, phase) & ~sustained)
 
 
-def among(known: np.ndarray, some: np.ndarray) -> np.ndarray:
-    """Return which contacts were some of those at the start of the phase; -1 is none, bool (h,)."""
-    return (known[:, None] == some[some >= 0]).any(axis=1)
+def among(index: np.ndarray, some: np.ndarray) -> np.ndarray:
+    """Return which indices of contacts are among others, of which -1 is none, bool (h,)."""
+    return (index[:, None] == some[some >= 0]).any(axis=1)
 
 
 def _correction(phase_end: PhaseEnd, shift: np.ndarray, phase: Phase, cuts: Cuts) -> Correction:
