@@ -44,6 +44,9 @@ class FrictionPattern(NamedTuple):
         coefficient: of each row: 1 for sliding, m for the others, (k,).
         axis: of each row: 0 for the normal, 1 and 2 for the directions of sliding, int (k,).
         spans: rows by contacts.
+        rows_contact: contact of each row if normal rows, (h,), and these, (k,), are sorted by contact, int (h + k,).
+        rows_kind: 0 for a normal row, 1 to 5 for friction, int (h + k,).
+        rows_from: where each comes from, ``[normal rows, rows of friction][rows_from]``, int (h + k,).
     """
 
     contact: np.ndarray
@@ -51,20 +54,9 @@ class FrictionPattern(NamedTuple):
     coefficient: np.ndarray
     axis: np.ndarray
     spans: tuple[Span, ...]
-
-
-class RowOrder(NamedTuple):
-    """Rows of pressing, (h,), and of friction, (k,), contact by contact, pressing first.
-
-    Attributes:
-        contact: index of the contact of each row, int (h + k,).
-        kind: 0 for pressing, 1 to 5 for friction, int (h + k,).
-        order: where each row comes from, ``[rows of pressing, rows of friction][order]``.
-    """
-
-    contact: np.ndarray
-    kind: np.ndarray
-    order: np.ndarray
+    rows_contact: np.ndarray
+    rows_kind: np.ndarray
+    rows_from: np.ndarray
 
 
 def pair_friction(model: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -86,8 +78,8 @@ def pair_friction(model: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray,
     return dim, mu
 
 
-def learn_friction(model: mujoco.MjModel, geoms: np.ndarray) -> FrictionPattern | None:
-    """Return the rows of friction of contacts between these geoms, (h, 2); None if there are none."""
+def learn_friction(model: mujoco.MjModel, geoms: np.ndarray, limits: int = 0) -> FrictionPattern | None:
+    """Return the rows of friction of contacts between these geoms, (h, 2), before limits; None if there are none."""
     dim, mu = pair_friction(model, geoms)
     rows = (np.arange(5) < dim[:, None] - 1) & (mu > MIN_FRICTION)
     if not rows.any():
@@ -100,19 +92,12 @@ def learn_friction(model: mujoco.MjModel, geoms: np.ndarray) -> FrictionPattern 
     for i in np.unique(contact).tolist():
         first, last = np.searchsorted(contact, [i, i + 1]).tolist()
         spans.append(Span(first, first + int(slides[first:last].sum()), last, i, tuple(bodies[i].tolist())))
-    return FrictionPattern(contact, kind, mu[contact, kind], np.where(slides, kind + 1, kind - _TORSION), tuple(spans))
-
-
-def row_order(friction_pattern: FrictionPattern | None, contacts: int) -> RowOrder:
-    """Return how the rows of this many contacts are put together."""
-    contact, kind = np.arange(contacts), np.zeros(contacts, dtype=int)
-    if friction_pattern is not None:
-        contact, kind = (
-            np.concatenate([contact, friction_pattern.contact]),
-            np.concatenate([kind, friction_pattern.kind + 1]),
-        )
-    order = np.argsort(contact, kind="stable")
-    return RowOrder(contact[order], kind[order], order)
+    axis, normal = np.where(slides, kind + 1, kind - _TORSION), np.arange(len(geoms) + limits)
+    rows_contact = np.concatenate([normal, contact])
+    rows_kind = np.concatenate([np.zeros_like(normal), kind + 1])
+    order = np.argsort(rows_contact, kind="stable")
+    rows = rows_contact[order], rows_kind[order], order
+    return FrictionPattern(contact, kind, mu[contact, kind], axis, tuple(spans), *rows)
 
 
 def find_tangents(
@@ -163,13 +148,10 @@ def tangential_impulses(model: mujoco.MjModel, contacts: Contacts, friction_impu
         contacts: that collided.
         friction_impulse: of all their rows of friction, (k,).
     """
-    friction_pattern, impulse = (
-        learn_friction(model, contacts.geoms[contacts.geoms[:, 0] >= 0]),
-        np.zeros((len(contacts), 3)),
-    )
-    if friction_pattern is not None:
-        slides = friction_pattern.kind < _TORSION
-        contact, kind = friction_pattern.contact[slides], friction_pattern.kind[slides]
+    pattern, impulse = learn_friction(model, contacts.geoms[contacts.geoms[:, 0] >= 0]), np.zeros((len(contacts), 3))
+    if pattern is not None:
+        slides = pattern.kind < _TORSION
+        contact, kind = pattern.contact[slides], pattern.kind[slides]
         axes = _axes(contacts.normal)[kind + 1, contact]
         np.add.at(impulse, contact, axes * friction_impulse[slides, None])
     return impulse

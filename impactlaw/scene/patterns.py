@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.contacts import contact_labels, sorted_geoms
-from impactlaw.scene.friction_rows import FrictionPattern, RowOrder, learn_friction, row_order
+from impactlaw.scene.friction_rows import FrictionPattern, learn_friction
 from impactlaw.scene.geoms import one_contact, rolling_contacts, several_contacts, touching_distance, vague_contacts
 from impactlaw.scene.joint_limits import NO_GEOM
 
@@ -34,8 +34,7 @@ class Pattern:
         ones: 1, 1, .., (h,).
         order: indices that bring MuJoCo's contacts into order; None if they are in it.
         sign: -1 where MuJoCo has the higher geom id first, else 1, (h, 1); None if 1 for all.
-        friction_pattern: which rows of friction they have; None if they have none, or it is ignored.
-        rows: how rows of pressing and of friction are put together, see `impactlaw.scene.friction_rows.RowOrder`.
+        friction: which rows of friction they have; None if they have none, or it is ignored.
         found: geom ids in MuJoCo's order, as bytes.
         plain: whether each pair has one contact, whose distance in MuJoCo is the gap, and nothing else has rows.
     """
@@ -54,8 +53,7 @@ class Pattern:
     ones: np.ndarray
     order: np.ndarray | None
     sign: np.ndarray | None
-    friction_pattern: FrictionPattern | None
-    rows: RowOrder
+    friction: FrictionPattern | None
     found: bytes
     plain: bool
 
@@ -113,7 +111,7 @@ class Patterns:
                 skin=None if pattern.skin is None else np.concatenate([pattern.skin, np.zeros(n)]),
                 index=np.arange(h),
                 ones=np.ones(h),
-                rows=row_order(pattern.friction_pattern, h),
+                friction=learn_friction(self._model, pattern.geoms, n) if self._friction else None,
             )
             self._remember(seen, known)
         return known
@@ -132,7 +130,6 @@ class Patterns:
         distinct = len(np.unique(key)) == len(key)
         all_single = bool(single.all()) and distinct
         skin = touching_distance(model, geoms)
-        friction_pattern = learn_friction(model, geoms) if self._friction else None
         return Pattern(
             labels=contact_labels(geoms, self._names),
             geoms=geoms,
@@ -148,8 +145,7 @@ class Patterns:
             ones=np.ones(len(key)),
             order=None if np.array_equal(order, np.arange(len(order))) else order,
             sign=np.where(swapped, -1.0, 1.0)[:, None] if swapped.any() else None,
-            friction_pattern=friction_pattern,
-            rows=row_order(friction_pattern, len(key)),
+            friction=learn_friction(model, geoms) if self._friction else None,
             found=found.tobytes(),
             plain=all_single and self._alone and not skin.any(),
         )

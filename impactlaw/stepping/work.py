@@ -43,7 +43,7 @@ class Work:
             )
 
     def integrate(self) -> None:
-        """Count one flow.
+        """Count one smooth phase.
 
         Raises:
             UnfinishedStepError: this, as the others, is too much.

@@ -94,27 +94,28 @@ class ContactSet:
     @cached_property
     def tangents(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Gradients of friction, (k, nv), and what surfaces add to their velocities, (k,); None without friction."""
-        if self.pattern.friction_pattern is None:
+        if self.pattern.friction is None:
             return None
         self.configuration.refresh()
         model, data, surfaces = self.configuration.model, self.configuration.data, self.configuration.surfaces
-        return find_tangents(model, data, self.contacts, self.pattern.friction_pattern, surfaces)
+        return find_tangents(model, data, self.contacts, self.pattern.friction, surfaces)
 
     @cached_property
     def rows(self) -> Rows:
-        """The normal rows and those of friction."""
-        contact, kind, order = self.pattern.rows
-        J, drift = self.jacobian, np.zeros(len(self.contacts)) if self.drift is None else self.drift
-        if self.tangents is not None and self.pattern.friction_pattern is not None:
-            mu, (sliding, more) = self.pattern.friction_pattern.coefficient, self.tangents
-            J = np.concatenate([J, mu[:, None] * sliding])[order]
-            drift = np.concatenate([drift, mu * more])[order]
-        return Rows(contact, kind, J, drift, *self.confine(J))
+        """The normal rows and those of friction, where there are any of friction."""
+        friction = self.pattern.friction
+        assert friction is not None
+        assert self.tangents is not None
+        (sliding, more), mu, order = self.tangents, friction.coefficient, friction.rows_from
+        J = np.concatenate([self.jacobian, mu[:, None] * sliding])[order]
+        drift = np.zeros(len(self.contacts)) if self.drift is None else self.drift
+        drift = np.concatenate([drift, mu * more])[order]
+        return Rows(friction.rows_contact, friction.rows_kind, J, drift, *self.confine(J))
 
     def closed(self, which: np.ndarray) -> Closed:
         """Return some of the contacts, (k,) indices, as ones that may collide."""
         drift, before = (None if w is None else w[which] for w in (self.drift, self.drift_before))
-        pattern, friction = self.pattern.friction_pattern, None
+        pattern, friction = self.pattern.friction, None
         if self.tangents is not None and pattern is not None:
             J, sliding = self.tangents
             friction = Friction(J, pattern.contact, pattern.coefficient, sliding).select(which)

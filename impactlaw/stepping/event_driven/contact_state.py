@@ -70,9 +70,7 @@ class ContactState(NamedTuple):
         still = _STILL * tolerance / timestep
         velocity, gamma, noise, silent = _motion(contact_set, SILENT * still)
         quiet = (
-            silent
-            and contact_set.pattern.friction_pattern is None
-            and bool((closed & (gap >= -CORRECTED * tolerance)).all())
+            silent and contact_set.pattern.friction is None and bool((closed & (gap >= -CORRECTED * tolerance)).all())
         )
         return cls(contact_set, closed, still, velocity, gamma, noise, quiet)
 

@@ -103,7 +103,7 @@ def _hold_velocity(phase_end: PhaseEnd, phase: Phase, felt: FeltForce, free: np.
 
 
 def _with_more(phase_end: PhaseEnd, phase: Phase) -> PhaseEnd:
-    """Return the contacts with those sustained, too, that the others press closed now that they are held."""
+    """Return the contacts with those sustained, too, that the others keep closed now that they are held."""
     now, known, sustained = phase_end
     return PhaseEnd(now, known, sustained | stays(now.gap, known, phase))
 

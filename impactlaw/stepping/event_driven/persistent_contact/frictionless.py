@@ -41,7 +41,7 @@ def hold(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain) -> tuple[Phas
         The contacts after the correction, and what is left to do if the phase is to be kept: see `hold_with_friction`.
     """
     phase.work.hold(len(phase_end.known))
-    if phase_end.now.pattern.friction_pattern is not None:
+    if phase_end.now.pattern.friction is not None:
         return hold_with_friction(phase_end, phase, look_again)
     now, known, sustained = phase_end
     felt = FeltForce.of(now.configuration, phase.start.force, phase.duration)
