@@ -84,11 +84,11 @@ class Limits:
 
         The gaps are ``q - lower`` and ``upper - q``.
         """
-        gap = (data.qpos[self._position] - self._bound) * self._side
+        gap = (data.qpos.take(self._position) - self._bound) * self._side
         near = (gap < within).nonzero()[0]
         if not len(near):
             return None
-        return LimitRows(self._code_of[near], gap[near], self._gradients[near])
+        return LimitRows(self._code_of.take(near), gap.take(near), self._gradients.take(near, axis=0))
 
     def read(self, data: mujoco.MjData) -> LimitRows:
         """Return the limits among MuJoCo's constraint rows of now (``mj_makeConstraint``)."""
@@ -122,7 +122,7 @@ class Limits:
         """Return positions and normals of limits, (l, 3) each; see `Contacts`."""
         number, side = code >> 1, (1.0 - 2.0 * (code & 1))[:, None]
         if not self._model.ntendon:
-            return data.xanchor[number], data.xaxis[number] * side
+            return data.xanchor.take(number, axis=0), data.xaxis.take(number, axis=0) * side
         joint = number < self._model.njnt
         position, normal = np.zeros((len(code), 3)), np.zeros((len(code), 3))
         position[joint], normal[joint] = data.xanchor[number[joint]], data.xaxis[number[joint]] * side[joint]

@@ -31,7 +31,6 @@ class Pattern:
         skin: distance at which the geoms touch, m, (h,); None if 0 for all.
         several: whether MuJoCo is to look for several contacts of a pair.
         index: 0, 1, .., (h,).
-        ones: 1, 1, .., (h,).
         order: indices that bring MuJoCo's contacts into order; None if they are in it.
         sign: -1 where MuJoCo has the higher geom id first, else 1, (h, 1); None if 1 for all.
         friction: which rows of friction they have; None if they have none, or it is ignored.
@@ -50,7 +49,6 @@ class Pattern:
     skin: np.ndarray | None
     several: bool
     index: np.ndarray
-    ones: np.ndarray
     order: np.ndarray | None
     sign: np.ndarray | None
     friction: FrictionPattern | None
@@ -110,7 +108,6 @@ class Patterns:
                 rolling=np.concatenate([pattern.rolling, none]),
                 skin=None if pattern.skin is None else np.concatenate([pattern.skin, np.zeros(n)]),
                 index=np.arange(h),
-                ones=np.ones(h),
                 friction=learn_friction(self._model, pattern.geoms, n) if self._friction else None,
             )
             self._remember(seen, known)
@@ -142,7 +139,6 @@ class Patterns:
             skin=skin if skin.any() else None,
             several=self._faces and bool(several_contacts(model, geoms).any()),
             index=np.arange(len(key)),
-            ones=np.ones(len(key)),
             order=None if np.array_equal(order, np.arange(len(order))) else order,
             sign=np.where(swapped, -1.0, 1.0)[:, None] if swapped.any() else None,
             friction=learn_friction(model, geoms) if self._friction else None,

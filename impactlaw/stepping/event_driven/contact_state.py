@@ -133,9 +133,8 @@ def _motion(contact_set: ContactSet, silent: float) -> tuple[np.ndarray, np.ndar
     configuration = contact_set.configuration
     velocity = configuration.data.qvel.copy()
     gamma = contact_set.contact_velocity(velocity)
-    if not np.count_nonzero(np.abs(gamma) > silent):
-        return velocity, gamma, silent * contact_set.pattern.ones, True
-    return velocity, gamma, (_ROUNDING * configuration.kinetic_norm(velocity)) * contact_set.lengths, False
+    noise = (_ROUNDING * configuration.kinetic_norm(velocity)) * contact_set.lengths
+    return velocity, gamma, noise, not np.count_nonzero(np.abs(gamma) > silent)
 
 
 class Phase(NamedTuple):
@@ -187,5 +186,7 @@ def stays(gap: np.ndarray, known: np.ndarray, phase: Phase) -> np.ndarray:
     velocity = start.contact_velocity[known]
     slow = velocity <= start.rounding[known]
     held = (known >= 0) & closed[known]
+    if not np.count_nonzero(held & ~slow):
+        return held
     closing = 2.0 * (start.gap[known] + velocity * tau - gap)  # times tau^2
     return held & (slow | ((velocity * tau) ** 2 <= 2.0 * closing * phase.tolerance))

@@ -8,7 +8,6 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.contacts import Contacts, gap_gradients
-from impactlaw.scene.patterns import Pattern
 from impactlaw.stepping.event_driven.contact_set import ContactSet
 from impactlaw.stepping.event_driven.contact_state import Phase, PhaseEnd
 from impactlaw.stepping.event_driven.travel import Frames
@@ -37,28 +36,13 @@ def match(contact_set: ContactSet, phase: Phase) -> np.ndarray:
     continues the nearest contact that was closed if, at the start, it approached no faster than the phase has changed
     its velocity (an impact so slow is over within the phase), or if the phase is known to be smooth.
     """
-    start, data = phase.start, contact_set.configuration.data
-    before, now = start.pattern, contact_set.pattern
+    before, now = phase.start.pattern, contact_set.pattern
     if not before or not now:
         return np.full(len(now), -1)
-    if before.all_single and now.all_single:
-        return now.index if before is now else _by_geoms(before, now)
-    position, same_point = contact_set.contacts.position, _SAME_POINT * phase.tolerance
+    if not (before.all_single and now.all_single):
+        return _match_points(contact_set, phase)
     if before is now:
-        moved = position - start.position
-        if np.abs(moved - moved[0]).max() <= same_point and _translates(contact_set, phase, moved[0], same_point):
-            return now.index
-    if before.distinct and now.distinct:
-        index = _by_geoms(before, now)
-        moved = position - start.position[index]
-        allowed = phase.travel.between(start.frames, data)[now.geoms].sum(axis=1) + same_point
-        if not np.count_nonzero((index >= 0) & (np.vecdot(moved, moved) > allowed * allowed)):
-            return index
-    return _match_points(contact_set, phase)
-
-
-def _by_geoms(before: Pattern, now: Pattern) -> np.ndarray:
-    """Return the index of the contact of the same geoms before, or -1, int (h,)."""
+        return now.index
     index = np.minimum(np.searchsorted(before.key, now.key), len(before) - 1)
     return np.where(before.key[index] == now.key, index, -1)
 
@@ -105,13 +89,6 @@ def continued(phase_end: PhaseEnd, phase: Phase, deepest: int, gap: float) -> Co
         return None
     one = int(np.flatnonzero(held)[velocity[held].argmin()])
     return Continued(float(start.gap[one] + 0.5 * velocity[one] * tau), float(bent[one]))
-
-
-def _translates(contact_set: ContactSet, phase: Phase, moved: np.ndarray, same: float) -> bool:
-    """Return whether the first contact point, midway between two surfaces, has moved as they have on the average."""
-    geoms = contact_set.contacts.geoms[0]
-    first, second = contact_set.configuration.data.geom_xpos[geoms] - phase.start.frames.position[geoms]
-    return bool(np.abs(moved - 0.5 * (first + second)).max() <= same)
 
 
 def _match_points(contact_set: ContactSet, phase: Phase) -> np.ndarray:

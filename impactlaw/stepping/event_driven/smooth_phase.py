@@ -23,7 +23,7 @@ from impactlaw.stepping.event_driven.contact_state import CORRECTED, ContactStat
 from impactlaw.stepping.event_driven.event_location import locate
 from impactlaw.stepping.event_driven.gap_functions import GapFunctions
 from impactlaw.stepping.event_driven.matching import continued, match, refound, runs_on
-from impactlaw.stepping.event_driven.persistent_contact.felt_force import FeltForce, applied
+from impactlaw.stepping.event_driven.persistent_contact.felt_force import FeltForce
 from impactlaw.stepping.event_driven.persistent_contact.frictionless import hold
 from impactlaw.stepping.event_driven.persistent_contact.position import LookAgain, among
 from impactlaw.stepping.event_driven.travel import Frames, Travel
@@ -88,8 +88,14 @@ class SmoothPhases:
         data = self.configuration.data
         if self.surfaces is not None:
             self.surfaces.aim(data)
-        with applied(data, force):
+        own = None if force is None else data.qfrc_applied.copy()
+        try:
+            if force is not None:
+                data.qfrc_applied += force
             advance(self._model, data, self.options, duration)
+        finally:
+            if own is not None:
+                data.qfrc_applied[:] = own
         self.configuration.update()
 
     def _is_short(self, before: np.ndarray, duration: float) -> bool:

@@ -11,8 +11,6 @@ error of adding at one configuration what acts on a whole path.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import NamedTuple
 
 import mujoco
@@ -78,17 +76,3 @@ def constrained_velocity(now: ContactState, phase: Phase) -> np.ndarray:
         return velocity
     wanted = phase.start.velocity + phase.duration * configuration.data.qacc
     return velocity + now.contact_set.along_constraints(wanted - velocity)
-
-
-@contextmanager
-def applied(data: mujoco.MjData, force: np.ndarray | None) -> Iterator[None]:
-    """Let a force, (nv,), act beside the applied ones."""
-    if force is None:
-        yield
-        return
-    own = data.qfrc_applied.copy()
-    data.qfrc_applied += force
-    try:
-        yield
-    finally:
-        data.qfrc_applied[:] = own
