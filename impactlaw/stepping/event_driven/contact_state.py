@@ -174,6 +174,16 @@ class PhaseEnd(NamedTuple):
     known: np.ndarray
     sustained: np.ndarray
 
+    @property
+    def contact_set(self) -> ContactSet:
+        """Those contacts."""
+        return self.now.contact_set
+
+    @property
+    def gap(self) -> np.ndarray:
+        """Their gaps, m, (h,)."""
+        return self.now.gap
+
 
 def stays(gap: np.ndarray, known: np.ndarray, phase: Phase) -> np.ndarray:
     """Return which contacts are sustained if they end the phase with these gaps, bool (h,)."""

@@ -2,46 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Protocol, TypeVar
+from collections.abc import Callable
 
-from impactlaw.stepping.event_driven.gap_functions import GapFunctions, Observation
+from impactlaw.stepping.event_driven.gap_functions import GapFunctions
+from impactlaw.stepping.event_driven.trial_step import TrialStep
 
 _EVALUATIONS = 100
 _PATIENCE = 8  # trial steps that cubics are trusted for, of which smooth gaps take two or three
 
 
-class Tried(Protocol):
-    """How a smooth phase has ended."""
-
-    @property
-    def duration(self) -> float:
-        """Of the phase, s."""
-        ...
-
-    @property
-    def gap(self) -> float:
-        """Smallest gap at its end, m."""
-        ...
-
-    @property
-    def observations(self) -> Iterable[Observation]:
-        """Contacts there that are not held."""
-        ...
-
-
-F = TypeVar("F", bound=Tried)
-
-
 def locate(
-    try_for: Callable[[float], F],
-    end: F,
+    try_for: Callable[[float], TrialStep],
+    end: TrialStep,
     gap_functions: GapFunctions,
     *,
     target: float,
     tolerance: float,
     shortest: float,
-) -> F:
+) -> TrialStep:
     """Return the trial step at whose end the smallest gap is zero.
 
     Args:

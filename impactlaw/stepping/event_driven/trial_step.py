@@ -36,7 +36,7 @@ class TrialStep(NamedTuple):
     def of(cls, phase: Phase, phase_end: PhaseEnd, keep: Callable[[], PhaseEnd] | None = None) -> TrialStep:
         """Look at the contacts at the end of a phase, of which some are not held."""
         opened = np.flatnonzero(~phase_end.sustained)
-        clear = _clear(phase_end.now.gap[opened], phase_end.known[opened], phase)
+        clear = _clear(phase_end.gap[opened], phase_end.known[opened], phase)
         least = int(clear.argmin())
         return cls(phase, phase_end, clear.item(least), opened.item(least), keep=keep)
 

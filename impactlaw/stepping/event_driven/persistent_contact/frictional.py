@@ -72,10 +72,10 @@ def hold_with_friction(
     table, change = impulses.table, configuration.jump(impulses.rows.along, impulses.each)
     shift = (moving_part(configuration.model) * phase.duration) * change - felt.shift
     if np.count_nonzero(shift):
-        reach = phase_end.now.contact_set.opening(shift + felt.shift)
+        reach = phase_end.contact_set.opening(shift + felt.shift)
         phase_end, table = _settle(phase_end, shift, table, phase, look_again, reach)
     phase_end = _with_more(phase_end, phase)
-    if np.count_nonzero(phase_end.sustained & (phase_end.now.gap < -CORRECTED * phase.tolerance)):
+    if np.count_nonzero(phase_end.sustained & (phase_end.gap < -CORRECTED * phase.tolerance)):
         before = phase_end.known
         phase_end = hold_position(phase_end, phase, look_again, np.zeros_like(shift))
         phase_end = _with_more(phase_end, phase)
@@ -118,7 +118,7 @@ def _settle(
     configuration, held = phase_end.now.configuration, phase_end.known[phase_end.sustained]
     for _ in range(_SETTLINGS):
         configuration.shift(shift)
-        before, (now, known) = phase_end.known, look_again(max(reach, phase_end.now.contact_set.opening(shift)))
+        before, (now, known) = phase_end.known, look_again(max(reach, phase_end.contact_set.opening(shift)))
         phase_end = PhaseEnd(now, known, among(known, held))
         table = _matched(table, before, known)
         active = np.flatnonzero(table[:, 0] > 0)
@@ -174,9 +174,10 @@ def _turned(phase_end: PhaseEnd, phase: Phase, rows: Rows) -> np.ndarray | None:
     Half of an impulse acts along the rows of the start (as in RATTLE), so that what turns about a contact that sticks
     keeps its energy to second order.
     """
-    if phase.start.contact_forces is None or not len(phase.start.contact_forces.rows.contact):
+    start = phase.start.contact_forces
+    if start is None or not len(start.rows.contact):
         return None
-    before = phase.start.contact_forces.rows
+    before = start.rows
     place = np.full((len(phase.start.gap), _KINDS), -1)
     place[before.contact, before.kind] = np.arange(len(before.contact))
     known = phase_end.known[rows.contact]
@@ -184,7 +185,7 @@ def _turned(phase_end: PhaseEnd, phase: Phase, rows: Rows) -> np.ndarray | None:
     difference = np.where(row[:, None] >= 0, before.along[row] - rows.along, 0.0)
     if not np.count_nonzero(difference):
         return None
-    difference, whitened = phase_end.now.contact_set.confine(difference)
+    difference, whitened = phase_end.contact_set.confine(difference)
     change, length = np.vecdot(whitened, whitened), np.vecdot(rows.whitened, rows.whitened)
     difference[change > _LARGEST_TURN**2 * length] = 0.0  # another feature of the surface
     return difference if np.count_nonzero(change > 1e-24 * length) else None

@@ -66,7 +66,7 @@ def _hold_velocity(phase_end: PhaseEnd, phase: Phase, velocity: np.ndarray, felt
         velocity: without contact, (nv,).
         felt: what the contact forces in the phase have done.
     """
-    now, contact_set = phase_end.now, phase_end.now.contact_set
+    now, contact_set = phase_end.now, phase_end.contact_set
     data = now.configuration.data
     held, active = np.flatnonzero(phase_end.sustained & now.closed), np.zeros(len(now.gap), dtype=bool)
     if not len(held):
@@ -87,7 +87,7 @@ def _hold_velocity(phase_end: PhaseEnd, phase: Phase, velocity: np.ndarray, felt
 
 def _turned(phase_end: PhaseEnd, phase: Phase, held: np.ndarray) -> np.ndarray | None:
     """Return the rows of contacts at the start of the phase less those of now, (k, nv); None if they are the same."""
-    start, contact_set, known = phase.start.contact_set, phase_end.now.contact_set, phase_end.known[held]
+    start, contact_set, known = phase.start.contact_set, phase_end.contact_set, phase_end.known[held]
     if not np.count_nonzero(known >= 0):
         return None
     difference = np.where(known[:, None] >= 0, start.jacobian[known] - contact_set.jacobian[held], 0.0)

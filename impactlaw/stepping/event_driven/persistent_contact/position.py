@@ -61,9 +61,9 @@ def hold_position(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain, felt
         felt: shift that contact forces have made in the phase, (nv,); contacts may take back so much of it.
     """
     configuration = phase_end.now.configuration
-    end, end_gap = configuration.data.qpos.copy(), phase_end.now.gap[phase_end.sustained]
+    end, end_gap = configuration.data.qpos.copy(), phase_end.gap[phase_end.sustained]
     nv = configuration.model.nv
-    shift, reach = np.zeros(nv), phase_end.now.contact_set.opening(felt)
+    shift, reach = np.zeros(nv), phase_end.contact_set.opening(felt)
     cuts = Cuts(np.zeros((0, nv)), np.zeros(0))
     for correction in range(_CORRECTIONS):
         now, known, _ = phase_end
@@ -93,7 +93,7 @@ def hold_position(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain, felt
 
 def _is_corrected(phase_end: PhaseEnd, active: np.ndarray, phase: Phase) -> bool:
     """Return whether sustained contacts do not overlap, active ones are closed, and no other should be held."""
-    gap, sustained, allowed = phase_end.now.gap, phase_end.sustained, CORRECTED * phase.tolerance
+    gap, sustained, allowed = phase_end.gap, phase_end.sustained, CORRECTED * phase.tolerance
     if np.count_nonzero((sustained & (gap < -allowed)) | (active & (np.abs(gap) > allowed))):
         return False
     return bool(sustained.all()) or not np.count_nonzero(stays(gap, phase_end.known, phase) & ~sustained)
@@ -106,7 +106,7 @@ def among(index: np.ndarray, some: np.ndarray) -> np.ndarray:
 
 def _correction(phase_end: PhaseEnd, shift: np.ndarray, phase: Phase, cuts: Cuts) -> Correction:
     """Return the shift that opens the contacts, linearized where the scene has been shifted by ``shift``, (nv,)."""
-    contact_set, gap, sustained = phase_end.now.contact_set, phase_end.now.gap, phase_end.sustained
+    contact_set, gap, sustained = phase_end.contact_set, phase_end.gap, phase_end.sustained
     J = contact_set.jacobian
     while True:
         rows = np.flatnonzero(sustained)
