@@ -10,7 +10,7 @@ from typing import Any, Literal
 import mujoco
 
 from impactlaw.errors import OptionError, RestitutionError, UnknownNameError
-from impactlaw.laws import Coulomb, Law, MaximalDissipation, make_law, portable
+from impactlaw.laws import Law, MaximalDissipation, make_law, portable
 from impactlaw.laws.from_scene import scene_law, scene_number
 from impactlaw.recording.properties import law_name
 from impactlaw.stepping.compatibility import check_count
@@ -138,7 +138,7 @@ def choose_law(model: mujoco.MjModel, law: str | Law | Mapping[str, Any], restit
 
 def describe_law(law: Law) -> dict[str, str | float]:
     """Return what ``info`` says of a law: its text, and its coefficient of restitution, NaN where it has not one."""
-    inner = law.law if isinstance(law, Coulomb) else law
+    inner = law.normal_law
     e = 0.0 if isinstance(inner, MaximalDissipation) else getattr(inner, "restitution", None)
     if isinstance(e, dict) and not e:
         e = getattr(inner, "default", None)

@@ -142,6 +142,11 @@ class PlacedLaw(ABC):
         self._stepper_for(model)
         setattr(target, self.method, self._simulate)
 
+    @property
+    def stepper(self) -> Stepper | None:
+        """What steps the environment; None before the first reset."""
+        return self._stepper
+
     def _stepper_for(self, model: mujoco.MjModel) -> Stepper:
         if self._stepper is None or self._stepper.model is not model:
             self._stepper = self._in_force.stepper(model)

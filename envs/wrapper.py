@@ -20,6 +20,7 @@ from impactlaw.errors import WrapperError
 from impactlaw.laws import Law
 from impactlaw.settled import Settled
 from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.stepper import Stepper
 
 _ANEW = "put another ImpactLaw around the environment, after remove()"
 _RESET = "pass it to reset(options=...), for an episode, or put another ImpactLaw around the environment"
@@ -145,6 +146,11 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
     def events(self) -> tuple[ImpactEvent, ...]:
         """The collisions of the last step, all its timesteps, in order."""
         return () if self._placed is None else self._placed.events
+
+    @property
+    def stepper(self) -> Stepper | None:
+        """What steps the episode, with its plan and its options; None before the first reset and after `remove`."""
+        return None if self._placed is None else self._placed.stepper
 
     def remove(self) -> gymnasium.Env:
         """Take the law off again and return the environment inside, which steps as it did before."""

@@ -1,9 +1,5 @@
 """What the tests of environments share."""
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import gymnasium
 import pytest
 
@@ -22,19 +18,6 @@ INFO = {
     "impact/restitution": float,
 }
 every_env = pytest.mark.parametrize("name", IDS)
-
-
-def scripts_controllers():
-    path = Path(__file__).parents[1] / "scripts" / "controllers.py"
-    spec = importlib.util.spec_from_file_location("controllers", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = sys.modules["controllers"] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-controllers = scripts_controllers()
 
 
 def bare(name, **kwargs) -> ImpactEnv:

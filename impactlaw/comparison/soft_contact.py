@@ -7,8 +7,8 @@ import math
 
 import mujoco
 import numpy as np
+import scipy
 
-from impactlaw import deferred
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact
 from impactlaw.scene.contacts import update_positions
@@ -54,11 +54,11 @@ def _damping(restitution: float) -> tuple[float, float]:
     """Return zeta, and the time in contact in units of the undamped oscillator's."""
     wanted = -math.log(restitution)
     if wanted < 2.0:
-        beta = deferred.root_scalar(
+        beta = scipy.optimize.root_scalar(
             lambda b: (math.pi - 2 * b) * math.tan(b) - wanted, bracket=(0.0, math.pi / 2 - 1e-9)
         ).root
         return math.sin(beta), (math.pi - 2 * beta) / math.cos(beta)
-    s = deferred.root_scalar(lambda s: 2 * s / math.tanh(s) - wanted, bracket=(1e-9, 10.0)).root
+    s = scipy.optimize.root_scalar(lambda s: 2 * s / math.tanh(s) - wanted, bracket=(1e-9, 10.0)).root
     return math.cosh(s), 2 * s / math.sinh(s)
 
 

@@ -14,6 +14,7 @@ from impactlaw.mechanics.bilateral import velocity_with
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers import Problem, solve_with_jump
+from impactlaw.solvers.tolerances import RANK
 
 
 class Target(NamedTuple):
@@ -35,8 +36,46 @@ class Law(ABC):
     """An impact law ``0 <= Lambda  ⊥  gamma+ - gamma^h >= 0``, ``v+ = v- + M^-1 J^T Lambda``.
 
     A law is a frozen dataclass with one method, `target`, which gives ``gamma^h``
-    (Aeberhard and Glocker, "Perfect multi-contact collisions", extended Newton impact law).
+    (Aeberhard and Glocker, "Perfect multi-contact collisions", extended Newton impact law). To be found by `make_law`,
+    it has a name and a description, and one line in `impactlaw.laws.registry`.
+
+    Attributes:
+        name: by which `make_law` knows the law.
+        description: one line for lists of laws.
+        has_friction: whether the law decides about friction, too.
+        per_contact: whether the target of a contact depends on the velocity of that contact only.
     """
+
+    name = ""
+    description = ""
+    has_friction = False
+    per_contact = False
+
+    @classmethod
+    def of(cls, restitution: Any) -> Law:
+        """Return the law with what `make_law` was given, or None.
+
+        Raises:
+            RestitutionError: the restitution is missing, superfluous or not in range.
+        """
+        if restitution is None:
+            raise RestitutionError(f"law {cls.name!r} needs a restitution")
+        return cls(restitution)  # pyright: ignore[reportCallIssue]
+
+    @property
+    def has_target(self) -> bool:
+        """Whether the target decides alone: not for a law with a `resolve` of its own, such as Poisson's."""
+        return type(self).resolve is Law.resolve
+
+    @property
+    def normal_law(self) -> Law:
+        """What decides along the normals: the law itself, or the one that it adds friction to."""
+        return self
+
+    @property
+    def common_coefficient(self) -> float | None:
+        """The number e where ``gamma^h = -e gamma-`` for every contact of any collision, else None."""
+        return None
 
     @abstractmethod
     def target(self, collision: Collision) -> Target:
@@ -59,7 +98,6 @@ class Law(ABC):
             UnsolvableLawError: no velocity satisfies the law; the message names the contacts that conflict.
             SolverError: no solver's answer passed its certificate.
         """
-        collision.prepare()
         target = self.target(collision)
         problem = jump_problem(collision, target)
         answer = solve_with_jump(problem, collision.labels, solver=solver, shared=False)
@@ -68,22 +106,19 @@ class Law(ABC):
 
 def jump_problem(collision: Collision, target: Target) -> Problem:
     """Return the problem whose solution is the law's jump: the smallest one that reaches the target."""
-    wanted, velocity, coefficient = target
-    Y, speed = collision.whitened_jacobian, collision.pre_speed
-    preimage, times, scale = None, None, None
+    wanted, velocity, e = target
+    Y, preimage = collision.whitened_jacobian, None
     bound = wanted - collision.pre_contact_velocity
     if collision.frame_rates is not None or collision.bilateral_jacobian is not None:
         if collision.surface_jump is not None:
             bound = bound - collision.surface_jump
-        known, reached = velocity_with(Y, bound)
-        preimage = known if reached else None
-    elif coefficient is not None:
-        preimage, times = collision.whitened_velocity, -1.0 - coefficient
-        scale = -times * speed
+        found = velocity_with(Y, bound)
+        preimage = found.velocity if found.is_exact else None
+    elif e is not None:
+        preimage = (-1.0 - e) * collision.whitened_velocity
     elif velocity is not None:
         preimage = collision.metric.whiten(velocity - collision.pre_velocity)
-    norms, G = collision.gradient_norms, collision.__dict__.get("delassus")  # G if it has been asked for
-    return Problem(Y, bound, preimage, speed, times=times, norms=norms, scale=scale, delassus=G)
+    return Problem(Y, bound, preimage, collision.pre_speed, norms=collision.gradient_norms)
 
 
 class RestitutionLaw(Law):
@@ -95,7 +130,7 @@ class RestitutionLaw(Law):
 
     def target(self, collision: Collision) -> Target:
         """Return ``gamma^h = -E gamma-``."""
-        return Target(-self.restitution_matrix(collision).dot(collision.pre_contact_velocity))
+        return Target(-(self.restitution_matrix(collision) @ collision.pre_contact_velocity))
 
 
 def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:
@@ -120,7 +155,7 @@ def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:
         return 0.0
     lengths = np.where(collision.gradient_norms > 0, collision.gradient_norms, 1.0)
     U, s, _ = np.linalg.svd(collision.dense_gradients / lengths[:, None], full_matrices=False)
-    rank = int(np.count_nonzero(s > 1e-11 * s[0]))
+    rank = int((s > RANK * s[0]).sum())
     U, s = U[:, :rank], s[:rank]
     scaled = E * (lengths / lengths[:, None])
     return float(np.linalg.norm(U.T @ scaled @ (U * s) / s[:, None], 2) ** 2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -39,8 +39,6 @@ class ContactCoefficients:
 
     restitution: Coefficient | Sequence[Coefficient] | Mapping[str | tuple[str, str], Coefficient]
     default: Coefficient | None = field(default=None, kw_only=True)
-    _numbers: ClassVar[np.ndarray | None] = None  # a sequence of numbers as an array
-    _common: ClassVar[float | None] = None  # what all of them are
 
     def __post_init__(self):
         value = self.restitution
@@ -58,9 +56,6 @@ class ContactCoefficients:
         else:
             value = tuple(_checked(e, f"restitution of contact {i}") for i, e in enumerate(value))  # pyright: ignore[reportArgumentType]
         object.__setattr__(self, "restitution", value)
-        if isinstance(value, tuple) and not any(map(callable, value)):
-            object.__setattr__(self, "_numbers", _frozen(value))
-            object.__setattr__(self, "_common", _common(value))
         if self.default is not None:
             if not isinstance(value, dict):
                 raise RestitutionError(
@@ -88,10 +83,7 @@ class ContactCoefficients:
             RestitutionError: as many coefficients as contacts are needed; a contact is not named and no default set;
                 or a function of speed returns what is not in [0, 1].
         """
-        labels, numbers = collision.labels, self._numbers
-        if numbers is not None and len(numbers) == len(labels):
-            return numbers
-        value, table = self.restitution, self._table
+        labels, value, table = collision.labels, self.restitution, self._table
         if table is not None:
             given = [self._lookup(table, label) for label in labels]
         elif isinstance(value, tuple):
@@ -111,10 +103,6 @@ class ContactCoefficients:
             given = [_at(e, speed, label) for e, speed, label in zip(given, speeds, labels, strict=True)]
         return np.array(given, dtype=float)
 
-    def common(self, e: np.ndarray) -> float | None:
-        """Return the value of all these coefficients, which `coefficients` returned; None if they differ."""
-        return self._common if e is self._numbers else _common(e.tolist())
-
     @property
     def _table(self) -> dict[str, Coefficient] | None:
         return self.restitution if isinstance(self.restitution, dict) else None  # pyright: ignore[reportReturnType]
@@ -126,16 +114,6 @@ class ContactCoefficients:
                 f"{type(self).__name__} has no restitution for contact {label}, and no default: name it, or give one"
             )
         return e
-
-
-def _common(values: Sequence[Any]) -> float | None:
-    return values[0] if values and values.count(values[0]) == len(values) else None
-
-
-def _frozen(values: Sequence[Any]) -> np.ndarray:
-    array = np.array(values, dtype=float)
-    array.flags.writeable = False
-    return array
 
 
 def described(value: object) -> object:

@@ -12,8 +12,9 @@ from impactlaw.laws.base import Law, Target, coefficient
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
 from impactlaw.mechanics.impact import Impact
-from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem, ConeStatus
+from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem
 from impactlaw.solvers.friction.solve import BRIEF, THOROUGH, shared, solve_cones
+from impactlaw.solvers.problem import Status
 
 _CREATED = 1e-12
 """Energy, relative to the one before, up to which its creation is rounding."""
@@ -68,11 +69,12 @@ class Coulomb(Law):
     law: Law
     tangential_restitution: float = field(default=0.0, kw_only=True)
     cone: Literal["exact", "convex"] = field(default="exact", kw_only=True)
+    has_friction = True
 
     def __post_init__(self):
         if not isinstance(self.law, Law):
             raise RestitutionError(f"Coulomb extends a law, such as Coulomb(Moreau(0.5)), got {self.law!r}")
-        if type(self.law).resolve is not Law.resolve:
+        if not self.law.has_target:
             raise RestitutionError(
                 f"Coulomb needs a law that aims at contact velocities; {type(self.law).__name__} has a rule of its own "
                 "for impulses. Extend Moreau, Newton, Fremond or LinearMap"
@@ -81,6 +83,11 @@ class Coulomb(Law):
         object.__setattr__(self, "tangential_restitution", e)
         if self.cone not in ("exact", "convex"):
             raise UnknownNameError("cone", self.cone, ["exact", "convex"])
+
+    @property
+    def normal_law(self) -> Law:
+        """The inner law."""
+        return self.law
 
     @property
     def contact_labels(self) -> frozenset[str]:
@@ -131,7 +138,7 @@ class _Attempt:
         answer = solve_cones(problem, guess, rounds=rounds if self.effort is None else self.effort.rounds(rows))
         if self.effort is not None:
             self.effort.attempt(rows, answer.iterations)
-        if answer.status is not ConeStatus.SOLVED:
+        if answer.status is not Status.SOLVED:
             return None, answer
         if problem.is_redundant:
             answer = shared(problem, answer)

@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 
-from impactlaw import deferred
 from impactlaw.errors import InvalidCollisionError, RestitutionError
-from impactlaw.laws.base import RestitutionLaw, Target, coefficient, square_matrix
+from impactlaw.laws.base import Law, RestitutionLaw, Target, coefficient, square_matrix
 from impactlaw.laws.labels import canonical, put
+from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.mechanics.block_metric import finite_sparse, is_sparse
 from impactlaw.mechanics.collision import Collision
-
-_COUPLED = 1e-12  # cosine of the angle between two gradients above which their contacts influence each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +31,15 @@ class Fremond(RestitutionLaw):
     """
 
     matrix: Any
+    name = "fremond"
+    description = "E full: any matrix, also keyed by pairs of contact labels"
+
+    @classmethod
+    def of(cls, restitution: Any) -> Law:
+        """Return the law; a single coefficient is no matrix."""
+        if restitution is not None and not isinstance(restitution, Mapping) and np.ndim(restitution) == 0:
+            raise RestitutionError("law 'fremond' needs a restitution matrix; 'reversal' takes a single coefficient")
+        return super().of(restitution)
 
     def __post_init__(self):
         if is_sparse(self.matrix):
@@ -118,6 +126,13 @@ class Reversal(RestitutionLaw):
     """
 
     restitution: float = 1.0
+    name = "reversal"
+    description = "E = e times the anti-identity along the contacts' order: Newton's cradle"
+
+    @classmethod
+    def of(cls, restitution: Any) -> Reversal:
+        """Return the law; e is 1 if it is not given."""
+        return cls() if restitution is None else cls(restitution)
 
     def __post_init__(self):
         object.__setattr__(self, "restitution", coefficient(self.restitution))
@@ -126,7 +141,7 @@ class Reversal(RestitutionLaw):
         """Return ``e`` times the anti-identity on every block of connected contacts, shape (h, h); sparse if J is."""
         h, mirror = len(collision.labels), _mirror(collision)
         if is_sparse(collision.jacobian):
-            return deferred.csr_array((np.full(h, self.restitution), mirror, np.arange(h + 1)), shape=(h, h))
+            return scipy.sparse.csr_array((np.full(h, self.restitution), mirror, np.arange(h + 1)), shape=(h, h))
         E = np.zeros((h, h))
         E[np.arange(h), mirror] = self.restitution
         return E
@@ -142,15 +157,15 @@ def _mirror(collision: Collision) -> np.ndarray:
     if len(scale) < 2:
         return np.arange(len(scale))
     if isinstance(Y, np.ndarray):
-        coupled = np.abs(collision.delassus) > _COUPLED * np.outer(scale, scale)
+        coupled = np.abs(collision.delassus) > INFLUENCE * np.outer(scale, scale)
         if coupled.diagonal(1).all():  # a chain: one block
             return np.arange(len(scale))[::-1]
     else:
         G: Any = collision.delassus
         G = G.tocoo()
-        real = np.abs(G.data) > _COUPLED * scale[G.row] * scale[G.col]
-        coupled = deferred.csr_array((G.data[real], (G.row[real], G.col[real])), shape=G.shape)
-    _, member = deferred.connected_components(coupled, directed=False)
+        real = np.abs(G.data) > INFLUENCE * scale[G.row] * scale[G.col]
+        coupled = scipy.sparse.csr_array((G.data[real], (G.row[real], G.col[real])), shape=G.shape)
+    _, member = scipy.sparse.csgraph.connected_components(coupled, directed=False)
     along = np.arange(len(member))
     mirror = np.empty_like(along)
     mirror[np.lexsort((along, member))] = np.lexsort((-along, member))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import RestitutionLaw, Target
 from impactlaw.mechanics.collision import Collision
 
@@ -16,6 +18,21 @@ class MaximalDissipation(RestitutionLaw):
 
     The point of maximal dissipation (Aeberhard and Glocker, "Perfect multi-contact collisions").
     """
+
+    name = "maximal-dissipation"
+    description = "E = 0: the least kinetic energy that no penetration allows; takes no restitution"
+
+    @classmethod
+    def of(cls, restitution: Any) -> MaximalDissipation:
+        """Return the law; the only restitution that it can be given is 0."""
+        if restitution is not None and restitution != 0:
+            raise RestitutionError(f"law {cls.name!r} has restitution 0, got {restitution!r}; leave it out")
+        return cls()
+
+    @property
+    def common_coefficient(self) -> float:
+        """Zero."""
+        return 0.0
 
     def restitution_matrix(self, collision: Collision) -> np.ndarray:
         """Return zeros, shape (h, h)."""

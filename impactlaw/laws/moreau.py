@@ -24,6 +24,13 @@ class Moreau(RestitutionLaw):
     """
 
     restitution: float
+    name = "moreau"
+    description = "E = e 1: one coefficient, the half-line from v- through the point of maximal dissipation"
+
+    @property
+    def common_coefficient(self) -> float:
+        """The coefficient."""
+        return self.restitution
 
     def __post_init__(self):
         object.__setattr__(self, "restitution", coefficient(self.restitution))

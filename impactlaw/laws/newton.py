@@ -20,14 +20,23 @@ class Newton(ContactCoefficients, RestitutionLaw):
     of the speed at which a contact closes, see `ContactCoefficients`.
     """
 
+    name = "newton"
+    description = (
+        "E = diag(e_1 .. e_h): one coefficient per contact, also keyed by contact label or a function of speed"
+    )
+    per_contact = True
+
+    @property
+    def common_coefficient(self) -> float | None:
+        """The coefficient, if one number is for every contact."""
+        return self.restitution if isinstance(self.restitution, float) else None
+
     def restitution_matrix(self, collision: Collision) -> np.ndarray:
         """Return ``diag(e_1 .. e_h)``, shape (h, h)."""
         return np.diag(self.coefficients(collision))
 
     def target(self, collision: Collision) -> Target:
         """Return ``gamma^h_i = -e_i gamma-_i``; equal coefficients also give the velocity ``-e v-``."""
-        value = self.restitution
-        if isinstance(value, float):
-            return Target(-value * collision.pre_contact_velocity, coefficient=value)
         e = self.coefficients(collision)
-        return Target(-e * collision.pre_contact_velocity, coefficient=self.common(e))
+        values = set(e.tolist())
+        return Target(-e * collision.pre_contact_velocity, coefficient=values.pop() if len(values) == 1 else None)

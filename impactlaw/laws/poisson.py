@@ -5,23 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
-from impactlaw import deferred
 from impactlaw.errors import SolverError, UnsolvableLawError
 from impactlaw.laws.base import Law, Target, jump_problem
 from impactlaw.laws.coefficients import ContactCoefficients
 from impactlaw.laws.maximal_dissipation import MaximalDissipation
+from impactlaw.laws.tolerances import JAMMED_PART, KICK_ROUNDING
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.impact import Impact
-from impactlaw.solvers import CERTIFIED, Problem, solve_with_jump
+from impactlaw.solvers import Problem, solve_with_jump
 from impactlaw.solvers.least_squares import least_squares
 from impactlaw.solvers.problem import row_lengths
+from impactlaw.solvers.tolerances import CERTIFIED, GOOD, RANKS
 
-_GOOD = 1e-12  # residual that needs no refinement
-_ROUNDING = 4 * float(np.finfo(float).eps)
 _REFINEMENTS = 3
-_RANKS = (1e-13, 1e-11, 1e-9)  # relative singular values of gradients that may be rounding
-_FIXED = 1e-10  # part of a gradient that is rounding where those of other contacts are taken off
 
 
 @dataclass(frozen=True, repr=False)
@@ -41,6 +39,9 @@ class Poisson(ContactCoefficients, Law):
     that choice. A surface whose velocity jumps does so before compression: the impact's collision has w+ from the
     start. The coefficients are numbers or functions of the speed at which a contact closes, see `ContactCoefficients`.
     """
+
+    name = "poisson"
+    description = "compression, then e_i times its impulse for contact i: coefficients as newton's"
 
     def target(self, collision: Collision) -> Target:
         """Return ``gamma^h = 0``, where contacts end that get more than ``(1 + e_i) Lambda_Ci``."""
@@ -69,8 +70,8 @@ class Poisson(ContactCoefficients, Law):
         answer = solve_with_jump(_expansion(start, kick), collision.labels, solver=solver)
         impact = _end(compression, least, answer.impulse, kick + answer.jump)
         error = _error(impact)
-        if error > _GOOD and isinstance(start.gradients, np.ndarray):
-            for rank in _RANKS:
+        if error > GOOD and isinstance(start.gradients, np.ndarray):
+            for rank in RANKS:
                 jump, more = _refined(start, kick + answer.jump, answer.impulse, rank)
                 other = _end(compression, least, more, jump)
                 if _error(other) < error:
@@ -86,23 +87,23 @@ class Poisson(ContactCoefficients, Law):
 def _expansion(start: Problem, kick: np.ndarray) -> Problem:
     """Return the problem of the jump that is left after the kick that the least impulses give, (nv,)."""
     bound = start.bound - start.gradients @ kick
-    rounding = _ROUNDING * start.norms * (start.speed + np.linalg.norm(kick))
+    rounding = KICK_ROUNDING * start.norms * (start.speed + np.linalg.norm(kick))
     bound = np.where(bound <= rounding, np.minimum(bound, 0.0), bound)
     preimage = None if start.preimage is None else start.preimage - kick
     return Problem(start.gradients, bound, preimage, start.speed, norms=start.norms)
 
 
 def _error(impact: Impact) -> float:
-    """Return the residual; or by how much ``|v+|`` is above ``|v-|``, of which it is a part, since it must not be."""
+    """Return the residual, or the part of ``|v-|`` by which ``|v+|`` exceeds it, if that is larger."""
     c = impact.collision
     z = c.relative_velocity + impact.whitened_jump
-    if c.pre_speed > 0 and z.dot(z) > (1.0 + _GOOD) * c.pre_speed**2:
+    if c.pre_speed > 0 and z @ z > (1.0 + GOOD) * c.pre_speed**2:
         return max(impact.residual, impact.violations.energetic / c.pre_speed)
     return impact.residual
 
 
 def _end(compression: Impact, least: np.ndarray, more: np.ndarray, jump: np.ndarray) -> Impact:
-    """Return the impact whose impulses are the least ones and more, (h,) each, and whose whitened jump is known."""
+    """Return the impact with these impulses, the least ones and what is added to them, (h,) each, and its jump."""
     c = compression.collision
     return Impact(
         c,
@@ -132,9 +133,9 @@ def _refined(start: Problem, jump: np.ndarray, more: np.ndarray, rank: float) ->
             break
         Y = start.gradients[ending] / start.lengths[ending, None]
         jump = jump - least_squares(Y, start.slack(jump)[ending], rank)
-        basis = deferred.orth(Y.T, rcond=rank)
+        basis = scipy.linalg.orth(Y.T, rcond=rank)
         others = start.gradients - (start.gradients @ basis) @ basis.T
-        others[ending | (row_lengths(others) <= _FIXED * start.norms)] = 0.0
+        others[ending | (row_lengths(others) <= JAMMED_PART * start.norms)] = 0.0
         bound = np.where(others.any(axis=1), -start.slack(jump) * start.lengths, 0.0)
         try:
             answer = solve_with_jump(Problem(others, bound), labels)

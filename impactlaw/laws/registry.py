@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
-
 from impactlaw.errors import RestitutionError, UnknownNameError
 from impactlaw.laws.base import Law
 from impactlaw.laws.fremond import Fremond, Reversal
@@ -16,54 +14,14 @@ from impactlaw.laws.newton import Newton
 from impactlaw.laws.poisson import Poisson
 from impactlaw.laws.portable import restored
 
+REGISTERED: tuple[type[Law], ...] = (MaximalDissipation, Moreau, Newton, Poisson, Fremond, Reversal)
+"""A new law is one file, with its name and description on the class, and its class here."""
 
-def _maximal_dissipation(restitution: Any) -> Law:
-    if restitution is not None and restitution != 0:
-        raise RestitutionError(f"law 'maximal-dissipation' has restitution 0, got {restitution!r}; leave it out")
-    return MaximalDissipation()
+LAWS: dict[str, Callable[[Any], Law]] = {law.name: law.of for law in REGISTERED}
+"""Functions from a restitution to a law, by the name of the law."""
 
-
-def _moreau(restitution: Any) -> Law:
-    return Moreau(_required("moreau", restitution))
-
-
-def _newton(restitution: Any) -> Law:
-    return Newton(_required("newton", restitution))
-
-
-def _poisson(restitution: Any) -> Law:
-    return Poisson(_required("poisson", restitution))
-
-
-def _fremond(restitution: Any) -> Law:
-    if restitution is not None and not isinstance(restitution, Mapping) and np.ndim(restitution) == 0:
-        raise RestitutionError("law 'fremond' needs a restitution matrix; 'reversal' takes a single coefficient")
-    return Fremond(_required("fremond", restitution))
-
-
-def _reversal(restitution: Any) -> Law:
-    return Reversal() if restitution is None else Reversal(restitution)
-
-
-LAWS: dict[str, Callable[[Any], Law]] = {
-    "maximal-dissipation": _maximal_dissipation,
-    "moreau": _moreau,
-    "newton": _newton,
-    "poisson": _poisson,
-    "fremond": _fremond,
-    "reversal": _reversal,
-}
-"""The registry: a new law is one file and one line here."""
-
-DESCRIPTIONS: dict[str, str] = {
-    "maximal-dissipation": "E = 0: the least kinetic energy that no penetration allows; takes no restitution",
-    "moreau": "E = e 1: one coefficient, the half-line from v- through the point of maximal dissipation",
-    "newton": "E = diag(e_1 .. e_h): one coefficient per contact, also keyed by contact label or a function of speed",
-    "poisson": "compression, then e_i times its impulse for contact i: coefficients as newton's",
-    "fremond": "E full: any matrix, also keyed by pairs of contact labels",
-    "reversal": "E = e times the anti-identity along the contacts' order: Newton's cradle",
-}
-"""One line per law of the registry."""
+DESCRIPTIONS: dict[str, str] = {law.name: law.description for law in REGISTERED}
+"""One line per law."""
 
 
 def make_law(name: str | Law | Mapping, restitution: Any = None) -> Law:
@@ -87,9 +45,3 @@ def make_law(name: str | Law | Mapping, restitution: Any = None) -> Law:
     if not isinstance(name, str) or name not in LAWS:
         raise UnknownNameError("law", name, LAWS)
     return LAWS[name](restitution)
-
-
-def _required(name: str, restitution: Any) -> Any:
-    if restitution is None:
-        raise RestitutionError(f"law {name!r} needs a restitution")
-    return restitution

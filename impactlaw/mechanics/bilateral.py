@@ -14,12 +14,9 @@ import numpy as np
 
 from impactlaw.errors import InvalidCollisionError
 from impactlaw.mechanics.kinetic_metric import finite_array
-from impactlaw.solvers.least_squares import RANK, row_span
-
-_INDEPENDENT = 1e-9, 1e-12, 1e-15  # relative singular values up to which a direction is not used
-_PROPORTION = 1e6  # times the contact velocities that a velocity may be
-_FIXED = 1e-12  # part of a gradient that is rounding after the projection
-_REACHED = 1e-11  # part of the contact velocities that a velocity of the bodies may miss
+from impactlaw.mechanics.tolerances import FIXED, PROPORTION, REACHED, VELOCITY_RANKS
+from impactlaw.solvers.least_squares import row_span
+from impactlaw.solvers.tolerances import RANK
 
 
 class Bilateral(NamedTuple):
@@ -41,9 +38,9 @@ class Bilateral(NamedTuple):
     def project(self, gradients: np.ndarray) -> np.ndarray:
         """Return ``Y P``, (h, nv): gradients without their part along the constraints; 0 where that is all."""
         B = self.basis
-        projected = gradients - gradients.dot(B.T).dot(B)
-        projected -= projected.dot(B.T).dot(B)
-        fixed = np.vecdot(projected, projected) <= _FIXED**2 * np.vecdot(gradients, gradients)
+        projected = gradients - gradients @ B.T @ B
+        projected -= projected @ B.T @ B  # a second time for what rounding left in the first
+        fixed = np.vecdot(projected, projected) <= FIXED**2 * np.vecdot(gradients, gradients)
         projected[fixed] = 0.0
         return projected
 
@@ -55,14 +52,14 @@ class Bilateral(NamedTuple):
             whitened: ``J R^-T``, (h, nv).
             constraints: ``J_eq``, (m, nv).
         """
-        return jacobian - whitened.dot(self.basis.T).dot(self.combination).dot(constraints)
+        return jacobian - whitened @ self.basis.T @ self.combination @ constraints
 
     def along(self, whitened_velocity: np.ndarray) -> np.ndarray | None:
         """Return the part of a velocity that the constraints fix, (nv,); None if it is rounding: they are at rest."""
-        part = self.basis.dot(whitened_velocity)
-        if part.dot(part) <= _FIXED**2 * whitened_velocity.dot(whitened_velocity):
+        part = self.basis @ whitened_velocity
+        if part @ part <= FIXED**2 * (whitened_velocity @ whitened_velocity):
             return None
-        return part.dot(self.basis)
+        return part @ self.basis
 
 
 def checked_bilateral(rows: Any, jacobian: Any) -> np.ndarray | None:
@@ -97,8 +94,15 @@ def checked_surfaces(before: Any, after: Any, jacobian: Any) -> tuple[np.ndarray
     return before if moving else None, after if moving and not np.array_equal(before, after) else None
 
 
-def velocity_with(gradients: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Return a small whitened velocity z, (nv,), that comes nearest to ``Y z = rates``, and whether it is one.
+class Reached(NamedTuple):
+    """A whitened velocity z, (nv,), that comes nearest to ``Y z = rates``, and whether that holds."""
+
+    velocity: np.ndarray
+    is_exact: bool
+
+
+def velocity_with(gradients: np.ndarray, rates: np.ndarray) -> Reached:
+    """Return a small whitened velocity with these contact velocities, or the nearest to them.
 
     Directions in which gradients are nearly dependent are used only where that takes no velocity out of proportion.
     """
@@ -107,12 +111,12 @@ def velocity_with(gradients: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray,
     unit, wanted = gradients / lengths[:, None], rates / lengths
     largest = np.abs(wanted).max(initial=0.0)
     best = None
-    for small in _INDEPENDENT:
+    for small in VELOCITY_RANKS:
         z = np.linalg.lstsq(unit, wanted, rcond=small)[0]
-        if best is not None and z.dot(z) > (_PROPORTION * largest) ** 2:
+        if best is not None and z @ z > (PROPORTION * largest) ** 2:
             break
         best = z
-        if np.abs(unit.dot(z) - wanted).max(initial=0.0) <= _REACHED * largest:
-            return z, True
+        if np.abs(unit @ z - wanted).max(initial=0.0) <= REACHED * largest:
+            return Reached(z, True)
     assert best is not None
-    return best, False
+    return Reached(best, False)

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import Any
 
 import numpy as np
+import scipy
 
-from impactlaw import deferred
 from impactlaw.errors import InvalidCollisionError
+from impactlaw.mechanics.kinetic_metric import KineticMetric
+from impactlaw.mechanics.tolerances import SYMMETRY
 
 LARGEST_BLOCK = 500
 """Most degrees of freedom that may be coupled with each other; the factor of such a block is a dense matrix."""
-_SYMMETRY = 1e-10  # relative asymmetry of M above which it is taken for a mistake, not for rounding
 
 
-class SparseMetric:
-    """A sparse mass matrix and its factor ``M = R R^T``; see `KineticMetric` for what they do.
+class SparseMetric(KineticMetric):
+    """A sparse mass matrix and its factor ``M = R R^T``.
 
     Degrees of freedom that M couples, directly or through others, form blocks. Each is factored by itself.
 
@@ -28,43 +28,26 @@ class SparseMetric:
             `LARGEST_BLOCK` degrees of freedom in one block.
     """
 
-    def __init__(self, mass_matrix: Any):
-        M = finite_sparse(mass_matrix, "mass_matrix")
-        if M.shape[0] != M.shape[1] or M.shape[0] == 0:
-            raise InvalidCollisionError(f"mass_matrix must be square and not empty, got shape {M.shape}")
-        diagonal = M.diagonal()
-        if diagonal.min() <= 0:
-            i = int(np.argmin(diagonal))
-            raise InvalidCollisionError(f"mass_matrix is not positive definite: entry ({i}, {i}) is {diagonal[i]}")
-        self.mass_matrix = M
-        self._scale = np.sqrt(diagonal) if M.nnz == M.shape[0] else None
-        if self._scale is None:
-            _check_symmetry(M)
-            self._factor, self._inverse = _factors(M)
+    _inverse: Any
 
-    def whiten(self, velocity: np.ndarray) -> np.ndarray:
-        """Return ``R^T v`` for one velocity (nv,) or several (n, nv)."""
-        if self._scale is not None:
-            return velocity * self._scale
-        return velocity @ self._factor
+    def _take(self, mass_matrix: Any) -> Any:
+        return finite_sparse(mass_matrix, "mass_matrix")
+
+    def _factorize(self, M: Any) -> Any:
+        _check_symmetry(M)
+        R, self._inverse = _factors(M)
+        return R.T
 
     def unwhiten(self, z: np.ndarray) -> np.ndarray:
         """Return ``R^-T z``, the inverse of `whiten`, for one vector (nv,) or several (n, nv)."""
-        if self._scale is not None:
-            return z / self._scale
-        return z @ self._inverse
+        return z / self._scale if self._scale is not None else z @ self._inverse
 
     def whiten_gradients(self, jacobian: Any) -> Any:
         """Return ``J R^-T``, sparse, shape (h, nv)."""
         if self._scale is not None:
             data = jacobian.data / self._scale[jacobian.indices]
-            return deferred.csr_array((data, jacobian.indices, jacobian.indptr), shape=jacobian.shape)
-        return deferred.csr_array(jacobian @ self._inverse.T)
-
-    def norm(self, velocity: np.ndarray) -> float:
-        """Return ``sqrt(v^T M v)``."""
-        z = self.whiten(velocity)
-        return sqrt(z.dot(z))
+            return scipy.sparse.csr_array((data, jacobian.indices, jacobian.indptr), shape=jacobian.shape)
+        return scipy.sparse.csr_array(jacobian @ self._inverse.T)
 
 
 def is_sparse(values: Any) -> bool:
@@ -83,13 +66,13 @@ def finite_sparse(values: Any, name: str) -> Any:
     if _is_finished(values):
         return values
     try:
-        array = deferred.csr_array(values, dtype=float, copy=True)
+        array = scipy.sparse.csr_array(values, dtype=float, copy=True)
     except (TypeError, ValueError) as error:
         raise InvalidCollisionError(f"{name} is not a matrix of numbers: {error}") from None
     if array.ndim != 2:
         raise InvalidCollisionError(f"{name} must be a matrix, got shape {array.shape}")
     array.sum_duplicates()
-    if np.count_nonzero(np.isfinite(array.data)) != array.data.size:
+    if not np.isfinite(array.data).all():
         raise InvalidCollisionError(f"{name} has entries that are not finite")
     array.eliminate_zeros()
     array.data, array.indices, array.indptr = map(_own, (array.data, array.indices, array.indptr))
@@ -97,14 +80,14 @@ def finite_sparse(values: Any, name: str) -> Any:
 
 
 def _own(part: np.ndarray) -> np.ndarray:
-    """Return what nobody can write to, not even through another view."""
+    """Return the array, or a copy if others hold views of it, as one that cannot be written to."""
     part = part if part.base is None else part.copy()
     part.flags.writeable = False
     return part
 
 
 def _is_finished(values: Any) -> bool:
-    if type(values) is not deferred.csr_array or values.ndim != 2 or not values.has_canonical_format:
+    if type(values) is not scipy.sparse.csr_array or values.ndim != 2 or not values.has_canonical_format:
         return False
     data, parts = values.data, (values.data, values.indices, values.indptr)
     if data.dtype != float or any(part.flags.writeable or part.base is not None for part in parts):
@@ -115,7 +98,7 @@ def _is_finished(values: Any) -> bool:
 def _check_symmetry(M: Any) -> None:
     difference = (M - M.T).tocoo()
     scale = np.sqrt(M.diagonal())
-    wrong = np.abs(difference.data) > _SYMMETRY * scale[difference.row] * scale[difference.col]
+    wrong = np.abs(difference.data) > SYMMETRY * scale[difference.row] * scale[difference.col]
     if wrong.any():
         k = int(np.argmax(np.where(wrong, np.abs(difference.data), 0.0)))
         raise InvalidCollisionError(
@@ -126,7 +109,7 @@ def _check_symmetry(M: Any) -> None:
 
 def _factors(M: Any) -> tuple[Any, Any]:
     """Return R and R^-1 as CSR arrays, by a dense Cholesky factor of every block, those of one size together."""
-    count, member = deferred.connected_components(M, directed=False)
+    count, member = scipy.sparse.csgraph.connected_components(M, directed=False)
     sizes = np.bincount(member, minlength=count)
     if sizes.max() > LARGEST_BLOCK:
         raise InvalidCollisionError(
@@ -158,7 +141,7 @@ def _factors(M: Any) -> tuple[Any, Any]:
         factors.append(R.ravel())
         inverses.append(np.tril(np.linalg.inv(R)).ravel())
     at = (np.concatenate(rows), np.concatenate(columns))
-    made = [deferred.csr_array((np.concatenate(values), at), shape=M.shape) for values in (factors, inverses)]
+    made = [scipy.sparse.csr_array((np.concatenate(values), at), shape=M.shape) for values in (factors, inverses)]
     for part in made:
         part.eliminate_zeros()
     return made[0], made[1]

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from impactlaw import deferred
 from impactlaw.errors import InvalidCollisionError
-from impactlaw.lazy import cached_property
-from impactlaw.mechanics.bilateral import Bilateral, checked_bilateral, checked_surfaces, velocity_with
+from impactlaw.mechanics.bilateral import Bilateral, Reached, checked_bilateral, checked_surfaces, velocity_with
 from impactlaw.mechanics.block_metric import SparseMetric, finite_sparse, is_sparse
 from impactlaw.mechanics.friction import Friction
 from impactlaw.mechanics.kinetic_metric import KineticMetric, finite_array
-from impactlaw.solvers.problem import FEW, row_lengths
+from impactlaw.mechanics.tolerances import FIXED
+from impactlaw.solvers.problem import row_lengths
 from impactlaw.solvers.sparsity import MOST_DENSE
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class Collision:
             a surface recedes; None if all surfaces rest.
         post_surface_velocity: ``w+``, shape (h,); None where it is w-. A surface whose velocity jumps, as under the
             blow of a hammer, collides by itself.
-        friction: rows of friction of these contacts, for `impactlaw.Coulomb`; other laws do not look at it.
+        friction: rows of friction of these contacts, for `impactlaw.Coulomb`; other laws ignore it.
 
     Raises:
         InvalidCollisionError: shapes do not fit, an entry is not finite, or M is not symmetric positive definite.
@@ -55,7 +55,7 @@ class Collision:
     jacobian: np.ndarray
     pre_velocity: np.ndarray
     labels: tuple[str, ...] = field(default=(), kw_only=True)
-    metric: KineticMetric | SparseMetric = field(default=None, kw_only=True, repr=False)  # pyright: ignore[reportAssignmentType]
+    metric: KineticMetric = field(default=None, kw_only=True, repr=False)  # pyright: ignore[reportAssignmentType]
     bilateral_jacobian: np.ndarray | None = field(default=None, kw_only=True)
     surface_velocity: np.ndarray | None = field(default=None, kw_only=True)
     post_surface_velocity: np.ndarray | None = field(default=None, kw_only=True)
@@ -79,19 +79,20 @@ class Collision:
         labels = tuple(self.labels) or tuple(map(str, range(h)))
         if len(labels) != h:
             raise InvalidCollisionError(f"{len(labels)} labels for {h} contacts")
-        self.__dict__.update(
-            mass_matrix=metric.mass_matrix, metric=metric, jacobian=jacobian, pre_velocity=velocity, labels=labels
-        )
+        put = object.__setattr__
+        put(self, "mass_matrix", metric.mass_matrix)
+        put(self, "metric", metric)
+        put(self, "jacobian", jacobian)
+        put(self, "pre_velocity", velocity)
+        put(self, "labels", labels)
         if self.friction is not None:
             self.friction.check(h, nv, is_sparse(jacobian))
-        if self.bilateral_jacobian is None and self.surface_velocity is None and self.post_surface_velocity is None:
-            self.__dict__.update(_bilateral=None, frame_rates=None)  # most collisions have neither: look no further
-            return
         if self.bilateral_jacobian is not None:
-            self.__dict__["bilateral_jacobian"] = checked_bilateral(self.bilateral_jacobian, jacobian)
+            put(self, "bilateral_jacobian", checked_bilateral(self.bilateral_jacobian, jacobian))
         if self.surface_velocity is not None or self.post_surface_velocity is not None:
             before, after = checked_surfaces(self.surface_velocity, self.post_surface_velocity, jacobian)
-            self.__dict__.update(surface_velocity=before, post_surface_velocity=after)
+            put(self, "surface_velocity", before)
+            put(self, "post_surface_velocity", after)
 
     @classmethod
     def from_mujoco(cls, model: mujoco.MjModel, data: mujoco.MjData) -> Collision:
@@ -119,20 +120,22 @@ class Collision:
 
         P takes off what bilateral constraints fix (`impactlaw.mechanics.bilateral`); without any it is 1.
         """
-        Y = self.metric.whiten_gradients(self.jacobian)
-        return Y if self._bilateral is None else self._bilateral.project(Y)
+        return self._whitened(self.jacobian)
 
     @cached_property
     def whitened_friction(self) -> np.ndarray:
         """``J_t R^-T P``, shape (k, nv), of the rows of friction, without their coefficients."""
         rows = np.zeros((0, len(self.pre_velocity))) if self.friction is None else self.friction.jacobian
+        return self._whitened(rows)
+
+    def _whitened(self, rows: np.ndarray) -> np.ndarray:
         Y = self.metric.whiten_gradients(rows)
-        return Y if self._bilateral is None else self._bilateral.project(Y)
+        return Y if self.bilateral_jacobian is None else self._bilateral.project(Y)
 
     @cached_property
-    def _bilateral(self) -> Bilateral | None:
-        rows = self.bilateral_jacobian
-        return None if rows is None else Bilateral.of(self.metric.whiten_gradients(rows))
+    def _bilateral(self) -> Bilateral:
+        assert self.bilateral_jacobian is not None
+        return Bilateral.of(self.metric.whiten_gradients(self.bilateral_jacobian))
 
     @cached_property
     def dense_gradients(self) -> np.ndarray:
@@ -159,24 +162,21 @@ class Collision:
     @cached_property
     def gradient_norms(self) -> np.ndarray:
         """``sqrt(G_ii)``, the length of each gap gradient in the kinetic metric, shape (h,), 1/sqrt(kg)."""
-        Y = self.whitened_jacobian
-        if len(self.labels) <= FEW and isinstance(Y, np.ndarray):  # solvers want all of G
-            return np.sqrt(self.delassus.diagonal())
-        return row_lengths(Y)
+        return row_lengths(self.whitened_jacobian)
 
     @cached_property
     def delassus(self) -> np.ndarray:
         """``G = Y Y^T``, shape (h, h): ``J M^-1 J^T`` where there are no bilateral constraints."""
         Y = self.whitened_jacobian
-        return Y.dot(Y.T)
+        return Y @ Y.T
 
     @cached_property
     def pre_contact_velocity(self) -> np.ndarray:
         """``gamma- = J v- + w-``, shape (h,), m/s."""
-        gamma = self.jacobian.dot(self.pre_velocity)
-        if self._bilateral is not None:  # contacts that cannot move have no velocity, but it has a rounding error
-            z = self.whitened_velocity
-            still = (self.gradient_norms == 0) & (np.abs(gamma) <= self._rounding * sqrt(z.dot(z)))
+        gamma = self.jacobian @ self.pre_velocity
+        if self.bilateral_jacobian is not None:  # contacts that cannot move have no velocity, but its rounding error
+            z, lengths = self.whitened_velocity, row_lengths(self.metric.whiten_gradients(self.jacobian))
+            still = (self.gradient_norms == 0) & (np.abs(gamma) <= FIXED * lengths * sqrt(z @ z))
             gamma[still] = 0.0
         return gamma if self.surface_velocity is None else gamma + self.surface_velocity
 
@@ -185,12 +185,7 @@ class Collision:
         """``gamma_t- = J_t v- + w_t-``, shape (k,), m/s or rad/s, of the rows of friction."""
         if self.friction is None:
             return np.zeros(0)
-        return self.friction.jacobian.dot(self.pre_velocity) + self.friction.surface_velocity
-
-    @property
-    def _rounding(self) -> np.ndarray:
-        Y = self.metric.whiten_gradients(self.jacobian)
-        return 1e-12 * row_lengths(Y)
+        return self.friction.jacobian @ self.pre_velocity + self.friction.surface_velocity
 
     def contact_velocity_after(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``J v + w+``, shape (h,), m/s, for a velocity after the impact, shape (nv,)."""
@@ -206,34 +201,39 @@ class Collision:
             return None
         return self.post_surface_velocity - self.surface_velocity
 
-    @cached_property
+    @property
     def frame_rates(self) -> np.ndarray | None:
-        """What ``gamma-bar`` has beside the part that impulses change, shape (h,), m/s; None if that is 0.
+        """The part of ``gamma-bar`` that no impulse changes, shape (h,), m/s; None if it is 0.
 
         It is ``(w- + w+) / 2``, and the motion along bilateral constraints if those move, ``J_eq v- != 0``.
         """
+        at_rest = self.surface_velocity is None and self.bilateral_jacobian is None
+        return None if at_rest else self._frame_rates
+
+    @cached_property
+    def _frame_rates(self) -> np.ndarray | None:
         rates, jump = self.surface_velocity, self.surface_jump
         if rates is not None and jump is not None:
             rates = rates + 0.5 * jump
         if self._fixed is not None:
-            moving = self.metric.whiten_gradients(self.jacobian).dot(self._fixed)
+            moving = self.metric.whiten_gradients(self.jacobian) @ self._fixed
             rates = moving if rates is None else rates + moving
         return rates
 
     @cached_property
     def _fixed(self) -> np.ndarray | None:
         """The part of ``R^T v-`` that bilateral constraints keep, shape (nv,); None if they are at rest."""
-        return None if self._bilateral is None else self._bilateral.along(self.whitened_velocity)
+        return None if self.bilateral_jacobian is None else self._bilateral.along(self.whitened_velocity)
 
     @cached_property
-    def _frame(self) -> tuple[np.ndarray, bool]:
+    def _frame(self) -> Reached:
         assert self.frame_rates is not None
         return velocity_with(self.whitened_jacobian, self.frame_rates)
 
     @property
     def has_frame(self) -> bool:
         """Whether one velocity of all bodies would move with all surfaces, constant before and after."""
-        return self.frame_rates is None or (self.surface_jump is None and self._frame[1])
+        return self.frame_rates is None or (self.surface_jump is None and self._frame.is_exact)
 
     @property
     def has_admissible_set(self) -> bool:
@@ -249,36 +249,21 @@ class Collision:
         z = self.whitened_velocity
         if self.frame_rates is None:
             return z
-        return (z if self._fixed is None else z - self._fixed) + self._frame[0]
+        return (z if self._fixed is None else z - self._fixed) + self._frame.velocity
 
     @cached_property
     def pre_speed(self) -> float:
         """``|v-|`` in the kinetic metric, sqrt(J); as seen from the surfaces where these move and that is more."""
-        z, seen = self.whitened_velocity, self.relative_velocity
-        own = z.dot(z)
-        return sqrt(own if seen is z else max(own, seen.dot(seen)))
-
-    def prepare(self) -> None:
-        """Compute at once what a law asks for one after the other: for few contacts the asking is half of the cost.
-
-        That is ``gamma-``, G, the norms and ``|v-|``, where all is dense, and no surface or bilateral constraint.
-        """
-        values = self.__dict__
-        if "pre_speed" in values or self.frame_rates is not None or self._bilateral is not None:
-            return
-        Y = self.whitened_jacobian
-        if len(self.labels) > FEW or not isinstance(Y, np.ndarray):
-            return
-        values["pre_contact_velocity"] = self.jacobian.dot(self.pre_velocity)
-        values["delassus"] = G = Y.dot(Y.T)
-        values["gradient_norms"] = np.sqrt(G.diagonal())
-        values["pre_speed"] = deferred.dnrm2(self.whitened_velocity)
+        z = self.whitened_velocity
+        if self.frame_rates is None:
+            return sqrt(z @ z)
+        return sqrt(max(z @ z, self.relative_velocity @ self.relative_velocity))
 
     @cached_property
     def kinetic_energy(self) -> float:
         """``T- = |v-|^2 / 2``, J."""
         z = self.whitened_velocity
-        return 0.5 * float(z.dot(z))
+        return 0.5 * float(z @ z)
 
     @cached_property
     def admissible_set(self) -> AdmissibleSet:

@@ -59,7 +59,7 @@ class Friction:
             contact = contact.astype(int)
         if contact.shape != (k,) or contact.dtype.kind not in "iu":
             raise InvalidCollisionError(f"friction contact must be {k} integers, one per row, got {self.contact!r}")
-        if k and (contact[0] < 0 or np.count_nonzero(contact[1:] < contact[:-1])):
+        if k and (contact[0] < 0 or (contact[1:] < contact[:-1]).any()):
             raise InvalidCollisionError(f"friction contact must be ascending and not negative, got {contact}")
         before = self.surface_velocity
         before = np.zeros(k) if before is None else before
@@ -69,9 +69,10 @@ class Friction:
             values[name] = value = finite_array(value, f"friction {name}")
             if value.shape != (k,):
                 raise InvalidCollisionError(f"friction {name} must have shape ({k},), got {value.shape}")
-        if min(values["coefficient"].tolist(), default=1.0) <= 0:
+        if (values["coefficient"] <= 0).any():
             raise InvalidCollisionError("a friction coefficient must be positive; leave out rows without friction")
-        self.__dict__.update(jacobian=jacobian, contact=contact, **values)
+        for name, value in {"jacobian": jacobian, "contact": contact, **values}.items():
+            object.__setattr__(self, name, value)
 
     def __len__(self) -> int:
         return len(self.contact)
@@ -102,13 +103,8 @@ class Friction:
         if not len(contact):
             return None
         rows = np.arange(len(contact)) + np.repeat(first - (np.cumsum(count) - count), count)
-        return Friction(
-            self.jacobian[rows],
-            contact,
-            self.coefficient[rows],
-            self.surface_velocity[rows],
-            self.post_surface_velocity[rows],
-        )
+        parts = self.coefficient, self.surface_velocity, self.post_surface_velocity
+        return Friction(self.jacobian[rows], contact, *(part[rows] for part in parts))
 
     def cone_rows(self, contacts: int) -> ConeRows:
         """Return how the rows of this many contacts and of their friction are put together."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import sqrt
 
@@ -14,10 +15,12 @@ from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction import Friction
 from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers import beyond_rounding
-from impactlaw.solvers.friction.problem import ConeProblem, ConeStatus, project
+from impactlaw.solvers.friction.problem import ConeProblem, project
 from impactlaw.solvers.friction.solve import solve_cones
+from impactlaw.solvers.problem import Status
 
 
+@dataclass(frozen=True, eq=False)
 class FrictionImpact(Impact):
     """Velocity after a collision with friction, ``M (v+ - v-) = J^T Lambda + J_t^T Lambda_t``.
 
@@ -28,13 +31,14 @@ class FrictionImpact(Impact):
         target_sliding_velocity: ``-e_t gamma_t-`` of the law that decided, shape (k,); None for an observed outcome.
         restitution_scale: s in [0, 1], by which the law scaled all its restitution so that no energy is created.
         exact: exact Coulomb friction, or its convex relaxation.
+        cones: a problem with the cones of this collision, if one is known: it saves making another one.
     """
 
-    friction_impulse: np.ndarray
-    target_sliding_velocity: np.ndarray | None
-    restitution_scale: float
-    exact: bool
-    _solved: ConeProblem | None
+    friction_impulse: np.ndarray = field(kw_only=True)
+    target_sliding_velocity: np.ndarray | None = field(default=None, kw_only=True)
+    restitution_scale: float = field(default=1.0, kw_only=True)
+    exact: bool = field(default=True, kw_only=True)
+    cones: ConeProblem | None = field(default=None, kw_only=True, repr=False)
 
     @classmethod
     def of_cones(
@@ -63,15 +67,17 @@ class FrictionImpact(Impact):
         parts = np.empty(len(impulse))
         parts[friction.cone_rows(h).order] = impulse
         normal, sliding = (None, None) if targets is None else targets
-        impact = cls(collision, collision.pre_velocity + collision.metric.unwhiten(jump), parts[:h], normal)
-        impact.__dict__.update(
+        return cls(
+            collision,
+            collision.pre_velocity + collision.metric.unwhiten(jump),
+            parts[:h],
+            normal,
             friction_impulse=parts[h:] * friction.coefficient,
             target_sliding_velocity=sliding,
             restitution_scale=scale,
             exact=exact,
-            _solved=problem,
+            cones=problem,
         )
-        return impact
 
     @classmethod
     def observed(cls, collision: Collision, post_velocity: ArrayLike) -> FrictionImpact:
@@ -87,12 +93,10 @@ class FrictionImpact(Impact):
         v, rows = Impact.observed(collision, post_velocity).post_velocity, cone_gradients(collision)
         jump = collision.metric.whiten(v - collision.pre_velocity)
         sizes = _friction(collision).cone_rows(len(collision.labels)).sizes
-        answer = solve_cones(ConeProblem(rows, -rows.dot(jump), sizes, exact=False))
-        if answer.status is not ConeStatus.SOLVED:
+        answer = solve_cones(ConeProblem(rows, -(rows @ jump), sizes, exact=False))
+        if answer.status is not Status.SOLVED:
             raise SolverError(f"no impulse nearest to this velocity was found: residual {answer.residual:.1e} sqrt(J)")
-        impact = cls.of_cones(collision, answer.impulse, jump)
-        impact.__dict__["post_velocity"] = v
-        return impact
+        return replace(cls.of_cones(collision, answer.impulse, jump), post_velocity=v)
 
     @cached_property
     def pre_sliding_velocity(self) -> np.ndarray:
@@ -103,7 +107,7 @@ class FrictionImpact(Impact):
     def post_sliding_velocity(self) -> np.ndarray:
         """``gamma_t+ = J_t v+ + w_t+``, shape (k,), m/s or rad/s."""
         friction = _friction(self.collision)
-        return friction.jacobian.dot(self.post_velocity) + friction.post_surface_velocity
+        return friction.jacobian @ self.post_velocity + friction.post_surface_velocity
 
     @cached_property
     def surface_work(self) -> float:
@@ -125,17 +129,11 @@ class FrictionImpact(Impact):
         c = self.collision
         before = c.relative_velocity
         z = before + self.whitened_jump
-        kinematic = (
-            penetration(c, self.whitened_jump, self.post_contact_velocity)
-            if (self.post_contact_velocity < 0).any()
-            else 0.0
-        )
-        speeds = sqrt(z.dot(z)) + sqrt(before.dot(before))
+        kinematic = penetration(c, self.whitened_jump, self.post_contact_velocity)
+        speeds = sqrt(z @ z) + sqrt(before @ before)
         energetic = max(0.0, 2.0 * self.work / speeds) if speeds > 0 else 0.0
-        x = self._problem.scaled(self._cone_impulse)
-        outside = float(np.linalg.norm(x - project(x)))
         speed = max(c.pre_speed, self._problem.scale)
-        return Violations(kinematic, max(self._cone_imbalance, outside), energetic, speed)
+        return Violations(kinematic, max(self._cone_imbalance, self._outside), energetic, speed)
 
     @cached_property
     def residual(self) -> float:
@@ -145,40 +143,39 @@ class FrictionImpact(Impact):
         metric, with ``u = (gamma+ - gamma^h, mu (gamma_t+ + e_t gamma_t-))`` contact by contact (exact friction; the
         relaxation has no ``|u_t|`` there).
         """
-        x, problem = self._problem.scaled(self._cone_impulse), self._problem
-        error = max(self._cone_imbalance, float(np.linalg.norm(x - project(x))))
-        if self.target_contact_velocity is not None:
-            friction = _friction(self.collision)
-            u = np.concatenate(
-                [
-                    self.post_contact_velocity - self.target_contact_velocity,
-                    friction.coefficient * (self.post_sliding_velocity - self.target_sliding_velocity),
-                ]
-            )[self._rows.order]
-            u = problem.scaled(u) / problem.lengths[:, None] ** 2
-            error = max(error, problem.residual(x, u))
+        problem, friction = self._problem, _friction(self.collision)
+        error = max(self._cone_imbalance, self._outside)
+        if self.target_contact_velocity is not None and self.target_sliding_velocity is not None:
+            normal = self.post_contact_velocity - self.target_contact_velocity
+            sliding = friction.coefficient * (self.post_sliding_velocity - self.target_sliding_velocity)
+            u = problem.scaled(np.concatenate([normal, sliding])[self._order]) / problem.lengths[:, None] ** 2
+            error = max(error, problem.residual(self._scaled_impulse, u))
         speed = max(self._speed, problem.scale)
         return error / speed if speed > 0 else error
 
     @cached_property
-    def _rows(self):
-        return _friction(self.collision).cone_rows(len(self.collision.labels))
-
-    @cached_property
-    def _cone_impulse(self) -> np.ndarray:
-        friction = _friction(self.collision)
-        return np.concatenate([self.impulse, self.friction_impulse / friction.coefficient])[self._rows.order]
+    def _order(self) -> np.ndarray:
+        return _friction(self.collision).cone_rows(len(self.collision.labels)).order
 
     @cached_property
     def _problem(self) -> ConeProblem:
         """The cones of this collision, with the velocity before as the offset."""
-        return cone_problem(self.collision, exact=self.exact, known=self._solved)
+        return cone_problem(self.collision, exact=self.exact, known=self.cones)
+
+    @cached_property
+    def _scaled_impulse(self) -> np.ndarray:
+        tangential = self.friction_impulse / _friction(self.collision).coefficient
+        return self._problem.scaled(np.concatenate([self.impulse, tangential])[self._order])
+
+    @property
+    def _outside(self) -> float:
+        """Distance of the impulses from the friction cones, sqrt(J)."""
+        return float(np.linalg.norm(self._scaled_impulse - project(self._scaled_impulse)))
 
     @property
     def _cone_imbalance(self) -> float:
-        problem = self._problem
-        x = problem.scaled(self._cone_impulse)
-        gap = float(np.linalg.norm(self.whitened_jump - x.reshape(-1).dot(problem.rows)))
+        x = self._scaled_impulse
+        gap = float(np.linalg.norm(self.whitened_jump - x.reshape(-1) @ self._problem.rows))
         return beyond_rounding(gap, float(np.abs(x).sum()), self._speed)
 
 

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError
-from impactlaw.lazy import cached_property
 from impactlaw.mechanics.admissible.violations import Violations, imbalance, larger_speed, measure
 from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.tolerances import FIXED, SIGNIFICANT
 from impactlaw.solvers import Answer, Problem, nonnegative_combination, share
 
-SIGNIFICANT = 1e-9
-"""Part of |v-| below which a velocity or a scaled impulse is rounding when signs are asked for."""
 
-
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False)
 class Impact:
     """Velocity after a collision and the impulse that leads there, ``M (v+ - v-) = J^T Lambda``.
 
@@ -26,62 +24,36 @@ class Impact:
     Attributes:
         collision: what collided.
         post_velocity: ``v+``, shape (nv,).
-        impulse: ``Lambda``, shape (h,), N s; the one of least Euclidean norm where contacts are redundant.
+        found_impulse: an impulse that leads to v+, shape (h,), N s.
         target_contact_velocity: ``gamma^h`` of the law that decided, shape (h,), m/s; None for an observed outcome.
-        least_impulse: what the law gives each contact anyway, shape (h,), N s; None if that is 0. Under Poisson's law
-            it is ``(1 + e) Lambda_C``, and what goes beyond that is of least norm.
+        least_impulse: a part of the impulse that the law decides beforehand, shape (h,), N s; None if it is 0. Under
+            Poisson's law it is ``(1 + e) Lambda_C``, and what goes beyond that is of least norm.
         compression: the first phase of an impact with two; None if it has one.
+        problem: if given, redundant contacts have yet to share the impulse of `answer`, which solves it.
+        answer: see `problem`.
     """
 
     collision: Collision
     post_velocity: np.ndarray
-    impulse: np.ndarray
+    found_impulse: np.ndarray
     target_contact_velocity: np.ndarray | None = None
-    least_impulse: np.ndarray | None = None
-    compression: Impact | None = None
-
-    def __init__(
-        self,
-        collision: Collision,
-        post_velocity: np.ndarray,
-        impulse: np.ndarray,
-        target_contact_velocity: np.ndarray | None = None,
-        *,
-        least_impulse: np.ndarray | None = None,
-        compression: Impact | None = None,
-    ):
-        values = self.__dict__  # at a quarter of the cost of a frozen dataclass's own
-        values["collision"] = collision
-        values["post_velocity"] = post_velocity
-        values["impulse"] = impulse
-        values["target_contact_velocity"] = target_contact_velocity
-        values["least_impulse"] = least_impulse
-        values["compression"] = compression
+    least_impulse: np.ndarray | None = field(default=None, kw_only=True)
+    compression: Impact | None = field(default=None, kw_only=True)
+    problem: Problem | None = field(default=None, kw_only=True, repr=False)
+    answer: Answer | None = field(default=None, kw_only=True, repr=False)
 
     @classmethod
     def solved(cls, collision: Collision, problem: Problem, answer: Answer, target: np.ndarray) -> Impact:
-        """Return a law's impact; redundant contacts share the impulse when it is first asked for."""
-        impact = cls.__new__(cls)
-        values = impact.__dict__
-        values["collision"] = collision
-        values["post_velocity"] = collision.pre_velocity + collision.metric.unwhiten(answer.jump)
-        values["target_contact_velocity"] = target
-        values["_solution"] = problem, answer
-        return impact
+        """Return the impact of a law from the answer to its problem."""
+        v = collision.pre_velocity + collision.metric.unwhiten(answer.jump)
+        return cls(collision, v, answer.impulse, target, problem=problem, answer=answer)
 
-    def __getattr__(self, name: str) -> np.ndarray:
-        """Compute the impulse of a solved impact."""
-        solution = self.__dict__.get("_solution") if name == "impulse" else None
-        if solution is None:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        self.__dict__["impulse"] = impulse = share(*solution).impulse
-        return impulse
-
-    @property
-    def _any_impulse(self) -> np.ndarray:
-        """An impulse that makes the jump, of least norm or not, (h,)."""
-        solution = self.__dict__.get("_solution")
-        return self.impulse if solution is None else solution[1].impulse
+    @cached_property
+    def impulse(self) -> np.ndarray:
+        """``Lambda``, shape (h,), N s; the one of least Euclidean norm where contacts are redundant."""
+        if self.problem is None or self.answer is None:
+            return self.found_impulse
+        return share(self.problem, self.answer).impulse
 
     @classmethod
     def observed(cls, collision: Collision, post_velocity: ArrayLike) -> Impact:
@@ -166,7 +138,7 @@ class Impact:
     @cached_property
     def violations(self) -> Violations:
         """How far v+ is outside of each of the three sets whose intersection is S(v-)."""
-        return measure(self.collision, self.whitened_jump, self.post_contact_velocity, self._any_impulse)
+        return measure(self.collision, self.whitened_jump, self.post_contact_velocity, self.found_impulse)
 
     @cached_property
     def residual(self) -> float:
@@ -181,13 +153,13 @@ class Impact:
         c = self.collision
         scale = c.gradient_norms
         scaled_impulse = self.impulse * scale
-        error = self._imbalance(self.impulse)
+        error = imbalance(c, self.whitened_jump, self.impulse)
         if self.target_contact_velocity is not None:
             slack = self.post_contact_velocity - self.target_contact_velocity
             moving = scale > 0
             if not moving.all():
                 largest = np.abs(self.target_contact_velocity).max()
-                if (slack[~moving] < -1e-12 * largest).any():
+                if (slack[~moving] < -FIXED * largest).any():
                     return np.inf
             free = self.impulse if self.least_impulse is None else self.impulse - self.least_impulse
             natural = np.minimum((free * scale)[moving], slack[moving] / scale[moving])
@@ -200,7 +172,3 @@ class Impact:
     def _speed(self) -> float:
         """The larger of ``|v-|`` and ``|v+|``, sqrt(J), as seen from the surfaces."""
         return larger_speed(self.collision, self.whitened_jump)
-
-    def _imbalance(self, impulse: np.ndarray) -> float:
-        """``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm), beyond what rounding Lambda to doubles makes of it."""
-        return imbalance(self.collision, self.whitened_jump, impulse)

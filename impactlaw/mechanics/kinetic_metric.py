@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from math import sqrt
+from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
-from impactlaw import deferred
 from impactlaw.errors import InvalidCollisionError
+from impactlaw.mechanics.tolerances import SYMMETRY
 
-_SYMMETRY = 1e-10  # relative asymmetry of M above which it is taken for a mistake, not for rounding
 _ROW_BY_ROW = 1e5
 """Multiplications up to which rows are solved one by one: for several at once the BLAS starts threads, which costs
 milliseconds where another process keeps the cores busy."""
@@ -31,26 +32,29 @@ class KineticMetric:
     """
 
     def __init__(self, mass_matrix: ArrayLike):
-        M = finite_array(mass_matrix, "mass_matrix")
+        M = self._take(mass_matrix)
         if M.ndim != 2 or M.shape[0] != M.shape[1] or M.shape[0] == 0:
             raise InvalidCollisionError(f"mass_matrix must be square and not empty, got shape {M.shape}")
         diagonal = M.diagonal()
-        if min(diagonal.tolist()) <= 0:
+        if diagonal.min() <= 0:
             i = int(np.argmin(diagonal))
             raise InvalidCollisionError(f"mass_matrix is not positive definite: entry ({i}, {i}) is {diagonal[i]}")
-        self._scale = None
-        self._factor = np.empty((0, 0))  # R^T
-        if np.count_nonzero(M) == len(M):
-            self._scale = np.sqrt(diagonal)
-        else:
-            self._factor = _factor(M)
+        is_diagonal = (np.count_nonzero(M) if isinstance(M, np.ndarray) else M.nnz) == M.shape[0]
         self.mass_matrix = M
+        self._scale = np.sqrt(diagonal) if is_diagonal else None
+        self._factor: Any = None if is_diagonal else self._factorize(M)  # R^T
+
+    def _take(self, mass_matrix: Any) -> Any:
+        return finite_array(mass_matrix, "mass_matrix")
+
+    def _factorize(self, M: Any) -> Any:
+        return _factor(M)
 
     def whiten(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``R^T v`` for one velocity (nv,) or several (n, nv)."""
         if self._scale is not None:
             return velocity * self._scale
-        return velocity.dot(self._factor.T)
+        return velocity @ self._factor.T
 
     def unwhiten(self, z: np.ndarray) -> np.ndarray:
         """Return ``R^-T z``, the inverse of `whiten`, for one vector (nv,) or several (n, nv)."""
@@ -67,7 +71,7 @@ class KineticMetric:
     def norm(self, velocity: np.ndarray) -> float:
         """Return ``sqrt(v^T M v)``."""
         z = self.whiten(velocity)
-        return sqrt(z.dot(z))
+        return sqrt(z @ z)
 
 
 def finite_array(values: ArrayLike, name: str) -> np.ndarray:
@@ -80,7 +84,7 @@ def finite_array(values: ArrayLike, name: str) -> np.ndarray:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError) as error:
         raise InvalidCollisionError(f"{name} is not an array of numbers: {error}") from None
-    if np.count_nonzero(np.isfinite(array)) != array.size:
+    if np.count_nonzero(np.isfinite(array)) != array.size:  # every collision comes here: faster than all()
         raise InvalidCollisionError(f"{name} has entries that are not finite")
     array.flags.writeable = False
     return array
@@ -89,24 +93,24 @@ def finite_array(values: ArrayLike, name: str) -> np.ndarray:
 def _solve(factor: np.ndarray, rows: np.ndarray, *, transposed: int) -> np.ndarray:
     """Solve ``R^T x = row`` (or ``R x = row``), R^T given, for one row (nv,) or several (n, nv)."""
     if rows.ndim == 1:  # increment 1, offset 0, not the lower triangle: dtrsv takes names at twice the time
-        return deferred.dtrsv(factor, rows, 1, 0, 0, transposed)
+        return scipy.linalg.blas.dtrsv(factor, rows, 1, 0, 0, transposed)
     if rows.size * len(factor) > _ROW_BY_ROW:
-        return deferred.dtrtrs(factor, rows.T, trans=transposed)[0].T
+        return scipy.linalg.lapack.dtrtrs(factor, rows.T, trans=transposed)[0].T
     solved = np.empty_like(rows)
     for i, row in enumerate(rows):
-        solved[i] = deferred.dtrsv(factor, row, 1, 0, 0, transposed)
+        solved[i] = scipy.linalg.blas.dtrsv(factor, row, 1, 0, 0, transposed)
     return solved
 
 
 def _factor(M: np.ndarray) -> np.ndarray:
     scale = np.sqrt(M.diagonal())
-    if not np.array_equal(M, M.T) and (np.abs(M - M.T) > _SYMMETRY * np.outer(scale, scale)).any():
+    if not np.array_equal(M, M.T) and (np.abs(M - M.T) > SYMMETRY * np.outer(scale, scale)).any():
         i, j = np.unravel_index(np.argmax(np.abs(M - M.T)), M.shape)
         difference = M[i, j] - M[j, i]
         raise InvalidCollisionError(
             f"mass_matrix is not symmetric: ({i}, {j}) and its mirror differ by {difference:.3g}"
         )
-    factor, failed = deferred.dpotrf(M, lower=1)
+    factor, failed = scipy.linalg.lapack.dpotrf(M, lower=1)
     if failed:
         raise InvalidCollisionError(f"mass_matrix is not positive definite (leading minor {failed})")
     return np.asfortranarray(factor.T)

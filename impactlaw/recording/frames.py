@@ -9,7 +9,7 @@ import numpy as np
 
 from impactlaw.recording.geometry import Group
 from impactlaw.recording.layout import CONTACTS, ENERGY, FRAME_TIME, FRAMES, QPOS, QVEL, STATE, Column, time_columns
-from impactlaw.scene.contacts import GAP_TOLERANCE
+from impactlaw.scene.tolerances import GAP_TOLERANCE
 
 if TYPE_CHECKING:
     from impactlaw.scene.contacts import Contacts

@@ -13,9 +13,6 @@ from impactlaw.errors import SceneError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-GAP_TOLERANCE = 1e-9
-"""Gap, in m, up to which a contact counts as closed."""
-
 _FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 
@@ -55,6 +52,12 @@ class Contacts:
             self.position[index],
             self.normal[index],
         )
+
+    def followed_by(self, others: Contacts) -> Contacts:
+        """Return these contacts, then others."""
+        fields = ("geoms", "gap", "position", "normal")
+        parts = [np.concatenate([getattr(self, name), getattr(others, name)]) for name in fields]
+        return Contacts(self.labels + others.labels, *parts)
 
 
 def geom_names(model: mujoco.MjModel) -> tuple[str, ...]:

@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.contacts import (
-    GAP_TOLERANCE,
     Contacts,
     collide,
     forget_rows,
@@ -18,12 +17,11 @@ from impactlaw.scene.contacts import (
     make_rows,
 )
 from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows
-from impactlaw.scene.geoms import SKIN, several_contacts
+from impactlaw.scene.geoms import several_contacts
 from impactlaw.scene.joint_limits import LimitRows, Limits
 from impactlaw.scene.options import BorrowedOptions
 from impactlaw.scene.patterns import Pattern, Patterns
-
-_PARALLEL = 0.99  # cosine of an angle within which MuJoCo takes two faces for parallel
+from impactlaw.scene.tolerances import GAP_TOLERANCE, PARALLEL, SKIN
 
 
 class Found(NamedTuple):
@@ -182,14 +180,12 @@ def _complete(several: Contacts, nearest: Contacts) -> Contacts:
     for i, pair in enumerate(nearest.geoms):
         same = np.flatnonzero((several.geoms == pair).all(axis=1))
         cosine = normal[same] @ nearest.normal[i]
-        parallel = same[cosine > _PARALLEL]
-        gap[parallel] /= cosine[cosine > _PARALLEL]
+        parallel = same[cosine > PARALLEL]
+        gap[parallel] /= cosine[cosine > PARALLEL]
         normal[parallel] = nearest.normal[i]
         kept[i] = gap[same].min(initial=np.inf) > nearest.gap[i] + GAP_TOLERANCE
     several, missing = replace(several, gap=gap, normal=normal), nearest.select(kept)
     if len(missing) == 0:
         return several
-    fields = ("geoms", "gap", "position", "normal")
-    parts = [np.concatenate([getattr(several, name), getattr(missing, name)]) for name in fields]
-    both = Contacts(several.labels + missing.labels, *parts)
+    both = several.followed_by(missing)
     return both.select(np.lexsort((both.geoms[:, 1], both.geoms[:, 0])))

@@ -5,12 +5,12 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.solvers.least_squares import RANK, row_span
+from impactlaw.scene.tolerances import GIVEN_WAY, OWN_CONSTRAINT
+from impactlaw.solvers.least_squares import row_span
+from impactlaw.solvers.tolerances import RANK
 
 _CONNECT, _WELD = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
 _SITE = int(mujoco.mjtObj.mjOBJ_SITE)
-_GIVEN = 10.0  # how much more than its part of the bodies' size a violation may change rows
-_LOOSEST = 1e-2  # relative singular value above which a constraint is one of its own, whatever has given way
 
 
 def bilateral_constraints(model: mujoco.MjModel) -> np.ndarray:
@@ -31,8 +31,8 @@ def bilateral_rows(model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray)
     """Return ``J_eq`` of the equality constraints that are kept and active, (m, nv), among the rows of now.
 
     MuJoCo's constraints are soft: where they have given way by a distance d, rows that depend on each other do so up
-    to d over the size of the bodies only. What is that small counts as dependence, or redundant constraints would lock
-    a mechanism; then rows that span the rest are returned. Inertia must be current (`contacts.update_positions`).
+    to d over the size of the bodies only. Directions of that size are left out, or redundant constraints would lock a
+    mechanism; then rows that span the others are returned. Inertia must be current (`contacts.update_positions`).
     """
     rows = np.flatnonzero(kept[data.efc_id[: data.ne]])
     if len(rows) == 0:
@@ -48,5 +48,5 @@ def bilateral_rows(model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray)
     mujoco.mj_factorM(model, data)
     Y = np.empty_like(J)
     mujoco.mj_solveM2(model, data, Y, J, np.sqrt(data.qLDiagInv))
-    basis, combination = row_span(Y, min(max(_GIVEN * given, RANK), _LOOSEST))
-    return J if len(basis) == len(J) else combination.dot(J)
+    basis, combination = row_span(Y, min(max(GIVEN_WAY * given, RANK), OWN_CONSTRAINT))
+    return J if len(basis) == len(J) else combination @ J

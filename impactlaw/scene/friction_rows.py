@@ -10,9 +10,7 @@ import numpy as np
 
 from impactlaw.scene.contacts import Contacts
 from impactlaw.scene.moving_surfaces import Surfaces
-
-MIN_FRICTION = 1e-10
-"""Coefficient up to which there is no friction."""
+from impactlaw.scene.tolerances import MIN_FRICTION
 
 _TORSION = 2  # rows of a contact are two of sliding, one of torsion, two of rolling
 
@@ -118,9 +116,9 @@ def find_tangents(
     J = np.empty((len(axis), model.nv))
     for first, turning, last, i, bodies in friction_pattern.spans:
         slide, turn = _relative(model, data, contacts.position[i], bodies)
-        J[first:turning] = axis[first:turning].dot(slide)
+        J[first:turning] = axis[first:turning] @ slide
         if turning < last:
-            J[turning:last] = axis[turning:last].dot(turn)
+            J[turning:last] = axis[turning:last] @ turn
     drift = np.zeros(len(axis))
     if surfaces is not None:
         velocity, spin, belt = (part[friction_pattern.contact] for part in surfaces.motion(data, contacts))

@@ -5,11 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-SKIN = 1e-6
-"""Distance, in m, at which two geoms touch if MuJoCo measures it by its general convex collider: all pairs without a
-plane, sphere or capsule, but for two boxes. Nearer to zero, that distance is noisier than the gap tolerance and its
-direction is lost. Such geoms may start anywhere from no overlap on.
-"""
+from impactlaw.scene.tolerances import SKIN
 
 
 def _kinds(*names: str) -> np.ndarray:

@@ -131,8 +131,4 @@ class Limits:
 
 def joined(contacts: Contacts, limits: Contacts) -> Contacts:
     """Return contacts between geoms, then limits."""
-    if len(contacts) == 0:
-        return limits
-    fields = ("geoms", "gap", "position", "normal")
-    parts = [np.concatenate([getattr(contacts, name), getattr(limits, name)]) for name in fields]
-    return Contacts(contacts.labels + limits.labels, *parts)
+    return contacts.followed_by(limits) if len(contacts) else limits

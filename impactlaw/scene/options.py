@@ -6,6 +6,8 @@ from types import TracebackType
 
 import mujoco
 
+from impactlaw.scene.tolerances import CCD_TOLERANCE
+
 _CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 _SMOOTH_OFF = _CONTACT | int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
 _CONSTRAINT = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
@@ -15,8 +17,7 @@ _LIMIT = int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
 _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 _SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 _DENSE, _AUTO = int(mujoco.mjtJacobian.mjJAC_DENSE), int(mujoco.mjtJacobian.mjJAC_AUTO)
-_LARGE = 60  # degrees of freedom from which MuJoCo's own choice of Jacobian is a sparse one
-_CCD_TOLERANCE = 1e-12  # MuJoCo's default of 1e-6 makes gaps of convex geoms noisier than the gap tolerance
+_SPARSE_FREEDOM = 60  # degrees of freedom from which MuJoCo's own choice of Jacobian is a sparse one
 _CCD_ITERATIONS = 100
 
 
@@ -41,7 +42,7 @@ class BorrowedOptions:
         self._convex = convex
         self._limits = limits
         self._bilateral = bilateral
-        self._large = model.nv >= _LARGE
+        self._large = model.nv >= _SPARSE_FREEDOM
 
     def __enter__(self) -> BorrowedOptions:
         opt = self._opt = self._model.opt
@@ -61,7 +62,7 @@ class BorrowedOptions:
         self._look = look, (enabled | _OVERRIDE) & ~_SLEEP
         if self._convex:
             self._kept_ccd = opt.ccd_tolerance, opt.ccd_iterations
-            opt.ccd_tolerance = min(opt.ccd_tolerance, _CCD_TOLERANCE)
+            opt.ccd_tolerance = min(opt.ccd_tolerance, CCD_TOLERANCE)
             opt.ccd_iterations = max(opt.ccd_iterations, _CCD_ITERATIONS)
         return self
 

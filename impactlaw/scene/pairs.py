@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from impactlaw.scene.friction_rows import MIN_FRICTION, pair_friction
+from impactlaw.scene.friction_rows import pair_friction
+from impactlaw.scene.tolerances import MIN_FRICTION
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,9 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import DivergenceError
-from impactlaw.scene.contacts import GAP_TOLERANCE, Contacts, mass_matrix, update_positions
+from impactlaw.scene.contacts import Contacts, mass_matrix, update_positions
 from impactlaw.scene.detection import Detector, Found
+from impactlaw.scene.tolerances import GAP_TOLERANCE
 
 
 def read_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, within: float = GAP_TOLERANCE) -> Contacts:

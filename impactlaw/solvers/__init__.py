@@ -1,10 +1,17 @@
 """Solvers of the impact law's problem: one file each, one registry, one certificate for all of them."""
 
-from impactlaw.solvers.certificate import Answer, beyond_rounding
-from impactlaw.solvers.guess import with_active
+from impactlaw.solvers.certificate import Answer, beyond_rounding, with_active
 from impactlaw.solvers.infeasibility import farkas_ray
 from impactlaw.solvers.problem import Problem, Solution, Solver, Status
-from impactlaw.solvers.solve import CERTIFIED, SOLVERS, nonnegative_combination, share, solve, solve_with_jump
+from impactlaw.solvers.solve import (
+    SOLVERS,
+    load_solvers,
+    nonnegative_combination,
+    share,
+    solve,
+    solve_with_jump,
+)
+from impactlaw.solvers.tolerances import CERTIFIED
 
 __all__ = [
     "CERTIFIED",
@@ -16,6 +23,7 @@ __all__ = [
     "Status",
     "beyond_rounding",
     "farkas_ray",
+    "load_solvers",
     "nonnegative_combination",
     "share",
     "solve",

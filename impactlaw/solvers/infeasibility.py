@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 
-from impactlaw import deferred
 from impactlaw.solvers.problem import Problem
-
-_BALANCED = 1e-10  # relative length of the sum of gradients that counts as zero
-_CONFLICT = 1e-11  # relative conflict below which the wanted velocities agree
-_ROUNDING = 1e-12  # the same, relative to the scale of the problem
-_FAR = 1e3  # jumps so many times larger than the scale of the problem are what the proof leaves open at most
+from impactlaw.solvers.tolerances import NO_IMPULSE, RAY_BALANCED, RAY_CONFLICT, RAY_OPEN, RAY_ROUNDING
 
 
 def farkas_ray(problem: Problem) -> np.ndarray | None:
@@ -27,14 +23,14 @@ def farkas_ray(problem: Problem) -> np.ndarray | None:
     wanted = np.zeros(Y.shape[1] + 1)
     wanted[-1] = 1.0
     try:
-        found, _ = deferred.nnls(np.vstack([Y.T, c]), wanted, maxiter=30 * len(c))
+        found, _ = scipy.optimize.nnls(np.vstack([Y.T, c]), wanted, maxiter=30 * len(c))
     except RuntimeError:
         return None
     scale = problem.scale / size
     for ray in (_vanishing(Y, c, found > 0), found):
         unbalanced, conflict = float(np.linalg.norm(ray @ Y)), float(ray @ c)
-        agreed = max(_CONFLICT, _ROUNDING * scale) * float(ray.sum())
-        if conflict > max(agreed, _FAR * scale * unbalanced) and unbalanced <= _BALANCED * float(ray.sum()):
+        agreed = max(RAY_CONFLICT, RAY_ROUNDING * scale) * float(ray.sum())
+        if conflict > max(agreed, RAY_OPEN * scale * unbalanced) and unbalanced <= RAY_BALANCED * float(ray.sum()):
             ray = ray / lengths
             return ray / ray.max()
     return None
@@ -44,9 +40,9 @@ def _vanishing(Y: np.ndarray, c: np.ndarray, support: np.ndarray) -> np.ndarray:
     """Return the combination of these gradients that vanishes (NNLS leaves one at most); zeros if it is no ray."""
     ray = np.zeros(len(c))
     if support.any():
-        nu = deferred.svd(Y[support].T, check_finite=False)[2][-1]
+        nu = scipy.linalg.svd(Y[support].T, check_finite=False)[2][-1]
         nu = nu if nu @ c[support] > 0 else -nu
-        nu[np.abs(nu) < 1e-12 * np.abs(nu).max()] = 0.0
+        nu[np.abs(nu) < NO_IMPULSE * np.abs(nu).max()] = 0.0
         if nu.min() >= 0:
             ray[support] = nu
     return ray

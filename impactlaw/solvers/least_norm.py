@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy
 
-from impactlaw import deferred
 from impactlaw.solvers.least_squares import least_squares
 from impactlaw.solvers.methods.dual_active_set import dual_active_set
 from impactlaw.solvers.methods.least_distance import least_distance
 from impactlaw.solvers.problem import Problem, Status
+from impactlaw.solvers.tolerances import NO_IMPULSE, RANK
 
-_RANK = 1e-11  # relative singular value below which gradients of unit length count as dependent
-_ZERO = 1e-12  # part of the largest impulse below which one is rounding
 _LARGEST_GROUP = 100  # contacts; for more it would take seconds
 
 
@@ -34,14 +33,14 @@ def least_norm(gradients: np.ndarray, impulse: np.ndarray, tight: np.ndarray) ->
     face = np.flatnonzero(tight)
     Y, x = gradients[face], impulse[face]
     lengths = np.sqrt(np.vecdot(Y, Y))
-    U, singular, _ = deferred.svd(Y / lengths[:, None], check_finite=False, lapack_driver="gesvd")
-    still = U[:, int(np.count_nonzero(singular > _RANK * singular[0])) :]
+    U, singular, _ = scipy.linalg.svd(Y / lengths[:, None], check_finite=False, lapack_driver="gesvd")
+    still = U[:, int(np.count_nonzero(singular > RANK * singular[0])) :]
     if still.shape[1] == 0:
         return impulse
-    shared = np.linalg.norm(still, axis=1) > _RANK  # the impulse of any other contact is the only one
-    N = deferred.qr(still / lengths[:, None], mode="economic", check_finite=False)[0][shared]
-    part = least_squares(Y[shared].T, x[shared].dot(Y[shared]), _RANK)
-    part[np.abs(part) < _ZERO * np.abs(part).max()] = 0.0
+    shared = np.linalg.norm(still, axis=1) > RANK  # the impulse of any other contact is the only one
+    N = scipy.linalg.qr(still / lengths[:, None], mode="economic", check_finite=False)[0][shared]
+    part = least_squares(Y[shared].T, x[shared] @ Y[shared], RANK)
+    part[np.abs(part) < NO_IMPULSE * np.abs(part).max()] = 0.0
     if part.min() < 0:
         carrying = _carrying(Problem(N, -part))
         if carrying is None:
@@ -52,7 +51,7 @@ def least_norm(gradients: np.ndarray, impulse: np.ndarray, tight: np.ndarray) ->
     on[face[shared]] = carrying
     on[face[~shared]] = x[~shared] > 0
     result = np.zeros_like(impulse)
-    result[on] = np.maximum(least_squares(gradients[on].T, x.dot(Y), _RANK), 0.0)
+    result[on] = np.maximum(least_squares(gradients[on].T, x @ Y, RANK), 0.0)
     return result
 
 
@@ -68,8 +67,8 @@ def share_impulse(gradients: Any, impulse: np.ndarray, tight: np.ndarray) -> np.
     Y = gradients[face]
     h, nv = Y.shape
     ends = np.concatenate([Y.indptr, np.full(nv, Y.indptr[-1])])
-    touched = deferred.csr_array((np.ones(len(Y.indices)), Y.indices + h, ends), shape=(h + nv, h + nv))
-    count, group = deferred.connected_components(touched, directed=False)
+    touched = scipy.sparse.csr_array((np.ones(len(Y.indices)), Y.indices + h, ends), shape=(h + nv, h + nv))
+    count, group = scipy.sparse.csgraph.connected_components(touched, directed=False)
     group, freedom = group[:h], np.bincount(group[h:], minlength=count)
     sizes = np.bincount(group, minlength=count)
     idle = np.bincount(group, weights=impulse[face] <= 0, minlength=count) > 0

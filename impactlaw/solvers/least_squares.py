@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-
-from impactlaw import deferred
-
-RANK = 1e-11
-"""Relative singular value below which a constraint depends on the others."""
+import scipy
 
 
 def least_squares(A: np.ndarray, b: np.ndarray, rank: float | None = None) -> np.ndarray:
@@ -18,8 +14,8 @@ def least_squares(A: np.ndarray, b: np.ndarray, rank: float | None = None) -> np
         b: shape (m,).
         rank: relative singular value below which a direction counts as absent; rounding if None.
     """
-    x = deferred.lstsq(A, b, cond=rank, check_finite=False)[0]
-    return x + deferred.lstsq(A, b - A.dot(x), cond=rank, check_finite=False)[0]
+    x = scipy.linalg.lstsq(A, b, cond=rank, check_finite=False)[0]
+    return x + scipy.linalg.lstsq(A, b - A @ x, cond=rank, check_finite=False)[0]
 
 
 def row_span(rows: np.ndarray, rank: float) -> tuple[np.ndarray, np.ndarray]:

@@ -8,31 +8,21 @@ Where several threads step at the same time, threadpoolctl lets one of them chan
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from functools import cache
 from importlib import import_module
 from typing import Any
 
 
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Let BLAS use one thread meanwhile."""
-    before = [(library, library.get_num_threads()) for library in _libraries()]
-    several = [(library, threads) for library, threads in before if threads != 1]
-    for library, _ in several:
-        library.set_num_threads(1)
-    try:
-        yield
-    finally:
-        for library, threads in several:
-            library.set_num_threads(threads)
+def one_thread() -> AbstractContextManager[Any]:
+    """Return a context in which BLAS uses one thread."""
+    return _controller().limit(limits=1, user_api="blas")
 
 
 @cache
-def _libraries() -> list[Any]:
-    """Return the BLAS libraries of numpy and scipy."""
+def _controller() -> Any:
+    """Return what controls the threads of the BLAS libraries of numpy and scipy."""
     import_module("scipy.linalg")  # each brings its own
     from threadpoolctl import ThreadpoolController
 
-    return ThreadpoolController().select(user_api="blas").lib_controllers
+    return ThreadpoolController()

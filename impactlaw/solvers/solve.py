@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
+from importlib import import_module
+from math import prod
+from typing import NamedTuple
 
-from impactlaw import deferred
+import numpy as np
+import scipy
+
 from impactlaw.errors import SolverError, UnknownNameError, UnsolvableLawError
-from impactlaw.solvers.certificate import Answer, is_polishable, judge, polish
-from impactlaw.solvers.guess import guess
+from impactlaw.solvers.certificate import LARGEST_POLISHED, Answer, better, judge, judge_active, polish
 from impactlaw.solvers.infeasibility import farkas_ray
 from impactlaw.solvers.least_norm import share_impulse
 from impactlaw.solvers.methods.closed_form import closed_form, one_contact
@@ -18,8 +21,9 @@ from impactlaw.solvers.methods.osqp import osqp
 from impactlaw.solvers.methods.primal_dual_active_set import primal_dual_active_set
 from impactlaw.solvers.methods.projected_gauss_seidel import projected_gauss_seidel
 from impactlaw.solvers.one_thread import one_thread
-from impactlaw.solvers.problem import FEW, Problem, Solution, Solver, Status, sparse
+from impactlaw.solvers.problem import Problem, Solution, Solver, Status, sparse
 from impactlaw.solvers.sparsity import as_dense, groups, has_structure
+from impactlaw.solvers.tolerances import CERTIFIED, GOOD, GOOD_LARGE, RANKS, TIGHT
 
 SOLVERS: dict[str, Solver] = {
     "closed-form": closed_form,
@@ -34,14 +38,20 @@ SOLVERS: dict[str, Solver] = {
 
 _ITERATIVE = {"osqp", "projected-gauss-seidel"}
 _TAKE_SPARSE = {"primal-dual-active-set", *_ITERATIVE}
-
-CERTIFIED = 1e-9
-"""Residual, relative to the velocities before and after, above which an answer is not one."""
-_GOOD = 1e-12  # relative residual that needs no other solver's opinion
-_GOOD_LARGE = 1e-10  # the same where another's opinion, that of a dense solver, takes seconds
 _MANY = 64  # contacts from which linear algebra starts threads where it may
-_TIGHT = 1e-9  # slack, relative to the scale of the problem, of a contact that may share the impulse
-_RANKS = (1e-13, 1e-11, 1e-9)  # relative singular values below which a direction of the gradients may be rounding
+
+
+class _Attempt(NamedTuple):
+    """The best answer of several solvers, and what the last one returned; None where no solver was asked."""
+
+    answer: Answer | None
+    last: Solution | None
+
+
+def load_solvers() -> None:
+    """Import now what collisions need, so that no step of a simulation waits for it."""
+    for name in ("daqp", "scipy.linalg", "scipy.optimize", "scipy.sparse.csgraph"):
+        import_module(name)
 
 
 def solve(problem: Problem, labels: tuple[str, ...], *, solver: str = "auto") -> np.ndarray:
@@ -68,7 +78,7 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
     if solver != "auto" and solver not in SOLVERS:
         raise UnknownNameError("solver", solver, [*SOLVERS, "auto"])
     c = problem.bound
-    if (max(c.tolist()) if 0 < len(c) <= FEW else c.max(initial=0.0)) <= 0.0:
+    if not np.count_nonzero(c > 0):  # every law comes here: a quarter of the time of any()
         return Answer(np.zeros(len(c)), np.zeros(problem.gradients.shape[1]), -c / problem.lengths, 0.0)
     if len(c) < _MANY:
         return _solve(problem, labels, solver, shared=shared)
@@ -78,31 +88,26 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
 
 def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bool) -> Answer:
     """Return what `solve_with_jump` returns where there is something to solve."""
-    c = problem.bound
-    if problem.lengths is not problem.norms:
+    if not problem.can_move:
         return _solve_moving(problem, labels, solver)
     if solver == "auto":
-        if len(c) > FEW and has_structure(problem):
+        if has_structure(problem):
             problem = problem.with_gradients(sparse(problem.gradients))
-        answer = None if problem.is_sparse else _at_once(problem)
-        if answer is not None and _is_good(problem, answer):
+        answer = None if problem.is_sparse else _with_all_active(problem)
+        if answer is not None and problem.allows(answer.residual, GOOD):
             return share(problem, answer) if shared else answer
-    if solver != "auto" and not problem.is_sparse:
-        parts = groups(problem)
-        if len(parts) > 1:
-            return _solve_apart(problem, labels, solver, parts)
-    ended: list[Solution] = []
-    answer = _attempt(problem, solver, labels, ended)
+    elif not problem.is_sparse and len(parts := groups(problem)) > 1:
+        return _solve_apart(problem, labels, solver, parts)
+    answer, last = _attempt(problem, solver, labels)
     if not _certified(problem, answer):
         if solver not in _ITERATIVE:
-            answer = _better(answer, _attempt_in_row_space(problem, solver))
-        if solver == "auto":  # what nobody can solve may be rounding
-            answer = _better(answer, judge(problem, np.zeros_like(c)))
+            answer = _attempt_in_row_space(problem, solver, answer)
+        if solver == "auto":  # a problem that no solver solves may be made of rounding errors: then no impulse is right
+            answer = better(answer, judge(problem, np.zeros_like(problem.bound)))
         if answer is None or not _certified(problem, answer):
             _refuse(problem, labels)
             reached = "no answer" if answer is None else f"relative residual {answer.residual / problem.scale:.1e}"
-            if solver in _ITERATIVE:
-                last = ended[-1]
+            if solver in _ITERATIVE and last is not None:
                 reached += f" (status {last.status}, {last.iterations} iterations, residual {last.residual:.1e})"
             raise SolverError(
                 f"solver {solver!r} reached {reached} on {len(labels)} contacts; "
@@ -112,16 +117,9 @@ def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bo
     return share(problem, answer) if shared else answer
 
 
-def _is_good(problem: Problem, answer: Answer) -> bool:
-    return answer.residual <= _GOOD * problem.speed or answer.residual <= _GOOD * problem.scale  # |v-| is part of it
-
-
-def _at_once(problem: Problem) -> Answer | None:
-    """Return what solves most problems; None where only a solver can tell."""
-    if len(problem.bound) == 1:
-        return one_contact(problem)
-    impulse = guess(problem)
-    return None if impulse is None else polish(problem, impulse)
+def _with_all_active(problem: Problem) -> Answer | None:
+    """Return the answer with an impulse at every contact, as most small problems have it; None if it has not."""
+    return one_contact(problem) if len(problem.bound) == 1 else judge_active(problem, slice(None))
 
 
 def nonnegative_combination(gradients: np.ndarray, point: np.ndarray) -> np.ndarray:
@@ -134,64 +132,46 @@ def nonnegative_combination(gradients: np.ndarray, point: np.ndarray) -> np.ndar
     Raises:
         SolverError: no solver's answer passed the certificate.
     """
-    return solve(Problem(gradients, gradients.dot(point), point), ("",) * gradients.shape[0])
+    return solve(Problem(gradients, gradients @ point, point), ("",) * gradients.shape[0])
 
 
-def _attempt(
-    problem: Problem, solver: str, labels: tuple[str, ...] | None, ended: list[Solution] | None = None
-) -> Answer | None:
-    """Ask one solver after the other until an answer is good; return the best. Labels given, refuse the unsolvable.
-
-    What each solver handed back is put into ``ended``.
-    """
-    best = None
-    enough = (_GOOD if is_polishable(problem) else _GOOD_LARGE) * problem.scale
+def _attempt(problem: Problem, solver: str, labels: tuple[str, ...] | None) -> _Attempt:
+    """Ask one solver after the other until an answer is good. With labels, refuse what is proved unsolvable."""
+    best = last = None
+    dear = problem.is_sparse and prod(problem.gradients.shape) > LARGEST_POLISHED
     for name in _candidates(problem, solver):
         form = problem if name in _TAKE_SPARSE else as_dense(problem)
         if form is None:
             continue
-        solution = SOLVERS[name](form)
-        if ended is not None:
-            ended.append(solution)
-        if solution.status is Status.INFEASIBLE and labels is not None:
+        last = SOLVERS[name](form)
+        if last.status is Status.INFEASIBLE and labels is not None:
             _refuse(problem, labels)
-        if solution.status is not Status.SOLVED and name not in _ITERATIVE:
-            continue
-        best = _better(best, polish(problem, solution.impulse))
-        if best is not None and best.residual <= enough:
-            break
-    return best
+        if last.status is Status.SOLVED or name in _ITERATIVE:
+            best = better(best, polish(problem, last.impulse))
+            if problem.allows(best.residual, GOOD_LARGE if dear else GOOD):
+                break
+    return _Attempt(best, last)
 
 
-def _attempt_in_row_space(problem: Problem, solver: str) -> Answer | None:
-    """Try without directions in which the gradients are nothing but rounding, or almost; return the best."""
-    best, dense = None, as_dense(problem)
+def _attempt_in_row_space(problem: Problem, solver: str, best: Answer | None) -> Answer | None:
+    """Solve again without directions along which the gradients may be rounding; return the best answer."""
+    dense = as_dense(problem)
     if dense is None:
-        return None
-    problem = dense
-    _, singular, V = deferred.svd(problem.gradients / problem.lengths[:, None], full_matrices=False, check_finite=False)
-    ranks = {int(np.count_nonzero(singular > small * singular[0])) for small in _RANKS}
+        return best
+    unit = dense.gradients / dense.lengths[:, None]
+    _, singular, V = scipy.linalg.svd(unit, full_matrices=False, check_finite=False)
+    ranks = {int(np.count_nonzero(singular > small * singular[0])) for small in RANKS}
     for rank in sorted(ranks - {len(singular)}, reverse=True):
         basis = V[:rank]
-        d = None if problem.preimage is None else basis.dot(problem.preimage)
-        part = Problem(problem.gradients.dot(basis.T), problem.bound, d, problem.scale)
-        answer = _attempt(part, solver, None)
-        if answer is not None:
-            best = _better(best, judge(problem, answer.impulse, answer.jump.dot(basis)))
+        d = None if dense.preimage is None else basis @ dense.preimage
+        part = _attempt(Problem(dense.gradients @ basis.T, dense.bound, d, dense.scale), solver, None).answer
+        if part is not None:
+            best = better(best, judge(dense, part.impulse, part.jump @ basis))
     return best
 
 
 def _certified(problem: Problem, answer: Answer | None) -> bool:
-    if answer is None:
-        return False
-    limit, residual = CERTIFIED * problem.speed, answer.residual
-    return residual <= limit or residual <= CERTIFIED * problem.speed_at(answer.jump)
-
-
-def _better(one: Answer | None, other: Answer | None) -> Answer | None:
-    if one is None or other is None:
-        return other if one is None else one
-    return one if one.residual <= other.residual else other
+    return answer is not None and answer.residual <= CERTIFIED * problem.speed_at(answer.jump)
 
 
 def _candidates(problem: Problem, solver: str) -> tuple[str, ...]:
@@ -207,7 +187,7 @@ def _candidates(problem: Problem, solver: str) -> tuple[str, ...]:
 
 
 def _solve_moving(problem: Problem, labels: tuple[str, ...], solver: str) -> Answer:
-    """Leave out contacts whose gradient is zero; wanting their velocity to change is a conflict of its own."""
+    """Solve without contacts whose gradient is zero; if the law asks such a contact to open, there is no solution."""
     moving = problem.norms > 0
     wanted = ~moving & (problem.bound > 0)
     if wanted.any():
@@ -220,7 +200,7 @@ def _solve_moving(problem: Problem, labels: tuple[str, ...], solver: str) -> Ans
 
 
 def _solve_apart(problem: Problem, labels: tuple[str, ...], solver: str, parts: list[np.ndarray]) -> Answer:
-    """Solve each group of contacts on its own, so that the speed of one does not excuse the errors of another."""
+    """Solve each group of contacts on its own: errors are relative to the speed, and groups may differ in that."""
     impulse, jump = np.zeros_like(problem.bound), np.zeros(problem.gradients.shape[1])
     for rows in parts:
         part = Problem(problem.gradients[rows], problem.bound[rows])
@@ -247,17 +227,16 @@ def share(problem: Problem, answer: Answer) -> Answer:
     unless one more contact is tight.
     """
     impulse = answer.impulse
-    if problem.lengths is not problem.norms or not len(impulse):  # `_solve_moving` has shared it
+    if not problem.can_move or not impulse.any():  # `_solve_moving` has shared it
         return answer
-    if not problem.is_sparse and has_structure(problem):
-        problem = problem.with_gradients(sparse(problem.gradients))
-    if not problem.is_sparse and min((impulse + answer.slack).tolist()) > _TIGHT * problem.scale:  # one or the other
-        return answer
-    tight = answer.slack <= _TIGHT * problem.scale
-    if not problem.is_sparse and np.count_nonzero(tight) <= np.count_nonzero(impulse):
-        return answer
+    tight = answer.slack <= TIGHT * problem.scale
+    if not problem.is_sparse:
+        if np.count_nonzero(tight) <= np.count_nonzero(impulse):
+            return answer
+        if has_structure(problem):
+            problem = problem.with_gradients(sparse(problem.gradients))
     least = share_impulse(problem.gradients, impulse, tight | (impulse > 0))
     if least is impulse:
         return answer
     answer_shared = judge(problem, least, answer.jump)
-    return answer_shared if answer_shared.residual <= max(10 * answer.residual, _GOOD * problem.scale) else answer
+    return answer_shared if answer_shared.residual <= max(10 * answer.residual, GOOD * problem.scale) else answer

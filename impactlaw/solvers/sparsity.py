@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 
-from impactlaw import deferred
 from impactlaw.solvers.problem import Problem
+from impactlaw.solvers.tolerances import COUPLED
 
-_LARGE = 64  # contacts from which a sparse factor of G is faster than a dense one
+_SPARSE_CONTACTS = 64  # contacts from which a sparse factor of G is faster than a dense one
 _FILLED = 0.1  # part of the entries that are not zero, up to which an array is called sparse
-_COUPLED = 1e-15  # cosine between gradients that is rounding of zero
 MOST_DENSE = 8_000_000
 """Entries up to which a CSR array is turned into an array for solvers that need one."""
 
 
 def has_structure(problem: Problem) -> bool:
     """Whether the gradients are a large array of mostly zeros."""
-    if len(problem.bound) < _LARGE or problem.is_sparse:
+    if len(problem.bound) < _SPARSE_CONTACTS or problem.is_sparse:
         return False
     Y = problem.gradients
     return np.count_nonzero(Y) <= _FILLED * Y.size
@@ -25,10 +25,10 @@ def has_structure(problem: Problem) -> bool:
 def groups(problem: Problem) -> list[np.ndarray]:
     """Return the indices of contacts that an impulse can reach through each other, group by group."""
     Y = problem.gradients / problem.lengths[:, None]
-    coupled = np.abs(Y @ Y.T) > _COUPLED
+    coupled = np.abs(Y @ Y.T) > COUPLED
     if coupled.all(axis=1).any():  # one that meets all others; the general way costs as much as several solvers
         return [np.arange(len(Y))]
-    _, member = deferred.connected_components(coupled, directed=False)
+    _, member = scipy.sparse.csgraph.connected_components(coupled, directed=False)
     return [np.flatnonzero(member == group) for group in range(member.max() + 1)]
 
 

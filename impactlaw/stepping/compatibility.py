@@ -93,7 +93,7 @@ def check_law(model: mujoco.MjModel, law: Law) -> None:
         RestitutionError: it has more coefficients than the scene can have contacts, or none, or none for some of them
             and no default, or maps other velocities.
     """
-    inner = law.law if isinstance(law, Coulomb) else law
+    inner = law.normal_law
     used, size = getattr(inner, "contact_labels", None), getattr(inner, "contact_count", None)
     if isinstance(inner, LinearMap) and len(inner.h) != model.nv:  # pyright: ignore[reportArgumentType]
         raise RestitutionError(

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Literal
 
 import mujoco
 
-from impactlaw import deferred
 from impactlaw.errors import ManyCollisionsWarning, SceneError, UnknownNameError
 from impactlaw.laws import Coulomb, Law, MaximalDissipation
 from impactlaw.laws.from_scene import scene_law
-from impactlaw.scene.contacts import GAP_TOLERANCE
+from impactlaw.scene.tolerances import GAP_TOLERANCE
 from impactlaw.settled import Settled
-from impactlaw.solvers import SOLVERS
+from impactlaw.solvers import SOLVERS, load_solvers
 from impactlaw.stepping.collisions import Collider
 from impactlaw.stepping.compatibility import (
     check_count,
@@ -132,7 +131,7 @@ class Stepper:
         check_length("gap_tolerance", gap_tolerance)
         check_speed("rest_speed", rest_speed)
         check_count("max_events", max_events)
-        deferred.load_solvers()
+        load_solvers()
         for name, value in options.items():
             setattr(self, name, value)
         self.model = self._model = model
@@ -267,7 +266,7 @@ class Stepper:
 
     def _with_friction(self, law: Law) -> Law:
         """Return the law with the friction of the contacts of the scene; time stepping adds it by itself."""
-        if not self.plan.friction or self._way == "time-stepping" or isinstance(law, Coulomb):
+        if not self.plan.friction or self._way == "time-stepping" or law.has_friction:
             return law
         return Coulomb(law, cone="convex" if self.friction == "convex" else "exact")
 

@@ -47,11 +47,11 @@ def problems_of(scene: Scene, count: int, friction: FrictionModel = "coulomb", s
         if len(taken) == count:
             break
         wanted = min(share, count - len(taken))
-        taken += _problems_of_run(scene, loaded, wanted, friction, np.random.default_rng([seed, run]), run)
+        taken += problems_of_run(scene, loaded, wanted, friction, np.random.default_rng([seed, run]), run)
     return taken
 
 
-def _problems_of_run(
+def problems_of_run(
     scene: Scene, loaded: Loaded, count: int, friction: FrictionModel, rng: np.random.Generator, run: int
 ) -> list[Problem]:
     """Return the problems of one run, whose number decides about restitution and controls."""
@@ -64,7 +64,7 @@ def _problems_of_run(
     taken: list[Problem] = []
     seen: list[Problem] = []
     due = int(rng.integers(*between))
-    with _watched(lambda arguments: seen.append(_problem(scene.name, arguments))):
+    with _watched(lambda arguments: seen.append(problem_of(scene.name, arguments))):
         for step in range(steps):
             data.ctrl[:] = controls[step // starts.HELD]
             seen.clear()
@@ -107,7 +107,7 @@ def _watched(look: Callable[[dict[str, Any]], object]) -> Iterator[None]:
         yield
 
 
-def _problem(scene: str, given: dict[str, Any]) -> Problem:
+def problem_of(scene: str, given: dict[str, Any]) -> Problem:
     """Return the problem of `resolve_step`, not scaled; all of it is copied."""
     groups, amounts, rates, tree = given["groups"], given["amounts"], given["rates"], given["tree"]
     nnz, shape = given["sparse"][0], (groups[1].sum(), len(tree))

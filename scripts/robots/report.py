@@ -2,67 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from .case import FINE, NO_CONTROLS, NOT_LOADED
 from .verdicts import cases, failures, verdicts
 from .ways import WAYS
 
-Values = Sequence[float]
-_WORST: dict[str, Callable[[Values], float]] = {
-    "nv": max,
-    "steps": min,
-    **dict.fromkeys(("mean_us", "ratio", "largest_ms", "over_mean", "depth", "limit", "growth"), max),
-    "met": min,
-    "short": max,
-    "unlocated": sum,
+_WORST: dict[str, Any] = {
+    "nv": "max",
+    "steps": "min",
+    **dict.fromkeys(("mean_us", "ratio", "largest_ms", "over_mean", "depth", "limit", "growth"), "max"),
+    "met": "min",
+    "short": "max",
+    "unlocated": lambda found: found.sum(min_count=1),
 }
 _WIDEST = 100  # characters of an outcome on the screen
 
 
 def by_scene(table: pd.DataFrame) -> pd.DataFrame:
     """Return one row per scene and way with the worst over laws and starts; fine: cases that took all steps."""
-    rows = cases(table)
-    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for row in sorted(rows, key=lambda row: WAYS.index(row["way"])):
-        groups.setdefault((row["scene"], row["way"]), []).append(row)
-    order = list(dict.fromkeys(row["scene"] for row in rows))
-    shown = [_worst(scene, way, group) for (scene, way), group in groups.items()]
-    return pd.DataFrame(sorted(shown, key=lambda row: order.index(str(row["scene"]))))
-
-
-def _worst(scene: str, way: str, rows: list[dict[str, Any]]) -> dict[str, object]:
-    fine = sum(row["outcome"] == FINE for row in rows)
-    found: dict[str, object] = {"scene": scene, "way": way, "fine": f"{fine}/{len(rows)}"}
-    for name, worst in _WORST.items():
-        values = _known(rows, name)
-        found[name] = worst(values) if values else np.nan
-    said = [row["stands"] for row in rows if row.get("stands") in ("yes", "no")]
-    return found | {"stands": "-" if not said else min(said)}
-
-
-def _known(rows: list[dict[str, Any]], name: str) -> list[float]:
-    return [row[name] for row in rows if not pd.isna(row.get(name, np.nan))]
+    told = _told(table)
+    told["scene"] = pd.Categorical(told.scene, list(dict.fromkeys(told.scene)))
+    groups: Any = told.groupby(["scene", "way"], observed=True)
+    shown = groups[list(_WORST)].agg(_WORST)
+    shown.insert(0, "fine", groups.outcome.agg(lambda found: f"{(found == FINE).sum()}/{len(found)}"))
+    shown["stands"] = groups.stands.agg(lambda found: min(set(found) & {"yes", "no"}, default="-"))
+    return shown.reset_index()
 
 
 def summary(table: pd.DataFrame) -> pd.DataFrame:
     """Return one row per way: how many cases are fine, and medians and extremes of cost and depth."""
-    rows = []
-    for way in WAYS:
-        group = [row for row in cases(table) if row["way"] == way]
-        if not group:
-            continue
-        found = {"way": way, "cases": len(group), "fine": sum(row["outcome"] == FINE for row in group)}
-        for name in ("ratio", "largest_ms", "depth"):
-            values = _known(group, name) or [np.nan]
-            found |= {f"median {name}": np.median(values), f"largest {name}": max(values)}
-        rows.append(found)
-    return pd.DataFrame(rows)
+    groups: Any = _told(table).groupby("way", observed=True)
+    columns: dict[str, Any] = {"cases": ("way", "size"), "fine": ("outcome", lambda found: (found == FINE).sum())}
+    for name in ("ratio", "largest_ms", "depth"):
+        columns |= {f"median {name}": (name, "median"), f"largest {name}": (name, "max")}
+    return groups.agg(**columns).reset_index()
+
+
+def _told(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the cases, with all columns of these tables, ways in their order."""
+    told = pd.DataFrame(cases(table)).reindex(columns=["scene", "way", "outcome", "stands", *_WORST])
+    told["way"] = pd.Categorical(told.way, list(WAYS))
+    return told
 
 
 def show(table: pd.DataFrame) -> str:

@@ -7,7 +7,7 @@ from own_envs import bare
 from impactlaw.envs.drive import Drive
 from impactlaw.envs.juggler import DRIVE as PADDLE
 from impactlaw.envs.rocking_block import DRIVE as PLATFORM
-from impactlaw.scene.moving_surfaces import BLOW
+from impactlaw.scene.tolerances import BLOW
 
 
 @pytest.mark.parametrize("timestep", [0.05, 0.002, 1e-4])

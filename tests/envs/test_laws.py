@@ -209,8 +209,7 @@ def test_a_reset_asks_for_scheme_and_friction(make):
     plans = []
     for options in (None, {"scheme": "time-stepping"}, {"scheme": "event-driven", "friction": "ignore"}, None):
         env.reset(seed=0, options=options)
-        stepper = target._placed._stepper if isinstance(env, ImpactLaw) else target.stepper
-        plans.append((stepper.plan.scheme, stepper.friction))
+        plans.append((target.stepper.plan.scheme, target.stepper.friction))
         env.step(np.zeros(env.action_space.shape))
     usual = "time-stepping" if isinstance(env, ImpactLaw) else "event-driven"
     assert plans == [(usual, None), ("time-stepping", None), ("event-driven", "ignore"), (usual, None)]

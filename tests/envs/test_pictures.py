@@ -9,11 +9,13 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from own_envs import IDS, bare, controllers, every_env
+from own_envs import IDS, bare, every_env
 
 from impactlaw.envs.rendering import has_display
 from impactlaw.errors import RecordingError, RenderError
 from impactlaw.recording import read_log
+from scripts.controllers.__main__ import LAWS
+from scripts.controllers.scripted import CONTROLLERS
 
 # Recording
 
@@ -21,13 +23,13 @@ from impactlaw.recording import read_log
 @every_env
 def test_log(name, tmp_path):
     short = name.removeprefix("impactlaw/")
-    law, restitution = controllers.LAWS[short][0]
+    law, restitution = LAWS[short][0]
     path = tmp_path / "run.rrd"
     env = gymnasium.make(name, law=law, restitution=restitution, log=str(path))
     infos = []
     for seed in (7, 8):
         observation, _ = env.reset(seed=seed)
-        controller, over = controllers.CONTROLLERS[short](), False
+        controller, over = CONTROLLERS[short](), False
         while not over:
             observation, _, terminated, truncated, info = env.step(np.atleast_1d(controller(observation)))
             infos.append(info)

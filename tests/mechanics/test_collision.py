@@ -138,22 +138,6 @@ def test_random_collisions_reach_the_extremes_they_are_meant_to():
     assert sum((c.pre_contact_velocity < 0).all() for c in seen) > 50
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_what_is_prepared_is_what_the_attributes_are(seed):
-    given = random_collision(np.random.default_rng([53, seed]), most=6)
-    names = ("pre_contact_velocity", "delassus", "gradient_norms", "pre_speed")
-    one, other = (Collision(given.mass_matrix, given.jacobian, given.pre_velocity) for _ in range(2))
-    one.prepare()
-    assert set(names) <= set(vars(one))
-    for name in names:
-        np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-14)
-    moving = Collision(
-        given.mass_matrix, given.jacobian, given.pre_velocity, surface_velocity=np.ones(len(given.labels))
-    )
-    moving.prepare()
-    assert not set(names) & set(vars(moving))
-
-
 def test_attributes_are_computed_once():
     c = launched(3, 1)
     assert c.delassus is c.delassus

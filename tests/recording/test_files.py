@@ -189,12 +189,11 @@ def test_a_viewer_gets_what_the_file_gets_and_may_go(tmp_path, scene, monkeypatc
     monkeypatch.setattr(viewer, "spawn_viewer", lambda: rr.FileSink(tmp_path / "seen.rrd"))
     with Recorder(model, tmp_path / "run.rrd", view=True) as recorder:
         recorder.step(data)
-        stream = recorder._stream
 
-        def severed():
+        def severed(stream):
             raise RuntimeError("gRPC connection severed")
 
-        monkeypatch.setattr(stream, "flush", severed)
+        monkeypatch.setattr(rr.RecordingStream, "flush", severed)
         recorder.flush()
         mujoco.mj_step(model, data)
         recorder.step(data)

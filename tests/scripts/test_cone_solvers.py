@@ -1,14 +1,10 @@
 """The study of cone solvers on a tiny scene: the scheme's own problems, a natural map by hand, peers that agree."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import sparse
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from impactlaw.solvers.cones import BILATERAL, BOX, CONE, natural_map
 from impactlaw.stepping.time_stepping import scheme
@@ -55,7 +51,7 @@ def contact(b, exact=True):
 
 
 def solved(problem, guess=None):
-    return solvers._compiled(problem, problem.guess if guess is None else guess)()[0]
+    return solvers.compiled(problem, problem.guess if guess is None else guess)()[0]
 
 
 @pytest.mark.parametrize(
@@ -88,9 +84,9 @@ def test_problems_are_those_of_the_scheme(scene, monkeypatch):
 
     resolve.py_func = own.py_func
     monkeypatch.setattr(scheme, "resolve_step", resolve)
-    problem = capture._problem
-    monkeypatch.setattr(capture, "_problem", lambda *given: seen.append((problem(*given), None)) or seen[-1][0])
-    capture._problems_of_run(scene, load_with_friction(scene), 3, "coulomb", np.random.default_rng(0), 0)
+    problem = capture.problem_of
+    monkeypatch.setattr(capture, "problem_of", lambda *given: seen.append((problem(*given), None)) or seen[-1][0])
+    capture.problems_of_run(scene, load_with_friction(scene), 3, "coulomb", np.random.default_rng(0), 0)
     assert len(seen) > 10
     assert any(one.guess.any() for one, _ in seen)
     for one, impulse in seen:

@@ -1,13 +1,10 @@
 """The study of robots on two tiny scenes: sane rows, verdicts from them, and a case that fails costs one row."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from scripts.robots import built, report, starts
 from scripts.robots.__main__ import Study, plan, run

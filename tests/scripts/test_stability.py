@@ -1,18 +1,13 @@
 """The quick form of the stability study: every case has the verdicts that it states."""
 
-import importlib
-import sys
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
-stability, cases, verdicts, certificate, worker_module = map(
-    importlib.import_module,
-    ("stability", "stability_cases", "stability_verdicts", "stability_certificate", "stability_worker"),
-)
+from scripts.stability import __main__ as stability
+from scripts.stability import cases, certificate, verdicts
+from scripts.stability import worker as worker_module
+
 RIGHT, REFUSED = verdicts.RIGHT, verdicts.REFUSED
 
 

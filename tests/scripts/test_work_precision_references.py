@@ -1,21 +1,15 @@
 """The references of the study of work and precision, and that the steppers come near them."""
 
-import sys
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
-
-import references
-import references_friction
-import work_precision_friction
-from graph_distance import CompletedGraph
-from trajectories import rigid
-from work_precision_scenes import SCENES
-from work_precision_stepping import EULER, RK4
+from scripts.work_precision import references, references_friction, scenes_friction
+from scripts.work_precision.graph_distance import CompletedGraph
+from scripts.work_precision.scenes import SCENES
+from scripts.work_precision.stepping import EULER, RK4
+from scripts.work_precision.trajectories import rigid
 
 REFERENCES = {name: (scene.reference, scene.duration) for name, scene in SCENES.items()}
 
@@ -60,7 +54,7 @@ def test_references_with_friction_repeat_what_the_docstrings_say():
     for arc, way in ((right, 1), (sticks, 0), (left, -1)):
         _, z, q, u, _, spin = arc.state(np.linspace(arc.begin, arc.end, 20)[1:-1]).T
         assert z - 0.5 * np.sin(q) == pytest.approx(np.zeros(18), abs=1e-10)
-        tip = u - spin * (0.5 * np.sin(q) + work_precision_friction.TIP)
+        tip = u - spin * (0.5 * np.sin(q) + scenes_friction.TIP)
         assert (np.sign(tip) == way).all() if way else (np.abs(tip) < 1e-10).all()
     assert rest.state(np.array([0.6]))[0] == pytest.approx(rest.state(np.array([0.4]))[0], abs=0)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from threading import Barrier
@@ -13,6 +12,7 @@ import pytest
 from threadpoolctl import ThreadpoolController
 
 from impactlaw import Collision, Moreau, Stepper
+from impactlaw.solvers import SOLVERS
 from impactlaw.solvers.one_thread import one_thread
 
 
@@ -32,16 +32,15 @@ def several():
 
 @pytest.mark.usefixtures("several")
 def test_a_large_collision_is_solved_on_one_thread(monkeypatch):
-    module, seen = sys.modules["impactlaw.solvers.solve"], []
-    solve = module._solve
+    seen, solve = [], SOLVERS["nnls"]
 
-    def watched(*args, **kwargs):
+    def watched(problem):
         seen.append(threads())
-        return solve(*args, **kwargs)
+        return solve(problem)
 
-    monkeypatch.setattr(module, "_solve", watched)
+    monkeypatch.setitem(SOLVERS, "nnls", watched)
     gradients = np.random.default_rng(0).normal(size=(128, 134))
-    Moreau(0.5).resolve(Collision(np.eye(134), gradients, np.ones(134)))
+    Moreau(0.5).resolve(Collision(np.eye(134), gradients, np.ones(134)), solver="nnls")
     assert {count for counts in seen for count in counts} == {1}
     assert min(threads()) == 2
 

@@ -8,19 +8,16 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
-from impactlaw import deferred
 from impactlaw.errors import InvalidCollisionError, SolverError
 from impactlaw.mechanics.admissible.capped_polyhedron import CappedPolyhedron
-from impactlaw.mechanics.admissible.cone import RANK, cone_facets, nearest_in_cone
+from impactlaw.mechanics.admissible.cone import cone_facets, nearest_in_cone
 from impactlaw.mechanics.admissible.sampling import uniform_samples
 from impactlaw.mechanics.admissible.violations import measure
+from impactlaw.mechanics.tolerances import POINT, SET_CERTIFIED, SET_RANK, TIGHT
 from impactlaw.solvers import nonnegative_combination
-
-_POINT = 1e-12  # part of |v-| below which the smallest possible jump is rounding
-_CERTIFIED = 1e-7  # violation, relative to |v-|, of a result that is not one
-_ON = 1e-11  # slack, relative to the smallest jump, that counts as zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +150,7 @@ class AdmissibleSet:
         if self._body is None:
             return 0.0, 0.0
         elastic = 2.0 * self._body.inside
-        if self._body.has(elastic, _ON):
+        if self._body.has(elastic, TIGHT):
             return self._least, 2.0 * self._least
         return self._least, self._least * float(np.linalg.norm(self._body.farthest()))
 
@@ -162,7 +159,7 @@ class AdmissibleSet:
         """``R^T (p - v-)`` in the basis, shape (r,): minus the part of v- in the span of the contacts with impulse."""
         z = self._basis @ self.collision.relative_velocity
         Y = self._unit_gradients @ self._basis.T
-        span = deferred.orth(Y[nearest_in_cone(Y, -z) > 0].T, rcond=RANK)
+        span = scipy.linalg.orth(Y[nearest_in_cone(Y, -z) > 0].T, rcond=SET_RANK)
         return -span @ (span.T @ z)
 
     @cached_property
@@ -181,7 +178,7 @@ class AdmissibleSet:
     def _basis(self) -> np.ndarray:
         """Orthonormal rows that span the gradients, shape (r, nv)."""
         _, s, V = np.linalg.svd(self._unit_gradients, full_matrices=False)
-        return V[s > RANK * s.max(initial=0.0)]
+        return V[s > SET_RANK * s.max(initial=0.0)]
 
     @cached_property
     def _body(self) -> CappedPolyhedron | None:
@@ -192,13 +189,13 @@ class AdmissibleSet:
         """
         c = self.collision
         self._velocity_at(self._least_jump)  # for its certificate
-        if self._least <= _POINT * c.pre_speed:
+        if self._least <= POINT * c.pre_speed:
             return None
         moving = c.gradient_norms > 0
         b = -c.pre_contact_velocity[moving] / (c.gradient_norms[moving] * self._least)
         Y = self._unit_gradients @ self._basis.T
         F = cone_facets(Y)
-        near = b >= -2.0 - _ON
+        near = b >= -2.0 - TIGHT
         return CappedPolyhedron(
             np.vstack([Y[near], F]),
             np.concatenate([b[near], np.zeros(len(F))]),
@@ -216,7 +213,7 @@ class AdmissibleSet:
         """Return the velocity, or velocities, with this jump in the basis, (r,) or (n, r); certifies up to eight."""
         c = self.collision
         v = c.pre_velocity + c.metric.unwhiten(jump @ self._basis)
-        if not all(self.contains(one, _CERTIFIED) for one in np.atleast_2d(v)[:8]):
+        if not all(self.contains(one, SET_CERTIFIED) for one in np.atleast_2d(v)[:8]):
             raise SolverError(
                 f"S is lost to rounding: gradients of these {len(c.labels)} contacts depend on each other all but "
                 "exactly; leave redundant contacts out"

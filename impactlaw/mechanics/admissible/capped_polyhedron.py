@@ -9,15 +9,12 @@ from math import comb, sqrt
 import numpy as np
 
 from impactlaw.errors import SolverError
-from impactlaw.mechanics.admissible.cone import RANK, EnumerationError, nearest_in_cone
+from impactlaw.mechanics.admissible.cone import EnumerationError, nearest_in_cone
+from impactlaw.mechanics.tolerances import NEAR, SET_RANK, SET_ROUNDING, TIGHT, VANISHING
 
 MAX_FACES = 100_000
 """Most sets of constraints that `CappedPolyhedron.farthest` looks at."""
-_ROUNDING = 1e-15
-_ZERO = 1e-13  # part of a vector, relative to it, that counts as rounding
-_TIGHT = 1e-11  # slack that counts as none
-_NEAR = 1e-9  # slack of a computed corner that may be one
-_STEPS = 200
+_TRIES = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +55,7 @@ class CappedPolyhedron:
             return y
         ray = y - self.center
         length = float(np.linalg.norm(ray))
-        ray /= max(length, _ROUNDING)
+        ray /= max(length, SET_ROUNDING)
         if length <= np.linalg.norm(y):
             return self._last_in_ball(self.center, ray, 0.0, length)
         return self._last_in_ball(y, ray, -length, 0.0)
@@ -87,7 +84,7 @@ class CappedPolyhedron:
         """
         r, met, count = len(self.center), [], 0
         for i, normal in enumerate(self.normals):
-            if normal @ self.extreme(-normal) <= self.offsets[i] + _NEAR:
+            if normal @ self.extreme(-normal) <= self.offsets[i] + NEAR:
                 met.append(i)
                 count = sum(comb(len(met), k) for k in range(r + 1))
             if count > MAX_FACES:
@@ -95,9 +92,9 @@ class CappedPolyhedron:
         best = self.inside
         points = np.vstack([self._stationary(np.array([*combinations(met, k)], dtype=int)) for k in range(1, r + 1)])
         points = np.vstack([points, 2.0 * self.center])
-        points = points[self.has(points, _NEAR)]
+        points = points[self.has(points, NEAR)]
         for x in points[np.argsort(-np.linalg.norm(points, axis=1))]:
-            if np.linalg.norm(x) <= (1.0 + _TIGHT) * np.linalg.norm(best):
+            if np.linalg.norm(x) <= (1.0 + TIGHT) * np.linalg.norm(best):
                 break
             best = max(best, self.nearest(x), key=np.linalg.norm)
         return best
@@ -107,7 +104,7 @@ class CappedPolyhedron:
         if len(rows) == 0:
             return np.zeros((0, len(self.center)))
         A, b = self.normals[rows], self.offsets[rows]
-        inverse = np.linalg.pinv(A, rcond=RANK)
+        inverse = np.linalg.pinv(A, rcond=SET_RANK)
 
         def within(v: np.ndarray) -> np.ndarray:
             return v - np.einsum("nij,nj->ni", inverse, A @ v)
@@ -115,11 +112,11 @@ class CappedPolyhedron:
         foot = np.einsum("nij,nj->ni", inverse, b)
         along = within(self.center)
         reach = np.linalg.norm(along, axis=1)
-        constant = reach <= _TIGHT * np.linalg.norm(self.center)
+        constant = reach <= TIGHT * np.linalg.norm(self.center)
         along[constant] = within(np.cos(np.arange(1.0, 1.0 + len(self.center))))[constant]
         reach[constant] = 0.0
         length = np.linalg.norm(along, axis=1, keepdims=True)
-        along = np.divide(along, length, out=np.zeros_like(along), where=length > _TIGHT)
+        along = np.divide(along, length, out=np.zeros_like(along), where=length > TIGHT)
         # foot + s along is on the sphere where s^2 - 2 reach s = depth
         depth = -self.excess(foot)
         s = reach + np.sqrt(np.maximum(reach**2 + depth, 0.0))
@@ -135,23 +132,23 @@ class CappedPolyhedron:
         unit = 1.0 + float(np.linalg.norm(self.center))
         best, last = self.inside, high
         t = high if np.isfinite(high) else unit
-        for step in range(_STEPS):
+        for step in range(_TRIES):
             x, along = self._on_polyhedron(base, t, ray, best)
             excess = float(self.excess(x))
-            if excess <= _ROUNDING * unit:
+            if excess <= SET_ROUNDING * unit:
                 best, low = x, t
-                if excess >= -_ROUNDING * unit or t == last or (np.isinf(high) and self._is_last(x, ray)):
+                if excess >= -SET_ROUNDING * unit or t == last or (np.isinf(high) and self._is_last(x, ray)):
                     return x
             else:
                 high = t
-            if high - low <= _ROUNDING * max(1.0, abs(low), abs(t)) or low > unit / _ROUNDING:
+            if high - low <= SET_ROUNDING * max(1.0, abs(low), abs(t)) or low > unit / SET_ROUNDING:
                 return best
             speed = float((x - self.center) @ along)
             root = sqrt(max(speed**2 - excess * float(along @ along), 0.0))
             t = t - excess / (speed + root) if speed + root > 0 else high
             if not low < t < high or step % 3 == 2:
                 t = 0.5 * (low + high) if np.isfinite(high) else 16.0 * max(low, unit)
-        raise SolverError(f"the multiplier of the energy was not found in {_STEPS} steps, between {low} and {high}")
+        raise SolverError(f"the multiplier of the energy was not found in {_TRIES} steps, between {low} and {high}")
 
     def _on_polyhedron(
         self, base: np.ndarray, t: float, ray: np.ndarray, start: np.ndarray
@@ -171,7 +168,7 @@ class CappedPolyhedron:
                 along = flat.within(ray)
                 move = flat.within(base - x) + t * along
                 rate = A @ move
-                meets = rate < -_ZERO * np.linalg.norm(move)
+                meets = rate < -VANISHING * np.linalg.norm(move)
                 meets[active] = False
                 room = np.maximum(A @ x - b, 0.0)
                 steps = np.divide(room, -rate, out=np.ones_like(rate), where=meets)
@@ -185,19 +182,19 @@ class CappedPolyhedron:
             gain = moved @ (base - middle) + t * (moved @ ray)
             size = 1.0 + np.linalg.norm(x) + np.linalg.norm(base) + abs(t) * along.any()
             length = np.linalg.norm(moved)
-            if length <= _ROUNDING * (1.0 + np.linalg.norm(x)) or gain <= 4.0 * _ROUNDING * size * length:
+            if length <= SET_ROUNDING * (1.0 + np.linalg.norm(x)) or gain <= 4.0 * SET_ROUNDING * size * length:
                 return x, along
         raise SolverError(f"the nearest point was not found on {len(b)} constraints")
 
     def _pushing(self, x: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the constraints that hold x against the pull, and the part of the pull that they leave."""
-        tight = np.flatnonzero(self.normals @ x - self.offsets <= _TIGHT)
+        tight = np.flatnonzero(self.normals @ x - self.offsets <= TIGHT)
         push = nearest_in_cone(self.normals[tight], -pull)
         return tight[push > 0], pull + push @ self.normals[tight]
 
     def _is_last(self, x: np.ndarray, ray: np.ndarray) -> bool:
         """Whether no point of the polyhedron is farther along the ray than x."""
-        return bool(np.linalg.norm(self._pushing(x, ray)[1]) <= _TIGHT)
+        return bool(np.linalg.norm(self._pushing(x, ray)[1]) <= TIGHT)
 
 
 class _Flat:
@@ -205,7 +202,7 @@ class _Flat:
 
     def __init__(self, A: np.ndarray, b: np.ndarray):
         U, s, V = np.linalg.svd(A, full_matrices=False)
-        keep = s > RANK * s.max(initial=0.0)
+        keep = s > SET_RANK * s.max(initial=0.0)
         self.A, self.b, self.rows = A, b, V[keep]
         self.inverse = V[keep].T @ (U[:, keep] / s[keep]).T
 
@@ -217,4 +214,4 @@ class _Flat:
         """Return the part of a vector along the flat, zero where it is rounding."""
         w = v - (v @ self.rows.T) @ self.rows
         w -= (w @ self.rows.T) @ self.rows  # a second time for what rounding left in the first
-        return np.where(np.linalg.norm(w) > _ZERO * np.linalg.norm(v), w, 0.0)
+        return np.where(np.linalg.norm(w) > VANISHING * np.linalg.norm(v), w, 0.0)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.mechanics.admissible.capped_polyhedron import CappedPolyhedron
+from impactlaw.mechanics.tolerances import FLAT, TIGHT
 
-_FLAT = 1e-9  # width below which the set has no extent in a direction
-_TIGHT = 1e-11  # slack in the middle of the set that only a constraint without extent has
 _PILOTS = 10  # chains per dimension that measure the shape of the set
 
 
@@ -23,7 +22,7 @@ def uniform_samples(body: CappedPolyhedron, n: int, rng: np.random.Generator) ->
     d = len(edges)
     if d == 0:
         return np.tile(middle, (n, 1))
-    cuts = body.normals @ middle - body.offsets > _TIGHT
+    cuts = body.normals @ middle - body.offsets > TIGHT
     open_body = CappedPolyhedron(body.normals[cuts], body.offsets[cuts], body.center, middle)
     steps = 1 if d == 1 else 20 + 10 * d  # one step across a segment is exact
     pilots = _walk(open_body, np.tile(middle, (_PILOTS * d, 1)), edges, steps, rng)
@@ -44,7 +43,7 @@ def _inner_simplex(body: CappedPolyhedron, rng: np.random.Generator) -> tuple[np
         direction = _orthogonal(rng.standard_normal(r), done)
         ends = body.extreme(direction), body.extreme(-direction)
         edge = ends[0] - ends[1]
-        if direction @ edge > _FLAT:
+        if direction @ edge > FLAT:
             points += ends
             edges.append(edge)
             direction = _orthogonal(edge, done)

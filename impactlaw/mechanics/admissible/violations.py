@@ -44,10 +44,10 @@ def measure(c: Any, jump: np.ndarray, after: np.ndarray, impulse: np.ndarray) ->
     """
     before = c.relative_velocity
     z = before + jump
-    kinematic = penetration(c, jump, after) if (after < 0).any() else 0.0
+    kinematic = penetration(c, jump, after)
     if (impulse < 0).any():
         impulse = nonnegative_combination(c.whitened_jacobian, jump)
-    speeds = sqrt(z.dot(z)) + sqrt(before.dot(before))
+    speeds = sqrt(z @ z) + sqrt(before @ before)
     gain = float(jump @ (c.whitened_velocity + 0.5 * jump))
     if c.frame_rates is not None:
         gain += float(impulse @ c.frame_rates)
@@ -58,9 +58,11 @@ def measure(c: Any, jump: np.ndarray, after: np.ndarray, impulse: np.ndarray) ->
 def penetration(c: Any, jump: np.ndarray, after: np.ndarray) -> float:
     """Return the distance from v+ to the tangent cone, ``min |x|, gamma+ + Y x >= 0``, sqrt(J)."""
     Y = c.whitened_jacobian
+    if not (after < 0).any():
+        return 0.0
     if c.frame_rates is None:
         z = c.relative_velocity + jump
-        problem = Problem(Y, -Y.dot(z), -z, norms=c.gradient_norms)
+        problem = Problem(Y, -(Y @ z), -z, norms=c.gradient_norms)
     else:
         problem = Problem(Y, -after, speed=larger_speed(c, jump))  # which they have the rounding of
     try:
@@ -69,7 +71,7 @@ def penetration(c: Any, jump: np.ndarray, after: np.ndarray) -> float:
         if c.frame_rates is None:
             raise
         return np.inf  # surfaces crush what is between them
-    return sqrt(jump.dot(jump))
+    return sqrt(jump @ jump)
 
 
 def larger_speed(c: Any, jump: np.ndarray) -> float:
@@ -80,5 +82,5 @@ def larger_speed(c: Any, jump: np.ndarray) -> float:
 def imbalance(c: Any, jump: np.ndarray, impulse: np.ndarray) -> float:
     """Return ``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm), beyond what rounding Lambda to doubles makes of it."""
     left = jump - impulse @ c.whitened_jacobian
-    gap = sqrt(left.dot(left))
+    gap = sqrt(left @ left)
     return beyond_rounding(gap, float(np.abs(impulse) @ c.gradient_norms), larger_speed(c, jump))

@@ -7,29 +7,18 @@ With the impulses divided by the same coefficients, the friction cone of a conta
 from __future__ import annotations
 
 from copy import copy
-from enum import StrEnum
 from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
+from impactlaw.solvers.problem import Status
+
 ENOUGH = 1e-10
-"""Relative residual of an answer; what is above is none."""
+"""Relative residual up to which an impulse is accepted as an answer."""
 SHARP = 1e-14
 """Relative residual that no further step is worth."""
 _TINY = 1e-300
-
-
-class ConeStatus(StrEnum):
-    """How a solver of the cone problem ended.
-
-    Attributes:
-        SOLVED: with a residual of at most `ENOUGH`, relative to the scale of the problem.
-        STOPPED: with a larger one.
-    """
-
-    SOLVED = "solved"
-    STOPPED = "stopped"
 
 
 class ConeAnswer(NamedTuple):
@@ -39,14 +28,14 @@ class ConeAnswer(NamedTuple):
         impulse: ``Lambda``, shape (n,), in the rows' own units; tangential entries are divided by their coefficients.
         jump: ``z = A^T Lambda``, shape (nv,), sqrt(J).
         residual: length of the natural map, sqrt(J); see `ConeProblem.residual`.
-        status: whether the residual is small enough.
+        status: "solved" if the residual is at most `ENOUGH` of the problem's scale, else "stopped".
         iterations: Newton steps and sweeps, all attempts together.
     """
 
     impulse: np.ndarray
     jump: np.ndarray
     residual: float
-    status: ConeStatus
+    status: Status
     iterations: int
 
 
@@ -154,7 +143,7 @@ class ConeProblem:
         length = sqrt(difference.dot(difference))
         return length if length >= 0 else inf
 
-    def answer(self, x: np.ndarray, residual: float, status: ConeStatus, iterations: int) -> ConeAnswer:
+    def answer(self, x: np.ndarray, residual: float, status: Status, iterations: int) -> ConeAnswer:
         """Return the answer of a scaled impulse."""
         return ConeAnswer(self.unscaled(x), x.reshape(-1).dot(self.rows), residual, status, iterations)
 

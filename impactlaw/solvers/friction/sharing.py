@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 
-from impactlaw import deferred
 from impactlaw.solvers.friction.problem import ConeProblem, project, projection_derivative
 
 _TINY = 1e-300
@@ -28,7 +28,7 @@ def share(problem: ConeProblem, x: np.ndarray, residual: float) -> np.ndarray:
     """
     value, system = _linearized(problem, x)
     wanted = system.dot(x.reshape(-1)) - value.reshape(-1)
-    least = deferred.lstsq(system, wanted, cond=_RANK)[0].reshape(x.shape)
+    least = scipy.linalg.lstsq(system, wanted, cond=_RANK)[0].reshape(x.shape)
     reached = problem.residual(least, problem.velocity(least))
     return least if reached <= max(10.0 * residual, _SHARED * problem.scale) else x
 

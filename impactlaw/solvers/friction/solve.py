@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.solvers.friction.problem import ENOUGH, ConeAnswer, ConeProblem, ConeStatus
+from impactlaw.solvers.friction.problem import ENOUGH, ConeAnswer, ConeProblem
 from impactlaw.solvers.friction.sharing import share
 from impactlaw.solvers.friction.single_contact import single
 from impactlaw.solvers.one_thread import one_thread
+from impactlaw.solvers.problem import Status
 
 _ALONE = 1e-13  # relative residual with which the answer for a contact alone needs no Newton step
 _SHARP = 1e-13  # relative residual that the compiled solver aims at
@@ -39,7 +40,7 @@ def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, rounds
     if problem.exact and problem.shape[0] == 1:
         x = single(problem, guess)
         if x is not None and (residual := problem.residual(x, problem.velocity(x))) <= _ALONE * problem.scale:
-            return problem.answer(x, residual, ConeStatus.SOLVED, 0)
+            return problem.answer(x, residual, Status.SOLVED, 0)
     x, residual, total = np.zeros(problem.shape), np.inf, 0
     for _ in range(_AGAIN if rounds > BRIEF else 1):
         x, taken = compiled_answer(problem, guess, rounds)
@@ -47,9 +48,9 @@ def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, rounds
         with np.errstate(all="ignore"):
             residual = problem.residual(x, problem.velocity(x))
         if residual <= ENOUGH * problem.scale:
-            return problem.answer(x, residual, ConeStatus.SOLVED, total)
+            return problem.answer(x, residual, Status.SOLVED, total)
         guess = problem.unscaled(x)
-    return problem.answer(x, residual, ConeStatus.STOPPED, total)
+    return problem.answer(x, residual, Status.STOPPED, total)
 
 
 def cost(rows: int, freedoms: int) -> tuple[float, float]:

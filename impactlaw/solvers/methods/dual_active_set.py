@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.solvers.problem import Problem, Solution, Status
+from impactlaw.solvers.tolerances import DAQP_DUAL, DAQP_PRIMAL, RAY_ROUNDING
 
-_INFEASIBLE = -1  # daqp's exit flag
+_DAQP_INFEASIBLE = -1  # daqp's exit flag
 
 
 def dual_active_set(problem: Problem) -> Solution:
@@ -30,11 +31,12 @@ def dual_active_set(problem: Problem) -> Solution:
         np.full(h, 1e30),
         c / size,
         np.zeros(h, dtype=np.int32),
-        primal_tol=max(1e-11, 1e-12 * problem.scale / size),  # what is rounding of c cannot make it unsolvable
-        dual_tol=1e-12,
+        # rounding of c cannot make the problem unsolvable
+        primal_tol=max(DAQP_PRIMAL, RAY_ROUNDING * problem.scale / size),
+        dual_tol=DAQP_DUAL,
         iter_limit=100 * (h + nv),
     )
     if flag <= 0:  # then the multipliers are whatever the memory held
-        status = Status.INFEASIBLE if flag == _INFEASIBLE else Status.STOPPED
+        status = Status.INFEASIBLE if flag == _DAQP_INFEASIBLE else Status.STOPPED
         return Solution(np.zeros_like(c), status, info["iterations"])
     return Solution(np.maximum(0.0 - info["lam"], 0.0) * size / lengths, Status.SOLVED, info["iterations"])

@@ -6,11 +6,11 @@ C. L. Lawson and R. J. Hanson, *Solving Least Squares Problems*, 1974, ch. 23, p
 from __future__ import annotations
 
 import numpy as np
+import scipy
 
-from impactlaw import deferred
 from impactlaw.solvers.problem import Problem, Solution, Status
+from impactlaw.solvers.tolerances import FARTHEST_JUMP
 
-_FAR = 1e9  # a jump so many times larger than the velocities that ask for it is no solution
 _PASSES = 8
 
 
@@ -28,14 +28,14 @@ def least_distance(problem: Problem) -> Solution:
     t = float(c.max(initial=0.0))
     if t <= 0.0:
         return Solution(np.zeros(h))
-    farthest = _FAR * problem.scale
+    farthest = FARTHEST_JUMP * problem.scale
     for done in range(1, _PASSES + 1):
         try:
-            u, _ = deferred.nnls(np.vstack([Y.T, c / t]), wanted, maxiter=30 * h)
+            u, _ = scipy.optimize.nnls(np.vstack([Y.T, c / t]), wanted, maxiter=30 * h)
         except RuntimeError:
             return Solution(np.zeros(h), Status.STOPPED, done)
-        z = u.dot(Y)
-        left = 1.0 - u.dot(c) / t  # of the law's own row; |residual|^2 where u is exact
+        z = u @ Y
+        left = 1.0 - u @ c / t  # of the law's own row; |residual|^2 where u is exact
         if left < 1e-6:  # |z| exceeds t a thousandfold
             if t >= farthest:
                 return Solution(np.zeros(h), Status.INFEASIBLE, done)

@@ -6,14 +6,13 @@ C. L. Lawson and R. J. Hanson, *Solving Least Squares Problems*, 1974, ch. 23.
 from __future__ import annotations
 
 import numpy as np
+import scipy
 
-from impactlaw import deferred
 from impactlaw.solvers.least_squares import least_squares
 from impactlaw.solvers.problem import Problem, Solution, Status
+from impactlaw.solvers.tolerances import BALANCED, IN_RANGE
 
-_IN_RANGE = 1e-12  # distance from the range of Y, relative to the scale of the problem, that counts as rounding
-_CHANGES = 3, 30  # of the active set, per contact, at most: in a first and in a second try
-_BALANCED = 4.0  # ratio of lengths up to which scaling changes nothing
+_NNLS_CHANGES = 30  # of the active set, per contact, at most
 
 
 def nnls(problem: Problem) -> Solution:
@@ -26,7 +25,7 @@ def nnls(problem: Problem) -> Solution:
     if d is None:
         Y, c = problem.gradients / problem.lengths[:, None], problem.bound / problem.lengths
         d = least_squares(Y, c)
-        if np.abs(Y @ d - c).max(initial=0.0) > _IN_RANGE * max(problem.scale, float(np.linalg.norm(d))):
+        if np.abs(Y @ d - c).max(initial=0.0) > IN_RANGE * max(problem.scale, float(np.linalg.norm(d))):
             return Solution(np.zeros_like(c), Status.STOPPED)
     impulse = cone_projection(problem, d)
     return Solution(np.zeros_like(problem.bound), Status.STOPPED) if impulse is None else Solution(impulse)
@@ -37,13 +36,13 @@ def cone_projection(problem: Problem, point: np.ndarray) -> np.ndarray | None:
 
     Rows of Y of very different length are scaled to unit length first.
     """
-    values = problem.lengths.tolist()
-    if not values:
+    lengths = problem.lengths
+    if not len(lengths):
         return np.zeros(0)
-    balanced = max(values) <= _BALANCED * min(values)
-    columns = problem.gradients.T if balanced else problem.gradients.T / problem.lengths
-    for changes in _CHANGES:
-        impulse, _, ended = deferred.unchecked_nnls(columns, point, changes * len(values))
-        if ended == deferred.ENDED:
-            return impulse if balanced else impulse / problem.lengths
-    return None
+    balanced = lengths.max() <= BALANCED * lengths.min()
+    columns = problem.gradients.T if balanced else problem.gradients.T / lengths
+    try:
+        impulse, _ = scipy.optimize.nnls(columns, point, maxiter=_NNLS_CHANGES * len(lengths))
+    except RuntimeError:  # how scipy says that these changes of the active set were not enough
+        return None
+    return impulse if balanced else impulse / lengths

@@ -6,11 +6,12 @@ B. Stellato, G. Banjac, P. Goulart, A. Bemporad and S. Boyd, Math. Program. Comp
 from __future__ import annotations
 
 import numpy as np
+import scipy
 
-from impactlaw import deferred
-from impactlaw.solvers.problem import Problem, Solution, Status, natural_residual, row_scaled
+from impactlaw.solvers.certificate import natural_residual
+from impactlaw.solvers.problem import Problem, Solution, Status, row_scaled
 
-_INFEASIBLE = (3, 4)  # osqp's status: primal infeasible, also inaccurately
+_OSQP_INFEASIBLE = (3, 4)  # osqp's status: primal infeasible, also inaccurately
 
 
 def osqp(problem: Problem, *, tolerance: float = 1e-9, iterations: int = 10_000, polish: bool = True) -> Solution:
@@ -31,9 +32,9 @@ def osqp(problem: Problem, *, tolerance: float = 1e-9, iterations: int = 10_000,
     nv = problem.gradients.shape[1]
     solver = package.OSQP()
     solver.setup(
-        deferred.csc_matrix(deferred.eye_array(nv)),
+        scipy.sparse.csc_matrix(scipy.sparse.eye_array(nv)),
         np.zeros(nv),
-        deferred.csc_matrix(row_scaled(problem.gradients, problem.lengths)),
+        scipy.sparse.csc_matrix(row_scaled(problem.gradients, problem.lengths)),
         c / size,
         np.full(len(c), np.inf),
         verbose=False,
@@ -44,7 +45,7 @@ def osqp(problem: Problem, *, tolerance: float = 1e-9, iterations: int = 10_000,
     )
     found = solver.solve(raise_error=False)
     count = int(found.info.iter)
-    if int(found.info.status_val) in _INFEASIBLE:
+    if int(found.info.status_val) in _OSQP_INFEASIBLE:
         return Solution(np.zeros_like(c), Status.INFEASIBLE, count)
     if found.y is None or not np.isfinite(found.y).all():
         return Solution(np.zeros_like(c), Status.STOPPED, count)

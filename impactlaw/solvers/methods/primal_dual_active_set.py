@@ -8,19 +8,13 @@ import numpy as np
 
 from impactlaw.solvers.methods.banded_delassus import BandedDelassus, Factor
 from impactlaw.solvers.problem import Problem, Solution, Status
+from impactlaw.solvers.tolerances import DOUBTFUL, ILL, NEAR, REACHED, SHIFTS, SIGNLESS, SINGULAR
 
-_INDEPENDENT = 1e-13  # squared sine, of a gradient and the span of others, below which the system is made definite
-_SHIFTS = (1e-3, 1e-7)  # first and last, of the diagonal of G, of unit gradients, where it is singular
 _PROXIMAL = 60  # steps of the proximal point method, with systems of which each is definite
-_CHANGES = 60  # of the active set, at most
+_GUESSES = 60  # of the active set, at most
 _PATIENCE = 8  # changes without fewer wrong contacts, after which gradients look for a better guess
 _GRADIENTS = 3000
-_NEAR = 1e-10  # natural map, relative to the scale, from which the active contacts are likely to be the right ones
-_ROUNDING = 1e-15  # impulse or slack, relative to the scale, whose sign means nothing
 _REFINEMENTS = 3
-_NEARLY = 1e-12  # impulse or slack, relative to the scale, from which refined numbers decide on their sign
-_ILL = 1e-6  # squared sine of the angles between gradients from which they always do
-_REACHED = 1e-9  # natural map, relative to the scale, of proximal points that are an answer
 
 
 def primal_dual_active_set(problem: Problem) -> Solution:
@@ -59,9 +53,9 @@ class _Search:
     def run(self, active: np.ndarray) -> np.ndarray | None:
         """Return the impulses, (h,), or None."""
         settled = self._settle(active, 0.0, self.bound)
-        if settled is not None and _length(np.minimum(*settled)) <= _REACHED * self.scale:
+        if settled is not None and _length(np.minimum(*settled)) <= REACHED * self.scale:
             return settled[0]
-        best, least, shift, worse = None, inf, _SHIFTS[0], 0
+        best, least, shift, worse = None, inf, SHIFTS[0], 0
         before = np.zeros_like(self.bound)
         for _ in range(_PROXIMAL):
             settled = self._settle(active, shift, self.bound + shift * before)
@@ -73,23 +67,23 @@ class _Search:
             worse = 0 if error < 0.5 * least else worse + 1
             if error < least:
                 best, least = before, error
-            if least <= _ROUNDING * self.scale or worse == _PATIENCE:
+            if least <= SIGNLESS * self.scale or worse == _PATIENCE:
                 break
-            shift = max(0.1 * shift, _SHIFTS[1])
-        return best if least <= _REACHED * self.scale else None
+            shift = max(0.1 * shift, SHIFTS[1])
+        return best if least <= REACHED * self.scale else None
 
     def _settle(self, active: np.ndarray, shift: float, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Return ``Lambda >= 0  ⊥  (G + shift) Lambda - wanted >= 0``, both; None if singular or not found."""
-        fewest, patience, rounding = len(wanted) + 1, _PATIENCE, _ROUNDING * self.scale
+        fewest, patience, rounding = len(wanted) + 1, _PATIENCE, SIGNLESS * self.scale
         helped = False
-        for _ in range(_CHANGES):
+        for _ in range(_GUESSES):
             factor = self._factor(active, shift)
             if factor is None:
                 return None
             impulse = factor.solve(wanted)
-            slack = self._slack(impulse, wanted, shift, careful=False)
+            slack = self._slack(impulse, wanted, shift)
             signed = np.where(active, impulse, slack)
-            if signed.min() > -_NEARLY * self.scale or factor.least_pivot < _ILL:
+            if signed.min() > -DOUBTFUL * self.scale or factor.least_pivot < ILL:
                 impulse, slack = self._refined(factor, active, impulse, wanted, shift)
                 signed = np.where(active, impulse, slack)
             wrong = signed < -rounding
@@ -112,13 +106,13 @@ class _Search:
         """Return a point near the solution by Nesterov's accelerated projected gradients, restarted where they turn."""
         ahead, t, step = impulse, 1.0, 1.0 / (self.U.largest + shift)
         for count in range(_GRADIENTS):
-            slack = self._slack(ahead, wanted, shift, careful=False)
-            if count % 32 == 0 and np.abs(np.minimum(ahead, slack)).max() <= _NEAR * self.scale:
+            slack = self._slack(ahead, wanted, shift)
+            if count % 32 == 0 and np.abs(np.minimum(ahead, slack)).max() <= NEAR * self.scale:
                 break
             following = np.maximum(ahead - step * slack, 0.0)
             move = following - impulse
             t_following = 0.5 + sqrt(0.25 + t * t)
-            if move.dot(ahead - following) > 0:
+            if move @ (ahead - following) > 0:
                 t = t_following = 1.0
             ahead = np.maximum(following + (t - 1.0) / t_following * move, 0.0)
             impulse, t = following, t_following
@@ -128,7 +122,7 @@ class _Search:
         """Return a factor of the active system, the last one if it is the same; None if that is singular."""
         if shift == 0.0:  # no two systems are the same
             factor = self.U.factor(active, shift)
-            return None if factor is None or factor.least_pivot < _INDEPENDENT else factor
+            return None if factor is None or factor.least_pivot < SINGULAR else factor
         if self._last is None or self._last[0] != shift or not np.array_equal(self._last[1], active):
             self._last = shift, active, self.U.factor(active, shift)
         return self._last[2]
@@ -140,7 +134,7 @@ class _Search:
         slack = self._slack(impulse, wanted, shift)
         error = _length(slack * active)
         for _ in range(_REFINEMENTS):
-            if error <= _ROUNDING * self.scale:
+            if error <= SIGNLESS * self.scale:
                 break
             better = impulse - factor.solve(slack)
             following = self._slack(better, wanted, shift)
@@ -152,12 +146,10 @@ class _Search:
             error = left
         return impulse, slack
 
-    def _slack(self, impulse: np.ndarray, wanted: np.ndarray, shift: float, *, careful: bool = True) -> np.ndarray:
-        """Return ``(G + shift) Lambda - wanted``, (h,); with care, without the rounding of G."""
-        slack = (self.U.careful_product if careful else self.U.product)(impulse)
-        slack -= wanted
-        return slack if shift == 0.0 else slack + shift * impulse
+    def _slack(self, impulse: np.ndarray, wanted: np.ndarray, shift: float) -> np.ndarray:
+        """Return ``(G + shift) Lambda - wanted``, (h,)."""
+        return self.U.product(impulse) - wanted + shift * impulse
 
 
 def _length(vector: np.ndarray) -> float:
-    return sqrt(vector.dot(vector))
+    return sqrt(vector @ vector)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.solvers.problem import Problem, Solution, Status, natural_residual, row_scaled
+from impactlaw.solvers.certificate import natural_residual
+from impactlaw.solvers.problem import Problem, Solution, Status, row_scaled
 
 _CHECKED = 10  # sweeps between two looks at the residual
 
@@ -28,7 +29,7 @@ def projected_gauss_seidel(problem: Problem, *, sweeps: int = 1000, tolerance: f
     scaled, z, residual, done = [0.0] * h, np.zeros(nv), 0.0, 0
     for done in range(1, sweeps + 1):
         for i, (where, row) in enumerate(rows):
-            change = max(wanted[i] - row.dot(z[where]), -scaled[i])
+            change = max(wanted[i] - row @ z[where], -scaled[i])
             if change != 0.0:
                 scaled[i] += change
                 z[where] += change * row

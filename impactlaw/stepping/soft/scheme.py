@@ -222,7 +222,7 @@ class SoftStepping:
             return _NOTHING
         if is_huge(data):  # MuJoCo says so itself when it next looks
             return _NOTHING
-        contacts, jacobian = self._active(data)
+        contacts, jacobian = self.active(data)
         drift = None if surfaces is None else surfaces.drift(data, contacts)
         if not still and not np.count_nonzero(jacobian.dot(data.qvel) + drift < -speed):
             return _NOTHING
@@ -268,7 +268,7 @@ class SoftStepping:
         _update(model, data)  # as after mj_step, which leaves what its last stage has met at the end of the step
         return events
 
-    def _active(self, data: mujoco.MjData) -> tuple[Contacts, np.ndarray]:
+    def active(self, data: mujoco.MjData) -> tuple[Contacts, np.ndarray]:
         """Return the contacts and limits that MuJoCo's solver acts on now, and their gradients, (h, nv)."""
         rows = self._limits.read(data) if data.nl else None
         limits = None if rows is None else self._limits.contacts(data, rows)

@@ -7,9 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from impactlaw.errors import SolverError, UnsolvableLawError
-from impactlaw.laws import Coulomb, Law, MaximalDissipation, Moreau, Newton
-from impactlaw.laws.coefficients import ContactCoefficients
-from impactlaw.laws.poisson import Poisson
+from impactlaw.laws import Law
 from impactlaw.mechanics.collision import Collision
 
 CollisionOf = Callable[[np.ndarray], Collision]
@@ -32,9 +30,9 @@ class LawTargets:
     """
 
     def __init__(self, law: Law):
-        self.law = law.law if isinstance(law, Coulomb) else law
-        self.restitution = _restitution(self.law)
-        self.alone = isinstance(self.law, ContactCoefficients) and not isinstance(self.law, Poisson)
+        self.law = law.normal_law
+        self.restitution = self.law.common_coefficient
+        self.alone = self.law.per_contact
 
     def of_each(self, labels: Sequence[str], velocity: np.ndarray) -> np.ndarray:
         """Return ``gamma^h`` of contacts, (k,), from their labels and ``gamma-``, (k,), where `alone`."""
@@ -43,17 +41,9 @@ class LawTargets:
 
     def of_all(self, collision: Collision) -> np.ndarray:
         """Return ``gamma^h``, (k,), of all contacts of a collision; E = 0 where the law has no solution."""
-        if type(self.law).resolve is Law.resolve:
+        if self.law.has_target:
             return np.asarray(self.law.target(collision).contact_velocity, dtype=float)
         try:
             return self.law.resolve(collision).post_contact_velocity
         except (UnsolvableLawError, SolverError):
             return np.zeros(len(collision.labels))
-
-
-def _restitution(law: Law) -> float | None:
-    if isinstance(law, MaximalDissipation):
-        return 0.0
-    if isinstance(law, (Moreau, Newton)) and isinstance(law.restitution, float):
-        return law.restitution
-    return None

@@ -1,14 +1,10 @@
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
+from cone_problems import BILATERAL, BOX, CONE, dense, problem, solvable
 
 from impactlaw.solvers.cones import natural_map, solve
-
-sys.path.insert(0, str(Path(__file__).parent))
-from making import BILATERAL, BOX, CONE, dense, problem, solvable
 
 TOLERANCE = 1e-10
 

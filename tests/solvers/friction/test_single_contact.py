@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from impactlaw.solvers.friction.problem import ConeProblem, ConeStatus
+from impactlaw.solvers.friction.problem import ConeProblem
 from impactlaw.solvers.friction.single_contact import single
 from impactlaw.solvers.friction.solve import THOROUGH, compiled_answer, solve_cones
+from impactlaw.solvers.problem import Status
 
 
 def alone(rng, m, friction):
@@ -27,7 +28,7 @@ def test_contact_alone_is_solved_without_a_newton_step(m, friction):
         if x is None:
             continue
         answer = solve_cones(problem)
-        assert answer.status is ConeStatus.SOLVED
+        assert answer.status is Status.SOLVED
         assert answer.iterations == 0
         assert answer.residual <= 1e-13 * problem.scale
         found, _ = compiled_answer(problem, None, THOROUGH)

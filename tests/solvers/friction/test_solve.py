@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from problems import friction_problem
 
-from impactlaw.solvers.friction.problem import ConeProblem, ConeStatus, project, projection_derivative
+from impactlaw.solvers.friction.problem import ConeProblem, project, projection_derivative
 from impactlaw.solvers.friction.solve import BRIEF, solve_cones
+from impactlaw.solvers.problem import Status
 
 
 def complementarity(A, b, sizes, impulse, *, exact, scale):
@@ -38,7 +39,7 @@ def test_one_contact(mu, expected, exact):
         normal = 2.0 if exact else (2.0 + mu * 3.0) / (1 + mu**2)
         jump = [-mu * normal, 0.0, normal]
     np.testing.assert_allclose(answer.jump, jump, rtol=0, atol=1e-14)
-    assert answer.status is ConeStatus.SOLVED
+    assert answer.status is Status.SOLVED
 
 
 def test_separating_contacts_get_no_impulse():
@@ -55,7 +56,7 @@ def test_random(seed, exact):
     A, b, sizes, speed = friction_problem(np.random.default_rng(seed))
     problem = ConeProblem(A, b, sizes, exact=exact, speed=speed)
     answer = solve_cones(problem)
-    assert answer.status is ConeStatus.SOLVED
+    assert answer.status is Status.SOLVED
     np.testing.assert_allclose(answer.jump, A.T @ answer.impulse, rtol=0, atol=1e-12 * problem.scale)
     assert complementarity(A, b, sizes, answer.impulse, exact=exact, scale=problem.scale) < 1e-8
 
@@ -72,7 +73,7 @@ def test_no_solution_is_said():
     """Two contacts on one coordinate that are asked to reach different velocities in opposite directions."""
     A = np.array([[1.0], [-1.0]])
     answer = solve_cones(ConeProblem(A, np.array([-1.0, -1.0]), np.array([1, 1])))
-    assert answer.status is ConeStatus.STOPPED
+    assert answer.status is Status.STOPPED
     assert answer.residual > 0.1
 
 
@@ -102,7 +103,7 @@ def hard(seed, exact=True):
 
 def test_newton_alone_is_not_enough():
     alone = [solve_cones(problem, rounds=0) for problem in map(hard, HARD)]
-    assert np.count_nonzero([answer.status is ConeStatus.STOPPED for answer in alone]) >= 2
+    assert np.count_nonzero([answer.status is Status.STOPPED for answer in alone]) >= 2
 
 
 @pytest.mark.parametrize("seed", HARD)
@@ -111,8 +112,8 @@ def test_hard_problems_are_solved(seed):
     answer = solve_cones(problem)
     x = problem.scaled(answer.impulse)
     assert problem.residual(x, problem.velocity(x)) <= 1e-10 * problem.scale
-    assert answer.status is ConeStatus.SOLVED
+    assert answer.status is Status.SOLVED
 
 
 def test_hard_problems_need_few_rounds():
-    assert all(solve_cones(hard(seed), rounds=BRIEF).status is ConeStatus.SOLVED for seed in HARD)
+    assert all(solve_cones(hard(seed), rounds=BRIEF).status is Status.SOLVED for seed in HARD)

@@ -8,9 +8,10 @@ import pytest
 from scenes import compiled
 
 from impactlaw import Moreau, Stepper
+from impactlaw.stepping.event_driven import smooth_phase
 from impactlaw.stepping.event_driven.event_location import locate
 from impactlaw.stepping.event_driven.gap_functions import GapFunctions, Observation, parabola_closes
-from impactlaw.stepping.event_driven.persistent_contact import frictional as frictional
+from impactlaw.stepping.event_driven.persistent_contact import frictional
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 
 
@@ -23,22 +24,22 @@ class Tried:
             Observation(i, gap(duration), slope(duration), slope(0.0))
             for i, (gap, slope) in enumerate(zip(gaps, slopes, strict=True))
         ]
-        self.gap = min(one.gap for one in self.observations)
+        self.gap = min(observation.gap for observation in self.observations)
 
 
 def located(gaps, slopes, duration, tolerance=1e-9, *, exact=True):
-    """Return the phase up to the first gap that closes, and the durations of all phases that were tried."""
+    """Return the phase up to the first gap that closes, and the durations of all phases that were flown."""
     gap_functions = GapFunctions(np.array([g(0.0) for g in gaps]), np.array([s(0.0) for s in slopes]), exact=exact)
     tried = []
 
-    def try_for(time):
+    def advance_to_contact(time):
         tried.append(time)
         return Tried(time, gaps, slopes)
 
-    end = try_for(duration)
+    end = advance_to_contact(duration)
     gap_functions.add(duration, end.observations)
     found = locate(
-        try_for,
+        advance_to_contact,
         end,
         gap_functions,
         target=1e-2 * tolerance,
@@ -115,18 +116,17 @@ def test_gap_too_far_to_be_seen_at_the_start_is_found_from_where_it_was_seen():
     near, gap, slope = 1e-6, lambda t: 9e-6 - 0.33 * t - 20 * t**2, lambda t: -0.33 - 40 * t
     gap_functions, tried = GapFunctions(np.zeros(0), np.zeros(0), exact=True), []
 
-    def try_for(time):
+    def advance_to_contact(time):
         tried.append(time)
         seen = gap(time) <= near
-        observations = (
-            [Observation(-6, gap(time), slope(time), 0.1)] if seen else []
-        )  # whatever it was that moved at the start
+        # whatever it was that moved at the start
+        observations = [Observation(-6, gap(time), slope(time), 0.1)] if seen else []
         return SimpleNamespace(duration=time, gap=gap(time) if seen else near, observations=observations)
 
-    end = try_for(0.01)
+    end = advance_to_contact(0.01)
     gap_functions.add(0.01, end.observations)
     options = {"target": 1e-11, "tolerance": 1e-9, "shortest": 1e-12}
-    found = locate(try_for, end, gap_functions, **options)
+    found = locate(advance_to_contact, end, gap_functions, **options)
     assert abs(found.gap) <= 1e-11
     assert len(tried) <= 7
 
@@ -177,17 +177,17 @@ def test_limits_that_bounce_take_few_flows(phases, integrator):
 
 def test_flow_that_is_only_tried_is_not_given_its_last_velocity(monkeypatch):
     """A ball slides under an arm whose limits bounce: one impulse is enough to tell when."""
-    solves, arrive, solve = [], SmoothPhases._arrive, frictional.solve_cone_rows
+    solves, hold, solve = [], smooth_phase.hold, frictional.solve_cone_rows
 
-    def arrived(self, *args):
+    def held(*args):
         solves.append(0)
-        return arrive(self, *args)
+        return hold(*args)
 
     def solved(*args, **options):
         solves[-1] += 1
         return solve(*args, **options)
 
-    monkeypatch.setattr(SmoothPhases, "_arrive", arrived)
+    monkeypatch.setattr(smooth_phase, "hold", held)
     monkeypatch.setattr(frictional, "solve_cone_rows", solved)
     ball = '<body pos="0 2 .1"><freejoint/><geom size=".1" contype="1" friction="0.1"/></body>'
     floor = '<geom type="plane" size="9 9 1" contype="1" friction="0.1"/>'

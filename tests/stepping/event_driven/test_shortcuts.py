@@ -5,13 +5,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shortcuts_seen import forgetful, looks, tried
 
 from impactlaw import Moreau, Stepper
 from impactlaw.errors import OverlapError
 from impactlaw.models.builder import cradle
-from impactlaw.scene.detection import Detector
 from impactlaw.stepping.event_driven.persistent_contact.position import least_impulse
 from impactlaw.stepping.event_driven.shortcuts import Apart, Rest, Together
+from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 
 BOX = """
 <mujoco>
@@ -35,18 +36,6 @@ def scene(integrator="RK4", *, condim=1, slope=0.0, more=""):
     text = BOX.format(integrator=integrator, condim=condim, slope=slope, position=position, more=more)
     model = mujoco.MjModel.from_xml_string(text)
     return model, mujoco.MjData(model)
-
-
-def looks(monkeypatch):
-    """Return a list that gets an entry whenever contacts are read."""
-    seen, look = [], Detector.look
-    monkeypatch.setattr(Detector, "look", lambda *args: seen.append(1) or look(*args))
-    return seen
-
-
-def never_rest(stepper):
-    """Let steps take no shortcut."""
-    stepper._stepping._find_shortcut = lambda *args: None
 
 
 def settled(model, data, **options):
@@ -150,11 +139,10 @@ def test_a_ball_that_falls_on_a_resting_box_collides_as_ever():
     for rests in (True, False):
         model, data = scene(condim=3, more=ball)
         stepper = Stepper(model, Moreau(0.5))
-        if not rests:
-            never_rest(stepper)
+        step = stepper.step if rests else forgetful(stepper)
         events = []
         for _ in range(400):
-            stepper.step(data)
+            step(data)
             events += [event.time for event in stepper.events]
         ends.append((events, data.qpos.copy()))
     (times, end), (expected, expected_end) = ends
@@ -176,14 +164,13 @@ def test_a_ball_that_falls_on_a_resting_box_collides_as_ever():
 def test_the_motion_is_the_same_as_without(pushes, integrator, condim):
     model, data = scene(integrator, condim=condim)
     without = mujoco.MjData(model)
-    stepper, other = Stepper(model, Moreau(0.2)), Stepper(model, Moreau(0.2))
-    never_rest(other)
+    stepper, step_without = Stepper(model, Moreau(0.2)), forgetful(Stepper(model, Moreau(0.2)))
     for steps, *force in pushes:
         for state in (data, without):
             state.xfrc_applied[1, :3] = WEIGHT * np.array(force)
         for _ in range(3 * steps):
             stepper.step(data)
-            other.step(without)
+            step_without(without)
         np.testing.assert_allclose(data.qpos, without.qpos, rtol=0, atol=1e-8)
         np.testing.assert_allclose(data.qvel, without.qvel, rtol=0, atol=1e-7)
 
@@ -199,10 +186,8 @@ def test_a_rest_that_does_not_last_is_not_looked_for_again(monkeypatch):
     stepper = Stepper(model, Moreau(0.0))
     for _ in range(400):
         stepper.step(data)
-    advanced, advance = [], stepper._stepping._phases.advance
-    monkeypatch.setattr(
-        stepper._stepping._phases, "advance", lambda *args: advanced.append(1) or advance(*args), raising=True
-    )
+    advanced, advance = [], SmoothPhases.advance
+    monkeypatch.setattr(SmoothPhases, "advance", lambda *args: advanced.append(1) or advance(*args))
     start = data.qpos.copy()
     for _ in range(10):
         stepper.step(data)
@@ -216,9 +201,8 @@ def test_balls_that_swing_together_are_looked_at_no_more(monkeypatch):
     data = mujoco.MjData(model)
     data.qpos[0] = -0.4
     stepper = Stepper(model, Moreau(0.0))
-    other, reference = Stepper(model, Moreau(0.0)), mujoco.MjData(model)
+    step_without, reference = forgetful(Stepper(model, Moreau(0.0))), mujoco.MjData(model)
     reference.qpos[:] = data.qpos
-    never_rest(other)
     seen, collided = looks(monkeypatch), 0
     for _ in range(1000):
         stepper.step(data)
@@ -226,7 +210,7 @@ def test_balls_that_swing_together_are_looked_at_no_more(monkeypatch):
     assert collided == 1  # they swing on together
     assert len(seen) < 100
     for _ in range(1000):
-        other.step(reference)
+        step_without(reference)
     np.testing.assert_allclose(data.qpos, reference.qpos, rtol=0, atol=1e-9)
     np.testing.assert_allclose(data.qvel, reference.qvel, rtol=0, atol=1e-8)
 
@@ -257,24 +241,31 @@ def test_a_velocity_given_in_flight_counts():
 
 
 def shortcut_of(stepper, data):
-    """Return the shortcut that the next step is going to try, ready to be tried on its own."""
-    stepping = stepper._stepping
-    stepping._options.__enter__()
-    return stepping._shortcut, stepping._phases
+    """Return the shortcut that a step has taken, and what takes it; a next step would try it once more."""
+    with pytest.MonkeyPatch.context() as patch:
+        seen = tried(patch)
+        stepper.step(data)
+    assert [one.held for one in seen] == [True]
+    return seen[0].shortcut, seen[0].phases
 
 
-@pytest.mark.parametrize(("velocity", "shift", "lasts"), [(0, 0, True), (1e-10, 0, False), (0, 1e-10, False)])
-def test_a_rest_allows_for_rounding_only(velocity, shift, lasts):
+def lasts(shortcut, phases):
+    with phases.options:
+        return shortcut.lasts(phases)
+
+
+@pytest.mark.parametrize(("velocity", "shift", "kept"), [(0, 0, True), (1e-10, 0, False), (0, 1e-10, False)])
+def test_a_rest_allows_for_rounding_only(velocity, shift, kept):
     model, data = scene()
     rest, phases = shortcut_of(settled(model, data), data)
     assert isinstance(rest, Rest)
     data.qvel[0] += velocity
     data.qpos[0] += shift
-    assert (rest.lasts(phases) is rest) == lasts
+    assert (lasts(rest, phases) is rest) == kept
 
 
 @pytest.mark.parametrize(
-    ("ball", "position", "velocity", "lasts"),
+    ("ball", "position", "velocity", "kept"),
     [
         (4, 0.0, 0.0, True),
         (4, 1e-10, 0.0, True),
@@ -287,7 +278,7 @@ def test_a_rest_allows_for_rounding_only(velocity, shift, lasts):
         (0, -1e-3, 0.0, False),
     ],
 )
-def test_contacts_together_allow_for_rounding_only(ball, position, velocity, lasts):
+def test_contacts_together_allow_for_rounding_only(ball, position, velocity, kept):
     model = cradle(5).compile()
     data = mujoco.MjData(model)
     model.opt.gravity[:] = 0.0
@@ -296,7 +287,7 @@ def test_contacts_together_allow_for_rounding_only(ball, position, velocity, las
     assert isinstance(together, Together)
     data.qpos[ball] += position
     data.qvel[ball] += velocity
-    assert (together.lasts(phases) is together) == lasts
+    assert (lasts(together, phases) is together) == kept
 
 
 def test_other_contacts_of_the_same_number_are_not_those_together():
@@ -309,10 +300,10 @@ def test_other_contacts_of_the_same_number_are_not_those_together():
     assert isinstance(together, Together)
     assert together.pattern.labels == ("ball1/ball2",)
     data.qpos[:] -= [0.01, 0.0, 0.01]
-    assert together.lasts(phases) is None
+    assert lasts(together, phases) is None
 
 
-def test_a_body_is_met_by_one_that_turns_a_whole_turn_in_a_step():
+def test_a_body_is_met_by_one_that_turns_a_whole_turn_in_a_step(monkeypatch):
     """Frames at the ends of a step are the same then."""
     turn = 2 * np.pi / 0.005
     model = mujoco.MjModel.from_xml_string(
@@ -323,10 +314,10 @@ def test_a_body_is_met_by_one_that_turns_a_whole_turn_in_a_step():
     )
     data = mujoco.MjData(model)
     data.qvel[:] = turn, -4.0
-    stepper = Stepper(model, Moreau(0.0))
+    stepper, seen = Stepper(model, Moreau(0.0)), tried(monkeypatch)
     while data.qpos[1] > -2.6 and not stepper.events:
-        assert isinstance(stepper._stepping._shortcut, Apart | None)
         stepper.step(data)
+    assert {type(one.shortcut) for one in seen} == {Apart}
     assert stepper.events
     assert 3 + stepper.events[0].qpos[1] > 0.9
 
@@ -336,7 +327,7 @@ def test_a_position_given_in_flight_counts():
     model, data = scene()
     data.qpos[2] += 1.0
     stepper = settled(model, data)
-    assert isinstance(stepper._stepping._shortcut, Apart)
+    assert isinstance(shortcut_of(stepper, data)[0], Apart)
     data.qpos[2], data.qvel[2] = 0.12, 5.0
     with pytest.raises(OverlapError):
         stepper.step(data)

@@ -4,9 +4,11 @@ import mujoco
 import numpy as np
 import pytest
 from scenes import compiled
+from shortcuts_seen import forgetful, looks, tried
 
-from impactlaw import Moreau, Stepper
+from impactlaw import Contacts, Moreau, Stepper
 from impactlaw.scene.detection import Detector
+from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.event_driven.shortcuts import Apart, Rest, Together
 
 TABLE = '<body mocap="true"><geom name="table" type="box" size="1 1 .1" pos="0 0 -.1" condim="{condim}"/></body>'
@@ -16,27 +18,6 @@ BALL = '<body pos="0 0 .1"><freejoint/><geom name="ball" size=".1" mass="1" cond
 
 def scene(thing=BOX, condim=3, integrator="RK4"):
     return compiled((TABLE + thing).format(condim=condim), option=f'timestep="0.005" integrator="{integrator}"')
-
-
-def looks(monkeypatch):
-    """Return a list that gets an entry whenever contacts are read."""
-    seen, look = [], Detector.look
-    monkeypatch.setattr(Detector, "look", lambda *args: seen.append(1) or look(*args))
-    return seen
-
-
-def looking(model, law):
-    """Return a stepper that takes no shortcut and begins every step with a look."""
-    stepper = Stepper(model, law)
-    stepper._stepping._find_shortcut = lambda *args: None
-    step = stepper.step
-
-    def forgetful(data):
-        stepper._stepping._next = None
-        step(data)
-
-    stepper.step = forgetful
-    return stepper
 
 
 def pauses(i):
@@ -56,22 +37,21 @@ def pauses(i):
 @pytest.mark.parametrize("condim", [1, 3])
 @pytest.mark.parametrize("thing", [BOX, BALL])
 @pytest.mark.parametrize("e", [0.0, 0.5])
-def test_the_motion_is_the_same_as_without(thing, condim, integrator, e):
+def test_the_motion_is_the_same_as_without(thing, condim, integrator, e, monkeypatch):
     model, data = scene(thing, condim, integrator)
     reference = mujoco.MjData(model)
-    stepper, other = Stepper(model, Moreau(e)), looking(model, Moreau(e))
-    taken = set()
+    stepper, other = Stepper(model, Moreau(e)), Stepper(model, Moreau(e))
+    step_without, seen = forgetful(other), tried(monkeypatch)
     for i in range(300):
         for state in (data, reference):
             state.mocap_pos[0, 2] = pauses(i + 1)
         stepper.step(data)
-        other.step(reference)
-        taken.add(type(stepper._stepping._shortcut))
+        step_without(reference)
         np.testing.assert_allclose(data.qpos, reference.qpos, rtol=0, atol=1e-9)
         np.testing.assert_allclose(data.mocap_pos, reference.mocap_pos, rtol=0, atol=0)
         assert len(stepper.events) == len(other.events)
         assert data.time == pytest.approx(reference.time, abs=1e-12)
-    assert {Apart, Rest} <= taken
+    assert {Apart, Rest} <= {type(one.shortcut) for one in seen if one.held}
     assert abs(data.qvel).max() < 1e-9
 
 
@@ -91,13 +71,14 @@ def test_a_box_at_rest_on_a_table_that_stands_is_looked_at_no_more(monkeypatch):
     assert data.qpos[2] == pytest.approx(0.1 + 1e-4, abs=1e-9)
 
 
-def test_what_floats_on_a_table_that_begins_to_move_goes_along():
+def test_what_floats_on_a_table_that_begins_to_move_goes_along(monkeypatch):
     model, data = scene(BALL, condim=1)
     model.opt.gravity[:] = 0
-    stepper = Stepper(model, Moreau(0.0))
+    stepper, seen = Stepper(model, Moreau(0.0)), tried(monkeypatch)
     for _ in range(3):
         stepper.step(data)
-    assert isinstance(stepper._stepping._shortcut, Rest | Together)
+    assert seen[-1].held
+    assert isinstance(seen[-1].shortcut, Rest | Together)
     for i in range(10):
         data.mocap_pos[0, 2] = 1e-5 * (i + 1)
         stepper.step(data)
@@ -105,28 +86,29 @@ def test_what_floats_on_a_table_that_begins_to_move_goes_along():
     assert data.qvel[2] == pytest.approx(1.5 * 1e-5 / 0.005)  # it leaves with the velocity at the end of the first step
 
 
-def test_a_ball_in_flight_is_met_by_a_table_that_jumps_up():
+def test_a_ball_in_flight_is_met_by_a_table_that_jumps_up(monkeypatch):
     model, data = scene(BALL.replace("0 0 .1", "0 0 1"))
-    stepper = Stepper(model, Moreau(1.0))
+    stepper, seen = Stepper(model, Moreau(1.0)), tried(monkeypatch)
     for _ in range(3):
         stepper.step(data)
-    assert isinstance(stepper._stepping._shortcut, Apart)
+    assert seen[-1].held
+    assert isinstance(seen[-1].shortcut, Apart)
     data.mocap_pos[0, 2] = 1.5  # 300 m/s: past the ball within one step
     stepper.step(data)
     assert len(stepper.events) == 1
     assert data.qvel[2] == pytest.approx(600, rel=1e-2)
 
 
-def test_flying_over_a_moving_table_looks_only_at_its_end(monkeypatch):
+def test_a_flight_over_a_moving_table_looks_only_at_its_end(monkeypatch):
     model, data = scene(BALL.replace("0 0 .1", "0 0 1"))
     stepper = Stepper(model, Moreau(1.0))
     heights = 0.05 * np.sin(0.3 * np.arange(1, 40))
-    reads, read = [], Detector._read
-    monkeypatch.setattr(Detector, "_read", lambda *args: reads.append(1) or read(*args))
+    found, find = [], Detector.find
+    monkeypatch.setattr(Detector, "find", lambda *args: found.append(find(*args)) or found[-1])
     for height in heights:
         data.mocap_pos[0, 2] = height
         stepper.step(data)
-    assert not reads
+    assert not any(contacts for _, contacts in found)
     assert data.qpos[2] == pytest.approx(1 - 0.5 * 9.81 * data.time**2, abs=1e-12)
 
 
@@ -146,21 +128,20 @@ def test_a_belt_that_is_told_to_run_takes_along_what_rests_on_it():
 
 def test_velocities_of_a_table_are_those_of_a_solid_that_turns():
     """Checks the cross products: w x r at a corner of a table that turns about all axes."""
-    model, data = scene(BALL.replace("0 0 .1", ".5 .3 .1"), condim=1)
-    stepper = Stepper(model, Moreau(0.0))
-    stepper.step(data)
-    spin = np.array([0.3, -0.2, 0.5])
+    model, data = scene(BALL)
+    pair = np.array([[model.geom("table").id, model.geom("ball").id]])
+    surfaces, spin = Surfaces(model, pair), np.array([0.3, -0.2, 0.5])
+    corner, up = np.array([[0.5, 0.3, 0.02]]), np.array([[0.0, 0.0, 1.0]])
     for _ in range(3):
         mujoco.mju_quatIntegrate(data.mocap_quat[0], spin, 0.005)
-        stepper.step(data)
-    surfaces = stepper._stepping._phases.surfaces
-    contact = stepper._stepping._next.contact_set.contacts
+        surfaces.begin(data, 0.005)
+        data.time += 0.005
+        surfaces.end(data)
     turn = np.empty(9)
     mujoco.mju_quat2Mat(turn, data.mocap_quat[0])
-    velocity = surfaces.motion(data, contact).velocity[0]
-    ball = list(contact.geoms[0]).index(model.geom("ball").id)
-    world = (turn.reshape(3, 3) @ spin) * (1 if ball == 0 else -1)
-    np.testing.assert_allclose(velocity, np.cross(world, contact.position[0]), rtol=1e-3)
+    velocity = surfaces.motion(data, Contacts(("table/ball",), pair, np.zeros(1), corner, up)).velocity[0]
+    world = turn.reshape(3, 3) @ spin
+    np.testing.assert_allclose(velocity, -np.cross(world, corner[0]), rtol=1e-3)  # of the second, seen from the first
 
 
 @pytest.mark.parametrize("speed", [0.3, 3.0])

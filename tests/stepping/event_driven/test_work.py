@@ -8,8 +8,9 @@ import pytest
 
 from impactlaw import Collision, Coulomb, Friction, MaximalDissipation, Newton, Stepper
 from impactlaw.errors import UnfinishedStepError
-from impactlaw.solvers.friction.problem import ConeProblem, ConeStatus
+from impactlaw.solvers.friction.problem import ConeProblem
 from impactlaw.solvers.friction.solve import BRIEF, STEPS_OF_A_ROUND, solve_cones
+from impactlaw.solvers.problem import Status
 from impactlaw.stepping.work import Work
 
 ROD = Collision(  # oblique: with all its restitution it would gain energy
@@ -55,7 +56,7 @@ def test_a_problem_without_a_solution_ends_soon():
     b = np.zeros(12)
     b[[0, 6]] = -1.0
     answer = solve_cones(ConeProblem(A, b, np.array([6, 6])), rounds=BRIEF)
-    assert answer.status is ConeStatus.STOPPED
+    assert answer.status is Status.STOPPED
     assert answer.iterations <= 100 + 1.5 * BRIEF * STEPS_OF_A_ROUND
 
 

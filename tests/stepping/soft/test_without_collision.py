@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 from scenes import INTEGRATORS
 
-from impactlaw import LinearMap, Moreau, Stepper
+from impactlaw import LinearMap, MaximalDissipation, Moreau, Stepper
 from impactlaw.scene.contacts import closes, row_velocities
+from impactlaw.stepping.collisions import Collider
+from impactlaw.stepping.plan import make_plan
+from impactlaw.stepping.soft.scheme import SoftStepping
 
 VARIANTS = list(itertools.product(INTEGRATORS, ("PGS", "CG", "Newton"), ("pyramidal", "elliptic"), ("dense", "sparse")))
 
@@ -116,13 +119,14 @@ def test_closing_is_told_from_constraint_rows(cone, jacobian):
     model, data = machine(cone=cone, jacobian=jacobian)
     model.geom("floor").condim[:] = 1
     data.qpos[7:10] = 2.0, 0.0, 0.0799  # the ball, away from the box
-    stepping = Stepper(model, Moreau(0.5), contact_model="soft")._stepping
+    collider = Collider(Moreau(0.5), MaximalDissipation(), "raise", 100, "auto")
+    stepping = SoftStepping(model, collider, make_plan(model, "soft"), rest_speed=0.1)
     rng = np.random.default_rng(0)
     seen, dims = np.zeros(4, dtype=int), set()
     for i in range(150):
         drive(model, data, lambda: mujoco.mj_step(model, data), i)
         mujoco.mj_forward(model, data)
-        _, J = stepping._active(data)
+        _, J = stepping.active(data)
         if len(J) == 0:
             assert not closes(model, data, data.efc_vel, -1e9)
             continue

@@ -20,8 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlaw.errors import SolverError
-from impactlaw.solvers.friction.problem import ConeProblem, ConeStatus
+from impactlaw.solvers.friction.problem import ConeProblem
 from impactlaw.solvers.friction.solve import solve_cones
+from impactlaw.solvers.problem import Status
 from impactlaw.stepping.event_driven.contact_set import Rows
 from impactlaw.stepping.event_driven.contact_state import CORRECTED, ContactForces, Phase, PhaseEnd, stays
 from impactlaw.stepping.event_driven.persistent_contact.felt_force import FeltForce, constrained_velocity, moving_part
@@ -213,7 +214,7 @@ def solve_cone_rows(
     problem = ConeProblem(rows.whitened, velocity, sizes, exact=exact, speed=speed)
     answer = solve_cones(problem, guess, rounds=work.rounds(count))
     work.solve(count, answer.iterations)
-    if answer.status is not ConeStatus.SOLVED:
+    if answer.status is not Status.SOLVED:
         raise SolverError(
             f"no impulses of {len(sizes)} contacts with friction were found: relative residual "
             f'{answer.residual / problem.scale:.1e}; use a smaller timestep, or friction="convex"'

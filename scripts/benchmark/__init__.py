@@ -1,0 +1,1 @@
+"""Benchmarks: what laws, steps and the import cost."""

@@ -1,0 +1,116 @@
+"""What laws, steps and the import cost, next to bare `scipy.optimize.nnls`, `mj_step` and ``import mujoco``.
+
+Everything is measured on this machine in this run: one process for what is compared, in turns. Tables are printed and
+written as CSV, with a line for each goal that the project has set itself. Timings vary from run to run; the ratios vary
+less.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Literal, get_args
+
+import pandas as pd
+import tyro
+from tqdm import tqdm
+
+from scripts import machine
+
+from . import chains, import_time, laws, omissions, steps
+from .goals import as_table, goals
+
+Part = Literal["laws", "chains", "steps", "omissions", "imports"]
+_RUN: dict[Part, Callable[..., pd.DataFrame]] = {
+    "laws": laws.run,
+    "chains": chains.run,
+    "steps": steps.run,
+    "omissions": omissions.run,
+    "imports": import_time.run,
+}
+_THREADS = "OPENBLAS_NUM_THREADS"
+_QUICK_ENVIRONMENTS = ("Hopper-v5",)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark:
+    """What to measure; a field per part."""
+
+    parts: tuple[Part, ...] = get_args(Part)
+    """Which parts to run."""
+    laws: laws.LawCost = field(default_factory=laws.LawCost)
+    chains: chains.ChainCost = field(default_factory=chains.ChainCost)
+    steps: steps.StepCost = field(default_factory=steps.StepCost)
+    omissions: omissions.Omissions = field(default_factory=omissions.Omissions)
+    imports: import_time.ImportTime = field(default_factory=import_time.ImportTime)
+
+    def quickly(self) -> Benchmark:
+        """Return the same with fewer and smaller cases: for a look, and for the tests."""
+        return replace(
+            self,
+            laws=laws.LawCost(sizes=(1, 4, 16), problems=2, seconds=0.01),
+            chains=chains.ChainCost(sizes=(100, 1000), seconds=0.1),
+            steps=steps.StepCost(cradles=(5, 20), environments=_QUICK_ENVIRONMENTS, full=False, seconds=0.2),
+            omissions=omissions.Omissions(scenes=("pendulum", "cradle 5"), steps=20, seconds=0.1),
+            imports=import_time.ImportTime(processes=1),
+        )
+
+
+def run(study: Benchmark, progress: Callable[[], object] = lambda: None) -> dict[str, pd.DataFrame]:
+    """Return one table per part, and the table of goals."""
+    tables: dict[str, pd.DataFrame] = {part: _RUN[part](getattr(study, part), progress) for part in study.parts}
+    return tables | {"goals": as_table(goals(tables))}
+
+
+def show(tables: dict[str, pd.DataFrame]) -> str:
+    """Return all tables as text, then one line per goal, then the machine."""
+    shown = []
+    for name, table in tables.items():
+        if name != "goals":
+            shown.append(f"{name}\n{table.to_string(index=False, float_format=lambda x: f'{x:.3g}', na_rep='-')}")
+    shown.append("\n".join(map(str, goals(tables))))
+    return "\n\n".join([*shown, described()])
+
+
+def write(tables: dict[str, pd.DataFrame], folder: Path) -> None:
+    """Write each table as CSV, and the machine's description."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, table in tables.items():
+        table.to_csv(folder / f"{name}.csv", index=False)
+    (folder / "machine.txt").write_text(described() + "\n")
+
+
+def described() -> str:
+    """Return the machine, the versions and the number of BLAS threads in one line."""
+    return f"{machine.one_line()}; BLAS threads: {os.environ.get(_THREADS, 'as the library chooses')}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What the command line asks for."""
+
+    study: Annotated[Benchmark, tyro.conf.arg(name="")] = field(default_factory=Benchmark)
+    quick: bool = False
+    """Fewer and smaller cases, in less than a minute; what these cost says little about large ones."""
+    out: Path = Path("out/benchmark")
+    """Folder of the CSV files."""
+
+
+def main() -> None:
+    """Measure, print and write, with one BLAS thread: on a busy machine two cost up to a hundred times as much."""
+    if _THREADS not in os.environ:  # numpy reads it when it is imported
+        command = [sys.executable, "-m", "scripts.benchmark", *sys.argv[1:]]
+        os.execve(sys.executable, command, {**os.environ, _THREADS: "1"})
+    options = tyro.cli(Options, description=__doc__)
+    study = options.study.quickly() if options.quick else options.study
+    with tqdm(desc="measured", unit=" rows", disable=None) as bar:
+        tables = run(study, bar.update)
+    print(show(tables))
+    write(tables, options.out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,195 @@
+"""Chains of balls: the law on sparse data against OSQP and Clarabel, which get the same data as a quadratic program.
+
+The program is ``min Lambda^T G Lambda / 2 - c^T Lambda, Lambda >= 0`` ("impulse") or ``min |z|^2 / 2, Y z >= c``
+("velocity"); the better form of each solver is what the goals compare with. The solvers' setup is in the time, as the
+law's own preparations are; forming G and the programs' matrices is not. Residuals are measured alike for all, by the
+natural map of the law's own complementarity.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+import scipy.sparse as sp
+
+from impactlaw import Collision, Impact, Moreau
+
+from .timing import in_turns
+
+TOLERANCE = 1e-9
+"""What OSQP and Clarabel are asked for."""
+ABSENT = "not installed"
+_RESTITUTION = 0.5
+_ITERATIONS = 20_000  # of OSQP
+_LONG = 1.0  # seconds of one call above which it is timed three times only
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChainCost:
+    """Which chains, for how long."""
+
+    sizes: tuple[int, ...] = (100, 1000, 10_000)
+    """Contacts."""
+    starts: tuple[str, ...] = ("launched", "random")
+    """"launched": equal balls in touch, the first one comes in; "random": masses and velocities are, so that part of
+    the contacts separates."""
+    seconds: float = 3.0
+    """Time per chain."""
+    seed: int = 0
+    """Seed of the random ones."""
+
+
+class Program(NamedTuple):
+    """``min x^T P x / 2 + q^T x, A x >= low``, P and A as CSC matrices, P's upper triangle."""
+
+    P: sp.csc_matrix
+    q: np.ndarray
+    A: sp.csc_matrix
+    low: np.ndarray
+
+
+@dataclass(frozen=True)
+class Chain:
+    """One problem, as the law gets it and as the programs do.
+
+    Attributes:
+        collision: with sparse M and J.
+        Y: whitened Jacobian, CSR, (h, nv).
+        c: wanted change of the contact velocities, (h,).
+        lengths: of the rows of Y, (h,).
+        speed: ``|v-|``, sqrt(J).
+        programs: the same as quadratic programs, by form.
+    """
+
+    collision: Collision
+    Y: sp.csr_array
+    c: np.ndarray
+    lengths: np.ndarray
+    speed: float
+    programs: dict[str, Program]
+
+    def residual(self, impulse: np.ndarray) -> float:
+        """Return ``|min(Lambda_i |Y_i|, (Y z - c)_i / |Y_i|)|`` with ``z = Y^T Lambda``, relative to ``|v-|``."""
+        slack = (self.Y @ (self.Y.T @ impulse) - self.c) / self.lengths
+        return float(np.linalg.norm(np.minimum(impulse * self.lengths, slack))) / self.speed
+
+
+def chain(h: int, start: str, seed: int) -> Chain:
+    """Return h contacts between h + 1 balls on a line."""
+    rng = np.random.default_rng([seed, h])
+    n = h + 1
+    mass, v = np.ones(n), np.zeros(n)
+    v[0] = 1.0
+    if start == "random":
+        mass, v = rng.uniform(0.5, 2.0, n), rng.normal(size=n)
+    J = sp.csr_array(sp.eye_array(h, n, k=1) - sp.eye_array(h, n))
+    Y = sp.csr_array(J @ sp.diags_array(1.0 / np.sqrt(mass)))
+    collision = Collision(sp.csr_array(sp.diags_array(mass)), J, v)  # pyright: ignore[reportArgumentType]
+    lengths = np.sqrt(np.asarray((Y * Y).sum(axis=1)).ravel())
+    c = -(1.0 + _RESTITUTION) * np.diff(v)
+    programs = {
+        "impulse": Program(sp.csc_matrix(sp.triu(Y @ Y.T)), -c, sp.csc_matrix(sp.eye_array(h)), np.zeros(h)),
+        "velocity": Program(sp.csc_matrix(sp.eye_array(n)), np.zeros(n), sp.csc_matrix(Y), c),
+    }
+    return Chain(collision, Y, c, lengths, float(np.sqrt(mass @ v**2)), programs)
+
+
+def cases(study: ChainCost) -> list[tuple[str, int]]:
+    """Return the chains to come."""
+    return [(start, h) for start in study.starts for h in study.sizes]
+
+
+def run(study: ChainCost, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
+    """Return one row per chain and solver.
+
+    Columns: milliseconds (median), residual (of the impulse, by one measure for all), ratio of the time to the law's;
+    outcome, "solved" or what kept the solver from it.
+    """
+    table = []
+    for start, h in cases(study):
+        with _quiet():
+            table += _rows(study, chain(h, start, study.seed), start, h)
+        progress()
+    return pd.DataFrame(table)
+
+
+def _rows(study: ChainCost, problem: Chain, start: str, h: int) -> list[dict[str, object]]:
+    solvers: dict[str, Callable[[], np.ndarray | str]] = {"law": lambda: _law(problem).impulse}
+    for form, program in problem.programs.items():
+        solvers[f"osqp, {form}"] = partial(_osqp, program, form)
+        solvers[f"clarabel, {form}"] = partial(_clarabel, program, form)
+    begin = time.perf_counter()
+    answers = {name: solve() for name, solve in solvers.items()}
+    fewest = 2 if time.perf_counter() - begin > _LONG else 5
+    calls: dict[str, Callable[[], object]] = {**solvers, "law": partial(_law, problem)}
+    solved = [name for name, answer in answers.items() if not isinstance(answer, str)]
+    timed = in_turns({name: lambda name=name: [calls[name]] for name in solved}, seconds=study.seconds, fewest=fewest)
+    rows = []
+    for name, answer in answers.items():
+        row: dict[str, object] = {"chain": start, "h": h, "solver": name, "outcome": answer}
+        if not isinstance(answer, str):
+            row |= {"milliseconds": timed.microseconds(name) / 1e3, "ratio": timed.ratio(name, "law")}
+            row |= {"residual": problem.residual(answer), "outcome": "solved"}
+        rows.append(row)
+    return rows
+
+
+def _law(problem: Chain) -> Impact:
+    """Resolve a collision of which M, J, v-, Y and R^T v- are known: v+ and its certificate."""
+    c = problem.collision
+    known = Collision(c.mass_matrix, c.jacobian, c.pre_velocity, labels=c.labels, metric=c.metric)
+    known.__dict__.update(whitened_jacobian=c.whitened_jacobian, whitened_velocity=c.whitened_velocity)
+    return Moreau(_RESTITUTION).resolve(known)
+
+
+def _osqp(program: Program, form: str) -> np.ndarray | str:
+    import osqp
+
+    solver = osqp.OSQP()
+    limits = {"l": program.low, "u": np.full(len(program.low), np.inf)}
+    options = {"eps_abs": TOLERANCE, "eps_rel": TOLERANCE, "max_iter": _ITERATIONS, "polishing": True, "verbose": False}
+    solver.setup(P=program.P, q=program.q, A=program.A, **limits, **options)
+    result = solver.solve(raise_error=False)
+    if result.info.status != "solved":
+        return f"{result.info.status} after {result.info.iter} iterations"
+    return np.maximum(result.x if form == "impulse" else -result.y, 0.0)
+
+
+def _clarabel(program: Program, form: str) -> np.ndarray | str:
+    if find_spec("clarabel") is None:  # no dependency: compared with where it is installed
+        return ABSENT
+    clarabel = import_module("clarabel")
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = TOLERANCE
+    cones = [clarabel.NonnegativeConeT(len(program.low))]
+    result = clarabel.DefaultSolver(program.P, program.q, -program.A, -program.low, cones, settings).solve()
+    if str(result.status) != "Solved":
+        return str(result.status)
+    return np.maximum(np.array(result.x if form == "impulse" else result.z), 0.0)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep what OSQP's polishing prints, verbose or not, from the standard output."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    try:
+        with Path(os.devnull).open("w") as nowhere:
+            os.dup2(nowhere.fileno(), 1)
+            yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)

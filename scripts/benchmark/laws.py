@@ -1,0 +1,123 @@
+"""What a law costs from (Y, v-) to v+, certificate included, against one bare call of `scipy.optimize.nnls`.
+
+Y is the whitened Jacobian and R^T v- the whitened velocity; everything else (lengths of the gradients, contact
+velocities, the target, the certificate) is in the time "law". Bare NNLS gets the same Y and the d with ``Y d = c`` for
+nothing, and its answer is not checked.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import nnls
+
+from impactlaw import Collision, Fremond, Impact, Law, Moreau, Newton
+from impactlaw.solvers import Problem
+
+from .timing import in_turns
+
+_MANY = 320  # contacts of the problems of a row, all together
+_SLOW = 0.2  # seconds of a round above which two are enough
+_KINDS = ("independent", "plate")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawCost:
+    """Which problems, for how long each."""
+
+    sizes: tuple[int, ...] = (1, 2, 4, 8, 16, 32, 64, 128, 256)
+    """Numbers of contacts h."""
+    problems: int = 20
+    """Random problems of each size and kind, fewer where they are large; a round solves each once."""
+    seconds: float = 0.25
+    """Time per row."""
+    seed: int = 0
+    """Seed of the problems."""
+
+
+def rows(study: LawCost) -> list[tuple[str, int, str]]:
+    """Return the rows to come, (kind, contacts, law)."""
+    return [(kind, h, law) for kind in _KINDS for h in study.sizes for law in laws(kind, h)]
+
+
+def run(study: LawCost, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
+    """Return one row per kind of contacts, h and law.
+
+    Columns: nnls_us; law_us (`Law.resolve`) and audited_us (and then `Impact.residual`, which trusts no part of the
+    solver), each with its ratio to nnls; residual, the largest over the problems.
+    """
+    table = []
+    for kind, h, law in rows(study):
+        table.append(_row(study, kind, h, law))
+        progress()
+    return pd.DataFrame(table)
+
+
+def collisions(kind: str, h: int, count: int, seed: int) -> Iterator[Collision]:
+    """Random closing contacts: "independent" (3 h / 2 degrees of freedom), or the feet of a "plate", one free body."""
+    rng = np.random.default_rng([seed, h, _KINDS.index(kind)])
+    for _ in range(count):
+        if kind == "plate":
+            foot = rng.uniform(-1.0, 1.0, (2, h))
+            J = np.column_stack([np.zeros((h, 2)), np.ones(h), foot[1], -foot[0], np.zeros(h)])
+            velocity = np.concatenate([[0.3, 0.0, -1.0], rng.uniform(-0.4, 0.4, 3)])
+            yield Collision(np.diag([2.0] * 3 + [0.7, 0.7, 1.3]), J, velocity)
+            continue
+        nv = (3 * h + 1) // 2
+        A, J = rng.normal(size=(nv, nv)), rng.normal(size=(h, nv))
+        closing = rng.uniform(0.5, 1.5, h)
+        yield Collision(A @ A.T / nv + 0.1 * np.eye(nv), J, -np.linalg.lstsq(J, closing, rcond=None)[0])
+
+
+def laws(kind: str, h: int) -> dict[str, Law]:
+    """Return the laws to time; those of a plate must have a solution for redundant contacts."""
+    if kind == "plate":
+        return {"moreau 0.5": Moreau(0.5)}
+    matrix = 0.4 * np.eye(h) + 0.4 * np.eye(h)[::-1]
+    return {"moreau 0.5": Moreau(0.5), "newton": Newton(np.linspace(0.2, 0.9, h).tolist()), "fremond": Fremond(matrix)}
+
+
+def _row(study: LawCost, kind: str, h: int, named: str) -> dict[str, object]:
+    law = laws(kind, h)[named]
+    several = list(collisions(kind, h, min(study.problems, max(2, _MANY // h)), study.seed))
+    problems = [problem(law, c) for c in several]
+    start = time.perf_counter()
+    residual = max(law.resolve(c).residual for c in several)
+    rounds = 2 if time.perf_counter() - start > _SLOW else 5
+    subjects: dict[str, Callable[[], list[Callable[[], object]]]] = {
+        "nnls": lambda: [partial(nnls, p.gradients.T, p.preimage) for p in problems],
+        "law": lambda: [partial(law.resolve, fresh(c)) for c in several],
+        "audited": lambda: [partial(_resolve_and_audit, law, fresh(c)) for c in several],
+    }
+    timed = in_turns(subjects, seconds=study.seconds, fewest=rounds)
+    row: dict[str, object] = {"kind": kind, "h": h, "law": named, "residual": residual}
+    row |= {f"{name}_us": timed.microseconds(name) for name in subjects}
+    return row | {f"{name}_ratio": timed.ratio(name, "nnls") for name in ("law", "audited")}
+
+
+def _resolve_and_audit(law: Law, collision: Collision) -> tuple[Impact, float]:
+    impact = law.resolve(collision)
+    return impact, impact.residual
+
+
+def fresh(collision: Collision) -> Collision:
+    """Return a collision that knows M, J, v-, Y and R^T v-, and has not yet derived anything from them."""
+    known = Collision(collision.mass_matrix, collision.jacobian, collision.pre_velocity, metric=collision.metric)
+    known.__dict__.update(whitened_jacobian=collision.whitened_jacobian, whitened_velocity=collision.whitened_velocity)
+    return known
+
+
+def problem(law: Law, collision: Collision) -> Problem:
+    """Return the law's problem, with the d of bare NNLS: the law's own one, or a least-squares one."""
+    wanted, _, coefficient = law.target(collision)
+    c, Y = wanted - collision.pre_contact_velocity, collision.whitened_jacobian
+    if coefficient is not None:
+        d = -(1.0 + coefficient) * collision.whitened_velocity
+    else:
+        d = np.linalg.lstsq(Y, c, rcond=None)[0]
+    return Problem(Y, c, d, collision.pre_speed, norms=collision.gradient_norms)

@@ -1,0 +1,103 @@
+"""What each part that a scene's plan leaves out of event-driven steps would cost: the same steps with it put back.
+
+The trial of the last contact forces, which leaves out contacts while nothing moves, is taken away instead.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+import pandas as pd
+
+from impactlaw import MaximalDissipation, Moreau
+from impactlaw.scene.tolerances import GAP_TOLERANCE
+from impactlaw.stepping.collisions import Collider
+from impactlaw.stepping.event_driven.scheme import RigidStepping
+from impactlaw.stepping.plan import Plan, make_plan
+
+from .scenes import Scene, builders
+from .timing import in_turns
+
+LATER = ("friction", "bilateral", "surfaces")
+"""Flags of friction, equality constraints and moving surfaces, which must cost nothing where a scene has none."""
+
+REST = "rest, taken away"
+"""The part that costs more where it is left out: the trial of the last contact forces."""
+
+_OPTIONAL = ("detection", "convex", "faces", "passing", "turning", "inertia", *LATER)
+"""Flags of a plan that event-driven steps read."""
+_PENDULUM = """<mujoco model="pendulum"><option timestep=".005" integrator="RK4"/><worldbody><body>
+<joint type="hinge" axis="0 1 0"/><geom type="capsule" size=".02" fromto="0 0 0 0 0 -1" contype="0" conaffinity="0"/>
+</body></worldbody></mujoco>"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Omissions:
+    """Which scenes, how many steps from the start, for how long each."""
+
+    scenes: tuple[str, ...] = (
+        *("pendulum", "bouncing_ball", "cradle 5", "box_drop", "box at rest", "billiard_rack", "juggler"),
+    )
+    """Names from `benchmark_scenes`, or "pendulum", which nothing can touch."""
+    steps: int = 100
+    """Of each run, from the start."""
+    seconds: float = 2.0
+    """Processor time per scene."""
+
+
+def run(study: Omissions, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
+    """Return one row per scene and part left out.
+
+    Columns: planned_us and forced_us per step (means of a run, medians over runs), saved_us, ratio of forced to
+    planned; difference, the largest of the positions at the end, which a part that is not needed does not change.
+    """
+    table = []
+    for name in study.scenes:
+        table += _rows(study, _scene(name))
+        progress()
+    return pd.DataFrame(table)
+
+
+def _scene(name: str) -> Scene:
+    if name != "pendulum":
+        return builders((5,), (), full=True)[name]()
+    model = mujoco.MjModel.from_xml_string(_PENDULUM)
+    return Scene(name=name, model=model, law=Moreau(0.5), starts=((np.array([1.0]), np.zeros(1)),))
+
+
+def _rows(study: Omissions, scene: Scene) -> list[dict[str, object]]:
+    plan = make_plan(scene.model)
+    forced = {name: replace(plan, **{name: True}) for name in _OPTIONAL if not getattr(plan, name)}
+    if plan.rest:
+        forced[REST] = replace(plan, rest=False)
+    if not forced:
+        return []
+    runs = {name: _Run(study, scene, version) for name, version in {"planned": plan, **forced}.items()}
+    timed = in_turns({name: run.prepare for name, run in runs.items()}, seconds=study.seconds, clock=time.thread_time)
+    planned = timed.microseconds("planned") / study.steps
+    rows = []
+    for name in forced:
+        us = timed.microseconds(name) / study.steps
+        row: dict[str, object] = {"scene": scene.name, "left_out": name}
+        row |= {"planned_us": planned, "forced_us": us, "saved_us": us - planned, "ratio": timed.ratio(name, "planned")}
+        rows.append(row | {"difference": float(np.abs(runs[name].data.qpos - runs["planned"].data.qpos).max())})
+    return rows
+
+
+class _Run:
+    """Steps of one scene by one plan, from the start."""
+
+    def __init__(self, study: Omissions, scene: Scene, plan: Plan):
+        self._scene, self._steps = scene, study.steps
+        self.data = mujoco.MjData(scene.model)
+        collider = Collider(scene.law, MaximalDissipation(), "raise", 100, "auto")
+        self._step = RigidStepping(scene.model, collider, plan, exact=True, gap_tolerance=GAP_TOLERANCE).step
+
+    def prepare(self) -> list[Callable[[], object]]:
+        """Go back to the start; return the run."""
+        self._scene.begin(self.data, self._scene.starts[0], self._step)
+        return [lambda: [self._step(self.data) for _ in range(self._steps)]]

@@ -1,0 +1,220 @@
+"""What a rigid and a soft step cost against `mj_step`, on the same scene, integrator and start, in one process.
+
+Rigid stepping and `mj_step` each follow their own motion from the same start, in alternating blocks of steps, because a
+state of one is no state of the other (soft contacts rest in penetration). Steps are told apart by what happens in
+them: "collision" (the law was asked), "contact" (something touches), "flight" (nothing does); "plain" are the last two
+together. A soft step is compared with `mj_step` from a copy of its own state: without a collision the two do the same
+to the last bit.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from itertools import cycle
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+import pandas as pd
+
+from impactlaw import ImpactLawError, Stepper, read_contacts
+
+from .scenes import Scene, builders
+from .timing import MICRO, no_collection
+
+ALL, PLAIN = "all", "plain"
+PHASES = ("flight", "contact", "collision")
+_TOGETHER = {ALL: PHASES, PLAIN: PHASES[:2]}
+FINE = "fine"
+_BLOCK = 10
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepCost:
+    """Which scenes to step, for how long."""
+
+    cradles: tuple[int, ...] = (5, 100, 1000)
+    """Balls of the cradles."""
+    environments: tuple[str, ...] = ("Ant-v5", "Humanoid-v5", "Hopper-v5", "Walker2d-v5")
+    """Ids of gymnasium's MuJoCo environments; rigid stepping ignores their friction."""
+    full: bool = True
+    """With every scene of models/, and cradle and box with Euler too."""
+    seconds: float = 2.0
+    """Time per scene and contact model."""
+    fewest: int = 20
+    """Steps that are taken whatever they cost."""
+
+
+class Costs:
+    """Microseconds of the steps of one kind, by phase, and how right the collisions were.
+
+    Attributes:
+        residual: the largest `Impact.residual`.
+        penetration: the largest of rigid contacts at the end of a step, m.
+        outcome: "fine", or why the stepping stopped.
+    """
+
+    def __init__(self):
+        self._by_phase: dict[str, list[float]] = {phase: [] for phase in PHASES}
+        self.steps = 0
+        self.residual = self.penetration = 0.0
+        self.outcome = FINE
+
+    def book(self, phase: str, seconds: float) -> None:
+        """Note one step."""
+        self._by_phase[phase].append(MICRO * seconds)
+        self.steps += 1
+
+    def check(self, stepper: Stepper) -> None:
+        """Note how right the collisions of the last step were."""
+        for event in stepper.events:
+            self.residual = max(self.residual, event.impact.residual)
+
+    def of(self, phase: str) -> np.ndarray:
+        """Return the times of a phase, of plain steps or of all, in microseconds."""
+        return np.concatenate([self._by_phase[name] for name in _TOGETHER.get(phase, (phase,))])
+
+
+class Turn(NamedTuple):
+    """One of the ways to step that take turns: its state, its step, what is noted after a step and booked later."""
+
+    data: mujoco.MjData
+    step: Callable[[mujoco.MjData], object]
+    note: Callable[[], Any]
+    book: Callable[[float, Any], None]
+
+
+def names(study: StepCost) -> list[str]:
+    """Return the scenes to come."""
+    return list(builders(study.cradles, study.environments, full=study.full))
+
+
+def run(study: StepCost, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
+    """Return one row per scene, contact model and phase.
+
+    Columns: steps (of the contact model in that phase), median_us, mean_us; mj_steps, mj_median_us, mj_mean_us of
+    `mj_step` in the same phase, or over all of its steps where it never is in that phase; ratio of the medians and
+    mean_ratio; residual and penetration, the largest of the motion, m; outcome, "fine" or why the stepping stopped.
+    The phase "plain" is all without a collision, "all" the whole motion.
+    """
+    table = []
+    for build in builders(study.cradles, study.environments, full=study.full).values():
+        scene = build()
+        for contact_model, measure in (("rigid", _own_motions), ("soft", _same_states)):
+            costs, bare = measure(study, scene)
+            table += _rows(scene, contact_model, costs, bare)
+        progress()
+    return pd.DataFrame(table)
+
+
+def _own_motions(study: StepCost, scene: Scene) -> tuple[Costs, Costs]:
+    """Step rigidly and by `mj_step`, each from the start on its own."""
+    model = scene.model
+    stepper = Stepper(model, scene.law, friction=scene.friction)
+    rigid, bare, seen = mujoco.MjData(model), mujoco.MjData(model), mujoco.MjData(model)
+    costs, bare_costs = Costs(), Costs()
+
+    def note() -> tuple[np.ndarray, bool]:
+        costs.check(stepper)
+        return rigid.qpos.copy(), bool(stepper.events)
+
+    def book(seconds: float, noted: tuple[np.ndarray, bool]) -> None:
+        seen.qpos[:], collided = noted
+        gap = read_contacts(model, seen).gap
+        costs.book("collision" if collided else "contact" if len(gap) else "flight", seconds)
+        costs.penetration = max(costs.penetration, -float(gap.min(initial=0.0)))
+
+    def book_bare(seconds: float, contacts: int) -> None:
+        bare_costs.book("contact" if contacts else "flight", seconds)
+
+    turns: list[Turn] = [
+        Turn(rigid, stepper.step, note, book),
+        Turn(bare, partial(mujoco.mj_step, model), lambda: bare.ncon, book_bare),
+    ]
+    end = time.perf_counter() + study.seconds
+    try:
+        for start in cycle(scene.starts):
+            for turn in turns:
+                scene.begin(turn.data, start, turn.step)
+            for first in range(0, scene.episode, _BLOCK):
+                turns.reverse()
+                for turn in turns:
+                    _take(scene, turn, range(first, first + _BLOCK))
+                if costs.steps >= study.fewest and time.perf_counter() > end:
+                    return costs, bare_costs
+    except ImpactLawError as error:
+        costs.outcome = f"{type(error).__name__}: {error}"
+    return costs, bare_costs
+
+
+def _take(scene: Scene, turn: Turn, numbers: range) -> None:
+    """Take steps; book them afterwards, so that looking at contacts leaves the processor's caches to the steps."""
+    taken = []
+    for number in numbers:
+        scene.drive(turn.data, number)
+        seconds = timed(turn.step, turn.data)
+        taken.append((seconds, turn.note()))
+    for seconds, noted in taken:
+        turn.book(seconds, noted)
+
+
+def _same_states(study: StepCost, scene: Scene) -> tuple[Costs, Costs]:
+    """Take every step of a soft motion by `mj_step` too, from a copy of the state, in alternating order."""
+    model = scene.model
+    stepper = Stepper(model, scene.law, contact_model="soft")
+    soft, copy = mujoco.MjData(model), mujoco.MjData(model)
+    costs, bare_costs = Costs(), Costs()
+    bare_step = partial(mujoco.mj_step, model)
+    end = time.perf_counter() + study.seconds
+    try:
+        for start in cycle(scene.starts):
+            scene.begin(soft, start, stepper.step)
+            for number in range(scene.episode):
+                scene.drive(soft, number)
+                mujoco.mj_copyData(copy, model, soft)
+                bare_first = timed(bare_step, copy) if number % 2 else None
+                seconds = timed(stepper.step, soft)
+                bare_seconds = bare_first if bare_first is not None else timed(bare_step, copy)
+                phase = "collision" if stepper.events else "contact" if soft.ncon else "flight"
+                costs.book(phase, seconds)
+                bare_costs.book(phase, bare_seconds)
+                costs.check(stepper)
+                if costs.steps >= study.fewest and time.perf_counter() > end:
+                    return costs, bare_costs
+    except ImpactLawError as error:
+        costs.outcome = f"{type(error).__name__}: {error}"
+    return costs, bare_costs
+
+
+def timed(
+    step: Callable[[mujoco.MjData], object],
+    data: mujoco.MjData,
+    clock: Callable[[], float] = time.perf_counter,
+) -> float:
+    """Return how long a step takes by a clock, s."""
+    with no_collection():
+        start = clock()
+        step(data)
+        return clock() - start
+
+
+def _rows(scene: Scene, contact_model: str, costs: Costs, bare: Costs) -> list[dict[str, object]]:
+    about = {"scene": scene.name, "integrator": scene.integrator, "nv": scene.model.nv, "contact_model": contact_model}
+    right = {"residual": costs.residual, "penetration": costs.penetration, "outcome": costs.outcome}
+    rows = []
+    for phase in (*PHASES, PLAIN, ALL):
+        ours = costs.of(phase)
+        if len(ours) == 0 and phase != ALL:
+            continue
+        theirs = bare.of("contact" if phase == "collision" and contact_model == "rigid" else phase)
+        theirs = theirs if len(theirs) else bare.of(ALL)
+        row: dict[str, object] = {"phase": phase, "steps": len(ours), "mj_steps": len(theirs)}
+        for name, statistic in (("median", np.median), ("mean", np.mean)):
+            one, other = (float(statistic(times)) if len(times) else np.nan for times in (ours, theirs))
+            ratio = "ratio" if name == "median" else "mean_ratio"
+            row |= {f"{name}_us": one, f"mj_{name}_us": other, ratio: one / other}
+        rows.append(about | row | right)
+    return rows

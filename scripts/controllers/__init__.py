@@ -1,0 +1,1 @@
+"""Scripted controllers of the environments."""

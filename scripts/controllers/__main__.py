@@ -1,0 +1,117 @@
+"""One scripted controller per environment, tuned to one impact law, and its score under others.
+
+Each controller knows the mechanics of its task and one law, and acts on observations only. Its score is the mean return
+of an episode; an environment counts as solved from the ``reward_threshold`` of its registration on. The same episodes
+(seeds) are played under every law, so that the law alone makes the difference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pandas as pd
+import tyro
+from tqdm import tqdm
+
+import impactlaw.envs  # noqa: F401  (registers the environments)
+
+from .scripted import CONTROLLERS, Controller
+
+LAWS: dict[str, tuple[tuple[str, float | None], ...]] = {
+    "NewtonsCradle-v0": (
+        ("reversal", 1.0),
+        ("reversal", 0.8),
+        ("moreau", 1.0),
+        ("moreau", 0.5),
+        ("maximal-dissipation", None),
+    ),
+    "Juggler-v0": (("newton", 0.8), ("newton", 1.0), ("newton", 0.9), ("newton", 0.5), ("maximal-dissipation", None)),
+    "Billiards-v0": (
+        ("moreau", 0.95),
+        ("moreau", 0.8),
+        ("moreau", 0.5),
+        ("maximal-dissipation", None),
+        ("reversal", 0.95),
+    ),
+    "RockingBlock-v0": (("moreau", 0.0), ("moreau", 0.5), ("moreau", 1.0), ("reversal", 0.8), ("reversal", 1.0)),
+}
+"""Laws that a controller is played under; it is tuned to the first one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """Scores of the scripted controllers under several laws."""
+
+    episodes: int = 10
+    """Episodes per environment and law."""
+    seed: int = 0
+    """Seed of the first episode; the others count up."""
+    environments: tuple[str, ...] = tuple(LAWS)
+    """Which environments."""
+
+
+def run(study: Study, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
+    """Play all episodes and return one row per environment and law.
+
+    Columns: environment, law, restitution, tuned (whether the controller was), score (mean return), lowest, highest,
+    threshold, solved.
+    """
+    rows = []
+    for name in study.environments:
+        for i, (law, restitution) in enumerate(LAWS[name]):
+            returns = []
+            for episode in range(study.episodes):
+                returns.append(play(name, law, restitution, study.seed + episode))
+                progress()
+            threshold = gymnasium.spec(f"impactlaw/{name}").reward_threshold
+            assert threshold is not None
+            score = float(np.mean(returns))
+            row: dict[str, object] = {"environment": name, "law": law, "restitution": restitution, "tuned": i == 0}
+            row |= {"score": score, "lowest": min(returns), "highest": max(returns)}
+            rows.append(row | {"threshold": threshold, "solved": score >= threshold})
+    return pd.DataFrame(rows)
+
+
+def play(name: str, law: str, restitution: float | None, seed: int, controller: Controller | None = None) -> float:
+    """Play one episode and return the sum of its rewards.
+
+    Args:
+        name: of the environment, without namespace.
+        law: that the environment is under.
+        restitution: of that law.
+        seed: of the episode.
+        controller: the one tuned to the environment's first law if not given.
+    """
+    controller = CONTROLLERS[name]() if controller is None else controller
+    env = gymnasium.make(f"impactlaw/{name}", law=law, restitution=restitution)
+    observation, _ = env.reset(seed=seed)
+    total, over = 0.0, False
+    while not over:
+        observation, reward, terminated, truncated, _ = env.step(np.atleast_1d(controller(observation)))
+        total += float(reward)
+        over = terminated or truncated
+    env.close()
+    return total
+
+
+def main(study: Study, csv: Path | None = None) -> None:
+    """Print the table.
+
+    Args:
+        study: what to play.
+        csv: also write the table to this file.
+    """
+    total = study.episodes * sum(len(LAWS[name]) for name in study.environments)
+    with tqdm(total=total, unit="episode", disable=None) as bar:
+        table = run(study, bar.update)
+    print(table.to_string(index=False, float_format=lambda x: f"{x:.3g}", na_rep="-"))
+    if csv is not None:
+        table.to_csv(csv, index=False)
+
+
+if __name__ == "__main__":
+    tyro.cli(main, config=(tyro.conf.OmitArgPrefixes,))

@@ -1,0 +1,1 @@
+"""Random collisions, with friction and without."""

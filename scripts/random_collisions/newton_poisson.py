@@ -1,0 +1,71 @@
+"""How often Newton's and Poisson's laws leave S, gain energy and have distant effects, in random collisions.
+
+A collision has 2 to 4 degrees of freedom and 2 to 4 contacts, whose gradients, mass matrix and velocity are drawn from
+normal distributions, and one coefficient per contact, uniform in [0, 1]. "Some close, others open" keeps those with
+both kinds of contacts; "all close" turns every gradient so that its contact closes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import tyro
+
+from impactlaw import Collision, ImpactLawError, Newton, Poisson
+
+_ROUNDING = 1e-9  # part of |v-| that counts as a violation
+
+
+def random_collision(rng: np.random.Generator, *, closing: bool) -> Collision:
+    """Return a collision of which all contacts close, or some close and others open."""
+    while True:
+        nv, h = rng.integers(2, 5, 2)
+        root, J, v = rng.normal(size=(nv, nv)), rng.normal(size=(h, nv)), rng.normal(size=nv)
+        gamma = J @ v
+        if closing:
+            J = -np.sign(gamma)[:, None] * J
+        elif not (gamma.min() < 0 < gamma.max()):
+            continue
+        return Collision(root @ root.T + 0.1 * np.eye(nv), J, v)
+
+
+def shares(count: int, seed: int, *, closing: bool) -> pd.DataFrame:
+    """Return one row per law: the shares of collisions that it refuses, and of the others; and the largest gain.
+
+    Columns: refused, penetrates, gains (energy), distant (effects), largest_gain, the energetic violation over |v-|.
+    """
+    rows = []
+    for k in range(count):
+        rng = np.random.default_rng([seed, k])
+        collision = random_collision(rng, closing=closing)
+        e = list(rng.uniform(size=len(collision.labels)))
+        for law in (Newton(e), Poisson(e)):
+            row: dict[str, object] = {"law": type(law).__name__, "refused": True}
+            try:
+                impact = law.resolve(collision)
+            except ImpactLawError:
+                rows.append(row)
+                continue
+            kinematic, gain = (
+                x / collision.pre_speed for x in (impact.violations.kinematic, impact.violations.energetic)
+            )
+            row |= {"refused": False, "penetrates": float(kinematic > _ROUNDING), "gains": float(gain > _ROUNDING)}
+            rows.append(row | {"distant": float(impact.has_distant_effect), "largest_gain": gain})
+    told = dict.fromkeys(("refused", "penetrates", "gains", "distant"), "mean")
+    return pd.DataFrame(rows).groupby("law").agg({**told, "largest_gain": "max"})
+
+
+def main(count: int = 20_000, seed: int = 0) -> None:
+    """Draw collisions, resolve them by both laws, and print the shares.
+
+    Args:
+        count: how many of each kind.
+        seed: of the first one.
+    """
+    for kind, closing in (("some close, others open", False), ("all close", True)):
+        table = shares(count, seed, closing=closing)
+        print(f"{kind}\n{table.to_string(float_format=lambda x: f'{x:.2g}')}\n")
+
+
+if __name__ == "__main__":
+    tyro.cli(main, description=__doc__)

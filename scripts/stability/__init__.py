@@ -1,0 +1,1 @@
+"""Extreme and stiff cases, each with its verdict."""

@@ -1,0 +1,138 @@
+"""Stability: extreme and stiff cases under every law and solver, each with its verdict and the one it should have.
+
+A verdict is computed from the study's own measurements (`stability_verdicts`), never from what the package says of its
+own result: "right", "refused" (a typed error), "WRONG" (a silent error), "NaN", "HANGS" (over the case's time budget),
+"CRASHES" (any other exception, or a floating-point warning). Every row runs in a process of its own. The exit code is 1
+if any verdict is not the expected one.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from fnmatch import fnmatch
+from pathlib import Path
+
+import pandas as pd
+import tyro
+from tqdm import tqdm
+
+from scripts import machine
+
+from .cases import CASES
+from .verdicts import REFUSED, Case
+from .worker import Task, Worker
+
+MEASURED = ("residual", "energy", "penetration", "deviation")
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Which cases to run."""
+
+    quick: bool = False
+    """Shorten the long cases; under a minute, and what the tests run."""
+    cases: tuple[str, ...] = ("*",)
+    """Names of cases, or patterns such as "stack*"."""
+
+
+def select(study: Stability) -> list[Case]:
+    """Return the cases that the study names.
+
+    Raises:
+        ValueError: a pattern that no case matches.
+    """
+    for pattern in study.cases:
+        if not any(fnmatch(name, pattern) for name in CASES):
+            raise ValueError(f"no case matches {pattern!r}; known: {', '.join(CASES)}")
+    return [case for name, case in CASES.items() if any(fnmatch(name, pattern) for pattern in study.cases)]
+
+
+def run(study: Stability, progress: Callable[[str], object] = lambda name: None) -> pd.DataFrame:
+    """Run the cases and return one row per case, law and solver.
+
+    Columns: case, kind, law, solver, verdict, expected, as_expected, reason, expected_reason, residual, energy,
+    penetration, deviation, collisions, seconds, note.
+    """
+    with Worker() as worker:
+        rows = []
+        for case in select(study):
+            rows += run_case(case, study.quick, worker)
+            progress(case.name)
+    return pd.DataFrame(rows)
+
+
+def run_case(case: Case, quick: bool, worker: Worker) -> list[dict[str, object]]:
+    """Run one case under its laws, with its solvers, and return its rows."""
+    rows = []
+    for law in case.laws:
+        for solver in case.solvers:
+            outcome = worker.run(Task(case.name, law, solver, quick), case.budget)
+            expected = case.expects(law, solver)
+            found, m = outcome.verdict, outcome.measurement
+            fits = expected.fits(found, outcome.reason)
+            row: dict[str, object] = {"case": case.name, "kind": case.kind, "law": law, "solver": solver}
+            row |= {"verdict": found, "expected": expected.verdict, "as_expected": fits}
+            row |= {"reason": outcome.reason, "expected_reason": expected.reason}
+            row |= {name: float("nan") if m is None else getattr(m, name) for name in MEASURED}
+            row |= {"collisions": 0 if m is None else m.collisions, "seconds": outcome.seconds}
+            notes = (m.note if m else "", case.shortened if quick else "")
+            rows.append(row | {"note": "; ".join(filter(None, notes))})
+    return rows
+
+
+def format_table(table: pd.DataFrame) -> str:
+    """Return one line per case with its verdicts and worst numbers; then what is not as expected, and the refusals."""
+    cases = [
+        {"case": name, "verdicts": ", ".join(f"{count} {verdict}" for verdict, count in _counted(rows.verdict))}
+        | {column: rows[column].max() for column in (*MEASURED, "seconds", "note")}
+        for name, rows in table.groupby("case", sort=False)
+    ]
+    refused = table.loc[(table.verdict == REFUSED) & table.as_expected]
+    unexpected = table.loc[~table.as_expected].drop_duplicates(["case", "verdict", "expected"])
+    lines = [pd.DataFrame(cases).to_string(index=False, float_format=lambda x: f"{x:.1e}", na_rep="-")]
+    for row in unexpected.to_dict("records"):
+        where = f"{row['case']}, {row['law']}, {row['solver']}"
+        lines.append(f"NOT AS EXPECTED: {row['verdict']} instead of {row['expected']}: {where}: {row['reason']}")
+    if len(refused):
+        reasons = refused.groupby(["solver", "expected_reason"]).agg(cases=("case", "nunique"), rows=("case", "size"))
+        lines += ["", "refused, as expected:", reasons.to_string()]
+    return "\n".join(lines)
+
+
+def _counted(found: pd.Series) -> list[tuple[str, int]]:
+    return [(str(verdict), int(count)) for verdict, count in found.value_counts().items()]
+
+
+def main(study: Stability, out: Path = Path("out/stability")) -> None:
+    """Run the study, print its table, and write every row as CSV, with the machine beside it.
+
+    Args:
+        study: what to run.
+        out: folder for stability.csv.
+    """
+    try:
+        chosen = select(study)
+    except ValueError as error:
+        sys.exit(str(error))
+    with tqdm(total=len(chosen), disable=None, unit="case") as bar:
+
+        def progress(name: str) -> None:
+            bar.set_postfix_str(name, refresh=False)
+            bar.update()
+
+        table = run(study, progress)
+    out.mkdir(parents=True, exist_ok=True)
+    table.to_csv(out / "stability.csv", index=False)
+    print(format_table(table))
+    unexpected = table[~table.as_expected]
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in _counted(table.verdict))
+    print(f"\n{len(table)} rows of {table.case.nunique()} cases: {counts}; {len(unexpected)} not as expected")
+    print(f"every row: {out / 'stability.csv'}; {machine.one_line()}")
+    (out / "machine.txt").write_text(machine.one_line() + "\n")
+    sys.exit(1 if len(unexpected) else 0)
+
+
+if __name__ == "__main__":
+    tyro.cli(main, description=__doc__, config=(tyro.conf.OmitArgPrefixes,))

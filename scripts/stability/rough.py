@@ -1,0 +1,305 @@
+"""The cases of the stability study with friction, on surfaces that move too, and with welds.
+
+A body that stops within a timestep h stops late by up to mu g h^2 / 8: its friction acts through all of that step.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+
+from .verdicts import Case, Limits, Measurement
+from .watch import Watch, coefficient, compiled
+
+G = 9.81
+LAWS = ("maximal-dissipation", "moreau 0.5", "newton 0.3")
+ONE = ("moreau 0.5",)  # where nothing collides
+THROWN = ("moreau 0.5", "newton 0.3", "moreau 1")
+_STEP = 2e-3
+_DRIVEN = "driven: energy of collisions only"
+
+
+def _numbers(*values: float) -> str:
+    return " ".join(f"{x:.17g}" for x in values)
+
+
+def _box(
+    name: str, pos: str, mu: float, *, size: str = ".1 .1 .1", mass: float = 1.0, euler: str = "0 0 0", more: str = ""
+) -> str:
+    return f"""<body name="{name}" pos="{pos}" euler="{euler}"><freejoint/>
+        <geom name="{name}" type="box" size="{size}" mass="{mass!r}" friction="{mu!r}" {more}/></body>"""
+
+
+def _floor(mu: float, more: str = "") -> str:
+    return f'<geom name="floor" type="plane" size="9 9 1" friction="{mu!r}" {more}/>'
+
+
+def _option(timestep: float = _STEP) -> str:
+    return f'gravity="0 0 {-G}" timestep="{timestep!r}" integrator="RK4"'
+
+
+# --- at rest, sliding, thrown ----------------------------------------------------------------------------------------
+
+
+def _incline(
+    mu: float, steepness: float, masses: tuple[float, ...], timestep: float, law: str, solver: str, quick: bool
+) -> Measurement:
+    """Boxes on each other on a slope of ``steepness`` times the friction angle; deviation in m from the closed form."""
+    angle = steepness * np.arctan(mu)
+    turn = _numbers(0.0, float(np.degrees(angle)), 0.0)
+    along, across = np.array([np.cos(angle), 0.0, -np.sin(angle)]), np.array([np.sin(angle), 0.0, np.cos(angle)])
+    world = _floor(mu, f'euler="{turn}"')
+    for i, mass in enumerate(masses):
+        world += _box(f"box{i}", _numbers(*((0.1 + 0.2 * i) * across)), mu, mass=mass, euler=turn)
+    watch = Watch(compiled(_option(timestep), world), law)
+    start = watch.data.qpos.copy()
+    slide = max(G * (np.sin(angle) - mu * np.cos(angle)), 0.0)
+    for _ in range(150 if quick else min(round(10.0 / timestep), 5000)):
+        watch.step()
+        moved = (watch.data.qpos - start).reshape(-1, 7)
+        moved[:, :3] -= 0.5 * slide * watch.data.time**2 * along
+        watch.deviates(float(np.abs(moved).max()))
+    return watch.measurement(energy_scale=G * 0.2 * sum(masses))
+
+
+def _stack(n: int, law: str, solver: str, quick: bool) -> Measurement:
+    """Boxes with friction at rest on each other; deviation is how far any moves, m."""
+    world = _floor(0.5) + "".join(_box(f"box{i}", _numbers(0.0, 0.0, 0.1 + 0.2 * i), 0.5) for i in range(n))
+    watch = Watch(compiled(_option(), world), law)
+    start = watch.data.qpos.copy()
+    for _ in range(30 if quick else 5000):
+        watch.step()
+        watch.deviates(float(np.abs(watch.data.qpos - start).max()))
+    watch.deviates(float(np.abs(watch.data.qvel).max()))
+    return watch.measurement(energy_scale=G * n * n / 10)
+
+
+def _sliding(mu: float, law: str, solver: str, quick: bool) -> Measurement:
+    """A plate slides on the floor and stops after 0.299 s; deviation in m from the closed form."""
+    stop = 0.299
+    speed = mu * G * stop
+    watch = Watch(compiled(_option(), _floor(mu) + _box("plate", "0 0 .01", mu, size=".2 .2 .01")), law)
+    watch.data.qvel[:2] = 0.6 * speed, 0.8 * speed
+    for _ in range(160):
+        watch.step()
+        t = min(watch.data.time, stop)
+        x = speed * t - 0.5 * mu * G * t**2
+        watch.deviates(float(np.abs(watch.data.qpos[:3] - [0.6 * x, 0.8 * x, 0.01]).max()))
+    return watch.measurement(energy_scale=0.5 * speed**2)
+
+
+def _thrown(mu: float, ratio: float, law: str, solver: str, quick: bool) -> Measurement:
+    """A spinning box is thrown at another one that lies on the floor: collisions with friction of several contacts."""
+    world = _floor(mu) + _box("low", "0 0 .1", mu) + _box("high", ".05 .02 .4", mu, mass=ratio, euler="20 30 40")
+    watch = Watch(compiled(_option(), world), law)
+    watch.data.qvel[6:] = -1.0, 0.5, -2.0, 3.0, -5.0, 8.0
+    watch.step(100 if quick else 500)
+    note = f"restitution scaled down in {watch.scaled} collisions" if watch.scaled else ""
+    return watch.measurement(energy_scale=max(ratio, 1.0), note=note)
+
+
+def _coin(law: str, solver: str, quick: bool) -> Measurement:
+    """A coin spins and rolls on its rim until it lies: the contact point runs round faster than the coin moves."""
+    world = f"""{_floor(0.3)}<body pos="0 0 .2"><freejoint/>
+        <geom name="coin" type="cylinder" size=".1 .005" mass="1" friction=".3"/></body>"""
+    watch = Watch(compiled(_option(), world), law)
+    watch.data.qpos[3:7] = np.cos(0.5), np.sin(0.5), 0.0, 0.0
+    watch.data.qvel[3:] = 0.3, 2.0, 10.0
+    slowest = 0.0
+    for _ in range(100 if quick else 800):
+        start = time.perf_counter()
+        watch.step()
+        slowest = max(slowest, time.perf_counter() - start)
+    return watch.measurement(
+        energy_scale=2.2, note=f"{watch.collisions} collisions, slowest step {1e3 * slowest:.0f} ms"
+    )
+
+
+def _rod(mu: float, slope: float, law: str, solver: str, quick: bool) -> Measurement:
+    """A slender rod slides on one end and leans so that sliding has no solution (Painleve): friction jams it at once.
+
+    Deviation is that of its rate of turning after the first step, rad/s, from that of the end caught: angular momentum
+    about it is kept. Gravity changes this by less than g h.
+    """
+    angle = np.arctan(slope)
+    x, z, inertia, radius = np.cos(angle), np.sin(angle), 1 / 3, 0.01
+    world = f"""{_floor(mu)}<body pos="{_numbers(0.0, 0.0, z + radius)}"><joint type="slide" axis="1 0 0"/>
+        <joint type="slide" axis="0 0 1"/><joint type="hinge" axis="0 1 0"/>
+        <inertial pos="0 0 0" mass="1" diaginertia="{_numbers(1e-9, inertia, inertia)}"/>
+        <geom name="tip" size="{radius}" pos="{_numbers(x, 0.0, -z)}" friction="{mu!r}"/>
+        <geom name="end" size="{radius}" pos="{_numbers(-x, 0.0, z)}" friction="{mu!r}"/></body>"""
+    watch = Watch(compiled(_option(1e-3), world), law)
+    watch.data.qvel[0] = 2.0
+    watch.step()
+    caught = 2.0 * (z + radius) / (inertia + x**2 + (z + radius) ** 2)
+    watch.deviates(abs(watch.data.qvel[2] - caught))
+    watch.step(200 if quick else 2000)
+    return watch.measurement(energy_scale=2.0, note=f"T+/T- = {0.5 * caught * (z + radius):.3f} where it jams")
+
+
+# --- surfaces that move ----------------------------------------------------------------------------------------------
+
+
+def _shaken(strength: float, timestep: float, law: str, solver: str, quick: bool) -> Measurement:
+    """A table shakes sideways with ``strength`` times the acceleration that friction can give a box on it.
+
+    Deviation in m from the box's place on the table; of its height only where it slides.
+    """
+    mu, omega = 0.5, 20.0
+    table = '<geom name="table" type="box" size="2 2 .1" pos="0 0 -.1" friction="0.5"/>'
+    world = f'<body name="table" mocap="true">{table}</body>' + _box("box", "0 0 .1", mu)
+    watch = Watch(compiled(_option(timestep), world), law)
+    watch.step()
+    begin = watch.data.time
+    for _ in range(round((0.5 if quick else 10.0) / timestep)):
+        t = watch.data.time + timestep - begin
+        swing = min(t / 0.5, 1.0)  # its acceleration may not jump: that costs a h^2
+        grown = swing**3 * (10 - 15 * swing + 6 * swing**2)
+        watch.data.mocap_pos[0, 0] = strength * mu * G / omega**2 * grown * (1 - np.cos(omega * t))
+        watch.step()
+        off = watch.data.qpos[:3] - watch.data.mocap_pos[0] - [0.0, 0.0, 0.1]
+        watch.deviates(float(np.abs(off if strength < 1 else off[1:]).max()))
+    return watch.measurement(energy=0.0, note=_DRIVEN)
+
+
+def _belt(speed: float, law: str, solver: str, quick: bool) -> Measurement:
+    """A belt takes a box along, which has its speed v after v / (mu g); deviation in m from the closed form."""
+    mu = 0.3
+    world = _floor(mu, f'surfacevel="{speed} 0 0"') + _box("box", "0 0 .1", mu)
+    watch = Watch(compiled(_option(), world), law)
+    reached = speed / (mu * G)
+    for _ in range(round(1.2 * reached / _STEP) if quick else 5000):
+        watch.step()
+        t = watch.data.time
+        x = 0.5 * mu * G * min(t, reached) ** 2 + speed * max(t - reached, 0.0)
+        watch.deviates(float(np.abs(watch.data.qpos[:3] - [x, 0.0, 0.1]).max()))
+    return watch.measurement(energy=0.0, note=_DRIVEN)
+
+
+# --- with limits and welds -------------------------------------------------------------------------------------------
+
+
+def _limited(timestep: float, law: str, solver: str, quick: bool) -> Measurement:
+    """A block slides with friction, bounces off the limit of its joint and stops; deviation in m, closed form."""
+    mu, speed, end, e = 0.3, 2.0, 0.4, coefficient(law)
+    block = f'<geom name="box" type="box" size=".1 .1 .1" friction="{mu}"/>'
+    world = f"""{_floor(mu)}<body pos="0 0 .1"><joint name="x" type="slide" axis="1 0 0" range="-1 {end}"/>
+        <joint name="z" type="slide" axis="0 0 1"/>{block}</body>"""
+    watch = Watch(compiled(_option(timestep), world), law)
+    watch.data.qvel[0] = speed
+    a = mu * G
+    hit = (speed - np.sqrt(speed**2 - 2 * a * end)) / a
+    back = e * (speed - a * hit)
+    for _ in range(round(0.6 / timestep)):
+        watch.step()
+        t = watch.data.time
+        s = min(max(t - hit, 0.0), back / a)
+        x = speed * t - 0.5 * a * t * t if t < hit else end - back * s + 0.5 * a * s * s
+        watch.deviates(abs(watch.data.qpos[0] - x))
+    return watch.measurement(energy_scale=0.5 * speed**2)
+
+
+def _welded(n: int, law: str, solver: str, quick: bool) -> Measurement:
+    """A redundant chain of welded boxes is hit near its end at 100 m/s; deviation is relative, of the impulse.
+
+    The closed form is the collision of one rigid body.
+    """
+    light, at, edge = 0.7, np.array([-0.03, 0.05]), 0.2
+    world = f"""<body pos="{_numbers(*at, 0.85)}"><freejoint/><geom name="pin" size=".05" mass="{light}" condim="1"/>
+        </body>"""
+    no_friction = 'condim="1" contype="0"'
+    for i in range(n):
+        world += _box(f"b{i}", _numbers(edge * i, 0.0, 1.0), 0.5, mass=1.0 + i, more=no_friction)
+    pairs = [(i, k) for i in range(n) for k in (i + 1, i + 2) if k < n]
+    welds = "".join(f'<weld body1="b{i}" body2="b{k}"/>' for i, k in pairs)
+    watch = Watch(compiled('gravity="0 0 0" timestep="1e-3"', world, f"<equality>{welds}</equality>"), law)
+    watch.data.qvel[2] = 100.0
+    watch.step()
+    mass, where = 1.0 + np.arange(n), edge * np.arange(n)
+    center = mass @ where / mass.sum()
+    own = mass.sum() * edge**2 / 6
+    slack = 1 / light + 1 / mass.sum() + at[1] ** 2 / own + (at[0] - center) ** 2 / (own + mass @ (where - center) ** 2)
+    impulse = (1.0 + coefficient(law)) * 100.0 / slack
+    watch.deviates(abs(float(watch.events[0].impact.impulse[0]) / impulse - 1.0))
+    watch.step(50 if quick else 500)
+    return watch.measurement(energy=0.0, note="MuJoCo's welds give between collisions: energy of collisions only")
+
+
+# --- the cases -------------------------------------------------------------------------------------------------------
+
+
+def cases() -> list[Case]:
+    """Return the cases."""
+    return [*_resting(), *_moving(), *_on_moving_surfaces(), *_with_others()]
+
+
+def _case(
+    name: str,
+    measure: Callable[[str, str, bool], Measurement],
+    laws: tuple[str, ...],
+    *,
+    shortened: str = "",
+    **limits: float,
+) -> Case:
+    return Case(name, "stepping", measure, laws, limits=Limits(**limits), shortened=shortened, budget=300.0)
+
+
+def _resting() -> Iterator[Case]:
+    short = "150 steps instead of 5 000"
+    for steepness in (0.999, 1.001):
+        incline = partial(_incline, 0.5, steepness, (1.0,), _STEP)
+        yield _case(f"box on a slope of {steepness:g} friction angles", incline, ONE, shortened=short)
+    for timestep in (1e-4, 1e-3, 1e-2):
+        incline = partial(_incline, 0.5, 1.2, (1.0,), timestep)
+        yield _case(f"box that slides down a slope, timestep {timestep:g}", incline, ONE, shortened=short)
+    for power in (-3, -1, 1, 3):
+        incline = partial(_incline, 0.2, 0.999, (1.0, 10.0**power), _STEP)
+        yield _case(f"two boxes on a slope, mass ratio 1e{power:+d}", incline, ONE, shortened=short)
+    yield _case("stack of 5 boxes with friction", partial(_stack, 5), ONE, shortened="30 steps instead of 5 000")
+
+
+def _moving() -> Iterator[Case]:
+    for mu in (1e-3, 1e-2, 0.1, 1.0, 10.0):
+        late = max(1e-9, 1.01 * mu * G * _STEP**2 / 8)
+        yield _case(f"plate slides and stops, friction {mu:g}", partial(_sliding, mu), ONE, deviation=late)
+    short = "100 steps instead of 500"
+    order = 2e-5  # a body that turns about contacts that stick, contact points that jump: energy is not exact
+    for mu in (1e-3, 1e-2, 0.1, 1.0, 10.0):
+        thrown = partial(_thrown, mu, 1.0)
+        yield _case(f"box thrown at another, friction {mu:g}", thrown, THROWN, shortened=short, energy=order)
+    for power in (-3, 3):
+        thrown = partial(_thrown, 0.5, 10.0**power)
+        yield _case(f"box thrown at another, mass ratio 1e{power:+d}", thrown, THROWN, shortened=short, energy=order)
+    laws = ("maximal-dissipation", "moreau 0.5")
+    yield _case("coin that rolls on its rim", _coin, laws, shortened="100 steps instead of 800", energy=1e-3)
+    for mu, slope in ((3.0, 1.0), (3.0, 2.0), (10.0, 2.0)):
+        rod = partial(_rod, mu, slope)
+        title = f"rod that jams (Painleve), friction {mu:g}, slope {slope:g}"
+        yield _case(title, rod, LAWS, shortened="200 steps instead of 2 000", energy=2e-6, deviation=1e-3 * G)
+
+
+def _on_moving_surfaces() -> Iterator[Case]:
+    short = "0.5 s instead of 10 s"
+    for strength in (0.7, 2.0):
+        for timestep in (2e-3, 1e-2):
+            shaken = partial(_shaken, strength, timestep)
+            late = 0.27 * strength * 0.5 * G * timestep**2 if strength < 1 else 1e-9  # a h^2 / 4, it does not grow
+            title = f"box on a shaken table, {strength:g} of what friction holds, timestep {timestep:g}"
+            yield _case(title, shaken, ONE, shortened=short, deviation=late)
+    for speed in (0.1, 2.0):
+        late = 1.01 * 0.3 * G * _STEP**2 / 8
+        belt = partial(_belt, speed)
+        yield _case(f"belt at {speed:g} m/s takes a box along", belt, ONE, shortened="until it rests", deviation=late)
+
+
+def _with_others() -> Iterator[Case]:
+    for timestep in (1e-3, 1e-2):
+        late = 1.01 * 0.3 * G * timestep**2 / 8
+        yield _case(
+            f"friction and a joint limit, timestep {timestep:g}", partial(_limited, timestep), LAWS, deviation=late
+        )
+    short = "50 steps instead of 500"
+    yield _case("redundant chain of welds hit at 100 m/s", partial(_welded, 5), LAWS, shortened=short)

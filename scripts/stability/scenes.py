@@ -1,0 +1,209 @@
+"""The cases of the stability study with many bodies, stiff forces, thin bodies and changing contacts."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+
+from impactlaw.models import builder
+
+from .verdicts import REFUSED, Case, Expected, Limits, Measurement
+from .watch import Watch, coefficient, compiled
+
+G = 9.81
+LAWS = ("maximal-dissipation", "moreau 0.5", "moreau 1", "newton 0.3")
+_FLOOR = '<geom name="floor" type="plane" size="1 1 1" condim="1"/>'
+
+
+# --- stacks ----------------------------------------------------------------------------------------------------------
+
+
+def _stack(n: int, ratio: float, law: str, solver: str, quick: bool) -> Measurement:
+    """Free boxes at rest on each other; deviation is how far any moves, m."""
+    world = _FLOOR + "".join(
+        f'<body pos="0 0 {0.125 + 0.25 * i}"><freejoint/><geom name="box{i}" type="box" size=".125 .125 .125" '
+        f'mass="{ratio ** (i % 2)}" condim="1"/></body>'
+        for i in range(n)
+    )
+    model = compiled(f'gravity="0 0 {-G}" timestep="2e-3" integrator="RK4" ', world)
+    watch = Watch(model, law)
+    start = watch.data.qpos.copy()
+    for _ in range((1 if n > 50 else 3) if quick and n > 10 else 10):
+        watch.step()
+        watch.deviates(float(np.abs(watch.data.qpos - start).max()))
+    watch.deviates(float(np.abs(watch.data.qvel).max()))
+    return watch.measurement(energy_scale=G * n * n / 8)
+
+
+def _dropped_stack(n: int, law: str, solver: str, quick: bool) -> Measurement:
+    """A column of balls in touch falls on the floor; deviation is the rest of velocity, m/s, where it must rest."""
+    model = builder.stack(n, drop=0.05, radius=0.125).compile()
+    watch = Watch(model, law)
+    watch.step(40 if quick else 400)
+    if law == "maximal-dissipation":
+        watch.deviates(float(np.abs(watch.data.qvel).max()))
+    return watch.measurement(energy_scale=G * n * 0.05)
+
+
+# --- stiff forces ----------------------------------------------------------------------------------------------------
+
+
+def _actuator(integrator: str, timestep: float, law: str, solver: str, quick: bool) -> Measurement:
+    """A position actuator of kp = 1e6 N/m drives a block 0.1 m into a wall; it must rest there: deviation in m, m/s."""
+    world = """<geom name="wall" type="box" size=".1 1 1" pos="1 0 0" condim="1"/>
+        <body><joint name="x" type="slide" axis="1 0 0"/>
+        <geom name="block" type="box" size=".1 .1 .1" condim="1" mass="1"/></body>"""
+    rest = '<actuator><position joint="x" kp="1e6" dampratio="1"/></actuator>'
+    model = compiled(f'gravity="0 0 0" timestep="{timestep}" integrator="{integrator}"', world, rest)
+    watch = Watch(model, law)
+    watch.data.ctrl[0] = 0.9
+    watch.step(round(0.03 / timestep) + 7 if quick else round(0.1 / timestep) + 40)
+    watch.deviates(abs(watch.data.qpos[0] - 0.8))
+    watch.deviates(abs(watch.data.qvel[0]))
+    return watch.measurement(energy=0.0, note="driven: energy of collisions only")
+
+
+def _equality(kind: str, stiffness: str, contact_model: str, law: str, solver: str, quick: bool) -> Measurement:
+    """Two balls held together by a stiff equality fall on the floor; deviation is how far it gives, m."""
+    equality = {
+        "weld": f'<weld body1="a" body2="b" solref="{stiffness}"/>',
+        "connect": f'<connect body1="a" body2="b" anchor=".15 0 0" solref="{stiffness}"/>',
+    }[kind]
+    world = _FLOOR + "".join(
+        f'<body name="{name}" pos="{x} 0 {z}"><freejoint/><geom name="{name}" size=".1" mass="1" condim="1"/></body>'
+        for name, x, z in (("a", 0.0, 0.3), ("b", 0.3, 0.5))
+    )
+    model = compiled(f'gravity="0 0 {-G}" timestep="1e-3"', world, f"<equality>{equality}</equality>")
+    watch = Watch(model, law, contact_model=contact_model)
+    apart = np.linalg.norm(watch.data.qpos[7:10] - watch.data.qpos[:3])
+    for _ in range(300 if quick else 1000):
+        watch.step()
+        if kind == "weld":
+            watch.deviates(abs(float(np.linalg.norm(watch.data.qpos[7:10] - watch.data.qpos[:3]) - apart)))
+        else:
+            watch.deviates(watch.equality_error())
+    return watch.measurement(energy_scale=2 * G * 0.3)
+
+
+# --- thin and fast ---------------------------------------------------------------------------------------------------
+
+
+def _plate(half: float, kind: str, law: str, solver: str, quick: bool) -> Measurement:
+    """A ball of 5 mm hits a plate at 1 km/s with a timestep of 10 ms; deviation in m from the closed form."""
+    speed, radius, start = 1000.0, 0.005, 0.6
+    corners = " ".join(f"{x} {y} {z}" for x in (-1, 1) for y in (-1, 1) for z in (-half, half))
+    rest = f'<asset><mesh name="slab" vertex="{corners}"/></asset>' if kind == "mesh" else ""
+    shape = 'type="mesh" mesh="slab"' if kind == "mesh" else f'type="box" size="1 1 {half}"'
+    world = f"""<geom name="plate" {shape} condim="1"/><body pos=".13 .17 {start}"><freejoint/>
+        <geom name="ball" size="{radius}" condim="1"/></body>"""
+    watch = Watch(compiled('gravity="0 0 0" timestep="0.01"', world, rest), law)
+    watch.data.qvel[2] = -speed
+    watch.step(1)
+    hit = (start - radius - half) / speed
+    expected = radius + half + coefficient(law) * speed * (watch.data.time - hit)
+    watch.deviates(abs(watch.data.qpos[2] - expected))
+    return watch.measurement(energy_scale=0.5 * watch.model.body_mass[1] * speed**2)
+
+
+# --- contact sets that change at every step --------------------------------------------------------------------------
+
+
+def _sphere_points(n: int) -> str:
+    k = np.arange(n) + 0.5
+    polar, turn = np.arccos(1 - 2 * k / n), np.pi * (1 + 5**0.5) * k
+    points = 0.1 * np.column_stack([np.cos(turn) * np.sin(polar), np.sin(turn) * np.sin(polar), np.cos(polar)])
+    return " ".join(f"{x:.6f}" for x in points.ravel())
+
+
+def _land(shape: str, hills: bool, law: str, solver: str, quick: bool) -> Measurement:
+    """A body moves over a height field, thrown at 1 m/s with a spin of 10 rad/s; 0.6 s."""
+    x, y = np.meshgrid(np.linspace(0, 1, 21), np.linspace(0, 1, 21))
+    heights = 0.5 + 0.5 * np.sin(9 * x) * np.sin(8 * y) if hills else np.zeros_like(x)
+    values = " ".join(f"{z:.6f}" for z in heights.ravel())
+    box = " ".join(f"{a} {b} {c}" for a in (-0.1, 0.1) for b in (-0.1, 0.1) for c in (-0.1, 0.1))
+    geom = {
+        "round mesh": 'type="mesh" mesh="round"',
+        "box mesh": 'type="mesh" mesh="box"',
+        "box": 'type="box" size=".1 .1 .1"',
+        "cylinder": 'type="cylinder" size=".1 .1"',
+    }[shape]
+    rest = f"""<asset><mesh name="round" vertex="{_sphere_points(42)}"/><mesh name="box" vertex="{box}"/>
+        <hfield name="land" nrow="21" ncol="21" size="2 2 .05 .1" elevation="{values}"/></asset>"""
+    world = f"""<geom name="land" type="hfield" hfield="land" condim="1"/><body pos="-1 .1 .2"><freejoint/>
+        <geom name="body" {geom} condim="1" mass="1"/></body>"""
+    watch = Watch(compiled(f'gravity="0 0 {-G}" timestep="2e-3" integrator="RK4"', world, rest), law)
+    watch.data.qvel[:] = 1.0, 0.2, 0.0, 0.0, 10.0 if hills else 0.0, 0.0
+    slowest = 0.0
+    for _ in range(100 if quick else 300):
+        start = time.perf_counter()
+        watch.step()
+        slowest = max(slowest, time.perf_counter() - start)
+    return watch.measurement(energy_scale=0.5 + G * 0.2, note=f"slowest step {1e3 * slowest:.0f} ms")
+
+
+# --- the cases -------------------------------------------------------------------------------------------------------
+
+
+def cases() -> list[Case]:
+    """Return the cases."""
+    return [*_stacks(), *_stiff(), *_plates(), *_lands()]
+
+
+def _stacks() -> Iterator[Case]:
+    for n in (10, 50, 200):
+        for ratio in (1, 1000) if n < 200 else (1,):
+            name = f"stack of {n} boxes at rest, mass ratio {ratio}"
+            limits = Limits(energy=1e-9, deviation=2e-9)
+            short = "" if n == 10 else f"{3 if n == 50 else 1} steps instead of 10"
+            laws = ("maximal-dissipation", "moreau 1") if n < 200 else ("moreau 1",)
+            yield Case(name, "stepping", partial(_stack, n, ratio), laws, limits=limits, shortened=short, budget=300.0)
+        limits = Limits(energy=1e-6, deviation=1e-9)
+        dropped = partial(_dropped_stack, n)
+        short = "40 steps instead of 400"
+        yield Case(
+            f"dropped column of {n} balls", "stepping", dropped, LAWS, limits=limits, shortened=short, budget=300.0
+        )
+
+
+def _stiff() -> Iterator[Case]:
+    for integrator in ("Euler", "implicitfast", "RK4"):
+        for timestep in (1e-4, 1e-3, 1e-2):
+            name = f"position actuator kp 1e6, {integrator}, {timestep:g} s"
+            short = "40 ms instead of 100 ms"
+            yield Case(name, "stepping", partial(_actuator, integrator, timestep), LAWS, shortened=short)
+    reason = "stiffer than MuJoCo integrates at this timestep: mj_step alone resets itself too"
+    unstable = Expected(REFUSED, reason, "DivergenceError")
+    for kind in ("weld", "connect"):
+        measure = partial(_equality, kind, "-1e5 -600", "rigid")
+        # Constraints of MuJoCo give; one that moves does work in a collision as a moving surface does.
+        limits = Limits(energy=2e-2, deviation=1e-3)
+        yield Case(f"stiff {kind} during impact, rigid", "stepping", measure, LAWS, limits=limits)
+        for stiffness, rules in (("-1e5 -600", ()), ("0.002 1", ()), ("-1e6 -2000", (unstable,))):
+            soft = partial(_equality, kind, stiffness, "soft")
+            limits = Limits(energy=2e-2, penetration=5e-3, deviation=5e-3)
+            short = "300 steps instead of 1 000"
+            name = f"stiff {kind} during impact, soft, solref {stiffness}"
+            yield Case(name, "stepping", soft, LAWS, expected=rules, limits=limits, shortened=short)
+
+
+def _plates() -> Iterator[Case]:
+    for half in (5e-3, 5e-4, 5e-5):
+        for kind in ("box", "mesh"):
+            limits = Limits(deviation=1e-7 if kind == "box" else 1e-5)
+            name = f"plate of {2e3 * half:g} mm ({kind}) hit at 1 km/s"
+            yield Case(name, "stepping", partial(_plate, half, kind), LAWS, limits=limits)
+
+
+def _lands() -> Iterator[Case]:
+    for shape in ("round mesh", "box mesh", "box", "cylinder"):
+        for hills in (True, False):
+            name = f"{shape} {'over a hilly' if hills else 'on a flat'} height field"
+            limits = Limits(energy=2e-3)  # contacts that jump let a body tip for one step: first order
+            short = "100 steps instead of 300"
+            run = partial(_land, shape, hills)
+            yield Case(
+                name, "stepping", run, ("maximal-dissipation", "moreau 0.5", "moreau 1"), limits=limits, shortened=short
+            )

@@ -1,0 +1,176 @@
+"""A scene that is stepped, and measured by MuJoCo's own means and the study's, not by the package's."""
+
+from __future__ import annotations
+
+import copy
+
+import mujoco
+import numpy as np
+
+from impactlaw import Fremond, FrictionImpact, ImpactEvent, Law, MaximalDissipation, Moreau, Newton, Stepper
+
+from .certificate import Sliding, certify
+from .verdicts import Measurement
+
+MOST = 100  # collisions of a step after which the stepper says that E = 0 ends it
+_EXTENDED = 64  # velocities up to which collisions are checked in extended precision; Python's is slow beyond
+
+
+def coefficient(law: str) -> float:
+    """Return e of a law by its name in the table."""
+    return 0.0 if law == "maximal-dissipation" else float(law.split()[-1])
+
+
+def law_of(law: str) -> Law:
+    """Return a law for any number of contacts by its name in the table: maximal-dissipation, or kind and e."""
+    kind = law.split()[0]
+    if kind == "maximal-dissipation":
+        return MaximalDissipation()
+    return {"moreau": Moreau, "newton": Newton, "reversal": Fremond.reversal}[kind](coefficient(law))
+
+
+def compiled(option: str, world: str, rest: str = "") -> mujoco.MjModel:
+    """Compile a scene from its options, bodies and other sections."""
+    return mujoco.MjModel.from_xml_string(f"<mujoco><option {option}/><worldbody>{world}</worldbody>{rest}</mujoco>")
+
+
+class Watch:
+    """Steps a scene and keeps the worst that happens.
+
+    After every step MuJoCo's own detection, on a copy of the scene, tells how deep geoms overlap, and its own energies
+    tell how much the scene has gained since they were lowest. Every collision is certified by the study.
+
+    Args:
+        model: the scene.
+        law: name of the law.
+        contact_model: "rigid" or "soft".
+        gap_tolerance: of rigid stepping, m.
+        every: steps between looks at penetration and energy.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        law: str,
+        *,
+        contact_model: str = "rigid",
+        gap_tolerance: float = 1e-9,
+        every: int = 1,
+    ):
+        self.model, self.data = model, mujoco.MjData(model)
+        if model.nkey:
+            mujoco.mj_resetDataKeyframe(model, self.data, 0)
+        self._law = law
+        self._stepper = Stepper(
+            model,
+            law_of(law),
+            contact_model=contact_model,  # pyright: ignore[reportArgumentType]
+            gap_tolerance=gap_tolerance if contact_model == "rigid" else None,
+            max_events=MOST,
+        )
+        self._every = every
+        self._own = copy.copy(model)
+        self._own.opt.ccd_tolerance, self._own.opt.ccd_iterations = 1e-12, 100
+        self._own.geom_margin[:] = 0.0
+        self._own.geom_gap[:] = 0.0
+        self._scratch = mujoco.MjData(self._own)
+        self.residual = self.penetration = self.deviation = self.gain = 0.0
+        self.steps = self.collisions = self.scaled = 0
+        self._lowest: float | None = None
+
+    @property
+    def events(self) -> tuple[ImpactEvent, ...]:
+        """Collisions of the last step."""
+        return self._stepper.events
+
+    @property
+    def unlocated(self) -> int:
+        """Steps that the stepper has finished with E = 0."""
+        return self._stepper.unlocated
+
+    def step(self, steps: int = 1) -> None:
+        """Advance and measure."""
+        if self._lowest is None:
+            self._look()
+        for _ in range(steps):
+            self._stepper.step(self.data)
+            self.steps += 1
+            for number, event in enumerate(self.events):
+                self._certify(event, final=number >= MOST)
+            if self.steps % self._every == 0:
+                self._look()
+
+    def energy(self) -> tuple[float, float]:
+        """Return potential and kinetic energy of now, J."""
+        own, scratch = self._own, self._scratch
+        scratch.qpos[:], scratch.qvel[:] = self.data.qpos, self.data.qvel
+        scratch.mocap_pos[:], scratch.mocap_quat[:] = self.data.mocap_pos, self.data.mocap_quat
+        mujoco.mj_fwdPosition(own, scratch)
+        mujoco.mj_fwdVelocity(own, scratch)
+        mujoco.mj_energyPos(own, scratch)
+        mujoco.mj_energyVel(own, scratch)
+        return float(scratch.energy[0]), float(scratch.energy[1])
+
+    def equality_error(self) -> float:
+        """Return how far equality constraints are violated where `energy` has last looked, m or rad."""
+        scratch = self._scratch
+        rows = scratch.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+        return float(np.abs(scratch.efc_pos[rows]).max(initial=0.0))
+
+    def deviates(self, distance: float) -> None:
+        """Keep the largest distance from the closed form; one that is not a number stays."""
+        self.deviation = float(np.maximum(self.deviation, distance))
+
+    def measurement(self, *, energy: float | None = None, energy_scale: float = 1.0, note: str = "") -> Measurement:
+        """Return what has been measured; the energy error is the largest gain unless another one is given."""
+        energy = self.gain / energy_scale if energy is None else energy
+        if not (np.isfinite(self.data.qpos).all() and np.isfinite(self.data.qvel).all()):
+            energy = np.nan
+        if self.unlocated:
+            note = "; ".join(filter(None, [note, f"{self.unlocated} of {self.steps} steps ended with E = 0"]))
+        return Measurement(self.residual, energy, self.penetration, self.deviation, self.collisions, note)
+
+    def _look(self) -> None:
+        energy = sum(self.energy())
+        self._lowest = energy if self._lowest is None else min(self._lowest, energy)
+        self.gain = float(np.maximum(self.gain, energy - self._lowest))
+        self.penetration = max(self.penetration, -float(np.min(self._scratch.contact.dist, initial=0.0)))
+
+    def _certify(self, event: ImpactEvent, *, final: bool) -> None:
+        impact, c = event.impact, event.impact.collision
+        kind = np.longdouble if len(c.pre_velocity) <= _EXTENDED else float
+        w, after = c.surface_velocity, c.post_surface_velocity
+        w = np.zeros(len(c.labels)) if w is None else w
+        gamma = c.jacobian @ c.pre_velocity + w
+        e = 0.0 if final else coefficient(self._law)
+        wanted = -e * (gamma[::-1] if self._law.startswith("reversal") else gamma)
+        sliding = None
+        if isinstance(impact, FrictionImpact) and c.friction is not None:
+            f = c.friction
+            rows = f.jacobian, f.contact, f.coefficient
+            sliding = Sliding(*rows, impact.friction_impulse, f.surface_velocity, f.post_surface_velocity)
+            if impact.restitution_scale < 1.0:
+                wanted = np.where(wanted > 0, impact.restitution_scale * wanted, wanted)
+                self.scaled += 1
+        numbers = c.mass_matrix, c.jacobian, c.pre_velocity, impact.post_velocity, impact.impulse, wanted
+        surfaces = w, w if after is None else after
+        found = certify(*numbers, bilateral=c.bilateral_jacobian, surfaces=surfaces, sliding=sliding, kind=kind)
+        worst = max(found.residual, found.balance, found.penetration)
+        if not self._law.startswith("reversal"):
+            worst = max(worst, found.change)
+        self.residual = float(np.maximum(self.residual, worst))
+        self.collisions += 1
+
+
+def bounce(time: float, e: float, height: float, gravity: float) -> float:
+    """Height of a ball dropped from ``height`` after ``time``, m, in closed form."""
+    fall = np.sqrt(2.0 * height / gravity)
+    if time < fall:
+        return height - 0.5 * gravity * time**2
+    start, speed = fall, e * gravity * fall
+    while speed > 1e-13 * gravity * fall:
+        flight = 2.0 * speed / gravity
+        if time < start + flight:
+            return speed * (time - start) - 0.5 * gravity * (time - start) ** 2
+        start, speed = start + flight, e * speed
+    return 0.0

@@ -1,0 +1,97 @@
+"""What follows from a table of work and precision: measured orders, lower envelopes, errors at equal run time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from .scenes import EXACT, SCENES
+from .stepping import LOCATED, TIME_STEPPING
+
+_FLOOR = 2e-11  # smaller errors are those of located gaps and of rounding
+_RUN_TIMES = (0.01, 0.1, 1.0)  # s, at which errors are compared
+_ROUNDING = 1e-12  # error up to which a method counts as exact
+
+
+def where(table: pd.DataFrame, rows: ArrayLike) -> pd.DataFrame:
+    """Return the rows of a table where a condition holds."""
+    return table.loc[np.asarray(rows, dtype=bool)]
+
+
+def orders(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the measured order of each method on each scene beside the expected one.
+
+    The measured order is the slope of log(error) over log(timestep) by least squares, over timesteps up to the scene's
+    coarsest and errors above 2e-11, in (t, q) and in (t, q, v); what is expected is that in (t, q). A method that
+    integrates a scene exactly has none: its largest error is given instead.
+    """
+    rows = []
+    for scene, method in dict.fromkeys(zip(table.scene, table.method, strict=True)):
+        group = where(table, (table.scene == scene) & (table.method == method))
+        used = where(
+            group, (group.timestep <= SCENES[scene].coarsest) & (group.error > _FLOOR) & np.isfinite(group.error)
+        )
+        measured, with_v = (
+            np.polyfit(np.log(used.timestep), np.log(used[error]), 1)[0] if len(used) >= 2 else np.nan
+            for error in ("error", "error_qv")
+        )
+        expected = group.expected_order.iloc[0]
+        exact = expected == EXACT and bool((group.error <= _ROUNDING).all())
+        row = {"scene": scene, "method": method, "expected": expected}
+        row |= {"measured": np.nan if exact else measured, "with velocities": np.nan if exact else with_v}
+        row |= {"timesteps": len(used), "smallest error": group.error.min(), "largest error": group.error.max()}
+        rows.append(row | {"reference error": group.reference_error.iloc[0]})
+    return pd.DataFrame(rows)
+
+
+def envelope(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return the runs that nothing beats: by increasing run time, each with a smaller error than all faster ones."""
+    ordered = where(runs, np.isfinite(runs.error)).sort_values("seconds")
+    best = ordered.error.cummin()
+    return where(ordered, (ordered.error <= best) & ~best.duplicated())
+
+
+def error_at(runs: pd.DataFrame, seconds: np.ndarray) -> np.ndarray:
+    """Return the error of the envelope at these run times, (n,), between its runs by log-log interpolation."""
+    best = envelope(runs)
+    return np.exp(np.interp(np.log(seconds), np.log(best.seconds), np.log(best.error)))
+
+
+def advantage(table: pd.DataFrame) -> pd.DataFrame:
+    """Return, per scene and way of rigid stepping, the ratio of MuJoCo's least error to its own at equal run time.
+
+    MuJoCo's is the envelope of all of its contacts, tuned or not, with every integrator and timestep. The run times
+    are those of the rigid runs that MuJoCo has run at least as long as. Columns: those of the largest ratio (run time,
+    s; the two errors; ratio); the ratio at a run time of 10, 100 and 1 000 ms, empty where one of the two has no such
+    run; smallest ratio; and the run time up to which MuJoCo is nearer, s, empty where it never is.
+    """
+    rows = []
+    for scene in dict.fromkeys(table.scene):
+        group = where(table, table.scene == scene)
+        theirs = where(group, group.method.str.startswith("MuJoCo") & np.isfinite(group.error))
+        for method in (LOCATED, TIME_STEPPING):
+            runs = where(group, group.method == method)
+            ours = envelope(runs)
+            ours = where(ours, ours.seconds <= theirs.seconds.max())
+            if len(ours) == 0 or len(theirs) == 0:
+                continue
+            least = error_at(theirs, ours.seconds.to_numpy())
+            ratio = least / ours.error.to_numpy()
+            top, behind = int(np.argmax(ratio)), np.flatnonzero(ratio < 1)
+            row = {"scene": scene, "method": method, "run time": ours.seconds.iloc[top]}
+            row |= {"error": ours.error.iloc[top], "MuJoCo's best": least[top], "ratio": ratio[top]}
+            row |= {f"at {1e3 * at:g} ms": _ratio_at(runs, theirs, at) for at in _RUN_TIMES}
+            nearer = ours.seconds.iloc[behind[-1]] if len(behind) else np.nan
+            rows.append(row | {"smallest ratio": ratio.min(), "MuJoCo nearer up to": nearer})
+    return pd.DataFrame(rows)
+
+
+def _ratio_at(ours: pd.DataFrame, theirs: pd.DataFrame, seconds: float) -> float:
+    """Return the ratio of errors at a run time, not a number where one of the two has no runs on both sides of it."""
+    for runs in (ours, theirs):
+        done = where(runs, np.isfinite(runs.error)).seconds
+        if not done.min() <= seconds <= done.max():
+            return np.nan
+    at = np.array([seconds])
+    return float(error_at(theirs, at)[0] / error_at(ours, at)[0])

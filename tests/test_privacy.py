@@ -1,0 +1,55 @@
+"""Names with an underscore stay in their package: nobody else imports them, not even the tests."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FOLDERS = ("impactlaw", "envs", "models", "scripts", "tests")
+OTHERS = {"_replace", "_env", "_step_mujoco_simulation"}  # of named tuples, shimmy and gymnasium
+FILES = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]
+
+
+def private(name: str) -> bool:
+    return name.startswith("_") and not name.startswith("__")
+
+
+def borrowed(source: str) -> list[str]:
+    """Private names that a file imports from another one, or takes of a module that it has imported."""
+    found, modules = [], set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            modules |= {(name.asname or name.name).split(".")[0] for name in node.names}
+            found += [name.name for name in node.names if isinstance(node, ast.ImportFrom) and private(name.name)]
+        if isinstance(node, ast.Attribute) and private(node.attr) and isinstance(node.value, ast.Name):
+            found += [f"{node.value.id}.{node.attr}"] if node.value.id in modules else []
+    return found
+
+
+def looked_at(source: str) -> list[str]:
+    """Private attributes of anything but oneself that a file reads or replaces."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Attribute) and private(node.attr) and node.attr not in OTHERS:
+            found += [node.attr] if not isinstance(node.value, ast.Name) or node.value.id != "self" else []
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "setattr":
+            found += [a.value for a in node.args if isinstance(a, ast.Constant) and private(str(a.value))]
+    return found
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_nobody_borrows_a_private_name(path):
+    assert borrowed(path.read_text()) == []
+
+
+@pytest.mark.parametrize("path", [path for path in FILES if path.is_relative_to(ROOT / "tests")], ids=lambda p: p.stem)
+def test_tests_see_no_more_than_users(path):
+    assert looked_at(path.read_text()) == []
+
+
+def test_what_is_borrowed_is_found():
+    assert looked_at("a._b = c.d._e\nself._f\ng.setattr(h, '_i', j)\nk._replace()") == ["_b", "_e", "_i"]
+    assert borrowed("from a import _b") == ["_b"]
+    assert borrowed("import a\nfrom b import c\na._d = c._e") == ["a._d", "c._e"]
+    assert borrowed("from a import b, __version__\nself._c = b.d") == []
