@@ -7,7 +7,7 @@ import mujoco
 
 from impactlaw.scene.detection import Detector
 from impactlaw.stepping.event_driven.shortcuts import Apart, Rest, Shortcut, Together
-from impactlaw.stepping.event_driven.smooth_phase import Flights
+from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 
 _IRRELEVANT = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # to anything but numbers that are not finite
 
@@ -16,7 +16,7 @@ class Tried(NamedTuple):
     """A shortcut that a step has tried, and whether it has held."""
 
     shortcut: Shortcut
-    flights: Flights
+    phases: SmoothPhases
     held: bool
 
 
@@ -25,9 +25,9 @@ def tried(monkeypatch) -> list[Tried]:
     seen = []
     for kind in (Apart, Together, Rest):
 
-        def watched(self, model, data, flights, lasts=kind.lasts):
-            following = lasts(self, model, data, flights)
-            seen.append(Tried(self, flights, following is not None))
+        def watched(self, phases, lasts=kind.lasts):
+            following = lasts(self, phases)
+            seen.append(Tried(self, phases, following is not None))
             return following
 
         monkeypatch.setattr(kind, "lasts", watched)

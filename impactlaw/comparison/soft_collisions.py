@@ -12,7 +12,7 @@ from impactlaw.mechanics.impact import Impact
 from impactlaw.scene.contacts import gap_gradients, mass_matrix, update_positions
 from impactlaw.scene.detection import Detector
 from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows
-from impactlaw.scene.friction_rows import find_tangents, learn_grip
+from impactlaw.scene.friction_rows import find_tangents, learn_friction
 from impactlaw.stepping.impact_event import ImpactEvent
 
 _OVERLAP = 1e-12  # m, up to which geoms in touch do not overlap
@@ -75,11 +75,11 @@ class SoftCollisions:
         pre = velocity + wait * rate
         near = self._near
         bilateral = bilateral_rows(model, self._scratch, self._bilateral) if self._scratch.ne else None
-        grip = learn_grip(model, near.geoms)
+        rows = learn_friction(model, near.geoms)
         friction = None
-        if grip is not None:
-            found = find_tangents(model, self._scratch, near, grip, None)
-            friction = Friction(found.jacobian, grip.contact, grip.coefficient)
+        if rows is not None:
+            tangential, _ = find_tangents(model, self._scratch, near, rows, None)
+            friction = Friction(tangential, rows.contact, rows.coefficient)
         collision = Collision(
             mass_matrix(model, self._scratch),
             J,

@@ -33,7 +33,7 @@ class Span(NamedTuple):
     bodies: tuple[int, ...]
 
 
-class Grip(NamedTuple):
+class FrictionPattern(NamedTuple):
     """Which rows of friction a sequence of contacts has, whatever the configuration is.
 
     Attributes:
@@ -42,6 +42,9 @@ class Grip(NamedTuple):
         coefficient: of each row: 1 for sliding, m for the others, (k,).
         axis: of each row: 0 for the normal, 1 and 2 for the directions of sliding, int (k,).
         spans: rows by contacts.
+        rows_contact: contact of each row if normal rows, (h,), and these, (k,), are sorted by contact, int (h + k,).
+        rows_kind: 0 for a normal row, 1 to 5 for friction, int (h + k,).
+        rows_from: where each comes from, ``[normal rows, rows of friction][rows_from]``, int (h + k,).
     """
 
     contact: np.ndarray
@@ -49,34 +52,9 @@ class Grip(NamedTuple):
     coefficient: np.ndarray
     axis: np.ndarray
     spans: tuple[Span, ...]
-
-
-class GripRows(NamedTuple):
-    """Rows of pressing, (h,), and of friction, (k,), contact by contact, pressing first.
-
-    Attributes:
-        contact: index of the contact of each row, int (h + k,).
-        kind: 0 for pressing, 1 to 5 for friction, int (h + k,).
-        order: where each row comes from, ``[rows of pressing, rows of friction][order]``.
-    """
-
-    contact: np.ndarray
-    kind: np.ndarray
-    order: np.ndarray
-
-
-class Tangents(NamedTuple):
-    """The rows of friction at one configuration.
-
-    Attributes:
-        grip: which rows they are.
-        jacobian: ``J_t``, sliding in m/s, torsion and rolling in rad/s, (k, nv).
-        drift: what moving surfaces add to these velocities, (k,).
-    """
-
-    grip: Grip
-    jacobian: np.ndarray
-    drift: np.ndarray
+    rows_contact: np.ndarray
+    rows_kind: np.ndarray
+    rows_from: np.ndarray
 
 
 def pair_friction(model: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -98,8 +76,8 @@ def pair_friction(model: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray,
     return dim, mu
 
 
-def learn_grip(model: mujoco.MjModel, geoms: np.ndarray) -> Grip | None:
-    """Return the rows of friction of contacts between these geoms, (h, 2); None if there are none."""
+def learn_friction(model: mujoco.MjModel, geoms: np.ndarray, limits: int = 0) -> FrictionPattern | None:
+    """Return the rows of friction of contacts between these geoms, (h, 2), before limits; None if there are none."""
     dim, mu = pair_friction(model, geoms)
     rows = (np.arange(5) < dim[:, None] - 1) & (mu > MIN_FRICTION)
     if not rows.any():
@@ -112,39 +90,41 @@ def learn_grip(model: mujoco.MjModel, geoms: np.ndarray) -> Grip | None:
     for i in np.unique(contact).tolist():
         first, last = np.searchsorted(contact, [i, i + 1]).tolist()
         spans.append(Span(first, first + int(slides[first:last].sum()), last, i, tuple(bodies[i].tolist())))
-    return Grip(contact, kind, mu[contact, kind], np.where(slides, kind + 1, kind - _TORSION), tuple(spans))
-
-
-def grip_rows(grip: Grip | None, contacts: int) -> GripRows:
-    """Return how the rows of this many contacts are put together."""
-    contact, kind = np.arange(contacts), np.zeros(contacts, dtype=int)
-    if grip is not None:
-        contact, kind = np.concatenate([contact, grip.contact]), np.concatenate([kind, grip.kind + 1])
-    order = np.argsort(contact, kind="stable")
-    return GripRows(contact[order], kind[order], order)
+    axis, normal = np.where(slides, kind + 1, kind - _TORSION), np.arange(len(geoms) + limits)
+    rows_contact = np.concatenate([normal, contact])
+    rows_kind = np.concatenate([np.zeros_like(normal), kind + 1])
+    order = np.argsort(rows_contact, kind="stable")
+    rows = rows_contact[order], rows_kind[order], order
+    return FrictionPattern(contact, kind, mu[contact, kind], axis, tuple(spans), *rows)
 
 
 def find_tangents(
-    model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts, grip: Grip, surfaces: Surfaces | None
-) -> Tangents:
-    """Return the rows of friction of contacts at the current frames (`contacts.update_positions`).
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    contacts: Contacts,
+    friction_pattern: FrictionPattern,
+    surfaces: Surfaces | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return ``J_t``, (k, nv), and what surfaces add to ``J_t v``, (k,), of contacts at the current frames.
+
+    Sliding is in m/s, torsion and rolling are in rad/s.
 
     The directions are MuJoCo's: the second axis is the world's y, or z where the normal is near to that, made
     perpendicular.
     """
-    axis = _axes(contacts.normal)[grip.axis, grip.contact]
+    axis = _axes(contacts.normal)[friction_pattern.axis, friction_pattern.contact]
     J = np.empty((len(axis), model.nv))
-    for first, turning, last, i, bodies in grip.spans:
+    for first, turning, last, i, bodies in friction_pattern.spans:
         slide, turn = _relative(model, data, contacts.position[i], bodies)
         J[first:turning] = axis[first:turning] @ slide
         if turning < last:
             J[turning:last] = axis[turning:last] @ turn
     drift = np.zeros(len(axis))
     if surfaces is not None:
-        velocity, spin, belt = (part[grip.contact] for part in surfaces.motion(data, contacts))
-        slides = (grip.kind < _TORSION)[:, None]
+        velocity, spin, belt = (part[friction_pattern.contact] for part in surfaces.motion(data, contacts))
+        slides = (friction_pattern.kind < _TORSION)[:, None]
         drift = np.vecdot(axis, np.where(slides, velocity + belt, spin))
-    return Tangents(grip, J, drift)
+    return J, drift
 
 
 def _relative(
@@ -166,10 +146,10 @@ def tangential_impulses(model: mujoco.MjModel, contacts: Contacts, friction_impu
         contacts: that collided.
         friction_impulse: of all their rows of friction, (k,).
     """
-    grip, impulse = learn_grip(model, contacts.geoms[contacts.geoms[:, 0] >= 0]), np.zeros((len(contacts), 3))
-    if grip is not None:
-        slides = grip.kind < _TORSION
-        contact, kind = grip.contact[slides], grip.kind[slides]
+    pattern, impulse = learn_friction(model, contacts.geoms[contacts.geoms[:, 0] >= 0]), np.zeros((len(contacts), 3))
+    if pattern is not None:
+        slides = pattern.kind < _TORSION
+        contact, kind = pattern.contact[slides], pattern.kind[slides]
         axes = _axes(contacts.normal)[kind + 1, contact]
         np.add.at(impulse, contact, axes * friction_impulse[slides, None])
     return impulse

@@ -66,7 +66,9 @@ class Limits:
         joint = np.repeat(np.flatnonzero(model.jnt_limited), 2)
         upper = np.arange(len(joint)) % 2
         self._code_of, self._side = 2 * joint + upper, 1.0 - 2.0 * upper
-        self._position, self._dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+        self._position = model.jnt_qposadr[joint]
+        self._gradients = np.zeros((len(joint), model.nv))
+        self._gradients[np.arange(len(joint)), model.jnt_dofadr[joint]] = self._side
         self._bound = model.jnt_range[joint, upper]
 
     def __bool__(self) -> bool:
@@ -82,13 +84,11 @@ class Limits:
 
         The gaps are ``q - lower`` and ``upper - q``.
         """
-        gap = (data.qpos[self._position] - self._bound) * self._side
+        gap = (data.qpos.take(self._position) - self._bound) * self._side
         near = (gap < within).nonzero()[0]
         if not len(near):
             return None
-        J = np.zeros((len(near), self._model.nv))
-        J[np.arange(len(near)), self._dof[near]] = self._side[near]
-        return LimitRows(self._code_of[near], gap[near], J)
+        return LimitRows(self._code_of.take(near), gap.take(near), self._gradients.take(near, axis=0))
 
     def read(self, data: mujoco.MjData) -> LimitRows:
         """Return the limits among MuJoCo's constraint rows of now (``mj_makeConstraint``)."""
@@ -120,11 +120,10 @@ class Limits:
 
     def places(self, data: mujoco.MjData | LimitState, code: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return positions and normals of limits, (l, 3) each; see `Contacts`."""
-        number, upper = np.divmod(code, 2)
-        side = (1.0 - 2.0 * upper)[:, None]
+        number, side = code >> 1, (1.0 - 2.0 * (code & 1))[:, None]
+        if not self._model.ntendon:
+            return data.xanchor.take(number, axis=0), data.xaxis.take(number, axis=0) * side
         joint = number < self._model.njnt
-        if joint.all():
-            return data.xanchor[number], data.xaxis[number] * side
         position, normal = np.zeros((len(code), 3)), np.zeros((len(code), 3))
         position[joint], normal[joint] = data.xanchor[number[joint]], data.xaxis[number[joint]] * side[joint]
         return position, normal

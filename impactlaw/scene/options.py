@@ -1,4 +1,4 @@
-"""The options of a scene that stepping changes for a moment: contacts off to flow, nothing but contacts on to look."""
+"""The options of a scene that stepping changes while it works: no contacts to integrate, nothing else to detect."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import mujoco
 from impactlaw.scene.tolerances import CCD_TOLERANCE
 
 _CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-_FLOW_OFF = _CONTACT | int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+_SMOOTH_OFF = _CONTACT | int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
 _CONSTRAINT = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 _SINGLE = int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
 _EQUALITY, _LOSS = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY), int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS)
@@ -54,7 +54,7 @@ class BorrowedOptions:
         self.limited = not disabled & (_LIMIT | _CONSTRAINT)
         self._jacobian = opt.jacobian
         self._sparse = self._large if self._jacobian == _AUTO else self._jacobian != _DENSE
-        self._flow = disabled | _FLOW_OFF | _LIMIT, enabled & ~_SLEEP
+        self._smooth = disabled | _SMOOTH_OFF | _LIMIT, enabled & ~_SLEEP
         look = disabled | _SINGLE | _LOSS | _LIMIT | (0 if self._bilateral else _EQUALITY)
         if self._limits:
             look &= ~_LIMIT | disabled
@@ -80,12 +80,12 @@ class BorrowedOptions:
             self._model.jnt_margin[:], self._model.tendon_margin[:] = self._kept_margins
         del self._opt  # neither copied nor pickled
 
-    def flow(self, duration: float) -> None:
+    def integrate(self, duration: float) -> None:
         """Let a step take ``duration`` s, without contacts."""
         opt = self._opt
         if duration != opt.timestep:
             opt.timestep = duration
-        opt.disableflags, opt.enableflags = self._flow
+        opt.disableflags, opt.enableflags = self._smooth
         if self._sparse:
             opt.jacobian = self._jacobian
 

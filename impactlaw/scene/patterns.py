@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.contacts import contact_labels, sorted_geoms
-from impactlaw.scene.friction_rows import Grip, GripRows, grip_rows, learn_grip
+from impactlaw.scene.friction_rows import FrictionPattern, learn_friction
 from impactlaw.scene.geoms import one_contact, rolling_contacts, several_contacts, touching_distance, vague_contacts
 from impactlaw.scene.joint_limits import NO_GEOM
 
@@ -31,11 +31,9 @@ class Pattern:
         skin: distance at which the geoms touch, m, (h,); None if 0 for all.
         several: whether MuJoCo is to look for several contacts of a pair.
         index: 0, 1, .., (h,).
-        ones: 1, 1, .., (h,).
         order: indices that bring MuJoCo's contacts into order; None if they are in it.
         sign: -1 where MuJoCo has the higher geom id first, else 1, (h, 1); None if 1 for all.
-        grip: which rows of friction they have; None if they have none, or it is ignored.
-        rows: how rows of pressing and of friction are put together, see `impactlaw.scene.friction_rows.GripRows`.
+        friction: which rows of friction they have; None if they have none, or it is ignored.
         found: geom ids in MuJoCo's order, as bytes.
         plain: whether each pair has one contact, whose distance in MuJoCo is the gap, and nothing else has rows.
     """
@@ -51,11 +49,9 @@ class Pattern:
     skin: np.ndarray | None
     several: bool
     index: np.ndarray
-    ones: np.ndarray
     order: np.ndarray | None
     sign: np.ndarray | None
-    grip: Grip | None
-    rows: GripRows
+    friction: FrictionPattern | None
     found: bytes
     plain: bool
 
@@ -112,8 +108,7 @@ class Patterns:
                 rolling=np.concatenate([pattern.rolling, none]),
                 skin=None if pattern.skin is None else np.concatenate([pattern.skin, np.zeros(n)]),
                 index=np.arange(h),
-                ones=np.ones(h),
-                rows=grip_rows(pattern.grip, h),
+                friction=learn_friction(self._model, pattern.geoms, n) if self._friction else None,
             )
             self._remember(seen, known)
         return known
@@ -132,7 +127,6 @@ class Patterns:
         distinct = len(np.unique(key)) == len(key)
         all_single = bool(single.all()) and distinct
         skin = touching_distance(model, geoms)
-        grip = learn_grip(model, geoms) if self._friction else None
         return Pattern(
             labels=contact_labels(geoms, self._names),
             geoms=geoms,
@@ -145,11 +139,9 @@ class Patterns:
             skin=skin if skin.any() else None,
             several=self._faces and bool(several_contacts(model, geoms).any()),
             index=np.arange(len(key)),
-            ones=np.ones(len(key)),
             order=None if np.array_equal(order, np.arange(len(order))) else order,
             sign=np.where(swapped, -1.0, 1.0)[:, None] if swapped.any() else None,
-            grip=grip,
-            rows=grip_rows(grip, len(key)),
+            friction=learn_friction(model, geoms) if self._friction else None,
             found=found.tobytes(),
             plain=all_single and self._alone and not skin.any(),
         )

@@ -84,7 +84,7 @@ def advance(model: mujoco.MjModel, data: mujoco.MjData, options: BorrowedOptions
     Raises:
         DivergenceError: the velocity is not finite afterwards, or huge.
     """
-    options.flow(duration)
+    options.integrate(duration)
     mujoco.mj_step(model, data)
     if not mujoco.mju_norm(data.qvel) <= _HUGE:  # numpy would warn of an overflow
         raise DivergenceError(

@@ -46,7 +46,7 @@ class Plan:
         detection: collision detection: some geoms can meet.
         convex: exact settings of MuJoCo's general convex collider: some pairs are measured by it.
         faces: a second detection for several contacts between faces of cylinders and meshes.
-        points: matching contact points from flow to flow: some pairs have several contacts.
+        points: matching contact points from phase to phase: some pairs have several contacts.
         passing: the check that no body passes through another: some bodies meet others that are not planes.
         turning: the same check's bound on rotation: some of those are not round.
         bilateral: equality constraints that no impulse may violate.
@@ -141,7 +141,11 @@ class _Reasons:
     def rigid(self) -> Iterator[Part]:
         geoms, first = self.pairs.geoms, self._first
         yield self._detection()
-        stages = "the integrator has one stage" if self.model.opt.integrator != _RK4 else "once, at the end of a flow"
+        stages = (
+            "the integrator has one stage"
+            if self.model.opt.integrator != _RK4
+            else "once, at the end of a smooth phase"
+        )
         yield Part("collision detection at every stage of the integrator", False, stages)
         yield self._part(
             "convex",
@@ -157,7 +161,7 @@ class _Reasons:
         )
         yield self._part(
             "points",
-            "matching of contact points from flow to flow",
+            "matching of contact points from phase to phase",
             lambda: first(~one_contact(self.model, geoms)),
             "no pair has more than one contact",
         )
@@ -170,7 +174,7 @@ class _Reasons:
         )
         yield self._part(
             "turning",
-            "bound on rotation within a flow",
+            "bound on rotation within a smooth phase",
             lambda: "some of these bodies are not round",
             "bodies that meet others are round",
         )

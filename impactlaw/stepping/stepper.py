@@ -119,20 +119,6 @@ class Stepper:
         solver: str | None = None,
         compiled: Literal["auto", "never"] | None = None,
     ):
-        for kind, value, known in (
-            ("contact_model", contact_model, ("rigid", "soft")),
-            ("scheme", scheme, (None, "event-driven", "time-stepping")),
-            ("friction option", friction, (None, "coulomb", "convex", "ignore")),
-            ("overlap option", overlap, (None, "refuse", "push-out")),
-            ("on_inadmissible option", on_inadmissible, (None, "raise", "project", "allow")),
-            ("on_unsolved option", on_unsolved, (None, "time-stepping", "raise")),
-            ("solver", solver, (None, "auto", *SOLVERS)),
-            ("compiled option", compiled, (None, "auto", "never")),
-        ):
-            if value not in known:
-                raise UnknownNameError(kind, value, [name for name in known if name])
-        check_model(model)
-        way = "soft" if contact_model == "soft" else scheme or "event-driven"
         given = {
             "scheme": scheme,
             "friction": friction,
@@ -144,52 +130,59 @@ class Stepper:
             "solver": solver,
             "compiled": compiled,
         }
+        options = {**given, "contact_model": contact_model, "on_inadmissible": on_inadmissible}
+        _refuse_unknown(options)
+        check_model(model)
+        way = "soft" if contact_model == "soft" else scheme or "event-driven"
         _refuse_unused(way, {name for name, value in given.items() if value is not None}, overlap)
         check_length("gap_tolerance", gap_tolerance)
         check_speed("rest_speed", rest_speed)
         check_count("max_events", max_events)
         load_solvers()
-        for name, value in {**given, "contact_model": contact_model, "on_inadmissible": on_inadmissible}.items():
+        for name, value in options.items():
             setattr(self, name, value)
         self.model = self._model = model
         self._way = way
         self._law = self._known(law)
         self.plan = make_plan(model, contact_model, scheme=scheme, friction=friction or "coulomb")
-        law, last = self._with_friction(self._law), self._with_friction(MaximalDissipation())
-        most = 100 if max_events is None else max_events
-        collider = Collider(law, last, on_inadmissible or "raise", most, solver or "auto")
         self._events: tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]] = ()
-        self._stepping: RigidStepping | SoftStepping | TimeStepping | CompiledStepping
-        if way == "time-stepping":
-            from impactlaw.stepping.time_stepping.make import make_time_stepping
-
-            self._stepping = make_time_stepping(
-                model,
-                law,
-                self.plan,
-                friction=friction or "coulomb",
-                on_inadmissible=on_inadmissible or "project",
-                rest_speed=rest_speed,
-                compiled=compiled,
-            )
-        elif way == "soft":
-            speed = REST_SPEED if rest_speed is None else rest_speed
-            self._stepping = SoftStepping(model, collider, self.plan, rest_speed=speed)
-        else:
-            self._stepping = RigidStepping(
-                model,
-                collider,
-                self.plan,
-                exact=friction != "convex",
-                gap_tolerance=GAP_TOLERANCE if gap_tolerance is None else gap_tolerance,
-                push_out=overlap == "push-out",
-                rest=None
-                if on_unsolved == "raise"
-                else RestOfStep(
-                    model, self._law, friction=friction or "coulomb", on_inadmissible=on_inadmissible or "raise"
-                ),
-            )
+        self._stepping = self._time_stepping() if way == "time-stepping" else self._located()
         self._warned = False
+
+    def _time_stepping(self) -> TimeStepping | CompiledStepping:
+        from impactlaw.stepping.time_stepping.make import make_time_stepping
+
+        return make_time_stepping(
+            self._model,
+            self._law,
+            self.plan,
+            friction=self.friction or "coulomb",
+            on_inadmissible=self.on_inadmissible or "project",
+            rest_speed=self.rest_speed,
+            compiled=self.compiled,
+        )
+
+    def _located(self) -> RigidStepping | SoftStepping:
+        """Return what resolves one collision after the other: event-driven or soft stepping."""
+        law, last = self._with_friction(self._law), self._with_friction(MaximalDissipation())
+        most = 100 if self.max_events is None else self.max_events
+        inadmissible = self.on_inadmissible or "raise"
+        collider = Collider(law, last, inadmissible, most, self.solver or "auto")
+        if self._way == "soft":
+            speed = REST_SPEED if self.rest_speed is None else self.rest_speed
+            return SoftStepping(self._model, collider, self.plan, rest_speed=speed)
+        friction, rest = self.friction or "coulomb", None
+        if self.on_unsolved != "raise":
+            rest = RestOfStep(self._model, self._law, friction=friction, on_inadmissible=inadmissible)
+        return RigidStepping(
+            self._model,
+            collider,
+            self.plan,
+            exact=friction != "convex",
+            gap_tolerance=GAP_TOLERANCE if self.gap_tolerance is None else self.gap_tolerance,
+            push_out=self.overlap == "push-out",
+            rest=rest,
+        )
 
     @property
     def law(self) -> Law:
@@ -297,12 +290,35 @@ _CROWDED = (
     "a step that ended at t = {:.6g} s had too many collisions to locate them all: time stepping has resolved them at "
     "once; Stepper.unlocated counts such steps, a larger max_events locates more"
 )
+_KNOWN = {
+    "contact_model": ("contact_model", ("rigid", "soft")),
+    "scheme": ("scheme", (None, "event-driven", "time-stepping")),
+    "friction": ("friction option", (None, "coulomb", "convex", "ignore")),
+    "overlap": ("overlap option", (None, "refuse", "push-out")),
+    "on_inadmissible": ("on_inadmissible option", (None, "raise", "project", "allow")),
+    "on_unsolved": ("on_unsolved option", (None, "time-stepping", "raise")),
+    "solver": ("solver", (None, "auto", *SOLVERS)),
+    "compiled": ("compiled option", (None, "auto", "never")),
+}
+"""What an error calls each option, and its values."""
+
 _UNUSED = {
     "soft": ("scheme", "friction", "overlap", "on_unsolved", "gap_tolerance", "compiled"),
     "event-driven": ("rest_speed", "compiled"),
     "time-stepping": ("on_unsolved", "gap_tolerance", "max_events", "solver"),
 }
 """Options that a way to step has no use for."""
+
+
+def _refuse_unknown(options: dict[str, object]) -> None:
+    """Refuse options that have no such value.
+
+    Raises:
+        UnknownNameError: names the values that there are.
+    """
+    for name, (kind, known) in _KNOWN.items():
+        if options[name] not in known:
+            raise UnknownNameError(kind, options[name], [value for value in known if value])
 
 
 def _refuse_unused(way: str, given: set[str], overlap: str | None) -> None:

@@ -42,8 +42,8 @@ class Work:
                 'scheme="time-stepping"'
             )
 
-    def fly(self) -> None:
-        """Count one flow.
+    def integrate(self) -> None:
+        """Count one smooth phase.
 
         Raises:
             UnfinishedStepError: this, as the others, is too much.

@@ -1,33 +1,27 @@
-"""Contacts with all that an impulse on them needs, and what an impulse does, by MuJoCo's sparse factor of the inertia.
-
-MuJoCo factors ``M = L^T D L``, so that here ``R^T = D^1/2 L``: ``|R^T v|`` is the kinetic metric, and
-``Y = J R^-T`` has ``Y Y^T = G`` (`impactlaw.mechanics.kinetic_metric`). All functions want current frames and inertia
-(`impactlaw.scene.contacts.update_positions`); those that use the factor want `Touch.whitened` before them.
-"""
+"""Contacts near each other or closed, and the directions along which impulses on them act."""
 
 from __future__ import annotations
 
-from math import sqrt
+from functools import cached_property
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
 from impactlaw.mechanics.bilateral import Bilateral
 from impactlaw.mechanics.friction import Friction
 from impactlaw.scene.detection import Found
-from impactlaw.scene.friction_rows import Tangents, find_tangents
-from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.scene.friction_rows import find_tangents
 from impactlaw.stepping.collisions import Closed
+from impactlaw.stepping.event_driven.configuration import Configuration
 from impactlaw.stepping.event_driven.travel import Frames
 
 
 class Rows(NamedTuple):
-    """Rows of contacts, contact by contact: pressing first, then friction times its coefficients.
+    """Rows of the cone problem: contact by contact, the normal one first, then friction times its coefficients.
 
     Attributes:
         contact: index of the contact of each row, int (n,).
-        kind: 0 for pressing, 1 to 5 for friction, int (n,).
+        kind: 0 for the normal, 1 to 5 for friction, int (n,).
         jacobian: ``J``, (n, nv).
         drift: what moving surfaces add to the velocities ``J v``, (n,).
         along: ``J'``, along which impulses act, (n, nv).
@@ -41,14 +35,34 @@ class Rows(NamedTuple):
     along: np.ndarray
     whitened: np.ndarray
 
+    @property
+    def sizes(self) -> np.ndarray:
+        """Rows of each contact that has any, int."""
+        sizes = np.bincount(self.contact, minlength=1)
+        return sizes[sizes > 0]
 
-class Touch:
+    def velocity(self, velocity: np.ndarray) -> np.ndarray:
+        """Return the velocity of each row at a velocity of the scene, (nv,)."""
+        return self.jacobian.dot(velocity) + self.drift
+
+    def select(self, held: np.ndarray) -> Rows:
+        """Return the rows of some contacts, bool (h,)."""
+        rows = np.flatnonzero(held[self.contact])
+        return Rows(*(part[rows] for part in self))
+
+
+class ContactSet:
     """Contacts near each other or closed, at one configuration.
+
+    What is computed when it is first asked for must be asked for at that configuration: `tangents`, `rows`, `along`,
+    `whitened`, `lengths`, and what uses them.
 
     Attributes:
         pattern: what their geoms say.
         contacts: the contacts.
+        gap: their gaps, m, (h,).
         jacobian: gap gradients ``J``, (h, nv).
+        configuration: at which they are.
         frames: of all geoms.
         bilateral: gradients of equality constraints, which no impulse may violate, (m, nv); None if there are none.
         drift: what surfaces that move add to contact velocities, m/s, (h,); None if there are none.
@@ -57,19 +71,16 @@ class Touch:
 
     drift: np.ndarray | None = None
     drift_before: np.ndarray | None = None
-    _tangents: Tangents | None = None
-    _rows: Rows | None = None
-    _span: Bilateral | None = None
-    _whitened: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
-    def __init__(self, found: Found, data: mujoco.MjData, surfaces: Surfaces | None):
+    def __init__(self, found: Found, configuration: Configuration):
         self.pattern, self.contacts, self.jacobian, self.bilateral = found
+        self.gap = self.contacts.gap
+        self.configuration, data, surfaces = configuration, configuration.data, configuration.surfaces
         self.frames = Frames.of(data)
         if surfaces is not None and surfaces.move and self.pattern:
             self.drift = surfaces.drift(data, self.contacts)
             if surfaces.jumps(data):
                 self.drift_before = surfaces.drift(data, self.contacts, before=True)
-        self._surfaces = surfaces
 
     def contact_velocity(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``gamma = J v + w``, m/s, (h,)."""
@@ -80,91 +91,72 @@ class Touch:
         """Return the largest change of a gap by a displacement, (nv,), m."""
         return float(np.abs(self.jacobian.dot(shift)).max(initial=0.0))
 
-    def tangents(self, model: mujoco.MjModel, data: mujoco.MjData) -> Tangents | None:
-        """Return the rows of friction; None if there are none.
+    @cached_property
+    def tangents(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Gradients of friction, (k, nv), and what surfaces add to their velocities, (k,); None without friction."""
+        if self.pattern.friction is None:
+            return None
+        self.configuration.refresh()
+        model, data, surfaces = self.configuration.model, self.configuration.data, self.configuration.surfaces
+        return find_tangents(model, data, self.contacts, self.pattern.friction, surfaces)
 
-        Computed when first asked for, which must be before data leaves the configuration of this touch.
-        """
-        if self._tangents is None and self.pattern.grip is not None:
-            self._tangents = find_tangents(model, data, self.contacts, self.pattern.grip, self._surfaces)
-        return self._tangents
+    @cached_property
+    def rows(self) -> Rows:
+        """The normal rows and those of friction, where there are any of friction."""
+        friction = self.pattern.friction
+        assert friction is not None
+        assert self.tangents is not None
+        (sliding, more), mu, order = self.tangents, friction.coefficient, friction.rows_from
+        J = np.concatenate([self.jacobian, mu[:, None] * sliding])[order]
+        drift = np.zeros(len(self.contacts)) if self.drift is None else self.drift
+        drift = np.concatenate([drift, mu * more])[order]
+        return Rows(friction.rows_contact, friction.rows_kind, J, drift, *self.confine(J))
 
-    def rows(self, model: mujoco.MjModel, data: mujoco.MjData) -> Rows:
-        """Return the rows of pressing and of friction; see `tangents` for when to ask first."""
-        if self._rows is None:
-            contact, kind, order = self.pattern.rows
-            J, drift = self.jacobian, np.zeros(len(self.contacts)) if self.drift is None else self.drift
-            tangents = self.tangents(model, data)
-            if tangents is not None:
-                grip, sliding, more = tangents
-                mu = grip.coefficient
-                J = np.concatenate([J, mu[:, None] * sliding])[order]
-                drift = np.concatenate([drift, mu * more])[order]
-            self.whitened(model, data)
-            self._rows = Rows(contact, kind, J, drift, *self.confine(model, data, J))
-        return self._rows
-
-    def closed(self, model: mujoco.MjModel, data: mujoco.MjData, which: np.ndarray) -> Closed:
-        """Return some of the contacts, (k,) indices, as ones that may collide; frames must be those of this touch."""
+    def closed(self, which: np.ndarray) -> Closed:
+        """Return some of the contacts, (k,) indices, as ones that may collide."""
         drift, before = (None if w is None else w[which] for w in (self.drift, self.drift_before))
-        tangents, friction = self.tangents(model, data), None
-        if tangents is not None:
-            grip, J, sliding = tangents
-            friction = Friction(J, grip.contact, grip.coefficient, sliding).select(which)
+        pattern, friction = self.pattern.friction, None
+        if self.tangents is not None and pattern is not None:
+            J, sliding = self.tangents
+            friction = Friction(J, pattern.contact, pattern.coefficient, sliding).select(which)
         return Closed(self.contacts.select(which), self.jacobian[which], self.bilateral, drift, before, friction)
 
-    def whitened(self, model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return what impulses do: the rows ``J'`` along which they act, ``Y = J' R^-T`` and the lengths of Y's rows.
+    @property
+    def along(self) -> np.ndarray:
+        """The rows ``J'`` along which impulses act, (h, nv): J where there are no equality constraints."""
+        along, _ = self._confined
+        return along
 
-        ``J' = J`` where there are no equality constraints. Shapes (h, nv), (h, nv) and (h,). Computed when first asked
-        for, which must be before data leaves the configuration of this touch.
-        """
-        if self._whitened is None:
-            mujoco.mj_factorM(model, data)
-            if self.bilateral is not None:
-                self._span = Bilateral.of(whiten_gradients(model, data, self.bilateral))
-            J, Y = self.confine(model, data, self.jacobian)
-            self._whitened = J, Y, np.sqrt(np.vecdot(Y, Y))
-        return self._whitened
+    @property
+    def whitened(self) -> np.ndarray:
+        """``Y = J' R^-T``, (h, nv)."""
+        _, whitened = self._confined
+        return whitened
 
-    def confine(self, model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return other rows without what equality constraints fix, and the same whitened, (k, nv); see `whitened`."""
-        Y = whiten_gradients(model, data, rows)
-        if self._span is None or self.bilateral is None:
+    @cached_property
+    def lengths(self) -> np.ndarray:
+        """Lengths of the rows of Y, (h,)."""
+        return np.sqrt(np.vecdot(self.whitened, self.whitened))
+
+    @cached_property
+    def _confined(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.confine(self.jacobian)
+
+    @cached_property
+    def _constraints(self) -> Bilateral:
+        assert self.bilateral is not None
+        return Bilateral.of(self.configuration.whiten_gradients(self.bilateral))
+
+    def confine(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return other rows without what equality constraints fix, and the same whitened, (k, nv)."""
+        Y = self.configuration.whiten_gradients(rows)
+        if self.bilateral is None:
             return rows, Y
-        return self._span.confine(rows, Y, self.bilateral), self._span.project(Y)
+        return self._constraints.confine(rows, Y, self.bilateral), self._constraints.project(Y)
 
-    def along_constraints(self, model: mujoco.MjModel, data: mujoco.MjData, velocity: np.ndarray) -> np.ndarray:
-        """Return the part of a velocity, (nv,), that equality constraints fix; `whitened` must have been asked for."""
-        if self._span is None or self.bilateral is None:
+    def along_constraints(self, velocity: np.ndarray) -> np.ndarray:
+        """Return the part of a velocity, (nv,), that equality constraints fix."""
+        if self.bilateral is None:
             return np.zeros_like(velocity)
-        part = self._span.basis.dot(whiten(model, data, velocity))
-        return jump(model, data, self.bilateral, part.dot(self._span.combination))
-
-
-def whiten_gradients(model: mujoco.MjModel, data: mujoco.MjData, jacobian: np.ndarray) -> np.ndarray:
-    """Return ``J R^-T``, (h, nv)."""
-    Y = np.empty_like(jacobian)
-    mujoco.mj_solveM2(model, data, Y, jacobian, np.sqrt(data.qLDiagInv))
-    return Y
-
-
-def whiten(model: mujoco.MjModel, data: mujoco.MjData, velocity: np.ndarray) -> np.ndarray:
-    """Return ``R^T v = R^-1 M v``, (nv,)."""
-    momentum = np.empty_like(velocity)
-    mujoco.mj_mulM(model, data, momentum, velocity)
-    return whiten_gradients(model, data, momentum[None])[0]
-
-
-def kinetic_norm(model: mujoco.MjModel, data: mujoco.MjData, velocity: np.ndarray) -> float:
-    """Return ``|v| = sqrt(v^T M v)``."""
-    momentum = np.empty_like(velocity)
-    mujoco.mj_mulM(model, data, momentum, velocity)
-    return sqrt(max(velocity.dot(momentum), 0.0))
-
-
-def jump(model: mujoco.MjModel, data: mujoco.MjData, jacobian: np.ndarray, impulse: np.ndarray) -> np.ndarray:
-    """Return ``M^-1 J^T Lambda``, (nv,)."""
-    result = np.empty((1, model.nv))
-    mujoco.mj_solveM(model, data, result, impulse.dot(jacobian)[None])
-    return result[0]
+        part = self._constraints.basis.dot(self.configuration.whiten(velocity))
+        return self.configuration.jump(self.bilateral, part.dot(self._constraints.combination))

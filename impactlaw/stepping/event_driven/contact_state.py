@@ -1,14 +1,16 @@
-"""Contacts at one time and how they move; a flow from one such moment to the next; which contacts stay closed."""
+"""Contacts at one time and how they move; the smooth phase from there; which contacts stay closed in it."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
-from impactlaw.stepping.event_driven.contact_set import Touch, kinetic_norm
-from impactlaw.stepping.event_driven.travel import Travel
+from impactlaw.scene.contacts import Contacts
+from impactlaw.scene.patterns import Pattern
+from impactlaw.stepping.event_driven.configuration import Configuration
+from impactlaw.stepping.event_driven.contact_set import ContactSet, Rows
+from impactlaw.stepping.event_driven.travel import Frames, Travel
 from impactlaw.stepping.work import Work
 
 CORRECTED = 1e-2
@@ -21,113 +23,99 @@ _ROUNDING = 1e-13  # of a contact velocity in the kinetic metric, relative to th
 _STILL = 1e-3  # part of the gap tolerance that a velocity must cross in a timestep to be one
 
 
-class Grasp(NamedTuple):
-    """Rows of the cone problem of some contacts: contact by contact, pressing first, friction times its coefficient.
+class ContactForces(NamedTuple):
+    """The forces with which a phase has held contacts with friction.
 
     Attributes:
-        contact: index of the contact of each row, int (n,).
-        kind: 0 for pressing, 1 to 5 for friction, int (n,).
-        sizes: rows of each contact that takes part, int.
-        along: the rows along which impulses act, (n, nv).
-        whitened: the same where the kinetic metric is Euclidean, (n, nv).
-        velocity: of each row at a given velocity, (n,).
+        rows: those of the contacts, at its end.
+        force: normal force, then friction divided by its coefficients, N or N m, (h, 6).
     """
 
-    contact: np.ndarray
-    kind: np.ndarray
-    sizes: np.ndarray
-    along: np.ndarray
-    whitened: np.ndarray
-    velocity: np.ndarray
-
-
-class Carried(NamedTuple):
-    """What a flow had to hold where there is friction.
-
-    Attributes:
-        grasp: the rows at its end.
-        force: pressing, then friction divided by its coefficients, N or N m, (h, 6).
-    """
-
-    grasp: Grasp
+    rows: Rows
     force: np.ndarray
 
 
-class Moment(NamedTuple):
+class ContactState(NamedTuple):
     """Contacts at one time, and how they move.
 
     Attributes:
-        touch: the contacts that were detected, open ones included.
+        contact_set: the contacts that were detected, open ones included.
         closed: whose gap is at most the tolerance, bool (h,).
         still: contact velocity that crosses next to nothing in a timestep, m/s.
         velocity: qvel, (nv,).
         contact_velocity: ``gamma``, m/s, (h,).
         noise: size of the rounding errors of gamma, m/s, (h,).
         quiet: whether all contacts are closed, and neither move nor need a correction of position.
-        pressed: contacts that the last flow had to hold, bool (h,); None if there were none.
-        carried: the forces with which it held them where there is friction; None if there were none.
+        active: contacts that the last phase had to hold, bool (h,); None if there were none.
+        contact_forces: the forces with which it held them where there is friction; None if there were none.
         force: that these contacts exert on all degrees of freedom, N or N m, (nv,); None if it is not known.
-        bend: b of ``gap + velocity t + b t^2`` over the last flow, m/s^2, (h,), 0 if unknown; None without any.
     """
 
-    touch: Touch
+    contact_set: ContactSet
     closed: np.ndarray
     still: float
     velocity: np.ndarray
     contact_velocity: np.ndarray
     noise: np.ndarray
     quiet: bool
-    pressed: np.ndarray | None = None
-    carried: Carried | None = None
-    bend: np.ndarray | None = None
+    active: np.ndarray | None = None
+    contact_forces: ContactForces | None = None
     force: np.ndarray | None = None
 
     @classmethod
-    def of(
-        cls, model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, *, tolerance: float, timestep: float
-    ) -> Moment:
-        """Read the velocities of now; inertia must be that of the touch."""
-        gap = touch.contacts.gap
+    def of(cls, contact_set: ContactSet, *, tolerance: float, timestep: float) -> ContactState:
+        """Return the contacts of now with the velocities of now."""
+        gap = contact_set.gap
         closed = gap <= tolerance
         still = _STILL * tolerance / timestep
-        velocity, gamma, noise, silent = _motion(model, data, touch, SILENT * still)
+        velocity, gamma, noise, silent = _motion(contact_set, SILENT * still)
         quiet = (
-            silent
-            and touch.pattern.grip is None
-            and np.count_nonzero(closed & (gap >= -CORRECTED * tolerance)) == len(gap)
+            silent and contact_set.pattern.friction is None and bool((closed & (gap >= -CORRECTED * tolerance)).all())
         )
-        return cls(touch, closed, still, velocity, gamma, noise, quiet)
-
-    @classmethod
-    def without_motion(cls, touch: Touch, *, tolerance: float, timestep: float) -> Moment:
-        """Return contacts whose velocities are not looked at: all zero, until `moving` reads them."""
-        none = np.zeros(touch.jacobian.shape[1])
-        closed, rest = touch.contacts.gap <= tolerance, np.zeros(len(touch.contacts))
-        return cls(touch, closed, _STILL * tolerance / timestep, none, rest, rest, False)
+        return cls(contact_set, closed, still, velocity, gamma, noise, quiet)
 
     def moving(
         self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        pressed: np.ndarray | None = None,
-        carried: Carried | None = None,
+        active: np.ndarray | None = None,
+        contact_forces: ContactForces | None = None,
         force: np.ndarray | None = None,
-    ) -> Moment:
+    ) -> ContactState:
         """Return the same contacts with the velocities of now."""
-        velocity, gamma, noise, _ = _motion(model, data, self.touch, SILENT * self.still)
+        velocity, gamma, noise, _ = _motion(self.contact_set, SILENT * self.still)
         motion = velocity, gamma, noise, False
-        if np.count_nonzero(self.touch.pattern.vague):  # contact points may jump, and forces with them
+        if np.count_nonzero(self.pattern.vague):  # contact points may jump, and forces with them
             force = None
-        return Moment(self.touch, self.closed, self.still, *motion, pressed, carried, self.bend, force)
+        return ContactState(self.contact_set, self.closed, self.still, *motion, active, contact_forces, force)
 
-    def bending(self, bend: np.ndarray) -> Moment:
-        """Return the same contacts after a flow that has bent their gaps, m/s^2, (h,)."""
-        return self._replace(bend=bend)
+    @property
+    def configuration(self) -> Configuration:
+        """At which the contacts are."""
+        return self.contact_set.configuration
+
+    @property
+    def pattern(self) -> Pattern:
+        """What the geoms of the contacts say."""
+        return self.contact_set.pattern
+
+    @property
+    def frames(self) -> Frames:
+        """Frames of all geoms."""
+        return self.contact_set.frames
 
     @property
     def gap(self) -> np.ndarray:
         """Gaps, m, (h,)."""
-        return self.touch.contacts.gap
+        return self.contact_set.gap
+
+    @property
+    def position(self) -> np.ndarray:
+        """Contact points, m, (h, 3)."""
+        return self.contacts.position
+
+    @property
+    def contacts(self) -> Contacts:
+        """The contacts."""
+        return self.contact_set.contacts
 
     @property
     def rounding(self) -> np.ndarray:
@@ -137,24 +125,20 @@ class Moment(NamedTuple):
     @property
     def collides(self) -> bool:
         """Whether a closed contact approaches."""
-        fast = self.closed & (self.contact_velocity < -self.still)
-        return bool(np.count_nonzero(fast)) and bool(np.any(self.contact_velocity[fast] < -self.noise[fast]))
+        return bool(np.count_nonzero(self.closed & (self.contact_velocity < -self.rounding)))
 
 
-def _motion(
-    model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, silent: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+def _motion(contact_set: ContactSet, silent: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
     """Return v, gamma, its noise, and whether gamma is all noise."""
-    velocity = data.qvel.copy()
-    gamma = touch.contact_velocity(velocity)
-    if not np.count_nonzero(np.abs(gamma) > silent):
-        return velocity, gamma, silent * touch.pattern.ones, True
-    _, _, lengths = touch.whitened(model, data)
-    return velocity, gamma, (_ROUNDING * kinetic_norm(model, data, velocity)) * lengths, False
+    configuration = contact_set.configuration
+    velocity = configuration.data.qvel.copy()
+    gamma = contact_set.contact_velocity(velocity)
+    noise = (_ROUNDING * configuration.kinetic_norm(velocity)) * contact_set.lengths
+    return velocity, gamma, noise, not np.count_nonzero(np.abs(gamma) > silent)
 
 
-class Flow(NamedTuple):
-    """A flow that has been tried.
+class Phase(NamedTuple):
+    """A smooth phase that has been tried.
 
     Attributes:
         start: where it began.
@@ -167,7 +151,7 @@ class Flow(NamedTuple):
         work: counts what the step has taken.
     """
 
-    start: Moment
+    start: ContactState
     duration: float
     tolerance: float
     travel: Travel
@@ -177,8 +161,8 @@ class Flow(NamedTuple):
     exact: bool = True
 
 
-class Arrival(NamedTuple):
-    """The contacts at the end of a flow.
+class PhaseEnd(NamedTuple):
+    """The contacts at the end of a phase.
 
     Attributes:
         now: those contacts, and how they move now.
@@ -186,23 +170,33 @@ class Arrival(NamedTuple):
         sustained: which ones stay closed, bool (h,).
     """
 
-    now: Moment
+    now: ContactState
     known: np.ndarray
     sustained: np.ndarray
 
+    @property
+    def contact_set(self) -> ContactSet:
+        """Those contacts."""
+        return self.now.contact_set
 
-def stays(gap: np.ndarray, known: np.ndarray, flow: Flow) -> np.ndarray:
-    """Return which contacts are sustained if they end the flow with these gaps, bool (h,)."""
-    if flow.hold_all:
-        return gap <= flow.tolerance
-    start, tau = flow.start, flow.duration
+    @property
+    def gap(self) -> np.ndarray:
+        """Their gaps, m, (h,)."""
+        return self.now.gap
+
+
+def stays(gap: np.ndarray, known: np.ndarray, phase: Phase) -> np.ndarray:
+    """Return which contacts are sustained if they end the phase with these gaps, bool (h,)."""
+    if phase.hold_all:
+        return gap <= phase.tolerance
+    start, tau = phase.start, phase.duration
     closed = start.closed
     if not np.count_nonzero(closed):
         return np.zeros(len(known), dtype=bool)
     velocity = start.contact_velocity[known]
     slow = velocity <= start.rounding[known]
     held = (known >= 0) & closed[known]
-    if np.count_nonzero(held & slow) == np.count_nonzero(held):
+    if not np.count_nonzero(held & ~slow):
         return held
     closing = 2.0 * (start.gap[known] + velocity * tau - gap)  # times tau^2
-    return held & (slow | ((velocity * tau) ** 2 <= 2.0 * closing * flow.tolerance))
+    return held & (slow | ((velocity * tau) ** 2 <= 2.0 * closing * phase.tolerance))

@@ -1,4 +1,4 @@
-"""Gaps as functions of the duration of a flow, as far as flows have shown them, and when they close."""
+"""Gaps as functions of the duration of a phase, as far as trial steps have shown them, and when they close."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ _ROOT = 1e-15  # part of a stretch to which the zero of its cubic is found
 _HALVINGS = 60
 
 
-class Sight(NamedTuple):
-    """A contact at the end of a flow.
+class Observation(NamedTuple):
+    """A contact at the end of a phase.
 
     Attributes:
-        contact: a number that tells it from others, the same after flows of any duration.
+        contact: a number that tells it from others, the same after phases of any duration.
         gap: m.
         rate: contact velocity, m/s.
-        before: contact velocity at the start of the flow, m/s.
+        before: contact velocity at the start of the phase, m/s.
     """
 
     contact: int
@@ -34,16 +34,16 @@ class _Node(NamedTuple):
     time: float
     gap: float
     slope: float
-    guessed: bool = False  # whether the contact was out of sight there
+    guessed: bool = False  # whether the contact was too far away to be seen there
 
 
-class Courses:
-    """The gaps of contacts that are not held, as functions of the duration of a flow from one start.
+class GapFunctions:
+    """The gaps of contacts that are not held, as functions of the duration of a phase from one start.
 
     Args:
         gap: of the contacts at the start, m, (h,); their indices tell them. One that overlaps counts as touching.
         velocity: contact velocities there, m/s, (h,).
-        exact: whether the velocity at the end of a flow is the derivative of the position by its duration. So it is
+        exact: whether the velocity at the end of a phase is the derivative of the position by its duration. So it is
             with RK4; the semi-implicit integrators move with the velocity of the end, and there the slope is that of
             the parabola through the nearest gaps.
 
@@ -57,10 +57,10 @@ class Courses:
         self._deep: dict[float, list[int]] = {}
         self.low = 0.0
 
-    def add(self, time: float, sights: Iterable[Sight]) -> None:
-        """Add what a flow of this duration, s, has shown at its end."""
+    def add(self, time: float, observations: Iterable[Observation]) -> None:
+        """Add what a phase of this duration, s, has shown at its end."""
         deep = self._deep[time] = []
-        for contact, gap, rate, before in sights:
+        for contact, gap, rate, before in observations:
             nodes = self._nodes.get(contact)
             if nodes is None:
                 nodes = self._nodes[contact] = self._first(contact, time, gap, rate, before)
@@ -81,17 +81,12 @@ class Courses:
         travel = (0.5 * (before + rate) if self._exact else rate) * time
         return [_Node(0.0, gap - travel, before, guessed=True)] if gap > travel else []
 
-    def falls(self, time: float) -> bool:
-        """Return whether the smallest gap after a flow of this duration, s, was larger after shorter ones."""
-        nodes = [node for course in self._nodes.values() for node in course if node.time == time]
-        return bool(nodes) and min(nodes, key=lambda node: node.gap).slope < 0.0
-
     def closing(self, low: float, high: float) -> float | None:
-        """Return when the first of the gaps that are negative after one flow has closed; None if that does not show.
+        """Return when the first of the gaps that are negative after one phase has closed; None if that does not show.
 
         Args:
             low: duration, s, after which no gap is negative.
-            high: duration of a flow that has been added, s.
+            high: duration of a phase that has been added, s.
         """
         earliest = math.inf
         for contact in self._deep[high]:
@@ -101,14 +96,6 @@ class Courses:
             if low < time < earliest:
                 earliest = time
         return earliest if earliest < high else None
-
-    def ahead(self, time: float) -> float:
-        """Return when the first gap will close after the longest flow so far, of this duration, s; inf if none."""
-        earliest = math.inf
-        for nodes in self._nodes.values():
-            if len(nodes) > 1 and nodes[-1].time == time:
-                earliest = min(earliest, _next_zero(nodes[-2], nodes[-1]))
-        return earliest
 
 
 def _bent_slope(nodes: list[_Node], time: float, gap: float) -> float:
@@ -137,13 +124,6 @@ def _cubic(one: _Node, other: _Node) -> tuple[float, float, float, float]:
     d = other.time - one.time
     rise, first, last = other.gap - one.gap, one.slope * d, other.slope * d
     return one.gap, first, 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise
-
-
-def _next_zero(one: _Node, other: _Node) -> float:
-    """Return where the cubic through two nodes, bent on as it is bent at the second one, becomes negative; or inf."""
-    _, _, two, three = _cubic(one, other)
-    d = other.time - one.time
-    return other.time + parabola_closes(max(other.gap, 0.0), other.slope, (two + 3.0 * three) / d**2)
 
 
 def _zero(nodes: list[_Node], i: int) -> float:

@@ -1,52 +1,53 @@
-"""Which contacts at the end of a flow are those at its start."""
+"""Which contacts at the end of a smooth phase are those at its start."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from impactlaw.scene.contacts import Contacts, gap_gradients
-from impactlaw.stepping.event_driven.contact_set import Touch
-from impactlaw.stepping.event_driven.contact_state import Arrival, Flow
+from impactlaw.stepping.event_driven.contact_set import ContactSet
+from impactlaw.stepping.event_driven.contact_state import Phase, PhaseEnd
 from impactlaw.stepping.event_driven.travel import Frames
 
 _SAME_POINT = 1e3  # gap tolerances that a contact point may move more than the geoms
 _LAST = 1e9  # m: puts contacts that separate behind those that do not
 
 
-def match(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, flow: Flow) -> np.ndarray:
-    """Return for each contact at the end of a flow the index of the same contact at its start, or -1, int (h,).
+class Continued(NamedTuple):
+    """How the gap of a contact that continues another one has changed.
+
+    Attributes:
+        halfway: gap to which its velocity alone leads in half of the phase, m.
+        bent: the part of the gap at the end that is not due to the velocity, m.
+    """
+
+    halfway: float
+    bent: float
+
+
+def match(contact_set: ContactSet, phase: Phase) -> np.ndarray:
+    """Return for each contact at the end of a phase the index of the same contact at its start, or -1, int (h,).
 
     The same contact is of the same two geoms and has moved, seen from one of them, no further than they have travelled.
     If the two never have more than one contact, it is the same one anyway. If they touch somewhere in common faces, it
-    continues the nearest contact that was closed if, at the start, it approached no faster than the flow has changed
-    its velocity (an impact so slow is over within the flow), or if the flow is known to be smooth.
+    continues the nearest contact that was closed if, at the start, it approached no faster than the phase has changed
+    its velocity (an impact so slow is over within the phase), or if the phase is known to be smooth.
     """
-    before, now = flow.start.touch.pattern, touch.pattern
+    before, now = phase.start.pattern, contact_set.pattern
     if not before or not now:
         return np.full(len(now), -1)
-    if before.all_single and now.all_single:
-        if before is now:
-            return now.index
-        index = np.minimum(np.searchsorted(before.key, now.key), len(before) - 1)
-        return np.where(before.key[index] == now.key, index, -1)
+    if not (before.all_single and now.all_single):
+        return _match_points(contact_set, phase)
     if before is now:
-        moved = touch.contacts.position - flow.start.touch.contacts.position
-        same = _SAME_POINT * flow.tolerance
-        if np.abs(moved - moved[0]).max() <= same and _translates(data, touch, flow, moved[0], same):
-            return now.index
-    if before.distinct and now.distinct:
-        index = np.minimum(np.searchsorted(before.key, now.key), len(before) - 1)
-        same = before.key[index] == now.key
-        moved = touch.contacts.position - flow.start.touch.contacts.position[index]
-        travel = flow.travel.between(flow.start.touch.frames, data)[now.geoms].sum(axis=1)
-        allowed = travel + _SAME_POINT * flow.tolerance
-        if np.count_nonzero(same & (np.vecdot(moved, moved) > allowed * allowed)) == 0:
-            return np.where(same, index, -1)
-    return _match_points(model, data, touch, flow)
+        return now.index
+    index = np.minimum(np.searchsorted(before.key, now.key), len(before) - 1)
+    return np.where(before.key[index] == now.key, index, -1)
 
 
-def refound(known: np.ndarray, held: np.ndarray, touch: Touch, flow: Flow) -> np.ndarray:
+def refound(known: np.ndarray, held: np.ndarray, contact_set: ContactSet, phase: Phase) -> np.ndarray:
     """Return indices as in `match` in which no contact that is held is missing where one in common faces may be it.
 
     A correction of position can move a contact point further than the bodies, as on the rim of a coin.
@@ -55,104 +56,92 @@ def refound(known: np.ndarray, held: np.ndarray, touch: Touch, flow: Flow) -> np
     missing = [index for index in held.tolist() if index >= 0 and index not in found]
     if not missing:
         return known
-    start, known = flow.start.touch, known.copy()
+    start, pattern, known = phase.start, contact_set.pattern, known.copy()
     for lost in missing:
-        new = np.flatnonzero((known < 0) & touch.pattern.rolling & (touch.pattern.key == start.pattern.key[lost]))
+        new = np.flatnonzero((known < 0) & pattern.rolling & (pattern.key == start.pattern.key[lost]))
         if len(new):
-            away = np.linalg.norm(touch.contacts.position[new] - start.contacts.position[lost], axis=1)
+            away = np.linalg.norm(contact_set.contacts.position[new] - start.position[lost], axis=1)
             known[new[away.argmin()]] = lost
     return known
 
 
-def elsewhere(arrival: Arrival, flow: Flow, deepest: int, gap: float) -> tuple[float, float] | None:
-    """Return how a contact has come to its gap if it continues one that was elsewhere in common faces.
+def continued(phase_end: PhaseEnd, phase: Phase, deepest: int, gap: float) -> Continued | None:
+    """Return how a contact has come to its gap if it continues one in another place of common faces; else None.
 
     That one was closed and did not separate, or so slowly that its rebound rises less than the gap tolerance.
 
     Args:
-        arrival: the contacts at the end of the flow.
-        flow: what led there.
+        phase_end: the contacts at the end of the phase.
+        phase: what led there.
         deepest: index of the contact.
         gap: its gap, m.
-
-    Returns:
-        Where its velocity alone leads in half of the flow, and the part of the gap that is bent, m; or None.
     """
-    start, touch, tau = flow.start, arrival.now.touch, flow.duration
-    if arrival.known[deepest] >= 0 or not touch.pattern.vague[deepest]:
+    start, pattern, tau = phase.start, phase_end.now.pattern, phase.duration
+    if phase_end.known[deepest] >= 0 or not pattern.vague[deepest]:
         return None
     velocity = start.contact_velocity
     bent = gap - start.gap - velocity * tau
     held = velocity <= start.rounding
-    if touch.pattern.rolling[deepest]:
-        held |= (velocity * tau) ** 2 <= -4.0 * bent * flow.tolerance
-    held &= start.closed & (start.touch.pattern.key == touch.pattern.key[deepest])
+    if pattern.rolling[deepest]:
+        held |= (velocity * tau) ** 2 <= -4.0 * bent * phase.tolerance
+    held &= start.closed & (start.pattern.key == pattern.key[deepest])
     if not np.count_nonzero(held):
         return None
     one = int(np.flatnonzero(held)[velocity[held].argmin()])
-    return float(start.gap[one] + 0.5 * velocity[one] * tau), float(bent[one])
+    return Continued(float(start.gap[one] + 0.5 * velocity[one] * tau), float(bent[one]))
 
 
-def _translates(data: mujoco.MjData, touch: Touch, flow: Flow, moved: np.ndarray, same: float) -> bool:
-    """Return whether the first contact point, midway between two surfaces, has moved as they have on the average."""
-    geoms = touch.contacts.geoms[0]
-    first, second = data.geom_xpos[geoms] - flow.start.touch.frames.position[geoms]
-    return bool(np.abs(moved - 0.5 * (first + second)).max() <= same)
-
-
-def _match_points(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, flow: Flow) -> np.ndarray:
-    start, contacts = flow.start, touch.contacts
-    before = start.touch.contacts
+def _match_points(contact_set: ContactSet, phase: Phase) -> np.ndarray:
+    start, contacts, pattern = phase.start, contact_set.contacts, contact_set.pattern
+    model, data = contact_set.configuration.model, contact_set.configuration.data
     index = np.full(len(contacts), -1)
-    other = touch.pattern.key[:, None] != start.touch.pattern.key
-    moved = np.where(other, np.inf, _moved(contacts, before, start.touch.frames, data))
+    other = pattern.key[:, None] != start.pattern.key
+    moved = np.where(other, np.inf, _moved(contacts, start.contacts, start.frames, data))
     nearest = moved.argmin(axis=1)
     least = moved[np.arange(len(contacts)), nearest]
-    travel = flow.travel.between(start.touch.frames, data)
-    near = least <= 2.0 * travel[contacts.geoms].sum(axis=1) + _SAME_POINT * flow.tolerance
-    near |= np.isfinite(least) & touch.pattern.single
+    travel = phase.travel.between(start.frames, data)
+    near = least <= 2.0 * travel[contacts.geoms].sum(axis=1) + _SAME_POINT * phase.tolerance
+    near |= np.isfinite(least) & pattern.single
     index[near] = nearest[near]
     moved[:, ~start.closed] = np.inf
-    moved[:, start.contact_velocity > start.rounding] += np.where(touch.pattern.rolling, _LAST, np.inf)[:, None]
-    vague = np.flatnonzero(~near & np.isfinite(moved).any(axis=1) & touch.pattern.vague)
-    if len(vague) and not flow.smooth:
+    moved[:, start.contact_velocity > start.rounding] += np.where(pattern.rolling, _LAST, np.inf)[:, None]
+    vague = np.flatnonzero(~near & np.isfinite(moved).any(axis=1) & pattern.vague)
+    if len(vague) and not phase.smooth:
         J = gap_gradients(model, data, contacts.select(vague))
-        velocity, change = J @ start.velocity, J @ (data.qvel - start.velocity)
-        if touch.drift is not None:
-            velocity = velocity + touch.drift[vague]
+        velocity, change = J.dot(start.velocity), J.dot(data.qvel - start.velocity)
+        if contact_set.drift is not None:
+            velocity = velocity + contact_set.drift[vague]
         vague = vague[-velocity <= np.abs(change) + start.rounding.max()]
     index[vague] = moved[vague].argmin(axis=1)
     return index
 
 
-def runs_on(half: Arrival, end: Arrival, flow: Flow, deepest: int) -> bool:
-    """Return whether a contact at the end is one that is held after half of the flow, and has run on as before.
+def runs_on(half: PhaseEnd, end: PhaseEnd, phase: Phase, deepest: int) -> bool:
+    """Return whether a contact at the end is one that is held after half of the phase, and has run on as before.
 
     That is ``|p(tau) - p(tau / 2)| <= 2 |p(tau / 2) - p(0)|`` for the contact point p, m; another edge is further away.
 
     Args:
-        half: the contacts after half of the flow.
+        half: the contacts after half of the phase.
         end: the contacts at its end.
-        flow: what led to the end.
+        phase: what led to the end.
         deepest: index of the contact at the end.
     """
-    pattern = end.now.touch.pattern
-    held = np.flatnonzero(half.sustained & (half.now.touch.pattern.key == pattern.key[deepest]))
+    pattern = end.now.pattern
+    held = np.flatnonzero(half.sustained & (half.now.pattern.key == pattern.key[deepest]))
     if not pattern.rolling[deepest] or len(held) != 1 or half.known[held[0]] < 0:
         return False
-    start = flow.start.touch.contacts.position[half.known[held[0]]]
-    middle, now = half.now.touch.contacts.position[held[0]], end.now.touch.contacts.position[deepest]
+    start = phase.start.position[half.known[held[0]]]
+    middle, now = half.now.position[held[0]], end.now.position[deepest]
     return bool(np.linalg.norm(now - middle) <= 2.0 * np.linalg.norm(middle - start))
 
 
 def _moved(contacts: Contacts, before: Contacts, frames: Frames, data: mujoco.MjData) -> np.ndarray:
     """Distances of contact points from earlier ones, seen from that of the two geoms for which they are smaller."""
     distances = []
-    for geom, geom_before in zip(contacts.geoms.T, before.geoms.T, strict=True):
-        turn = data.geom_xmat[geom].reshape(-1, 3, 3)
+    for geom, earlier in zip(contacts.geoms.T, before.geoms.T, strict=True):
+        turn, turn_before = data.geom_xmat[geom].reshape(-1, 3, 3), frames.rotation[earlier].reshape(-1, 3, 3)
         now = np.einsum("hij,hi->hj", turn, contacts.position - data.geom_xpos[geom])
-        then = np.einsum(
-            "hij,hi->hj", frames.rotation[geom_before].reshape(-1, 3, 3), before.position - frames.position[geom_before]
-        )
+        then = np.einsum("hij,hi->hj", turn_before, before.position - frames.position[earlier])
         distances.append(np.linalg.norm(now[:, None] - then, axis=2))
     return np.minimum(*distances)

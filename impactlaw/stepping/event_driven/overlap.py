@@ -18,9 +18,10 @@ import numpy as np
 
 from impactlaw.errors import OverlapError, UnfinishedStepError, UnsolvableLawError
 from impactlaw.solvers import Problem, solve_with_jump
-from impactlaw.stepping.event_driven.contact_set import Touch, jump
-from impactlaw.stepping.event_driven.contact_state import CORRECTED, Moment
-from impactlaw.stepping.event_driven.smooth_phase import Flights
+from impactlaw.stepping.event_driven.configuration import Configuration
+from impactlaw.stepping.event_driven.contact_set import ContactSet
+from impactlaw.stepping.event_driven.contact_state import CORRECTED, ContactState
+from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 
 _SHIFTS = 100  # corrections of the shift at most
 _SMALLEST = 40  # of them that look for the smallest one; those after them only open what still overlaps
@@ -29,26 +30,26 @@ _NAMED = 5  # overlaps that an error names
 _SINGLE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
-def clearance(touch: Touch) -> np.ndarray:
+def clearance(contact_set: ContactSet) -> np.ndarray:
     """Return the distances of surfaces, without the skin of those that count as touching before they do, (h,)."""
-    gap, skin = touch.contacts.gap, touch.pattern.skin
+    gap, skin = contact_set.gap, contact_set.pattern.skin
     return gap if skin is None else gap + skin
 
 
-def overlaps(touch: Touch, tolerance: float) -> bool:
+def overlaps(contact_set: ContactSet, tolerance: float) -> bool:
     """Return whether something overlaps by more than the gap tolerance, m or rad."""
-    return bool(np.count_nonzero(clearance(touch) < -tolerance))
+    return bool(np.count_nonzero(clearance(contact_set) < -tolerance))
 
 
-def refuse(touch: Touch, tolerance: float, reason: str) -> OverlapError:
+def refuse(contact_set: ContactSet, tolerance: float, reason: str) -> OverlapError:
     """Return the error that names what overlaps, the deepest first.
 
     Args:
-        touch: contacts, with frames of the same configuration.
+        contact_set: contacts.
         tolerance: depth up to which a contact counts as touching, m.
         reason: what the error says after the names.
     """
-    contacts, depth = touch.contacts, -clearance(touch)
+    contacts, depth = contact_set.contacts, -clearance(contact_set)
     deep = np.flatnonzero(depth > tolerance)
     deep = deep[np.argsort(-depth[deep])]
     units = np.where(contacts.geoms[:, 0] < 0, "beyond the limit", "m")
@@ -56,78 +57,72 @@ def refuse(touch: Touch, tolerance: float, reason: str) -> OverlapError:
     return OverlapError(f"geoms overlap at the start of a step: {named}; {reason}")
 
 
-def push_out(model: mujoco.MjModel, data: mujoco.MjData, flights: Flights, start: Moment, tolerance: float) -> Moment:
-    """Move data.qpos by the smallest shift that opens all gaps; return the contacts after it, data's frames current.
+def push_out(phases: SmoothPhases, start: ContactState) -> ContactState:
+    """Move the scene by the smallest shift that opens all gaps; return the contacts after it.
 
     Where none is found, joints that are beyond their limits are put back to these, if that opens all gaps.
 
     Args:
-        model: the scene.
-        data: its state, frames current; only the configuration changes.
-        flights: detects contacts.
+        phases: detects contacts.
         start: the contacts of now.
-        tolerance: gap up to which a contact is closed, m.
 
     Raises:
         OverlapError: bodies are squeezed: no shift opens all gaps, or none was found. data.qpos may have changed.
         UnfinishedStepError: looking for one takes too much work.
     """
-    qpos = data.qpos.copy()
+    configuration = phases.configuration
+    qpos = configuration.data.qpos.copy()
     try:
-        return _smallest_shift(model, data, flights, start, tolerance)
+        return _smallest_shift(phases, start)
     except (OverlapError, UnfinishedStepError):
-        data.qpos[:] = qpos
-        _put_back(model, data)
-        flights.update(data)
-        now = flights.look(data)
-        if overlaps(now.touch, tolerance):
+        configuration.data.qpos[:] = qpos
+        _put_back(configuration)
+        now = phases.look()
+        if overlaps(now.contact_set, phases.tolerance):
             raise
         return now
 
 
-def _put_back(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+def _put_back(configuration: Configuration) -> None:
     """Put hinges and slides that are beyond their limits back to these."""
+    model, qpos = configuration.model, configuration.data.qpos
     joints = np.flatnonzero(model.jnt_limited & np.isin(model.jnt_type, _SINGLE))
     where, (low, high) = model.jnt_qposadr[joints], model.jnt_range[joints].T
-    data.qpos[where] = np.clip(data.qpos[where], low, high)
+    qpos[where] = np.clip(qpos[where], low, high)
+    configuration.update()
 
 
-def _smallest_shift(
-    model: mujoco.MjModel, data: mujoco.MjData, flights: Flights, start: Moment, tolerance: float
-) -> Moment:
+def _smallest_shift(phases: SmoothPhases, start: ContactState) -> ContactState:
     """Do what `push_out` says, by Gauss-Newton on the gaps."""
-    qpos, reach = data.qpos.copy(), 2.0 * float(-start.gap.min())
-    now, shift, allowed = flights.look(data, reach), np.zeros(model.nv), CORRECTED * tolerance
+    configuration, nv = phases.configuration, phases.configuration.model.nv
+    qpos, reach = configuration.data.qpos.copy(), 2.0 * float(-start.gap.min())
+    now, shift, allowed = phases.look(reach), np.zeros(nv), CORRECTED * phases.tolerance
     for correction in range(_SHIFTS):
-        flights.work.look(len(now.gap))
-        flights.work.hold(len(now.gap))
-        touch, gap, last = now.touch, now.gap, correction >= _SMALLEST
-        if not touch.pattern or (last and gap.min() >= -allowed):  # or pushed out further than contacts are sought
+        phases.work.look(len(now.gap))
+        phases.work.hold(len(now.gap))
+        contact_set, gap, last = now.contact_set, now.gap, correction >= _SMALLEST
+        if not len(gap) or (last and gap.min() >= -allowed):  # or pushed out further than contacts are sought
             return now
         if last:
-            qpos, shift = data.qpos.copy(), np.zeros(model.nv)
+            qpos, shift = configuration.data.qpos.copy(), np.zeros(nv)
         try:
-            wanted = _shift(model, data, touch, touch.jacobian.dot(shift) - gap)
+            wanted = _shift(contact_set, contact_set.jacobian.dot(shift) - gap)
         except UnsolvableLawError:
             break
         change = wanted - shift
         settled = np.abs(change).max() <= _SETTLED * np.abs(wanted).max()
-        if settled and gap.min() >= -allowed and np.abs(touch.jacobian.dot(change)).max() <= allowed:
+        if settled and gap.min() >= -allowed and contact_set.opening(change) <= allowed:
             return now
         shift = wanted
-        moved = qpos.copy()
-        mujoco.mj_integratePos(model, moved, shift, 1.0)
-        data.qpos[:] = moved
-        flights.update(data)
-        now = flights.look(data, reach)
-    if overlaps(now.touch, tolerance):
+        configuration.shift(shift, qpos=qpos)
+        now = phases.look(reach)
+    if overlaps(now.contact_set, phases.tolerance):
         reason = "bodies are squeezed there: no shift was found that opens all gaps"
-        raise refuse(start.touch, tolerance, reason)
+        raise refuse(start.contact_set, phases.tolerance, reason)
     return now
 
 
-def _shift(model: mujoco.MjModel, data: mujoco.MjData, touch: Touch, least: np.ndarray) -> np.ndarray:
+def _shift(contact_set: ContactSet, least: np.ndarray) -> np.ndarray:
     """Return the shift d of least ``d^T M d`` with ``J d >= least``, (nv,)."""
-    rows, Y, _ = touch.whitened(model, data)
-    solution = solve_with_jump(Problem(Y, least), ("",) * len(least), shared=False)
-    return jump(model, data, rows, solution.impulse)
+    solution = solve_with_jump(Problem(contact_set.whitened, least), ("",) * len(least), shared=False)
+    return contact_set.configuration.jump(contact_set.along, solution.impulse)

@@ -1,20 +1,20 @@
-"""Rigid stepping: collisions by a chosen law at located times, contact-free flow between them.
+"""Rigid stepping: collisions by a chosen law at located times, smooth phases between them.
 
 A step whose contacts need no more than one look is taken by a shortcut (`shortcuts`). Any other of duration h, from a
 state in which no gap is below minus the tolerance (`overlap`):
 
 1. Closed contacts (gap <= tolerance) that approach collide: the law gives v+, again and again until none approaches
    (`collisions.Collider`).
-2. MuJoCo's integrator advances what remains of the step without contacts. The flow is shortened where bodies travel
-   further than they are thick (`travel.Travel`).
+2. MuJoCo's integrator advances what remains of the step without contacts. This smooth phase is shortened where bodies
+   travel further than they are thick (`travel.Travel`).
 3. Contacts that stay closed are held closed (`persistent_contact`).
-4. If another gap fell below minus the tolerance, the flow is repeated up to the time at which it closes, found by a
+4. If another gap fell below minus the tolerance, the phase is repeated up to the time at which it closes, found by a
    bracketed search on the smallest gap; then again from 1. (2 to 4: `smooth_phase`) A gap that has jumped below minus
    the tolerance, as between points of faces, is opened by the smallest shift (`overlap.push_out`).
-5. More than max_events collisions in one step: E = 0 on every closed contact, and flows for the rest of the step at
+5. More than max_events collisions in one step: E = 0 on every closed contact, and phases for the rest of the step at
    whose end every closed contact is held. That ends a collapse, in which ever smaller collisions follow each other. If
    it would cost energy, if no impulses are certified, if contact is not held, if contact points jump, or if the step
-   takes too much work (`work`), time stepping takes the rest of the step instead (`rest_of_step`), from the last flow
+   takes too much work (`work`), time stepping takes the rest of the step instead (`rest_of_step`), from the last phase
    on; all of the step where many collisions are the reason, in the middle of which energy is anywhere.
 """
 
@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -40,22 +41,22 @@ from impactlaw.scene.contacts import update_positions
 from impactlaw.solvers.one_thread import one_thread
 from impactlaw.stepping.collisions import Collider, kinetic_metric
 from impactlaw.stepping.compatibility import check_resolved, check_rigid
-from impactlaw.stepping.event_driven.contact_state import Moment
+from impactlaw.stepping.event_driven.contact_state import ContactState
 from impactlaw.stepping.event_driven.overlap import overlaps, push_out, refuse
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 from impactlaw.stepping.event_driven.shortcuts import Apart, Shortcut, find_rest, find_together, is_still
-from impactlaw.stepping.event_driven.smooth_phase import Flights
+from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 from impactlaw.stepping.event_driven.strong_damping import locks
 from impactlaw.stepping.impact_event import ImpactEvent
-from impactlaw.stepping.integration import advance, check_input, empty_state, restore_state, save_state
+from impactlaw.stepping.integration import check_input, empty_state
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.work import Work
 
 Events = tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]]
 """The collisions of a step, or what tells them."""
 
-_JUMPS = 5  # flows of no length, each ended by another contact that closes without a collision: points that jump
-_INSTANT = 1e-4  # part of the timestep that such a flow lasts
+_JUMPS = 5  # phases of no length, each ended by another contact that closes without a collision: points that jump
+_INSTANT = 1e-4  # part of the timestep that such a phase lasts
 _WORK = 120  # units that a step may take at least, whatever max_events is
 _DEEP = 1e3  # gap tolerances by which contact that is held overlaps at most
 _OPENING = 0.15  # part of the work of a step that it may take to open them
@@ -63,6 +64,32 @@ _SLIGHT = 1e6  # gap tolerances by which time stepping may leave bodies overlapp
 _MANY = 0.5  # part of max_events that are many collisions, if they keep a step from being finished
 _ENDED = 1e-6  # part of the kinetic energy that E = 0 may take after max_events collisions
 _UNFINISHED = DivergenceError, SolverError, UnfinishedStepError, UnsolvableLawError, np.linalg.LinAlgError
+
+
+class _Left(NamedTuple):
+    """What contacts depend on, as a step has left it.
+
+    Attributes:
+        qpos: position, as bytes.
+        qvel: velocity, as bytes.
+        timestep: s.
+        disabled: flags of the options.
+        equalities: which equality constraints are on, as bytes.
+    """
+
+    qpos: bytes
+    qvel: bytes
+    timestep: float
+    disabled: int
+    equalities: bytes
+
+
+class _Begun(NamedTuple):
+    """A smooth phase that has begun: the saved state, what remains of the step, s, and collisions before it."""
+
+    state: np.ndarray
+    remaining: float
+    collisions: int
 
 
 class RigidStepping:
@@ -95,15 +122,16 @@ class RigidStepping:
         self._push_out = push_out
         self._rest = rest
         self._work = Work(model.nv, max(_WORK, collider.most), convex=plan.convex)
-        self._flights = Flights(model, plan, gap_tolerance, self._work, exact=exact)
-        self._options = self._flights.options
+        self._phases = SmoothPhases(model, plan, gap_tolerance, self._work, exact=exact)
+        self._options, self._surfaces = self._phases.options, self._phases.surfaces
+        self._configuration = self._phases.configuration
         self._before, self._state = empty_state(model), empty_state(model)
-        self._left: tuple[bytes, bytes, float, int, bytes] = b"", b"", 0.0, 0, b""
-        self._next: Moment | None = None
+        self._left: _Left | None = None
+        self._next: ContactState | None = None
         self._shortcut: Shortcut | None = None
-        self._restless = False  # whether the last rest found was none
+        self._restless = False  # whether the rest found last did not last a step
         self._metric: KineticMetric | None = None
-        self._part: tuple[np.ndarray, float, int] = self._before, 0.0, 0
+        self._begun = _Begun(self._before, 0.0, 0)
         self.unlocated, self.crowded = 0, False
 
     def set_law(self, law: Law) -> None:
@@ -114,7 +142,8 @@ class RigidStepping:
 
     def step(self, data: mujoco.MjData) -> Events:
         """Advance by one timestep and return the collisions; data is back where it was if an error is raised."""
-        state, events = save_state(self._model, data, self._before), []
+        self._configuration.bind(data)
+        state, events = self._configuration.save(self._before), []
         check_input(self._model, data, state)
         waits = self._rest is not None and self._rest.waits()
         try:
@@ -128,192 +157,187 @@ class RigidStepping:
                     self._rest.failed()
                     if len(events) > _MANY * self._collider.most:  # each has only some of the energy by now
                         self.crowded = True
-                        self._part = state, self._options.timestep, 0
+                        self._begun = _Begun(state, self._options.timestep, 0)
                 return self._finish(data, self._rest, events)
         except BaseException:
-            restore_state(self._model, data, state)
-            update_positions(self._model, data)
+            self._configuration.restore(state)
+            update_positions(self._model, data)  # surfaces stay where they were put
             raise
 
     def _finish(self, data: mujoco.MjData, rest: RestOfStep, events: list[ImpactEvent]) -> Events:
         """Let time stepping take what is left of the step."""
-        (state, remaining, count), surfaces = self._part, self._flights.surfaces
+        state, remaining, count = self._begun
         known = tuple(events[:count])
-        restore_state(self._model, data, state)
+        self._configuration.restore(state)
         end = data.time + remaining
-        more = rest.take(data, remaining, surfaces)
+        more = rest.take(data, remaining, self._surfaces)
         data.time = end
-        self._open(data)
-        if surfaces is not None:
-            surfaces.end(data)
+        self._open()
+        if self._surfaces is not None:
+            self._surfaces.end(data)
         self.unlocated += 1
-        self._left, self._next, self._shortcut, self._restless = self._now(data), None, None, False
+        self._left, self._next, self._shortcut, self._wait = self._now(), None, None, False
         return (lambda: (*known, *more())) if callable(more) else known
 
-    def _open(self, data: mujoco.MjData) -> None:
+    def _open(self) -> None:
         """Open what time stepping has left overlapping by next to nothing; the rest it opens over time."""
         self._work.begin(_OPENING)
         with self._options:
-            self._flights.update(data)
-            now = self._flights.look(data)
-            if overlaps(now.touch, self._tolerance) and now.gap.min() >= -_SLIGHT * self._tolerance:
-                self._apart(data, now)
+            self._configuration.update()
+            now = self._phases.look()
+            if overlaps(now.contact_set, self._tolerance) and now.gap.min() >= -_SLIGHT * self._tolerance:
+                self._apart(now)
 
     def _step(self, data: mujoco.MjData, events: list[ImpactEvent], *, waits: bool) -> Events:
         timestep = self._options.timestep
         end = data.time + timestep
-        self._part = self._before, timestep, 0
+        self._begun = _Begun(self._before, timestep, 0)
         self._work.begin()
         if not (self._plan.detection or self._plan.limits):
-            advance(self._model, data, self._options, timestep)
-            update_positions(self._model, data)
+            self._phases.advance(timestep)
             return ()
-        surfaces = self._flights.surfaces
-        if surfaces is not None:
-            surfaces.begin(data, timestep)
-        if self._shortcut is not None and self._lasts(data, self._shortcut):
+        if self._surfaces is not None:
+            self._surfaces.begin(data, timestep)
+        if self._shortcut is not None and self._lasts(self._shortcut):
             return ()
         if waits:
             raise UnfinishedStepError("the step before was not finished")
         with one_thread():
-            start = self._fly(data, events, end)
+            start = self._take(events, end)
         data.time = end
-        if surfaces is not None:
-            surfaces.end(data)
+        if self._surfaces is not None:
+            self._surfaces.end(data)
         self.unlocated += len(events) > self._collider.most
         if self._rest is not None:
             self._rest.succeeded()
-        self._left = self._now(data)
-        self._next = start
-        self._shortcut = self._find_shortcut(data, start, bool(events))
+        self._left, self._next = self._now(), start
+        self._shortcut = self._find_shortcut(start, bool(events))
         return tuple(events)
 
-    def _fly(self, data: mujoco.MjData, events: list[ImpactEvent], end: float) -> Moment:
-        """Fly from collision to collision up to the end of the step; return the contacts there."""
-        timestep = remaining = self._options.timestep
-        start, pushed = self._begin(data, events)
+    def _take(self, events: list[ImpactEvent], end: float) -> ContactState:
+        """Advance from collision to collision up to the end of the step; return the contacts there."""
+        configuration, timestep = self._configuration, self._options.timestep
+        remaining = timestep
+        start, pushed = self._begin(events)
         closings = jumps = 0
         while remaining > 1e-12 * timestep:
             hold_all = jumps > _JUMPS or max(len(events), closings) > self._collider.most
             before = len(events)
             changed = pushed or events or remaining < timestep
-            state = save_state(self._model, data, self._state) if changed else self._before
-            self._part = state, remaining, before
-            flight, closed = self._flights.fly(data, state, start, remaining, hold_all=hold_all)
+            state = configuration.save(self._state) if changed else self._before
+            self._begun = _Begun(state, remaining, before)
+            trial, closed = self._phases.advance_to_contact(state, start, remaining, hold_all=hold_all)
             closings += closed
-            remaining -= flight.flow.duration
-            data.time = end - remaining
-            start = flight.arrival.now
-            if closed and flight.gap < -self._tolerance:  # it has jumped there
-                start = self._apart(data, start)
+            remaining -= trial.duration
+            configuration.data.time = end - remaining
+            start = trial.phase_end.now
+            if closed and trial.gap < -self._tolerance:  # it has jumped there
+                start = self._apart(start)
             self._check_held(start)
             if start.collides:
-                start = self._collide(data, start, events)
-            if closed and len(events) == before and flight.flow.duration < _INSTANT * timestep:
+                start = self._collide(start, events)
+            if closed and len(events) == before and trial.duration < _INSTANT * timestep:
                 jumps += 1
         self.unlocated += jumps > _JUMPS or closings > self._collider.most >= len(events)
         return start
 
-    def _lasts(self, data: mujoco.MjData, shortcut: Shortcut) -> bool:
+    def _lasts(self, shortcut: Shortcut) -> bool:
         """Take a step by a shortcut if nothing stands against it; return whether that was the whole step.
 
         Velocities may have been changed: those at the end decide.
         """
-        same = self._is_left(data)
-        self._shortcut = shortcut.lasts(self._model, data, self._flights) if same else None
-        if self._shortcut is not None:
-            if self._flights.surfaces is not None:
-                self._flights.surfaces.end(data)
-            self._next, self._restless = None, False
-            self._left = self._now(data)
-            return True
-        if same:
-            restore_state(self._model, data, self._before)
-        return False
+        if not self._is_left():
+            self._shortcut = None
+            return False
+        self._shortcut = shortcut.lasts(self._phases)
+        if self._shortcut is None:
+            self._configuration.restore(self._before)
+            return False
+        if self._surfaces is not None:
+            self._surfaces.end(self._configuration.data)
+        self._next, self._restless = None, False
+        self._left = self._now()
+        return True
 
-    def _find_shortcut(self, data: mujoco.MjData, end: Moment, collided: bool) -> Shortcut | None:
+    def _find_shortcut(self, end: ContactState, collided: bool) -> Shortcut | None:
         """Return what the next step may find as the last one has left it."""
-        if not end.touch.pattern:
-            return Apart(self._flights.frames(data))
+        if not end.pattern:
+            return Apart(self._phases.frames())
         if collided or not self._plan.rest:
             return None
-        if not is_still(self._flights, end.velocity, end.still):
+        if not is_still(self._phases, end.velocity, end.still):
             self._restless = False
             return find_together(end)
-        if self._restless:  # the last rest that was found was none
+        if self._restless:
             return None
         self._restless = True
-        return find_rest(self._model, data, self._flights, self._before, end)
+        return find_rest(self._phases, self._before, end)
 
-    def _begin(self, data: mujoco.MjData, events: list[ImpactEvent]) -> tuple[Moment, bool]:
+    def _begin(self, events: list[ImpactEvent]) -> tuple[ContactState, bool]:
         """Return the contacts of now, after collisions, and whether the configuration had to be changed for them.
 
         They are those that the last step has left, if nothing has changed.
         """
-        surfaces = self._flights.surfaces
-        if self._next is not None and (surfaces is None or surfaces.goes_on) and self._is_unchanged(data):
+        goes_on = self._surfaces is None or self._surfaces.goes_on
+        if self._next is not None and goes_on and self._left == self._now():
             return self._next, False
-        self._flights.update(data)
-        start = self._flights.look(data)
-        pushed = not self._is_left(data) and overlaps(start.touch, self._tolerance)
+        start = self._phases.look()
+        pushed = not self._is_left() and overlaps(start.contact_set, self._tolerance)
         if pushed:
             if not self._push_out:
                 reason = f"move them apart (up to {self._tolerance:g} m counts as touching)"
-                raise refuse(start.touch, self._tolerance, f'{reason}, or let overlap="push-out" do it')
-            start = self._pushed_out(data, start)
+                raise refuse(start.contact_set, self._tolerance, f'{reason}, or let overlap="push-out" do it')
+            start = self._pushed_out(start)
         self._check_held(start)
-        return (self._collide(data, start, events) if start.collides else start), pushed
+        return (self._collide(start, events) if start.collides else start), pushed
 
-    def _pushed_out(self, data: mujoco.MjData, start: Moment) -> Moment:
+    def _pushed_out(self, start: ContactState) -> ContactState:
         """Push out what overlaps where that was put; what is squeezed is opened over time."""
         try:
-            return push_out(self._model, data, self._flights, start, self._tolerance)
+            return push_out(self._phases, start)
         except OverlapError as squeezed:
             if self._rest is None:
                 raise
             raise UnfinishedStepError(str(squeezed)) from None
 
-    def _check_held(self, moment: Moment) -> None:
+    def _check_held(self, state: ContactState) -> None:
         """Raise `UnfinishedStepError` where contact is not held: joints are locked, or something overlaps too far."""
-        if moment.touch.pattern and locks(self._model, self._options.timestep):
+        if state.pattern and locks(self._model, self._options.timestep):
             raise UnfinishedStepError(
                 'contact is not held beside joints that damping all but locks; use RK4, or scheme="time-stepping"'
             )
-        if moment.gap.min(initial=0.0) < -_DEEP * self._tolerance:
+        if state.gap.min(initial=0.0) < -_DEEP * self._tolerance:
             reason = 'smaller timesteps, or scheme="time-stepping", may hold them'
-            raise UnfinishedStepError(f"contacts were not held: {refuse(moment.touch, self._tolerance, reason)}")
+            overlap = refuse(state.contact_set, self._tolerance, reason)
+            raise UnfinishedStepError(f"contacts were not held: {overlap}")
 
-    def _is_left(self, data: mujoco.MjData) -> bool:
-        """Return whether the same contacts are near, and no other, as the last step has left it."""
-        return self._left[0] == data.qpos.tobytes() and self._left[3] == self._options.disabled
-
-    def _apart(self, data: mujoco.MjData, start: Moment) -> Moment:
+    def _apart(self, start: ContactState) -> ContactState:
         """Move apart what overlaps because a gap has jumped; leave it where bodies are squeezed."""
-        state = save_state(self._model, data)
+        state = self._configuration.save()
         try:
-            return push_out(self._model, data, self._flights, start, self._tolerance)
+            return push_out(self._phases, start)
         except (OverlapError, UnfinishedStepError):
-            restore_state(self._model, data, state)
-            self._flights.update(data)
-            return self._flights.look(data)
+            self._configuration.restore(state)
+            return self._phases.look()
 
-    def _is_unchanged(self, data: mujoco.MjData) -> bool:
-        """Return whether everything that contacts depend on is as the last step has left it."""
-        return self._left == self._now(data)
+    def _is_left(self) -> bool:
+        """Return whether the same contacts are near, and no other, as the last step has left it."""
+        now, left = self._configuration.data.qpos.tobytes(), self._left
+        return left is not None and left.qpos == now and left.disabled == self._options.disabled
 
-    def _now(self, data: mujoco.MjData) -> tuple[bytes, bytes, float, int, bytes]:
-        """Return what contacts depend on: position, velocity, timestep, what is disabled, which equalities are on."""
-        active = data.eq_active.tobytes() if self._plan.bilateral else b""
-        options = self._options
-        return data.qpos.tobytes(), data.qvel.tobytes(), options.timestep, options.disabled, active
+    def _now(self) -> _Left:
+        data, options = self._configuration.data, self._options
+        equalities = data.eq_active.tobytes() if self._plan.bilateral else b""
+        return _Left(data.qpos.tobytes(), data.qvel.tobytes(), options.timestep, options.disabled, equalities)
 
-    def _collide(self, data: mujoco.MjData, start: Moment, events: list[ImpactEvent]) -> Moment:
-        """Resolve the collisions of now; frames and inertia of data are those of the start."""
-        closed, before = np.flatnonzero(start.closed), len(events)
+    def _collide(self, start: ContactState, events: list[ImpactEvent]) -> ContactState:
+        """Resolve the collisions of now."""
+        data, before = self._configuration.data, len(events)
+        closed = np.flatnonzero(start.closed)
         rounding = start.rounding[closed]
         data.qvel[:] = self._collider.collide(
-            self._metric_at(data),
-            start.touch.closed(self._model, data, closed),
+            self._metric_now(),
+            start.contact_set.closed(closed),
             start.velocity,
             approach=rounding,
             rounding=rounding,
@@ -323,7 +347,7 @@ class RigidStepping:
             work=self._work,
         )
         self._check_ended(data, events[before:], len(events))
-        return start.moving(self._model, data)
+        return start.moving()
 
     def _check_ended(self, data: mujoco.MjData, new: list[ImpactEvent], count: int) -> None:
         """Raise `UnfinishedStepError` if E = 0 after max_events collisions has taken more energy than rounding."""
@@ -334,10 +358,9 @@ class RigidStepping:
             if lost > _ENDED * impact.collision.kinetic_energy and impact.intensity > pushed:
                 raise UnfinishedStepError(f"more than {self._collider.most} collisions in a step")
 
-    def _metric_at(self, data: mujoco.MjData) -> KineticMetric:
+    def _metric_now(self) -> KineticMetric:
         """Return the kinetic metric of now: the last one where inertia is constant, unless somebody has changed it."""
-        if self._plan.inertia or self._metric is None:
-            self._metric = kinetic_metric(self._model, data)
-        else:
-            self._metric = kinetic_metric(self._model, data, known=self._metric)
+        self._configuration.refresh()
+        known = None if self._plan.inertia else self._metric
+        self._metric = kinetic_metric(self._model, self._configuration.data, known=known)
         return self._metric

@@ -4,8 +4,8 @@
 - `Together`: contacts are closed, and still, without any force; they are closed after.
 - `Rest`: nothing has moved in the last step, and nothing moves in this one if the contacts exert the same forces.
 
-A shortcut tries the flow of a whole step. Where its condition does not hold at the end, the flow is forgotten, and the
-step taken as any other.
+A shortcut tries one smooth phase for the whole step. Where its condition does not hold at the end, that is taken back,
+and the step taken as any other.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.patterns import Pattern
-from impactlaw.stepping.event_driven.contact_state import CORRECTED, SILENT, Moment
-from impactlaw.stepping.event_driven.smooth_phase import Flights
+from impactlaw.stepping.event_driven.contact_state import CORRECTED, SILENT, ContactState
+from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 from impactlaw.stepping.event_driven.travel import Frames
-from impactlaw.stepping.integration import restore_state, save_state, saved_qpos, saved_qvel
+from impactlaw.stepping.integration import saved_qpos, saved_qvel
 
 
 class Shortcut(Protocol):
     """What the last step has shown, and whether it holds in the next one, too, which starts where that has ended."""
 
-    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
-        """Advance by a timestep; return the shortcut of the next one, or None if the flow is to be forgotten."""
+    def lasts(self, phases: SmoothPhases) -> Shortcut | None:
+        """Advance by a timestep; return the shortcut of the next one, or None if this one is to be taken back."""
         ...
 
 
@@ -41,11 +41,9 @@ class Apart:
 
     frames: Frames | None
 
-    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
+    def lasts(self, phases: SmoothPhases) -> Shortcut | None:
         """See `Shortcut`."""
-        if flights.leap(data, self.frames) and not flights.is_near(data):
-            return Apart(flights.frames(data))
-        return None
+        return Apart(phases.frames()) if phases.try_timestep(self.frames) and not phases.is_near() else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,17 +58,17 @@ class Together:
 
     pattern: Pattern
 
-    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
+    def lasts(self, phases: SmoothPhases) -> Shortcut | None:
         """See `Shortcut`."""
-        return self if flights.leap(data) and flights.are_closed(data, self.pattern) else None
+        return self if phases.try_timestep() and phases.are_closed(self.pattern) else None
 
 
 @dataclass(frozen=True, eq=False)
 class Rest:
     """Nothing moves.
 
-    The impulse ``P = M (v+ - v)`` that the contacts have given to the last flow is known. The next one gets ``P / tau``
-    as an applied force. If nothing has moved at its end, neither in position nor in velocity, the same contacts are
+    The impulse ``P = M (v+ - v)`` of the contacts in the last phase is known. The next one gets ``P / tau`` as an
+    applied force. If nothing has moved at its end, neither in position nor in velocity, the same contacts are
     closed, and their forces lie in the same cones as before.
 
     Attributes:
@@ -87,65 +85,62 @@ class Rest:
     speed: float
     pattern: Pattern
 
-    def lasts(self, model: mujoco.MjModel, data: mujoco.MjData, flights: Flights) -> Shortcut | None:
+    def lasts(self, phases: SmoothPhases) -> Shortcut | None:
         """See `Shortcut`."""
-        if not flights.is_steady:
+        if not phases.is_steady:
             return None
-        flights.advance(data, flights.options.timestep, self.force)
-        moved = _difference(model, self.qpos, data.qpos)
+        phases.advance(phases.options.timestep, self.force)
+        data = phases.configuration.data
+        moved = _difference(phases, self.qpos, data.qpos)
         if mujoco.mju_norm(moved) <= self.distance and mujoco.mju_norm(data.qvel) <= self.speed:
-            flights.refresh(data, self.pattern)
+            phases.leave_contacts(self.pattern)
             return self
         return None
 
 
-def find_together(end: Moment) -> Together | None:
+def find_together(end: ContactState) -> Together | None:
     """Return that contacts stay together by themselves if they do so at the end of a step; None if they do not."""
-    return Together(end.touch.pattern) if end.quiet and end.touch.pattern.plain else None
+    return Together(end.pattern) if end.quiet and end.pattern.plain else None
 
 
-def is_still(flights: Flights, velocity: np.ndarray, still: float) -> bool:
-    """Return whether all contacts are still at a velocity, (nv,); see `Moment.still`."""
-    return mujoco.mju_norm(velocity) <= SILENT * still / _farthest(flights)
+def is_still(phases: SmoothPhases, velocity: np.ndarray, still: float) -> bool:
+    """Return whether all contacts are still at a velocity, (nv,); see `ContactState.still`."""
+    return mujoco.mju_norm(velocity) <= SILENT * still / _farthest(phases)
 
 
-def find_rest(
-    model: mujoco.MjModel, data: mujoco.MjData, flights: Flights, state: np.ndarray, end: Moment
-) -> Rest | None:
+def find_rest(phases: SmoothPhases, state: np.ndarray, end: ContactState) -> Rest | None:
     """Return the rest that a step without collisions was; None if something has moved in it.
 
     Args:
-        model: the scene.
-        data: at the end of the step.
-        flights: what has taken it.
+        phases: what has taken the step.
         state: at its start.
-        end: the contacts at its end.
+        end: the contacts at its end, which is now.
     """
-    if not is_still(flights, saved_qvel(model, state), end.still):
+    configuration, timestep = phases.configuration, phases.options.timestep
+    if not is_still(phases, saved_qvel(configuration.model, state), end.still):
         return None
-    qpos, timestep = data.qpos.copy(), flights.options.timestep
-    distance, speed = CORRECTED * flights.tolerance / _farthest(flights), SILENT * end.still / _farthest(flights)
-    if mujoco.mju_norm(_difference(model, saved_qpos(model, state), qpos)) > distance:
+    data, qpos = configuration.data, configuration.data.qpos.copy()
+    distance, speed = CORRECTED * phases.tolerance / _farthest(phases), SILENT * end.still / _farthest(phases)
+    if mujoco.mju_norm(_difference(phases, saved_qpos(configuration.model, state), qpos)) > distance:
         return None
-    after = save_state(model, data)
-    restore_state(model, data, state)
-    flights.advance(data, timestep)
+    after = configuration.save()
+    configuration.restore(state)
+    data.qvel[:] = end.velocity  # the force is not to undo once more what rounding has added up to
+    phases.advance(timestep)
     change = end.velocity - data.qvel
-    restore_state(model, data, after)
-    flights.update(data)
-    flights.refresh(data, end.touch.pattern)
-    force = np.empty(model.nv)
-    mujoco.mj_mulM(model, data, force, change / timestep)
-    return Rest(qpos, force, distance, speed, end.touch.pattern)
+    configuration.restore(after)
+    phases.leave_contacts(end.pattern)
+    return Rest(qpos, configuration.momentum(change / timestep), distance, speed, end.pattern)
 
 
-def _farthest(flights: Flights) -> float:
+def _farthest(phases: SmoothPhases) -> float:
     """Return how much two points in contact can move against each other, m per unit of all coordinates together."""
-    return 2.0 * max(flights.farthest, 1.0)
+    return 2.0 * max(phases.farthest, 1.0)
 
 
-def _difference(model: mujoco.MjModel, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def _difference(phases: SmoothPhases, one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Return the displacement from one configuration to another, (nv,)."""
+    model = phases.configuration.model
     result = np.empty(model.nv)
     mujoco.mj_differentiatePos(model, result, 1.0, one, other)
     return result

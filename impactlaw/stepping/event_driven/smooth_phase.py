@@ -1,44 +1,52 @@
-"""Flows between collisions: how far one leads, which contacts stay closed meanwhile, and when another gap closes.
+"""Smooth phases between collisions: how far one leads, which contacts stay closed, and when another gap closes.
 
-A flow is MuJoCo's integrator without contacts (`integration.advance`). It is tried, shortened where bodies travel
+A phase is MuJoCo's integrator without contacts (`integration.advance`). It is tried, shortened where bodies travel
 further than they are thick (`travel.Travel`), brought back to the contacts that stay closed
-(`persistent_contact.hold`), and where another gap fell below minus the tolerance, repeated up to the time at which it
+(`persistent_contact`), and where another gap fell below minus the tolerance, repeated up to the time at which it
 closes (`event_location.locate`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from impactlaw.scene.contacts import update_positions
 from impactlaw.scene.detection import Detector
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.scene.patterns import Pattern
-from impactlaw.stepping.event_driven.contact_set import Touch
-from impactlaw.stepping.event_driven.contact_state import CORRECTED, Arrival, Flow, Moment, stays
+from impactlaw.stepping.event_driven.configuration import Configuration
+from impactlaw.stepping.event_driven.contact_set import ContactSet
+from impactlaw.stepping.event_driven.contact_state import CORRECTED, ContactState, Phase, PhaseEnd, stays
 from impactlaw.stepping.event_driven.event_location import locate
-from impactlaw.stepping.event_driven.gap_functions import Courses
-from impactlaw.stepping.event_driven.matching import elsewhere, match, refound, runs_on
-from impactlaw.stepping.event_driven.persistent_contact.felt_force import Felt, applied
+from impactlaw.stepping.event_driven.gap_functions import GapFunctions
+from impactlaw.stepping.event_driven.matching import continued, match, refound, runs_on
+from impactlaw.stepping.event_driven.persistent_contact.felt_force import FeltForce
 from impactlaw.stepping.event_driven.persistent_contact.frictionless import hold
+from impactlaw.stepping.event_driven.persistent_contact.position import LookAgain, among
 from impactlaw.stepping.event_driven.travel import Frames, Travel
-from impactlaw.stepping.event_driven.trial_step import Flight, expected, further, rests
-from impactlaw.stepping.integration import advance, restore_state
+from impactlaw.stepping.event_driven.trial_step import TrialStep, further
+from impactlaw.stepping.integration import advance
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.work import Work
 
 _LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located
-_SMOOTH = 0.1  # part of its bent depth by which a smooth gap may miss a quarter of it after half of the flow
+_SMOOTH = 0.1  # part of its bent depth by which a smooth gap may miss a quarter of it after half of the phase
 _NEAR = 1e3  # gap tolerances within which contacts are looked for
-_AHEAD = 3  # flows at most up to where a gap is expected to close, before one over all that remains
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
-class Flights:
-    """Flies from one moment towards the end of a step.
+class Matched(NamedTuple):
+    """Contacts that were looked at, and those at the start of the phase that they continue, int (h,), -1 for none."""
+
+    now: ContactState
+    known: np.ndarray
+
+
+class SmoothPhases:
+    """Advances from one contact state towards the end of a step.
 
     Args:
         model: the scene.
@@ -48,6 +56,7 @@ class Flights:
         exact: whether friction is exact, or its convex relaxation.
 
     Attributes:
+        configuration: of the scene, which is advanced.
         tolerance: the gap tolerance, m.
         farthest: as in `Travel`.
         work: as given.
@@ -67,298 +76,229 @@ class Flights:
         self.farthest = self._travel.farthest
         self.options = self._detector.options
         self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
+        self.configuration = Configuration(model, self.surfaces)
 
     @property
     def is_steady(self) -> bool:
         """Whether no surface moves by itself in this step, nor is a belt that the model may start or stop."""
         return self.surfaces is None or (self.surfaces.still and not self.surfaces.run)
 
-    def update(self, data: mujoco.MjData) -> None:
-        """Bring frames and inertia up to data.qpos, and surfaces that move by themselves to where they are now."""
-        if self.surfaces is not None:
-            self.surfaces.place(data)
-        update_positions(self._model, data)
-
-    def advance(self, data: mujoco.MjData, duration: float, force: np.ndarray | None = None) -> None:
+    def advance(self, duration: float, force: np.ndarray | None = None) -> None:
         """Integrate for ``duration`` s without contacts, or with this force of theirs applied, (nv,)."""
+        data = self.configuration.data
         if self.surfaces is not None:
             self.surfaces.aim(data)
-        with applied(data, force):
+        own = None if force is None else data.qfrc_applied.copy()
+        try:
+            if force is not None:
+                data.qfrc_applied += force
             advance(self._model, data, self.options, duration)
-        self.update(data)
+        finally:
+            if own is not None:
+                data.qfrc_applied[:] = own
+        self.configuration.update()
 
-    def _is_short(self, before: np.ndarray, after: np.ndarray, duration: float) -> bool:
-        if self.surfaces is None:
-            return self._travel.is_short(before, after, duration)
-        return self._travel.is_short(before, after, duration, drift=self.surfaces.speed)
+    def _is_short(self, before: np.ndarray, duration: float) -> bool:
+        """Return whether the velocities at both ends of a phase, (nv,), tell that nothing has passed through."""
+        drift = 0.0 if self.surfaces is None else self.surfaces.speed
+        return self._travel.is_short(before, self.configuration.data.qvel, duration, drift=drift)
 
-    def look(self, data: mujoco.MjData, within: float = 0.0) -> Moment:
-        """Return the contacts of now, of a gap up to ``within``, m or rad, at least; frames must be current."""
-        touch = Touch(self._detector.look(data, max(self._near, within)), data, self.surfaces)
-        return Moment.of(self._model, data, touch, tolerance=self.tolerance, timestep=self.options.timestep)
+    def detect(self, within: float) -> ContactSet:
+        """Return the contacts of now of a gap up to ``within``, m or rad, at least."""
+        self.configuration.refresh()
+        return ContactSet(self._detector.look(self.configuration.data, within), self.configuration)
 
-    def _look_at_places(self, data: mujoco.MjData, within: float) -> Moment:
-        """Return the contacts as `look` does, without their motion."""
-        touch = Touch(self._detector.look(data, max(self._near, within)), data, self.surfaces)
-        return Moment.without_motion(touch, tolerance=self.tolerance, timestep=self.options.timestep)
+    def look(self, within: float = 0.0) -> ContactState:
+        """Return the contacts of now, of a gap up to ``within``, m or rad, at least, and how they move."""
+        found = self.detect(max(self._near, within))
+        return ContactState.of(found, tolerance=self.tolerance, timestep=self.options.timestep)
 
-    def refresh(self, data: mujoco.MjData, pattern: Pattern) -> None:
+    def leave_contacts(self, pattern: Pattern) -> None:
         """Leave in data.contact what `look` leaves there where the pattern is known, and read nothing."""
-        self._detector.refresh(data, self._near, pattern)
+        self.configuration.refresh()
+        self._detector.refresh(self.configuration.data, self._near, pattern)
 
-    def frames(self, data: mujoco.MjData) -> Frames | None:
+    def frames(self) -> Frames | None:
         """Return the frames of all geoms of now; None if no body can pass through another."""
-        return Frames.of(data) if self._passing else None
+        return Frames.of(self.configuration.data) if self._passing else None
 
-    def leap(self, data: mujoco.MjData, start: Frames | None = None) -> bool:
+    def try_timestep(self, start: Frames | None = None) -> bool:
         """Advance by a timestep in one go; return whether no body can have passed through another meanwhile.
 
         Args:
-            data: the state.
             start: frames at the start; without them this is told from velocities only.
         """
-        before, timestep = data.qvel.copy(), self.options.timestep
-        self.advance(data, timestep)
-        if self._is_short(before, data.qvel, timestep):
+        data, timestep = self.configuration.data, self.options.timestep
+        before = data.qvel.copy()
+        self.advance(timestep)
+        if self._is_short(before, timestep):
             return True
         return start is not None and self._travel.is_safe(start, before, data, timestep)
 
-    def is_near(self, data: mujoco.MjData) -> bool:
-        """Return whether a contact is near now; frames must be current."""
-        return bool(self._detector.look(data, self._near).pattern)
+    def is_near(self) -> bool:
+        """Return whether a contact is near now."""
+        return bool(self._detector.look(self.configuration.data, self._near).pattern)
 
-    def are_closed(self, data: mujoco.MjData, pattern: Pattern) -> bool:
+    def are_closed(self, pattern: Pattern) -> bool:
         """Return whether the contacts near now are those of a plain pattern, closed, and need no correction."""
-        return self._detector.are_closed(data, self._near, pattern, (-CORRECTED * self.tolerance, self.tolerance))
+        gaps = (-CORRECTED * self.tolerance, self.tolerance)
+        return self._detector.are_closed(self.configuration.data, self._near, pattern, gaps)
 
-    def fly(
-        self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool
-    ) -> tuple[Flight, bool]:
+    def advance_to_contact(
+        self, state: np.ndarray, start: ContactState, duration: float, *, hold_all: bool
+    ) -> tuple[TrialStep, bool]:
         """Advance from a saved state by at most ``duration``; return where that led, and whether a gap closed there."""
-        flight, closed = self._fly(data, state, start, duration, hold_all=hold_all)
-        return flight.kept(), closed
+        trial, closed = self._try_safely(state, start, duration, hold_all=hold_all), False
+        if not hold_all and trial.gap < -self.tolerance:
+            trial, closed = self._locate(state, trial)
+        return trial.kept(), closed
 
-    def _fly(
-        self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool
-    ) -> tuple[Flight, bool]:
-        """Fly, and leave data at the end of the flight returned."""
-        if hold_all:
-            return self._try_safely(data, state, start, duration, hold_all=True), False
-        courses, time = None, expected(start, self.tolerance)
-        if time < duration:
-            courses = self._courses(start)
-            flight = self._fly_ahead(data, state, start, (time, duration), courses)
-            if flight is not None:
-                located = flight.gap >= -_LOCATED * self.tolerance
-                return (flight, True) if located else self._locate(data, state, flight, courses)
-        flight = self._try_safely(data, state, start, duration)
-        if flight.gap >= -self.tolerance:
-            return flight, False
-        courses = self._courses(start) if courses is None else courses
-        courses.add(flight.duration, flight.sights)
-        return self._locate(data, state, flight, courses)
+    def _locate(self, state: np.ndarray, trial: TrialStep) -> tuple[TrialStep, bool]:
+        """Return the trial up to the first gap that closes, where one has closed in a longer one, and whether."""
+        start, tried = trial.phase.start, trial.phase
+        reach = 4.0 * abs(trial.gap) + self._near
 
-    def _fly_ahead(
-        self, data: mujoco.MjData, state: np.ndarray, start: Moment, times: tuple[float, float], courses: Courses
-    ) -> Flight | None:
-        """Fly up to where a gap is expected to close; return that flight if one has closed there or before.
+        def again(time: float, *, smooth: bool = False) -> TrialStep:
+            self.configuration.restore(state)
+            self.work.integrate()
+            self.advance(time, start.force)
+            return self._arrive(state, tried._replace(start=start, duration=time, smooth=smooth), reach)
 
-        Otherwise data is at the start again.
-
-        Args:
-            data: the state.
-            state: the same, saved.
-            start: contacts at the start.
-            times: at which a gap is expected to close, and up to which one is looked for, s.
-            courses: to add what the flights have shown.
-        """
-        time, last = times
-        for _ in range(_AHEAD):
-            flight = self._try_safely(data, state, start, time)
-            courses.add(flight.duration, flight.sights)
-            if abs(flight.gap) > _LOCATED * self.tolerance:
-                if flight.gap < 0:
-                    return flight
-            elif courses.falls(flight.duration):
-                return flight
-            restore_state(self._model, data, state)
-            time = courses.ahead(flight.duration)
-            if time >= last:
-                break
-        self.update(data)
-        return None
-
-    def _courses(self, start: Moment) -> Courses:
-        return Courses(start.gap, start.contact_velocity, exact=self._model.opt.integrator == _RK4)
-
-    def _locate(self, data: mujoco.MjData, state: np.ndarray, flight: Flight, courses: Courses) -> tuple[Flight, bool]:
-        """Return the flight up to the first gap that closes, where one has closed after a longer one, and whether."""
-        start, tried = flight.flow.start, flight.flow
-        reach = 4.0 * abs(flight.gap) + self._near
-
-        def again(time: float, *, smooth: bool = False) -> Flight:
-            restore_state(self._model, data, state)
-            return self._try(data, state, start, time, reach=reach, smooth=smooth)
-
-        longest = max(self._travel.between(start.touch.frames, data).max(initial=0.0), -flight.gap)
-        begun = elsewhere(flight.arrival, tried, flight.deepest, flight.gap)
-        if begun is not None:
-            half, (straight, bent) = again(0.5 * tried.duration), begun
-            smooth = abs(half.gap - straight - 0.25 * bent) <= _SMOOTH * abs(bent)
-            if smooth or runs_on(half.arrival, flight.arrival, tried, flight.deepest):
-                held = again(tried.duration, smooth=True)
-                if held.gap >= -self.tolerance:
-                    return held, False
-        shortest = tried.duration * self.tolerance / max(longest, self.tolerance)
+        travel = self._travel.between(start.frames, self.configuration.data)
+        if self._is_continued(trial, again):
+            held = again(tried.duration, smooth=True)
+            if held.gap >= -self.tolerance:
+                return held, False
+        shortest = tried.duration * self.tolerance / max(travel.max(initial=0.0), -trial.gap, self.tolerance)
+        exact = self._model.opt.integrator == _RK4
+        gap_functions = GapFunctions(start.gap, start.contact_velocity, exact=exact)
+        gap_functions.add(trial.duration, trial.observations)
         located = locate(
             again,
-            flight,
-            courses,
+            trial,
+            gap_functions,
             target=_LOCATED * self.tolerance,
             tolerance=self.tolerance,
             shortest=shortest,
-            enough=rests,
         )
         if located.was_closed and located.duration > 2.0 * shortest:
-            # at rest over shorter flows (`persistent_contact.stays`), not over longer ones: it rests up to there
+            # at rest over shorter phases (`stays`), not over longer ones: it rests up to there
             held = again(located.duration - 2.0 * shortest)
             return (held, True) if held.gap >= -self.tolerance else (again(located.duration), True)
         return located, True
 
+    def _is_continued(self, trial: TrialStep, again: Callable[[float], TrialStep]) -> bool:
+        """Return whether the deepest contact continues one that was closed at the start, in another place."""
+        begun = continued(trial.phase_end, trial.phase, trial.deepest, trial.gap)
+        if begun is None:
+            return False
+        half = again(0.5 * trial.duration)
+        smooth = abs(half.gap - begun.halfway - 0.25 * begun.bent) <= _SMOOTH * abs(begun.bent)
+        return smooth or runs_on(half.phase_end, trial.phase_end, trial.phase, trial.deepest)
+
     def _try_safely(
-        self, data: mujoco.MjData, state: np.ndarray, start: Moment, duration: float, *, hold_all: bool = False
-    ) -> Flight:
+        self, state: np.ndarray, start: ContactState, duration: float, *, hold_all: bool = False
+    ) -> TrialStep:
+        """Advance by at most ``duration`` from a saved state, so that no body passes through another."""
+        configuration = self.configuration
         while True:
-            self.work.fly()
-            self.advance(data, duration, start.force)
-            if self._is_short(start.velocity, data.qvel, duration):
+            self.work.integrate()
+            self.advance(duration, start.force)
+            if self._is_short(start.velocity, duration):
                 break
             longest = self._travel.longest_turn(start.velocity)
             if duration > longest:
-                restore_state(self._model, data, state)
+                configuration.restore(state)
                 duration = longest
                 continue
-            travel = self._travel.between(start.touch.frames, data)
-            suspects = self._travel.suspects(start.touch.frames, travel)
+            travel = self._travel.between(start.frames, configuration.data)
+            suspects = self._travel.suspects(start.frames, travel)
             if len(suspects) == 0:
                 break
-            restore_state(self._model, data, state)
-            self.update(data)
+            configuration.restore(state)
+            configuration.update()
             self.work.look(len(suspects))
-            fraction = self._travel.safe_fraction(data, suspects, travel)
+            fraction = self._travel.safe_fraction(configuration.data, suspects, travel)
             if fraction >= 1.0:
-                self.advance(data, duration, start.force)
+                self.advance(duration, start.force)
                 break
             duration *= 0.9 * fraction
-        flow = Flow(start, duration, self.tolerance, self._travel, self.work, hold_all, exact=self._exact)
-        return self._arrive(data, flow) or self._without_force(data, state, flow)
+        phase = Phase(start, duration, self.tolerance, self._travel, self.work, hold_all, exact=self._exact)
+        return self._arrive(state, phase)
 
-    def _try(
-        self,
-        data: mujoco.MjData,
-        state: np.ndarray,
-        start: Moment,
-        duration: float,
-        *,
-        smooth: bool,
-        reach: float,
-    ) -> Flight:
-        self.work.fly()
-        self.advance(data, duration, start.force)
-        flow = Flow(start, duration, self.tolerance, self._travel, self.work, smooth=smooth, exact=self._exact)
-        return self._arrive(data, flow, reach) or self._without_force(data, state, flow, reach)
+    def _arrive(self, state: np.ndarray, phase: Phase, reach: float = 0.0) -> TrialStep:
+        """Look at the contacts where the phase has led, and hold those that stay closed.
 
-    def _without_force(self, data: mujoco.MjData, state: np.ndarray, flow: Flow, reach: float = 0.0) -> Flight:
-        """Fly once more, without the force of contacts that are lost."""
-        restore_state(self._model, data, state)
-        flow = flow._replace(start=flow.start._replace(force=None))
-        self.work.fly()
-        self.advance(data, flow.duration)
-        flight = self._arrive(data, flow, reach)
-        assert flight is not None
-        return flight
-
-    def _match(self, data: mujoco.MjData, flow: Flow) -> tuple[Moment, np.ndarray] | None:
-        """Return the contacts where the flow has led, and those at its start that they continue; see `match`.
-
-        Contacts whose force the flow has felt are looked for as far as that can have moved them. None if they are lost.
-        """
-        now, start = self.look(data), flow.start
-        self.work.look(len(now.gap))
-        known = match(self._model, data, now.touch, flow)
-        if start.force is None or start.pressed is None:
-            return now, known
-        pressed = np.flatnonzero(start.pressed)
-        if np.isin(pressed, known).all():
-            return now, known
-        now.touch.whitened(self._model, data)
-        shift = Felt.of(self._model, data, start.force, flow.duration).shift
-        now = self.look(data, start.touch.opening(shift))
-        known = match(self._model, data, now.touch, flow)
-        return (now, known) if np.isin(pressed, known).all() else None
-
-    def _arrive(self, data: mujoco.MjData, flow: Flow, reach: float = 0.0) -> Flight | None:
-        """Look at the contacts where the flow has led, and hold those that stay closed.
-
-        None if contacts are lost whose force the flow has felt.
+        If contacts are lost whose force it has felt, it is repeated without that force.
 
         Args:
-            data: at the end of the flow.
-            flow: what led there.
+            state: at the start of the phase.
+            phase: what led there.
             reach: distance to look further if nothing is near, m.
         """
-        found = self._match(data, flow)
+        found = self._match(phase)
         if found is None:
-            return None
-        now, known = found
-        if not now.touch.pattern:
-            return self._clear(flow, Arrival(now, known, known), data, reach)
-        if (
-            now.quiet
-            and flow.start.quiet
-            and now.touch.pattern is flow.start.touch.pattern
-            and now.touch.pattern.all_single
-        ):
-            return self._clear(flow, Arrival(now, known, now.closed), data, reach)
-        arrival, keep = Arrival(now, known, stays(now.gap, known, flow)), None
-        held = arrival.sustained if flow.start.force is not None else arrival.sustained & now.closed
+            self.configuration.restore(state)
+            phase = phase._replace(start=phase.start._replace(force=None))
+            self.work.integrate()
+            self.advance(phase.duration)
+            now, known = self._look_and_match(phase)
+            self.work.look(len(known))
+        else:
+            now, known = found
+        phase_end, keep = PhaseEnd(now, known, stays(now.gap, known, phase)), None
+        held = phase_end.sustained if phase.start.force is not None else phase_end.sustained & now.closed
         if np.count_nonzero(held):
-            again = self._again(data, flow, arrival)
-            arrival, keep = hold(self._model, data, arrival, flow, again)
-        if np.count_nonzero(arrival.sustained) == len(arrival.sustained):
-            return self._clear(flow, arrival, data, reach, keep)
-        return Flight.of(flow, arrival, keep)
+            phase_end, keep = hold(phase_end, phase, self._look_again(phase, phase_end))
+        if phase_end.sustained.all():
+            return self._clear(phase, phase_end, reach, keep)
+        return TrialStep.of(phase, phase_end, keep)
 
-    def _again(self, data: mujoco.MjData, flow: Flow, arrival: Arrival) -> Callable[[float], tuple[Moment, np.ndarray]]:
+    def _look_and_match(self, phase: Phase, within: float = 0.0) -> Matched:
+        now = self.look(within)
+        return Matched(now, match(now.contact_set, phase))
+
+    def _match(self, phase: Phase) -> Matched | None:
+        """Return the contacts where the phase has led, and those at its start that they continue; see `match`.
+
+        Contacts whose force the phase has felt are looked for as far as that can have moved them. None if they are
+        lost.
+        """
+        found, start = self._look_and_match(phase), phase.start
+        self.work.look(len(found.known))
+        if start.force is None or start.active is None:
+            return found
+        active = np.flatnonzero(start.active)
+        if among(active, found.known).all():
+            return found
+        shift = FeltForce.of(self.configuration, start.force, phase.duration).shift
+        found = self._look_and_match(phase, start.contact_set.opening(shift))
+        return found if among(active, found.known).all() else None
+
+    def _look_again(self, phase: Phase, phase_end: PhaseEnd) -> LookAgain:
         """Return what looks at the contacts of now up to a gap at least, m, and matches them with those at the start.
 
         Where the same pairs of geoms are near as before, with one contact each, these are the same contacts.
         """
-        last, held = arrival, arrival.known[arrival.sustained]
-        look = self.look if last.now.touch.pattern.grip is None else self._look_at_places
+        known, pattern = phase_end.known, phase_end.now.pattern
+        held = known[phase_end.sustained]
 
-        def look_again(within: float) -> tuple[Moment, np.ndarray]:
-            nonlocal last
-            now, known, pattern = look(data, within), last.known, last.now.touch.pattern
+        def look_again(within: float) -> Matched:
+            nonlocal known, pattern
+            now = self.look(within)
             self.work.look(len(now.gap))
-            if now.touch.pattern is not pattern or not pattern.distinct:
-                known = refound(match(self._model, data, now.touch, flow), held, now.touch, flow)
-            last = Arrival(now, known, last.sustained)
-            return now, known
+            if now.pattern is not pattern or not pattern.distinct:
+                known = refound(match(now.contact_set, phase), held, now.contact_set, phase)
+            pattern = now.pattern
+            return Matched(now, known)
 
         return look_again
 
     def _clear(
-        self,
-        flow: Flow,
-        arrival: Arrival,
-        data: mujoco.MjData,
-        reach: float,
-        keep: Callable[[], Arrival] | None = None,
-    ) -> Flight:
-        """Return a flight where all contacts near are held; others are looked for up to a gap of ``reach``, m."""
+        self, phase: Phase, phase_end: PhaseEnd, reach: float, keep: Callable[[], PhaseEnd] | None = None
+    ) -> TrialStep:
+        """Return a trial where all contacts near are held; others are looked for up to a gap of ``reach``, m."""
         if reach <= self._near:
-            return Flight(flow, arrival, self._near, -1, keep=keep)
-        touch = Touch(self._detector.look(data, reach), data, self.surfaces)
-        sights = further(touch, self._near, flow.start.velocity, data.qvel)
-        return Flight(flow, arrival, min(sights[0].gap, reach) if sights else reach, -1, sights, keep)
+            return TrialStep(phase, phase_end, self._near, -1, keep=keep)
+        found = further(self.detect(reach), self._near, phase.start.velocity, self.configuration.data.qvel)
+        return TrialStep(phase, phase_end, min(found[0].gap, reach) if found else reach, -1, found, keep)

@@ -27,10 +27,10 @@ class Frames(NamedTuple):
 
 
 class Travel:
-    """How far geoms move in a flow, and how long a flow may be so that no body passes through another unseen.
+    """How far geoms move in a phase, and how long a phase may be so that no body passes through another unseen.
 
     A pair is safe when the sum of both travels is at most the pair's own thickness (the sum of the smallest
-    half-extents), or the distance between the two geoms at the start of the flow.
+    half-extents), or the distance between the two geoms at the start of the phase.
 
     Args:
         model: the scene.
@@ -71,7 +71,7 @@ class Travel:
     def is_short(self, before: np.ndarray, after: np.ndarray, duration: float, *, drift: float = 0.0) -> bool:
         """Return whether nothing can have passed through another body, or turned so far that orientations alias.
 
-        A bound from the velocities, (nv,), at both ends of a flow, and the largest speed of surfaces that move by
+        A bound from the velocities, (nv,), at both ends of a phase, and the largest speed of surfaces that move by
         themselves, m/s; where it fails, `between` tells more.
         """
         if not self._passable:
@@ -124,11 +124,11 @@ class Travel:
         return far[apart - (self._radius[first] + self._radius[second]) <= moved]
 
     def is_safe(self, start: Frames, before: np.ndarray, data: mujoco.MjData, duration: float) -> bool:
-        """Return whether no body has passed through another in a flow from these frames, and velocity, until now."""
+        """Return whether no body has passed through another in a phase from these frames, and velocity, until now."""
         return duration <= self.longest_turn(before) and not len(self.suspects(start, self.between(start, data)))
 
     def safe_fraction(self, data: mujoco.MjData, suspects: np.ndarray, travel: np.ndarray) -> float:
-        """Return the part of the flow after which no suspect can have passed through; data at the flow's start."""
+        """Return the part of the phase after which no suspect can have passed through; data at the phase's start."""
         fraction = 1.0
         for k in suspects:
             first, second = self._pairs[k]

@@ -1,147 +1,101 @@
-"""A flow that has been flown: what it has shown of the gaps, and when they are expected to close in the next one."""
+"""A trial of a smooth phase: what it has shown of the gaps."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
-from impactlaw.stepping.event_driven.contact_set import Touch
-from impactlaw.stepping.event_driven.contact_state import CORRECTED, Arrival, Flow, Moment
-from impactlaw.stepping.event_driven.gap_functions import Sight, parabola_closes
-
-_SHORTER = 0.1  # part of a flow over which a contact that closes in its end may rest instead
-_RESTS = 4.0  # gap tolerances ``v t``, up to which a rebound at v of duration t rises by no more than the tolerance
+from impactlaw.stepping.event_driven.contact_set import ContactSet
+from impactlaw.stepping.event_driven.contact_state import Phase, PhaseEnd
+from impactlaw.stepping.event_driven.gap_functions import Observation
 
 
-class Flight(NamedTuple):
-    """A flow that has been tried: the contacts at its end, and the smallest gap among those that are not held.
+class TrialStep(NamedTuple):
+    """A smooth phase that has been tried: the contacts at its end, and the smallest gap of those that are not held.
 
     Attributes:
-        flow: what has been tried.
-        arrival: the contacts at its end.
+        phase: what has been tried.
+        phase_end: the contacts at its end.
         gap: smallest gap among those that are not held, m. A contact that was deeper at the start counts as touching.
         deepest: index of that contact, -1 where none is near.
         further: contacts that are not near.
-        keep: what is left to do if the flow is to be kept, see `kept`; None if nothing is.
+        keep: what is left to do if the phase is to be kept, see `kept`; None if nothing is.
     """
 
-    flow: Flow
-    arrival: Arrival
+    phase: Phase
+    phase_end: PhaseEnd
     gap: float
     deepest: int
-    further: tuple[Sight, ...] = ()
-    keep: Callable[[], Arrival] | None = None
+    further: tuple[Observation, ...] = ()
+    keep: Callable[[], PhaseEnd] | None = None
 
     @classmethod
-    def of(cls, flow: Flow, arrival: Arrival, keep: Callable[[], Arrival] | None = None) -> Flight:
-        """Look at the contacts at the end of a flow, of which some are not held."""
-        opened = np.flatnonzero(~arrival.sustained)
-        clear = _clear(arrival.now.gap[opened], arrival.known[opened], flow)
+    def of(cls, phase: Phase, phase_end: PhaseEnd, keep: Callable[[], PhaseEnd] | None = None) -> TrialStep:
+        """Look at the contacts at the end of a phase, of which some are not held."""
+        opened = np.flatnonzero(~phase_end.sustained)
+        clear = _clear(phase_end.gap[opened], phase_end.known[opened], phase)
         least = int(clear.argmin())
-        return cls(flow, arrival, clear.item(least), opened.item(least), keep=keep)
+        return cls(phase, phase_end, clear.item(least), opened.item(least), keep=keep)
 
-    def kept(self) -> Flight:
-        """Return the flight with velocities as they are with contacts held, and bends; data must be at its end."""
-        arrival = self.arrival if self.keep is None else self.keep()
-        now, known, sustained = arrival
-        if np.count_nonzero(sustained) < len(sustained):
-            arrival = Arrival(now.bending(_bend(arrival, self.flow)), known, sustained)
-        return self if arrival is self.arrival else self._replace(arrival=arrival, keep=None)
+    def kept(self) -> TrialStep:
+        """Return the same with velocities as they are with contacts held; the scene must be at its end."""
+        return self if self.keep is None else self._replace(phase_end=self.keep(), keep=None)
 
     @property
     def duration(self) -> float:
-        """Of the flow, s."""
-        return self.flow.duration
+        """Of the phase, s."""
+        return self.phase.duration
 
     @property
     def was_closed(self) -> bool:
-        """Whether the deepest contact penetrates and was closed, and no deeper, at the start of the flow."""
-        if self.gap >= -self.flow.tolerance:
+        """Whether the deepest contact penetrates and was closed, and no deeper, at the start of the phase."""
+        if self.gap >= -self.phase.tolerance:
             return False
-        before = self.arrival.known[self.deepest]
-        return bool(before >= 0 and abs(self.flow.start.gap[before]) <= self.flow.tolerance)
+        before = self.phase_end.known[self.deepest]
+        return bool(before >= 0 and abs(self.phase.start.gap[before]) <= self.phase.tolerance)
 
     @property
-    def sights(self) -> Iterator[Sight]:
+    def observations(self) -> Iterator[Observation]:
         """Contacts that are not held, by their gaps; those that were not near at the start are told by their geoms."""
-        now, known, sustained = self.arrival
+        now, known, sustained = self.phase_end
         opened = np.flatnonzero(~sustained)
         if not len(opened):
             return iter(self.further)
         known = known[opened]
-        contact = np.where(known >= 0, known, -1 - now.touch.pattern.key[opened])
-        gap = _clear(now.gap[opened], known, self.flow)
-        before = now.touch.contact_velocity(self.flow.start.velocity)[opened]
-        return chain(sighted(contact, gap, now.contact_velocity[opened], before), self.further)
+        contact = np.where(known >= 0, known, -1 - now.pattern.key[opened])
+        gap = _clear(now.gap[opened], known, self.phase)
+        before = now.contact_set.contact_velocity(self.phase.start.velocity)[opened]
+        return chain(_observed(contact, gap, now.contact_velocity[opened], before), self.further)
 
 
-def rests(end: Flight, shorter: Flight) -> bool:
-    """Return whether the contact that closes in the end, closed at the start, stays closed over a shorter flow."""
-    before = end.arrival.known[end.deepest]
-    if shorter.gap < -end.flow.tolerance or before < 0 or shorter.duration < _SHORTER * end.duration:
-        return False
-    return bool(shorter.arrival.sustained[shorter.arrival.known == before].any())
-
-
-def further(touch: Touch, near: float, before: np.ndarray, after: np.ndarray) -> tuple[Sight, ...]:
+def further(contact_set: ContactSet, near: float, before: np.ndarray, after: np.ndarray) -> tuple[Observation, ...]:
     """Return contacts that are not near.
 
     Args:
-        touch: contacts after a flow.
+        contact_set: contacts after a phase.
         near: gap, m, above which they are looked for.
-        before: velocity at the start of the flow, (nv,).
+        before: velocity at the start of the phase, (nv,).
         after: at its end.
     """
-    gap = touch.contacts.gap
+    gap = contact_set.gap
     far = np.flatnonzero(gap > near)
-    rate, first = (touch.contact_velocity(velocity)[far] for velocity in (after, before))
-    return tuple(sighted(-1 - touch.pattern.key[far], gap[far], rate, first))
+    rate, first = (contact_set.contact_velocity(velocity)[far] for velocity in (after, before))
+    return tuple(_observed(-1 - contact_set.pattern.key[far], gap[far], rate, first))
 
 
-def sighted(contact: np.ndarray, *columns: np.ndarray) -> Iterator[Sight]:
-    """Return contacts by their gaps, from the columns of `Sight`, (k,) each."""
+def _observed(contact: np.ndarray, *columns: np.ndarray) -> Iterator[Observation]:
+    """Return contacts by their gaps, from the columns of `Observation`, (k,) each."""
     order = columns[0].argsort()
-    return map(Sight, contact[order].tolist(), *(column[order].tolist() for column in columns))
+    return map(Observation, contact[order].tolist(), *(column[order].tolist() for column in columns))
 
 
-def expected(start: Moment, tolerance: float) -> float:
-    """Return when a gap is expected to close, s, if contacts bend on as the last flow has bent them; infinite if none.
-
-    That is the first zero of ``gap + velocity t + bend t^2`` of any contact whose bend is known, or which approaches. A
-    contact that is closed is to rise by more than the tolerance first.
-    """
-    if start.bend is None:
-        return math.inf
-    earliest = math.inf
-    columns = start.gap, start.contact_velocity, start.bend, start.rounding
-    for gap, velocity, bend, rounding in zip(*(column.tolist() for column in columns), strict=True):
-        closed = gap <= tolerance
-        if closed and (velocity <= rounding or bend >= 0.0):
-            continue
-        time = parabola_closes(max(gap, 0.0), velocity, bend)
-        if time < earliest and not (closed and velocity * time <= _RESTS * tolerance):
-            earliest = time
-    return earliest
-
-
-def _bend(arrival: Arrival, flow: Flow) -> np.ndarray:
-    """Return b of ``gap + velocity t + b t^2`` over a flow, m/s^2, (h,); 0 for those held, or not there."""
-    (now, known, sustained), start, tau = arrival, flow.start, flow.duration
-    if not len(start.gap):
-        return np.zeros(len(known))
-    depth = now.gap - start.gap[known] - start.contact_velocity[known] * tau
-    bent = (known >= 0) & ~sustained & (np.abs(depth) > CORRECTED * flow.tolerance)
-    return np.where(bent, depth / tau**2, 0.0)
-
-
-def _clear(gap: np.ndarray, known: np.ndarray, flow: Flow) -> np.ndarray:
-    """Return gaps at the end of a flow, from the start's where contacts were deeper than the tolerance there."""
-    start = flow.start.gap
-    if not len(start) or start.min() >= -flow.tolerance:
+def _clear(gap: np.ndarray, known: np.ndarray, phase: Phase) -> np.ndarray:
+    """Return gaps at the end of a phase, from the start's where contacts were deeper than the tolerance there."""
+    start = phase.start.gap
+    if start.min(initial=0.0) >= -phase.tolerance:
         return gap
     before = np.where(known >= 0, start[known], 0.0)
-    return gap - np.where(before < -flow.tolerance, before, 0.0)
+    return gap - np.where(before < -phase.tolerance, before, 0.0)

@@ -1,4 +1,4 @@
-"""When gaps close: cubics through what flows have shown, and how many flows that takes."""
+"""When gaps close: cubics through what phases have shown, and how many phases that takes."""
 
 import math
 from types import SimpleNamespace
@@ -10,65 +10,64 @@ from scenes import compiled
 from impactlaw import Moreau, Stepper
 from impactlaw.stepping.event_driven import smooth_phase
 from impactlaw.stepping.event_driven.event_location import locate
-from impactlaw.stepping.event_driven.gap_functions import Courses, Sight, parabola_closes
-from impactlaw.stepping.event_driven.persistent_contact import frictional as gripped
-from impactlaw.stepping.event_driven.smooth_phase import Flights
+from impactlaw.stepping.event_driven.gap_functions import GapFunctions, Observation, parabola_closes
+from impactlaw.stepping.event_driven.persistent_contact import frictional
+from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 
 
-class Flown:
-    """A flow after which contacts 0, 1, .. have gaps that are functions of its duration."""
+class Tried:
+    """A phase after which contacts 0, 1, .. have gaps that are functions of its duration."""
 
     def __init__(self, duration, gaps, slopes):
         self.duration = duration
-        self.sights = [
-            Sight(i, gap(duration), slope(duration), slope(0.0))
+        self.observations = [
+            Observation(i, gap(duration), slope(duration), slope(0.0))
             for i, (gap, slope) in enumerate(zip(gaps, slopes, strict=True))
         ]
-        self.gap = min(sight.gap for sight in self.sights)
+        self.gap = min(observation.gap for observation in self.observations)
 
 
 def located(gaps, slopes, duration, tolerance=1e-9, *, exact=True):
-    """Return the flow up to the first gap that closes, and the durations of all flows that were flown."""
-    courses = Courses(np.array([g(0.0) for g in gaps]), np.array([s(0.0) for s in slopes]), exact=exact)
-    flown = []
+    """Return the phase up to the first gap that closes, and the durations of all phases that were flown."""
+    gap_functions = GapFunctions(np.array([g(0.0) for g in gaps]), np.array([s(0.0) for s in slopes]), exact=exact)
+    tried = []
 
-    def fly(time):
-        flown.append(time)
-        return Flown(time, gaps, slopes)
+    def advance_to_contact(time):
+        tried.append(time)
+        return Tried(time, gaps, slopes)
 
-    end = fly(duration)
-    courses.add(duration, end.sights)
+    end = advance_to_contact(duration)
+    gap_functions.add(duration, end.observations)
     found = locate(
-        fly,
+        advance_to_contact,
         end,
-        courses,
+        gap_functions,
         target=1e-2 * tolerance,
         tolerance=tolerance,
         shortest=1e-12,
-        enough=lambda end, shorter: False,
     )
-    return found, flown
+    return found, tried
 
 
 def test_first_gap_to_close_is_found_where_another_one_is_deeper_in_the_end():
     gaps = [lambda t: 0.1 - t, lambda t: 0.3 - 5 * t**2]
-    found, flown = located(gaps, [lambda t: -1.0, lambda t: -10 * t], 0.5)
+    found, tried = located(gaps, [lambda t: -1.0, lambda t: -10 * t], 0.5)
     assert found.duration == pytest.approx(0.1, abs=1e-11)
-    assert len(flown) <= 3
+    assert len(tried) <= 3
 
 
 def test_contact_that_opens_at_the_start_closes_later_than_that():
-    found, flown = located([lambda t: t - 50 * t**2], [lambda t: 1 - 100 * t], 1.0)
+    found, tried = located([lambda t: t - 50 * t**2], [lambda t: 1 - 100 * t], 1.0)
     assert found.duration == pytest.approx(0.02, abs=1e-11)
-    assert len(flown) <= 2
+    assert len(tried) <= 2
 
 
 def test_gap_that_is_no_cubic_is_found_in_a_few_flows():
     gap, slope = lambda t: math.sin(20 * t) + 0.05 * t, lambda t: 20 * math.cos(20 * t) + 0.05
-    found, flown = located([gap], [slope], 0.25)
+    found, tried = located([gap], [slope], 0.25)
     assert abs(found.gap) <= 1e-11
     assert found.duration == pytest.approx(math.pi / 20, rel=1e-2)
-    assert len(flown) <= 5
+    assert len(tried) <= 5
 
 
 def test_gap_that_jumps_is_found_by_bisection():
@@ -78,73 +77,58 @@ def test_gap_that_jumps_is_found_by_bisection():
 
 
 def test_gap_that_jumps_is_found_whatever_its_slopes_promise():
-    found, flown = located([lambda t: 1.0 if t < 0.3 else -1e-6], [lambda t: -1e-3], 1.0)
+    found, tried = located([lambda t: 1.0 if t < 0.3 else -1e-6], [lambda t: -1e-3], 1.0)
     assert 0.3 <= found.duration <= 0.3 + 1e-11
-    assert len(flown) <= 60
+    assert len(tried) <= 60
 
 
 def test_gap_that_was_not_seen_at_the_start_has_come_by_a_parabola():
-    courses = Courses(np.zeros(0), np.zeros(0), exact=True)
+    gap_functions = GapFunctions(np.zeros(0), np.zeros(0), exact=True)
     gap, slope = lambda t: 1.0 - 2.0 * t - 3.0 * t**2, lambda t: -2.0 - 6.0 * t
-    courses.add(1.0, [Sight(-7, gap(1.0), slope(1.0), slope(0.0))])
-    assert courses.closing(0.0, 1.0) == pytest.approx(1.0 / 3.0, abs=1e-14)
+    gap_functions.add(1.0, [Observation(-7, gap(1.0), slope(1.0), slope(0.0))])
+    assert gap_functions.closing(0.0, 1.0) == pytest.approx(1.0 / 3.0, abs=1e-14)
 
 
-def test_what_a_contact_was_believed_to_do_out_of_sight_does_not_mislead():
-    """The parabola through its velocities at both ends of a flow misses the start; the flow has bent early."""
-    courses = Courses(np.zeros(0), np.zeros(0), exact=True)
+def test_what_a_contact_was_believed_to_do_too_far_to_be_seen_does_not_mislead():
+    """The parabola through its velocities at both ends of a phase misses the start; the phase has bent early."""
+    gap_functions = GapFunctions(np.zeros(0), np.zeros(0), exact=True)
     gap, rate = lambda t: 0.5 - t + 0.01 * t**2, lambda t: -1.0 + 0.02 * t
     for time in (1.0, 0.8):
-        courses.add(time, [Sight(-7, gap(time), rate(time), -9.0)])
-    assert gap(courses.closing(0.0, 0.8)) == pytest.approx(0.0, abs=1e-12)
+        gap_functions.add(time, [Observation(-7, gap(time), rate(time), -9.0)])
+    assert gap(gap_functions.closing(0.0, 0.8)) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_slopes_of_semi_implicit_steps_are_those_of_gaps_not_of_velocities():
-    courses = Courses(np.array([1.0]), np.array([-1.0]), exact=False)
+    gap_functions = GapFunctions(np.array([1.0]), np.array([-1.0]), exact=False)
     gap, velocity = lambda t: 1.0 - t - 3.0 * t**2, lambda t: -1.0 - 3.0 * t  # q' = q + t v', v' = v + a t
-    courses.add(1.0, [Sight(0, gap(1.0), velocity(1.0), -1.0)])
-    assert courses.closing(0.0, 1.0) == pytest.approx((math.sqrt(13.0) - 1.0) / 6.0, abs=1e-14)
+    gap_functions.add(1.0, [Observation(0, gap(1.0), velocity(1.0), -1.0)])
+    assert gap_functions.closing(0.0, 1.0) == pytest.approx((math.sqrt(13.0) - 1.0) / 6.0, abs=1e-14)
 
 
 def test_gaps_of_semi_implicit_steps_are_found_in_a_few_flows():
     gap, velocity = lambda t: 1e-3 - 0.3 * t - 40.0 * t**2 - 2e4 * t**3, lambda t: -0.3 - 40.0 * t
-    found, flown = located([gap], [velocity], 0.01, exact=False)
+    found, tried = located([gap], [velocity], 0.01, exact=False)
     assert abs(found.gap) <= 1e-11
-    assert len(flown) <= 6
+    assert len(tried) <= 6
 
 
-def test_gap_out_of_sight_at_the_start_is_found_from_where_it_was_seen():
+def test_gap_too_far_to_be_seen_at_the_start_is_found_from_where_it_was_seen():
     near, gap, slope = 1e-6, lambda t: 9e-6 - 0.33 * t - 20 * t**2, lambda t: -0.33 - 40 * t
-    courses, flown = Courses(np.zeros(0), np.zeros(0), exact=True), []
+    gap_functions, tried = GapFunctions(np.zeros(0), np.zeros(0), exact=True), []
 
-    def fly(time):
-        flown.append(time)
+    def advance_to_contact(time):
+        tried.append(time)
         seen = gap(time) <= near
-        sights = [Sight(-6, gap(time), slope(time), 0.1)] if seen else []  # whatever it was that moved at the start
-        return SimpleNamespace(duration=time, gap=gap(time) if seen else near, sights=sights)
+        # whatever it was that moved at the start
+        observations = [Observation(-6, gap(time), slope(time), 0.1)] if seen else []
+        return SimpleNamespace(duration=time, gap=gap(time) if seen else near, observations=observations)
 
-    end = fly(0.01)
-    courses.add(0.01, end.sights)
-    options = {"target": 1e-11, "tolerance": 1e-9, "shortest": 1e-12, "enough": lambda end, shorter: False}
-    found = locate(fly, end, courses, **options)
+    end = advance_to_contact(0.01)
+    gap_functions.add(0.01, end.observations)
+    options = {"target": 1e-11, "tolerance": 1e-9, "shortest": 1e-12}
+    found = locate(advance_to_contact, end, gap_functions, **options)
     assert abs(found.gap) <= 1e-11
-    assert len(flown) <= 7
-
-
-@pytest.mark.parametrize(("slope", "falls"), [(-1.0, True), (1.0, False)])
-def test_smallest_gap_tells_whether_it_falls(slope, falls):
-    courses = Courses(np.array([1.0, 1.0]), np.zeros(2), exact=True)
-    courses.add(0.5, [Sight(0, 0.0, slope, 0.0), Sight(1, 0.5, -slope, 0.0)])
-    assert courses.falls(0.5) is falls
-    assert not courses.falls(0.4)
-
-
-def test_what_returns_to_its_contact_within_a_semi_implicit_step_is_found_at_once():
-    """The gap falls with the flow's duration although the contact velocity still separates: J turns with the body."""
-    courses = Courses(np.array([0.0]), np.array([2.7e-3]), exact=False)
-    time = 6.3e-5
-    courses.add(time, [Sight(0, 0.0, 1.25e-3, 2.7e-3)])
-    assert courses.falls(time)
+    assert len(tried) <= 7
 
 
 @pytest.mark.parametrize(
@@ -167,33 +151,33 @@ ARM = f'<body pos="0 0 2">{link("shoulder", 0.2, "-30 20", 0.4, f"""<body pos=".
 
 
 @pytest.fixture
-def flows(monkeypatch):
-    """The duration of every flow, in order."""
-    durations, advance = [], Flights.advance
+def phases(monkeypatch):
+    """The duration of every phase, in order."""
+    durations, advance = [], SmoothPhases.advance
 
-    def counted(self, data, duration, force=None):
+    def counted(self, duration, force=None):
         durations.append(duration)
-        advance(self, data, duration, force)
+        advance(self, duration, force)
 
-    monkeypatch.setattr(Flights, "advance", counted)
+    monkeypatch.setattr(SmoothPhases, "advance", counted)
     return durations
 
 
 @pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicitfast"])
-def test_limits_that_bounce_take_few_flows(flows, integrator):
+def test_limits_that_bounce_take_few_flows(phases, integrator):
     model, data = compiled(ARM, option=f'timestep="0.004" integrator="{integrator}"', geom='contype="0"')
     stepper, collisions = Stepper(model, Moreau(0.3)), 0
     for _ in range(120):
         stepper.step(data)
         collisions += len(stepper.events)
     assert collisions > 60
-    assert len(flows) < 120 + 2 * collisions
+    assert len(phases) < 120 + 2 * collisions
     assert stepper.unlocated == 0
 
 
 def test_flow_that_is_only_tried_is_not_given_its_last_velocity(monkeypatch):
     """A ball slides under an arm whose limits bounce: one impulse is enough to tell when."""
-    solves, hold, solve = [], smooth_phase.hold, gripped.solve_grasp
+    solves, hold, solve = [], smooth_phase.hold, frictional.solve_cone_rows
 
     def held(*args):
         solves.append(0)
@@ -204,7 +188,7 @@ def test_flow_that_is_only_tried_is_not_given_its_last_velocity(monkeypatch):
         return solve(*args, **options)
 
     monkeypatch.setattr(smooth_phase, "hold", held)
-    monkeypatch.setattr(gripped, "solve_grasp", solved)
+    monkeypatch.setattr(frictional, "solve_cone_rows", solved)
     ball = '<body pos="0 2 .1"><freejoint/><geom size=".1" contype="1" friction="0.1"/></body>'
     floor = '<geom type="plane" size="9 9 1" contype="1" friction="0.1"/>'
     model, data = compiled(ARM + ball + floor, option='timestep="0.004" integrator="RK4"', geom='contype="0"')

@@ -12,9 +12,9 @@ from scenes import energy, run
 
 from impactlaw import Coulomb, MaximalDissipation, Moreau, Newton, Stepper, read_contacts
 from impactlaw.errors import InvalidCollisionError, RestitutionError
-from impactlaw.stepping.event_driven.contact_state import Grasp
+from impactlaw.stepping.event_driven.contact_set import Rows
 from impactlaw.stepping.event_driven.shortcuts import Rest, Together
-from impactlaw.stepping.event_driven.smooth_phase import Flights
+from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 
 G = 9.81
 RK4 = 'timestep="0.005" integrator="RK4"'
@@ -259,24 +259,24 @@ def test_gymnasium_robots_run_on_rigid_contact(name, steps):
     assert stepper.unlocated <= 5  # a foot squeezed between floor and thigh bounces between both without end
 
 
-def test_a_flow_may_start_where_nothing_was_held_in_the_end(monkeypatch):
-    """The forces of the flow before are known, and are of no contact: found under a coin that rolls on its rim."""
+def test_a_phase_may_start_where_nothing_was_held_in_the_end(monkeypatch):
+    """The forces of the phase before are known, and are of no contact: found under a coin that rolls on its rim."""
     model, data = compiled(floor() + box())
     stepper = Stepper(model, Newton(0.5))
     stepper.step(data)
-    fly, carried = Flights.fly, []
+    advance, known = SmoothPhases.advance_to_contact, []
 
-    def fly_on(self, data, state, start, *args, **options):
-        carried.append(start.carried)
-        nothing = Grasp(*(part[:0] for part in start.carried.grasp))
-        start = start._replace(carried=start.carried._replace(grasp=nothing))
-        return fly(self, data, state, start, *args, **options)
+    def advance_on(self, state, start, *args, **options):
+        known.append(start.contact_forces)
+        nothing = Rows(*(part[:0] for part in start.contact_forces.rows))
+        start = start._replace(contact_forces=start.contact_forces._replace(rows=nothing))
+        return advance(self, state, start, *args, **options)
 
-    monkeypatch.setattr(Flights, "fly", fly_on)
+    monkeypatch.setattr(SmoothPhases, "advance_to_contact", advance_on)
     for shortcut in (Rest, Together):
         monkeypatch.setattr(shortcut, "lasts", lambda *args: None)
     stepper.step(data)
-    assert len(carried) == 1
+    assert len(known) == 1
     assert data.qpos[:3] == pytest.approx([0.0, 0.0, 0.1], abs=1e-9)
 
 

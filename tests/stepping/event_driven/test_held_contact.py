@@ -100,14 +100,20 @@ KNOB = """<body pos="0 0 1"><joint name="knob" axis="0 1 0" damping="2" armature
     <inertial pos="0 0 0" mass=".01" diaginertia="1e-5 1e-5 1e-5"/></body>"""
 
 
-@pytest.mark.parametrize(("integrator", "timestep"), [("Euler", 2e-3), ("implicitfast", 1e-2), ("RK4", 5e-4)])
+@pytest.mark.parametrize("start", [0.0, 1e-4])
+@pytest.mark.parametrize(
+    ("integrator", "timestep", "speed", "play"),
+    [("Euler", 2e-3, 0.03, 1e-3), ("implicitfast", 1e-2, 0.1, 3e-3), ("RK4", 5e-4, 0.03, 1e-3)],
+)
 @pytest.mark.parametrize("joints", [("knob", "lid"), ("lid", "knob")])
-def test_a_joint_equality_beside_a_limit_that_is_held_stays_at_rest(integrator, timestep, joints):
+def test_a_joint_equality_beside_a_limit_that_is_held_stays_there(integrator, timestep, speed, play, joints, start):
+    """Within the play that the soft equality leaves it; if contact passed its error on, it would diverge at once."""
     equality = '<equality><joint joint1="{}" joint2="{}" polycoef="0 10 0 0 0"/></equality>'.format(*joints)
     option = f'<option timestep="{timestep}" integrator="{integrator}"/>'
     model = mujoco.MjModel.from_xml_string(f"<mujoco>{option}<worldbody>{KNOB}</worldbody>{equality}</mujoco>")
     data, stepper = mujoco.MjData(model), Stepper(model, MaximalDissipation())
+    data.joint("knob").qpos[0] = start
     for _ in range(500):
         stepper.step(data)
-        assert np.abs(data.qvel).max() < 0.03
-    assert np.abs(data.qpos).max() < 1e-3
+        assert np.abs(data.qvel).max() < speed
+        assert np.abs(data.qpos).max() < play

@@ -10,7 +10,7 @@ from impactlaw import MaximalDissipation, Moreau, Stepper, read_contacts
 from impactlaw.envs import ImpactLaw
 from impactlaw.errors import OverlapError, UnfinishedStepError, UnknownNameError
 from impactlaw.stepping.event_driven import scheme as rigid
-from impactlaw.stepping.event_driven.smooth_phase import Flights
+from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 
 H = 0.002
 FLOOR = '<geom name="floor" type="plane" size="5 5 .1"/>'
@@ -271,26 +271,26 @@ def test_a_heap_thrown_into_itself_is_pulled_apart(shape, least):
 
 
 @pytest.mark.parametrize("squeezed", [False, True])
-def test_a_gap_that_jumps_in_a_flow_is_opened_unless_bodies_are_squeezed(squeezed, monkeypatch):
-    """The flow is told to have ended 1e-7 m deeper than it did, as a contact point that jumps on a face ends it."""
+def test_a_gap_that_jumps_in_a_phase_is_opened_unless_bodies_are_squeezed(squeezed, monkeypatch):
+    """The phase is told to have ended 1e-7 m deeper than it did, as a contact point that jumps on a face ends it."""
     model, data = build(FLOOR + '<body pos="0 0 .1"><joint type="slide" axis="0 0 1"/><geom size=".1"/></body>')
-    fly, jumped = Flights.fly, []
+    advance, jumped = SmoothPhases.advance_to_contact, []
 
-    def fly_deeper(self, data, *args, **kwargs):
-        flight, closed = fly(self, data, *args, **kwargs)
+    def advance_deeper(self, *args, **kwargs):
+        trial, closed = advance(self, *args, **kwargs)
         if jumped:
-            return flight, closed
+            return trial, closed
         jumped.append(1)
         data.qpos[0] = -1e-7
-        self.update(data)
-        arrival = flight.arrival._replace(now=self.look(data))
-        return flight._replace(arrival=arrival, gap=-1e-7), True
+        self.configuration.update()
+        phase_end = trial.phase_end._replace(now=self.look())
+        return trial._replace(phase_end=phase_end, gap=-1e-7), True
 
-    def refuse(model, data, *args):
+    def refuse(phases, start):
         data.qpos[0] = 1.0
         raise OverlapError("bodies are squeezed there")
 
-    monkeypatch.setattr(Flights, "fly", fly_deeper)
+    monkeypatch.setattr(SmoothPhases, "advance_to_contact", advance_deeper)
     if squeezed:
         monkeypatch.setattr(rigid, "push_out", refuse)
     Stepper(model, Moreau(0.5)).step(data)

@@ -11,7 +11,7 @@ import pytest
 
 from impactlaw import MaximalDissipation, Moreau, Stepper
 from impactlaw.errors import ManyCollisionsWarning, SceneError, SolverError, UnfinishedStepError
-from impactlaw.stepping.event_driven.smooth_phase import Flights
+from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 from impactlaw.stepping.work import Work
 
 FLOOR = '<geom name="floor" type="plane" size="9 9 1"/>'
@@ -41,7 +41,7 @@ def test_friction_without_certified_impulses_is_time_stepped(monkeypatch):
     model, data = compiled(FLOOR + BOX)
     data.qvel[0] = 1.0
     stepper, strict = Stepper(model, Moreau(0.0)), Stepper(model, Moreau(0.0), on_unsolved="raise")
-    monkeypatch.setattr("impactlaw.stepping.event_driven.persistent_contact.frictional.solve_grasp", unsolved)
+    monkeypatch.setattr("impactlaw.stepping.event_driven.persistent_contact.frictional.solve_cone_rows", unsolved)
     with pytest.raises(SolverError):
         strict.step(copy.copy(data))
     for _ in range(50):
@@ -65,15 +65,15 @@ def test_a_collision_without_a_solution_is_time_stepped_from_where_it_was(monkey
 
 def test_after_a_step_that_was_not_finished_more_and_more_are_left_to_time_stepping(monkeypatch):
     model, data = compiled(FLOOR + BOX)
-    tried, fly = [], Flights.fly
+    tried, advance = [], SmoothPhases.advance_to_contact
 
     def counted(self, *args, **kwargs):
         tried.append(1)
         if len(tried) < 6:
             raise UnfinishedStepError("too much")
-        return fly(self, *args, **kwargs)
+        return advance(self, *args, **kwargs)
 
-    monkeypatch.setattr(Flights, "fly", counted)
+    monkeypatch.setattr(SmoothPhases, "advance_to_contact", counted)
     stepper = Stepper(model, Moreau(0.0))
     for _ in range(40):
         data.qvel[0] = 1.0
@@ -113,7 +113,7 @@ def test_a_table_goes_on_rising_in_what_remains_of_a_step(monkeypatch):
         data.mocap_pos[0, 2] = 0.2 * (k * 0.002) ** 2  # the first pose is the one it starts from
         with monkeypatch.context() as patch:
             if k >= 50:
-                patch.setattr(Flights, "fly", unsolved)
+                patch.setattr(SmoothPhases, "advance_to_contact", unsolved)
                 steps += 1
             stepper.step(data)
         if k > 2:

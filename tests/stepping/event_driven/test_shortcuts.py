@@ -10,9 +10,9 @@ from shortcuts_seen import forgetful, looks, tried
 from impactlaw import Moreau, Stepper
 from impactlaw.errors import OverlapError
 from impactlaw.models.builder import cradle
-from impactlaw.stepping.event_driven.persistent_contact.frictionless import pushing
+from impactlaw.stepping.event_driven.persistent_contact.position import least_impulse
 from impactlaw.stepping.event_driven.shortcuts import Apart, Rest, Together
-from impactlaw.stepping.event_driven.smooth_phase import Flights
+from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 
 BOX = """
 <mujoco>
@@ -186,8 +186,8 @@ def test_a_rest_that_does_not_last_is_not_looked_for_again(monkeypatch):
     stepper = Stepper(model, Moreau(0.0))
     for _ in range(400):
         stepper.step(data)
-    advanced, advance = [], Flights.advance
-    monkeypatch.setattr(Flights, "advance", lambda *args: advanced.append(1) or advance(*args))
+    advanced, advance = [], SmoothPhases.advance
+    monkeypatch.setattr(SmoothPhases, "advance", lambda *args: advanced.append(1) or advance(*args))
     start = data.qpos.copy()
     for _ in range(10):
         stepper.step(data)
@@ -246,22 +246,22 @@ def shortcut_of(stepper, data):
         seen = tried(patch)
         stepper.step(data)
     assert [one.held for one in seen] == [True]
-    return seen[0].shortcut, seen[0].flights
+    return seen[0].shortcut, seen[0].phases
 
 
-def lasts(shortcut, model, data, flights):
-    with flights.options:
-        return shortcut.lasts(model, data, flights)
+def lasts(shortcut, phases):
+    with phases.options:
+        return shortcut.lasts(phases)
 
 
 @pytest.mark.parametrize(("velocity", "shift", "kept"), [(0, 0, True), (1e-10, 0, False), (0, 1e-10, False)])
 def test_a_rest_allows_for_rounding_only(velocity, shift, kept):
     model, data = scene()
-    rest, flights = shortcut_of(settled(model, data), data)
+    rest, phases = shortcut_of(settled(model, data), data)
     assert isinstance(rest, Rest)
     data.qvel[0] += velocity
     data.qpos[0] += shift
-    assert (lasts(rest, model, data, flights) is rest) == kept
+    assert (lasts(rest, phases) is rest) == kept
 
 
 @pytest.mark.parametrize(
@@ -283,11 +283,11 @@ def test_contacts_together_allow_for_rounding_only(ball, position, velocity, kep
     data = mujoco.MjData(model)
     model.opt.gravity[:] = 0.0
     data.qvel[:] = 0.1
-    together, flights = shortcut_of(settled(model, data), data)
+    together, phases = shortcut_of(settled(model, data), data)
     assert isinstance(together, Together)
     data.qpos[ball] += position
     data.qvel[ball] += velocity
-    assert (lasts(together, model, data, flights) is together) == kept
+    assert (lasts(together, phases) is together) == kept
 
 
 def test_other_contacts_of_the_same_number_are_not_those_together():
@@ -296,11 +296,11 @@ def test_other_contacts_of_the_same_number_are_not_those_together():
     data = mujoco.MjData(model)
     data.qvel[:] = 0.1
     data.qpos[2] = 0.01
-    together, flights = shortcut_of(settled(model, data), data)
+    together, phases = shortcut_of(settled(model, data), data)
     assert isinstance(together, Together)
     assert together.pattern.labels == ("ball1/ball2",)
     data.qpos[:] -= [0.01, 0.0, 0.01]
-    assert lasts(together, model, data, flights) is None
+    assert lasts(together, phases) is None
 
 
 def test_a_body_is_met_by_one_that_turns_a_whole_turn_in_a_step(monkeypatch):
@@ -335,5 +335,5 @@ def test_a_position_given_in_flight_counts():
 
 def test_a_contact_is_never_pulled():
     gradients = np.array([[2.0, 0.0]])
-    assert pushing(gradients, np.array([3.0]), None) == pytest.approx(0.75)
-    assert pushing(gradients, np.array([-3.0]), None) == 0.0
+    assert least_impulse(gradients, np.array([3.0])) == pytest.approx(0.75)
+    assert least_impulse(gradients, np.array([-3.0])) == 0.0

@@ -1,6 +1,6 @@
-"""The smooth flow feels the contact forces of the step before as applied forces, and only what is left is projected.
+"""The smooth phase feels the contact forces of the step before as applied forces, and only what is left is projected.
 
-With f the force at the start of a flow of duration tau, its end (q, v) is taken for that of a flow without contact plus
+With f the force at the start of a phase of duration tau, its end (q, v) is that of a phase without contact, plus
 
     d_v = tau M^-1 f,   d_q = c tau d_v,   c = 1/2 (RK4), 1 (semi-implicit)
 
@@ -11,20 +11,19 @@ error of adding at one configuration what acts on a whole path.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from impactlaw.stepping.event_driven.contact_state import Flow, Moment
+from impactlaw.stepping.event_driven.configuration import Configuration
+from impactlaw.stepping.event_driven.contact_state import ContactState, Phase
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
-class Felt(NamedTuple):
-    """What the force that a flow has felt has done to it.
+class FeltForce(NamedTuple):
+    """What the force that a phase has felt has done to it.
 
     Attributes:
         impulse: ``tau f``, N s or N m s, (nv,).
@@ -37,19 +36,19 @@ class Felt(NamedTuple):
     shift: np.ndarray
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, data: mujoco.MjData, force: np.ndarray | None, duration: float) -> Felt:
-        """Return what a force, (nv,), has done; data is at the end of the flow, its inertia factored."""
+    def of(cls, configuration: Configuration, force: np.ndarray | None, duration: float) -> FeltForce:
+        """Return what a force, (nv,), has done; the configuration is at the end of the phase."""
         if force is None:
-            nothing = np.zeros(model.nv)
+            nothing = np.zeros(configuration.model.nv)
             return cls(nothing, nothing, nothing)
-        impulse, velocity = duration * force, np.empty((1, model.nv))
-        mujoco.mj_solveM(model, data, velocity, impulse[None])
-        return cls(impulse, velocity[0], moving_part(model) * duration * velocity[0])
+        impulse = duration * force
+        velocity = configuration.velocity(impulse)
+        return cls(impulse, velocity, moving_part(configuration.model) * duration * velocity)
 
     def is_settled(self, impulse: np.ndarray, velocity: np.ndarray) -> bool:
         """Return whether less was left to do than contact has done, in the kinetic metric.
 
-        Otherwise the next flow had better feel nothing: springs near the stability limit of the integrator answer to a
+        Otherwise the next phase had better feel nothing: springs near the stability limit of the integrator answer to a
         force with another sign, and there it would grow from step to step.
 
         Args:
@@ -61,33 +60,19 @@ class Felt(NamedTuple):
 
 
 def moving_part(model: mujoco.MjModel) -> float:
-    """Return the part of ``tau M^-1 Lambda`` by which forces that are constant over a flow have moved the bodies."""
+    """Return the part of ``tau M^-1 Lambda`` by which forces that are constant over a phase have moved the bodies."""
     return 0.5 if model.opt.integrator == _RK4 else 1.0
 
 
-def constrained_velocity(model: mujoco.MjModel, data: mujoco.MjData, now: Moment, flow: Flow) -> np.ndarray:
-    """Return the velocity at the end of a flow as equality constraints had wanted it there, (nv,).
+def constrained_velocity(now: ContactState, phase: Phase) -> np.ndarray:
+    """Return the velocity at the end of a phase as equality constraints had wanted it there, (nv,).
 
     MuJoCo finds the forces of constraints with M, and then integrates joint damping D implicitly, with ``M + tau D``:
     where damping is strong that misses what was found, and contact would pass the error on from joint to joint. So the
     part that constraints fix is taken from ``v + tau a``, a being the acceleration that they were found with.
     """
-    velocity = now.velocity
-    if now.touch.bilateral is None or model.opt.integrator == _RK4:
+    velocity, configuration = now.velocity, now.configuration
+    if now.contact_set.bilateral is None or configuration.model.opt.integrator == _RK4:
         return velocity
-    wanted = flow.start.velocity + flow.duration * data.qacc
-    return velocity + now.touch.along_constraints(model, data, wanted - velocity)
-
-
-@contextmanager
-def applied(data: mujoco.MjData, force: np.ndarray | None) -> Iterator[None]:
-    """Let a force, (nv,), act beside the applied ones."""
-    if force is None:
-        yield
-        return
-    own = data.qfrc_applied.copy()
-    data.qfrc_applied += force
-    try:
-        yield
-    finally:
-        data.qfrc_applied[:] = own
+    wanted = phase.start.velocity + phase.duration * configuration.data.qacc
+    return velocity + now.contact_set.along_constraints(wanted - velocity)

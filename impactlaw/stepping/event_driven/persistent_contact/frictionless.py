@@ -1,271 +1,107 @@
-"""Contacts that stay closed during a flow: which ones do, and the impulse that keeps them closed.
+"""Contacts that stay closed during a smooth phase: which ones do, and the impulse that keeps them closed.
 
-A contact is sustained over a flow of duration tau if it was closed at the start and either did not separate, or
+A contact is sustained over a phase of duration tau if it was closed at the start and either did not separate, or
 separated so slowly that its rebound rises less than the gap tolerance, ``gamma^2 / (2 a) <= tolerance`` with a the
-closing acceleration that the flow shows. This is also what ends a Zeno sequence of ever smaller bounces. The
+closing acceleration that the phase shows. This is also what ends a Zeno sequence of ever smaller bounces. The
 acceleration of a contact is looked at again once those below it are held: in a stack that falls freely it is zero.
 
-The flow itself knows no contact but the forces of the flow before (`felt_force`), which are taken away from where it
-ends; then position and velocity are brought back to the closed contacts:
+The phase itself knows no contact but the forces of the phase before (`felt_force`), which are taken away from where it
+ends; then the position is brought back to the closed contacts (`position`), and the velocity v becomes
 
-    position:  min |d|,  gap(q + d) >= 0           (kinetic metric; Gauss-Newton on the gaps)
-    velocity:  0 <= nu  ⊥  J (w + M^-1 J^T nu) >= 0,   w = v + M^-1 (J_start - J)^T nu' / 2,   v <- w + M^-1 J^T nu
+    0 <= nu  ⊥  J (w + M^-1 J^T nu) >= 0,   w = v + M^-1 (J_start - J)^T nu' / 2,   v <- w + M^-1 J^T nu
 
-where nu' solves the second line with w = v. The term with ``J_start - J`` gives half of the impulse the direction it
-had at the start of the flow (as in RATTLE), so that RK4 keeps second order along curved surfaces; on flat ones it
-vanishes.
+where nu' solves this with w = v. The term with ``J_start - J`` gives half of the impulse the direction it had at the
+start of the phase (as in RATTLE), so that RK4 keeps second order along curved surfaces; on flat ones it vanishes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-import mujoco
 import numpy as np
 
-from impactlaw.errors import UnsolvableLawError
-from impactlaw.scene.contacts import update_positions
-from impactlaw.solvers import Problem, solve_with_jump, with_active
-from impactlaw.stepping.event_driven.contact_set import Touch, jump, whiten
-from impactlaw.stepping.event_driven.contact_state import CORRECTED, Arrival, Flow, Moment, stays
-from impactlaw.stepping.event_driven.persistent_contact.felt_force import Felt, constrained_velocity
-from impactlaw.stepping.event_driven.persistent_contact.frictional import hold_gripping
-from impactlaw.stepping.work import Work
+from impactlaw.stepping.event_driven.contact_set import ContactSet
+from impactlaw.stepping.event_driven.contact_state import CORRECTED, Phase, PhaseEnd
+from impactlaw.stepping.event_driven.persistent_contact.felt_force import FeltForce, constrained_velocity
+from impactlaw.stepping.event_driven.persistent_contact.frictional import hold_with_friction
+from impactlaw.stepping.event_driven.persistent_contact.position import LookAgain, hold_position, least_impulse
 
-_CORRECTIONS = 20  # position corrections at most
-_SMOOTH_CORRECTIONS = 3  # that smooth surfaces need; each gains digits, their curvature decides how many
-_LARGEST_TURN = 0.3  # rad in one flow
-_CONFLICT = 1e-9  # part of the largest of multipliers that prove a conflict above which one takes part in it
+_LARGEST_TURN = 0.3  # rad in one phase
 
 
-def hold(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    arrival: Arrival,
-    flow: Flow,
-    look_again: Callable[[float], tuple[Moment, np.ndarray]],
-) -> tuple[Arrival, Callable[[], Arrival] | None]:
-    """Bring position and velocity back to the sustained contacts; data and its frames change.
+def hold(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain) -> tuple[PhaseEnd, Callable[[], PhaseEnd] | None]:
+    """Bring position and velocity back to the sustained contacts; this moves the scene.
 
     Args:
-        model: the scene.
-        data: at the end of the flow, frames current.
-        arrival: the contacts there.
-        flow: what led there.
-        look_again: detects the contacts of now up to a gap at least, m, and matches them with the start.
+        phase_end: the contacts at the end of the phase.
+        phase: what led there.
+        look_again: detects contacts.
 
     Returns:
-        The contacts after the correction, and what is left to do if the flow is to be kept: see `hold_gripping`.
+        The contacts after the correction, and what is left to do if the phase is to be kept: see `hold_with_friction`.
     """
-    flow.work.hold(len(arrival.now.gap))
-    if arrival.now.touch.pattern.grip is not None:
-
-        def correct(overlapping: Arrival) -> Arrival:
-            return _hold_position(model, data, overlapping, flow, None, look_again, np.zeros(model.nv))[0]
-
-        return hold_gripping(model, data, arrival, flow, look_again, correct)
-    before, guess = flow.start.pressed, None
-    if before is not None:
-        guess = (arrival.known >= 0) & before[arrival.known]
-    arrival.now.touch.whitened(model, data)
-    felt = Felt.of(model, data, flow.start.force, flow.duration)
-    free = constrained_velocity(model, data, arrival.now, flow) - felt.velocity
-    amiss = arrival.now.gap < -CORRECTED * flow.tolerance
-    if guess is not None and flow.start.force is not None:
-        amiss |= guess & (arrival.now.gap > CORRECTED * flow.tolerance)
-    if np.count_nonzero(arrival.sustained & amiss):
-        arrival, guess = _hold_position(model, data, arrival, flow, guess, look_again, felt.shift)
-    now, known, sustained = arrival
-    held = sustained & now.closed
-    if flow.start.force is not None or np.count_nonzero(held & (now.contact_velocity < -now.noise)):
-        pressed, force = _hold_velocity(model, data, arrival, flow, guess, free, felt)
-        return Arrival(now.moving(model, data, pressed, force=force), known, sustained), None
-    return arrival, None
+    phase.work.hold(len(phase_end.known))
+    if phase_end.now.pattern.friction is not None:
+        return hold_with_friction(phase_end, phase, look_again)
+    now, known, sustained = phase_end
+    felt = FeltForce.of(now.configuration, phase.start.force, phase.duration)
+    free = constrained_velocity(now, phase) - felt.velocity
+    amiss = now.gap < -CORRECTED * phase.tolerance
+    if phase.start.force is not None and phase.start.active is not None:
+        amiss |= (known >= 0) & phase.start.active[known] & (now.gap > CORRECTED * phase.tolerance)
+    if np.count_nonzero(sustained & amiss):
+        phase_end = hold_position(phase_end, phase, look_again, felt.shift)
+    now, _, sustained = phase_end
+    if phase.start.force is None and not np.count_nonzero(sustained & now.closed & (now.contact_velocity < -now.noise)):
+        return phase_end, None
+    return _hold_velocity(phase_end, phase, free, felt), None
 
 
-def _hold_position(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    arrival: Arrival,
-    flow: Flow,
-    guess: np.ndarray | None,
-    look_again: Callable[[float], tuple[Moment, np.ndarray]],
-    felt: np.ndarray,
-) -> tuple[Arrival, np.ndarray | None]:
-    """Return the contacts where those that are sustained do not overlap, and which of them press.
-
-    A shift that they have felt in the flow, (nv,), is theirs: they may pull back so far.
-    """
-    end, end_gap = data.qpos.copy(), arrival.now.gap[arrival.sustained]
-    shift, pressed = np.zeros(model.nv), guess
-    cuts, reach = (np.zeros((0, model.nv)), np.zeros(0)), arrival.now.touch.opening(felt)
-    for correction in range(_CORRECTIONS):
-        now, known, sustained = arrival
-        sustained, pressed, wanted = _position_impulse(model, data, arrival, shift + felt, flow, cuts, pressed)
-        wanted = wanted - felt
-        if correction == 0 and not (np.count_nonzero(pressed) or np.count_nonzero(felt)):
-            return Arrival(now, known, sustained), None
-        if correction and now.touch.opening(wanted - shift) <= CORRECTED * flow.tolerance:
-            break  # what still overlaps is squeezed between bodies that cannot give way
-        if correction >= _SMOOTH_CORRECTIONS:  # the contacts jump between points of a face: keep them all
-            J = now.touch.jacobian[sustained]
-            cuts = np.vstack([cuts[0], J]), np.concatenate([cuts[1], J.dot(shift + felt) - now.gap[sustained]])
-        shift = wanted
-        qpos = end.copy()
-        mujoco.mj_integratePos(model, qpos, shift, 1.0)
-        data.qpos[:] = qpos
-        update_positions(model, data)
-        before, (now, known) = known, look_again(reach)
-        if known is not before and not np.array_equal(known, before):
-            if not np.isin(before[pressed & (before >= 0)], known).all():  # pushed out further than contacts are sought
-                now, known = look_again(float(-end_gap.min()))
-            pressed = _among(known, before[pressed])
-            sustained = _among(known, before[sustained])  # what the flow has decided stays decided
-        arrival = Arrival(now, known, sustained)
-        if _is_corrected(arrival, pressed, flow):
-            break
-    return arrival, pressed
-
-
-def _is_corrected(arrival: Arrival, pressed: np.ndarray, flow: Flow) -> bool:
-    """Return whether sustained contacts do not overlap, those that press are closed, and no other should be held."""
-    gap, sustained, allowed = arrival.now.gap, arrival.sustained, CORRECTED * flow.tolerance
-    if np.count_nonzero((sustained & (gap < -allowed)) | (pressed & (np.abs(gap) > allowed))):
-        return False
-    if np.count_nonzero(sustained) == len(sustained):
-        return True
-    return not np.count_nonzero(stays(gap, arrival.known, flow) & ~sustained)
-
-
-def _among(known: np.ndarray, some: np.ndarray) -> np.ndarray:
-    return (known[:, None] == some[some >= 0]).any(axis=1)
-
-
-def _position_impulse(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    arrival: Arrival,
-    shift: np.ndarray,
-    flow: Flow,
-    cuts: tuple[np.ndarray, np.ndarray],
-    guess: np.ndarray | None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return which contacts are sustained, which of them press, and the shift, (nv,), that opens them.
-
-    The cuts are gradients and least shifts along them of contacts that were seen there before.
-    """
-    touch, sustained = arrival.now.touch, arrival.sustained
-    gap, J = touch.contacts.gap, touch.jacobian
-    along, Y, _ = touch.whitened(model, data)
-    while True:
-        rows = np.flatnonzero(sustained)
-        gradients, least, part = along[rows], J[rows].dot(shift) - gap[rows], Y[rows]
-        if len(cuts[1]):
-            flow.work.cut(len(least) + len(cuts[1]))
-            guess = None
-            more_gradients, more = touch.confine(model, data, cuts[0])
-            gradients, least = np.vstack([gradients, more_gradients]), np.concatenate([least, cuts[1]])
-            part = np.vstack([part, more])
-        p = _opening(part, least, None if guess is None else guess[rows], flow.work)
-        wanted = jump(model, data, gradients, p)
-        if len(rows) == len(gap):
-            return sustained, p[: len(rows)] > 0, wanted
-        more = stays(gap + J.dot(wanted - shift), arrival.known, flow) & ~sustained
-        if not np.count_nonzero(more):
-            pressed = np.zeros(len(gap), dtype=bool)
-            pressed[rows[p[: len(rows)] > 0]] = True
-            return sustained, pressed, wanted
-        sustained = sustained | more
-
-
-def _opening(gradients: np.ndarray, least: np.ndarray, guess: np.ndarray | None, work: Work) -> np.ndarray:
-    """Return what `pushing` returns, and 0 for contacts of bodies that cannot give way, or not all at once."""
-    able = np.vecdot(gradients, gradients) > 0
-    if np.count_nonzero(able) == len(able):
-        try:
-            return pushing(gradients, least, guess)
-        except UnsolvableLawError as conflict:
-            work.disagree(len(least))
-            able = conflict.ray <= _CONFLICT * conflict.ray.max()
-    p = np.zeros(len(least))
-    if np.count_nonzero(able):
-        p[able] = _opening(gradients[able], least[able], None if guess is None else guess[able], work)
-    return p
-
-
-def _hold_velocity(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    arrival: Arrival,
-    flow: Flow,
-    guess: np.ndarray | None,
-    velocity: np.ndarray,
-    felt: Felt,
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """Set data.qvel so that no closed contact that is sustained approaches; return which press, and their force.
+def _hold_velocity(phase_end: PhaseEnd, phase: Phase, velocity: np.ndarray, felt: FeltForce) -> PhaseEnd:
+    """Let no closed contact that is sustained approach; return the contacts with the velocity that they have then.
 
     Args:
-        model: the scene.
-        data: where sustained contacts do not overlap, frames current.
-        arrival: the contacts there.
-        flow: what led there.
-        guess: which contacts may press, bool (h,).
+        phase_end: the contacts where those that are sustained do not overlap.
+        phase: what led there.
         velocity: without contact, (nv,).
-        felt: what the flow has felt.
+        felt: what the contact forces in the phase have done.
     """
-    touch, start = arrival.now.touch, flow.start.touch
-    held = np.flatnonzero(arrival.sustained & arrival.now.closed)
-    along, _, lengths = touch.whitened(model, data)
-    lengths = lengths[held]
+    now, contact_set = phase_end.now, phase_end.contact_set
+    data = now.configuration.data
+    held, active = np.flatnonzero(phase_end.sustained & now.closed), np.zeros(len(now.gap), dtype=bool)
     if not len(held):
         data.qvel[:] = velocity
-        return np.zeros(len(arrival.known), dtype=bool), None
-    guess = None if guess is None else guess[held]
-    nu = _pressing(model, data, touch, held, velocity, guess)
-    known = arrival.known[held]
-    J = touch.jacobian[held]
-    difference = np.where(known[:, None] >= 0, start.jacobian[known] - J, 0.0) if start.pattern else J - J
-    if np.count_nonzero(difference):
-        difference, turned = touch.confine(model, data, difference)
-        change = np.sqrt(np.vecdot(turned, turned))
-        difference[change > _LARGEST_TURN * lengths] = 0.0  # another feature of the surface, not a curved one
-        if np.count_nonzero(change > 1e-12 * lengths):
-            velocity += jump(model, data, difference, 0.5 * nu)
-            nu = _pressing(model, data, touch, held, velocity, nu > 0)
-    impulse, change = nu.dot(along[held]), jump(model, data, along[held], nu)
+        return phase_end._replace(now=now.moving(active))
+    nu = _velocity_impulse(contact_set, held, velocity)
+    turned = _turned(phase_end, phase, held)
+    if turned is not None:
+        velocity = velocity + now.configuration.jump(turned, 0.5 * nu)
+        nu = _velocity_impulse(contact_set, held, velocity)
+    impulse = nu.dot(contact_set.along[held])
+    change = now.configuration.velocity(impulse)
     data.qvel[:] = velocity + change
-    pressed = np.zeros(len(arrival.known), dtype=bool)
-    pressed[held] = nu > 0
-    return pressed, impulse / flow.duration if felt.is_settled(impulse, change) else None
+    active[held] = nu > 0
+    force = impulse / phase.duration if felt.is_settled(impulse, change) else None
+    return phase_end._replace(now=now.moving(active, force=force))
 
 
-def _pressing(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    touch: Touch,
-    held: np.ndarray,
-    velocity: np.ndarray,
-    guess: np.ndarray | None,
-) -> np.ndarray:
-    """Return ``nu`` with ``0 <= nu  ⊥  J (v + M^-1 J'^T nu) + w >= 0`` for the contacts that are held, (h,)."""
-    Y = touch.whitened(model, data)[1][held]
-    gamma = touch.contact_velocity(velocity)[held]
-    known = touch.bilateral is None and touch.drift is None and len(held) > 1
-    return pushing(Y, -gamma, guess, -whiten(model, data, velocity) if known else None)
+def _turned(phase_end: PhaseEnd, phase: Phase, held: np.ndarray) -> np.ndarray | None:
+    """Return the rows of contacts at the start of the phase less those of now, (k, nv); None if they are the same."""
+    start, contact_set, known = phase.start.contact_set, phase_end.contact_set, phase_end.known[held]
+    if not np.count_nonzero(known >= 0):
+        return None
+    difference = np.where(known[:, None] >= 0, start.jacobian[known] - contact_set.jacobian[held], 0.0)
+    if not np.count_nonzero(difference):
+        return None
+    difference, turned = contact_set.confine(difference)
+    change, lengths = np.sqrt(np.vecdot(turned, turned)), contact_set.lengths[held]
+    difference[change > _LARGEST_TURN * lengths] = 0.0  # another feature of the surface, not a curved one
+    return difference if np.count_nonzero(change > 1e-12 * lengths) else None
 
 
-def pushing(
-    gradients: np.ndarray, bound: np.ndarray, guess: np.ndarray | None, preimage: np.ndarray | None = None
-) -> np.ndarray:
-    """Return ``p`` with ``0 <= p  ⊥  Y Y^T p >= c``, (h,); see `Problem`.
-
-    One contact has a closed form; else the contacts that are expected to carry an impulse are tried first.
-    """
-    if len(bound) == 1 and (square := gradients[0].dot(gradients[0])) > 0:
-        return np.maximum(bound / square, 0.0)
-    problem = Problem(gradients, bound, preimage)
-    if guess is not None:
-        impulse = with_active(problem, guess)
-        if impulse is not None:
-            return impulse
-    return solve_with_jump(problem, ("",) * len(bound), shared=False).impulse
+def _velocity_impulse(contact_set: ContactSet, held: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """Return ``nu`` with ``0 <= nu  ⊥  J (v + M^-1 J'^T nu) + w >= 0`` for the contacts that are held, (k,)."""
+    gamma = contact_set.contact_velocity(velocity)[held]
+    known = contact_set.bilateral is None and contact_set.drift is None and len(held) > 1
+    preimage = -contact_set.configuration.whiten(velocity) if known else None
+    return least_impulse(contact_set.whitened[held], -gamma, preimage)

@@ -1,0 +1,111 @@
+"""A scene at the configuration of now: its frames, its inertia, and the factor of that, as they are needed."""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from impactlaw.scene.contacts import update_positions
+from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.stepping.integration import restore_state, save_state
+
+
+class Configuration:
+    """Model and data of a scene, and what an impulse does there.
+
+    MuJoCo factors ``M = L^T D L``, so that here ``R^T = D^1/2 L``: ``|R^T v|`` is the kinetic metric, and
+    ``Y = J R^-T`` has ``Y Y^T = G`` (`impactlaw.mechanics.kinetic_metric`). Frames, inertia and factor are those of
+    data.qpos, computed when they are first needed.
+
+    Args:
+        model: the scene.
+        surfaces: surfaces that move by themselves; None if the scene has none.
+
+    Attributes:
+        data: the state; to be given by `bind`.
+    """
+
+    data: mujoco.MjData
+
+    def __init__(self, model: mujoco.MjModel, surfaces: Surfaces | None = None):
+        self.model, self.surfaces = model, surfaces
+        self._current = self._factored = False
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the data, which belongs to the caller of a step."""
+        return {name: value for name, value in self.__dict__.items() if name != "data"}
+
+    def bind(self, data: mujoco.MjData) -> None:
+        """Work on this data, whatever has happened to it."""
+        self.data = data
+        self._current = self._factored = False
+
+    def save(self, state: np.ndarray | None = None) -> np.ndarray:
+        """Return everything that the integrator starts from, in the given array if there is one."""
+        return save_state(self.model, self.data, state)
+
+    def restore(self, state: np.ndarray) -> None:
+        """Go back to what `save` returned."""
+        restore_state(self.model, self.data, state)
+        self._current = self._factored = False
+
+    def update(self) -> None:
+        """Bring frames and inertia up to data.qpos, and surfaces that move by themselves to where they are now."""
+        if self.surfaces is not None:
+            self.surfaces.place(self.data)
+        update_positions(self.model, self.data)
+        self._current, self._factored = True, False
+
+    def refresh(self) -> None:
+        """Do the same if the configuration has changed meanwhile."""
+        if not self._current:
+            self.update()
+
+    def shift(self, displacement: np.ndarray, *, qpos: np.ndarray | None = None) -> None:
+        """Move by a displacement, (nv,), from the configuration of now or from another one, (nq,)."""
+        moved = (self.data.qpos if qpos is None else qpos).copy()
+        mujoco.mj_integratePos(self.model, moved, displacement, 1.0)
+        self.data.qpos[:] = moved
+        self.update()
+
+    def momentum(self, velocity: np.ndarray) -> np.ndarray:
+        """Return ``M v``, (nv,)."""
+        self.refresh()
+        result = np.empty(self.model.nv)
+        mujoco.mj_mulM(self.model, self.data, result, velocity)
+        return result
+
+    def velocity(self, momentum: np.ndarray) -> np.ndarray:
+        """Return ``M^-1 p``, (nv,)."""
+        self._factor()
+        result = np.empty((1, self.model.nv))
+        mujoco.mj_solveM(self.model, self.data, result, momentum[None])
+        return result[0]
+
+    def jump(self, jacobian: np.ndarray, impulse: np.ndarray) -> np.ndarray:
+        """Return ``M^-1 J^T Lambda``, (nv,)."""
+        return self.velocity(impulse.dot(jacobian))
+
+    def kinetic_norm(self, velocity: np.ndarray) -> float:
+        """Return ``|v| = sqrt(v^T M v)``."""
+        return sqrt(max(velocity.dot(self.momentum(velocity)), 0.0))
+
+    def whiten(self, velocity: np.ndarray) -> np.ndarray:
+        """Return ``R^T v = R^-1 M v``, (nv,)."""
+        return self.whiten_gradients(self.momentum(velocity)[None])[0]
+
+    def whiten_gradients(self, jacobian: np.ndarray) -> np.ndarray:
+        """Return ``J R^-T``, (h, nv)."""
+        self._factor()
+        result = np.empty_like(jacobian)
+        mujoco.mj_solveM2(self.model, self.data, result, jacobian, np.sqrt(self.data.qLDiagInv))
+        return result
+
+    def _factor(self) -> None:
+        self.refresh()
+        if not self._factored:
+            mujoco.mj_factorM(self.model, self.data)
+            self._factored = True

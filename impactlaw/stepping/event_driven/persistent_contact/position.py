@@ -1,0 +1,150 @@
+"""Positions are brought back to the contacts that stay closed, by the smallest shift that opens their gaps.
+
+With the gaps at the end of a phase, in the kinetic metric, by Gauss-Newton:
+
+    min |d|,   gap(q + d) >= 0
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from impactlaw.errors import UnsolvableLawError
+from impactlaw.solvers import Problem, solve_with_jump
+from impactlaw.stepping.event_driven.contact_state import CORRECTED, ContactState, Phase, PhaseEnd, stays
+from impactlaw.stepping.work import Work
+
+LookAgain = Callable[[float], tuple[ContactState, np.ndarray]]
+"""Detects the contacts of now up to a gap at least, m, and matches them with those at the start of the phase."""
+
+_CORRECTIONS = 20  # at most
+_SMOOTH_CORRECTIONS = 3  # that smooth surfaces need; each gains digits, their curvature decides how many
+_CONFLICT = 1e-9  # part of the largest of multipliers that prove a conflict above which one takes part in it
+
+
+class Cuts(NamedTuple):
+    """Contacts that were seen in earlier corrections, where contact points jump on a face.
+
+    Attributes:
+        jacobian: their gap gradients, (n, nv).
+        least: smallest shift along them, m, (n,).
+    """
+
+    jacobian: np.ndarray
+    least: np.ndarray
+
+
+class Correction(NamedTuple):
+    """One step of Gauss-Newton.
+
+    Attributes:
+        sustained: which contacts stay closed, bool (h,).
+        active: which of them need an impulse for that, bool (h,).
+        shift: that opens them, (nv,).
+    """
+
+    sustained: np.ndarray
+    active: np.ndarray
+    shift: np.ndarray
+
+
+def hold_position(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain, felt: np.ndarray) -> PhaseEnd:
+    """Move the scene to where contacts that are sustained do not overlap; return the contacts there.
+
+    Args:
+        phase_end: the contacts at the end of the phase.
+        phase: what led there.
+        look_again: detects contacts.
+        felt: shift that contact forces have made in the phase, (nv,); contacts may take back so much of it.
+    """
+    configuration = phase_end.now.configuration
+    end, end_gap = configuration.data.qpos.copy(), phase_end.gap[phase_end.sustained]
+    nv = configuration.model.nv
+    shift, reach = np.zeros(nv), phase_end.contact_set.opening(felt)
+    cuts = Cuts(np.zeros((0, nv)), np.zeros(0))
+    for correction in range(_CORRECTIONS):
+        now, known, _ = phase_end
+        sustained, active, wanted = _correction(phase_end, shift + felt, phase, cuts)
+        wanted = wanted - felt
+        if correction == 0 and not (np.count_nonzero(active) or np.count_nonzero(felt)):
+            return PhaseEnd(now, known, sustained)
+        if correction and now.contact_set.opening(wanted - shift) <= CORRECTED * phase.tolerance:
+            break  # what still overlaps is squeezed between bodies that cannot give way
+        if correction >= _SMOOTH_CORRECTIONS:  # the contacts jump between points of a face: keep them all
+            J = now.contact_set.jacobian[sustained]
+            least = J.dot(shift + felt) - now.gap[sustained]
+            cuts = Cuts(np.vstack([cuts.jacobian, J]), np.concatenate([cuts.least, least]))
+        shift = wanted
+        configuration.shift(shift, qpos=end)
+        before, (now, known) = known, look_again(reach)
+        if known is not before and not np.array_equal(known, before):
+            if not among(before[active & (before >= 0)], known).all():  # pushed out further than contacts are sought
+                now, known = look_again(float(-end_gap.min()))
+            active = among(known, before[active])
+            sustained = among(known, before[sustained])  # what the phase has decided stays decided
+        phase_end = PhaseEnd(now, known, sustained)
+        if _is_corrected(phase_end, active, phase):
+            break
+    return phase_end
+
+
+def _is_corrected(phase_end: PhaseEnd, active: np.ndarray, phase: Phase) -> bool:
+    """Return whether sustained contacts do not overlap, active ones are closed, and no other should be held."""
+    gap, sustained, allowed = phase_end.gap, phase_end.sustained, CORRECTED * phase.tolerance
+    if np.count_nonzero((sustained & (gap < -allowed)) | (active & (np.abs(gap) > allowed))):
+        return False
+    return bool(sustained.all()) or not np.count_nonzero(stays(gap, phase_end.known, phase) & ~sustained)
+
+
+def among(index: np.ndarray, some: np.ndarray) -> np.ndarray:
+    """Return which indices of contacts are among others, of which -1 is none, bool (h,)."""
+    return (index[:, None] == some[some >= 0]).any(axis=1)
+
+
+def _correction(phase_end: PhaseEnd, shift: np.ndarray, phase: Phase, cuts: Cuts) -> Correction:
+    """Return the shift that opens the contacts, linearized where the scene has been shifted by ``shift``, (nv,)."""
+    contact_set, gap, sustained = phase_end.contact_set, phase_end.gap, phase_end.sustained
+    J = contact_set.jacobian
+    while True:
+        rows = np.flatnonzero(sustained)
+        gradients, least, part = contact_set.along[rows], J[rows].dot(shift) - gap[rows], contact_set.whitened[rows]
+        if len(cuts.least):
+            phase.work.cut(len(least) + len(cuts.least))
+            more_gradients, more = contact_set.confine(cuts.jacobian)
+            gradients, least = np.vstack([gradients, more_gradients]), np.concatenate([least, cuts.least])
+            part = np.vstack([part, more])
+        p = _opening_impulse(part, least, phase.work)
+        wanted = contact_set.configuration.jump(gradients, p)
+        more = ~sustained
+        if np.count_nonzero(more):
+            more &= stays(gap + J.dot(wanted - shift), phase_end.known, phase)
+        if not np.count_nonzero(more):
+            active = np.zeros(len(gap), dtype=bool)
+            active[rows[p[: len(rows)] > 0]] = True
+            return Correction(sustained, active, wanted)
+        sustained = sustained | more
+
+
+def _opening_impulse(gradients: np.ndarray, least: np.ndarray, work: Work) -> np.ndarray:
+    """Return what `least_impulse` returns, and 0 for contacts of bodies that cannot give way, or not all at once."""
+    able = np.vecdot(gradients, gradients) > 0
+    if able.all():
+        try:
+            return least_impulse(gradients, least)
+        except UnsolvableLawError as conflict:
+            work.disagree(len(least))
+            able = conflict.ray <= _CONFLICT * conflict.ray.max()
+    p = np.zeros(len(least))
+    if np.count_nonzero(able):
+        p[able] = _opening_impulse(gradients[able], least[able], work)
+    return p
+
+
+def least_impulse(gradients: np.ndarray, bound: np.ndarray, preimage: np.ndarray | None = None) -> np.ndarray:
+    """Return ``p`` with ``0 <= p  ⊥  Y Y^T p >= c``, (h,); see `Problem`. One contact has a closed form."""
+    if len(bound) == 1 and (square := gradients[0].dot(gradients[0])) > 0:
+        return np.maximum(bound / square, 0.0)
+    return solve_with_jump(Problem(gradients, bound, preimage), ("",) * len(bound), shared=False).impulse
