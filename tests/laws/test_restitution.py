@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from problems import LAWS, SWAPPED, launched
+from problems import LAWS, OF_SOME, SWAPPED, launched
 
 from impactlaw import Collision, Fremond, LinearMap, MaximalDissipation, Moreau, Newton, make_law
 from impactlaw.errors import RestitutionError, UnknownNameError
@@ -103,7 +103,7 @@ def test_make_fremond():
 def test_every_registered_law_can_be_made_and_is_among_those_tried_on_every_problem():
     restitution = {"moreau": 0.5, "newton": 0.5, "poisson": 0.5, "fremond": np.eye(2)}
     tried = {type(make(launched(3, 1))) for make in LAWS.values()}
-    for name in REGISTRY:
+    for name in set(REGISTRY) - OF_SOME:
         law = make_law(name, restitution.get(name))
         assert isinstance(law, Law)
         assert law.resolve(launched(3, 1)).residual < 1e-12
@@ -112,7 +112,7 @@ def test_every_registered_law_can_be_made_and_is_among_those_tried_on_every_prob
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("moro", "'moro'; did you mean 'moreau'"), ("newtons", "did you mean 'newton'"), ("xyz", "known: fremond, ")],
+    [("moro", "'moro'; did you mean 'moreau'"), ("newtons", "did you mean 'newton'"), ("xyz", "known: compliant, ")],
 )
 def test_unknown_law(name, message):
     with pytest.raises(UnknownNameError, match=message):
