@@ -2,14 +2,14 @@
 
 import gymnasium
 
-from impactlaw.envs.bare_dm_control import placed_law, put_law
 from impactlaw.envs.base import ImpactEnv
-from impactlaw.envs.billiards import Billiards
-from impactlaw.envs.juggler import Juggler
-from impactlaw.envs.newtons_cradle import NewtonsCradle
+from impactlaw.envs.placing.bare_dm_control import placed_law, put_law
 from impactlaw.envs.rendering import choose_backend
 from impactlaw.envs.replay import restart
-from impactlaw.envs.rocking_block import RockingBlock
+from impactlaw.envs.tasks.billiards import Billiards
+from impactlaw.envs.tasks.juggler import Juggler
+from impactlaw.envs.tasks.newtons_cradle import NewtonsCradle
+from impactlaw.envs.tasks.rocking_block import RockingBlock
 from impactlaw.envs.wrapper import ImpactLaw
 
 __all__ = [

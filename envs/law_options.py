@@ -11,7 +11,7 @@ import mujoco
 
 from impactlaw.errors import OptionError, RestitutionError, UnknownNameError
 from impactlaw.laws import Law, MaximalDissipation, make_law, portable
-from impactlaw.laws.from_scene import scene_law, scene_number
+from impactlaw.laws.restitution.from_scene import scene_law, scene_number
 from impactlaw.recording.properties import law_name
 from impactlaw.stepping.compatibility import check_count
 from impactlaw.stepping.stepper import Stepper

@@ -13,8 +13,8 @@ from gymnasium.utils import RecordConstructorArgs
 
 from impactlaw.envs.episode_log import episode_log
 from impactlaw.envs.law_options import RESET, LawOptions, check_reset, portable_options
-from impactlaw.envs.placed import PlacedLaw
-from impactlaw.envs.placed_gymnasium import ignores_options, place
+from impactlaw.envs.placing.gymnasium_steps import ignores_options, place
+from impactlaw.envs.placing.placed_law import PlacedLaw
 from impactlaw.envs.rendering import free_contexts, make_current
 from impactlaw.errors import WrapperError
 from impactlaw.laws import Law

@@ -18,7 +18,14 @@ from typing import Any, cast
 import mujoco
 import numba
 
-_PARTS = ("solvers/cones", "stepping/time_stepping", "stepping/time_stepping/compiled")
+_PARTS = (
+    "solvers/cones/algebra",
+    "solvers/cones",
+    "stepping/time_stepping/problem",
+    "stepping/time_stepping",
+    "stepping/time_stepping/compiled/structures",
+    "stepping/time_stepping/compiled",
+)
 """Folders of this package whose functions are compiled; each calls functions of itself and of those before it."""
 
 _NUMBERS = ("laws/tolerances.py",)

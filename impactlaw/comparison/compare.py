@@ -19,7 +19,7 @@ from impactlaw.comparison.soft_contact import tuned_contacts
 from impactlaw.errors import RestitutionError, SceneError
 from impactlaw.laws import LAWS, Law, make_law
 from impactlaw.laws.base import coefficient
-from impactlaw.laws.from_scene import scene_law, scene_number
+from impactlaw.laws.restitution.from_scene import scene_law, scene_number
 from impactlaw.mechanics.impact import Impact
 from impactlaw.models import load
 from impactlaw.recording import Recorder

@@ -15,7 +15,7 @@ from impactlaw.identification.intervals import matrix_intervals, parameter_inter
 from impactlaw.identification.measurements import Measurements, rms
 from impactlaw.identification.restitution_matrix import MatrixFit
 from impactlaw.laws import Fremond, Law, RestitutionLaw, Scattered, energy_gain
-from impactlaw.laws.labels import canonical
+from impactlaw.laws.restitution.labels import canonical
 from impactlaw.mechanics.collision import Collision
 
 _LIMIT = 1e-6  # distance from a bound at which the search begins

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import MeasurementError
-from impactlaw.laws.labels import canonical
+from impactlaw.laws.restitution.labels import canonical
 from impactlaw.mechanics.collision import Collision
 
 _RANK = 1e-10  # singular value of gradients, relative to the largest one, that is rounding

@@ -16,7 +16,7 @@ from impactlaw.identification.families import FAMILIES
 from impactlaw.identification.fitting import CrossValidation, Identified, cross_validate, fit
 from impactlaw.identification.measurements import Measurements
 from impactlaw.identification.reading import Collisions, read_collisions
-from impactlaw.laws.portable import portable
+from impactlaw.laws.restitution.portable import portable
 
 _SHOWN = 6  # parameters in a line of the table
 _WORST = 0.5  # share of collisions that must be admissible for a fit to make sense

@@ -2,16 +2,16 @@
 
 from impactlaw.laws.base import Law, RestitutionLaw, Target, energy_gain
 from impactlaw.laws.compliant import Compliant
-from impactlaw.laws.coulomb import Coulomb
 from impactlaw.laws.fremond import Fremond, Reversal
+from impactlaw.laws.friction.coulomb import Coulomb
+from impactlaw.laws.friction.routh import Routh
 from impactlaw.laws.linear_map import LinearMap
 from impactlaw.laws.maximal_dissipation import MaximalDissipation
 from impactlaw.laws.moreau import Moreau
 from impactlaw.laws.newton import Newton
 from impactlaw.laws.poisson import Poisson
-from impactlaw.laws.portable import portable, restored
 from impactlaw.laws.registry import DESCRIPTIONS, LAWS, make_law
-from impactlaw.laws.routh import Routh
+from impactlaw.laws.restitution.portable import portable, restored
 from impactlaw.laws.scattered import Scattered
 
 __all__ = [

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError, RestitutionError, SolverError
 from impactlaw.laws.base import Law, Target, coefficient
-from impactlaw.laws.labels import canonical, put
+from impactlaw.laws.restitution.labels import canonical, put
 from impactlaw.mechanics.collision import Collision
 
 _STEP = 0.05  # timestep, in units of one over the largest frequency: energy is kept to 1e-9
@@ -131,7 +131,7 @@ class Compliant(Law):
 
     def _impulses(self, delassus: Any, gamma: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
         """Bring lengths, masses and speeds to order one, and let the springs act."""
-        from impactlaw.laws.spring_contacts import spring_impulses
+        from impactlaw.mechanics.spring_contacts import spring_impulses
 
         h = gamma.shape[1]
         if h > _MOST_CONTACTS:

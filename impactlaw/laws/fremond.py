@@ -11,7 +11,7 @@ import scipy
 
 from impactlaw.errors import InvalidCollisionError, RestitutionError
 from impactlaw.laws.base import Law, RestitutionLaw, Target, coefficient, square_matrix
-from impactlaw.laws.labels import canonical, put
+from impactlaw.laws.restitution.labels import canonical, put
 from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.mechanics.block_metric import finite_sparse, is_sparse
 from impactlaw.mechanics.collision import Collision

@@ -11,12 +11,12 @@ from impactlaw.errors import RestitutionError, UnknownNameError
 from impactlaw.laws.base import Law
 from impactlaw.laws.compliant import Compliant
 from impactlaw.laws.fremond import Fremond, Reversal
+from impactlaw.laws.friction.routh import Routh
 from impactlaw.laws.maximal_dissipation import MaximalDissipation
 from impactlaw.laws.moreau import Moreau
 from impactlaw.laws.newton import Newton
 from impactlaw.laws.poisson import Poisson
-from impactlaw.laws.portable import restored
-from impactlaw.laws.routh import Routh
+from impactlaw.laws.restitution.portable import restored
 
 REGISTERED: tuple[type[Law], ...] = (MaximalDissipation, Moreau, Newton, Poisson, Fremond, Reversal, Routh, Compliant)
 """A new law is one file, with its name and description on the class, and its class here."""
@@ -32,9 +32,9 @@ def make_law(name: str | Path | Law | Mapping, restitution: Any = None) -> Law:
     """Return the law of that name.
 
     Args:
-        name: "maximal-dissipation", "moreau", "newton", "poisson", "fremond", "reversal", "routh" or
-            "compliant"; a `Law` is returned as is, and made again from what `impactlaw.laws.portable` has written down,
-            or from a file of that, ``law.json``, as `impactlaw identify` writes it.
+        name: "maximal-dissipation", "moreau", "newton", "poisson", "fremond", "reversal", "routh" or "compliant"; a
+            `Law` is returned as is, and made again from what `portable` has written down, or from a file of that,
+            ``law.json``, as `impactlaw identify` writes it.
         restitution: what the law takes: a coefficient (moreau, reversal, compliant), one or several or keyed ones,
             numbers or functions of speed (newton, poisson, routh), a matrix or a keyed one (fremond), nothing
             (maximal-dissipation).

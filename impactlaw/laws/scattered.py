@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import Law, Target, square_matrix
-from impactlaw.laws.coulomb import Coulomb
+from impactlaw.laws.friction.coulomb import Coulomb
 from impactlaw.mechanics.collision import Collision
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from impactlaw.laws.coefficients import described
+from impactlaw.laws.restitution.coefficients import described
 from impactlaw.recording.layout import FORMAT
 
 _PACKAGES = {"impactlaw": "impactlaw", "mujoco": "mujoco", "numpy": "numpy", "rerun": "rerun-sdk"}

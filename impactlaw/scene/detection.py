@@ -17,9 +17,9 @@ from impactlaw.scene.contacts import (
     make_rows,
 )
 from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows
-from impactlaw.scene.geoms import several_contacts
 from impactlaw.scene.joint_limits import LimitRows, Limits
 from impactlaw.scene.options import BorrowedOptions
+from impactlaw.scene.pairs import several_contacts
 from impactlaw.scene.patterns import Pattern, Patterns
 from impactlaw.scene.tolerances import GAP_TOLERANCE, PARALLEL, SKIN
 

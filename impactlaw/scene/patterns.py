@@ -9,8 +9,8 @@ import numpy as np
 
 from impactlaw.scene.contacts import contact_labels, sorted_geoms
 from impactlaw.scene.friction_rows import FrictionPattern, learn_friction
-from impactlaw.scene.geoms import one_contact, rolling_contacts, several_contacts, touching_distance, vague_contacts
 from impactlaw.scene.joint_limits import NO_GEOM
+from impactlaw.scene.pairs import one_contact, rolling_contacts, several_contacts, touching_distance, vague_contacts
 
 _REMEMBERED = 256  # patterns; a pile has many
 

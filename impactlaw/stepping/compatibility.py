@@ -10,12 +10,11 @@ import numpy as np
 
 from impactlaw.errors import OptionError, RestitutionError, SceneError
 from impactlaw.laws import Coulomb, Law, LinearMap, Routh
-from impactlaw.laws.coefficients import ContactCoefficients
-from impactlaw.laws.labels import canonical, check_labels
+from impactlaw.laws.restitution.coefficients import ContactCoefficients
+from impactlaw.laws.restitution.labels import canonical, check_labels
 from impactlaw.scene.contacts import geom_names
-from impactlaw.scene.geoms import one_contact
 from impactlaw.scene.joint_limits import Limits
-from impactlaw.scene.pairs import geom_pairs
+from impactlaw.scene.pairs import geom_pairs, one_contact
 
 _RESOLVED = 1e-15  # part of the size of the scene that gaps are rounded to
 _NAMED = 5  # contacts that an error names

@@ -11,9 +11,8 @@ import numpy as np
 
 from impactlaw.scene.contacts import geom_names
 from impactlaw.scene.equality_constraints import bilateral_constraints
-from impactlaw.scene.geoms import one_contact, several_contacts, touching_distance
 from impactlaw.scene.joint_limits import Limits
-from impactlaw.scene.pairs import GeomPairs, geom_pairs, thickness
+from impactlaw.scene.pairs import GeomPairs, geom_pairs, one_contact, several_contacts, thickness, touching_distance
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 _NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)

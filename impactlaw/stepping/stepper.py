@@ -10,7 +10,7 @@ import mujoco
 
 from impactlaw.errors import ManyCollisionsWarning, SceneError, UnknownNameError
 from impactlaw.laws import Coulomb, Law, MaximalDissipation
-from impactlaw.laws.from_scene import scene_law
+from impactlaw.laws.restitution.from_scene import scene_law
 from impactlaw.scene.tolerances import GAP_TOLERANCE
 from impactlaw.settled import Settled
 from impactlaw.solvers import SOLVERS, load_solvers
@@ -51,7 +51,7 @@ class Stepper:
         model: the compiled scene. Its options are read at every step, so they may be changed between steps (contacts
             and limits that they disable are off). What else of it is changed later has its effect where MuJoCo reads it
             again; event-driven steps keep shapes, limits and friction as they were when a contact was first seen.
-        law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`impactlaw.laws.from_scene`).
+        law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`laws.restitution.from_scene`).
         contact_model: "rigid" or "soft".
         scheme: "event-driven", if not given, or "time-stepping" (rigid).
         friction: "coulomb", if not given, is exact Coulomb friction in collisions and in sustained contact, with the

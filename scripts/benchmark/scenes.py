@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from impactlaw import Fremond, Law, Moreau
-from impactlaw.laws.from_scene import scene_law
+from impactlaw.laws.restitution.from_scene import scene_law
 from impactlaw.models import load, scene_names
 from impactlaw.models.builder import cradle
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impactlaw.envs import billiards, juggler, newtons_cradle, rocking_block
+from impactlaw.envs.tasks import billiards, juggler, newtons_cradle, rocking_block
 
 Controller = Callable[[np.ndarray], float | tuple[float, float]]
 GRAVITY = 9.81

@@ -9,7 +9,7 @@ from functools import partial
 import mujoco
 
 from impactlaw import Fremond, Law, MaximalDissipation, Moreau
-from impactlaw.laws.from_scene import scene_law
+from impactlaw.laws.restitution.from_scene import scene_law
 from impactlaw.models import load
 
 from . import references, references_friction

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from own_envs import bare
 
-from impactlaw.envs.drive import Drive
-from impactlaw.envs.juggler import DRIVE as PADDLE
-from impactlaw.envs.rocking_block import DRIVE as PLATFORM
+from impactlaw.envs.tasks.drive import Drive
+from impactlaw.envs.tasks.juggler import DRIVE as PADDLE
+from impactlaw.envs.tasks.rocking_block import DRIVE as PLATFORM
 from impactlaw.scene.tolerances import BLOW
 
 

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from impactlaw import Collision, Compliant, Coulomb, Friction, Moreau, Newton, Stepper, make_law
 from impactlaw.errors import InvalidCollisionError, RestitutionError, SolverError
-from impactlaw.laws.spring_contacts import spring_impulses
+from impactlaw.mechanics.spring_contacts import spring_impulses
 from impactlaw.models import load
 
 HERTZ_3 = (-0.0710, 0.0764, 0.9945)

@@ -8,7 +8,7 @@ from impactlaw import Collision, Fremond, LinearMap, MaximalDissipation, Moreau,
 from impactlaw.errors import RestitutionError, UnknownNameError
 from impactlaw.laws import LAWS as REGISTRY
 from impactlaw.laws import Law
-from impactlaw.laws.labels import canonical, check_labels
+from impactlaw.laws.restitution.labels import canonical, check_labels
 
 EXACT = {"rtol": 0, "atol": 1e-12}
 LABELLED = ("ball1/floor", "ball1/ball2", "ball2/wall")

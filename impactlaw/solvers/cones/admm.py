@@ -7,11 +7,11 @@ velocity. De Saxcé's correction is taken from the w of the step before. The mat
 
 import numpy as np
 
-from impactlaw.solvers.cones.blocks import assemble, factor, room, solve
-from impactlaw.solvers.cones.loops import FIRST, Array, once, plain
-from impactlaw.solvers.cones.ordering import Blocks
-from impactlaw.solvers.cones.projection import norm_of, project, residual
-from impactlaw.solvers.cones.structure import CONE, Island, jump, rows_times, velocity
+from impactlaw.solvers.cones.algebra.blocks import assemble, factor, room, solve
+from impactlaw.solvers.cones.algebra.loops import FIRST, Array, once, plain
+from impactlaw.solvers.cones.algebra.ordering import Blocks
+from impactlaw.solvers.cones.algebra.projection import norm_of, project, residual
+from impactlaw.solvers.cones.algebra.structure import CONE, Island, jump, rows_times, velocity
 
 _PROXIMAL = 1e-8
 _LEAST = 1e-6  # what stands for the least eigenvalue of G

@@ -10,12 +10,12 @@ Acary & Cadoux 2013 for the fixed point; Walker & Ni 2011).
 
 import numpy as np
 
-from impactlaw.solvers.cones.blocks import assemble, factor, room, solve
-from impactlaw.solvers.cones.linear import lu_factor, lu_solve
-from impactlaw.solvers.cones.loops import FIRST, Array, kernel, once, plain
-from impactlaw.solvers.cones.ordering import Blocks
-from impactlaw.solvers.cones.projection import norm_of, project, projection_derivative, residual, slips
-from impactlaw.solvers.cones.structure import Island, jump, rows_times, velocity
+from impactlaw.solvers.cones.algebra.blocks import assemble, factor, room, solve
+from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve
+from impactlaw.solvers.cones.algebra.loops import FIRST, Array, kernel, once, plain
+from impactlaw.solvers.cones.algebra.ordering import Blocks
+from impactlaw.solvers.cones.algebra.projection import norm_of, project, projection_derivative, residual, slips
+from impactlaw.solvers.cones.algebra.structure import Island, jump, rows_times, velocity
 
 _START, _END = 1e-1, 1e-6  # compliance of the first and of the last proximal step
 _STEPS = 50  # of Newton's method for one proximal step

@@ -7,14 +7,14 @@ each is followed by Newton's method with another map, step and regularization. T
 import numpy as np
 
 from impactlaw.solvers.cones.admm import admm, largest_eigenvalue
-from impactlaw.solvers.cones.blocks import flops
+from impactlaw.solvers.cones.algebra.blocks import flops
+from impactlaw.solvers.cones.algebra.linear import triangular_rows
+from impactlaw.solvers.cones.algebra.loops import FIRST, Array, copied, numbers, once
+from impactlaw.solvers.cones.algebra.ordering import Blocks, lay_out
+from impactlaw.solvers.cones.algebra.projection import norm_of
+from impactlaw.solvers.cones.algebra.structure import Island, delassus
 from impactlaw.solvers.cones.convex import corrected
-from impactlaw.solvers.cones.linear import triangular_rows
-from impactlaw.solvers.cones.loops import FIRST, Array, copied, numbers, once
 from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, newton
-from impactlaw.solvers.cones.ordering import Blocks, lay_out
-from impactlaw.solvers.cones.projection import norm_of
-from impactlaw.solvers.cones.structure import Island, delassus
 
 _FIRST_STEPS = np.array([8, 30, 12, 30])  # Newton steps with two maps from the guess, and from rest
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from impactlaw.solvers.cones.loops import Array, filled, indices, numbers, once, zeros
-from impactlaw.solvers.cones.ordering import Blocks, lay_out, least_degree
-from impactlaw.solvers.cones.structure import Island
+from impactlaw.solvers.cones.algebra.loops import Array, filled, indices, numbers, once, zeros
+from impactlaw.solvers.cones.algebra.ordering import Blocks, lay_out, least_degree
+from impactlaw.solvers.cones.algebra.structure import Island
 
 _ONE_BLOCK = 48  # degrees of freedom up to which an island is one dense block
 

@@ -11,9 +11,9 @@ degrees of freedom, dx is eliminated group by group: with ``B = I - D + E (c + d
 
 import numpy as np
 
-from impactlaw.solvers.cones.blocks import assemble, factor, room, solve
-from impactlaw.solvers.cones.linear import lu_factor, lu_solve, lu_solve_rows
-from impactlaw.solvers.cones.loops import (
+from impactlaw.solvers.cones.algebra.blocks import assemble, factor, room, solve
+from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve, lu_solve_rows
+from impactlaw.solvers.cones.algebra.loops import (
     FIRST,
     Array,
     copied,
@@ -26,9 +26,9 @@ from impactlaw.solvers.cones.loops import (
     scatter_add,
     subtract,
 )
-from impactlaw.solvers.cones.ordering import Blocks
-from impactlaw.solvers.cones.projection import norm_of, project, projection_derivative, residual
-from impactlaw.solvers.cones.structure import CONE, Island, rows_times, velocity
+from impactlaw.solvers.cones.algebra.ordering import Blocks
+from impactlaw.solvers.cones.algebra.projection import norm_of, project, projection_derivative, residual
+from impactlaw.solvers.cones.algebra.structure import CONE, Island, rows_times, velocity
 
 ALART_CURNIER, DE_SAXCE, CONVEX = 0, 1, 2
 """Maps: on disk and half line; on the cone with de Saxcé's correction; on the cone without it."""

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from impactlaw.solvers.cones.loops import FIRST, Array, filled, kernel, numbers, plain
-from impactlaw.solvers.cones.projection import group_residual
+from impactlaw.solvers.cones.algebra.loops import FIRST, Array, filled, kernel, numbers, plain
+from impactlaw.solvers.cones.algebra.projection import group_residual
 
 _NOTHING = 1e-10  # rows shorter than this part of the longest do not move anything
 _SHARE = 1e-3  # least scale of an island, as a part of the largest

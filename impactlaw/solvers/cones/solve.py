@@ -8,9 +8,9 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
+from impactlaw.solvers.cones.algebra.loops import Array, filled, indices, numbers
 from impactlaw.solvers.cones.hybrid import solve_island
 from impactlaw.solvers.cones.islands import build
-from impactlaw.solvers.cones.loops import Array, filled, indices, numbers
 from impactlaw.solvers.cones.rows import certificate, impulse_jump, islands, lengths
 
 

@@ -13,7 +13,7 @@ from impactlaw.scene.detection import Found
 from impactlaw.scene.friction_rows import find_tangents
 from impactlaw.stepping.collisions import Closed
 from impactlaw.stepping.event_driven.configuration import Configuration
-from impactlaw.stepping.event_driven.travel import Frames
+from impactlaw.stepping.event_driven.location.travel import Frames
 
 
 class Rows(NamedTuple):

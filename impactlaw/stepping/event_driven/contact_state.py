@@ -10,7 +10,7 @@ from impactlaw.scene.contacts import Contacts
 from impactlaw.scene.patterns import Pattern
 from impactlaw.stepping.event_driven.configuration import Configuration
 from impactlaw.stepping.event_driven.contact_set import ContactSet, Rows
-from impactlaw.stepping.event_driven.travel import Frames, Travel
+from impactlaw.stepping.event_driven.location.travel import Frames, Travel
 from impactlaw.stepping.work import Work
 
 CORRECTED = 1e-2

@@ -10,7 +10,7 @@ import numpy as np
 from impactlaw.scene.contacts import Contacts, gap_gradients
 from impactlaw.stepping.event_driven.contact_set import ContactSet
 from impactlaw.stepping.event_driven.contact_state import Phase, PhaseEnd
-from impactlaw.stepping.event_driven.travel import Frames
+from impactlaw.stepping.event_driven.location.travel import Frames
 
 _SAME_POINT = 1e3  # gap tolerances that a contact point may move more than the geoms
 _LAST = 1e9  # m: puts contacts that separate behind those that do not

@@ -18,8 +18,8 @@ import numpy as np
 
 from impactlaw.scene.patterns import Pattern
 from impactlaw.stepping.event_driven.contact_state import CORRECTED, SILENT, ContactState
+from impactlaw.stepping.event_driven.location.travel import Frames
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
-from impactlaw.stepping.event_driven.travel import Frames
 from impactlaw.stepping.integration import saved_qpos, saved_qvel
 
 

@@ -20,14 +20,14 @@ from impactlaw.scene.patterns import Pattern
 from impactlaw.stepping.event_driven.configuration import Configuration
 from impactlaw.stepping.event_driven.contact_set import ContactSet
 from impactlaw.stepping.event_driven.contact_state import CORRECTED, ContactState, Phase, PhaseEnd, stays
-from impactlaw.stepping.event_driven.event_location import locate
-from impactlaw.stepping.event_driven.gap_functions import GapFunctions
+from impactlaw.stepping.event_driven.location.gap_functions import GapFunctions
+from impactlaw.stepping.event_driven.location.search import locate
+from impactlaw.stepping.event_driven.location.travel import Frames, Travel
+from impactlaw.stepping.event_driven.location.trial_step import TrialStep, further
 from impactlaw.stepping.event_driven.matching import continued, match, refound, runs_on
 from impactlaw.stepping.event_driven.persistent_contact.felt_force import FeltForce
 from impactlaw.stepping.event_driven.persistent_contact.frictionless import hold
 from impactlaw.stepping.event_driven.persistent_contact.position import LookAgain, among
-from impactlaw.stepping.event_driven.travel import Frames, Travel
-from impactlaw.stepping.event_driven.trial_step import TrialStep, further
 from impactlaw.stepping.integration import advance
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.work import Work

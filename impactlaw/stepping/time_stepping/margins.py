@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import compiled
-from impactlaw.solvers.cones.loops import plain
+from impactlaw.solvers.cones.algebra.loops import plain
 
 _LEAST = 1e-5
 """Reach at rest, m or rad: contacts that are held are to be found."""

@@ -47,16 +47,16 @@ from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_input, empty_state, is_huge, restore_state, save_state
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
-from impactlaw.stepping.time_stepping.contact_problem import resolve_step
-from impactlaw.stepping.time_stepping.dense import encode_pyramids, sparse_jacobian
 from impactlaw.stepping.time_stepping.events import CollisionRecord
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, InertialForces
-from impactlaw.stepping.time_stepping.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.margins import body_sizes, set_margins
-from impactlaw.stepping.time_stepping.rows import Rows, near_rows, read_rows
+from impactlaw.stepping.time_stepping.problem.contact_problem import resolve_step
+from impactlaw.stepping.time_stepping.problem.dense import encode_pyramids, sparse_jacobian
+from impactlaw.stepping.time_stepping.problem.law_targets import LawTargets
+from impactlaw.stepping.time_stepping.problem.rows import Rows, near_rows, read_rows
+from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
 from impactlaw.stepping.time_stepping.second_look import SecondLook
 from impactlaw.stepping.time_stepping.seen import Seen, in_order
-from impactlaw.stepping.time_stepping.targets import close_gaps, contact_targets
 from impactlaw.stepping.time_stepping.tolerances import (
     FEW_ROUNDS,
     LOOKS,

@@ -12,9 +12,9 @@ from impactlaw.mechanics.friction import Friction
 from impactlaw.scene.contacts import Contacts
 from impactlaw.scene.joint_limits import NO_GEOM, Limits, LimitState
 from impactlaw.solvers.cones import BILATERAL
-from impactlaw.stepping.time_stepping.dense import gradients, mass_matrix
-from impactlaw.stepping.time_stepping.rows import Rows
-from impactlaw.stepping.time_stepping.targets import reached_groups
+from impactlaw.stepping.time_stepping.problem.dense import gradients, mass_matrix
+from impactlaw.stepping.time_stepping.problem.rows import Rows
+from impactlaw.stepping.time_stepping.problem.targets import reached_groups
 
 _ROUNDING = 1e-12
 

@@ -9,8 +9,8 @@ from scenes import compiled
 
 from impactlaw import Moreau, Stepper
 from impactlaw.stepping.event_driven import smooth_phase
-from impactlaw.stepping.event_driven.event_location import locate
-from impactlaw.stepping.event_driven.gap_functions import GapFunctions, Observation, parabola_closes
+from impactlaw.stepping.event_driven.location.gap_functions import GapFunctions, Observation, parabola_closes
+from impactlaw.stepping.event_driven.location.search import locate
 from impactlaw.stepping.event_driven.persistent_contact import frictional
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.solvers.cones.loops import plain
+from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.time_stepping import borrowed
-from impactlaw.stepping.time_stepping.compiled.fields import (
+from impactlaw.stepping.time_stepping.compiled.structures.fields import (
     MODEL,
     SIZE,
     address_of,

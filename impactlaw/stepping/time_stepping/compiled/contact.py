@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlaw.solvers.cones import BILATERAL
-from impactlaw.solvers.cones.loops import kernel, once
-from impactlaw.stepping.time_stepping.compiled.fields import CONTACT, DATA, MODEL, flags
+from impactlaw.solvers.cones.algebra.loops import kernel, once
 from impactlaw.stepping.time_stepping.compiled.law import ask_law, reverse
-from impactlaw.stepping.time_stepping.compiled.libmujoco import is_sparse
 from impactlaw.stepping.time_stepping.compiled.status import CREATES, FINE, NOT_FINITE
+from impactlaw.stepping.time_stepping.compiled.structures.fields import CONTACT, DATA, MODEL, flags
+from impactlaw.stepping.time_stepping.compiled.structures.libmujoco import is_sparse
 from impactlaw.stepping.time_stepping.compiled.world import (
     SETTING,
     contact_floats,
@@ -26,9 +26,9 @@ from impactlaw.stepping.time_stepping.compiled.world import (
     size,
     velocity_of,
 )
-from impactlaw.stepping.time_stepping.contact_problem import linked_step
-from impactlaw.stepping.time_stepping.rows import Rows, near_rows, read_rows
-from impactlaw.stepping.time_stepping.targets import close_gaps, contact_targets
+from impactlaw.stepping.time_stepping.problem.contact_problem import linked_step
+from impactlaw.stepping.time_stepping.problem.rows import Rows, near_rows, read_rows
+from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
 from impactlaw.stepping.time_stepping.tolerances import RESOLVED, STIFF
 
 Array = np.ndarray[Any, Any]

@@ -5,11 +5,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.solvers.cones.loops import once, plain, zeros
-from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
+from impactlaw.solvers.cones.algebra.loops import once, plain, zeros
 from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins
 from impactlaw.stepping.time_stepping.compiled.contact import jacobian_of, rows_of_step
-from impactlaw.stepping.time_stepping.compiled.fields import (
+from impactlaw.stepping.time_stepping.compiled.structures import libmujoco as mj
+from impactlaw.stepping.time_stepping.compiled.structures.fields import (
     CONTACT,
     DATA,
     MODEL,
@@ -38,9 +38,9 @@ from impactlaw.stepping.time_stepping.compiled.world import (
     setting,
     size,
 )
-from impactlaw.stepping.time_stepping.contact_problem import open_overlaps
-from impactlaw.stepping.time_stepping.dense import encode_pyramids
-from impactlaw.stepping.time_stepping.rows import unwhiten
+from impactlaw.stepping.time_stepping.problem.contact_problem import open_overlaps
+from impactlaw.stepping.time_stepping.problem.dense import encode_pyramids
+from impactlaw.stepping.time_stepping.problem.rows import unwhiten
 from impactlaw.stepping.time_stepping.second_look import BEYOND, LAST_LOSS, SLOP, bend, end_targets
 
 _PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.solvers.cones.loops import copied, kernel, numbers, once, plain
-from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
-from impactlaw.stepping.time_stepping.compiled.fields import DATA, address_of, put
+from impactlaw.solvers.cones.algebra.loops import copied, kernel, numbers, once, plain
+from impactlaw.stepping.time_stepping.compiled.structures import libmujoco as mj
+from impactlaw.stepping.time_stepping.compiled.structures.fields import DATA, address_of, put
 from impactlaw.stepping.time_stepping.compiled.world import data_floats, layout_of, metric_of, velocity_of
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SETTLED
-from impactlaw.stepping.time_stepping.rows import solve_inertia
+from impactlaw.stepping.time_stepping.problem.rows import solve_inertia
 
 
 @once

@@ -7,12 +7,15 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.loops import copied, kernel, numbers, once, plain, zeros
-from impactlaw.stepping.time_stepping.compiled import libmujoco as mj
+from impactlaw.solvers.cones.algebra.loops import copied, kernel, numbers, once, plain, zeros
 from impactlaw.stepping.time_stepping.compiled.borrow import borrow, is_damped
 from impactlaw.stepping.time_stepping.compiled.contact import attempt, jacobian_of, near
 from impactlaw.stepping.time_stepping.compiled.ends import finish, look_again, update_frames, write_forces
-from impactlaw.stepping.time_stepping.compiled.fields import (
+from impactlaw.stepping.time_stepping.compiled.forces import inertial_work, lead_to, settle
+from impactlaw.stepping.time_stepping.compiled.law import LawTable
+from impactlaw.stepping.time_stepping.compiled.status import FINE, HUGE_INPUT, HUGE_OUTPUT, TIMESTEP
+from impactlaw.stepping.time_stepping.compiled.structures import libmujoco as mj
+from impactlaw.stepping.time_stepping.compiled.structures.fields import (
     DATA,
     MODEL,
     address_of,
@@ -22,10 +25,7 @@ from impactlaw.stepping.time_stepping.compiled.fields import (
     long_at,
     put,
 )
-from impactlaw.stepping.time_stepping.compiled.forces import inertial_work, lead_to, settle
-from impactlaw.stepping.time_stepping.compiled.law import LawTable
-from impactlaw.stepping.time_stepping.compiled.memory import MEMORY, forget, last_step, remember
-from impactlaw.stepping.time_stepping.compiled.status import FINE, HUGE_INPUT, HUGE_OUTPUT, TIMESTEP
+from impactlaw.stepping.time_stepping.compiled.structures.memory import MEMORY, forget, last_step, remember
 from impactlaw.stepping.time_stepping.compiled.world import (
     SETTING,
     World,

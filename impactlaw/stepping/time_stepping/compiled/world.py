@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlaw.solvers.cones.loops import kernel, plain
-from impactlaw.stepping.time_stepping.compiled.fields import (
+from impactlaw.solvers.cones.algebra.loops import kernel, plain
+from impactlaw.stepping.time_stepping.compiled.structures.fields import (
     DATA,
     MODEL,
     SIZE,

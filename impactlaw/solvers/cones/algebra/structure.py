@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlaw.solvers.cones.loops import Array, gather_dot, kernel, plain, scatter_add
+from impactlaw.solvers.cones.algebra.loops import Array, gather_dot, kernel, plain, scatter_add
 
 BILATERAL, BOX, CONE = 0, 1, 2
 """Kinds of groups: ``u = 0``; ``x`` in an interval; ``x`` in the cone ``K = {(a, y) : |y| <= a}``."""

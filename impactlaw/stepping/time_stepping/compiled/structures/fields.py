@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, cast
 import numba
 from numba import extending, types
 
-from impactlaw.solvers.cones.loops import kernel, plain
+from impactlaw.solvers.cones.algebra.loops import kernel, plain
 
 _intrinsic: Any = extending.intrinsic
 carray: Any = cast(Any, numba).carray

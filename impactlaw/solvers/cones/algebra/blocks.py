@@ -6,10 +6,10 @@ is one block, and this is then the dense LU.
 
 import numpy as np
 
-from impactlaw.solvers.cones.linear import lu_factor, lu_solve, lu_solve_rows
-from impactlaw.solvers.cones.loops import FIRST, Array, add_at, dot, fill, plain, subtract
-from impactlaw.solvers.cones.ordering import Blocks
-from impactlaw.solvers.cones.structure import Island
+from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve, lu_solve_rows
+from impactlaw.solvers.cones.algebra.loops import FIRST, Array, add_at, dot, fill, plain, subtract
+from impactlaw.solvers.cones.algebra.ordering import Blocks
+from impactlaw.solvers.cones.algebra.structure import Island
 
 
 @plain

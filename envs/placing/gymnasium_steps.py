@@ -12,7 +12,7 @@ import numpy as np
 from impactlaw.envs.base import ImpactEnv
 from impactlaw.envs.episode_log import EpisodeLog
 from impactlaw.envs.law_options import LawOptions
-from impactlaw.envs.placed import PlacedLaw, name_of
+from impactlaw.envs.placing.placed_law import PlacedLaw, name_of
 from impactlaw.errors import WrapperError
 
 
@@ -91,7 +91,7 @@ def place(env: gymnasium.Env, options: LawOptions, log: EpisodeLog | None, *, re
             return kind(target, options, log)
     inner: Any = getattr(base, "_env", None)
     if "dm_control.mujoco.engine" in sys.modules and hasattr(inner, "physics"):
-        from impactlaw.envs.placed_dm_control import OnDmControl, law_on
+        from impactlaw.envs.placing.dm_control import OnDmControl, law_on
 
         there = law_on(inner.physics) if replace else None
         if there is not None:

@@ -9,8 +9,8 @@ import numpy as np
 
 from impactlaw.errors import RestitutionError, SolverError, UnknownNameError
 from impactlaw.laws.base import Law, Target, coefficient
+from impactlaw.laws.friction.poisson_phases import resolve_phases
 from impactlaw.laws.poisson import Poisson
-from impactlaw.laws.poisson_friction import resolve_phases
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
 from impactlaw.mechanics.impact import Impact
@@ -46,8 +46,8 @@ class Coulomb(Law):
     Without rows of friction the outcome is that of ``law``. Large coefficients of friction may leave several
     solutions; the same collision always gets the same one.
 
-    Around `Poisson` it is compression and expansion, each with friction (`impactlaw.laws.poisson_friction`). There s
-    scales the coefficients of restitution, and e_t must be 0.
+    Around `Poisson` it is compression and expansion, each with friction (`poisson_phases`). There s scales
+    the coefficients of restitution, and e_t must be 0.
 
     Attributes:
         law: what decides ``gamma^h``, or Poisson's law; another one with a rule of its own for impulses is refused.

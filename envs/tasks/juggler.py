@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 
 from impactlaw.envs.base import ImpactEnv
-from impactlaw.envs.drive import Drive
-from impactlaw.envs.scenery import add_mark
+from impactlaw.envs.tasks.drive import Drive
+from impactlaw.envs.tasks.scenery import add_mark
 
 DRIVE = Drive(stroke=0.25, acceleration=45.0)
 """Of the paddle, m and m/s^2."""

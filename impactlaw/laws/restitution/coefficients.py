@@ -10,7 +10,7 @@ import numpy as np
 
 from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import coefficient
-from impactlaw.laws.labels import canonical, put
+from impactlaw.laws.restitution.labels import canonical, put
 from impactlaw.mechanics.collision import Collision
 
 Coefficient = float | Callable[[float], float]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from impactlaw.stepping.event_driven.gap_functions import GapFunctions
-from impactlaw.stepping.event_driven.trial_step import TrialStep
+from impactlaw.stepping.event_driven.location.gap_functions import GapFunctions
+from impactlaw.stepping.event_driven.location.trial_step import TrialStep
 
 _EVALUATIONS = 100
 _PATIENCE = 8  # trial steps that cubics are trusted for, of which smooth gaps take two or three

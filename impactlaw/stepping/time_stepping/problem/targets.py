@@ -6,7 +6,7 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
-from impactlaw.stepping.time_stepping.rows import NEAR
+from impactlaw.stepping.time_stepping.problem.rows import NEAR
 
 _RESTING = 1e-12
 """Part of the largest contact velocity up to which a contact in touch does not separate."""

@@ -5,7 +5,7 @@ Loops run along rows, so that they become vector instructions without any reorde
 
 import numpy as np
 
-from impactlaw.solvers.cones.loops import Array, dot, kernel, plain, subtract
+from impactlaw.solvers.cones.algebra.loops import Array, dot, kernel, plain, subtract
 
 _LIFT = 1e-14  # smallest pivot, relative to the largest entry
 

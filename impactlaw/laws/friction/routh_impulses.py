@@ -85,7 +85,7 @@ def spatial_phases(G: np.ndarray, slip: np.ndarray, mu: np.ndarray, approach: fl
     Raises:
         SolverError: slip does not settle, in an impact that is far beyond any without friction.
     """
-    from impactlaw.laws.routh_slip import sliding
+    from impactlaw.laws.friction.routh_slip import sliding
 
     taken, stopped = 0, False
     for far in _FAR:

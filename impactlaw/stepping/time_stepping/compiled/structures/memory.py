@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 
-from impactlaw.solvers.cones.loops import kernel, plain
-from impactlaw.stepping.time_stepping.compiled.fields import floats, longs, table_ints
+from impactlaw.solvers.cones.algebra.loops import kernel, plain
+from impactlaw.stepping.time_stepping.compiled.structures.fields import floats, longs, table_ints
 
 
 class Memory(NamedTuple):

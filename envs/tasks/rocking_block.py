@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from impactlaw.envs.base import ImpactEnv
-from impactlaw.envs.drive import Drive
+from impactlaw.envs.tasks.drive import Drive
 
 DRIVE = Drive(stroke=0.25, acceleration=70.0)
 """Of the platform's tilt, rad and rad/s^2."""

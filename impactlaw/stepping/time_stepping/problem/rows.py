@@ -13,7 +13,7 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import BILATERAL, BOX, CONE
-from impactlaw.solvers.cones.loops import plain
+from impactlaw.solvers.cones.algebra.loops import plain
 
 NEAR = 1e-5
 """Gap, m or rad, up to which a contact takes part whatever its velocity."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from impactlaw.stepping.event_driven.contact_set import ContactSet
 from impactlaw.stepping.event_driven.contact_state import Phase, PhaseEnd
-from impactlaw.stepping.event_driven.gap_functions import Observation
+from impactlaw.stepping.event_driven.location.gap_functions import Observation
 
 
 class TrialStep(NamedTuple):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlaw.solvers.cones.loops import Array, kernel, plain
+from impactlaw.solvers.cones.algebra.loops import Array, kernel, plain
 
 
 class Blocks(NamedTuple):

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.envs.base import ImpactEnv
-from impactlaw.envs.scenery import add_actuator, add_mark
+from impactlaw.envs.tasks.scenery import add_actuator, add_mark
 
 PULL = 6.0
 """Largest torque of the string that pulls the first ball, N m; it holds the ball at 38 degrees."""

@@ -10,7 +10,7 @@ import gymnasium
 
 from impactlaw.envs.episode_log import episode_log
 from impactlaw.envs.law_options import LawOptions
-from impactlaw.envs.placed import PlacedLaw
+from impactlaw.envs.placing.placed_law import PlacedLaw
 from impactlaw.errors import WrapperError
 from impactlaw.laws import Law
 
@@ -63,7 +63,7 @@ def put_law(
     if isinstance(env, gymnasium.Env) or not hasattr(env, "physics"):
         hint = "use impactlaw.envs.ImpactLaw" if isinstance(env, gymnasium.Env) else "it has no physics"
         raise WrapperError(f"{type(env).__name__} is not an environment of dm_control: {hint}")
-    from impactlaw.envs.placed_dm_control import OnDmControl
+    from impactlaw.envs.placing.dm_control import OnDmControl
 
     options = LawOptions(
         law=law,
@@ -81,7 +81,7 @@ def put_law(
 
 def placed_law(env: dm_env.Environment) -> PlacedLaw | None:
     """Return the handle on the law of a bare dm_control environment, such as a copy; None if it has no law."""
-    from impactlaw.envs.placed_dm_control import law_on
+    from impactlaw.envs.placing.dm_control import law_on
 
     physics = getattr(env, "physics", None)
     return None if physics is None else law_on(physics)

@@ -7,10 +7,10 @@ import numpy as np
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones import BILATERAL, CONE
-from impactlaw.solvers.cones.loops import plain
+from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.solvers.cones.solve import linked_solve
-from impactlaw.stepping.time_stepping.rows import unwhiten
-from impactlaw.stepping.time_stepping.targets import offsets
+from impactlaw.stepping.time_stepping.problem.rows import unwhiten
+from impactlaw.stepping.time_stepping.problem.targets import offsets
 
 TOLERANCE = 1e-10
 """Natural map, relative to the largest velocity of the problem, that solvers aim at."""

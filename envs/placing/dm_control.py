@@ -11,7 +11,7 @@ from dm_control.rl.control import PhysicsError
 
 from impactlaw.envs.episode_log import EpisodeLog
 from impactlaw.envs.law_options import LawOptions
-from impactlaw.envs.placed import PlacedLaw
+from impactlaw.envs.placing.placed_law import PlacedLaw
 from impactlaw.errors import DivergenceError, WrapperError
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)

@@ -6,8 +6,8 @@ Exact Coulomb friction after de Saxcé & Feng (1998): ``K ∋ x  ⊥  u + |u_t| 
 
 import numpy as np
 
-from impactlaw.solvers.cones.loops import Array, plain
-from impactlaw.solvers.cones.structure import BILATERAL, BOX, CONE, Island
+from impactlaw.solvers.cones.algebra.loops import Array, plain
+from impactlaw.solvers.cones.algebra.structure import BILATERAL, BOX, CONE, Island
 
 
 @plain

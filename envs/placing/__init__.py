@@ -1,0 +1,1 @@
+"""A law in the place where somebody else's environment steps MuJoCo."""

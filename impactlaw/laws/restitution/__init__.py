@@ -1,0 +1,1 @@
+"""Restitution as it is written: by number, by contact, in MJCF, as plain values."""

@@ -1,0 +1,1 @@
+"""Rows, blocks and systems of the cone problem, compiled."""

@@ -1,0 +1,1 @@
+"""When gaps close, and how far bodies travel meanwhile."""

@@ -1,0 +1,1 @@
+"""MuJoCo's structures and functions as compiled code sees them."""

@@ -1,0 +1,1 @@
+"""The problem of a step: rows, targets, and its solution."""
