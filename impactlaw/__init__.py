@@ -30,11 +30,10 @@ from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.stepper import Stepper
 
 if TYPE_CHECKING:
-    from impactlaw.batch import Batch
+    from impactlaw.batch import Batch as Batch
 
 __all__ = [
     "AdmissibleSet",
-    "Batch",
     "Collision",
     "Compliant",
     "Contacts",

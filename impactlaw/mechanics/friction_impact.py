@@ -14,7 +14,7 @@ from impactlaw.mechanics.admissible.violations import Violations, penetration
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction import Friction
 from impactlaw.mechanics.impact import Impact
-from impactlaw.solvers import beyond_rounding
+from impactlaw.solvers import Answer, Problem, beyond_rounding  # noqa: F401 (of the constructor)
 from impactlaw.solvers.friction.problem import ConeProblem, project
 from impactlaw.solvers.friction.solve import solve_cones
 from impactlaw.solvers.problem import Status

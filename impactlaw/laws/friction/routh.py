@@ -10,7 +10,7 @@ import numpy as np
 from impactlaw.errors import RestitutionError, UnknownNameError
 from impactlaw.laws.base import Law, Target
 from impactlaw.laws.friction.routh_impulses import impulses, planar_phases, spatial_phases
-from impactlaw.laws.restitution.coefficients import ContactCoefficients
+from impactlaw.laws.restitution.coefficients import Coefficient, Coefficients, ContactCoefficients  # noqa: F401 (of the constructor)
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact

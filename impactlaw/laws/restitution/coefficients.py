@@ -14,6 +14,7 @@ from impactlaw.laws.restitution.labels import canonical, put
 from impactlaw.mechanics.collision import Collision
 
 Coefficient = float | Callable[[float], float]
+Coefficients = Coefficient | Sequence[Coefficient] | Mapping[str | tuple[str, str], Coefficient]
 """e, or e as a function of the speed at which a contact closes."""
 
 
@@ -37,7 +38,7 @@ class ContactCoefficients:
             without a mapping.
     """
 
-    restitution: Coefficient | Sequence[Coefficient] | Mapping[str | tuple[str, str], Coefficient]
+    restitution: Coefficients
     default: Coefficient | None = field(default=None, kw_only=True)
 
     def __post_init__(self):
