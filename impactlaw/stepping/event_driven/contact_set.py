@@ -102,13 +102,14 @@ class ContactSet:
 
     @cached_property
     def rows(self) -> Rows:
-        """The normal rows and those of friction, where there are any of friction."""
-        friction = self.pattern.friction
-        assert friction is not None
-        assert self.tangents is not None
-        (sliding, more), mu, order = self.tangents, friction.coefficient, friction.rows_from
-        J = np.concatenate([self.jacobian, mu[:, None] * sliding])[order]
+        """The normal rows and those of friction."""
+        friction, tangents = self.pattern.friction, self.tangents
         drift = np.zeros(len(self.contacts)) if self.drift is None else self.drift
+        if friction is None or tangents is None:
+            contact = np.arange(len(self.contacts))
+            return Rows(contact, np.zeros_like(contact), self.jacobian, drift, self.along, self.whitened)
+        (sliding, more), mu, order = tangents, friction.coefficient, friction.rows_from
+        J = np.concatenate([self.jacobian, mu[:, None] * sliding])[order]
         drift = np.concatenate([drift, mu * more])[order]
         return Rows(friction.rows_contact, friction.rows_kind, J, drift, *self.confine(J))
 

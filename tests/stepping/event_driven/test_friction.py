@@ -11,7 +11,7 @@ import scenes
 from scenes import energy, run
 
 from impactlaw import Coulomb, MaximalDissipation, Moreau, Newton, Stepper, read_contacts
-from impactlaw.errors import InvalidCollisionError, RestitutionError
+from impactlaw.errors import InvalidCollisionError
 from impactlaw.stepping.event_driven.contact_set import Rows
 from impactlaw.stepping.event_driven.shortcuts import Rest, Together
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
@@ -222,15 +222,6 @@ def test_the_admissible_set_is_for_contacts_without_friction():
     assert not event.impact.collision.has_admissible_set
     with pytest.raises(InvalidCollisionError, match="without friction"):
         _ = event.impact.collision.admissible_set
-
-
-def test_a_law_without_a_target_says_so():
-    from impactlaw import Poisson
-
-    model, _ = compiled(floor() + box())
-    with pytest.raises(RestitutionError, match="Poisson"):
-        Stepper(model, Poisson(0.5))
-    Stepper(model, Poisson(0.5), friction="ignore")
 
 
 @pytest.mark.usefixtures("quiet")
