@@ -23,7 +23,7 @@ from impactlaw.solvers.methods.projected_gauss_seidel import projected_gauss_sei
 from impactlaw.solvers.one_thread import one_thread
 from impactlaw.solvers.problem import Problem, Solution, Solver, Status, sparse
 from impactlaw.solvers.sparsity import as_dense, groups, has_structure
-from impactlaw.solvers.tolerances import CERTIFIED, GOOD, GOOD_LARGE, RANKS, TIGHT
+from impactlaw.solvers.tolerances import CERTIFIED, GOOD, GOOD_LARGE, INDEPENDENT, RANKS, TIGHT
 
 SOLVERS: dict[str, Solver] = {
     "closed-form": closed_form,
@@ -39,6 +39,8 @@ SOLVERS: dict[str, Solver] = {
 _ITERATIVE = {"osqp", "projected-gauss-seidel"}
 _TAKE_SPARSE = {"primal-dual-active-set", *_ITERATIVE}
 _MANY = 64  # contacts from which linear algebra starts threads where it may
+
+_FEW = 20  # contacts up to which NNLS is as fast as corrections of an active set
 
 
 class _Attempt(NamedTuple):
@@ -118,8 +120,32 @@ def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bo
 
 
 def with_all_active(problem: Problem) -> Answer | None:
-    """Return the answer with an impulse at every contact, as most small problems have it; None if it has not."""
-    return one_contact(problem) if len(problem.bound) == 1 else judge_active(problem, slice(None))
+    """Return the answer with an impulse at every contact, or with many contacts at most of them; None if it has not.
+
+    Many contacts are corrected by a primal-dual active set: those with ``Lambda_i <= 0`` leave it, those with
+    ``(G Lambda - c)_i < 0`` enter. From 64 contacts on that takes a half to a quarter of the time of NNLS.
+    """
+    c = problem.bound
+    if len(c) == 1:
+        return one_contact(problem)
+    if not _FEW < len(c) <= problem.gradients.shape[1]:
+        return judge_active(problem, slice(None))
+    G = part = problem.gradients @ problem.gradients.T
+    active = np.arange(len(c))
+    for _ in range(len(c) // 4):
+        factor, carried, failed = scipy.linalg.lapack.dposv(part, c[active])
+        if failed or (factor.diagonal() < INDEPENDENT * problem.lengths[active]).any():
+            return None
+        impulse = np.zeros(len(c))
+        impulse[active] = carried
+        following = np.flatnonzero((impulse > 0) | ((impulse == 0) & (G @ impulse < c)))
+        if np.array_equal(following, active):
+            return judge(problem, impulse)
+        if not len(following):
+            return None
+        active = following
+        part = G[np.ix_(active, active)]
+    return None
 
 
 def nonnegative_combination(gradients: np.ndarray, point: np.ndarray) -> np.ndarray:
