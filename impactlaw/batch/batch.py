@@ -11,9 +11,9 @@ import numpy as np
 
 from impactlaw.batch.laws import Laws
 from impactlaw.batch.rows import Fields
-from impactlaw.errors import SceneError, WorldsFailedError
+from impactlaw.errors import SceneError, UnknownNameError, WorldsFailedError
 from impactlaw.laws import Law
-from impactlaw.stepping.compatibility import check_law, check_model
+from impactlaw.stepping.compatibility import check_count, check_law, check_model, check_speed
 from impactlaw.stepping.plan import make_plan
 from impactlaw.stepping.time_stepping.compiled import status
 from impactlaw.stepping.time_stepping.compiled.borrow import room
@@ -57,6 +57,8 @@ class Batch:
 
     Raises:
         SceneError: the scene, or the law, is not covered.
+        OptionError: a number of worlds or threads, or a speed, that cannot be.
+        UnknownNameError: an option has no such value.
     """
 
     def __init__(
@@ -71,6 +73,16 @@ class Batch:
         rest_speed: float | None = None,
     ):
         check_model(model)
+        check_count("nsim", nsim)
+        if nthread != 0:
+            check_count("nthread", nthread)
+        check_speed("rest_speed", rest_speed)
+        for kind, value, known in (
+            ("friction option", friction, ("coulomb", "convex", "ignore")),
+            ("on_inadmissible option", on_inadmissible, ("raise", "project", "allow")),
+        ):
+            if value not in known:
+                raise UnknownNameError(kind, value, known)
         self.model, self.nsim = model, nsim
         plan = make_plan(model, scheme="time-stepping", friction=friction)
         first = law if isinstance(law, Law) else law[0]

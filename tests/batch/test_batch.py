@@ -159,3 +159,12 @@ def test_fields_of_the_step_are_bound(model: mujoco.MjModel):
         place[0] = 0.0
     with pytest.raises(Exception, match="xpo"):
         batch.bind("xpo")
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"nsim": 0}, {"nthread": -1}, {"friction": "x"}, {"on_inadmissible": "x"}, {"rest_speed": -1.0}]
+)
+def test_options_that_cannot_be_are_refused(wrong):
+    model = mujoco.MjModel.from_xml_string("<mujoco/>")
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        Batch(model, Moreau(0.5), **{"nsim": 2, **wrong})
