@@ -21,7 +21,7 @@ from impactlaw.stepping.time_stepping.problem.phases import later_rates, of_impa
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
 from impactlaw.stepping.time_stepping.seen import Seen, in_order
-from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LOOKS, PHASES, RESOLVED, REST_SPEED, STIFF
+from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASE_ROWS, PHASES, RESOLVED, REST_SPEED, STIFF
 
 Known = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """Groups, keys, coefficients of friction and impulses of a step."""
@@ -62,6 +62,7 @@ class _Phase:
         rows: that take part.
         place: of each of their rows in those that were given, int (n,).
         later: the groups given that are left out because they are hit only through others, bool (g,).
+        left: rows that may still be solved for such contacts.
         target: ``gamma^h`` of groups that take part.
         sliding: sliding velocities aimed at.
         collides: the groups that do.
@@ -72,6 +73,7 @@ class _Phase:
     rows: Rows
     place: np.ndarray
     later: np.ndarray
+    left: int
     target: np.ndarray
     sliding: np.ndarray
     collides: np.ndarray
@@ -129,7 +131,8 @@ class ContactProblem:
         """Return what contact does in a step.
 
         Contacts that are hit only through others, across a gap that is open, are left out first and collide from the
-        velocity to which that leads. There are at most `PHASES` of these; in the last one such a contact just touches.
+        velocity to which that leads. There are at most `PHASES` of these, and as many as `PHASE_ROWS` allows; in the
+        last one such a contact just touches.
 
         Args:
             data: in the middle of the step, contacts current.
@@ -150,10 +153,11 @@ class ContactProblem:
         known = known or (rows.groups, rows.key, rows.scale, impulse)
         missed = fastest = work = rounding = 0.0
         records: tuple[CollisionRecord, ...] = ()
-        phases = 1 if self.targets.restitution == 0.0 else PHASES  # without restitution none is lost
+        left = 0 if self.targets.restitution == 0.0 else PHASE_ROWS  # without restitution none is lost
         shift = np.zeros(0)
-        for phase in range(phases):
-            met = self._meet(data, now, before, metric, known, rounds, may, last=phase == phases - 1)
+        for phase in range(PHASES):
+            met = self._meet(data, now, before, metric, known, rounds, may, 0 if phase == PHASES - 1 else left)
+            left = met.left - len(now.scale)
             x, change, shift, _, miss, fast, _, _, done, part, z = met.answer
             impulse[place[met.place]] += x
             after = after + change
@@ -177,21 +181,20 @@ class ContactProblem:
         known: Known,
         rounds: int,
         may: np.ndarray,
-        *,
-        last: bool,
+        left: int,
     ) -> _Phase:
         """Solve one phase: once, and again without the contacts that are hit only through others."""
         met = self._solve(data, rows, velocity, metric, known, rounds, may)
         later, keep = met.later, np.arange(len(may))
-        for _ in range(0 if last else LOOKS):
-            if not np.count_nonzero(met.collides) or not np.count_nonzero(new := self._later(met)):
-                break
+        while left > 0 and np.count_nonzero(met.collides) and np.count_nonzero(new := self._later(met)):
             later[keep] |= new
             keep = np.flatnonzero(~later)
             part, place = some_groups(*rows, ~later)
+            known = met.rows.groups, met.rows.key, met.rows.scale, met.answer[0]
             met = self._solve(data, Rows(*part), velocity, metric, known, FEW_ROUNDS, may[keep])
+            left -= len(place)
             met = replace(met, place=place, later=later)
-        return met
+        return replace(met, left=left)
 
     def _later(self, met: _Phase) -> np.ndarray:
         """Return which contacts are hit only through the collision of others, bool (g,)."""
@@ -235,7 +238,7 @@ class ContactProblem:
                 'on_inadmissible="project" or "allow"'
             )
         none = np.zeros(len(rows.key), dtype=bool)
-        return _Phase(rows, np.arange(n), none, target, sliding, collides, seen, answer)
+        return _Phase(rows, np.arange(n), none, 0, target, sliding, collides, seen, answer)
 
     def _collide(
         self,

@@ -30,7 +30,7 @@ from impactlaw.stepping.time_stepping.problem.contact_problem import linked_step
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, of_impacts, some_groups, struck_later
 from impactlaw.stepping.time_stepping.problem.rows import Rows, near_rows, read_rows
 from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
-from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LOOKS, PHASES, RESOLVED, STIFF
+from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASE_ROWS, PHASES, RESOLVED, STIFF
 
 Array = np.ndarray[Any, Any]
 
@@ -196,16 +196,17 @@ def _solve(w, rows, metric, known, rounds, law, may):
 
 
 @once
-def _meet(w, rows, metric, known, rounds, law, may, looks):
+def _meet(w, rows, metric, known, rounds, law, may, left):
     """Solve one phase: once, and again without the contacts that are hit only through others.
 
-    Return what is answered, the place of each of its rows, (n,), and the groups that are left out, bool (g,).
+    Return what is answered, the place of each of its rows, (n,), the groups that are left out, bool (g,), and how many
+    rows may still be solved for such contacts.
     """
     later, place = np.zeros(len(may), np.bool_), np.arange(len(rows.rates[0]))
-    part, allowed, look = rows, may, 0
+    part, allowed = rows, may
     while True:
-        met = _solve(w, part, metric, known, rounds if look == 0 else FEW_ROUNDS, law, allowed)
-        if look == looks or met.status != FINE or not met.collides.any():
+        met = _solve(w, part, metric, known, rounds, law, allowed)
+        if left <= 0 or met.status != FINE or not met.collides.any():
             break
         new = struck_later(
             part.groups, part.sparse, part.colind, part.value, part.amounts, part.rates, met.z, met.x, met.collides,
@@ -214,9 +215,10 @@ def _meet(w, rows, metric, known, rounds, law, may, looks):
         if not new.any():
             break
         later[np.flatnonzero(~later)] |= new
+        known, rounds = (part.groups, part.key, part.rates[0], met.x), FEW_ROUNDS
         part, place = _some(rows, rows.rates, ~later)
-        allowed, look = may[~later], look + 1
-    return met, place, later
+        allowed, left = may[~later], left - len(place)
+    return met, place, later, left
 
 
 @kernel
@@ -232,11 +234,12 @@ def _resolve(w, rows, metric, free, known, rounds, law):
     now, n = rows, len(rows.rates[0])
     place, may, x, velocity = np.arange(n), np.ones(len(rows.key), np.bool_), np.zeros(n), free.copy()
     missed, fastest, created, work, rounding, collided, shift = 0.0, 0.0, 0.0, 0.0, 0.0, False, np.empty(0)
-    phases = 1 if setting(w, SETTING.restitution) == 0.0 else PHASES  # without restitution none is lost
-    for phase in range(phases):
-        met, where, later = _meet(
-            w, now, metric, known, rounds if phase == 0 else FEW_ROUNDS, law, may, LOOKS if phase < phases - 1 else 0
+    left = 0 if setting(w, SETTING.restitution) == 0.0 else PHASE_ROWS  # without restitution none is lost
+    for phase in range(PHASES):
+        met, where, later, left = _meet(
+            w, now, metric, known, rounds if phase == 0 else FEW_ROUNDS, law, may, 0 if phase == PHASES - 1 else left
         )  # fmt: skip
+        left -= len(now.rates[0])
         collided = collided or met.collides.any()
         created, shift = created + met.created, met.shift
         if met.status != FINE:
