@@ -17,7 +17,7 @@ from impactlaw.solvers.cones import BILATERAL
 from impactlaw.stepping.time_stepping.events import CollisionRecord
 from impactlaw.stepping.time_stepping.problem.contact_problem import resolve_step
 from impactlaw.stepping.time_stepping.problem.law_targets import LawTargets
-from impactlaw.stepping.time_stepping.problem.phases import later_rates, of_impacts, some_groups, struck_later
+from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups, struck_later
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
 from impactlaw.stepping.time_stepping.seen import Seen, in_order
@@ -42,6 +42,7 @@ class StepImpulses:
         work: of contact, J.
         rounding: what of it is rounding, J.
         collisions: of the step, one after another.
+        later: whether contacts that are hit only through others were not left for a phase of their own.
     """
 
     impulse: np.ndarray
@@ -52,6 +53,7 @@ class StepImpulses:
     work: float
     rounding: float
     collisions: tuple[CollisionRecord, ...]
+    later: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,12 +129,14 @@ class ContactProblem:
         metric: Metric,
         known: Known | None,
         rounds: int,
+        *,
+        phases: bool,
     ) -> StepImpulses:
         """Return what contact does in a step.
 
-        Contacts that are hit only through others, across a gap that is open, are left out first and collide from the
-        velocity to which that leads. There are at most `PHASES` of these, and as many as `PHASE_ROWS` allows; in the
-        last one such a contact just touches.
+        In phases, contacts that are hit only through others, across a gap that is open, are left out first and collide
+        from the velocity to which that leads. There are at most `PHASES` of these, and as many as `PHASE_ROWS` allows;
+        in the last one such a contact just touches.
 
         Args:
             data: in the middle of the step, contacts current.
@@ -143,6 +147,7 @@ class ContactProblem:
             metric: the inertia of the step.
             known: impulses of the step before, a guess.
             rounds: of the slower solvers.
+            phases: whether collisions may be one after another.
 
         Raises:
             DivergenceError: the forces are not finite.
@@ -153,8 +158,8 @@ class ContactProblem:
         known = known or (rows.groups, rows.key, rows.scale, impulse)
         missed = fastest = work = rounding = 0.0
         records: tuple[CollisionRecord, ...] = ()
-        left = 0 if self.targets.restitution == 0.0 else PHASE_ROWS  # without restitution none is lost
-        shift = np.zeros(0)
+        left = PHASE_ROWS if phases else 0
+        shift, waiting = np.zeros(0), False
         for phase in range(PHASES):
             met = self._meet(data, now, before, metric, known, rounds, may, 0 if phase == PHASES - 1 else left)
             left = met.left - len(now.scale)
@@ -165,12 +170,13 @@ class ContactProblem:
             if np.count_nonzero(met.collides):
                 records += (self._record(data, met, before, after, middle, metric),)
             if not np.count_nonzero(met.later):
+                waiting = not phases and self.targets.restitution != 0.0 and bool(np.count_nonzero(self._later(met)))
                 break
-            keep = of_impacts(now.groups)
+            keep = reached_by(now.groups, now.sparse, now.colind, self._model.dof_treeid, met.later)
             rates = later_rates(now.groups, now.sparse, now.colind, now.value, now.rates, z)
             chosen, where = some_groups(*now[:6], rates, keep)
             now, place, may, before, rounds = Rows(*chosen), place[where], met.later[keep], after, FEW_ROUNDS
-        return StepImpulses(impulse, after, shift, missed, fastest, work, rounding, records)
+        return StepImpulses(impulse, after, shift, missed, fastest, work, rounding, records, waiting)
 
     def _meet(
         self,
@@ -186,7 +192,7 @@ class ContactProblem:
         """Solve one phase: once, and again without the contacts that are hit only through others."""
         met = self._solve(data, rows, velocity, metric, known, rounds, may)
         later, keep = met.later, np.arange(len(may))
-        while left > 0 and np.count_nonzero(met.collides) and np.count_nonzero(new := self._later(met)):
+        while left > 0 and np.count_nonzero(new := self._later(met)):
             later[keep] |= new
             keep = np.flatnonzero(~later)
             part, place = some_groups(*rows, ~later)
@@ -199,6 +205,8 @@ class ContactProblem:
     def _later(self, met: _Phase) -> np.ndarray:
         """Return which contacts are hit only through the collision of others, bool (g,)."""
         rows = met.rows
+        if not np.count_nonzero(met.collides):
+            return met.collides
         return struck_later(
             rows.groups, rows.sparse, rows.colind, rows.value, rows.amounts, rows.rates, met.answer[10], met.answer[0],
             met.collides, self._rest_speed, RESOLVED,

@@ -296,6 +296,7 @@ class TimeStepping:
         """Add what contact does to the velocity, and return the velocity that opens overlaps, if any has to be.
 
         Contacts that are far from closing are left out. If the velocity found would close one of them, it takes part.
+        Where contacts are hit only through others, these collide first.
         A collision changes the mean velocity, in which Coriolis and gyroscopic forces do no work: where they have done
         more than contact has taken, they are corrected.
         """
@@ -307,27 +308,32 @@ class TimeStepping:
         while look < LOOKS and np.count_nonzero(found := self._near(data, data.qvel, data.qvel, h) & ~near):
             near, look = near | found, look + 1
             rows, shift = self._try(data, near, free, h)
+        phases = self._found is not None and self._found.later
+        if phases:
+            rows, shift = self._try(data, near, free, h, phases=True)
         created = self._created(data, h)
         while look < LOOKS + ROUNDS and self._found is not None and created > self._found.rounding:
             known, mean, look = (free, created), 0.5 * (self._velocity + data.qvel), look + 1
             free = self._inertial.lead_to(data, self._velocity, mean, self._metric, h)
-            rows, shift = self._try(data, near, free, h)
+            rows, shift = self._try(data, near, free, h, phases=phases)
             created = self._created(data, h)
             if not created < 0.5 * known[1]:  # they turn too fast for that
                 if created > known[1]:
-                    rows, shift = self._try(data, near, known[0], h)
+                    rows, shift = self._try(data, near, known[0], h, phases=phases)
                 break
         self._write_forces(data, rows, h)
         return shift
 
-    def _try(self, data: mujoco.MjData, near: np.ndarray, free: np.ndarray, h: float) -> tuple[Rows, np.ndarray | None]:
+    def _try(
+        self, data: mujoco.MjData, near: np.ndarray, free: np.ndarray, h: float, *, phases: bool = False
+    ) -> tuple[Rows, np.ndarray | None]:
         """Solve the problem of the rows that are near; return them and the velocity that opens overlaps."""
         rows = self._read_rows(data, near, free, h)
         if not len(rows.key):
             self._rows = self._found = None
             return rows, None
         found = self._problem.find(
-            data, rows, self._velocity, free, self._middle, self._metric, self._known, self._rounds
+            data, rows, self._velocity, free, self._middle, self._metric, self._known, self._rounds, phases=phases
         )
         self._rows, self._found, self._known = rows, found, (rows.groups, rows.key, rows.scale, found.impulse)
         self.shortfall = found.shortfall

@@ -27,7 +27,7 @@ from impactlaw.stepping.time_stepping.compiled.world import (
     velocity_of,
 )
 from impactlaw.stepping.time_stepping.problem.contact_problem import linked_step
-from impactlaw.stepping.time_stepping.problem.phases import later_rates, of_impacts, some_groups, struck_later
+from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups, struck_later
 from impactlaw.stepping.time_stepping.problem.rows import Rows, near_rows, read_rows
 from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASE_ROWS, PHASES, RESOLVED, STIFF
@@ -48,6 +48,7 @@ class Outcome(NamedTuple):
         created: energy that the law would create, J.
         work: of contact, J.
         rounding: what of it is rounding, J.
+        later: whether contacts that are hit only through others were not left for a phase of their own.
         status: see `status`.
     """
 
@@ -60,6 +61,7 @@ class Outcome(NamedTuple):
     created: float
     work: float
     rounding: float
+    later: bool
     status: int
 
 
@@ -127,7 +129,7 @@ def _nothing():
     table, no, few = np.empty((3, 0), np.int32), np.empty(0), np.empty(0, np.int32)
     groups, amounts, rates = np.empty((4, 0), np.int32), np.empty((2, 0)), np.empty((5, 0))
     rows = Rows(table, few, no, groups, np.empty(0, np.int64), amounts, rates)
-    return Outcome(rows, no, no, False, 0.0, 0.0, 0.0, 0.0, 0.0, FINE)
+    return Outcome(rows, no, no, False, 0.0, 0.0, 0.0, 0.0, 0.0, False, FINE)
 
 
 class _Answer(NamedTuple):
@@ -199,26 +201,28 @@ def _solve(w, rows, metric, known, rounds, law, may):
 def _meet(w, rows, metric, known, rounds, law, may, left):
     """Solve one phase: once, and again without the contacts that are hit only through others.
 
-    Return what is answered, the place of each of its rows, (n,), the groups that are left out, bool (g,), and how many
-    rows may still be solved for such contacts.
+    Return what is answered, the place of each of its rows, (n,), the groups that are left out, bool (g,), how many rows
+    may still be solved for such contacts, and whether some of them were not left out.
     """
     later, place = np.zeros(len(may), np.bool_), np.arange(len(rows.rates[0]))
     part, allowed = rows, may
+    waiting = False
     while True:
         met = _solve(w, part, metric, known, rounds, law, allowed)
-        if left <= 0 or met.status != FINE or not met.collides.any():
-            break
+        if met.status != FINE or setting(w, SETTING.restitution) == 0.0 or not met.collides.any():
+            break  # without restitution none is lost
         new = struck_later(
             part.groups, part.sparse, part.colind, part.value, part.amounts, part.rates, met.z, met.x, met.collides,
             setting(w, SETTING.rest_speed), RESOLVED,
         )  # fmt: skip
-        if not new.any():
+        waiting = new.any()
+        if left <= 0 or not waiting:
             break
         later[np.flatnonzero(~later)] |= new
         known, rounds = (part.groups, part.key, part.rates[0], met.x), FEW_ROUNDS
         part, place = _some(rows, rows.rates, ~later)
         allowed, left = may[~later], left - len(place)
-    return met, place, later, left
+    return met, place, later, left, waiting
 
 
 @kernel
@@ -229,21 +233,21 @@ def _some(rows, rates, keep):
 
 
 @once
-def _resolve(w, rows, metric, free, known, rounds, law):
+def _resolve(w, rows, metric, free, known, rounds, law, phases):
     """Find the impulses, phase by phase; see `contact_impulses.ContactProblem.find`."""
     now, n = rows, len(rows.rates[0])
     place, may, x, velocity = np.arange(n), np.ones(len(rows.key), np.bool_), np.zeros(n), free.copy()
     missed, fastest, created, work, rounding, collided, shift = 0.0, 0.0, 0.0, 0.0, 0.0, False, np.empty(0)
-    left = 0 if setting(w, SETTING.restitution) == 0.0 else PHASE_ROWS  # without restitution none is lost
+    left, waiting = PHASE_ROWS if phases else 0, False
     for phase in range(PHASES):
-        met, where, later, left = _meet(
+        met, where, later, left, waiting = _meet(
             w, now, metric, known, rounds if phase == 0 else FEW_ROUNDS, law, may, 0 if phase == PHASES - 1 else left
         )  # fmt: skip
         left -= len(now.rates[0])
         collided = collided or met.collides.any()
         created, shift = created + met.created, met.shift
         if met.status != FINE:
-            return Outcome(rows, x, shift, collided, 0.0, 0.0, created, 0.0, 0.0, met.status)
+            return Outcome(rows, x, shift, collided, 0.0, 0.0, created, 0.0, 0.0, False, met.status)
         for r in range(len(where)):
             x[place[where[r]]] += met.x[r]
         velocity += met.change
@@ -251,16 +255,16 @@ def _resolve(w, rows, metric, free, known, rounds, law):
         work, rounding = work + met.work, rounding + met.rounding
         if not later.any():
             break
-        keep = of_impacts(now.groups)
+        keep = reached_by(now.groups, now.sparse, now.colind, model_ints(w, MODEL.dof_treeid, w.nv), later)
         rates = later_rates(now.groups, now.sparse, now.colind, now.value, now.rates, met.z)
         now, chosen = _some(now, rates, keep)
         place, may = place[chosen], later[keep]
     put(velocity_of(w), velocity)
-    return Outcome(rows, x, shift, collided, missed, fastest, created, work, rounding, FINE)
+    return Outcome(rows, x, shift, collided, missed, fastest, created, work, rounding, waiting, FINE)
 
 
 @kernel
-def attempt(w, jacobian, chosen, start, free, known, rounds, law):
+def attempt(w, jacobian, chosen, start, free, known, rounds, law, phases):
     """Solve the problem of the rows that are near, set the velocity after it, and return what contact does.
 
     Args:
@@ -272,10 +276,11 @@ def attempt(w, jacobian, chosen, start, free, known, rounds, law):
         known: groups, keys, coefficients and impulses of the last step.
         rounds: of the slower solvers.
         law: see `law`.
+        phases: whether collisions may be one after another.
     """
     if not chosen.any():
         return _nothing()
     metric, frictional = metric_of(w), setting(w, SETTING.frictional) != 0.0
     row_velocity = data_floats(w, DATA.efc_vel, number(w, DATA.nefc))
     rows = rows_of_step(w, jacobian, metric, row_velocity, start, free, chosen, frictional)
-    return _resolve(w, rows, metric, free, known, rounds, law)
+    return _resolve(w, rows, metric, free, known, rounds, law, phases)

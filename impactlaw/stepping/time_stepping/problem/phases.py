@@ -98,6 +98,31 @@ def some_groups(sparse, colind, value, groups, key, amounts, rates, keep):
 
 
 @compiled()
-def of_impacts(groups):
-    """Return which groups act in an instant, bool (g,): all but dry friction, whose force is bounded."""
-    return groups[2] != BOX
+def reached_by(groups, sparse, colind, tree, later):
+    """Return which groups take part in the next phase, bool (g,): those that impulses of its contacts can reach.
+
+    That is through kinematic trees that groups share. Dry friction, whose force is bounded, does nothing in an instant.
+
+    Args:
+        groups: see `rows.Rows`, like the two that follow.
+        sparse: where rows begin and how long they are.
+        colind: degrees of freedom of their entries.
+        tree: of each degree of freedom, (nv,).
+        later: contacts that are hit in the next phase, bool (g,).
+    """
+    mark, reached, more = np.zeros(tree.max() + 1, np.bool_), np.zeros(len(later), np.bool_), True
+    while more:
+        more = False
+        for g in range(len(later)):
+            if reached[g] or groups[2, g] == BOX:
+                continue
+            begin = sparse[1, groups[0, g]]
+            end = begin + sparse[0, groups[0, g]]
+            near = later[g]
+            for a in range(begin, end):
+                near = near or mark[tree[colind[a]]]
+            if near:
+                reached[g] = more = True
+                for a in range(begin, end):
+                    mark[tree[colind[a]]] = True
+    return reached
