@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 import impactlaw.envs  # noqa: F401  (registers the environments)
 
-from .scripted import CONTROLLERS, Controller
+from impactlaw.studies.policies.controllers import CONTROLLERS, Controller
 
 LAWS: dict[str, tuple[tuple[str, float | None], ...]] = {
     "NewtonsCradle-v0": (

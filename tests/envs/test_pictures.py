@@ -15,7 +15,7 @@ from impactlaw.envs.rendering import has_display
 from impactlaw.errors import RecordingError, RenderError
 from impactlaw.recording import read_log
 from scripts.controllers.__main__ import LAWS
-from scripts.controllers.scripted import CONTROLLERS
+from impactlaw.studies.policies.controllers import CONTROLLERS
 
 # Recording
 

@@ -6,7 +6,7 @@ import pytest
 from own_envs import bare, every_env
 
 from scripts.controllers import __main__ as controllers
-from scripts.controllers.scripted import FullHit, Hit
+from impactlaw.studies.policies.controllers import FullHit, Hit
 
 
 @every_env
