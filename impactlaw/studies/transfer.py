@@ -30,7 +30,7 @@ class TransferMatrix:
         score: rows are policies, columns are laws.
         half: half of the interval of the score.
         regret: likewise.
-        regret_half: half of its interval.
+        regret_half: half of its interval; NaN for the best of a column, which has none.
         seeds: how many.
         confidence: of the intervals.
     """
@@ -56,33 +56,26 @@ class TransferMatrix:
 
     def to_markdown(self) -> str:
         """Return two tables, of scores with the best of each column in bold, and of regrets."""
-        best = self.regret == 0
-        score = self._shown(self.score, self.half)
-        bold = score.where(~best, "**" + score + "**")
-        parts = [f"**{self.title()}**", _markdown("score", bold)]
-        parts += [_markdown("regret", self._shown(self.regret, self.regret_half))]
-        return "\n\n".join(parts) + "\n"
+        shown = self.shown()
+        if len(self.score) > 1:
+            shown["score"] = shown["score"].where(self.regret > 0, "**" + shown["score"] + "**")
+        return "\n\n".join([self.title(), *(_markdown(what, table) for what, table in shown.items())]) + "\n"
+
+    def shown(self) -> dict[str, pd.DataFrame]:
+        """Return scores, and regrets where there is more than one policy, as texts with their intervals."""
+        digits = decimals(self.score.to_numpy())
+        texts = {"score": _texts(self.score, self.half, digits)}
+        return texts if len(self.score) == 1 else texts | {"regret": _texts(self.regret, self.regret_half, digits)}
 
     def title(self) -> str:
         """Return what the numbers are."""
-        spread = f"{self.confidence:.0%} intervals over {self.seeds} seeds" if self.seeds > 1 else "one seed"
+        spread = f"{self.confidence:.0%} t intervals over {self.seeds} seeds" if self.seeds > 1 else "one seed"
         return f"{self.task}, {self.scheme}: mean return, {spread}"
 
     def __str__(self) -> str:
-        tables = []
-        for what, table in (
-            ("score", self._shown(self.score, self.half)),
-            ("regret", self._shown(self.regret, self.regret_half)),
-        ):
-            tables.append(table.rename_axis(columns=f"{what} under").rename_axis(index=None).to_string())
-        return "\n\n".join([self.title(), *tables])
-
-    def _shown(self, value: pd.DataFrame, half: pd.DataFrame) -> pd.DataFrame:
-        """Return texts with three digits of the largest score."""
-        digits, shown = decimals(self.score.to_numpy()), value.astype(object)
-        for i, j in np.ndindex(*value.shape):
-            shown.iloc[i, j] = entry(value.iloc[i, j], half.iloc[i, j], digits)
-        return shown
+        tables = self.shown().items()
+        named = [table.rename_axis(columns=f"{what} under", index=None).to_string() for what, table in tables]
+        return "\n\n".join([self.title(), *named])
 
 
 _NUMBERS = ("score", "half", "regret", "regret_half")
@@ -139,6 +132,8 @@ def _matrix(
     mean = scores.mean(axis=2)
     best = np.take_along_axis(scores, mean.argmax(axis=0)[None, :, None], axis=0)
     difference = best - scores
+    regret_half = half_interval(difference, confidence)
+    regret_half[mean.argmax(axis=0), np.arange(len(columns))] = math.nan
 
     def frame(values: np.ndarray) -> pd.DataFrame:
         return pd.DataFrame(values, index=pd.Index(rows, name="policy"), columns=pd.Index(columns, name="acted_under"))
@@ -149,7 +144,7 @@ def _matrix(
         score=frame(mean),
         half=frame(half_interval(scores, confidence)),
         regret=frame(difference.mean(axis=2)),
-        regret_half=frame(half_interval(difference, confidence)),
+        regret_half=frame(regret_half),
         seeds=scores.shape[2],
         confidence=confidence,
     )
@@ -182,6 +177,13 @@ def entry(value: float, half: float, digits: int) -> str:
     """Return a number with half of its interval, if it has one."""
     text = f"{value + 0.0:.{digits}f}"
     return text if math.isnan(half) else f"{text} ± {half:.{digits}f}"
+
+
+def _texts(value: pd.DataFrame, half: pd.DataFrame, digits: int) -> pd.DataFrame:
+    shown = value.astype(object)
+    for i, j in np.ndindex(*value.shape):
+        shown.iloc[i, j] = entry(value.iloc[i, j], half.iloc[i, j], digits)
+    return shown
 
 
 def _markdown(what: str, table: pd.DataFrame) -> str:
