@@ -1,5 +1,6 @@
 """Where jobs run: processes of this machine, a Dask or a Ray cluster, or any other backend of joblib."""
 
+# pyright: reportMissingImports=false
 from __future__ import annotations
 
 import importlib.util
@@ -32,25 +33,24 @@ def workers(backend: str, address: str | None, jobs: int) -> Iterator[Callable[[
     if address is not None and backend not in (DASK, RAY):
         raise StudyError(f"an address means nothing to {backend!r}; it is that of a cluster of {DASK!r} or {RAY!r}")
     with ExitStack() as stack:
-        if backend == RAY:
-            yield stack.enter_context(_ray(address, jobs))
-            return
         if backend == DASK:
             stack.enter_context(_dask(address, jobs))
-        yield _joblib(backend, jobs if address is None else -1)
+        yield stack.enter_context(_ray(address, jobs) if backend == RAY else _joblib(backend, jobs))
 
 
-def _joblib(backend: str, jobs: int) -> Callable[[Jobs], Iterator[Any]]:
+@contextmanager
+def _joblib(backend: str, jobs: int) -> Iterator[Callable[[Jobs], Iterator[Any]]]:
     import joblib
     from joblib.parallel import BACKENDS
 
-    if backend not in BACKENDS:
+    if backend not in BACKENDS and backend != DASK:  # which joblib registers when it is asked for
         raise UnknownNameError("backend", backend, {*BACKENDS, DASK, RAY})
-    try:
-        parallel = joblib.Parallel(n_jobs=jobs, backend=backend, return_as="generator_unordered")
-    except ValueError as error:
-        raise StudyError(f"backend {backend!r} does not give results as they are done: {error}") from None
-    return lambda calls: parallel(joblib.delayed(call)() for call in calls)
+    with joblib.parallel_config(backend):
+        try:
+            parallel: Any = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
+        except ValueError as error:
+            raise StudyError(f"backend {backend!r} does not give results as they are done: {error}") from None
+        yield lambda calls: parallel(joblib.delayed(call)() for call in calls)
 
 
 @contextmanager

@@ -64,7 +64,8 @@ def run(
             failed += _finish(ready, store, results_of, bar)
         if failed:
             more = f", and {len(failed) - _SHOWN} more" if len(failed) > _SHOWN else ""
-            raise StudyError(f"{len(failed)} cells failed, the others are kept: {'; '.join(failed[:_SHOWN])}{more}")
+            cells_failed = "1 cell has failed" if len(failed) == 1 else f"{len(failed)} cells have failed"
+            raise StudyError(f"{cells_failed}, the others are kept: {'; '.join(failed[:_SHOWN])}{more}")
     return _table(cells, store)
 
 

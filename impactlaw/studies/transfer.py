@@ -104,7 +104,7 @@ def transfer_matrix(
             raise StudyError(f"the table has no {column} {asked!r}; it has {', '.join(known)}")
         if asked is None and len(known) > 1:
             raise StudyError(f"the table has several: state {column}=, one of {', '.join(known)}")
-        table = table if asked is None else table[table[column] == asked]
+        table = table if asked is None else table.loc[table[column] == asked]
     if table.empty:
         raise StudyError("the table is empty")
     rows = _row_names(table)
@@ -162,8 +162,8 @@ def half_interval(values: np.ndarray, confidence: float) -> np.ndarray:
 
 def _row_names(table: pd.DataFrame) -> list[str]:
     """Return the law that each row's policy is made for, and before it the policy's name where there are several."""
-    several = table["policy"].nunique() > 1
-    pairs = zip(table["policy"], table["trained_under"], strict=True)
+    pairs = list(zip(table["policy"], table["trained_under"], strict=True))
+    several = len({name for name, _ in pairs}) > 1
     return [f"{name}, {law}" if several and law else law or name for name, law in pairs]
 
 

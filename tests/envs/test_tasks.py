@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from own_envs import bare, every_env
 
-from scripts.controllers import __main__ as controllers
 from impactlaw.studies.policies.controllers import FullHit, Hit
+from scripts.controllers import __main__ as controllers
 
 
 @every_env

@@ -32,18 +32,20 @@ def test_a_missing_package_is_named_with_the_extra_that_brings_it(policy, tmp_pa
 
 
 @pytest.fixture(scope="module")
-def short(tmp_path_factory, request):
+def short(tmp_path_factory):
     """A training of one rollout is too long for each test: one for all, with eight environments of 64 steps."""
     if not INSTALLED:
         pytest.skip("stable-baselines3 is not installed")
     import stable_baselines3
 
-    patch = pytest.MonkeyPatch()
-    original = stable_baselines3.PPO
-    patch.setattr(stable_baselines3, "PPO", lambda *a, **k: original(*a, n_steps=64, n_epochs=2, **k))
-    request.addfinalizer(patch.undo)
+    class Short(stable_baselines3.PPO):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **{"n_steps": 64, "n_epochs": 2, **options})
+
     folder = tmp_path_factory.mktemp("short")
-    return folder, run(SHORT, folder, backend="sequential", jobs=1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stable_baselines3, "PPO", Short)
+        yield folder, run(SHORT, folder, backend="sequential", jobs=1)
 
 
 @needs_training
@@ -96,7 +98,7 @@ def test_a_file_that_is_no_policy_is_refused(content, tmp_path, monkeypatch):
     if content is not None:
         (tmp_path / "mine.zip").write_bytes(content)
     study = Study(tasks=SHORT.tasks, act=SHORT.act, policies=("mine.zip",))
-    with pytest.raises(StudyError, match="cannot read" if content is None else "no policy"):
+    with pytest.raises(StudyError, match="cannot read" if content is None else "no trained policy"):
         run(study, tmp_path)
 
 

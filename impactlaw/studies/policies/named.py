@@ -99,7 +99,10 @@ def _from_file(path: Path, name: str) -> Policy:
         content = path.read_bytes()
     except OSError as error:
         raise StudyError(f"cannot read the policy {name}: {error.strerror}") from None
-    load(io.BytesIO(content))
+    try:
+        load(io.BytesIO(content))
+    except StudyError as error:
+        raise StudyError(f"{name} is no trained policy: {error}") from None
     return Policy(name, "", {"policy": "file", "content": hashlib.sha256(content).hexdigest()}, content)
 
 

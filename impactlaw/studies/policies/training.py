@@ -1,5 +1,6 @@
 """Training by stable-baselines3: PPO at its defaults, in eight environments."""
 
+# pyright: reportMissingImports=false
 from __future__ import annotations
 
 import importlib.util
@@ -65,10 +66,9 @@ def load(file: io.BytesIO) -> Any:
 
     try:
         data, _, _ = load_from_zip_file(file, device="cpu")
-        kind = data["policy_class"].__module__.split(".")[1].upper()  # pyright: ignore[reportOptionalSubscript]
-        algorithm = getattr(stable_baselines3, kind, stable_baselines3.PPO)
-        file.seek(0)
-        model = algorithm.load(file, device="cpu")
-    except (ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile) as error:
-        raise StudyError(f"this is no policy of stable-baselines3: {error}") from None
+        kind = (data or {})["policy_class"].__module__.split(".")[1].upper()
+    except (ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise StudyError(f"a policy is a file that stable-baselines3 has saved: {error}") from None
+    file.seek(0)
+    model = getattr(stable_baselines3, kind, stable_baselines3.PPO).load(file, device="cpu")  # PPO's is "COMMON"
     return lambda observation: model.predict(observation, deterministic=True)[0]

@@ -1,5 +1,6 @@
 """Training in many worlds at once, where a task has them (`impactlaw.envs.vector`)."""
 
+# pyright: reportMissingImports=false
 from __future__ import annotations
 
 from typing import Any
