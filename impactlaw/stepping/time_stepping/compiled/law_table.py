@@ -22,7 +22,7 @@ class Coefficients:
     """
 
     def __init__(self, scheme: TimeStepping):
-        self._scheme, self._targets = scheme, scheme.targets
+        self._scheme, self._targets = scheme, scheme.problem.targets
         self.key, self.value = np.zeros(0, np.int64), np.zeros(0)
 
     def learn(self, key: int) -> None:
@@ -31,7 +31,7 @@ class Coefficients:
         Raises:
             RestitutionError: the law does not know it.
         """
-        names, limits = self._scheme.labels
+        names, limits = self._scheme.problem.names, self._scheme.problem.limits
         if key >= 0:
             label = f"{names[key >> 32]}/{names[key & 0xFFFFFFFF]}"
         else:
@@ -50,7 +50,7 @@ def reason(scheme: TimeStepping) -> str | None:
     """Return why compiled code does not take a scheme; None if it does."""
     if scheme.follows_surfaces:
         return "mocap bodies that touch others move as surfaces"
-    targets = scheme.targets
+    targets = scheme.problem.targets
     if targets.restitution is not None:
         return None
     if isinstance(targets.law, Reversal) and not scheme.model.neq:
