@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from impactlaw.errors import StudyError, UnknownNameError
+from impactlaw.errors import RestitutionError, StudyError, UnknownNameError
 from impactlaw.laws import LAWS, make_law, portable
 
 MUJOCO = "mujoco"
@@ -52,7 +52,7 @@ class StatedLaw:
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:
         """Return law and restitution of an episode, each drawn uniformly, as ``reset(options=...)`` takes them."""
         law = self.laws[rng.integers(len(self.laws))]
-        if self.restitution is None or law == "maximal-dissipation":
+        if self.restitution is None or not takes_restitution(law):
             return {"law": law, "restitution": None}
         return {"law": law, "restitution": float(rng.uniform(*self.restitution))}
 
@@ -83,16 +83,29 @@ def read_law(text: str) -> StatedLaw:
         raise StudyError(f"{text!r}: MuJoCo's own contacts are not drawn, and have no restitution")
     if len({str(law) for law in laws}) < len(laws):
         raise StudyError(f"{text!r} names a law twice")
-    for law in laws:
-        if restitution is None or law == "maximal-dissipation":
-            continue
-        if law == _SCENE:
-            raise StudyError(f"{text!r}: law 'scene' takes its restitution from the scene")
-        for e in restitution:
-            make_law(law, e)
-    if laws == ("maximal-dissipation",) and restitution is not None:
-        raise StudyError(f"{text!r}: maximal-dissipation takes no restitution")
+    if restitution is not None:
+        taking = [law for law in laws if takes_restitution(law)]
+        if not taking:
+            raise StudyError(f"{text!r}: {names} takes no restitution")
+        for law in taking:
+            for e in restitution:
+                make_law(law, e)
     return StatedLaw(text, laws, restitution)
+
+
+def takes_restitution(law: str | Mapping[str, Any]) -> bool:
+    """Return whether a restitution goes with a law: not with one that has it already, or takes none."""
+    if law in (_SCENE, MUJOCO):
+        return False
+    try:
+        make_law(law, 0.5)
+    except RestitutionError:
+        try:
+            make_law(law)
+        except RestitutionError:
+            return True  # another restitution than a number
+        return False
+    return True
 
 
 def _named(name: str) -> str | Mapping[str, Any]:

@@ -1,5 +1,7 @@
 """How a study is stated: laws as texts, and nothing that is accepted and ignored."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -33,9 +35,14 @@ def test_a_range_and_several_names_are_drawn_from_uniformly():
     assert sum(one["law"] == "moreau" for one in drawn) == pytest.approx(2000, abs=4 * np.sqrt(1000))
 
 
-def test_a_file_of_identification_is_a_law(tmp_path):
-    import json
+def test_a_law_that_takes_no_restitution_is_drawn_without():
+    law, rng = read_law("moreau|maximal-dissipation:0.4..1"), np.random.default_rng(0)
+    drawn = [law.draw(rng) for _ in range(50)]
+    assert {one["law"] for one in drawn} == {"moreau", "maximal-dissipation"}
+    assert all((one["restitution"] is None) == (one["law"] == "maximal-dissipation") for one in drawn)
 
+
+def test_a_file_of_identification_is_a_law(tmp_path):
     path = tmp_path / "law.json"
     path.write_text(json.dumps({"law": portable(Moreau(0.3))}))
     env = Conditions(JUGGLER, read_law(str(path)), "event-driven").make()
@@ -86,7 +93,8 @@ def test_mujocos_own_contacts_are_those_without_a_wrapper():
         ("mujoco|moreau:0.5", StudyError, "not drawn"),
         ("moreau|moreau:0.5", StudyError, "twice"),
         ("maximal-dissipation:0.5", StudyError, "takes no restitution"),
-        ("scene:0.5", StudyError, "from the scene"),
+        ("scene:0.5", StudyError, "takes no restitution"),
+        ("fremond:0.5", RestitutionError, "matrix"),
         ("nosuch.json", RestitutionError, "nosuch.json"),
     ],
 )

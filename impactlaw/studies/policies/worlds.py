@@ -13,7 +13,7 @@ from impactlaw.envs.vector.worlds import VectorWorlds
 from impactlaw.errors import SceneError
 from impactlaw.laws import make_law
 from impactlaw.studies.environments import Conditions, draws
-from impactlaw.studies.laws import StatedLaw
+from impactlaw.studies.laws import StatedLaw, takes_restitution
 
 
 def training_worlds(conditions: Conditions, count: int) -> Worlds | None:
@@ -23,10 +23,10 @@ def training_worlds(conditions: Conditions, count: int) -> Worlds | None:
     if law.is_mujoco or conditions.scheme != "time-stepping" or spec is None or spec.vector_entry_point is None:
         return None
     worlds: Any = gymnasium.make_vec(name, count, "vector_entry_point", nthread=1)
-    e = None if law.restitution is None else law.restitution[0]
     try:
         for one in law.laws:
-            worlds.batch.set_law(make_law(one, None if one == "maximal-dissipation" else e))
+            e = law.restitution[0] if law.restitution is not None and takes_restitution(one) else None
+            worlds.batch.set_law(make_law(one, e))
     except SceneError:
         worlds.close()
         return None
