@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import OptionError, RestitutionError, SceneError
-from impactlaw.laws import Coulomb, Law, LinearMap, Routh
+from impactlaw.laws import Coulomb, Fremond, Law, LinearMap, Routh
 from impactlaw.laws.restitution.coefficients import ContactCoefficients
 from impactlaw.laws.restitution.labels import canonical, check_labels
 from impactlaw.scene.contacts import geom_names
@@ -101,7 +101,7 @@ def check_law(model: mujoco.MjModel, law: Law) -> None:
     if used:
         names = geom_names(model)
         pairs = tuple(f"{names[a]}/{names[b]}" for a, b in geom_pairs(model).geoms)
-        check_labels(used, pairs + Limits(model).names)
+        check_labels(used, pairs + Limits(model).names, patterns=not isinstance(inner, Fremond))
         _check_all_named(inner, pairs + Limits(model).names)
     if size == 0:
         raise RestitutionError(f"{type(inner).__name__} has coefficients for no contact; key them by contact label")
@@ -116,11 +116,11 @@ def _check_all_named(law: Law, known: tuple[str, ...]) -> None:
     """Refuse a law that would end a run with the first collision of a contact that it does not name.
 
     Raises:
-        RestitutionError: it has a coefficient for some of these contacts only, and no default.
+        RestitutionError: it has a coefficient for some of these contacts only, and no default; or two for one.
     """
-    if not isinstance(law, ContactCoefficients) or law.default is not None:
+    if not isinstance(law, ContactCoefficients) or (law.default is not None and not law.has_patterns):
         return
-    missing = sorted({canonical(label) for label in known} - law.contact_labels)
+    missing = sorted(canonical(label) for label in set(known) if law.named(label) is None)
     if missing:
         more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
         raise RestitutionError(

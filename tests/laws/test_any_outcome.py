@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 import scipy.stats
-from problems import launched, rod
+from problems import PROBLEMS, launched, rod
 from scenes import compiled, run
 
 from impactlaw import AnyOutcome, Collision, Coulomb, Friction, Scattered, Stepper, make_law
@@ -38,6 +38,24 @@ def test_the_impulses_are_those_of_the_outcome():
     impact = AnyOutcome(seed=3).resolve(launched(4, 1))
     assert impact.residual < 1e-9
     assert (impact.impulse >= 0.0).all()
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_every_problem_has_an_outcome_that_is_possible(name):
+    c = PROBLEMS[name]()
+    for seed in range(3):
+        impact = AnyOutcome(seed=seed).resolve(c)
+        assert impact.violations.is_admissible(1e-7)
+        assert impact.residual < 1e-9
+
+
+def test_equality_constraints_keep_their_velocity():
+    c = Collision(
+        np.eye(4), [[-1, 1, 0, 0], [0, -1, 1, 0]], [1.0, 0.2, 0.0, 0.0], bilateral_jacobian=[[0.0, 0.0, 1.0, -1.0]]
+    )
+    impact = AnyOutcome(seed=1).resolve(c)
+    assert impact.violations.is_admissible(1e-9)
+    assert impact.post_velocity[2] == pytest.approx(impact.post_velocity[3])
 
 
 def test_the_same_collision_has_the_same_outcome_in_every_process():
