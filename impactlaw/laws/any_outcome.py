@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from impactlaw.errors import RestitutionError, SolverError
 from impactlaw.laws.base import Law, Target
 from impactlaw.laws.drawing import checked_seed, generator

@@ -36,8 +36,8 @@ def make_law(name: str | Path | Law | Mapping, restitution: Any = None) -> Law:
 
     Args:
         name: "maximal-dissipation", "moreau", "newton", "poisson", "fremond", "reversal", "routh", "compliant" or
-            "any-outcome"; a `Law` is returned as is, and made again from what `portable` has written down, or from a file of that,
-            ``law.json``, as `impactlaw identify` writes it.
+            "any-outcome"; a `Law` is returned as is, and made again from what `portable` has written down, or from a
+            file of that, ``law.json``, as `impactlaw identify` writes it.
         restitution: what the law takes: a coefficient (moreau, reversal, compliant), one or several or keyed ones,
             numbers or functions of speed (newton, poisson, routh), a matrix or a keyed one (fremond), nothing
             (maximal-dissipation, any-outcome).
