@@ -19,6 +19,8 @@ from impactlaw.scene.contacts import Contacts, mass_matrix
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.work import Work
 
+COUPLED = 1e-12
+"""Cosine between whitened gradients of two contacts up to which impulses of one do not reach the other."""
 _SAME_INERTIA = 1e-14  # relative difference of mass matrices that is rounding where bodies only turn
 
 
@@ -46,10 +48,21 @@ class Closed(NamedTuple):
         gamma = self.jacobian @ velocity
         return gamma if self.drift is None else gamma + self.drift
 
-    def whitened(self, metric: KineticMetric) -> np.ndarray:
-        """Return the gradients where the kinetic metric is Euclidean, less what the constraints fix, (h, nv)."""
-        Y = metric.whiten_gradients(self.jacobian)
-        return Y if self.bilateral is None else Bilateral.of(metric.whiten_gradients(self.bilateral)).project(Y)
+    def coupled(self, metric: KineticMetric) -> np.ndarray:
+        """Return which contacts an impulse on each contact, friction included, can reach, bool (h, h)."""
+        J, owner = self.jacobian, np.arange(len(self.contacts))
+        if self.friction is not None:
+            J, owner = np.vstack([J, self.friction.jacobian]), np.concatenate([owner, self.friction.contact])
+        Y = metric.whiten_gradients(J)
+        if self.bilateral is not None:
+            Y = Bilateral.of(metric.whiten_gradients(self.bilateral)).project(Y)
+        norms = np.linalg.norm(Y, axis=1)
+        rows = np.abs(Y @ Y.T) > COUPLED * np.outer(norms, norms)
+        if self.friction is None:
+            return rows
+        found = np.zeros((len(self.contacts), len(self.contacts)), dtype=bool)
+        np.logical_or.at(found, (owner[:, None], owner), rows)
+        return found
 
     def collision(self, chosen: np.ndarray, metric: KineticMetric, velocity: np.ndarray) -> Collision:
         """Return the collision of some of the contacts, (k,) indices, at a velocity, (nv,)."""
@@ -127,7 +140,7 @@ class Collider:
             UnsolvableLawError: the law has no solution.
             UnfinishedStepError: that takes too much work.
         """
-        Y = None
+        coupled = None
         closed = closed.resting(velocity, rounding)
         while True:
             gamma = closed.contact_velocity(velocity)
@@ -139,9 +152,9 @@ class Collider:
                 chosen = np.arange(len(gamma))
             else:
                 chosen = np.flatnonzero(gamma <= rounding)
-                if closed.friction is None:
-                    Y = closed.whitened(metric) if Y is None else Y
-                    chosen = _reached(Y, chosen, approaching)
+                if not approaching[chosen].all():
+                    coupled = closed.coupled(metric) if coupled is None else coupled
+                    chosen = _reached(coupled, chosen, approaching)
             if work is not None:
                 work.collide(len(chosen), friction=closed.friction is not None)
             collision = closed.collision(chosen, metric, velocity)
@@ -181,13 +194,9 @@ def _part(values: np.ndarray | None, chosen: np.ndarray) -> np.ndarray | None:
     return None if values is None else values[chosen]
 
 
-def _reached(gradients: np.ndarray, candidates: np.ndarray, approaching: np.ndarray) -> np.ndarray:
+def _reached(coupled: np.ndarray, candidates: np.ndarray, approaching: np.ndarray) -> np.ndarray:
     """Return the candidates that an impulse of an approaching contact can reach through others, as indices."""
-    if approaching[candidates].all():
-        return candidates
-    Y = gradients[candidates]
-    norms = np.linalg.norm(Y, axis=1)
-    coupled = np.abs(Y @ Y.T) > 1e-12 * np.outer(norms, norms)
+    coupled = coupled[np.ix_(candidates, candidates)]
     reached = approaching[candidates]
     count = 0
     while count < (count := int(np.count_nonzero(reached))):

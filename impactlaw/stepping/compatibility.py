@@ -143,7 +143,7 @@ def check_friction(law: Law, friction: str | None) -> None:
 
     Args:
         law: the law.
-        friction: the option of a stepper that was given; "soft" where MuJoCo has the friction.
+        friction: the option of a stepper that was given.
 
     Raises:
         RestitutionError: the law is a `Coulomb`, and that is in vain or contradicts the option.
@@ -152,9 +152,11 @@ def check_friction(law: Law, friction: str | None) -> None:
         raise RestitutionError("Routh's law has exact Coulomb friction: friction='convex' contradicts it; leave it out")
     if not isinstance(law, Coulomb) or friction is None:
         return
-    if friction in ("soft", "ignore"):
-        why = "friction is MuJoCo's in soft steps" if friction == "soft" else 'friction="ignore" leaves friction out'
-        raise RestitutionError(f"{why}: {law!r} would lose its friction; pass the law inside of it, {law.law!r}")
+    if friction == "ignore":
+        raise RestitutionError(
+            f'friction="ignore" leaves friction out: {law!r} would lose its friction; pass the law inside of it, '
+            f"{law.law!r}"
+        )
     if friction != {"exact": "coulomb", "convex": "convex"}[law.cone]:
         raise RestitutionError(f"friction={friction!r} contradicts the law, whose cone is {law.cone!r}; leave it out")
 

@@ -272,7 +272,7 @@ class Stepper:
         if not isinstance(law, Law):
             raise UnknownNameError("law", law, ("scene", "a Law, see impactlaw.make_law"))
         check_law(self.model, law)
-        check_friction(law, "soft" if self._way == "soft" else self.friction)
+        check_friction(law, self.friction)
         return law
 
     def _with_friction(self, law: Law) -> Law:
@@ -303,7 +303,7 @@ _KNOWN = {
 """What an error calls each option, and its values."""
 
 _UNUSED = {
-    "soft": ("scheme", "friction", "overlap", "on_unsolved", "gap_tolerance", "compiled"),
+    "soft": ("scheme", "overlap", "on_unsolved", "gap_tolerance", "compiled"),
     "event-driven": ("rest_speed", "compiled"),
     "time-stepping": ("on_unsolved", "gap_tolerance", "max_events", "solver"),
 }

@@ -70,8 +70,7 @@ def test_every_way_to_step(name, options):
     impact = stepper.events[0].impact
     assert impact.violations.is_admissible(1e-7)
     assert impact.energy_change <= 1e-9
-    if options.get("contact_model") != "soft":  # there friction is MuJoCo's, before and after
-        assert impact.post_velocity[0] < 0.9
+    assert impact.post_velocity[0] < 0.9
 
 
 def test_friction_is_not_lost():

@@ -39,6 +39,7 @@ from mujoco import (
 
 from impactlaw.errors import DivergenceError
 from impactlaw.laws import Law
+from impactlaw.mechanics.friction import Friction
 from impactlaw.scene.contacts import (
     Contacts,
     active_contacts,
@@ -48,6 +49,7 @@ from impactlaw.scene.contacts import (
     row_velocities,
 )
 from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows
+from impactlaw.scene.friction_rows import active_friction
 from impactlaw.scene.joint_limits import Limits, joined
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.collisions import Closed, Collider, kinetic_metric
@@ -79,6 +81,7 @@ class SoftStepping:
         self._rest_speed = rest_speed
         self._names = geom_names(model)
         self._limits = Limits(model)
+        self._friction = plan.friction
         self._surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
         self._bilateral = bilateral_constraints(model)
         self._before = np.empty(mujoco.mj_stateSize(model, _STATE))
@@ -223,6 +226,7 @@ class SoftStepping:
         if is_huge(data):  # MuJoCo says so itself when it next looks
             return _NOTHING
         contacts, jacobian = self.active(data)
+        friction = self._friction_of(data, contacts) if self._friction and data.ncon else None
         drift = None if surfaces is None else surfaces.drift(data, contacts)
         if not still and not np.count_nonzero(jacobian.dot(data.qvel) + drift < -speed):
             return _NOTHING
@@ -231,7 +235,7 @@ class SoftStepping:
         events: list[ImpactEvent] = []
         velocity = self._collider.collide(
             kinetic_metric(self._model, data),
-            Closed(contacts, jacobian, bilateral, drift),
+            Closed(contacts, jacobian, bilateral, drift, friction=friction),
             data.qvel.copy(),
             approach=np.full(h, self._rest_speed),
             rounding=np.zeros(h),
@@ -279,6 +283,13 @@ class SoftStepping:
         if rows is None or limits is None:
             return contacts, jacobian
         return joined(contacts, limits), np.vstack([jacobian, rows.jacobian])
+
+
+    def _friction_of(self, data: mujoco.MjData, contacts: Contacts) -> Friction | None:
+        between = contacts.geoms[:, 0] >= 0
+        surfaces = self._surfaces
+        found = active_friction(self._model, data, contacts.select(between), surfaces)
+        return None if found is None else Friction(*found)
 
 
 def _update(model: mujoco.MjModel, data: mujoco.MjData) -> None:
