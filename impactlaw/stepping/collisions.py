@@ -80,6 +80,17 @@ class Closed(NamedTuple):
             friction=self.friction if self.friction is None or all_chosen else self.friction.select(chosen),
         )
 
+    def select(self, which: np.ndarray) -> Closed:
+        """Return some of the contacts, int (k,)."""
+        return Closed(
+            self.contacts.select(which),
+            self.jacobian[which],
+            self.bilateral,
+            _part(self.drift, which),
+            _part(self.drift_before, which),
+            None if self.friction is None else self.friction.select(which),
+        )
+
     def resting(self, velocity: np.ndarray, rounding: np.ndarray) -> Closed:
         """Return the same where only surfaces under contacts that rest jump: one that separates is met by another."""
         if self.drift is None or self.drift_before is None:

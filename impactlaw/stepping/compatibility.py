@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import numbers
+from itertools import compress
 
 import mujoco
 import numpy as np
 
 from impactlaw.errors import OptionError, RestitutionError, SceneError
 from impactlaw.laws import Coulomb, Fremond, Law, LinearMap, Routh
+from impactlaw.laws.on_contacts import Chosen
 from impactlaw.laws.restitution.coefficients import ContactCoefficients
 from impactlaw.laws.restitution.labels import canonical, check_labels
 from impactlaw.scene.contacts import geom_names
@@ -84,8 +86,13 @@ def check_time_stepping(model: mujoco.MjModel) -> None:
         )
 
 
-def check_law(model: mujoco.MjModel, law: Law) -> None:
+def check_law(model: mujoco.MjModel, law: Law, chosen: Chosen | None = None) -> None:
     """Refuse a law that no collision of the scene can be resolved by.
+
+    Args:
+        model: the scene.
+        law: the law.
+        chosen: contacts that it is for; None for all.
 
     Raises:
         UnknownNameError: it is keyed by contacts that the scene cannot have; names the nearest ones.
@@ -102,7 +109,8 @@ def check_law(model: mujoco.MjModel, law: Law) -> None:
         names = geom_names(model)
         pairs = tuple(f"{names[a]}/{names[b]}" for a, b in geom_pairs(model).geoms)
         check_labels(used, pairs + Limits(model).names, patterns=not isinstance(inner, Fremond))
-        _check_all_named(inner, pairs + Limits(model).names)
+        known = pairs + Limits(model).names
+        _check_all_named(inner, known if chosen is None else tuple(compress(known, chosen.mask(known))))
     if size == 0:
         raise RestitutionError(f"{type(inner).__name__} has coefficients for no contact; key them by contact label")
     if size is not None and size > (most := most_contacts(model)):

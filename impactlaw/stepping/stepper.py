@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Literal
 
 import mujoco
 
 from impactlaw.errors import ManyCollisionsWarning, SceneError, UnknownNameError
 from impactlaw.laws import Coulomb, Law, MaximalDissipation
+from impactlaw.laws.on_contacts import restricted
 from impactlaw.laws.restitution.from_scene import scene_law
 from impactlaw.scene.tolerances import GAP_TOLERANCE
 from impactlaw.settled import Settled
@@ -27,6 +28,7 @@ from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 from impactlaw.stepping.event_driven.scheme import RigidStepping
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.plan import make_plan
+from impactlaw.stepping.selection import select
 from impactlaw.stepping.soft.scheme import REST_SPEED, SoftStepping
 
 if TYPE_CHECKING:
@@ -62,6 +64,10 @@ class Stepper:
             move the configuration by the smallest shift in the kinetic metric that opens all gaps, with the velocity as
             it is. Looked at where the configuration is not the one that the last step has left, as at the start and
             after a reset (event-driven; time stepping opens what overlaps over time).
+        contacts: which contacts between geoms the law is for: a pattern such as "*foot*" or "*foot*/floor", or several
+            (`laws.restitution.labels`); all if not given. The others are MuJoCo's soft contacts if contact_model is
+            "soft", and do not collide by the law; where contacts are rigid they have E = 0.
+        limits: whether the law is for the limits of joints and tendons, too; if not, they are as contacts left out.
         on_inadmissible: what to do with an outcome of the law outside of S(v-), that is one that would create
             energy or penetrate: "raise", the default, "project" it onto S(v-), or "allow" it. Under time stepping,
             where nothing penetrates, "project", the default, scales all restitution of a collision so that it creates
@@ -93,11 +99,12 @@ class Stepper:
         RestitutionError: law="scene" and the scene carries none, or the law is for more contacts than the scene can
             have, or for other velocities, or for friction where there is none.
         UnknownNameError: no such option, or the law is keyed by contacts that the scene cannot have.
-        OptionError: rest_speed is not a speed, gap_tolerance no length, or max_events no count.
+        OptionError: rest_speed is not a speed, gap_tolerance no length, max_events no count, or contacts no patterns.
     """
 
     model, plan = Settled(_ANEW), Settled(_ANEW)
     contact_model, scheme, friction, overlap = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
+    contacts, limits = Settled(_ANEW), Settled(_ANEW)
     on_inadmissible, gap_tolerance, rest_speed = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
     on_unsolved, max_events, solver = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
     compiled = Settled(_ANEW)
@@ -111,6 +118,8 @@ class Stepper:
         scheme: Literal["event-driven", "time-stepping"] | None = None,
         friction: Literal["coulomb", "convex", "ignore"] | None = None,
         overlap: Literal["refuse", "push-out"] | None = None,
+        contacts: str | Sequence[str] | None = None,
+        limits: bool = True,
         on_inadmissible: Literal["raise", "project", "allow"] | None = None,
         on_unsolved: Literal["time-stepping", "raise"] | None = None,
         gap_tolerance: float | None = None,
@@ -143,6 +152,8 @@ class Stepper:
             setattr(self, name, value)
         self.model = self._model = model
         self._way = way
+        self.contacts, self.limits = contacts, limits
+        self._chosen = select(model, contacts, limits)
         self._law = self._known(law)
         self.plan = make_plan(model, contact_model, scheme=scheme, friction=friction or "coulomb")
         self._events: tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]] = ()
@@ -154,7 +165,7 @@ class Stepper:
 
         return make_time_stepping(
             self._model,
-            self._law,
+            self._of_chosen(self._law),
             self.plan,
             friction=self.friction or "coulomb",
             on_inadmissible=self.on_inadmissible or "project",
@@ -164,16 +175,17 @@ class Stepper:
 
     def _located(self) -> RigidStepping | SoftStepping:
         """Return what resolves one collision after the other: event-driven or soft stepping."""
-        law, last = self._with_friction(self._law), self._with_friction(MaximalDissipation())
+        own = self._of_chosen(self._law)
+        law, last = self._with_friction(own), self._with_friction(MaximalDissipation())
         most = 100 if self.max_events is None else self.max_events
         inadmissible = self.on_inadmissible or "raise"
         collider = Collider(law, last, inadmissible, most, self.solver or "auto")
         if self._way == "soft":
             speed = REST_SPEED if self.rest_speed is None else self.rest_speed
-            return SoftStepping(self._model, collider, self.plan, rest_speed=speed)
+            return SoftStepping(self._model, collider, self.plan, rest_speed=speed, chosen=self._chosen)
         friction, rest = self.friction or "coulomb", None
         if self.on_unsolved != "raise":
-            rest = RestOfStep(self._model, self._law, friction=friction, on_inadmissible=inadmissible)
+            rest = RestOfStep(self._model, own, friction=friction, on_inadmissible=inadmissible)
         return RigidStepping(
             self._model,
             collider,
@@ -197,7 +209,7 @@ class Stepper:
     @law.setter
     def law(self, law: Law | Literal["scene"]) -> None:
         known = self._known(law)
-        self._stepping.set_law(self._with_friction(known))
+        self._stepping.set_law(self._with_friction(self._of_chosen(known)))
         self._law = known
 
     @property
@@ -271,9 +283,13 @@ class Stepper:
             law = scene_law(self.model)
         if not isinstance(law, Law):
             raise UnknownNameError("law", law, ("scene", "a Law, see impactlaw.make_law"))
-        check_law(self.model, law)
+        check_law(self.model, law, self._chosen)
         check_friction(law, self.friction)
         return law
+
+    def _of_chosen(self, law: Law) -> Law:
+        """Return the law with E = 0 for contacts that it is not for; soft steps leave these to MuJoCo."""
+        return law if self._chosen is None or self._way == "soft" else restricted(law, self._chosen)
 
     def _with_friction(self, law: Law) -> Law:
         """Return the law with the friction of the contacts of the scene; time stepping adds it by itself."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import coefficient
 from impactlaw.laws.restitution.labels import canonical, find, patterns_of, put
 from impactlaw.mechanics.collision import Collision
+
+_MOST_SHOWN = 32  # entries of a mapping
 
 Coefficient = float | Callable[[float], float]
 Coefficients = Coefficient | Sequence[Coefficient] | Mapping[str | tuple[str, str], Coefficient]
@@ -164,7 +167,10 @@ def _at(e: Any, speed: float, label: str) -> float:
 
 def _shown(value: object) -> str:
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key!r}: {_shown(e)}" for key, e in value.items()) + "}"
+        shown = [f"{key!r}: {_shown(e)}" for key, e in islice(value.items(), _MOST_SHOWN)]
+        if len(value) > _MOST_SHOWN:
+            shown.append(f"... {len(value) - _MOST_SHOWN} more")
+        return "{" + ", ".join(shown) + "}"
     if isinstance(value, tuple):
         return "(" + ", ".join(map(_shown, value)) + ("," if len(value) == 1 else "") + ")"
     name = described(value)

@@ -39,6 +39,7 @@ from mujoco import (
 
 from impactlaw.errors import DivergenceError
 from impactlaw.laws import Law
+from impactlaw.laws.on_contacts import Chosen
 from impactlaw.mechanics.friction import Friction
 from impactlaw.scene.contacts import (
     Contacts,
@@ -73,7 +74,16 @@ _BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS"
 class SoftStepping:
     """The algorithm behind ``Stepper(contact_model="soft")``; see there for the options."""
 
-    def __init__(self, model: mujoco.MjModel, collider: Collider, plan: Plan, *, rest_speed: float):
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        collider: Collider,
+        plan: Plan,
+        *,
+        rest_speed: float,
+        chosen: Chosen | None = None,
+    ):
+        self._chosen = chosen
         self._model = model
         self._options = model.opt
         self._collides = bool(plan.detection or plan.limits)
@@ -231,11 +241,14 @@ class SoftStepping:
         if not still and not np.count_nonzero(jacobian.dot(data.qvel) + drift < -speed):
             return _NOTHING
         bilateral = bilateral_rows(self._model, data, self._bilateral) if data.ne else None
-        h = len(contacts)
+        closed = Closed(contacts, jacobian, bilateral, drift, friction=friction)
+        if self._chosen is not None:
+            closed = closed.select(np.flatnonzero(self._chosen.mask(contacts.labels)))
+        h = len(closed.contacts)
         events: list[ImpactEvent] = []
         velocity = self._collider.collide(
             kinetic_metric(self._model, data),
-            Closed(contacts, jacobian, bilateral, drift, friction=friction),
+            closed,
             data.qvel.copy(),
             approach=np.full(h, self._rest_speed),
             rounding=np.zeros(h),
@@ -283,7 +296,6 @@ class SoftStepping:
         if rows is None or limits is None:
             return contacts, jacobian
         return joined(contacts, limits), np.vstack([jacobian, rows.jacobian])
-
 
     def _friction_of(self, data: mujoco.MjData, contacts: Contacts) -> Friction | None:
         between = contacts.geoms[:, 0] >= 0
