@@ -18,6 +18,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 
 from impactlaw.envs.episode_log import episode_log
+from impactlaw.envs.episode_seeds import OUTCOMES, EpisodeSeeds
 from impactlaw.envs.info import ImpactTally
 from impactlaw.envs.law_options import LawOptions, check_reset, describe_law, portable_options
 from impactlaw.envs.rendering import Pictures, has_display
@@ -129,6 +130,7 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             usual_scheme="event-driven",
             overlap=None,
         )
+        self._seeds = EpisodeSeeds(OUTCOMES)
         self._stepper = self._options.stepper(self.model)
         self._named = describe_law(self.law)
         self.render_mode = render_mode
@@ -227,8 +229,9 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             SceneError: the option means nothing to the contact model.
         """
         check_reset(options)
-        self._use(self._options.for_reset(options))
         super().reset(seed=seed)
+        self._seeds.begin(seed)
+        self._use(self._options.for_reset(options, self._seeds))
         generator = self.np_random.bit_generator.state
         mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key(START).id)
         self.driven = 0.0, 0.0

@@ -10,8 +10,10 @@ from typing import Any
 import mujoco
 
 from impactlaw.envs.episode_log import EpisodeLog
+from impactlaw.envs.episode_seeds import EpisodeSeeds
 from impactlaw.envs.info import ImpactTally
 from impactlaw.envs.law_options import LawOptions, describe_law
+from impactlaw.envs.placing.contact_forces import ContactForces
 from impactlaw.errors import DivergenceError, WrapperError
 from impactlaw.laws import Law
 from impactlaw.stepping.impact_event import ImpactEvent
@@ -35,6 +37,7 @@ class PlacedLaw(ABC):
         self._log = log
         self._events: list[ImpactEvent] = []
         self._stepper: Stepper | None = None
+        self._forces: ContactForces | None = None
         self._named: tuple[Law | None, dict[str, Any]] = None, {}
 
     @property
@@ -78,10 +81,12 @@ class PlacedLaw(ABC):
         """Forget the last environment step."""
         self._events = []
         self.diverged = False
+        if self._forces is not None:
+            self._forces.clear()
 
-    def prepare_reset(self, options: Mapping[str, Any] | None) -> None:
+    def prepare_reset(self, options: Mapping[str, Any] | None, seeds: EpisodeSeeds) -> None:
         """Let what a reset asks for be in force in the episode that it begins, and record nothing meanwhile."""
-        self.use(self._options.for_reset(options))
+        self.use(self._options.for_reset(options, seeds))
         if self._log is not None:
             self._log.pause()
 
@@ -150,6 +155,8 @@ class PlacedLaw(ABC):
     def _stepper_for(self, model: mujoco.MjModel) -> Stepper:
         if self._stepper is None or self._stepper.model is not model:
             self._stepper = self._in_force.stepper(model)
+            if self._options.impulse_in_cfrc_ext:
+                self._forces = ContactForces(model, rigid=self._options.contact_model == "rigid")
         return self._stepper
 
     def _advance(self, model: mujoco.MjModel, data: mujoco.MjData, steps: int, *, half: bool = False) -> None:
@@ -165,8 +172,16 @@ class PlacedLaw(ABC):
                 raise
             if stepper.events:
                 self._events += stepper.events
+            if self._forces is not None:
+                self._forces.add(data, stepper.events)
             if self._log is not None:
                 self._log.step(stepper, data, stepper.events)
+
+    def _write_forces(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Compute ``cfrc_ext`` of the step that is over with the impulses of the law, if it was asked for."""
+        if self._forces is not None:
+            mujoco.mj_rnePostConstraint(model, data)
+            self._forces.write(data)
 
     def _set(self, **changes: Any) -> None:
         """Change what stands, and what is in force."""

@@ -166,7 +166,7 @@ class Compliant(Law):
         return result
 
     def _stiffness(self, labels: tuple[str, ...]) -> np.ndarray:
-        value = self.stiffness
+        value: Any = self.stiffness
         if isinstance(value, dict):
             patterns = patterns_of(value)
             found = [find(value, patterns, label) for label in labels]
