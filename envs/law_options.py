@@ -112,8 +112,8 @@ class LawOptions:
         given = {name: value for name, value in (options or {}).items() if name in RESET}
         if "law" in given:
             given.setdefault("restitution", None)
-        asked = replace(self, **given) if given else self
-        return replace(asked, seed=seeds.draw()) if asked.draws else asked
+        asked, seed = replace(self, **given) if given else self, seeds.draw()
+        return replace(asked, seed=seed) if asked.draws else asked
 
     def settings(self, law: Law) -> dict[str, Any] | None:
         """Return reset options that make the same, as plain values; None for a law that has none."""
