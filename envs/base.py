@@ -312,7 +312,7 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if self.data.time > 0:
             self.drive()
         self.stepper.step(self.data)
-        tally.add(self.stepper.events)
+        tally.add(self.stepper.sums)
         if self._log is not None:
             self._log.step(self.stepper, self.data, self.stepper.events)
         self.watch()

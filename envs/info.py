@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
-from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.impact_event import ImpactSums
 
 
 class ImpactTally:
@@ -28,29 +26,22 @@ class ImpactTally:
     """
 
     def __init__(self) -> None:
-        self._count = self._distant = self._inadmissible = 0
-        self._energy_change = self._surface_work = self._intensity = 0.0
+        self._sums = ImpactSums()
 
-    def add(self, events: Iterable[ImpactEvent]) -> None:
-        """Take up the collisions of a timestep."""
-        for event in events:
-            impact = event.impact
-            self._count += 1
-            self._energy_change += impact.energy_change
-            self._surface_work += impact.surface_work
-            self._intensity += impact.intensity
-            self._distant += impact.has_distant_effect
-            projected = impact.target_contact_velocity is None
-            self._inadmissible += projected or not impact.violations.is_admissible()
+    def add(self, sums: ImpactSums) -> None:
+        """Take up the collisions of some timesteps."""
+        if sums.count:
+            self._sums = self._sums.with_more(sums)
 
     def info(self, *, diverged: bool = False) -> dict[str, int | float]:
         """Return the entries of ``info``."""
+        sums = self._sums
         return {
-            "impact/count": self._count,
-            "impact/energy_change": self._energy_change,
-            "impact/surface_work": self._surface_work,
-            "impact/intensity": self._intensity,
-            "impact/distant": self._distant,
-            "impact/inadmissible": self._inadmissible,
+            "impact/count": sums.count,
+            "impact/energy_change": sums.energy_change,
+            "impact/surface_work": sums.surface_work,
+            "impact/intensity": sums.intensity,
+            "impact/distant": sums.distant,
+            "impact/inadmissible": sums.inadmissible,
             "impact/diverged": int(diverged),
         }

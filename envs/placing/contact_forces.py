@@ -34,9 +34,14 @@ class ContactForces:
         """Begin an environment step."""
         self._sum[:], self._steps = 0.0, 0
 
-    def add(self, data: mujoco.MjData, events: Iterable[ImpactEvent]) -> None:
-        """Take up a timestep and its collisions."""
-        self._steps += 1
+    @property
+    def of_every_timestep(self) -> bool:
+        """Whether each timestep has to be taken up by itself."""
+        return self._rigid
+
+    def add(self, data: mujoco.MjData, steps: int, events: Iterable[ImpactEvent]) -> None:
+        """Take up so many timesteps and their collisions."""
+        self._steps += steps
         if self._rigid:
             mujoco.mj_rnePostConstraint(self._model, data)
             self._sum += data.cfrc_ext

@@ -18,7 +18,7 @@ from impactlaw.errors import DivergenceError, WrapperError
 from impactlaw.laws import Law
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import is_huge
-from impactlaw.stepping.stepper import Stepper
+from impactlaw.stepping.stepper import Stepper, Told
 
 
 class PlacedLaw(ABC):
@@ -33,9 +33,10 @@ class PlacedLaw(ABC):
 
     def __init__(self, options: LawOptions, log: EpisodeLog | None):
         self.diverged = False
+        self._told: list[Told]
         self._options = self._in_force = options
         self._log = log
-        self._events: list[ImpactEvent] = []
+        self._told, self._tally = [], ImpactTally()
         self._stepper: Stepper | None = None
         self._forces: ContactForces | None = None
         self._named: tuple[Law | None, dict[str, Any]] = None, {}
@@ -67,19 +68,17 @@ class PlacedLaw(ABC):
     @property
     def events(self) -> tuple[ImpactEvent, ...]:
         """The collisions of the last environment step, all its timesteps, in order."""
-        return tuple(self._events)
+        return tuple(event for told in self._told for event in (told() if callable(told) else told))
 
     def info(self) -> dict[str, int | float | str]:
         """Return what `ImpactTally` says of the last environment step, and the law and restitution in force."""
-        tally = ImpactTally()
-        tally.add(self._events)
         if self._named[0] is not self.law:
             self._named = self.law, describe_law(self.law)
-        return tally.info(diverged=self.diverged) | self._named[1]
+        return self._tally.info(diverged=self.diverged) | self._named[1]
 
     def clear(self) -> None:
         """Forget the last environment step."""
-        self._events = []
+        self._told, self._tally = [], ImpactTally()
         self.diverged = False
         if self._forces is not None:
             self._forces.clear()
@@ -164,18 +163,29 @@ class PlacedLaw(ABC):
         stepper = self._stepper_for(model)
         if self._log is not None:
             self._log.watch(stepper, data, self._in_force)
-        for i in range(steps):
+        while steps:
+            some = 1 if half or self._watched else steps
             try:
-                (stepper.finish_step if half and i == 0 else stepper.step)(data)
+                if half:
+                    stepper.finish_step(data)
+                else:
+                    stepper.step(data, some)
             except DivergenceError:
                 self.diverged = True
                 raise
-            if stepper.events:
-                self._events += stepper.events
+            steps, half = steps - some, False
+            if stepper.told:
+                self._told.append(stepper.told)
+                self._tally.add(stepper.sums)
             if self._forces is not None:
-                self._forces.add(data, stepper.events)
+                self._forces.add(data, some, stepper.events if stepper.told else ())
             if self._log is not None:
                 self._log.step(stepper, data, stepper.events)
+
+    @property
+    def _watched(self) -> bool:
+        """Whether every timestep is to be seen."""
+        return self._log is not None or (self._forces is not None and self._forces.of_every_timestep)
 
     def _write_forces(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Compute ``cfrc_ext`` of the step that is over with the impulses of the law, if it was asked for."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from impactlaw.errors import InadmissibleImpactError
 from impactlaw.laws import Coulomb, Law
+from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.mechanics.bilateral import Bilateral
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction import Friction
@@ -19,8 +20,6 @@ from impactlaw.scene.contacts import Contacts, mass_matrix
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.work import Work
 
-COUPLED = 1e-12
-"""Cosine between whitened gradients of two contacts up to which impulses of one do not reach the other."""
 _SAME_INERTIA = 1e-14  # relative difference of mass matrices that is rounding where bodies only turn
 
 
@@ -57,7 +56,7 @@ class Closed(NamedTuple):
         if self.bilateral is not None:
             Y = Bilateral.of(metric.whiten_gradients(self.bilateral)).project(Y)
         norms = np.linalg.norm(Y, axis=1)
-        rows = np.abs(Y @ Y.T) > COUPLED * np.outer(norms, norms)
+        rows = np.abs(Y @ Y.T) > INFLUENCE * np.outer(norms, norms)
         if self.friction is None:
             return rows
         found = np.zeros((len(self.contacts), len(self.contacts)), dtype=bool)

@@ -24,7 +24,8 @@ class Thrown(MujocoEnv):
     GEOM = '<geom name="ball" type="sphere" size=".1" mass="2"/>'
 
     def __init__(self, geom=GEOM, frame_skip=1, velocity=(0, 0, 0, 0, 0, 0), integrator="Euler"):
-        self._xml = f"""<mujoco><option timestep="0.002" integrator="{integrator}" tolerance="1e-15" ls_tolerance="1e-9"/><worldbody>
+        option = f'timestep="0.002" integrator="{integrator}" tolerance="1e-15" ls_tolerance="1e-9"'
+        self._xml = f"""<mujoco><option {option}/><worldbody>
           <geom name="floor" type="plane" size="2 2 .1"/>
           <body name="body" pos="0 0 .3"><freejoint/>{geom}</body></worldbody></mujoco>"""
         self._velocity = velocity

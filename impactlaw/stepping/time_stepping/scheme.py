@@ -43,8 +43,10 @@ from impactlaw.scene.joint_limits import Limits
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.stepping.compatibility import check_time_stepping
+from impactlaw.stepping.compiled.law_table import Coefficients
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_input, empty_state, is_huge, restore_state, save_state
+from impactlaw.stepping.law_targets import LawTargets
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.events import CollisionRecord
@@ -52,7 +54,6 @@ from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, InertialFor
 from impactlaw.stepping.time_stepping.margins import body_sizes, set_margins
 from impactlaw.stepping.time_stepping.problem.contact_problem import resolve_step
 from impactlaw.stepping.time_stepping.problem.dense import encode_pyramids, sparse_jacobian
-from impactlaw.stepping.time_stepping.problem.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.problem.rows import Rows, near_rows, read_rows
 from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
 from impactlaw.stepping.time_stepping.second_look import SecondLook
@@ -149,10 +150,9 @@ class TimeStepping:
         """What the law asks for."""
         return self._targets
 
-    @property
-    def labels(self) -> tuple[tuple[str, ...], Limits]:
-        """Names of geoms, and the limits."""
-        return self._names, self._limits
+    def coefficients(self) -> Coefficients:
+        """Return a table of the law's coefficients, which is empty yet."""
+        return Coefficients(self._targets, self._names, self._limits, self._model.njnt)
 
     @property
     def follows_surfaces(self) -> bool:
