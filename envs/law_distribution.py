@@ -120,9 +120,10 @@ def _distribution(value: Any) -> Any:
 
         value = getattr(scipy.stats, value[_SCIPY])(*value["args"], **value["kwds"])
     if hasattr(value, "rvs"):
+        frozen: Any = value
         if not hasattr(value, "support") or not hasattr(value, "dist"):
             raise OptionError(f"a distribution is a frozen one of scipy.stats, such as beta(2, 5), got {value!r}")
-        low, high = value.support()
+        low, high = frozen.support()
         if not 0.0 <= low <= high <= 1.0:
             raise OptionError(
                 f"restitution lies in [0, 1], but the distribution reaches from {low:g} to {high:g}; take one that "

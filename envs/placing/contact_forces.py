@@ -9,7 +9,7 @@ import numpy as np
 
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.scene.contacts import Contacts
-from impactlaw.scene.friction_rows import row_directions
+from impactlaw.scene.friction_rows import friction_on_contacts
 from impactlaw.stepping.impact_event import ImpactEvent
 
 
@@ -64,11 +64,12 @@ class ContactForces:
         mujoco.mj_kinematics(model, then)
         mujoco.mj_comPos(model, then)
         force, torque = impact.impulse[:, None] * event.contacts.normal, np.zeros((len(event.contacts), 3))
-        if isinstance(impact, FrictionImpact) and impact.collision.friction is not None:
-            rows = impact.collision.friction
-            slide, turn = row_directions(model, then, event.contacts, rows.contact, rows.jacobian)
-            np.add.at(force, rows.contact, impact.friction_impulse[:, None] * slide)
-            np.add.at(torque, rows.contact, impact.friction_impulse[:, None] * turn)
+        if isinstance(impact, FrictionImpact) and (rows := impact.collision.friction) is not None:
+            slide, torque = friction_on_contacts(
+                model, then, event.contacts,
+                contact=rows.contact, jacobian=rows.jacobian, impulse=impact.friction_impulse,
+            )  # fmt: skip
+            force = force + slide
         return on_bodies(model, then, event.contacts, force, torque)
 
 

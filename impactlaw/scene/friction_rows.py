@@ -191,33 +191,41 @@ def active_friction(
     return ActiveFriction(J, contact, mu, drift)
 
 
-def row_directions(
-    model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts, contact: np.ndarray, jacobian: np.ndarray
+def friction_on_contacts(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    contacts: Contacts,
+    *,
+    contact: np.ndarray,
+    jacobian: np.ndarray,
+    impulse: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the axes along which rows of friction slide, and about which they turn, world frame, (k, 3) each.
+    """Return impulses of friction on the second bodies of contacts, world frame: N s and N m s, (h, 3) each.
 
-    One of both is 0. Rows of sliding come first in a contact. A part of an axis that no body can move along is left
-    out: its row has no force.
+    They are the vectors whose generalised impulses are those of the rows, whatever axes these have. A part that no body
+    can move along is left out: its row has no impulse.
 
     Args:
         model: the scene.
         data: frames of the configuration that the rows are of.
         contacts: the contacts.
-        contact: index of the contact of each row, ascending, int (k,).
+        contact: index of the contact of each row, int (k,); rows of sliding come first in a contact.
         jacobian: ``J_t``, (k, nv).
+        impulse: of each row, (k,).
     """
-    slide, turn = np.zeros((2, len(contact), 3))
+    force, torque = np.zeros((2, len(contacts), 3))
+    dims, mus = pair_friction(model, contacts.geoms)
     for i in np.unique(contact).tolist():
         rows = np.flatnonzero(contact == i)
-        dim, mu = pair_friction(model, contacts.geoms[i : i + 1])
-        kinds = np.flatnonzero((np.arange(5) < dim[0] - 1) & (mu[0] > MIN_FRICTION))
+        kinds = np.flatnonzero((np.arange(5) < dims[i] - 1) & (mus[i] > MIN_FRICTION))
         if len(kinds) != len(rows):
-            kinds = np.flatnonzero((np.arange(5) < dim[0] - 1) & (mu[0] > NO_FRICTION))
-        moves, turns = _relative(model, data, contacts.position[i], tuple(model.geom_bodyid[contacts.geoms[i]]))
-        for row, kind in zip(rows, kinds, strict=True):
-            axes, J = (slide, moves) if kind < _TORSION else (turn, turns)
-            axes[row] = np.linalg.lstsq(J.T, jacobian[row], rcond=None)[0]
-    return slide, turn
+            kinds = np.flatnonzero((np.arange(5) < dims[i] - 1) & (mus[i] > NO_FRICTION))
+        parts = _relative(model, data, contacts.position[i], tuple(model.geom_bodyid[contacts.geoms[i]]))
+        slides = kinds < _TORSION
+        for which, moves, vector in ((rows[slides], parts[0], force), (rows[~slides], parts[1], torque)):
+            if len(which):
+                vector[i] = np.linalg.lstsq(moves.T, impulse[which] @ jacobian[which], rcond=None)[0]
+    return force, torque
 
 
 def tangential_impulses(model: mujoco.MjModel, contacts: Contacts, friction_impulse: np.ndarray) -> np.ndarray:
