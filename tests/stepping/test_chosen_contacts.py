@@ -178,6 +178,14 @@ def test_what_cannot_be_chosen_is_refused(options, chosen, error, message):
         Stepper(model, Moreau(0.5), **options, **chosen)
 
 
+def test_an_error_does_not_list_thousands_of_contacts():
+    body = '<body pos="{} 0 1"><freejoint/><geom name="b{}" size=".1"/></body>'
+    model, _ = compiled("".join(body.format(i, i) for i in range(40)))
+    with pytest.raises(UnknownNameError, match="and 740 more") as raised:
+        Stepper(model, Moreau(0.5), contacts="*Q*")
+    assert len(str(raised.value)) < 1000
+
+
 @pytest.mark.parametrize("options", RIGID.values(), ids=RIGID)
 def test_a_law_with_a_rule_of_its_own_is_refused(options):
     class Own(Law):
