@@ -6,8 +6,9 @@ import numpy as np
 
 from impactlaw.mechanics.tolerances import SIGNIFICANT
 from impactlaw.solvers.cones import CONE
-from impactlaw.solvers.cones.algebra.loops import kernel, plain
+from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain, zeros
 from impactlaw.solvers.cones.solve import linked_solve
+from impactlaw.solvers.friction.single_contact import SINGULAR, STEEP
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     contact_ints,
@@ -21,7 +22,8 @@ from impactlaw.stepping.compiled.access import (
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, keep
 from impactlaw.stepping.compiled.whitening import unwhiten
-from impactlaw.stepping.soft.compiled.rows import find, normal_velocities, reached_by, read, within_reach
+from impactlaw.stepping.soft.compiled.found import find, jacobian_of, normal_velocities, within_reach
+from impactlaw.stepping.soft.compiled.rows import reached_by, read
 from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, UNKNOWN
 from impactlaw.stepping.soft.tolerances import ROUNDING
 
@@ -46,28 +48,23 @@ def _key(w, found, i):
 
 
 @kernel
-def _offsets(w, law, found, rows, members, velocity):
-    """Return velocities of rows, less those aimed at, and velocities before, (n,) each; and whether all e are known."""
-    n = len(rows.nnz)
-    b, before = np.zeros(n), np.zeros(n)
+def _offsets(w, law, found, rows, members, velocity, before, b):
+    """Write velocities of rows, and these less what is aimed at, (n,) each; return whether all e are known."""
     for g in members:
-        i = rows.of[g]
-        row, first = found.row[i], rows.first[g]
+        i, first = rows.of[g], rows.first[g]
         e = law.restitution
         if np.isnan(e):
             key = _key(w, found, i)
             at = np.searchsorted(law.key, key)
             if at == len(law.key) or law.key[at] != key:
                 law.asked[0] = key
-                return b, before, False
+                return False
             e = law.value[at]
         for r in range(first, first + rows.count[g]):
-            s = 0.0
             for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
-                s += rows.val[a] * velocity[rows.col[a]]
-            before[r] = s
-            b[r] = (1.0 + (e if r == first else law.sliding)) * s
-    return b, before, True
+                before[r] += rows.val[a] * velocity[rows.col[a]]
+            b[r] = (1.0 + (e if r == first else law.sliding)) * before[r]
+    return True
 
 
 @plain
@@ -81,15 +78,106 @@ def _whitened_velocity(w, velocity, Mnnz, Madr, Mcol, factor, root, z):
 
 
 @plain
-def _book(found, rows, members, length, x, before, after, gamma_scale, sums):
-    """Add a collision to the sums; return its work, J."""
+def _alone(rows, first, count, b, G, x, z):
+    """Write impulses and jump of one contact that ends with all its velocities as aimed at; return whether it does.
+
+    ``Lambda = -G^-1 b`` must be in the cone, and friction not so large that there may be other solutions; so
+    `friction.single_contact` has it, too.
+    """
+    y = x[first : first + count]
+    for r in range(count):
+        i = first + r
+        for a in range(rows.adr[i], rows.adr[i] + rows.nnz[i]):
+            z[rows.col[a]] = rows.val[a]
+        for q in range(r + 1):
+            s, k = 0.0, first + q
+            for a in range(rows.adr[k], rows.adr[k] + rows.nnz[k]):
+                s += rows.val[a] * z[rows.col[a]]
+            G[r, q] = G[q, r] = s
+        for a in range(rows.adr[i], rows.adr[i] + rows.nnz[i]):
+            z[rows.col[a]] = 0.0
+        y[r] = -b[i]
+    side = 0.0
+    for r in range(1, count):
+        side += G[0, r] * G[0, r]
+    if y[0] <= 0.0 or side > STEEP * STEEP * G[0, 0] * G[0, 0] or not _eliminate(G, y, count):
+        y[:] = 0.0
+        return y[0] == 0.0 and b[first] >= 0.0
+    size = 0.0
+    for r in range(1, count):
+        size += y[r] * y[r]
+    if size > y[0] * y[0]:
+        y[:] = 0.0
+        return False
+    for r in range(first, first + count):
+        for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
+            z[rows.col[a]] += x[r] * rows.val[a]
+    return True
+
+
+@plain
+def _eliminate(G, y, n):
+    """Solve ``G y = y`` in place for a positive definite G, (n, n); return whether it is."""
+    for i in range(n):
+        pivot = G[i, i]
+        for k in range(i):
+            pivot -= G[i, k] * G[i, k]
+        if not pivot > SINGULAR * G[i, i]:
+            return False
+        G[i, i] = np.sqrt(pivot)
+        for r in range(i + 1, n):
+            for k in range(i):
+                G[r, i] -= G[r, k] * G[i, k]
+            G[r, i] /= G[i, i]
+    for i in range(n):
+        for k in range(i):
+            y[i] -= G[i, k] * y[k]
+        y[i] /= G[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            y[i] -= G[k, i] * y[k]
+        y[i] /= G[i, i]
+    return True
+
+
+@kernel
+def _solve(w, law, rows, members, b):
+    """Return impulses, (n,), jump, (nv,), and the natural map; one contact alone may have a closed form."""
+    n, k = len(rows.nnz), len(members)
+    if k == 1 and rows.count[members[0]] <= 3 and (law.exact or rows.count[members[0]] == 1):
+        x, z = np.zeros(n), np.zeros(w.nv)
+        if _alone(rows, rows.first[members[0]], rows.count[members[0]], b, np.empty((3, 3)), x, z):
+            return x, z, 0.0
+    first, count, kind = rows.first[members], rows.count[members], np.full(k, CONE, np.int32)
+    x, z, residual, _ = linked_solve(
+        rows.nnz, rows.adr, rows.col, rows.val, w.nv, model_ints(w, MODEL.dof_treeid, w.nv), first, count, kind,
+        zeros(k), zeros(n), b, zeros(n), law.exact, _TOLERANCE, _ROUNDS,
+    )  # fmt: skip
+    return x, z, residual
+
+
+@plain
+def _length(v):
+    s = 0.0
+    for i in range(len(v)):
+        s += v[i] * v[i]
+    return np.sqrt(s)
+
+
+@plain
+def _book(rows, members, x, z, before, smallest, sums):
+    """Add a collision to the sums, less its jump; return its work, J."""
     work, distant = 0.0, False
     for g in members:
         first = rows.first[g]
         for r in range(first, first + rows.count[g]):
-            work += 0.5 * x[r] * (before[r] + after[r])
-        mean = 0.5 * (before[first] + after[first])
-        distant = distant or (x[first] * length[g] > gamma_scale and mean > gamma_scale * length[g])
+            mean, length = before[r], 0.0
+            for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
+                mean += 0.5 * rows.val[a] * z[rows.col[a]]
+                length += rows.val[a] * rows.val[a]
+            work += x[r] * mean
+            length = np.sqrt(length)
+            distant = distant or (r == first and x[r] * length > smallest and mean > smallest * length)
     sums[COUNT] += 1.0
     sums[ENERGY] += work
     sums[DISTANT] += distant
@@ -99,36 +187,28 @@ def _book(found, rows, members, length, x, before, after, gamma_scale, sums):
 @kernel
 def _resolve(w, law, found, gamma, rounding, velocity, sums):
     """Resolve one collision: change the velocity, (nv,), and add to the sums; return how it has ended."""
-    rows = read(w, found, within_reach(w, found, gamma, law.rest_speed, rounding), law.frictional)
-    members = reached_by(rows, gamma, law.rest_speed, w.nv)
-    k, n = len(members), len(rows.nnz)
     Mnnz, Madr, Mcol = layout_of(w)
-    factor, root = data_floats(w, DATA.qLD, size(w, MODEL.nC)), np.sqrt(data_floats(w, DATA.qLDiagInv, w.nv))
-    whitened = np.empty(w.nv)
+    factor, inverse, root = (
+        data_floats(w, DATA.qLD, size(w, MODEL.nC)),
+        data_floats(w, DATA.qLDiagInv, w.nv),
+        numbers(w.nv),
+    )
+    for i in range(w.nv):
+        root[i] = np.sqrt(inverse[i])
+    jacobian = jacobian_of(w)
+    reached = within_reach(w, found, jacobian, gamma, law.rest_speed, rounding)
+    rows = read(w, found, jacobian, reached, root, law.frictional)
+    members, n = reached_by(rows, gamma, law.rest_speed, w.nv), len(rows.nnz)
+    whitened, before, b = numbers(w.nv), zeros(n), zeros(n)
     _whitened_velocity(w, velocity, Mnnz, Madr, Mcol, factor, root, whitened)
-    b, before, known = _offsets(w, law, found, rows, members, whitened)
-    if not known:
+    if not _offsets(w, law, found, rows, members, whitened, before, b):
         return UNKNOWN
-    first, count, kind = rows.first[members], rows.count[members], np.full(k, CONE, np.int32)
-    x, z, residual, _ = linked_solve(
-        rows.nnz, rows.adr, rows.col, rows.val, w.nv, model_ints(w, MODEL.dof_treeid, w.nv), first, count, kind,
-        np.zeros(k), np.zeros(n), b, np.zeros(n), law.exact, _TOLERANCE, _ROUNDS,
-    )  # fmt: skip
+    x, z, residual = _solve(w, law, rows, members, b)
     if not residual <= _ENOUGH:
         return PYTHON
-    speed, changed = np.sqrt((whitened * whitened).sum()), np.sqrt((z * z).sum())
-    length, after = np.zeros(len(rows.of)), before.copy()
-    for r in range(n):
-        for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
-            after[r] += rows.val[a] * z[rows.col[a]]
-    for g in members:
-        r = rows.first[g]
-        for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
-            length[g] += rows.val[a] ** 2
-        length[g] = np.sqrt(length[g])
-    work = _book(found, rows, members, length, x, before, after, SIGNIFICANT * speed, sums)
+    speed, changed = _length(whitened), _length(z)
+    work, larger = _book(rows, members, x, z, before, SIGNIFICANT * speed, sums), max(speed, changed)
     sums[INTENSITY] += changed
-    larger = max(speed, changed)
     if 2.0 * work > (_CREATED + 4.0 * residual) * larger * larger:
         return PYTHON
     velocity += unwhiten(z, factor, Mnnz, Madr, Mcol, root)
@@ -155,10 +235,12 @@ def collide(w, law, sums):
     if not lowest < -law.rest_speed:
         return FINE, False
     found = find(w)
-    gamma, qvel = np.empty(len(found.row)), velocity_of(w)
+    gamma, qvel = numbers(len(found.row)), velocity_of(w)
     if not normal_velocities(found, speeds, gamma) < -law.rest_speed:
         return FINE, False
-    rounding = ROUNDING * np.abs(gamma).max()
+    rounding = 0.0
+    for speed in gamma:
+        rounding = max(rounding, ROUNDING * abs(speed))
     velocity, status, changed = qvel.copy(), FINE, False
     while status == FINE:
         if sums[COUNT] >= law.most:
