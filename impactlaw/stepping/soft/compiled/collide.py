@@ -8,7 +8,6 @@ from impactlaw.mechanics.tolerances import SIGNIFICANT
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain, zeros
 from impactlaw.solvers.cones.solve import linked_solve
-from impactlaw.solvers.friction.single_contact import SINGULAR, STEEP
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     contact_ints,
@@ -22,6 +21,7 @@ from impactlaw.stepping.compiled.access import (
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, keep
 from impactlaw.stepping.compiled.whitening import unwhiten
+from impactlaw.stepping.soft.compiled.alone import solve_alone
 from impactlaw.stepping.soft.compiled.found import find, jacobian_of, normal_velocities, within_reach
 from impactlaw.stepping.soft.compiled.rows import reached_by, read
 from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, UNKNOWN
@@ -77,76 +77,13 @@ def _whitened_velocity(w, velocity, Mnnz, Madr, Mcol, factor, root, z):
         z[i] = s / root[i]
 
 
-@plain
-def _alone(rows, first, count, b, G, x, z):
-    """Write impulses and jump of one contact that ends with all its velocities as aimed at; return whether it does.
-
-    ``Lambda = -G^-1 b`` must be in the cone, and friction not so large that there may be other solutions; so
-    `friction.single_contact` has it, too.
-    """
-    y = x[first : first + count]
-    for r in range(count):
-        i = first + r
-        for a in range(rows.adr[i], rows.adr[i] + rows.nnz[i]):
-            z[rows.col[a]] = rows.val[a]
-        for q in range(r + 1):
-            s, k = 0.0, first + q
-            for a in range(rows.adr[k], rows.adr[k] + rows.nnz[k]):
-                s += rows.val[a] * z[rows.col[a]]
-            G[r, q] = G[q, r] = s
-        for a in range(rows.adr[i], rows.adr[i] + rows.nnz[i]):
-            z[rows.col[a]] = 0.0
-        y[r] = -b[i]
-    side = 0.0
-    for r in range(1, count):
-        side += G[0, r] * G[0, r]
-    if y[0] <= 0.0 or side > STEEP * STEEP * G[0, 0] * G[0, 0] or not _eliminate(G, y, count):
-        y[:] = 0.0
-        return y[0] == 0.0 and b[first] >= 0.0
-    size = 0.0
-    for r in range(1, count):
-        size += y[r] * y[r]
-    if size > y[0] * y[0]:
-        y[:] = 0.0
-        return False
-    for r in range(first, first + count):
-        for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
-            z[rows.col[a]] += x[r] * rows.val[a]
-    return True
-
-
-@plain
-def _eliminate(G, y, n):
-    """Solve ``G y = y`` in place for a positive definite G, (n, n); return whether it is."""
-    for i in range(n):
-        pivot = G[i, i]
-        for k in range(i):
-            pivot -= G[i, k] * G[i, k]
-        if not pivot > SINGULAR * G[i, i]:
-            return False
-        G[i, i] = np.sqrt(pivot)
-        for r in range(i + 1, n):
-            for k in range(i):
-                G[r, i] -= G[r, k] * G[i, k]
-            G[r, i] /= G[i, i]
-    for i in range(n):
-        for k in range(i):
-            y[i] -= G[i, k] * y[k]
-        y[i] /= G[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            y[i] -= G[k, i] * y[k]
-        y[i] /= G[i, i]
-    return True
-
-
 @kernel
 def _solve(w, law, rows, members, b):
     """Return impulses, (n,), jump, (nv,), and the natural map; one contact alone may have a closed form."""
     n, k = len(rows.nnz), len(members)
     if k == 1 and rows.count[members[0]] <= 3 and (law.exact or rows.count[members[0]] == 1):
         x, z = np.zeros(n), np.zeros(w.nv)
-        if _alone(rows, rows.first[members[0]], rows.count[members[0]], b, np.empty((3, 3)), x, z):
+        if solve_alone(rows, rows.first[members[0]], rows.count[members[0]], b, x, z):
             return x, z, 0.0
     first, count, kind = rows.first[members], rows.count[members], np.full(k, CONE, np.int32)
     x, z, residual, _ = linked_solve(
