@@ -5,8 +5,8 @@ from __future__ import annotations
 from impactlaw.stepping.impact_event import ImpactSums
 
 
-class ImpactTally:
-    r"""Sums up collisions for ``info``.
+def impact_info(sums: ImpactSums, *, diverged: bool = False) -> dict[str, int | float]:
+    r"""Return the entries of ``info``.
 
     | key | meaning | type, unit |
     |---|---|---|
@@ -23,25 +23,18 @@ class ImpactTally:
 
     With friction, and under time stepping, restitution that would create energy is scaled instead, so that the outcome
     is in S(v-): such collisions are not among the inadmissible ones (`FrictionImpact.restitution_scale` tells them).
+
+    Args:
+        sums: over the collisions of the step.
+        diverged: whether the simulation has left the finite numbers.
     """
-
-    def __init__(self) -> None:
-        self._sums = ImpactSums()
-
-    def add(self, sums: ImpactSums) -> None:
-        """Take up the collisions of some timesteps."""
-        if sums.count:
-            self._sums = self._sums.with_more(sums)
-
-    def info(self, *, diverged: bool = False) -> dict[str, int | float]:
-        """Return the entries of ``info``."""
-        sums = self._sums
-        return {
-            "impact/count": sums.count,
-            "impact/energy_change": sums.energy_change,
-            "impact/surface_work": sums.surface_work,
-            "impact/intensity": sums.intensity,
-            "impact/distant": sums.distant,
-            "impact/inadmissible": sums.inadmissible,
-            "impact/diverged": int(diverged),
-        }
+    count, energy_change, surface_work, intensity, distant, inadmissible = sums
+    return {
+        "impact/count": count,
+        "impact/energy_change": energy_change,
+        "impact/surface_work": surface_work,
+        "impact/intensity": intensity,
+        "impact/distant": distant,
+        "impact/inadmissible": inadmissible,
+        "impact/diverged": int(diverged),
+    }

@@ -36,7 +36,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
     nothing collides stay bit for bit what they were. What a reset simulates is under the law too where the
     environment simulates it in the same way as its steps.
 
-    ``info`` holds the entries of `ImpactTally`, summed over the timesteps of an environment step, zeros at a reset, and
+    ``info`` holds the entries of `impact_info`, summed over the timesteps of an environment step, zeros at a reset, and
     names the law and the restitution in force; `events` holds the collisions themselves. The wrapper may be anywhere
     among others, survives copies, pickling and ``gymnasium.make(env.spec)``, and follows an environment that compiles a
     new model.
@@ -271,7 +271,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
 def _is_bad(action: Any) -> bool:
     """Return whether an action holds numbers that are not finite."""
     values = np.asarray(action)
-    return values.dtype.kind == "f" and not math.isfinite(values.sum())
+    return values.dtype.kind == "f" and not math.isfinite(np.vdot(values, values)) and not np.isfinite(values).all()
 
 
 def _generator(env: gymnasium.Env) -> Mapping[str, Any] | None:

@@ -29,7 +29,13 @@ _PARTS = (
 )
 """Folders of this package whose functions are compiled; each calls functions of itself and of those before it."""
 
-_NUMBERS = ("laws/tolerances.py", "mechanics/tolerances.py", "scene/tolerances.py", "stepping/soft/tolerances.py")
+_NUMBERS = (
+    "laws/tolerances.py",
+    "mechanics/tolerances.py",
+    "scene/tolerances.py",
+    "stepping/soft/tolerances.py",
+    "solvers/friction/single_contact.py",
+)
 """Files whose numbers these functions have taken over."""
 
 

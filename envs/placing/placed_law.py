@@ -11,13 +11,12 @@ import mujoco
 
 from impactlaw.envs.episode_log import EpisodeLog
 from impactlaw.envs.episode_seeds import EpisodeSeeds
-from impactlaw.envs.info import ImpactTally
+from impactlaw.envs.info import impact_info
 from impactlaw.envs.law_options import LawOptions, describe_law
 from impactlaw.envs.placing.contact_forces import ContactForces
 from impactlaw.errors import DivergenceError, WrapperError
 from impactlaw.laws import Law
-from impactlaw.stepping.impact_event import ImpactEvent
-from impactlaw.stepping.integration import is_huge
+from impactlaw.stepping.impact_event import NOTHING, ImpactEvent
 from impactlaw.stepping.stepper import Stepper, Told
 
 
@@ -33,12 +32,12 @@ class PlacedLaw(ABC):
 
     def __init__(self, options: LawOptions, log: EpisodeLog | None):
         self.diverged = False
-        self._told: list[Told]
+        self._met: list[Told]
         self._options = self._in_force = options
         self._log = log
-        self._told, self._tally = [], ImpactTally()
-        self._stepper: Stepper | None = None
         self._forces: ContactForces | None = None
+        self.clear()
+        self._stepper: Stepper | None = None
         self._named: tuple[Law | None, dict[str, Any]] = None, {}
 
     @property
@@ -68,17 +67,17 @@ class PlacedLaw(ABC):
     @property
     def events(self) -> tuple[ImpactEvent, ...]:
         """The collisions of the last environment step, all its timesteps, in order."""
-        return tuple(event for told in self._told for event in (told() if callable(told) else told))
+        return tuple(event for told in self._met for event in (told() if callable(told) else told))
 
     def info(self) -> dict[str, int | float | str]:
-        """Return what `ImpactTally` says of the last environment step, and the law and restitution in force."""
+        """Return what `impact_info` says of the last environment step, and the law and restitution in force."""
         if self._named[0] is not self.law:
             self._named = self.law, describe_law(self.law)
-        return self._tally.info(diverged=self.diverged) | self._named[1]
+        return {**impact_info(self._sums, diverged=self.diverged), **self._named[1]}
 
     def clear(self) -> None:
         """Forget the last environment step."""
-        self._told, self._tally = [], ImpactTally()
+        self._met, self._sums = [], NOTHING
         self.diverged = False
         if self._forces is not None:
             self._forces.clear()
@@ -174,11 +173,12 @@ class PlacedLaw(ABC):
                 self.diverged = True
                 raise
             steps, half = steps - some, False
-            if stepper.told:
-                self._told.append(stepper.told)
-                self._tally.add(stepper.sums)
+            told = stepper.told
+            if told:
+                self._met.append(told)
+                self._sums = self._sums.with_more(stepper.sums) if self._sums.count else stepper.sums
             if self._forces is not None:
-                self._forces.add(data, some, stepper.events if stepper.told else ())
+                self._forces.add(data, some, stepper.events if told else ())
             if self._log is not None:
                 self._log.step(stepper, data, stepper.events)
 
@@ -209,12 +209,6 @@ class PlacedLaw(ABC):
         if not mujoco.mju_norm(data.ctrl) <= mujoco.mjMAXVAL:
             self.diverged = True
             raise DivergenceError(f"the controls at t = {data.time:g} s are not finite, or huge")
-
-    def _refuse_bad_state(self, data: mujoco.MjData) -> None:
-        """Under RK4 a state that is not finite, or huge, shows in the next timestep only."""
-        if is_huge(data):
-            self.diverged = True
-            raise DivergenceError(f"the state at t = {data.time:g} s is not finite, or huge")
 
 
 def name_of(target: Any) -> str:

@@ -63,3 +63,7 @@ class ImpactSums(NamedTuple):
     def with_more(self, other: ImpactSums) -> ImpactSums:
         """Return the sums over the collisions of both."""
         return ImpactSums(*(one + more for one, more in zip(self, other, strict=True)))
+
+
+NOTHING = ImpactSums()
+"""The sums over no collision."""

@@ -27,7 +27,7 @@ from impactlaw.stepping.compatibility import (
 )
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 from impactlaw.stepping.event_driven.scheme import RigidStepping
-from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums
+from impactlaw.stepping.impact_event import NOTHING, ImpactEvent, ImpactSums
 from impactlaw.stepping.plan import make_plan
 from impactlaw.stepping.selection import select
 from impactlaw.stepping.soft.scheme import SoftStepping
@@ -65,8 +65,8 @@ class Stepper:
         scheme: "event-driven", if not given, or "time-stepping" (rigid).
         friction: "coulomb", if not given, is exact Coulomb friction in collisions and in sustained contact, with the
             coefficients of the scene; "convex" its convex relaxation, in which contacts that slide also separate;
-            "ignore" leaves it out. Under soft contact that is the friction of collisions only. A law without friction of its own gets `Coulomb` around it where contacts
-            have friction.
+            "ignore" leaves it out. Under soft contact that is the friction of collisions only. A law without friction
+            of its own gets `Coulomb` around it where contacts have friction.
         overlap: "refuse" geoms that overlap and joints beyond their limits by more than gap_tolerance, or "push-out":
             move the configuration by the smallest shift in the kinetic metric that opens all gaps, with the velocity as
             it is. Looked at where the configuration is not the one that the last step has left, as at the start and
@@ -165,6 +165,7 @@ class Stepper:
         self.plan = make_plan(model, contact_model, scheme=scheme, friction=friction or "coulomb")
         self._events: Told = ()
         self._stepping = self._time_stepping() if way == "time-stepping" else self._located()
+        self._at_once = way == "soft" and not isinstance(self._stepping, SoftStepping)  # takes several steps at once
         self._warned = False
 
     def _time_stepping(self) -> TimeStepping | CompiledStepping:
@@ -247,7 +248,7 @@ class Stepper:
     def sums(self) -> ImpactSums:
         """Sums over the collisions of the last call; compiled soft steps know them without resolving any event."""
         if not self._events:
-            return ImpactSums()
+            return NOTHING
         known = getattr(self._events, "sums", None)
         return ImpactSums.of(self.events) if known is None else known
 
@@ -297,6 +298,11 @@ class Stepper:
         """
         if data.signature != self._model.signature:
             raise _other_model()
+        if steps.__class__ is not int or steps < 1:
+            check_count("steps", steps)
+        if self._at_once:
+            self._events = self._stepping.step(data, steps)  # pyright: ignore[reportCallIssue]
+            return
         if steps != 1:
             self._several(data, steps)
             return
@@ -306,10 +312,6 @@ class Stepper:
             warnings.warn(_CROWDED.format(data.time), ManyCollisionsWarning, stacklevel=2)
 
     def _several(self, data: mujoco.MjData, steps: int) -> None:
-        check_count("steps", steps)
-        if self._way == "soft" and not isinstance(self._stepping, SoftStepping):
-            self._events = self._stepping.step(data, steps)  # pyright: ignore[reportCallIssue]
-            return
         told: list[Told] = []
         for _ in range(steps):
             self.step(data)

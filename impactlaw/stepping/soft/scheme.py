@@ -176,8 +176,7 @@ class SoftStepping:
             mj_getState(model, data, self._before, _STATE)
             mj_step(model, data)
             events = self._collide_at_end(data) if data.ncon or data.nl else ()
-        if data.time <= time or count is not None:
-            _refuse_reset(data, time, count)
+        _refuse_reset(data, time, count)
         self._left_at = data.time
         if surfaces is not None:
             surfaces.end(data)
@@ -347,8 +346,8 @@ def _update(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def _refuse_reset(data: mujoco.MjData, time: float, count: int | None) -> None:
-    """Raise DivergenceError if MuJoCo has reset itself, which the time tells, or else the count of bad states."""
-    if data.time <= time or (count is not None and _bad_states(data) != count):
+    """Raise DivergenceError if MuJoCo has reset itself, which time or count of bad states tells, or will."""
+    if data.time <= time or (count is not None and _bad_states(data) != count) or is_huge(data):
         raise DivergenceError(f"MuJoCo met a state that is not finite, or huge, in the step after t = {time:g} s")
 
 

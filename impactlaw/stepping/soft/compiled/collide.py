@@ -6,7 +6,7 @@ import numpy as np
 
 from impactlaw.mechanics.tolerances import SIGNIFICANT
 from impactlaw.solvers.cones import CONE
-from impactlaw.solvers.cones.algebra.loops import kernel, plain
+from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain, zeros
 from impactlaw.solvers.cones.solve import linked_solve
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
@@ -21,7 +21,9 @@ from impactlaw.stepping.compiled.access import (
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, keep
 from impactlaw.stepping.compiled.whitening import unwhiten
-from impactlaw.stepping.soft.compiled.rows import find, normal_velocities, reached_by, read, within_reach
+from impactlaw.stepping.soft.compiled.alone import solve_alone
+from impactlaw.stepping.soft.compiled.found import find, jacobian_of, normal_velocities, within_reach
+from impactlaw.stepping.soft.compiled.rows import reached_by, read
 from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, UNKNOWN
 from impactlaw.stepping.soft.tolerances import ROUNDING
 
@@ -46,28 +48,23 @@ def _key(w, found, i):
 
 
 @kernel
-def _offsets(w, law, found, rows, members, velocity):
-    """Return velocities of rows, less those aimed at, and velocities before, (n,) each; and whether all e are known."""
-    n = len(rows.nnz)
-    b, before = np.zeros(n), np.zeros(n)
+def _offsets(w, law, found, rows, members, velocity, before, b):
+    """Write velocities of rows, and these less what is aimed at, (n,) each; return whether all e are known."""
     for g in members:
-        i = rows.of[g]
-        row, first = found.row[i], rows.first[g]
+        i, first = rows.of[g], rows.first[g]
         e = law.restitution
         if np.isnan(e):
             key = _key(w, found, i)
             at = np.searchsorted(law.key, key)
             if at == len(law.key) or law.key[at] != key:
                 law.asked[0] = key
-                return b, before, False
+                return False
             e = law.value[at]
         for r in range(first, first + rows.count[g]):
-            s = 0.0
             for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
-                s += rows.val[a] * velocity[rows.col[a]]
-            before[r] = s
-            b[r] = (1.0 + (e if r == first else law.sliding)) * s
-    return b, before, True
+                before[r] += rows.val[a] * velocity[rows.col[a]]
+            b[r] = (1.0 + (e if r == first else law.sliding)) * before[r]
+    return True
 
 
 @plain
@@ -80,16 +77,44 @@ def _whitened_velocity(w, velocity, Mnnz, Madr, Mcol, factor, root, z):
         z[i] = s / root[i]
 
 
+@kernel
+def _solve(w, law, rows, members, b):
+    """Return impulses, (n,), jump, (nv,), and the natural map; one contact alone may have a closed form."""
+    n, k = len(rows.nnz), len(members)
+    if k == 1 and rows.count[members[0]] <= 3 and (law.exact or rows.count[members[0]] == 1):
+        x, z = np.zeros(n), np.zeros(w.nv)
+        if solve_alone(rows, rows.first[members[0]], rows.count[members[0]], b, x, z):
+            return x, z, 0.0
+    first, count, kind = rows.first[members], rows.count[members], np.full(k, CONE, np.int32)
+    x, z, residual, _ = linked_solve(
+        rows.nnz, rows.adr, rows.col, rows.val, w.nv, model_ints(w, MODEL.dof_treeid, w.nv), first, count, kind,
+        zeros(k), zeros(n), b, zeros(n), law.exact, _TOLERANCE, _ROUNDS,
+    )  # fmt: skip
+    return x, z, residual
+
+
 @plain
-def _book(found, rows, members, length, x, before, after, gamma_scale, sums):
-    """Add a collision to the sums; return its work, J."""
+def _length(v):
+    s = 0.0
+    for i in range(len(v)):
+        s += v[i] * v[i]
+    return np.sqrt(s)
+
+
+@plain
+def _book(rows, members, x, z, before, smallest, sums):
+    """Add a collision to the sums, less its jump; return its work, J."""
     work, distant = 0.0, False
     for g in members:
         first = rows.first[g]
         for r in range(first, first + rows.count[g]):
-            work += 0.5 * x[r] * (before[r] + after[r])
-        mean = 0.5 * (before[first] + after[first])
-        distant = distant or (x[first] * length[g] > gamma_scale and mean > gamma_scale * length[g])
+            mean, length = before[r], 0.0
+            for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
+                mean += 0.5 * rows.val[a] * z[rows.col[a]]
+                length += rows.val[a] * rows.val[a]
+            work += x[r] * mean
+            length = np.sqrt(length)
+            distant = distant or (r == first and x[r] * length > smallest and mean > smallest * length)
     sums[COUNT] += 1.0
     sums[ENERGY] += work
     sums[DISTANT] += distant
@@ -99,36 +124,28 @@ def _book(found, rows, members, length, x, before, after, gamma_scale, sums):
 @kernel
 def _resolve(w, law, found, gamma, rounding, velocity, sums):
     """Resolve one collision: change the velocity, (nv,), and add to the sums; return how it has ended."""
-    rows = read(w, found, within_reach(w, found, gamma, law.rest_speed, rounding), law.frictional)
-    members = reached_by(rows, gamma, law.rest_speed, w.nv)
-    k, n = len(members), len(rows.nnz)
     Mnnz, Madr, Mcol = layout_of(w)
-    factor, root = data_floats(w, DATA.qLD, size(w, MODEL.nC)), np.sqrt(data_floats(w, DATA.qLDiagInv, w.nv))
-    whitened = np.empty(w.nv)
+    factor, inverse, root = (
+        data_floats(w, DATA.qLD, size(w, MODEL.nC)),
+        data_floats(w, DATA.qLDiagInv, w.nv),
+        numbers(w.nv),
+    )
+    for i in range(w.nv):
+        root[i] = np.sqrt(inverse[i])
+    jacobian = jacobian_of(w)
+    reached = within_reach(w, found, jacobian, gamma, law.rest_speed, rounding)
+    rows = read(w, found, jacobian, reached, root, law.frictional)
+    members, n = reached_by(rows, gamma, law.rest_speed, w.nv), len(rows.nnz)
+    whitened, before, b = numbers(w.nv), zeros(n), zeros(n)
     _whitened_velocity(w, velocity, Mnnz, Madr, Mcol, factor, root, whitened)
-    b, before, known = _offsets(w, law, found, rows, members, whitened)
-    if not known:
+    if not _offsets(w, law, found, rows, members, whitened, before, b):
         return UNKNOWN
-    first, count, kind = rows.first[members], rows.count[members], np.full(k, CONE, np.int32)
-    x, z, residual, _ = linked_solve(
-        rows.nnz, rows.adr, rows.col, rows.val, w.nv, model_ints(w, MODEL.dof_treeid, w.nv), first, count, kind,
-        np.zeros(k), np.zeros(n), b, np.zeros(n), law.exact, _TOLERANCE, _ROUNDS,
-    )  # fmt: skip
+    x, z, residual = _solve(w, law, rows, members, b)
     if not residual <= _ENOUGH:
         return PYTHON
-    speed, changed = np.sqrt((whitened * whitened).sum()), np.sqrt((z * z).sum())
-    length, after = np.zeros(len(rows.of)), before.copy()
-    for r in range(n):
-        for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
-            after[r] += rows.val[a] * z[rows.col[a]]
-    for g in members:
-        r = rows.first[g]
-        for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
-            length[g] += rows.val[a] ** 2
-        length[g] = np.sqrt(length[g])
-    work = _book(found, rows, members, length, x, before, after, SIGNIFICANT * speed, sums)
+    speed, changed = _length(whitened), _length(z)
+    work, larger = _book(rows, members, x, z, before, SIGNIFICANT * speed, sums), max(speed, changed)
     sums[INTENSITY] += changed
-    larger = max(speed, changed)
     if 2.0 * work > (_CREATED + 4.0 * residual) * larger * larger:
         return PYTHON
     velocity += unwhiten(z, factor, Mnnz, Madr, Mcol, root)
@@ -155,10 +172,12 @@ def collide(w, law, sums):
     if not lowest < -law.rest_speed:
         return FINE, False
     found = find(w)
-    gamma, qvel = np.empty(len(found.row)), velocity_of(w)
+    gamma, qvel = numbers(len(found.row)), velocity_of(w)
     if not normal_velocities(found, speeds, gamma) < -law.rest_speed:
         return FINE, False
-    rounding = ROUNDING * np.abs(gamma).max()
+    rounding = 0.0
+    for speed in gamma:
+        rounding = max(rounding, ROUNDING * abs(speed))
     velocity, status, changed = qvel.copy(), FINE, False
     while status == FINE:
         if sums[COUNT] >= law.most:

@@ -16,6 +16,8 @@ from impactlaw.stepping.soft.compiled.world import CALLBACK, FINE
 
 SUMS = 4
 """Numbers of `collide` for each step."""
+LEFT, TOTAL = 3, 4
+"""Places among the numbers: when the last step has ended, and where the sums over all steps begin."""
 
 
 class Context(NamedTuple):
@@ -26,7 +28,8 @@ class Context(NamedTuple):
         data: of the world.
         trial: other data.
         table: offsets of fields.
-        numbers: restitution, tangential restitution, rest speed, and the time at which the last step has ended.
+        numbers: restitution, tangential restitution, rest speed, the time at which the last step has ended, and the
+            sums over all steps that are taken, written.
         exact: exact Coulomb friction.
         frictional: contacts have friction.
         most: collisions of one step that are not to be reached.
@@ -35,8 +38,8 @@ class Context(NamedTuple):
         values: their restitution.
         callbacks: addresses of MuJoCo's callbacks, and how many.
         steps: to take.
-        states: room for the state at the start of each step, and how many numbers each.
-        sums: of each step, written.
+        states: room for the state at the start of each step, followed by its sums, see `collide`, and how many numbers
+            a state has.
         status: how the last step has ended, written.
         taken: steps that are over, written.
         asked: key of a contact that is not known, written.
@@ -59,10 +62,9 @@ class Context(NamedTuple):
     steps: int = 14
     states: int = 15
     state_size: int = 16
-    sums: int = 17
-    status: int = 18
-    taken: int = 19
-    asked: int = 20
+    status: int = 17
+    taken: int = 18
+    asked: int = 19
 
 
 CONTEXT = Context()
@@ -85,19 +87,23 @@ def steps(context):
     if _is_watched(longs(c[CONTEXT.callbacks], c[CONTEXT.callback_count])):
         c[CONTEXT.status] = CALLBACK
         return
-    numbers, width = floats(c[CONTEXT.numbers], 4), c[CONTEXT.state_size]
+    numbers, width = floats(c[CONTEXT.numbers], TOTAL + SUMS), c[CONTEXT.state_size]
+    numbers[TOTAL:] = 0.0
     while c[CONTEXT.taken] < c[CONTEXT.steps]:
         i = c[CONTEXT.taken]
+        state = c[CONTEXT.states] + 8 * (width + SUMS) * i
+        sums = floats(state + 8 * width, SUMS)
         c[CONTEXT.status] = linked_advance(
             c[CONTEXT.model], c[CONTEXT.data], c[CONTEXT.trial], c[CONTEXT.table],
             numbers[0], numbers[1], c[CONTEXT.exact] != 0, c[CONTEXT.frictional] != 0, numbers[2], c[CONTEXT.most],
             longs(c[CONTEXT.keys], c[CONTEXT.known]), floats(c[CONTEXT.values], c[CONTEXT.known]),
-            c[CONTEXT.asked : CONTEXT.asked + 1], numbers[3:4],
-            floats(c[CONTEXT.states] + 8 * width * i, width), floats(c[CONTEXT.sums] + 8 * SUMS * i, SUMS),
+            c[CONTEXT.asked : CONTEXT.asked + 1], numbers[LEFT:TOTAL],
+            floats(state, width), sums,
             c[CONTEXT.collides] != 0,
         )  # fmt: skip
         if c[CONTEXT.status] != FINE:
             return
+        numbers[TOTAL:] += sums
         c[CONTEXT.taken] += 1
 
 

@@ -1,46 +1,26 @@
-"""Contacts and limits of now in compiled code: MuJoCo's constraint rows, along normals and tangents, whitened."""
+"""Rows of contacts along normals and tangents in compiled code: MuJoCo's, whitened, and which meet which."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
 
 from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.scene.tolerances import NO_FRICTION
-from impactlaw.solvers.cones.algebra.loops import kernel, plain
+from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain, zeros
 from impactlaw.stepping.compiled.access import (
     contact_floats,
     contact_ints,
     data_floats,
-    jacobian_of,
     layout_of,
     model_ints,
-    number,
-    option,
     size,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
 from impactlaw.stepping.compiled.whitening import whiten
 
 Array = np.ndarray[Any, Any]
-
-_PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
-
-
-class Found(NamedTuple):
-    """The contacts and limits that MuJoCo's solver acts on.
-
-    Attributes:
-        row: MuJoCo's first row of each, int64 (h,).
-        contact: its number among MuJoCo's contacts, -1 for a limit, int64 (h,).
-        paired: whether it is a pyramid: pairs of rows, whose mean is the normal, int64 (h,).
-    """
-
-    row: Array
-    contact: Array
-    paired: Array
 
 
 class Rows(NamedTuple):
@@ -66,60 +46,10 @@ class Rows(NamedTuple):
 
 
 @kernel
-def find(w):
-    """Return the contacts and limits of now."""
-    limits, first, many = number(w, DATA.nl), number(w, DATA.ne) + number(w, DATA.nf), number(w, DATA.ncon)
-    address, dim = contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_ints(w, CONTACT.dim, 1)[:, 0]
-    pyramidal = option(w, MODEL.opt_cone) == _PYRAMIDAL
-    row, contact = np.empty(limits + many, np.int64), np.empty(limits + many, np.int64)
-    paired, h = np.zeros(limits + many, np.int64), limits
-    for i in range(limits):
-        row[i], contact[i] = first + i, -1
-    for i in range(many):
-        if address[i] >= 0:
-            row[h], contact[h], paired[h] = address[i], i, pyramidal and dim[i] > 1
-            h += 1
-    return Found(row[:h], contact[:h], paired[:h])
-
-
-@plain
-def normal_velocities(found, velocity, gamma):
-    """Write the contact velocities, (h,), from velocities of MuJoCo's rows, (nefc,); return the lowest."""
-    lowest = 0.0
-    for i in range(len(gamma)):
-        row = found.row[i]
-        gamma[i] = 0.5 * (velocity[row] + velocity[row + 1]) if found.paired[i] else velocity[row]
-        lowest = min(lowest, gamma[i])
-    return lowest
-
-
-@kernel
-def within_reach(w, found, gamma, speed, rounding):
-    """Return which contacts that do not separate, up to rounding, share a tree, in steps, with one that is faster than speed, bool."""
-    nnz, adr, col, val = jacobian_of(w)
-    tree, reached, more = model_ints(w, MODEL.dof_treeid, w.nv), np.zeros(len(gamma), np.bool_), True
-    mark = np.zeros(size(w, MODEL.ntree), np.bool_)
-    while more:
-        more = False
-        for i in range(len(gamma)):
-            if reached[i] or gamma[i] > rounding:
-                continue
-            r, near = found.row[i], gamma[i] < -speed
-            for a in range(adr[r], adr[r] + nnz[r]):
-                near = near or (val[a] != 0.0 and mark[tree[col[a]]])
-            if near:
-                reached[i] = more = True
-                for a in range(adr[r], adr[r] + nnz[r]):
-                    if val[a] != 0.0:
-                        mark[tree[col[a]]] = True
-    return reached
-
-
-@kernel
 def _count(w, found, reached, jacobian, frictional):
     """Return numbers of contacts, rows and entries that have room for the rows of contacts."""
     dim, mu = contact_ints(w, CONTACT.dim, 1)[:, 0], contact_floats(w, CONTACT.friction, 5)
-    nnz, adr, col, val = jacobian
+    nnz, start, col = jacobian.nnz, jacobian.start, jacobian.col
     tree, num = model_ints(w, MODEL.dof_treeid, w.nv), model_ints(w, MODEL.tree_dofnum, size(w, MODEL.ntree))
     contacts, rows, entries = 0, 0, 0
     mark = np.zeros(len(num), np.bool_)
@@ -131,31 +61,31 @@ def _count(w, found, reached, jacobian, frictional):
             for k in range(dim[c] - 1):
                 own += mu[c, k] > NO_FRICTION
         wide = 0
-        for a in range(adr[r], adr[r] + nnz[r]):
+        for a in range(start[r], start[r] + nnz[r]):
             t = tree[col[a]]
             if not mark[t]:
                 mark[t], wide = True, wide + num[t]
-        for a in range(adr[r], adr[r] + nnz[r]):
+        for a in range(start[r], start[r] + nnz[r]):
             mark[tree[col[a]]] = False
         contacts, rows, entries = contacts + 1, rows + own, entries + own * wide
     return contacts, rows, entries
 
 
 @kernel
-def read(w, found, reached, frictional):
-    """Return `Rows` of the contacts that are reached, bool (h,)."""
-    jacobian = jacobian_of(w)
-    nnz, adr, col, val = jacobian
+def read(w, found, jacobian, reached, root, frictional):
+    """Return `Rows` of the contacts that are reached, bool (h,); root is ``D^-1/2``, (nv,)."""
+    nnz, adr, start, col, val = jacobian
     k, n, m = _count(w, found, reached, jacobian, frictional)
-    of, first, count = np.empty(k, np.int64), np.empty(k, np.int32), np.empty(k, np.int32)
-    rownnz, rowadr, outcol, out = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(m, np.int32), np.empty(m)
+    of, places, out = np.empty(k, np.int64), np.empty(2 * k + 2 * n + m, np.int32), np.empty(m)
+    first, count, rownnz = places[:k], places[k : 2 * k], places[2 * k : 2 * k + n]
+    rowadr, outcol = places[2 * k + n : 2 * k + 2 * n], places[2 * k + 2 * n :]
     dim, mu = contact_ints(w, CONTACT.dim, 1)[:, 0], contact_floats(w, CONTACT.friction, 5)
     trees = size(w, MODEL.ntree)
     tree, treeadr = model_ints(w, MODEL.dof_treeid, w.nv), model_ints(w, MODEL.tree_dofadr, trees)
     treenum = model_ints(w, MODEL.tree_dofnum, trees)
     Mnnz, Madr, Mcol = layout_of(w)
-    factor, root = data_floats(w, DATA.qLD, size(w, MODEL.nC)), np.sqrt(data_floats(w, DATA.qLDiagInv, w.nv))
-    work, mark, mixed = np.zeros(w.nv), np.zeros(trees, np.bool_), np.empty(w.nv)
+    factor, work, mark = data_floats(w, DATA.qLD, size(w, MODEL.nC)), zeros(w.nv), np.zeros(trees, np.bool_)
+    mixed = numbers(w.nv)
     g, r, end = 0, 0, 0
     for i in range(len(reached)):
         if not reached[i]:
@@ -178,7 +108,7 @@ def read(w, found, reached, frictional):
                     mixed[a] = scale * val[adr[row + d] + a]
             rowadr[r] = end
             rownnz[r] = whiten(
-                wide, 0, col[adr[row] : adr[row] + wide], mixed, end, work, mark, factor, Mnnz, Madr, Mcol, root,
+                wide, 0, col[start[row] : start[row] + wide], mixed, end, work, mark, factor, Mnnz, Madr, Mcol, root,
                 tree, treeadr, treenum, out, outcol,
             )  # fmt: skip
             end += rownnz[r]
@@ -217,7 +147,7 @@ def reached_by(rows, gamma, speed, nv):
             reached[g], queue[end], end = True, g, end + 1
     if end == k:
         return queue
-    work, length = np.zeros(nv), np.empty(len(rows.nnz))
+    work, length = zeros(nv), numbers(len(rows.nnz))
     for i in range(len(length)):
         s = 0.0
         for a in range(rows.adr[i], rows.adr[i] + rows.nnz[i]):

@@ -1,4 +1,4 @@
-"""One step of `soft.scheme.SoftStepping` in compiled code, over MuJoCo's C functions; see there what each part is for."""
+"""One step of `scheme.SoftStepping` in compiled code, over MuJoCo's C functions; see there what each part is for."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, number, offset, option, size, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, ints, keep, long_at
 from impactlaw.stepping.soft.compiled.collide import collide
-from impactlaw.stepping.soft.compiled.rows import find, normal_velocities
+from impactlaw.stepping.soft.compiled.found import find, normal_velocities
 from impactlaw.stepping.soft.compiled.world import DIVERGED, FINE, PYTHON, Law, World
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -172,7 +172,7 @@ def advance(
         mj.set_state(model, data, address_of(state), STATE)
         return status
     left[0] = float_at(time_at)
-    if left[0] <= time or _bad_states(w) != bad:
+    if left[0] <= time or _bad_states(w) != bad or _is_huge(w):
         return DIVERGED
     return FINE
 

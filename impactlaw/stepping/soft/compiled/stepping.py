@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import ctypes
 import warnings
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import mujoco
@@ -13,21 +13,20 @@ import numpy as np
 
 from impactlaw.errors import DivergenceError, UncompiledWarning
 from impactlaw.laws import Coulomb, Law
-from impactlaw.stepping.collisions import Collider
 from impactlaw.stepping.compiled.engine import Pool
 from impactlaw.stepping.compiled.fields import DATA
 from impactlaw.stepping.compiled.law_table import Coefficients, reason
 from impactlaw.stepping.compiled.layout import table
 from impactlaw.stepping.compiled.libmujoco import callbacks
-from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums
+from impactlaw.stepping.impact_event import NOTHING, ImpactEvent, ImpactSums
 from impactlaw.stepping.integration import empty_state, restore_state
 from impactlaw.stepping.law_targets import LawTargets
 from impactlaw.stepping.soft.compiled import world
-from impactlaw.stepping.soft.compiled.entry import CONTEXT, SUMS, entry
+from impactlaw.stepping.soft.compiled.entry import CONTEXT, LEFT, SUMS, TOTAL, entry
 from impactlaw.stepping.soft.scheme import SoftStepping
 
 _EMPTY = "<mujoco/>"
-_LEFT = 3  # place of the time at which the last step has ended
+_DATA, _STEPS, _TAKEN, _STATUS = CONTEXT.data, CONTEXT.steps, CONTEXT.taken, CONTEXT.status
 
 
 class CompiledSoftStepping:
@@ -42,11 +41,12 @@ class CompiledSoftStepping:
         self._scheme, self._warn = scheme, warn
         model: Any = scheme.model
         self._model, self._trial, self._table, self._callbacks = model, mujoco.MjData(model), table(), callbacks()
-        self._room = len(empty_state(model))
-        self._states, self._sums = np.zeros((1, self._room)), np.zeros((1, SUMS))
-        self._numbers = np.array([np.nan, 0.0, scheme.rest_speed, np.nan])
+        self._room, self._steps = len(empty_state(model)), 1
+        self._states = np.zeros((1, self._room + SUMS))
+        self._numbers = np.array([np.nan, 0.0, scheme.rest_speed, np.nan, *np.zeros(SUMS)])
         self._context = np.zeros(len(CONTEXT), np.int64)
         self._at, self._pool = self._context.ctypes.data, None
+        self._fields, self._total = memoryview(self._context), memoryview(self._numbers)[TOTAL:]
         self._take_over()
 
     def _take_over(self) -> None:
@@ -73,7 +73,6 @@ class CompiledSoftStepping:
         arrays = {
             "table": self._table, "numbers": self._numbers, "keys": self._coefficients.key,
             "values": self._coefficients.value, "callbacks": self._callbacks, "states": self._states,
-            "sums": self._sums,
         }  # fmt: skip
         values = {name: array.ctypes.data for name, array in arrays.items()}
         values |= {
@@ -99,31 +98,30 @@ class CompiledSoftStepping:
         """Do what follows `mj_step1` in a step, and return the collisions; that is in Python."""
         return self._scheme.finish(data)
 
-    def step(self, data: mujoco.MjData, steps: int = 1) -> Collisions | tuple[()]:
-        """Advance by so many timesteps and return what tells their collisions."""
-        parts: list[_Replay | tuple[ImpactEvent, ...]] = []
+    def step(self, data: mujoco.MjData, steps: int = 1) -> Collisions | Part:
+        """Advance by so many timesteps, 1 or more, and return what tells their collisions."""
+        parts: list[Part] = []
         if self._reason is not None:
             self._in_python(data, steps, parts)
-            return Collisions(parts) if parts else ()
+            return _together(parts)
         if self._pool is None:
             self._pool = Pool(mujoco.MjModel.from_xml_string(_EMPTY), 1, 1, persistent=True)
-        if steps > len(self._sums):
-            self._states, self._sums = np.zeros((steps, self._room)), np.zeros((steps, SUMS))
+        if steps > self._steps:
+            self._steps, self._states = steps, np.zeros((steps, self._room + SUMS))
             self._write_context()
-        context, simulation = self._context, data
-        context[CONTEXT.data] = simulation._address  # pyright: ignore[reportAttributeAccessIssue]
+        fields, simulation = self._fields, data
+        fields[_DATA] = simulation._address  # pyright: ignore[reportAttributeAccessIssue]
         while steps:
-            context[CONTEXT.steps] = steps
+            fields[_STEPS] = steps
             if self._pool.apply(entry.address, self._at, save=False):
                 self._fail(data, self._pool.error(0))
-            taken, how = int(context[CONTEXT.taken]), int(context[CONTEXT.status])
+            taken, how = fields[_TAKEN], fields[_STATUS]
             steps -= taken
-            sums = self._sums[:taken]
-            if np.count_nonzero(sums[:, 0]):
-                parts.append(_Replay(self._scheme, self._states[:taken], sums))
+            if self._total[0]:
+                parts.append(Replay(self._scheme, self._states[:taken].copy(), self._total))
             if how != world.FINE:
                 steps -= self._go_on(how, data, steps, parts)
-        return Collisions(parts) if parts else ()
+        return _together(parts)
 
     def _go_on(self, how: int, data: mujoco.MjData, steps: int, parts: list[Any]) -> int:
         """Do what compiled code has left, and return how many steps that were."""
@@ -145,14 +143,14 @@ class CompiledSoftStepping:
             events = self._scheme.step(data)
             if events:
                 parts.append(events)
-        self._numbers[_LEFT] = data.time
+        self._numbers[LEFT] = data.time
 
     def _fail(self, data: mujoco.MjData, message: str) -> None:
         """Raise what MuJoCo has said, with data where it was."""
         simulation: Any = data
         for place in (DATA.pstack, DATA.pbase):  # what was on MuJoCo's stack is lost
             ctypes.c_size_t.from_address(simulation._address + int(self._table[place])).value = 0
-        restore_state(self._model, data, self._states[int(self._context[CONTEXT.taken])])
+        restore_state(self._model, data, self._states[int(self._context[CONTEXT.taken]), : self._room])
         raise mujoco.FatalError(message)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -164,11 +162,17 @@ class CompiledSoftStepping:
         self.__init__(state["scheme"], warn=state["warn"])
 
 
-class Collisions:
-    """The collisions of some steps; those in compiled code are resolved once more as events when somebody asks."""
+class Replay:
+    """The collisions of compiled steps, told by the scheme in Python when somebody asks: it takes them once more.
 
-    def __init__(self, parts: list[Any]):
-        self._parts = parts
+    Attributes:
+        sums: over the collisions; they need no events.
+    """
+
+    def __init__(self, scheme: SoftStepping, states: np.ndarray, total: memoryview):
+        self._scheme, self._collider, self._states = scheme, scheme.collider, states
+        count, energy, intensity, distant = total
+        self.sums = ImpactSums(int(count), energy, 0.0, intensity, int(distant), 0)
 
     def __call__(self) -> tuple[ImpactEvent, ...]:
         """Return them as events."""
@@ -176,36 +180,38 @@ class Collisions:
 
     @cached_property
     def _events(self) -> tuple[ImpactEvent, ...]:
-        parts = (part.events() if isinstance(part, _Replay) else part for part in self._parts)
-        return tuple(event for part in parts for event in part)
-
-    @cached_property
-    def sums(self) -> ImpactSums:
-        """What `impact_event.ImpactSums` says of them; it needs no events."""
-        total = ImpactSums()
-        for part in self._parts:
-            total = total.with_more(part.sums() if isinstance(part, _Replay) else ImpactSums.of(part))
-        return total
-
-
-class _Replay:
-    """The collisions of compiled steps, told by the scheme in Python, which takes these steps once more."""
-
-    def __init__(self, scheme: SoftStepping, states: np.ndarray, sums: np.ndarray):
-        self._scheme, self._collider, collided = scheme, scheme.collider, sums[:, 0] > 0
-        self._states, self._sums = states[collided], sums[collided]
-
-    def sums(self) -> ImpactSums:
-        count, energy, intensity, distant = self._sums.sum(axis=0).tolist()
-        return ImpactSums(int(count), energy, 0.0, intensity, int(distant), 0)
-
-    def events(self) -> tuple[ImpactEvent, ...]:
-        collider: Collider = self._collider
         scheme, data = copy.copy(self._scheme), mujoco.MjData(self._scheme.model)
-        scheme.set_law(collider.law)
+        scheme.set_law(self._collider.law)
         events: list[ImpactEvent] = []
-        for state in self._states:
+        collided = self._states[:, -SUMS] > 0
+        for state in self._states[collided, :-SUMS]:
             restore_state(scheme.model, data, state)
             scheme.forget()
             events += scheme.step(data)
         return tuple(events)
+
+
+class Collisions:
+    """Collisions of compiled steps and of steps in Python, in their order.
+
+    Attributes:
+        sums: over all of them.
+    """
+
+    def __init__(self, parts: list[Part]):
+        self._parts = parts
+        self.sums = reduce(ImpactSums.with_more, (getattr(p, "sums", None) or ImpactSums.of(p) for p in parts), NOTHING)
+
+    def __call__(self) -> tuple[ImpactEvent, ...]:
+        """Return them as events."""
+        return tuple(event for part in self._parts for event in (part if isinstance(part, tuple) else part()))
+
+
+Part = Replay | tuple[ImpactEvent, ...]
+"""Collisions of compiled steps, or of one step in Python."""
+
+
+def _together(parts: list[Part]) -> Collisions | Part:
+    if len(parts) == 1:
+        return parts[0]
+    return Collisions(parts) if parts else ()
