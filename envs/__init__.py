@@ -3,7 +3,9 @@
 import gymnasium
 
 from impactlaw.envs.base import ImpactEnv
+from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.placing.bare_dm_control import placed_law, put_law
+from impactlaw.envs.random_law import RandomLaw
 from impactlaw.envs.rendering import choose_backend
 from impactlaw.envs.replay import restart
 from impactlaw.envs.tasks.billiards import Billiards
@@ -17,7 +19,9 @@ __all__ = [
     "ImpactEnv",
     "ImpactLaw",
     "Juggler",
+    "LawDistribution",
     "NewtonsCradle",
+    "RandomLaw",
     "RockingBlock",
     "placed_law",
     "put_law",

@@ -18,7 +18,8 @@ from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 
 from impactlaw.envs.episode_log import episode_log
-from impactlaw.envs.info import ImpactTally
+from impactlaw.envs.episode_seeds import OUTCOMES, EpisodeSeeds
+from impactlaw.envs.info import impact_info
 from impactlaw.envs.law_options import LawOptions, check_reset, describe_law, portable_options
 from impactlaw.envs.rendering import Pictures, has_display
 from impactlaw.errors import ActionError, DivergenceError, RenderError, SceneError, UnknownNameError
@@ -26,6 +27,7 @@ from impactlaw.laws import Law
 from impactlaw.models import START, scene_path
 from impactlaw.settled import Settled
 from impactlaw.stepping.compatibility import check_count
+from impactlaw.stepping.impact_event import NOTHING, ImpactSums
 from impactlaw.stepping.integration import restore_state, save_state
 from impactlaw.stepping.stepper import Stepper
 
@@ -38,7 +40,7 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     A subclass names its scene and default law, may `edit` the scene, and says how an episode starts, what an action
     does, what is observed, and what the outcome is worth. Collisions are resolved by the law; an outcome that it would
-    put outside of the set of possible velocities is projected onto it and counted in ``info`` (`ImpactTally`).
+    put outside of the set of possible velocities is projected onto it and counted in ``info`` (`impact_info`).
     Observations beyond their space are clipped to it. If the simulation leaves the finite numbers, the episode is
     truncated where the step began and ``info["impact/diverged"]`` is 1.
 
@@ -129,6 +131,7 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             usual_scheme="event-driven",
             overlap=None,
         )
+        self._seeds = EpisodeSeeds(OUTCOMES)
         self._stepper = self._options.stepper(self.model)
         self._named = describe_law(self.law)
         self.render_mode = render_mode
@@ -227,8 +230,9 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             SceneError: the option means nothing to the contact model.
         """
         check_reset(options)
-        self._use(self._options.for_reset(options))
         super().reset(seed=seed)
+        self._seeds.begin(seed)
+        self._use(self._options.for_reset(options, self._seeds))
         generator = self.np_random.bit_generator.state
         mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key(START).id)
         self.driven = 0.0, 0.0
@@ -240,7 +244,7 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             self._log.begin(self.stepper, self.data, self._in_force, seed=seed, generator=generator)
         if self.render_mode == "human":
             self.render()
-        return self._observation(), ImpactTally().info() | self._named
+        return self._observation(), impact_info(NOTHING) | self._named
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance by `frame_skip` timesteps.
@@ -253,10 +257,10 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if not self._begun:
             raise ResetNeeded("an episode begins with reset(); call it before step()")
         self.act(self._within_space(action))
-        tally, before, driven = ImpactTally(), save_state(self.model, self.data), self.driven
+        sums, before, driven = NOTHING, save_state(self.model, self.data), self.driven
         try:
             for _ in range(self.frame_skip):
-                self._timestep(tally)
+                sums = sums.with_more(self._timestep())
         except DivergenceError:
             restore_state(self.model, self.data, before)
             self.driven = driven
@@ -269,7 +273,7 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             self._log.end_step(action, reward, bool(terminated), diverged)
         if self.render_mode == "human" and not diverged:
             self.render()
-        info = tally.info(diverged=diverged) | self._named
+        info = impact_info(sums, diverged=diverged) | self._named
         return self._observation(), float(reward), bool(terminated), diverged, info
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -305,14 +309,14 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._in_force = options
         self._named = describe_law(self.law)
 
-    def _timestep(self, tally: ImpactTally) -> None:
+    def _timestep(self) -> ImpactSums:
         if self.data.time > 0:
             self.drive()
         self.stepper.step(self.data)
-        tally.add(self.stepper.events)
         if self._log is not None:
             self._log.step(self.stepper, self.data, self.stepper.events)
         self.watch()
+        return self.stepper.sums
 
     def _observation(self) -> np.ndarray:
         space = self.observation_space

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
-from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.impact_event import ImpactSums
 
 
-class ImpactTally:
-    r"""Sums up collisions for ``info``.
+def impact_info(sums: ImpactSums, *, diverged: bool = False) -> dict[str, int | float]:
+    r"""Return the entries of ``info``.
 
     | key | meaning | type, unit |
     |---|---|---|
@@ -25,32 +23,18 @@ class ImpactTally:
 
     With friction, and under time stepping, restitution that would create energy is scaled instead, so that the outcome
     is in S(v-): such collisions are not among the inadmissible ones (`FrictionImpact.restitution_scale` tells them).
+
+    Args:
+        sums: over the collisions of the step.
+        diverged: whether the simulation has left the finite numbers.
     """
-
-    def __init__(self) -> None:
-        self._count = self._distant = self._inadmissible = 0
-        self._energy_change = self._surface_work = self._intensity = 0.0
-
-    def add(self, events: Iterable[ImpactEvent]) -> None:
-        """Take up the collisions of a timestep."""
-        for event in events:
-            impact = event.impact
-            self._count += 1
-            self._energy_change += impact.energy_change
-            self._surface_work += impact.surface_work
-            self._intensity += impact.intensity
-            self._distant += impact.has_distant_effect
-            projected = impact.target_contact_velocity is None
-            self._inadmissible += projected or not impact.violations.is_admissible()
-
-    def info(self, *, diverged: bool = False) -> dict[str, int | float]:
-        """Return the entries of ``info``."""
-        return {
-            "impact/count": self._count,
-            "impact/energy_change": self._energy_change,
-            "impact/surface_work": self._surface_work,
-            "impact/intensity": self._intensity,
-            "impact/distant": self._distant,
-            "impact/inadmissible": self._inadmissible,
-            "impact/diverged": int(diverged),
-        }
+    count, energy_change, surface_work, intensity, distant, inadmissible = sums
+    return {
+        "impact/count": count,
+        "impact/energy_change": energy_change,
+        "impact/surface_work": surface_work,
+        "impact/intensity": intensity,
+        "impact/distant": distant,
+        "impact/inadmissible": inadmissible,
+        "impact/diverged": int(diverged),
+    }

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import mujoco
 
-from impactlaw.errors import OptionError, RestitutionError, UnknownNameError
+from impactlaw.envs.episode_seeds import EpisodeSeeds
+from impactlaw.errors import OptionError, RestitutionError, SceneError, UnknownNameError
 from impactlaw.laws import Law, MaximalDissipation, make_law, portable
 from impactlaw.laws.restitution.from_scene import scene_law, scene_number
 from impactlaw.recording.properties import law_name
@@ -29,6 +31,7 @@ class LawOptions:
     Attributes:
         usual_scheme: of rigid contact, where no scheme is given.
         overlap: of event-driven and time-stepping steppers.
+        seed: of this episode, for a law that draws its outcomes and has no seed of its own.
     """
 
     law: str | Law | Mapping[str, Any]
@@ -40,14 +43,34 @@ class LawOptions:
     on_inadmissible: Literal["raise", "project", "allow"] = "project"
     usual_scheme: Literal["event-driven", "time-stepping"] = "time-stepping"
     overlap: Literal["refuse", "push-out"] | None = "push-out"
+    contacts: str | Sequence[str] | None = None
+    limits: bool = True
+    impulse_in_cfrc_ext: bool = False
+    seed: int | None = None
 
     def law_for(self, model: mujoco.MjModel) -> Law:
         """Return the law, for a model."""
-        return choose_law(model, self.law, self.restitution)
+        law = choose_law(model, self.law, self.restitution)
+        return law if self.seed is None else law.seeded(self.seed)
+
+    @cached_property
+    def draws(self) -> bool:
+        """Whether the law draws its outcomes, and has no seed of its own."""
+        try:
+            law = make_law(self.law, self.restitution)
+        except (RestitutionError, UnknownNameError):  # what is in the scene, or none
+            return False
+        return law.seeded(0) is not law
 
     def stepper(self, model: mujoco.MjModel) -> Stepper:
-        """Return a stepper for the model."""
+        """Return a stepper for the model.
+
+        Raises:
+            SceneError: an option means nothing to this contact model or scheme.
+            OptionError: impulse_in_cfrc_ext is neither True nor False.
+        """
         rigid = self.contact_model == "rigid"
+        self._check_forces(rigid)
         return Stepper(
             model,
             self.law_for(model),
@@ -55,9 +78,20 @@ class LawOptions:
             scheme=(self.scheme or self.usual_scheme) if rigid else self.scheme,
             friction=self.friction,
             overlap=self.overlap if rigid else None,
+            contacts=self.contacts,
+            limits=self.limits,
             rest_speed=self.rest_speed,
             on_inadmissible=self.on_inadmissible,
         )
+
+    def _check_forces(self, rigid: bool) -> None:
+        if not isinstance(self.impulse_in_cfrc_ext, bool):
+            raise OptionError(f"impulse_in_cfrc_ext is True or False, got {self.impulse_in_cfrc_ext!r}")
+        if self.impulse_in_cfrc_ext and rigid and (self.scheme or self.usual_scheme) == "event-driven":
+            raise SceneError(
+                "impulse_in_cfrc_ext means nothing to event-driven steps, which leave no forces of contact; use "
+                'scheme="time-stepping" or contact_model="soft"'
+            )
 
     def changed_stepper(self, stepper: Stepper, before: LawOptions) -> Stepper:
         """Return the stepper, which was by the options before, with the law of these; or another one if need be."""
@@ -68,14 +102,18 @@ class LawOptions:
         stepper.law = self.law_for(stepper.model)
         return stepper
 
-    def for_reset(self, options: Mapping[str, Any] | None) -> LawOptions:
-        """Return what is in force in an episode that is reset with these options; a law comes without restitution."""
+    def for_reset(self, options: Mapping[str, Any] | None, seeds: EpisodeSeeds) -> LawOptions:
+        """Return what is in force in an episode that is reset with these options; a law comes without restitution.
+
+        Args:
+            options: of the reset.
+            seeds: for a law that draws its outcomes.
+        """
         given = {name: value for name, value in (options or {}).items() if name in RESET}
-        if not given:
-            return self
         if "law" in given:
             given.setdefault("restitution", None)
-        return replace(self, **given)
+        asked, seed = replace(self, **given) if given else self, seeds.draw()
+        return replace(asked, seed=seed) if asked.draws else asked
 
     def settings(self, law: Law) -> dict[str, Any] | None:
         """Return reset options that make the same, as plain values; None for a law that has none."""
@@ -157,6 +195,8 @@ def portable_options(options: Mapping[str, Any]) -> dict[str, Any]:
             continue
         if name not in options:
             del result[name]
+    if result.get("contacts") is not None and not isinstance(result["contacts"], str):
+        result["contacts"] = list(result["contacts"])
     if result.get("log") is not None:
         result["log"] = str(result["log"])
     return result

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,6 +12,7 @@ import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 
 from impactlaw.envs.episode_log import episode_log
+from impactlaw.envs.episode_seeds import OUTCOMES, EpisodeSeeds
 from impactlaw.envs.law_options import RESET, LawOptions, check_reset, portable_options
 from impactlaw.envs.placing.gymnasium_steps import ignores_options, place
 from impactlaw.envs.placing.placed_law import PlacedLaw
@@ -35,7 +36,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
     nothing collides stay bit for bit what they were. What a reset simulates is under the law too where the
     environment simulates it in the same way as its steps.
 
-    ``info`` holds the entries of `ImpactTally`, summed over the timesteps of an environment step, zeros at a reset, and
+    ``info`` holds the entries of `impact_info`, summed over the timesteps of an environment step, zeros at a reset, and
     names the law and the restitution in force; `events` holds the collisions themselves. The wrapper may be anywhere
     among others, survives copies, pickling and ``gymnasium.make(env.spec)``, and follows an environment that compiles a
     new model.
@@ -45,9 +46,9 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
     law, or a restitution, that is set on the wrapper (``env.law = ...``, ``vec.set_attr("law", ...)``) takes effect
     with the next step and stays; the other arguments are settled when it is made, and setting them is an error.
 
-    ``cfrc_ext``, which Ant and Humanoid observe and are charged for, is what MuJoCo's contacts do within a timestep:
-    the impulses of the law, which act in no time, are not in it (they are in `events`), so that a hard landing costs
-    less than without the law.
+    ``cfrc_ext``, which Ant and Humanoid observe and are charged for, is what MuJoCo's contacts do within the last
+    timestep of a step: the impulses of the law, which act in no time, are not in it (they are in `events`), so that a
+    hard landing costs less than without the law, unless ``impulse_in_cfrc_ext`` puts them there.
 
     If the simulation leaves the finite numbers, where MuJoCo would silently go on from its initial state, the episode
     is truncated, not terminated, since no state of the task was reached: the observation is the last one before, the
@@ -68,6 +69,12 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         rest_speed: closing speed, m/s, above which a contact collides; see `Stepper`.
         on_inadmissible: what to do with an outcome of the law outside of S(v-): "raise", "project" it onto S(v-), or
             "allow" it; ``info["impact/inadmissible"]`` counts them.
+        contacts: which contacts between geoms the law is for: a pattern such as "*foot*" or "*foot*/floor", or several;
+            all if not given. Others stay MuJoCo's, or have E = 0 where contact is rigid; see `Stepper`.
+        limits: whether limits of joints and tendons obey the law, too; if not, they are as contacts left out.
+        impulse_in_cfrc_ext: whether ``cfrc_ext`` has the impulses of the law in it, as their mean force over the
+            environment step, all its timesteps, on top of what MuJoCo says of the last one. With rigid time stepping
+            it is the mean over the timesteps of all that contact does.
         log: file to record every timestep to, from the first reset on until `close`, such as ``run.rrd``, or
             ``run-{env}-{episode}.rrd`` for one per environment and episode (`EpisodeLog`). A file that is there is
             never written over: that is an error, but where ``{env}`` takes the next number. A model that the
@@ -84,6 +91,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
     """
 
     contact_model, scheme, friction = Settled(_ANEW), Settled(_RESET), Settled(_RESET)
+    contacts, limits, impulse_in_cfrc_ext = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
     rest_speed, on_inadmissible, log, log_every = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
 
     def __init__(
@@ -97,6 +105,9 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         friction: Literal["coulomb", "convex", "ignore"] | None = None,
         rest_speed: float | None = None,
         on_inadmissible: Literal["raise", "project", "allow"] = "project",
+        contacts: str | Sequence[str] | None = None,
+        limits: bool = True,
+        impulse_in_cfrc_ext: bool = False,
         log: str | Path | None = None,
         log_every: int = 1,
     ):
@@ -109,13 +120,16 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
             "rest_speed": rest_speed,
             "on_inadmissible": on_inadmissible,
         }
+        some = {"contacts": contacts, "limits": limits, "impulse_in_cfrc_ext": impulse_in_cfrc_ext}
         logged = {"log": log, "log_every": log_every}
-        RecordConstructorArgs.__init__(self, **portable_options(asked | logged))
+        RecordConstructorArgs.__init__(self, **portable_options(asked | some | logged))
         super().__init__(env)
-        for name in ("contact_model", "scheme", "friction", "rest_speed", "on_inadmissible"):
-            setattr(self, name, asked[name])
+        for name, value in (asked | some).items():
+            if name not in ("law", "restitution"):
+                setattr(self, name, value)
         self.log, self.log_every = log, log_every
-        self._placed: PlacedLaw | None = place(env, LawOptions(**asked), episode_log(log, log_every))
+        self._placed: PlacedLaw | None = place(env, LawOptions(**asked, **some), episode_log(log, log_every))
+        self._seeds = EpisodeSeeds(OUTCOMES)
         self._observation: Any = None
 
     @property
@@ -177,7 +191,8 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
             return self.env.reset(seed=seed, options=options)
         if ignores_options(self.env):
             check_reset(options)
-        placed.prepare_reset(options)
+        self._seeds.begin(seed)
+        placed.prepare_reset(options, self._seeds)
         generator = None if seed is not None else _generator(self.env)
         others = {name: value for name, value in (options or {}).items() if name not in RESET}
         self._observation, info = self.env.reset(seed=seed, options=others if options and others else None)
@@ -256,7 +271,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
 def _is_bad(action: Any) -> bool:
     """Return whether an action holds numbers that are not finite."""
     values = np.asarray(action)
-    return values.dtype.kind == "f" and not math.isfinite(values.sum())
+    return values.dtype.kind == "f" and not math.isfinite(np.vdot(values, values)) and not np.isfinite(values).all()
 
 
 def _generator(env: gymnasium.Env) -> Mapping[str, Any] | None:

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 from impactlaw.errors import ImpactLawError
 from impactlaw.laws import (
+    AnyOutcome,
     Compliant,
     Coulomb,
     Fremond,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AdmissibleSet",
+    "AnyOutcome",
     "Collision",
     "Compliant",
     "Contacts",

@@ -21,14 +21,21 @@ import numba
 _PARTS = (
     "solvers/cones/algebra",
     "solvers/cones",
+    "stepping/compiled",
     "stepping/time_stepping/problem",
     "stepping/time_stepping",
-    "stepping/time_stepping/compiled/structures",
     "stepping/time_stepping/compiled",
+    "stepping/soft/compiled",
 )
 """Folders of this package whose functions are compiled; each calls functions of itself and of those before it."""
 
-_NUMBERS = ("laws/tolerances.py",)
+_NUMBERS = (
+    "laws/tolerances.py",
+    "mechanics/tolerances.py",
+    "scene/tolerances.py",
+    "stepping/soft/tolerances.py",
+    "solvers/friction/single_contact.py",
+)
 """Files whose numbers these functions have taken over."""
 
 
@@ -70,7 +77,7 @@ def announce() -> None:
     """Tell on stderr, once, that what is compiled is going to be compiled now, if none of it is in the cache."""
     folder = cache_folder()
     if folder is None or not any(folder.rglob("*.nbi")):
-        print("impactlaw: compiling the steps of rigid contact, once; this takes about a minute", file=sys.stderr)
+        print("impactlaw: compiling contact, once; this takes about a minute", file=sys.stderr)
 
 
 def compiled(*signature: str) -> Callable[[Callable[..., Any]], Any]:

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+_MOST_LISTED = 40  # names in a message
+
 
 class ImpactLawError(Exception):
     """Base of every error raised on purpose by this package."""
@@ -32,8 +34,13 @@ class UnknownNameError(ImpactLawError, ValueError):
     def __init__(self, kind: str, name: object, known: Iterable[str]):
         known = sorted(known)
         near = difflib.get_close_matches(str(name), known, n=3, cutoff=0.4)
-        hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"known: {', '.join(known)}"
+        hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"known: {_listed(known)}"
         super().__init__(f"unknown {kind} {str(name)!r}; {hint}")
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = len(names) - _MOST_LISTED
+    return ", ".join(names[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
 class UnsolvableLawError(ImpactLawError):

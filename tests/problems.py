@@ -104,8 +104,8 @@ def _map(c: Collision) -> Law:
     return LinearMap(np.random.default_rng(6).normal(size=(nv, nv)))
 
 
-OF_SOME = {"routh", "compliant"}
-"""Laws that are for some collisions only: `laws/test_registry.py` tries them, and files of their own."""
+OF_SOME = {"routh", "compliant", "any-outcome"}
+"""Laws for some collisions only, or that draw: `laws/test_registry.py` tries them, and files of their own."""
 
 LAWS: dict[str, Callable[[Collision], Law]] = {
     "maximal dissipation": lambda c: MaximalDissipation(),

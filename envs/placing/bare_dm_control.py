@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -28,6 +28,9 @@ def put_law(
     friction: Literal["coulomb", "convex", "ignore"] | None = None,
     rest_speed: float | None = None,
     on_inadmissible: Literal["raise", "project", "allow"] = "project",
+    contacts: str | Sequence[str] | None = None,
+    limits: bool = True,
+    impulse_in_cfrc_ext: bool = False,
     log: str | Path | None = None,
     log_every: int = 1,
 ) -> PlacedLaw:
@@ -48,6 +51,9 @@ def put_law(
         friction: of rigid contact: "coulomb", if not given, "convex" or "ignore".
         rest_speed: closing speed, m/s, above which a contact collides.
         on_inadmissible: "raise", "project" or "allow".
+        contacts: which contacts between geoms the law is for; all if not given.
+        limits: whether limits of joints and tendons obey the law, too.
+        impulse_in_cfrc_ext: whether ``cfrc_ext`` after a step has the impulses of the law in it.
         log: file to record every timestep to, with episodes, and with actions and rewards of what this environment
             steps, or a wrapper that steps it.
         log_every: record every so many episodes.
@@ -73,6 +79,9 @@ def put_law(
         friction=friction,
         rest_speed=rest_speed,
         on_inadmissible=on_inadmissible,
+        contacts=contacts,
+        limits=limits,
+        impulse_in_cfrc_ext=impulse_in_cfrc_ext,
     )
     placed = OnDmControl(env, options, episode_log(log, log_every))
     placed.record_steps(env)

@@ -73,9 +73,11 @@ class OnPhysics(PlacedLaw):
         model, data = physics.model.ptr, physics.data.ptr
         if not physics.legacy_step:
             self._advance(model, data, nstep)
+            self._write_forces(model, data)
             return
         half = self._options.contact_model == "soft" and model.opt.integrator != _RK4
         self._advance(model, data, nstep, half=half)
+        self._write_forces(model, data)
         mujoco.mj_step1(model, data)
 
 

@@ -10,13 +10,14 @@ from typing import Any
 import mujoco
 
 from impactlaw.envs.episode_log import EpisodeLog
-from impactlaw.envs.info import ImpactTally
+from impactlaw.envs.episode_seeds import EpisodeSeeds
+from impactlaw.envs.info import impact_info
 from impactlaw.envs.law_options import LawOptions, describe_law
+from impactlaw.envs.placing.contact_forces import ContactForces
 from impactlaw.errors import DivergenceError, WrapperError
 from impactlaw.laws import Law
-from impactlaw.stepping.impact_event import ImpactEvent
-from impactlaw.stepping.integration import is_huge
-from impactlaw.stepping.stepper import Stepper
+from impactlaw.stepping.impact_event import NOTHING, ImpactEvent
+from impactlaw.stepping.stepper import Stepper, Told
 
 
 class PlacedLaw(ABC):
@@ -31,9 +32,11 @@ class PlacedLaw(ABC):
 
     def __init__(self, options: LawOptions, log: EpisodeLog | None):
         self.diverged = False
+        self._met: list[Told]
         self._options = self._in_force = options
         self._log = log
-        self._events: list[ImpactEvent] = []
+        self._forces: ContactForces | None = None
+        self.clear()
         self._stepper: Stepper | None = None
         self._named: tuple[Law | None, dict[str, Any]] = None, {}
 
@@ -64,24 +67,24 @@ class PlacedLaw(ABC):
     @property
     def events(self) -> tuple[ImpactEvent, ...]:
         """The collisions of the last environment step, all its timesteps, in order."""
-        return tuple(self._events)
+        return tuple(event for told in self._met for event in (told() if callable(told) else told))
 
     def info(self) -> dict[str, int | float | str]:
-        """Return what `ImpactTally` says of the last environment step, and the law and restitution in force."""
-        tally = ImpactTally()
-        tally.add(self._events)
+        """Return what `impact_info` says of the last environment step, and the law and restitution in force."""
         if self._named[0] is not self.law:
             self._named = self.law, describe_law(self.law)
-        return tally.info(diverged=self.diverged) | self._named[1]
+        return {**impact_info(self._sums, diverged=self.diverged), **self._named[1]}
 
     def clear(self) -> None:
         """Forget the last environment step."""
-        self._events = []
+        self._met, self._sums = [], NOTHING
         self.diverged = False
+        if self._forces is not None:
+            self._forces.clear()
 
-    def prepare_reset(self, options: Mapping[str, Any] | None) -> None:
+    def prepare_reset(self, options: Mapping[str, Any] | None, seeds: EpisodeSeeds) -> None:
         """Let what a reset asks for be in force in the episode that it begins, and record nothing meanwhile."""
-        self.use(self._options.for_reset(options))
+        self.use(self._options.for_reset(options, seeds))
         if self._log is not None:
             self._log.pause()
 
@@ -150,6 +153,8 @@ class PlacedLaw(ABC):
     def _stepper_for(self, model: mujoco.MjModel) -> Stepper:
         if self._stepper is None or self._stepper.model is not model:
             self._stepper = self._in_force.stepper(model)
+            if self._options.impulse_in_cfrc_ext:
+                self._forces = ContactForces(model, rigid=self._options.contact_model == "rigid")
         return self._stepper
 
     def _advance(self, model: mujoco.MjModel, data: mujoco.MjData, steps: int, *, half: bool = False) -> None:
@@ -157,16 +162,36 @@ class PlacedLaw(ABC):
         stepper = self._stepper_for(model)
         if self._log is not None:
             self._log.watch(stepper, data, self._in_force)
-        for i in range(steps):
+        while steps:
+            some = 1 if half or self._watched else steps
             try:
-                (stepper.finish_step if half and i == 0 else stepper.step)(data)
+                if half:
+                    stepper.finish_step(data)
+                else:
+                    stepper.step(data, some)
             except DivergenceError:
                 self.diverged = True
                 raise
-            if stepper.events:
-                self._events += stepper.events
+            steps, half = steps - some, False
+            told = stepper.told
+            if told:
+                self._met.append(told)
+                self._sums = self._sums.with_more(stepper.sums) if self._sums.count else stepper.sums
+            if self._forces is not None:
+                self._forces.add(data, some, stepper.events if told else ())
             if self._log is not None:
                 self._log.step(stepper, data, stepper.events)
+
+    @property
+    def _watched(self) -> bool:
+        """Whether every timestep is to be seen."""
+        return self._log is not None or (self._forces is not None and self._forces.of_every_timestep)
+
+    def _write_forces(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Compute ``cfrc_ext`` of the step that is over with the impulses of the law, if it was asked for."""
+        if self._forces is not None:
+            mujoco.mj_rnePostConstraint(model, data)
+            self._forces.write(data)
 
     def _set(self, **changes: Any) -> None:
         """Change what stands, and what is in force."""
@@ -184,12 +209,6 @@ class PlacedLaw(ABC):
         if not mujoco.mju_norm(data.ctrl) <= mujoco.mjMAXVAL:
             self.diverged = True
             raise DivergenceError(f"the controls at t = {data.time:g} s are not finite, or huge")
-
-    def _refuse_bad_state(self, data: mujoco.MjData) -> None:
-        """Under RK4 a state that is not finite, or huge, shows in the next timestep only."""
-        if is_huge(data):
-            self.diverged = True
-            raise DivergenceError(f"the state at t = {data.time:g} s is not finite, or huge")
 
 
 def name_of(target: Any) -> str:

@@ -9,7 +9,9 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.vector.worlds import Outcome, VectorWorlds
+from impactlaw.errors import RestitutionError
 from impactlaw.laws import Law, make_law
 
 
@@ -73,8 +75,8 @@ def make_planar(
     num_envs: int,
     *,
     name: str,
-    law: str | Law | list[Law] = "moreau",
-    restitution: Any = 0.0,
+    law: str | Law | list[Law] | LawDistribution = "moreau",
+    restitution: Any = None,
     nthread: int = 0,
     max_episode_steps: int | None = None,
     batch_options: Mapping[str, Any] | None = None,
@@ -85,14 +87,17 @@ def make_planar(
     Args:
         num_envs: number of worlds.
         name: of gymnasium's environment.
-        law: name of the law, or a law, or one for each world.
-        restitution: of a law that is given by its name.
+        law: name of the law, or a law, or one for each world, or a `LawDistribution`, from which each world draws the
+            law of each of its episodes.
+        restitution: of a law that is given by its name; 0 if not given.
         nthread: number of threads; 0 for one per processor.
         max_episode_steps: steps after which an episode is truncated.
         batch_options: of `impactlaw.Batch`.
         options: of gymnasium's environment.
     """
-    chosen = make_law(law, restitution) if isinstance(law, str) else law
+    if not isinstance(law, str) and restitution is not None:
+        raise RestitutionError(f"{law!r:.100} has its own restitution; leave restitution={restitution!r} out")
+    chosen = make_law(law, 0.0 if restitution is None else restitution) if isinstance(law, str) else law
     return VectorWorlds(
         Planar(name, **options), num_envs, chosen, nthread=nthread, max_episode_steps=max_episode_steps,
         options=batch_options,

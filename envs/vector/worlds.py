@@ -13,6 +13,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from impactlaw.batch import Batch
+from impactlaw.envs.episode_seeds import LAWS, EpisodeSeeds
+from impactlaw.envs.law_distribution import LawDistribution
+from impactlaw.envs.law_options import choose_law, describe_law
+from impactlaw.errors import OptionError
 from impactlaw.laws import Law
 
 
@@ -61,7 +65,8 @@ class VectorWorlds(VectorEnv):
     Args:
         task: what the worlds are for.
         num_envs: number of worlds.
-        law: the law of all worlds, or one for each.
+        law: the law of all worlds, or one for each, or a `LawDistribution` from which each world draws the law of each
+            of its episodes; ``info`` then has "impact/law" and "impact/restitution" of all worlds, at resets and steps.
         nthread: number of threads; 0 for one per processor.
         max_episode_steps: steps after which an episode is truncated; None for no limit.
         options: of `Batch`.
@@ -76,7 +81,7 @@ class VectorWorlds(VectorEnv):
         self,
         task: Task,
         num_envs: int,
-        law: Law | list[Law],
+        law: Law | list[Law] | LawDistribution,
         *,
         nthread: int = 0,
         max_episode_steps: int | None = None,
@@ -86,7 +91,13 @@ class VectorWorlds(VectorEnv):
         self.single_observation_space, self.single_action_space = task.observation_space, task.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self.batch = Batch(task.model, law, num_envs, nthread, **(options or {}))
+        self._laws = law if isinstance(law, LawDistribution) else None
+        first = _examples(law, task.model)[0] if isinstance(law, LawDistribution) else law
+        self.batch = Batch(task.model, first, num_envs, nthread, **(options or {}))
+        self._law_seeds = [EpisodeSeeds(LAWS) for _ in range(num_envs)]
+        self._named: dict[str, np.ndarray] = {}
+        for one in () if self._laws is None else _examples(self._laws, task.model):
+            self.batch.set_law(one, [0])  # which refuses what compiled code does not take
         self._qpos, self._qvel, self._ctrl = (self.batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
         self._rngs = [seeding.np_random(None)[0] for _ in range(num_envs)]
         self._elapsed, self._over = np.zeros(num_envs, int), np.ones(num_envs, bool)
@@ -102,14 +113,32 @@ class VectorWorlds(VectorEnv):
             for i in chosen:
                 if seeds[i] is not None:
                     self._rngs[i] = seeding.np_random(seeds[i])[0]
+                    self._law_seeds[i].begin(seeds[i])
         self._begin(chosen)
-        return self._task.observe(self._qpos, self._qvel), {}
+        return self._task.observe(self._qpos, self._qvel), self._info()
 
     def _begin(self, worlds: np.ndarray) -> None:
         self.batch.reset(worlds.tolist())
         for i in worlds:
+            self._draw_law(int(i))
             self._qpos[i], self._qvel[i] = self._task.start(self._rngs[i])
         self._elapsed[worlds], self._over[worlds] = 0, False
+
+    def _draw_law(self, world: int) -> None:
+        if self._laws is None:
+            return
+        drawn = self._laws.draw(self._law_seeds[world].generator)
+        law = choose_law(self._task.model, drawn["law"], drawn.get("restitution"))
+        self.batch.set_law(law, [world])
+        for name, value in describe_law(law).items():
+            kind: Any = object if isinstance(value, str) else float
+            self._named.setdefault(name, np.zeros(self.num_envs, kind))[world] = value
+
+    def _info(self) -> dict[str, np.ndarray]:
+        """Return the laws in force, where they are drawn."""
+        every = np.ones(self.num_envs, bool)
+        told = {name: value.copy() for name, value in self._named.items()}
+        return told | {f"_{name}": every for name in told}
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Step all worlds whose episode goes on, and reset the others."""
@@ -131,5 +160,17 @@ class VectorWorlds(VectorEnv):
                 truncated[going] = self._elapsed[going] >= self._limit
         if len(over):
             self._begin(over)
+        info |= self._info()
         self._over = terminated | truncated
         return self._task.observe(self._qpos, self._qvel), reward, terminated, truncated, info
+
+
+def _examples(laws: LawDistribution, model: mujoco.MjModel) -> list[Law]:
+    """Return one law of each kind.
+
+    Raises:
+        OptionError: friction is to be drawn, too.
+    """
+    if laws.friction is not None:
+        raise OptionError("friction of many worlds is settled when they are made (batch_options): leave it out of laws")
+    return [choose_law(model, given["law"], given.get("restitution")) for given in laws.examples()]

@@ -14,14 +14,13 @@ from impactlaw.batch.rows import Fields
 from impactlaw.errors import SceneError, UnknownNameError, WorldsFailedError
 from impactlaw.laws import Law
 from impactlaw.stepping.compatibility import check_count, check_law, check_model, check_speed
+from impactlaw.stepping.compiled.engine import Pool, functions
+from impactlaw.stepping.compiled.layout import table
 from impactlaw.stepping.plan import make_plan
-from impactlaw.stepping.time_stepping.compiled import status
+from impactlaw.stepping.time_stepping.compiled import memory, status
 from impactlaw.stepping.time_stepping.compiled.borrow import room
 from impactlaw.stepping.time_stepping.compiled.entry import WORLDS, many
-from impactlaw.stepping.time_stepping.compiled.structures import memory
-from impactlaw.stepping.time_stepping.compiled.structures.engine import Pool, functions
-from impactlaw.stepping.time_stepping.compiled.structures.layout import table
-from impactlaw.stepping.time_stepping.compiled.structures.memory import MEMORY
+from impactlaw.stepping.time_stepping.compiled.memory import MEMORY
 from impactlaw.stepping.time_stepping.compiled.world import SETTING
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from impactlaw.errors import SceneError
 from impactlaw.laws import Law
-from impactlaw.stepping.time_stepping.compiled.law_table import Coefficients, reason
+from impactlaw.stepping.compiled.law_table import Coefficients
+from impactlaw.stepping.time_stepping.compiled.reason import reason
 from impactlaw.stepping.time_stepping.compiled.world import SETTING
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
@@ -42,7 +43,7 @@ class Laws:
         why = reason(self._scheme)
         if why is not None:
             raise SceneError(f"a batch cannot be under this law: {why}; use Stepper, or another law")
-        table = Coefficients(self._scheme)
+        table = self._scheme.coefficients()
         row = self._scheme.settings()
         for world in worlds:
             self.settings[world], self._tables[world] = row, table

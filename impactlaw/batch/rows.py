@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import UnknownNameError
-from impactlaw.stepping.time_stepping.compiled.structures.engine import Pool, functions
-from impactlaw.stepping.time_stepping.compiled.structures.layout import data_offset
+from impactlaw.stepping.compiled.engine import Pool, functions
+from impactlaw.stepping.compiled.layout import data_offset
 
 _STATE = {
     "time": "TIME", "qpos": "QPOS", "qvel": "QVEL", "act": "ACT", "qacc_warmstart": "WARMSTART", "ctrl": "CTRL",

@@ -1,5 +1,6 @@
 """The impact laws, one file each."""
 
+from impactlaw.laws.any_outcome import AnyOutcome
 from impactlaw.laws.base import Law, RestitutionLaw, Target, energy_gain
 from impactlaw.laws.compliant import Compliant
 from impactlaw.laws.fremond import Fremond, Reversal
@@ -17,6 +18,7 @@ from impactlaw.laws.scattered import Scattered
 __all__ = [
     "DESCRIPTIONS",
     "LAWS",
+    "AnyOutcome",
     "Compliant",
     "Coulomb",
     "Fremond",

@@ -77,6 +77,10 @@ class Law(ABC):
         """The number e where ``gamma^h = -e gamma-`` for every contact of any collision, else None."""
         return None
 
+    def seeded(self, seed: int) -> Law:
+        """Return the law with this seed, 0 or more, if it draws its outcomes and has no seed of its own."""
+        return self
+
     @abstractmethod
     def target(self, collision: Collision) -> Target:
         """Return ``gamma^h`` for this collision.

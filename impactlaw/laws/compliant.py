@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError, RestitutionError, SolverError
 from impactlaw.laws.base import Law, Target, coefficient
-from impactlaw.laws.restitution.labels import canonical, put
+from impactlaw.laws.restitution.labels import canonical, find, patterns_of, put
 from impactlaw.mechanics.collision import Collision
 
 _STEP = 0.05  # timestep, in units of one over the largest frequency: energy is kept to 1e-9
@@ -39,7 +39,8 @@ class Compliant(Law):
     v+ is in S(v-).
 
     Attributes:
-        stiffness: ``k > 0``, N/m^p: one for all contacts, one per contact, or keyed by contact labels.
+        stiffness: ``k > 0``, N/m^p: one for all contacts, one per contact, or keyed by contact labels or
+            patterns of them.
         exponent: p in [1, 4].
         restitution: e in [0.01, 1], of each contact by itself.
 
@@ -165,12 +166,13 @@ class Compliant(Law):
         return result
 
     def _stiffness(self, labels: tuple[str, ...]) -> np.ndarray:
-        value = self.stiffness
+        value: Any = self.stiffness
         if isinstance(value, dict):
-            missing = [label for label in labels if canonical(label) not in value]
-            if missing:
-                raise RestitutionError(f"no stiffness for contact {missing[0]}")
-            return np.array([value[canonical(label)] for label in labels])
+            patterns = patterns_of(value)
+            found = [find(value, patterns, label) for label in labels]
+            if None in found:
+                raise RestitutionError(f"no stiffness for contact {labels[found.index(None)]}")
+            return np.array(found)
         if isinstance(value, tuple):
             if len(value) != len(labels):
                 raise RestitutionError(

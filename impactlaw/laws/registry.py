@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from impactlaw.errors import RestitutionError, UnknownNameError
+from impactlaw.laws.any_outcome import AnyOutcome
 from impactlaw.laws.base import Law
 from impactlaw.laws.compliant import Compliant
 from impactlaw.laws.fremond import Fremond, Reversal
@@ -18,7 +19,9 @@ from impactlaw.laws.newton import Newton
 from impactlaw.laws.poisson import Poisson
 from impactlaw.laws.restitution.portable import restored
 
-REGISTERED: tuple[type[Law], ...] = (MaximalDissipation, Moreau, Newton, Poisson, Fremond, Reversal, Routh, Compliant)
+REGISTERED: tuple[type[Law], ...] = (
+    MaximalDissipation, Moreau, Newton, Poisson, Fremond, Reversal, Routh, Compliant, AnyOutcome,
+)  # fmt: skip
 """A new law is one file, with its name and description on the class, and its class here."""
 
 LAWS: dict[str, Callable[[Any], Law]] = {law.name: law.of for law in REGISTERED}
@@ -32,12 +35,12 @@ def make_law(name: str | Path | Law | Mapping, restitution: Any = None) -> Law:
     """Return the law of that name.
 
     Args:
-        name: "maximal-dissipation", "moreau", "newton", "poisson", "fremond", "reversal", "routh" or "compliant"; a
-            `Law` is returned as is, and made again from what `portable` has written down, or from a file of that,
-            ``law.json``, as `impactlaw identify` writes it.
+        name: "maximal-dissipation", "moreau", "newton", "poisson", "fremond", "reversal", "routh", "compliant" or
+            "any-outcome"; a `Law` is returned as is, and made again from what `portable` has written down, or from a
+            file of that, ``law.json``, as `impactlaw identify` writes it.
         restitution: what the law takes: a coefficient (moreau, reversal, compliant), one or several or keyed ones,
             numbers or functions of speed (newton, poisson, routh), a matrix or a keyed one (fremond), nothing
-            (maximal-dissipation).
+            (maximal-dissipation, any-outcome).
 
     Raises:
         UnknownNameError: no such law; the message names the nearest ones.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import operator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import Law, Target, square_matrix
+from impactlaw.laws.drawing import checked_seed, generator
 from impactlaw.laws.friction.coulomb import Coulomb
 from impactlaw.mechanics.collision import Collision
 
@@ -23,12 +22,12 @@ class Scattered(Law):
     ``|delta| = |xi|`` in the kinetic metric: the covariance of relative errors, as `identification.fit` reports them.
 
     The sample is drawn from the seed and the collision's own numbers: the same collision has the same outcome, in every
-    process, and a run can be repeated. `sample` draws many.
+    process, and a run can be repeated. `sample` draws many. (`AnyOutcome` draws from all of S, around no law.)
 
     Attributes:
         law: the law in the middle.
         covariance: of xi: a variance that all contacts have, or a matrix, shape (h, h).
-        seed: of the samples, 0 or more.
+        seed: of the samples, 0 or more. None is 0, but environments then draw another one for each episode.
 
     Raises:
         RestitutionError: not a law without friction, not a covariance, or not a seed.
@@ -36,7 +35,7 @@ class Scattered(Law):
 
     law: Law
     covariance: ArrayLike
-    seed: int = field(default=0, kw_only=True)
+    seed: int | None = field(default=None, kw_only=True)
 
     def __post_init__(self):
         if not isinstance(self.law, Law) or isinstance(self.law, Coulomb):
@@ -58,9 +57,7 @@ class Scattered(Law):
             ):
                 raise RestitutionError("a covariance must be symmetric and positive semidefinite")
             object.__setattr__(self, "covariance", matrix)
-        seed = operator.index(self.seed)
-        if seed < 0:
-            raise RestitutionError(f"a seed must be 0 or more, got {seed}")
+        object.__setattr__(self, "seed", checked_seed(self.seed))
 
     @property
     def contact_labels(self) -> frozenset[str]:
@@ -73,6 +70,10 @@ class Scattered(Law):
         own = None if np.ndim(self.covariance) == 0 else len(np.asarray(self.covariance))
         return getattr(self.law, "contact_count", None) if own is None else own
 
+    def seeded(self, seed: int) -> Scattered:
+        """Return the law with this seed, if it has none of its own."""
+        return replace(self, seed=seed) if self.seed is None else self
+
     def target(self, collision: Collision) -> Target:
         """Return the contact velocities of the sample that belongs to this collision.
 
@@ -80,9 +81,7 @@ class Scattered(Law):
             RestitutionError: the covariance or the law is for another number of contacts.
             InvalidCollisionError: surfaces move against each other: there is no S(v-).
         """
-        digest = hashlib.sha256(collision.pre_velocity.tobytes() + np.ascontiguousarray(collision.jacobian).tobytes())
-        rng = np.random.default_rng([self.seed, int.from_bytes(digest.digest()[:8], "little")])
-        v = self.sample(collision, 1, rng)[0]
+        v = self.sample(collision, 1, generator(self.seed, collision))[0]
         return Target(collision.contact_velocity_after(v), v)
 
     def sample(self, collision: Collision, n: int, rng: np.random.Generator | int) -> np.ndarray:

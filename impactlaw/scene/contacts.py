@@ -116,6 +116,18 @@ def closes(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray, speed: 
     return False
 
 
+def constraint_rows(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray) -> np.ndarray:
+    """Return some of the rows of the Jacobian of MuJoCo's constraints of now, (k, nv)."""
+    if not mujoco.mj_isSparse(model):
+        return data.efc_J.reshape(data.nefc, model.nv)[rows]
+    J, nnz, adr = np.zeros((len(rows), model.nv)), data.efc_J_rownnz, data.efc_J_rowadr
+    values, columns = data.efc_J.reshape(-1), data.efc_J_colind.reshape(-1)
+    for out, row in zip(J, rows.tolist(), strict=True):
+        entries = slice(adr[row], adr[row] + nnz[row])
+        out[columns[entries]] = values[entries]
+    return J
+
+
 def row_velocities(model: mujoco.MjModel, data: mujoco.MjData, velocity: np.ndarray) -> np.ndarray:
     """Return the velocities, (nefc,), that MuJoCo's constraint rows of now would have at another qvel, (nv,)."""
     rows = np.empty(data.nefc)

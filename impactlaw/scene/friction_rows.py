@@ -8,10 +8,11 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from impactlaw.scene.contacts import Contacts
+from impactlaw.scene.contacts import Contacts, constraint_rows, sorted_geoms
 from impactlaw.scene.moving_surfaces import Surfaces
-from impactlaw.scene.tolerances import MIN_FRICTION
+from impactlaw.scene.tolerances import MIN_FRICTION, NO_FRICTION
 
+_PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 _TORSION = 2  # rows of a contact are two of sliding, one of torsion, two of rolling
 
 
@@ -136,6 +137,95 @@ def _relative(
         if body >= 0:
             mujoco.mj_jac(model, data, jacobian[0], jacobian[1], point, body)
     return other[0] - one[0], other[1] - one[1]
+
+
+class ActiveFriction(NamedTuple):
+    """Rows of friction of the contacts that MuJoCo's solver acts on, in the order of `contacts.active_contacts`.
+
+    Attributes:
+        jacobian: ``J_t``, (k, nv): sliding in m/s, torsion and rolling in rad/s.
+        contact: index of the contact of each row, ascending, int (k,).
+        coefficient: of each row, (k,).
+        drift: what surfaces add to the velocities ``J_t v``, (k,).
+    """
+
+    jacobian: np.ndarray
+    contact: np.ndarray
+    coefficient: np.ndarray
+    drift: np.ndarray
+
+
+def active_friction(
+    model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts, surfaces: Surfaces | None
+) -> ActiveFriction | None:
+    """Return the rows of friction of the contacts that MuJoCo's solver acts on; None if there are none.
+
+    They are those of MuJoCo's constraints, or, with pyramidal cones, half of the difference of two of these.
+
+    Args:
+        model: the scene.
+        data: its constraint rows of now.
+        contacts: `contacts.active_contacts`.
+        surfaces: those that move, with the motion of now.
+    """
+    found, index = data.contact, np.flatnonzero(data.contact.efc_address >= 0)
+    _, order, swapped = sorted_geoms(found.geom[index])
+    index = index[order]
+    mu = found.friction[index]
+    rows = (np.arange(5) < found.dim[index][:, None] - 1) & (mu > NO_FRICTION)
+    if not rows.any():
+        return None
+    contact, kind = np.nonzero(rows)
+    mu, address = mu[contact, kind], found.efc_address[index][contact]
+    if model.opt.cone == _PYRAMIDAL:
+        first = address + 2 * kind
+        J = (constraint_rows(model, data, first) - constraint_rows(model, data, first + 1)) / (2.0 * mu[:, None])
+    else:
+        J = constraint_rows(model, data, address + 1 + kind)
+    drift = np.zeros(len(contact))
+    if surfaces is not None:
+        velocity, spin, belt = (part[contact] for part in surfaces.motion(data, contacts))
+        axis = found.frame[index].reshape(-1, 3, 3)[contact, np.where(kind < _TORSION, kind + 1, kind - _TORSION)]
+        drift = np.vecdot(axis, np.where((kind < _TORSION)[:, None], velocity + belt, spin))
+        drift = np.where(swapped[contact], -drift, drift)
+    return ActiveFriction(J, contact, mu, drift)
+
+
+def friction_on_contacts(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    contacts: Contacts,
+    *,
+    contact: np.ndarray,
+    jacobian: np.ndarray,
+    impulse: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return impulses of friction on the second bodies of contacts, world frame: N s and N m s, (h, 3) each.
+
+    They are the vectors whose generalised impulses are those of the rows, whatever axes these have. A part that no body
+    can move along is left out: its row has no impulse.
+
+    Args:
+        model: the scene.
+        data: frames of the configuration that the rows are of.
+        contacts: the contacts.
+        contact: index of the contact of each row, int (k,); rows of sliding come first in a contact.
+        jacobian: ``J_t``, (k, nv).
+        impulse: of each row, (k,).
+    """
+    force, torque = np.zeros((2, len(contacts), 3))
+    dims, mus = pair_friction(model, contacts.geoms)
+    for i in np.unique(contact).tolist():
+        rows = np.flatnonzero(contact == i)
+        kinds = np.flatnonzero((np.arange(5) < dims[i] - 1) & (mus[i] > MIN_FRICTION))
+        if len(kinds) != len(rows):
+            kinds = np.flatnonzero((np.arange(5) < dims[i] - 1) & (mus[i] > NO_FRICTION))
+        parts = _relative(model, data, contacts.position[i], tuple(model.geom_bodyid[contacts.geoms[i]]))
+        slides = kinds < _TORSION
+        for which, moves, vector in ((rows[slides], parts[0], force), (rows[~slides], parts[1], torque)):
+            if len(which):
+                vector[i] = np.linalg.lstsq(moves.T, impulse[which] @ jacobian[which], rcond=None)[0]
+    return force, torque
 
 
 def tangential_impulses(model: mujoco.MjModel, contacts: Contacts, friction_impulse: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 
 from impactlaw.errors import InadmissibleImpactError
 from impactlaw.laws import Coulomb, Law
+from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.mechanics.bilateral import Bilateral
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction import Friction
@@ -46,10 +47,21 @@ class Closed(NamedTuple):
         gamma = self.jacobian @ velocity
         return gamma if self.drift is None else gamma + self.drift
 
-    def whitened(self, metric: KineticMetric) -> np.ndarray:
-        """Return the gradients where the kinetic metric is Euclidean, less what the constraints fix, (h, nv)."""
-        Y = metric.whiten_gradients(self.jacobian)
-        return Y if self.bilateral is None else Bilateral.of(metric.whiten_gradients(self.bilateral)).project(Y)
+    def coupled(self, metric: KineticMetric) -> np.ndarray:
+        """Return which contacts an impulse on each contact, friction included, can reach, bool (h, h)."""
+        J, owner = self.jacobian, np.arange(len(self.contacts))
+        if self.friction is not None:
+            J, owner = np.vstack([J, self.friction.jacobian]), np.concatenate([owner, self.friction.contact])
+        Y = metric.whiten_gradients(J)
+        if self.bilateral is not None:
+            Y = Bilateral.of(metric.whiten_gradients(self.bilateral)).project(Y)
+        norms = np.linalg.norm(Y, axis=1)
+        rows = np.abs(Y @ Y.T) > INFLUENCE * np.outer(norms, norms)
+        if self.friction is None:
+            return rows
+        found = np.zeros((len(self.contacts), len(self.contacts)), dtype=bool)
+        np.logical_or.at(found, (owner[:, None], owner), rows)
+        return found
 
     def collision(self, chosen: np.ndarray, metric: KineticMetric, velocity: np.ndarray) -> Collision:
         """Return the collision of some of the contacts, (k,) indices, at a velocity, (nv,)."""
@@ -65,6 +77,17 @@ class Closed(NamedTuple):
             surface_velocity=_part(after if before is None else before, chosen),
             post_surface_velocity=None if before is None else _part(after, chosen),
             friction=self.friction if self.friction is None or all_chosen else self.friction.select(chosen),
+        )
+
+    def select(self, which: np.ndarray) -> Closed:
+        """Return some of the contacts, int (k,)."""
+        return Closed(
+            self.contacts.select(which),
+            self.jacobian[which],
+            self.bilateral,
+            _part(self.drift, which),
+            _part(self.drift_before, which),
+            None if self.friction is None else self.friction.select(which),
         )
 
     def resting(self, velocity: np.ndarray, rounding: np.ndarray) -> Closed:
@@ -127,7 +150,7 @@ class Collider:
             UnsolvableLawError: the law has no solution.
             UnfinishedStepError: that takes too much work.
         """
-        Y = None
+        coupled = None
         closed = closed.resting(velocity, rounding)
         while True:
             gamma = closed.contact_velocity(velocity)
@@ -139,9 +162,9 @@ class Collider:
                 chosen = np.arange(len(gamma))
             else:
                 chosen = np.flatnonzero(gamma <= rounding)
-                if closed.friction is None:
-                    Y = closed.whitened(metric) if Y is None else Y
-                    chosen = _reached(Y, chosen, approaching)
+                if not approaching[chosen].all():
+                    coupled = closed.coupled(metric) if coupled is None else coupled
+                    chosen = _reached(coupled, chosen, approaching)
             if work is not None:
                 work.collide(len(chosen), friction=closed.friction is not None)
             collision = closed.collision(chosen, metric, velocity)
@@ -181,13 +204,9 @@ def _part(values: np.ndarray | None, chosen: np.ndarray) -> np.ndarray | None:
     return None if values is None else values[chosen]
 
 
-def _reached(gradients: np.ndarray, candidates: np.ndarray, approaching: np.ndarray) -> np.ndarray:
+def _reached(coupled: np.ndarray, candidates: np.ndarray, approaching: np.ndarray) -> np.ndarray:
     """Return the candidates that an impulse of an approaching contact can reach through others, as indices."""
-    if approaching[candidates].all():
-        return candidates
-    Y = gradients[candidates]
-    norms = np.linalg.norm(Y, axis=1)
-    coupled = np.abs(Y @ Y.T) > 1e-12 * np.outer(norms, norms)
+    coupled = coupled[np.ix_(candidates, candidates)]
     reached = approaching[candidates]
     count = 0
     while count < (count := int(np.count_nonzero(reached))):

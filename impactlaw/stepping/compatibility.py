@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import numbers
+from itertools import compress
 
 import mujoco
 import numpy as np
 
 from impactlaw.errors import OptionError, RestitutionError, SceneError
-from impactlaw.laws import Coulomb, Law, LinearMap, Routh
+from impactlaw.laws import Coulomb, Fremond, Law, LinearMap, Routh
+from impactlaw.laws.on_contacts import Chosen
 from impactlaw.laws.restitution.coefficients import ContactCoefficients
 from impactlaw.laws.restitution.labels import canonical, check_labels
 from impactlaw.scene.contacts import geom_names
@@ -84,8 +86,13 @@ def check_time_stepping(model: mujoco.MjModel) -> None:
         )
 
 
-def check_law(model: mujoco.MjModel, law: Law) -> None:
+def check_law(model: mujoco.MjModel, law: Law, chosen: Chosen | None = None) -> None:
     """Refuse a law that no collision of the scene can be resolved by.
+
+    Args:
+        model: the scene.
+        law: the law.
+        chosen: contacts that it is for; None for all.
 
     Raises:
         UnknownNameError: it is keyed by contacts that the scene cannot have; names the nearest ones.
@@ -101,8 +108,9 @@ def check_law(model: mujoco.MjModel, law: Law) -> None:
     if used:
         names = geom_names(model)
         pairs = tuple(f"{names[a]}/{names[b]}" for a, b in geom_pairs(model).geoms)
-        check_labels(used, pairs + Limits(model).names)
-        _check_all_named(inner, pairs + Limits(model).names)
+        check_labels(used, pairs + Limits(model).names, patterns=not isinstance(inner, Fremond))
+        known = pairs + Limits(model).names
+        _check_all_named(inner, known if chosen is None else tuple(compress(known, chosen.mask(known))))
     if size == 0:
         raise RestitutionError(f"{type(inner).__name__} has coefficients for no contact; key them by contact label")
     if size is not None and size > (most := most_contacts(model)):
@@ -116,11 +124,11 @@ def _check_all_named(law: Law, known: tuple[str, ...]) -> None:
     """Refuse a law that would end a run with the first collision of a contact that it does not name.
 
     Raises:
-        RestitutionError: it has a coefficient for some of these contacts only, and no default.
+        RestitutionError: it has a coefficient for some of these contacts only, and no default; or two for one.
     """
-    if not isinstance(law, ContactCoefficients) or law.default is not None:
+    if not isinstance(law, ContactCoefficients) or (law.default is not None and not law.has_patterns):
         return
-    missing = sorted({canonical(label) for label in known} - law.contact_labels)
+    missing = sorted(canonical(label) for label in set(known) if law.named(label) is None)
     if missing:
         more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
         raise RestitutionError(
@@ -143,7 +151,7 @@ def check_friction(law: Law, friction: str | None) -> None:
 
     Args:
         law: the law.
-        friction: the option of a stepper that was given; "soft" where MuJoCo has the friction.
+        friction: the option of a stepper that was given.
 
     Raises:
         RestitutionError: the law is a `Coulomb`, and that is in vain or contradicts the option.
@@ -152,9 +160,11 @@ def check_friction(law: Law, friction: str | None) -> None:
         raise RestitutionError("Routh's law has exact Coulomb friction: friction='convex' contradicts it; leave it out")
     if not isinstance(law, Coulomb) or friction is None:
         return
-    if friction in ("soft", "ignore"):
-        why = "friction is MuJoCo's in soft steps" if friction == "soft" else 'friction="ignore" leaves friction out'
-        raise RestitutionError(f"{why}: {law!r} would lose its friction; pass the law inside of it, {law.law!r}")
+    if friction == "ignore":
+        raise RestitutionError(
+            f'friction="ignore" leaves friction out: {law!r} would lose its friction; pass the law inside of it, '
+            f"{law.law!r}"
+        )
     if friction != {"exact": "coulomb", "convex": "convex"}[law.cone]:
         raise RestitutionError(f"friction={friction!r} contradicts the law, whose cone is {law.cone!r}; leave it out")
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,3 +27,43 @@ class ImpactEvent:
     contacts: Contacts
     impact: Impact
     qpos: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+
+class ImpactSums(NamedTuple):
+    """Sums over collisions; compiled steps know them without making an event of each.
+
+    Attributes:
+        count: collisions.
+        energy_change: of ``T+ - T-``, J.
+        surface_work: what moving surfaces did of that, J.
+        intensity: of ``|v+ - v-|`` in the kinetic metric, sqrt(J).
+        distant: collisions with a distant effect.
+        inadmissible: collisions whose outcome by the law left S(v-) and was projected or let through.
+    """
+
+    count: int = 0
+    energy_change: float = 0.0
+    surface_work: float = 0.0
+    intensity: float = 0.0
+    distant: int = 0
+    inadmissible: int = 0
+
+    @classmethod
+    def of(cls, events: Iterable[ImpactEvent]) -> ImpactSums:
+        """Sum up events."""
+        total = cls()
+        for event in events:
+            impact = event.impact
+            projected = impact.target_contact_velocity is None
+            inadmissible = projected or not impact.violations.is_admissible()
+            distant, work = int(impact.has_distant_effect), impact.surface_work
+            total = total.with_more(cls(1, impact.energy_change, work, impact.intensity, distant, int(inadmissible)))
+        return total
+
+    def with_more(self, other: ImpactSums) -> ImpactSums:
+        """Return the sums over the collisions of both."""
+        return ImpactSums(*(one + more for one, more in zip(self, other, strict=True)))
+
+
+NOTHING = ImpactSums()
+"""The sums over no collision."""

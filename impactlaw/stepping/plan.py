@@ -49,8 +49,8 @@ class Plan:
         passing: the check that no body passes through another: some bodies meet others that are not planes.
         turning: the same check's bound on rotation: some of those are not round.
         bilateral: equality constraints that no impulse may violate.
-        friction: some contacts have friction.
-        surfaces: surfaces that move by themselves: some mocap bodies can meet others, or belts with friction (rigid).
+        friction: some contacts have friction; of soft stepping, in collisions.
+        surfaces: surfaces that move by themselves: some mocap bodies can meet others, or belts with friction.
         inertia: a new factor of the mass matrix at every collision: it depends on the configuration.
         rest: the contact forces of a step that has moved nothing are tried in the next one.
         pairs: geoms that can meet.
@@ -99,8 +99,8 @@ def make_plan(
         "passing": located and len(solid) > 0,
         "turning": located and bool((model.geom_rbound[solid] > thin[solid]).any()),
         "bilateral": bool(bilateral_constraints(model).any()),
-        "friction": rigid and friction != "ignore" and bool(pairs.friction.any()),
-        "surfaces": bool(_moves(model, geoms).any()) or (rigid and bool((pairs.friction & _runs(model, geoms)).any())),
+        "friction": friction != "ignore" and bool(pairs.friction.any()),
+        "surfaces": bool(_moves(model, geoms).any() or (pairs.friction & _runs(model, geoms)).any()),
         "inertia": (len(geoms) > 0 or bool(Limits(model))) and not has_constant_inertia(model),
     }
     given = flags["bilateral"] or model.tendon_limited.any()
@@ -230,9 +230,8 @@ class _Reasons:
         )
         yield self._solver()
         yield from self._mujoco()
-        moves = _moves(self.model, self.pairs.geoms)
-        yield self._part("surfaces", "moving surfaces", lambda: self._first(moves), "no mocap body collides")
-        yield Part("sustained contact and friction", False, "MuJoCo's own")
+        yield from self._friction()
+        yield Part("sustained contact and its friction", False, "MuJoCo's own")
 
     def _first(self, chosen: np.ndarray) -> str:
         geoms, names = self.pairs.geoms, geom_names(self.model)

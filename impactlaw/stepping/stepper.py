@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 import mujoco
 
-from impactlaw.errors import ManyCollisionsWarning, SceneError, UnknownNameError
+from impactlaw.errors import ManyCollisionsWarning, SceneError, UncompiledWarning, UnknownNameError
 from impactlaw.laws import Coulomb, Law, MaximalDissipation
+from impactlaw.laws.on_contacts import restricted
 from impactlaw.laws.restitution.from_scene import scene_law
 from impactlaw.scene.tolerances import GAP_TOLERANCE
 from impactlaw.settled import Settled
@@ -25,15 +27,22 @@ from impactlaw.stepping.compatibility import (
 )
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 from impactlaw.stepping.event_driven.scheme import RigidStepping
-from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.impact_event import NOTHING, ImpactEvent, ImpactSums
 from impactlaw.stepping.plan import make_plan
-from impactlaw.stepping.soft.scheme import REST_SPEED, SoftStepping
+from impactlaw.stepping.selection import select
+from impactlaw.stepping.soft.scheme import SoftStepping
+from impactlaw.stepping.soft.tolerances import REST_SPEED
 
 if TYPE_CHECKING:
+    from impactlaw.stepping.soft.compiled.stepping import CompiledSoftStepping
     from impactlaw.stepping.time_stepping.compiled.stepping import CompiledStepping
     from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 _ANEW = "make a new Stepper"
+
+
+Told = tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]]
+"""Collisions, or what returns them."""
 
 
 class Stepper:
@@ -56,12 +65,16 @@ class Stepper:
         scheme: "event-driven", if not given, or "time-stepping" (rigid).
         friction: "coulomb", if not given, is exact Coulomb friction in collisions and in sustained contact, with the
             coefficients of the scene; "convex" its convex relaxation, in which contacts that slide also separate;
-            "ignore" leaves it out (rigid). A law without friction of its own gets `Coulomb` around it where contacts
-            have friction.
+            "ignore" leaves it out. Under soft contact that is the friction of collisions only. A law without friction
+            of its own gets `Coulomb` around it where contacts have friction.
         overlap: "refuse" geoms that overlap and joints beyond their limits by more than gap_tolerance, or "push-out":
             move the configuration by the smallest shift in the kinetic metric that opens all gaps, with the velocity as
             it is. Looked at where the configuration is not the one that the last step has left, as at the start and
             after a reset (event-driven; time stepping opens what overlaps over time).
+        contacts: which contacts between geoms the law is for: a pattern such as "*foot*" or "*foot*/floor", or several
+            (`laws.restitution.labels`); all if not given. The others are MuJoCo's soft contacts if contact_model is
+            "soft", and do not collide by the law; where contacts are rigid they have E = 0.
+        limits: whether the law is for the limits of joints and tendons, too; if not, they are as contacts left out.
         on_inadmissible: what to do with an outcome of the law outside of S(v-), that is one that would create
             energy or penetrate: "raise", the default, "project" it onto S(v-), or "allow" it. Under time stepping,
             where nothing penetrates, "project", the default, scales all restitution of a collision so that it creates
@@ -77,7 +90,7 @@ class Stepper:
             or time stepped if that would cost energy (event-driven, soft). A larger one allows more work.
         solver: a name from `impactlaw.solvers.SOLVERS`, or "auto" (event-driven, soft).
         compiled: take steps in compiled code where that covers the scene and the law, or "never"; "auto" is the default
-            and, if given, warns where steps are in Python (time stepping).
+            and, if given, warns where steps are in Python (time stepping, soft).
 
     Attributes:
         law: the law; set to another one, it takes effect with the next step. The other options can be read, not set.
@@ -93,11 +106,12 @@ class Stepper:
         RestitutionError: law="scene" and the scene carries none, or the law is for more contacts than the scene can
             have, or for other velocities, or for friction where there is none.
         UnknownNameError: no such option, or the law is keyed by contacts that the scene cannot have.
-        OptionError: rest_speed is not a speed, gap_tolerance no length, or max_events no count.
+        OptionError: rest_speed is not a speed, gap_tolerance no length, max_events no count, or contacts no patterns.
     """
 
     model, plan = Settled(_ANEW), Settled(_ANEW)
     contact_model, scheme, friction, overlap = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
+    contacts, limits = Settled(_ANEW), Settled(_ANEW)
     on_inadmissible, gap_tolerance, rest_speed = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
     on_unsolved, max_events, solver = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
     compiled = Settled(_ANEW)
@@ -111,6 +125,8 @@ class Stepper:
         scheme: Literal["event-driven", "time-stepping"] | None = None,
         friction: Literal["coulomb", "convex", "ignore"] | None = None,
         overlap: Literal["refuse", "push-out"] | None = None,
+        contacts: str | Sequence[str] | None = None,
+        limits: bool = True,
         on_inadmissible: Literal["raise", "project", "allow"] | None = None,
         on_unsolved: Literal["time-stepping", "raise"] | None = None,
         gap_tolerance: float | None = None,
@@ -143,10 +159,13 @@ class Stepper:
             setattr(self, name, value)
         self.model = self._model = model
         self._way = way
+        self.contacts, self.limits = contacts, limits
+        self._chosen = select(model, contacts, limits)
         self._law = self._known(law)
         self.plan = make_plan(model, contact_model, scheme=scheme, friction=friction or "coulomb")
-        self._events: tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]] = ()
+        self._events: Told = ()
         self._stepping = self._time_stepping() if way == "time-stepping" else self._located()
+        self._at_once = way == "soft" and not isinstance(self._stepping, SoftStepping)  # takes several steps at once
         self._warned = False
 
     def _time_stepping(self) -> TimeStepping | CompiledStepping:
@@ -154,7 +173,7 @@ class Stepper:
 
         return make_time_stepping(
             self._model,
-            self._law,
+            self._of_chosen(self._law),
             self.plan,
             friction=self.friction or "coulomb",
             on_inadmissible=self.on_inadmissible or "project",
@@ -162,18 +181,19 @@ class Stepper:
             compiled=self.compiled,
         )
 
-    def _located(self) -> RigidStepping | SoftStepping:
+    def _located(self) -> RigidStepping | SoftStepping | CompiledSoftStepping:
         """Return what resolves one collision after the other: event-driven or soft stepping."""
-        law, last = self._with_friction(self._law), self._with_friction(MaximalDissipation())
+        own = self._of_chosen(self._law)
+        law, last = self._with_friction(own), self._with_friction(MaximalDissipation())
         most = 100 if self.max_events is None else self.max_events
         inadmissible = self.on_inadmissible or "raise"
         collider = Collider(law, last, inadmissible, most, self.solver or "auto")
         if self._way == "soft":
             speed = REST_SPEED if self.rest_speed is None else self.rest_speed
-            return SoftStepping(self._model, collider, self.plan, rest_speed=speed)
+            return self._soft(SoftStepping(self._model, collider, self.plan, rest_speed=speed, chosen=self._chosen))
         friction, rest = self.friction or "coulomb", None
         if self.on_unsolved != "raise":
-            rest = RestOfStep(self._model, self._law, friction=friction, on_inadmissible=inadmissible)
+            rest = RestOfStep(self._model, own, friction=friction, on_inadmissible=inadmissible)
         return RigidStepping(
             self._model,
             collider,
@@ -183,6 +203,20 @@ class Stepper:
             push_out=self.overlap == "push-out",
             rest=rest,
         )
+
+    def _soft(self, scheme: SoftStepping) -> SoftStepping | CompiledSoftStepping:
+        """Return soft stepping in compiled code where it can be had."""
+        if self.compiled == "never":
+            return scheme
+        from impactlaw.stepping.compiled.layout import LayoutError
+        from impactlaw.stepping.soft.compiled.stepping import CompiledSoftStepping
+
+        try:
+            return CompiledSoftStepping(scheme, warn=self.compiled == "auto")
+        except LayoutError as error:
+            if self.compiled == "auto":
+                warnings.warn(f"steps are not compiled, but in Python: {error}", UncompiledWarning, stacklevel=4)
+            return scheme
 
     @property
     def law(self) -> Law:
@@ -197,16 +231,29 @@ class Stepper:
     @law.setter
     def law(self, law: Law | Literal["scene"]) -> None:
         known = self._known(law)
-        self._stepping.set_law(self._with_friction(known))
+        self._stepping.set_law(self._with_friction(self._of_chosen(known)))
         self._law = known
 
     @property
     def events(self) -> tuple[ImpactEvent, ...]:
-        """The collisions of the last step, in order; time stepping resolves its one when it is first asked for."""
+        """The collisions of the last call, in order; compiled steps resolve them when they are first asked for."""
         return self._events() if callable(self._events) else self._events
 
     @property
-    def stepping(self) -> RigidStepping | SoftStepping | TimeStepping | CompiledStepping:
+    def told(self) -> Told:
+        """The collisions of the last call, or what returns them, also after further steps: they may not be resolved."""
+        return self._events
+
+    @property
+    def sums(self) -> ImpactSums:
+        """Sums over the collisions of the last call; compiled soft steps know them without resolving any event."""
+        if not self._events:
+            return NOTHING
+        known = getattr(self._events, "sums", None)
+        return ImpactSums.of(self.events) if known is None else known
+
+    @property
+    def stepping(self) -> RigidStepping | SoftStepping | CompiledSoftStepping | TimeStepping | CompiledStepping:
         """What takes the steps: its class tells the way, and whether compiled code covers scene and law."""
         return self._stepping
 
@@ -228,11 +275,15 @@ class Stepper:
         """Steps so far whose shortfall was above 1e-6 of the largest contact velocity, or 1e-8 m/s (time stepping)."""
         return getattr(self._stepping, "short_steps", 0)
 
-    def step(self, data: mujoco.MjData) -> None:
-        """Advance data by one ``model.opt.timestep``.
+    def step(self, data: mujoco.MjData, steps: int = 1) -> None:
+        """Advance data by one ``model.opt.timestep``, or by several.
 
         Rigid steps leave frames and inertia current; soft ones leave them as `mj_step` does. A rigid step that raises
         leaves the state as it was before the step.
+
+        Args:
+            data: of the scene.
+            steps: timesteps; `events` are those of all of them.
 
         Raises:
             OverlapError: geoms overlap at the start by more than the gap tolerance, or are squeezed so that they cannot
@@ -247,10 +298,26 @@ class Stepper:
         """
         if data.signature != self._model.signature:
             raise _other_model()
+        if steps.__class__ is not int or steps < 1:
+            check_count("steps", steps)
+        if self._at_once:
+            self._events = self._stepping.step(data, steps)  # pyright: ignore[reportCallIssue]
+            return
+        if steps != 1:
+            self._several(data, steps)
+            return
         self._events = self._stepping.step(data)
         if isinstance(self._stepping, RigidStepping) and self._stepping.crowded and not self._warned:
             self._warned = True
             warnings.warn(_CROWDED.format(data.time), ManyCollisionsWarning, stacklevel=2)
+
+    def _several(self, data: mujoco.MjData, steps: int) -> None:
+        told: list[Told] = []
+        for _ in range(steps):
+            self.step(data)
+            if self._events:
+                told.append(self._events)
+        self._events = partial(_all_events, told) if told else ()
 
     def finish_step(self, data: mujoco.MjData) -> None:
         """Do what follows `mj_step1` in a soft step, as `mj_step2` does.
@@ -261,9 +328,9 @@ class Stepper:
         """
         if data.signature != self._model.signature:
             raise _other_model()
-        if not isinstance(self._stepping, SoftStepping):
+        if self._way != "soft":
             raise SceneError('only soft stepping can be cut in two halves; use step(), or contact_model="soft"')
-        self._events = self._stepping.finish(data)
+        self._events = self._stepping.finish(data)  # pyright: ignore[reportAttributeAccessIssue]
 
     def _known(self, law: Law | Literal["scene"]) -> Law:
         """Return the law, if it can be that of the scene and of the way to step."""
@@ -271,15 +338,24 @@ class Stepper:
             law = scene_law(self.model)
         if not isinstance(law, Law):
             raise UnknownNameError("law", law, ("scene", "a Law, see impactlaw.make_law"))
-        check_law(self.model, law)
-        check_friction(law, "soft" if self._way == "soft" else self.friction)
+        check_law(self.model, law, self._chosen)
+        check_friction(law, self.friction)
         return law
+
+    def _of_chosen(self, law: Law) -> Law:
+        """Return the law with E = 0 for contacts that it is not for; soft steps leave these to MuJoCo."""
+        return law if self._chosen is None or self._way == "soft" else restricted(law, self._chosen)
 
     def _with_friction(self, law: Law) -> Law:
         """Return the law with the friction of the contacts of the scene; time stepping adds it by itself."""
         if not self.plan.friction or self._way == "time-stepping" or law.has_friction:
             return law
         return Coulomb(law, cone="convex" if self.friction == "convex" else "exact")
+
+
+def _all_events(told: list[Told]) -> tuple[ImpactEvent, ...]:
+    """Return the events of several steps."""
+    return tuple(event for part in told for event in (part() if callable(part) else part))
 
 
 def _other_model() -> SceneError:
@@ -303,7 +379,7 @@ _KNOWN = {
 """What an error calls each option, and its values."""
 
 _UNUSED = {
-    "soft": ("scheme", "friction", "overlap", "on_unsolved", "gap_tolerance", "compiled"),
+    "soft": ("scheme", "overlap", "on_unsolved", "gap_tolerance"),
     "event-driven": ("rest_speed", "compiled"),
     "time-stepping": ("on_unsolved", "gap_tolerance", "max_events", "solver"),
 }

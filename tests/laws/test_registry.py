@@ -28,7 +28,10 @@ def test_one_contact(name):
     impact = example(name).resolve(c)
     assert impact.violations.is_admissible(1e-8)
     e = impact.post_contact_velocity[0] / -c.pre_contact_velocity[0]
-    assert e == pytest.approx(0.0 if name == "maximal-dissipation" else 0.6, abs=1e-8)
+    if name == "any-outcome":
+        assert 0.0 <= e <= 1.0
+    else:
+        assert e == pytest.approx(0.0 if name == "maximal-dissipation" else 0.6, abs=1e-8)
 
 
 @pytest.mark.parametrize("name", [name for name in LAWS if name not in ("fremond", "routh")])
@@ -67,8 +70,7 @@ def test_every_way_to_step(name, options):
     impact = stepper.events[0].impact
     assert impact.violations.is_admissible(1e-7)
     assert impact.energy_change <= 1e-9
-    if options.get("contact_model") != "soft":  # there friction is MuJoCo's, before and after
-        assert impact.post_velocity[0] < 0.9
+    assert impact.post_velocity[0] < 0.9
 
 
 def test_friction_is_not_lost():

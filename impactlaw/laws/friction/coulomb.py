@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -91,6 +91,11 @@ class Coulomb(Law):
     def contact_labels(self) -> frozenset[str]:
         """Labels that the inner law was keyed with, in canonical order."""
         return getattr(self.law, "contact_labels", frozenset())
+
+    def seeded(self, seed: int) -> Coulomb:
+        """Return the law with this seed in the inner law, if that draws its outcomes and has none."""
+        inner = self.law.seeded(seed)
+        return self if inner is self.law else replace(self, law=inner)
 
     def target(self, collision: Collision) -> Target:
         """Return ``gamma^h`` of the inner law."""

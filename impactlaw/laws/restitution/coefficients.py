@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import islice
 from typing import Any
 
 import numpy as np
 
 from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import coefficient
-from impactlaw.laws.restitution.labels import canonical, put
+from impactlaw.laws.restitution.labels import canonical, find, patterns_of, put
 from impactlaw.mechanics.collision import Collision
+
+_MOST_SHOWN = 32  # entries of a mapping
 
 Coefficient = float | Callable[[float], float]
 Coefficients = Coefficient | Sequence[Coefficient] | Mapping[str | tuple[str, str], Coefficient]
@@ -27,7 +31,8 @@ class ContactCoefficients:
 
     Attributes:
         restitution: one coefficient for every contact, a sequence with one per contact, or a mapping from contact
-            labels, ``("ball1", "floor")`` or ``"ball1/floor"`` in either order, to coefficients. A sequence is for
+            labels, ``("ball1", "floor")`` or ``"ball1/floor"`` in either order, or patterns of these
+            (`restitution.labels`), to coefficients. A sequence is for
             collisions of exactly as many contacts, in their order: while a scene moves these are rarely the same, so
             that a step in which others collide raises. Labels follow the contacts.
         default: coefficient of contacts that the mapping does not name; without it such a contact is an error, and a
@@ -72,6 +77,15 @@ class ContactCoefficients:
         """Labels the law was keyed with, in canonical order; empty if it was not."""
         return frozenset(self._table or ())
 
+    @cached_property
+    def _patterns(self) -> tuple[str, ...]:
+        return patterns_of(self._table or ())
+
+    @property
+    def has_patterns(self) -> bool:
+        """Whether some of these labels are patterns."""
+        return bool(self._patterns)
+
     @property
     def contact_count(self) -> int | None:
         """Number of contacts that the law is for; None if for any."""
@@ -84,9 +98,9 @@ class ContactCoefficients:
             RestitutionError: as many coefficients as contacts are needed; a contact is not named and no default set;
                 or a function of speed returns what is not in [0, 1].
         """
-        labels, value, table = collision.labels, self.restitution, self._table
-        if table is not None:
-            given = [self._lookup(table, label) for label in labels]
+        labels, value = collision.labels, self.restitution
+        if self._table is not None:
+            given = [self._lookup(label) for label in labels]
         elif isinstance(value, tuple):
             if len(value) != len(labels):
                 raise RestitutionError(
@@ -108,8 +122,16 @@ class ContactCoefficients:
     def _table(self) -> dict[str, Coefficient] | None:
         return self.restitution if isinstance(self.restitution, dict) else None  # pyright: ignore[reportReturnType]
 
-    def _lookup(self, table: dict[str, Coefficient], label: str) -> Coefficient:
-        e = table.get(canonical(label), self.default)
+    def named(self, label: str) -> Coefficient | None:
+        """Return the coefficient of a contact where the law is keyed by labels; None if it has none.
+
+        Raises:
+            RestitutionError: the label matches patterns with different coefficients.
+        """
+        return find(self._table or {}, self._patterns, label, self.default)
+
+    def _lookup(self, label: str) -> Coefficient:
+        e = self.named(label)
         if e is None:
             raise RestitutionError(
                 f"{type(self).__name__} has no restitution for contact {label}, and no default: name it, or give one"
@@ -145,7 +167,10 @@ def _at(e: Any, speed: float, label: str) -> float:
 
 def _shown(value: object) -> str:
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key!r}: {_shown(e)}" for key, e in value.items()) + "}"
+        shown = [f"{key!r}: {_shown(e)}" for key, e in islice(value.items(), _MOST_SHOWN)]
+        if len(value) > _MOST_SHOWN:
+            shown.append(f"... {len(value) - _MOST_SHOWN} more")
+        return "{" + ", ".join(shown) + "}"
     if isinstance(value, tuple):
         return "(" + ", ".join(map(_shown, value)) + ("," if len(value) == 1 else "") + ")"
     name = described(value)

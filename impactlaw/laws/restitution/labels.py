@@ -1,9 +1,16 @@
-"""Restitution keyed by contact labels, so that it survives a changing set of closed contacts.
+"""Values keyed by contact labels, such as restitution, so that they survive a changing set of closed contacts.
 
-A label is two names with a slash, ``"ball1/floor"``; the order of the two names does not matter.
+A label is two names with a slash, ``"ball1/floor"``; the order of the two names does not matter. Limits have the name
+of their joint or tendon. A key with ``*``, ``?`` or ``[...]`` is a pattern, as file names have them (`fnmatch`):
+``"*foot*"`` is for contacts one of whose geoms has such a name, and for such limits, ``("*foot*", "floor")`` or
+``"*foot*/floor"`` for contacts of such a geom with the floor. What is named without a pattern comes first.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from fnmatch import fnmatchcase
+from typing import Any
 
 from impactlaw.errors import RestitutionError, UnknownNameError
 
@@ -34,13 +41,76 @@ def put(table: dict, key: object, value: float) -> None:
         )
 
 
-def check_labels(used: object, known: tuple[str, ...]) -> None:
-    """Compare the labels that a law uses with those a scene can have.
+def is_pattern(key: str) -> bool:
+    """Return whether a key stands for any label that matches it."""
+    return any(character in key for character in "*?[")
+
+
+def matches(pattern: str, label: str) -> bool:
+    """Return whether a pattern is of this contact or limit.
+
+    Names that have slashes themselves are told apart in every way that they can be.
+    """
+    pairs, wanted = tuple(_pairs(label)), tuple(_pairs(pattern))
+    if fnmatchcase(label, pattern) or any(fnmatchcase(name, pattern) for pair in pairs for name in pair):
+        return True
+    return any(fnmatchcase(a, p) and fnmatchcase(b, q) for p, q in wanted for c in pairs for a, b in (c, c[::-1]))
+
+
+def patterns_of(keys: Iterable[str]) -> tuple[str, ...]:
+    """Return the patterns among keys."""
+    return tuple(key for key in keys if is_pattern(key))
+
+
+def find(table: Mapping[str, Any], patterns: tuple[str, ...], label: str, default: Any = None) -> Any:
+    """Return the value of a contact: its own, or that of the patterns it matches, or else the default.
+
+    Args:
+        table: values by canonical keys.
+        patterns: those of the keys that are patterns.
+        label: of the contact.
+        default: for others.
 
     Raises:
-        UnknownNameError: a label that no contact of the scene can have; names the nearest ones.
+        RestitutionError: it matches patterns with different values.
+    """
+    found = table.get(canonical(label))
+    if found is not None or not patterns:
+        return default if found is None else found
+    fitting = [key for key in patterns if matches(key, label)]
+    for key in fitting[1:]:
+        if table[key] != table[fitting[0]]:
+            raise RestitutionError(
+                f"contact {label} matches {fitting[0]!r} and {key!r}, which have different values: "
+                f"{table[fitting[0]]} and {table[key]}; key it by its own name, or make the patterns narrower"
+            )
+    return table[fitting[0]] if fitting else default
+
+
+def check_labels(used: Iterable[str], known: tuple[str, ...], *, patterns: bool = True) -> None:
+    """Compare the labels that a law uses with those a scene can have.
+
+    Args:
+        used: labels, or patterns.
+        known: all that the scene can have.
+        patterns: whether the law knows patterns.
+
+    Raises:
+        UnknownNameError: a label that no contact of the scene can have, or a pattern that none matches; names the
+            nearest ones.
     """
     known_canonical = {canonical(label) for label in known}
-    for label in sorted(used):  # pyright: ignore[reportArgumentType]
-        if label not in known_canonical:
+    for label in sorted(used):
+        if label in known_canonical:
+            continue
+        if not (patterns and is_pattern(label)):
             raise UnknownNameError("contact", label, known)
+        if not any(matches(label, one) for one in known_canonical):
+            raise UnknownNameError("contact pattern", label, known)
+
+
+def _pairs(label: str) -> Iterator[tuple[str, str]]:
+    """Yield the two names that a label is made of, in each way that it can be cut."""
+    parts = label.split("/")
+    for cut in range(1, len(parts)):
+        yield "/".join(parts[:cut]), "/".join(parts[cut:])

@@ -43,6 +43,9 @@ def cone_facets(generators: np.ndarray) -> np.ndarray:
         EnumerationError: a group may have more than `MAX_FACETS` facets.
     """
     r = generators.shape[1]
+    if len(generators) == r:
+        F = scipy.linalg.inv(generators.T, check_finite=False)
+        return F / np.linalg.norm(F, axis=1, keepdims=True)
     *_, order = scipy.linalg.qr(generators.T, mode="r", pivoting=True)
     basis = generators[order[:r]]
     coefficients = scipy.linalg.solve(basis.T, generators[order[r:]].T, check_finite=False)

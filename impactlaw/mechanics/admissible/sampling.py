@@ -1,4 +1,4 @@
-"""Uniform samples of a capped polyhedron, by hit-and-run chains that run side by side."""
+"""Uniform samples of a capped polyhedron: by rejection in few dimensions, else by hit-and-run chains side by side."""
 
 from __future__ import annotations
 
@@ -8,10 +8,38 @@ from impactlaw.mechanics.admissible.capped_polyhedron import CappedPolyhedron
 from impactlaw.mechanics.tolerances import FLAT, TIGHT
 
 _PILOTS = 10  # chains per dimension that measure the shape of the set
+_TRIALS = 512  # points of the ball that are tried at once
+_FRUITLESS = 2  # rounds of these without a point of the set after which chains take over
+_MOST = 2**20  # points that are tried for many samples
 
 
 def uniform_samples(body: CappedPolyhedron, n: int, rng: np.random.Generator) -> np.ndarray:
     """Return n points, uniform in the set within its affine hull and independent, shape (n, r).
+
+    They are the points of the set among uniform ones of its ball, and, where these are too few, ends of chains.
+    """
+    found = _rejection(body, n, rng)
+    missing = n - len(found)
+    return np.vstack([found, _chains(body, missing, rng)]) if missing else found
+
+
+def _rejection(body: CappedPolyhedron, n: int, rng: np.random.Generator) -> np.ndarray:
+    """Return up to n uniform points, (k, r): the first ones of the set among uniform points of the ball."""
+    r, tried, found = len(body.center), 0, np.zeros((0, len(body.center)))
+    size = float(np.linalg.norm(body.center))
+    while len(found) < n:
+        if tried >= _FRUITLESS * _TRIALS and tried * n > len(found) * _MOST:
+            break
+        ray = rng.standard_normal((_TRIALS, r))
+        length = size * rng.random(_TRIALS) ** (1.0 / r) / np.sqrt(np.vecdot(ray, ray))
+        x = body.center + length[:, None] * ray
+        found = np.vstack([found, x[(x @ body.normals.T >= body.offsets).all(axis=1)]])
+        tried += _TRIALS
+    return found[:n]
+
+
+def _chains(body: CappedPolyhedron, n: int, rng: np.random.Generator) -> np.ndarray:
+    """Return n points, (n, r), each of a chain of its own.
 
     Each is the end of a hit-and-run chain of its own (R. L. Smith 1984): a random direction, then a uniform point of
     the chord, over and over. Chains before these measure the shape of the set, so that directions are as likely to

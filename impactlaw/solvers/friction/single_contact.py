@@ -8,7 +8,8 @@ import numpy as np
 
 from impactlaw.solvers.friction.problem import ConeProblem
 
-_STEEP = 0.9  # of G_nn, that the coupling with friction may have: above, sliding may press a contact closed by itself
+STEEP = 0.9  # of G_nn, that the coupling with friction may have: above, sliding may press a contact closed by itself
+SINGULAR = 1e-12  # part of an entry of the diagonal of G up to which a pivot is rounding
 _STEPS = 20
 _TURN = 1e-15  # rad, that one more step would turn
 _LONGEST = 0.5  # rad in one step
@@ -31,7 +32,7 @@ def single(problem: ConeProblem, guess: np.ndarray | None) -> np.ndarray | None:
     G, b = problem.delassus.tolist(), problem.start[0].tolist()
     if b[0] >= 0.0:
         return np.zeros(problem.shape)
-    if m > 3 or not G[0][0] > 0.0 or hypot(*G[0][1:]) > _STEEP * G[0][0]:
+    if m > 3 or not G[0][0] > 0.0 or hypot(*G[0][1:]) > STEEP * G[0][0]:
         return None
     if m == 1:
         return np.array([[-b[0] / G[0][0]]])
@@ -49,7 +50,7 @@ def _stuck(G: list[list[float]], b: list[float]) -> list[float] | None:
     n = len(b)
     for i in range(n):
         pivot = rows[i][i]
-        if pivot <= 1e-12 * G[i][i]:
+        if pivot <= SINGULAR * G[i][i]:
             return None
         for j in range(i + 1, n):
             part = rows[j][i] / pivot

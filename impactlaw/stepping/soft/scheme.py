@@ -39,6 +39,8 @@ from mujoco import (
 
 from impactlaw.errors import DivergenceError
 from impactlaw.laws import Law
+from impactlaw.laws.on_contacts import Chosen
+from impactlaw.mechanics.friction import Friction
 from impactlaw.scene.contacts import (
     Contacts,
     active_contacts,
@@ -48,15 +50,14 @@ from impactlaw.scene.contacts import (
     row_velocities,
 )
 from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows
+from impactlaw.scene.friction_rows import active_friction
 from impactlaw.scene.joint_limits import Limits, joined
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.collisions import Closed, Collider, kinetic_metric
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_timestep, is_huge
 from impactlaw.stepping.plan import Plan
-
-REST_SPEED = 0.1
-"""Closing speed, m/s, above which a soft contact collides."""
+from impactlaw.stepping.soft.tolerances import ROUNDING
 
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
 _POSITION, _VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
@@ -69,14 +70,31 @@ _BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS"
 
 
 class SoftStepping:
-    """The algorithm behind ``Stepper(contact_model="soft")``; see there for the options."""
+    """The algorithm behind ``Stepper(contact_model="soft")``; see there for the options.
 
-    def __init__(self, model: mujoco.MjModel, collider: Collider, plan: Plan, *, rest_speed: float):
+    Attributes:
+        collider: resolves the collisions.
+        rest_speed: closing speed above which a contact collides, m/s or rad/s.
+        friction: whether contacts have friction in collisions.
+        collides: whether anything can collide.
+        unlocated: steps so far with more collisions than the collider may take.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        collider: Collider,
+        plan: Plan,
+        *,
+        rest_speed: float,
+        chosen: Chosen | None = None,
+    ):
+        self._chosen = chosen
         self._model = model
         self._options = model.opt
-        self._collides = bool(plan.detection or plan.limits)
-        self._collider = collider
-        self._rest_speed = rest_speed
+        self.collider = collider
+        self.rest_speed = rest_speed
+        self.friction, self.collides = plan.friction, bool(plan.detection or plan.limits)
         self._names = geom_names(model)
         self._limits = Limits(model)
         self._surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
@@ -96,9 +114,36 @@ class SoftStepping:
         self.__dict__.update(state)
         self._options = self._model.opt
 
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The scene."""
+        return self._model
+
+    @property
+    def labels(self) -> tuple[tuple[str, ...], Limits]:
+        """Names of geoms, and the limits."""
+        return self._names, self._limits
+
+    @property
+    def only_in_python(self) -> str | None:
+        """Why compiled code does not take these steps, whatever the law is; None if it does."""
+        if self._surfaces is not None:
+            return "mocap bodies that touch others move as surfaces, or belts run"
+        if self._bilateral.any():
+            return "there are equality constraints"
+        if self._model.nflex:
+            return "there is a flex"
+        if self._chosen is not None:
+            return "the law is for some contacts only"
+        return None if self.collider.solver == "auto" else "a solver was chosen"
+
+    def forget(self) -> None:
+        """Look at the start of the next step for contacts, whatever the last step has met."""
+        self._left_at = np.nan
+
     def set_law(self, law: Law) -> None:
         """Let the collisions of the next steps be by another law."""
-        self._collider = replace(self._collider, law=law)
+        self.collider = replace(self.collider, law=law)
 
     def step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
         """Advance by one timestep and return the collisions.
@@ -115,7 +160,7 @@ class SoftStepping:
         integrator, surfaces = opt.integrator, self._surfaces
         if surfaces is not None:
             surfaces.begin(data, opt.timestep)
-        if not self._collides:
+        if not self.collides:
             mj_step(model, data)
             events = ()
         elif (
@@ -131,8 +176,7 @@ class SoftStepping:
             mj_getState(model, data, self._before, _STATE)
             mj_step(model, data)
             events = self._collide_at_end(data) if data.ncon or data.nl else ()
-        if data.time <= time or count is not None:
-            _refuse_reset(data, time, count)
+        _refuse_reset(data, time, count)
         self._left_at = data.time
         if surfaces is not None:
             surfaces.end(data)
@@ -214,7 +258,7 @@ class SoftStepping:
 
     def _collide(self, data: mujoco.MjData) -> tuple[tuple[ImpactEvent, ...], int]:
         """Resolve the collisions of now; return them and the last stage that is still current."""
-        rows, speed, surfaces = data.efc_vel, self._rest_speed, self._surfaces
+        rows, speed, surfaces = data.efc_vel, self.rest_speed, self._surfaces
         still = surfaces is None or surfaces.still
         if still and (
             not len(rows) or not rows.item(rows.argmin()) < -speed or not closes(self._model, data, rows, speed)
@@ -223,23 +267,28 @@ class SoftStepping:
         if is_huge(data):  # MuJoCo says so itself when it next looks
             return _NOTHING
         contacts, jacobian = self.active(data)
+        friction = self._friction_of(data, contacts) if self.friction and data.ncon else None
         drift = None if surfaces is None else surfaces.drift(data, contacts)
-        if not still and not np.count_nonzero(jacobian.dot(data.qvel) + drift < -speed):
+        gamma = jacobian.dot(data.qvel) if drift is None else jacobian.dot(data.qvel) + drift
+        if not still and not np.count_nonzero(gamma < -speed):
             return _NOTHING
         bilateral = bilateral_rows(self._model, data, self._bilateral) if data.ne else None
-        h = len(contacts)
+        closed = Closed(contacts, jacobian, bilateral, drift, friction=friction)
+        if self._chosen is not None:
+            closed = closed.select(np.flatnonzero(self._chosen.mask(contacts.labels)))
+        h = len(closed.contacts)
         events: list[ImpactEvent] = []
-        velocity = self._collider.collide(
+        velocity = self.collider.collide(
             kinetic_metric(self._model, data),
-            Closed(contacts, jacobian, bilateral, drift),
+            closed,
             data.qvel.copy(),
-            approach=np.full(h, self._rest_speed),
-            rounding=np.zeros(h),
+            approach=np.full(h, self.rest_speed),
+            rounding=np.full(h, ROUNDING * np.abs(gamma).max()),
             time=data.time,
             qpos=data.qpos,
             events=events,
         )
-        self.unlocated += len(events) > self._collider.most
+        self.unlocated += len(events) > self.collider.most
         if np.array_equal(velocity, data.qvel):
             return tuple(events), _VELOCITY
         data.qvel[:] = velocity
@@ -249,7 +298,7 @@ class SoftStepping:
         """Take an RK4 step again without its looking ahead, if that ends in a collision that the law changes."""
         model = self._model
         if self._surfaces is None and not closes(
-            model, data, row_velocities(model, data, self._velocity_before), self._rest_speed
+            model, data, row_velocities(model, data, self._velocity_before), self.rest_speed
         ):
             return ()
         if self._trial is None:
@@ -280,6 +329,12 @@ class SoftStepping:
             return contacts, jacobian
         return joined(contacts, limits), np.vstack([jacobian, rows.jacobian])
 
+    def _friction_of(self, data: mujoco.MjData, contacts: Contacts) -> Friction | None:
+        between = contacts.geoms[:, 0] >= 0
+        surfaces = self._surfaces
+        found = active_friction(self._model, data, contacts.select(between), surfaces)
+        return None if found is None else Friction(*found)
+
 
 def _update(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Do what `mj_forward` does, except for sensors, energies and the control callback."""
@@ -291,8 +346,8 @@ def _update(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def _refuse_reset(data: mujoco.MjData, time: float, count: int | None) -> None:
-    """Raise DivergenceError if MuJoCo has reset itself, which the time tells, or else the count of bad states."""
-    if data.time <= time or (count is not None and _bad_states(data) != count):
+    """Raise DivergenceError if MuJoCo has reset itself, which time or count of bad states tells, or will."""
+    if data.time <= time or (count is not None and _bad_states(data) != count) or is_huge(data):
         raise DivergenceError(f"MuJoCo met a state that is not finite, or huge, in the step after t = {time:g} s")
 
 

@@ -14,9 +14,9 @@ from impactlaw.scene.contacts import geom_names
 from impactlaw.scene.equality_constraints import bilateral_constraints
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.solvers.cones import BILATERAL
+from impactlaw.stepping.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.events import CollisionRecord
 from impactlaw.stepping.time_stepping.problem.contact_problem import resolve_step
-from impactlaw.stepping.time_stepping.problem.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups, struck_later
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets

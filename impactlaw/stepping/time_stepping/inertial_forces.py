@@ -8,8 +8,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from impactlaw.stepping.compiled.whitening import solve_inertia
 from impactlaw.stepping.plan import has_constant_inertia
-from impactlaw.stepping.time_stepping.problem.rows import solve_inertia
 
 ROUNDS = 6
 """Fixed point iterations at most, for bodies that turn fast."""

@@ -41,8 +41,8 @@ def make_time_stepping(
     scheme = TimeStepping(model, law, plan, **options)
     if compiled == "never":
         return scheme
+    from impactlaw.stepping.compiled.layout import LayoutError
     from impactlaw.stepping.time_stepping.compiled.stepping import CompiledStepping
-    from impactlaw.stepping.time_stepping.compiled.structures.layout import LayoutError
 
     try:
         return CompiledStepping(scheme, warn=compiled == "auto")

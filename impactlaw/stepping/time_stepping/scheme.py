@@ -43,6 +43,7 @@ from impactlaw.laws.fremond import Reversal
 from impactlaw.scene.contacts import Contacts
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.compatibility import check_time_stepping
+from impactlaw.stepping.compiled.law_table import Coefficients
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_input, empty_state, is_huge, restore_state, save_state
 from impactlaw.stepping.plan import Plan
@@ -129,6 +130,11 @@ class TimeStepping:
     def problem(self) -> ContactProblem:
         """What finds impulses, and what it knows of the law and of contacts."""
         return self._problem
+
+    def coefficients(self) -> Coefficients:
+        """Return a table of the law's coefficients, which is empty yet."""
+        problem = self._problem
+        return Coefficients(problem.targets, problem.names, problem.limits, self._model.njnt)
 
     @property
     def follows_surfaces(self) -> bool:

@@ -7,10 +7,11 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
+from impactlaw.stepping.compiled.whitening import unwhiten
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.problem.contact_problem import open_overlaps
 from impactlaw.stepping.time_stepping.problem.dense import sparse_jacobian
-from impactlaw.stepping.time_stepping.problem.rows import Rows, read_rows, unwhiten
+from impactlaw.stepping.time_stepping.problem.rows import Rows, read_rows
 
 _SEEN = 3e-6
 """Depth, m, that is worth a second look."""

@@ -9,8 +9,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.solvers.cones.algebra.loops import plain
-from impactlaw.stepping.time_stepping import borrowed
-from impactlaw.stepping.time_stepping.compiled.structures.fields import (
+from impactlaw.stepping.compiled.fields import (
     MODEL,
     SIZE,
     address_of,
@@ -23,6 +22,7 @@ from impactlaw.stepping.time_stepping.compiled.structures.fields import (
     put_int,
     put_long,
 )
+from impactlaw.stepping.time_stepping import borrowed
 
 _OFF, _ON = borrowed.OFF, borrowed.ON
 _NO_DAMPING = borrowed.NO_DAMPING

@@ -8,24 +8,21 @@ import numpy as np
 
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.solvers.cones.algebra.loops import kernel, once
-from impactlaw.stepping.time_stepping.compiled.law import ask_law, reverse
-from impactlaw.stepping.time_stepping.compiled.status import CREATES, FINE, NOT_FINITE
-from impactlaw.stepping.time_stepping.compiled.structures.fields import CONTACT, DATA, MODEL, flags, put
-from impactlaw.stepping.time_stepping.compiled.structures.libmujoco import is_sparse
-from impactlaw.stepping.time_stepping.compiled.world import (
-    SETTING,
+from impactlaw.stepping.compiled.access import (
     contact_floats,
     contact_ints,
     data_floats,
     data_ints,
     layout_of,
-    metric_of,
     model_ints,
     number,
-    setting,
     size,
     velocity_of,
 )
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, flags, put
+from impactlaw.stepping.time_stepping.compiled.law import ask_law, reverse
+from impactlaw.stepping.time_stepping.compiled.status import CREATES, FINE, NOT_FINITE
+from impactlaw.stepping.time_stepping.compiled.world import SETTING, metric_of, setting
 from impactlaw.stepping.time_stepping.problem.contact_problem import linked_step
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups, struck_later
 from impactlaw.stepping.time_stepping.problem.rows import Rows, near_rows, read_rows
@@ -63,22 +60,6 @@ class Outcome(NamedTuple):
     rounding: float
     later: bool
     status: int
-
-
-@kernel
-def jacobian_of(w):
-    """Return entries of MuJoCo's rows, where they begin, their columns, and the entries; dense ones in full."""
-    n = number(w, DATA.nefc)
-    if is_sparse(w.model):
-        many = number(w, DATA.nJ)
-        nnz, adr = data_ints(w, DATA.efc_J_rownnz, n), data_ints(w, DATA.efc_J_rowadr, n)
-        return nnz, adr, data_ints(w, DATA.efc_J_colind, many), data_floats(w, DATA.efc_J, many)
-    nnz, adr, col = np.full(n, w.nv, np.int32), np.empty(n, np.int32), np.empty(n * w.nv, np.int32)
-    for i in range(n):
-        adr[i] = i * w.nv
-        for k in range(w.nv):
-            col[i * w.nv + k] = k
-    return nnz, adr, col, data_floats(w, DATA.efc_J, n * w.nv)
 
 
 @kernel

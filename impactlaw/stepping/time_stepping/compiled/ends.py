@@ -6,10 +6,23 @@ import mujoco
 import numpy as np
 
 from impactlaw.solvers.cones.algebra.loops import once, plain, zeros
-from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins
-from impactlaw.stepping.time_stepping.compiled.contact import jacobian_of, rows_of_step
-from impactlaw.stepping.time_stepping.compiled.structures import libmujoco as mj
-from impactlaw.stepping.time_stepping.compiled.structures.fields import (
+from impactlaw.stepping.compiled import libmujoco as mj
+from impactlaw.stepping.compiled.access import (
+    contact_floats,
+    contact_ints,
+    data_at,
+    data_floats,
+    data_ints,
+    jacobian_of,
+    layout_of,
+    model_ints,
+    number,
+    offset,
+    option,
+    rows_of,
+    size,
+)
+from impactlaw.stepping.compiled.fields import (
     CONTACT,
     DATA,
     MODEL,
@@ -20,27 +33,12 @@ from impactlaw.stepping.time_stepping.compiled.structures.fields import (
     put,
     put_int,
 )
-from impactlaw.stepping.time_stepping.compiled.world import (
-    SETTING,
-    World,
-    contact_floats,
-    contact_ints,
-    data_at,
-    data_floats,
-    data_ints,
-    layout_of,
-    metric_of,
-    model_ints,
-    number,
-    offset,
-    option,
-    rows_of,
-    setting,
-    size,
-)
+from impactlaw.stepping.compiled.whitening import unwhiten
+from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins
+from impactlaw.stepping.time_stepping.compiled.contact import rows_of_step
+from impactlaw.stepping.time_stepping.compiled.world import SETTING, World, metric_of, setting
 from impactlaw.stepping.time_stepping.problem.contact_problem import open_overlaps
 from impactlaw.stepping.time_stepping.problem.dense import encode_pyramids
-from impactlaw.stepping.time_stepping.problem.rows import unwhiten
 from impactlaw.stepping.time_stepping.second_look import BEYOND, LAST_LOSS, SLOP, bend, end_targets
 
 _PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)

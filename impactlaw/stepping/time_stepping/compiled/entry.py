@@ -10,10 +10,8 @@ from numba import types
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import copied, indices, numbers, plain
-from impactlaw.stepping.time_stepping.compiled.status import CALLBACK, FINE
-from impactlaw.stepping.time_stepping.compiled.step import STATE, linked_advance
-from impactlaw.stepping.time_stepping.compiled.structures import libmujoco as mj
-from impactlaw.stepping.time_stepping.compiled.structures.fields import (
+from impactlaw.stepping.compiled import libmujoco as mj
+from impactlaw.stepping.compiled.fields import (
     SIZE,
     address_of,
     claim,
@@ -24,7 +22,9 @@ from impactlaw.stepping.time_stepping.compiled.structures.fields import (
     longs,
     put,
 )
-from impactlaw.stepping.time_stepping.compiled.structures.memory import go_back
+from impactlaw.stepping.time_stepping.compiled.memory import go_back
+from impactlaw.stepping.time_stepping.compiled.status import CALLBACK, FINE
+from impactlaw.stepping.time_stepping.compiled.step import STATE, linked_advance
 from impactlaw.stepping.time_stepping.compiled.world import SETTING
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.solvers.cones.algebra.loops import copied, kernel, numbers, once, plain
-from impactlaw.stepping.time_stepping.compiled.structures import libmujoco as mj
-from impactlaw.stepping.time_stepping.compiled.structures.fields import DATA, address_of, put
-from impactlaw.stepping.time_stepping.compiled.world import data_floats, layout_of, metric_of, velocity_of
+from impactlaw.stepping.compiled import libmujoco as mj
+from impactlaw.stepping.compiled.access import data_floats, layout_of, velocity_of
+from impactlaw.stepping.compiled.fields import DATA, address_of, put
+from impactlaw.stepping.compiled.whitening import solve_inertia
+from impactlaw.stepping.time_stepping.compiled.world import metric_of
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SETTLED
-from impactlaw.stepping.time_stepping.problem.rows import solve_inertia
 
 
 @once

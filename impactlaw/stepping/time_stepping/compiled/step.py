@@ -8,14 +8,20 @@ import numpy as np
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import copied, kernel, numbers, once, plain, zeros
-from impactlaw.stepping.time_stepping.compiled.borrow import borrow, is_damped
-from impactlaw.stepping.time_stepping.compiled.contact import attempt, jacobian_of, near
-from impactlaw.stepping.time_stepping.compiled.ends import finish, look_again, update_frames, write_forces
-from impactlaw.stepping.time_stepping.compiled.forces import inertial_work, lead_to, settle
-from impactlaw.stepping.time_stepping.compiled.law import LawTable
-from impactlaw.stepping.time_stepping.compiled.status import FINE, HUGE_INPUT, HUGE_OUTPUT, TIMESTEP
-from impactlaw.stepping.time_stepping.compiled.structures import libmujoco as mj
-from impactlaw.stepping.time_stepping.compiled.structures.fields import (
+from impactlaw.stepping.compiled import libmujoco as mj
+from impactlaw.stepping.compiled.access import (
+    data_floats,
+    jacobian_of,
+    model_floats,
+    model_ints,
+    number,
+    offset,
+    option,
+    rows_of,
+    size,
+    velocity_of,
+)
+from impactlaw.stepping.compiled.fields import (
     DATA,
     MODEL,
     address_of,
@@ -25,21 +31,14 @@ from impactlaw.stepping.time_stepping.compiled.structures.fields import (
     long_at,
     put,
 )
-from impactlaw.stepping.time_stepping.compiled.structures.memory import MEMORY, forget, last_step, remember
-from impactlaw.stepping.time_stepping.compiled.world import (
-    SETTING,
-    World,
-    data_floats,
-    model_floats,
-    model_ints,
-    number,
-    offset,
-    option,
-    rows_of,
-    setting,
-    size,
-    velocity_of,
-)
+from impactlaw.stepping.time_stepping.compiled.borrow import borrow, is_damped
+from impactlaw.stepping.time_stepping.compiled.contact import attempt, near
+from impactlaw.stepping.time_stepping.compiled.ends import finish, look_again, update_frames, write_forces
+from impactlaw.stepping.time_stepping.compiled.forces import inertial_work, lead_to, settle
+from impactlaw.stepping.time_stepping.compiled.law import LawTable
+from impactlaw.stepping.time_stepping.compiled.memory import MEMORY, forget, last_step, remember
+from impactlaw.stepping.time_stepping.compiled.status import FINE, HUGE_INPUT, HUGE_OUTPUT, TIMESTEP
+from impactlaw.stepping.time_stepping.compiled.world import SETTING, World, setting
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS
 from impactlaw.stepping.time_stepping.margins import set_margins
 from impactlaw.stepping.time_stepping.tolerances import (

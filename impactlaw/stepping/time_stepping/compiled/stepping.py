@@ -13,18 +13,17 @@ import numpy as np
 
 from impactlaw.errors import DivergenceError, InadmissibleImpactError, UncompiledWarning
 from impactlaw.laws import Law
+from impactlaw.stepping.compiled.engine import Pool
+from impactlaw.stepping.compiled.fields import DATA, SIZE
+from impactlaw.stepping.compiled.layout import table
+from impactlaw.stepping.compiled.libmujoco import callbacks
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_input, check_timestep, empty_state, restore_state
-from impactlaw.stepping.time_stepping.compiled import status
+from impactlaw.stepping.time_stepping.compiled import memory, status
 from impactlaw.stepping.time_stepping.compiled.borrow import room
 from impactlaw.stepping.time_stepping.compiled.entry import CONTEXT, single
-from impactlaw.stepping.time_stepping.compiled.law_table import Coefficients, reason
-from impactlaw.stepping.time_stepping.compiled.structures import memory
-from impactlaw.stepping.time_stepping.compiled.structures.engine import Pool
-from impactlaw.stepping.time_stepping.compiled.structures.fields import DATA, SIZE
-from impactlaw.stepping.time_stepping.compiled.structures.layout import table
-from impactlaw.stepping.time_stepping.compiled.structures.libmujoco import callbacks
-from impactlaw.stepping.time_stepping.compiled.structures.memory import MEMORY
+from impactlaw.stepping.time_stepping.compiled.memory import MEMORY
+from impactlaw.stepping.time_stepping.compiled.reason import reason
 from impactlaw.stepping.time_stepping.compiled.world import SETTING
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
@@ -63,7 +62,7 @@ class CompiledStepping:
 
     def _take_over(self) -> None:
         """Take over the law and the options of the scheme."""
-        self._coefficients, self._reason = Coefficients(self._scheme), reason(self._scheme)
+        self._coefficients, self._reason = self._scheme.coefficients(), reason(self._scheme)
         self._settings[:] = self._scheme.settings()
         self._write_context()
         if self._reason is not None:

@@ -9,7 +9,7 @@ from impactlaw.linked import linked
 from impactlaw.solvers.cones import BILATERAL, CONE
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.solvers.cones.solve import linked_solve
-from impactlaw.stepping.time_stepping.problem.rows import unwhiten
+from impactlaw.stepping.compiled.whitening import unwhiten
 from impactlaw.stepping.time_stepping.problem.targets import offsets
 
 TOLERANCE = 1e-10

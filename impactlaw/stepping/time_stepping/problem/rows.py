@@ -12,15 +12,15 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlaw.compiled import compiled
+from impactlaw.scene.tolerances import NO_FRICTION
 from impactlaw.solvers.cones import BILATERAL, BOX, CONE
 from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.stepping.compiled.whitening import whiten
 
 NEAR = 1e-5
 """Gap, m or rad, up to which a contact takes part whatever its velocity."""
 
 _EQUALITY, _LOSS, _LIMIT, _ELLIPTIC = 0, (1, 2), (3, 4), 7  # mjtConstraint
-_NO_FRICTION = 1.0000001e-5
-"""Coefficient up to which a row of friction is left out: MuJoCo's own smallest one, which stands for none."""
 
 
 class Rows(NamedTuple):
@@ -112,7 +112,7 @@ def _group(kinds, address, dim, friction, number, row, frictional):
     rows = 1
     if frictional:
         for k in range(dim[contact] - 1):
-            rows += friction[contact, k] > _NO_FRICTION
+            rows += friction[contact, k] > NO_FRICTION
     return CONE, rows, dim[contact]
 
 
@@ -155,77 +155,6 @@ def near_rows(kinds, position, Jnnz, Jadr, Jcol, J, address, one, other, reach):
         if row >= 0:
             near[row] = _is_near(row, position, Jnnz, Jadr, Jcol, J, one, other, reach)
     return near
-
-
-@plain
-def whiten(nnz, adr, col, val, start, work, mark, factor, Mnnz, Madr, Mcol, root, tree, treeadr, treenum, out, colout):
-    """Write one row of ``Y = J L^-1 D^-1/2`` to the end of what is known of Y and return the number of its entries.
-
-    Args:
-        nnz: entries of the row of J.
-        adr: where they begin.
-        col: degrees of freedom of all entries of J.
-        val: the entries of J.
-        start: where the row is to begin in out.
-        work: zeros, (nv,); zeros again in the end.
-        mark: trees that the row touches, (ntree,); False again in the end.
-        factor: L, strictly lower part of rows as in MuJoCo's M.
-        Mnnz: entries of each row of M.
-        Madr: where they begin.
-        Mcol: their columns, the diagonal last.
-        root: ``D^-1/2``, (nv,).
-        tree: of each degree of freedom.
-        treeadr: first degree of freedom of each tree.
-        treenum: number of them.
-        out: the entries of Y.
-        colout: their degrees of freedom.
-    """
-    for k in range(adr, adr + nnz):
-        if val[k] != 0.0:
-            work[col[k]] = val[k]
-            mark[tree[col[k]]] = True
-    count = start
-    for k in range(adr, adr + nnz):
-        t = tree[col[k]]
-        if not mark[t]:
-            continue
-        mark[t] = False
-        for i in range(treeadr[t] + treenum[t] - 1, treeadr[t] - 1, -1):
-            x = work[i]
-            if x != 0.0:
-                for a in range(Madr[i], Madr[i] + Mnnz[i] - 1):
-                    work[Mcol[a]] -= factor[a] * x
-                out[count] = x * root[i]
-                colout[count] = i
-                count += 1
-                work[i] = 0.0
-    return count - start
-
-
-@compiled()
-def unwhiten(z, factor, Mnnz, Madr, Mcol, root):
-    """Return ``L^-1 D^-1/2 z``, the velocity of whitened coordinates, (nv,)."""
-    v = np.empty_like(z)
-    for i in range(len(z)):
-        s = z[i] * root[i]
-        for a in range(Madr[i], Madr[i] + Mnnz[i] - 1):
-            s -= factor[a] * v[Mcol[a]]
-        v[i] = s
-    return v
-
-
-@compiled()
-def solve_inertia(force, factor, Mnnz, Madr, Mcol, inverse):
-    """Return ``M_h^-1 f``, (nv,)."""
-    x = force.copy()
-    for i in range(len(x) - 1, -1, -1):
-        for a in range(Madr[i], Madr[i] + Mnnz[i] - 1):
-            x[Mcol[a]] -= factor[a] * x[i]
-    for i in range(len(x)):
-        x[i] *= inverse[i]
-        for a in range(Madr[i], Madr[i] + Mnnz[i] - 1):
-            x[i] -= factor[a] * x[Mcol[a]]
-    return x
 
 
 @compiled(
@@ -299,7 +228,7 @@ def read_rows(
                 if not frictional:
                     break
                 mu = friction[number[row], k - 1]
-                if not mu > _NO_FRICTION:
+                if not mu > NO_FRICTION:
                     continue
                 scale[r] = mu
             else:

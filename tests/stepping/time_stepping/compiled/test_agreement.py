@@ -12,8 +12,8 @@ import pytest
 
 from impactlaw import Coulomb, Fremond, Law, MaximalDissipation, Moreau, Newton, Stepper
 from impactlaw.errors import DivergenceError, InadmissibleImpactError, UncompiledWarning
+from impactlaw.stepping.time_stepping.compiled.memory import MEMORY, raw, recollect
 from impactlaw.stepping.time_stepping.compiled.stepping import CompiledStepping
-from impactlaw.stepping.time_stepping.compiled.structures.memory import MEMORY, raw, recollect
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 SCENE = """<mujoco><option timestep="0.005" integrator="{integrator}" cone="{cone}" jacobian="{jacobian}"/>

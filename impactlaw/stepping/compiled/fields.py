@@ -21,6 +21,8 @@ class _Data(NamedTuple):
     nefc: int
     ncon: int
     ne: int
+    nf: int
+    nl: int
     nJ: int
     pstack: int
     pbase: int

@@ -7,7 +7,7 @@ from typing import Any
 
 import mujoco
 
-from impactlaw.stepping.time_stepping.compiled.structures.libmujoco import library
+from impactlaw.stepping.compiled.libmujoco import library
 
 
 class _Configuration(ctypes.Structure):

@@ -2,27 +2,35 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 
-from impactlaw.laws.fremond import Reversal
-from impactlaw.stepping.time_stepping.scheme import TimeStepping
+from impactlaw.scene.joint_limits import Limits
+from impactlaw.stepping.law_targets import LawTargets
 
 _UNIT = np.array([-1.0])
+_LIMIT_JOINT = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT)
 
 
 class Coefficients:
-    """Restitution by the keys of contacts, see `rows.Rows`; a key is looked up when it is first met.
+    """Restitution by the keys of contacts; a key is looked up when it is first met.
+
+    The key of a contact is the lower number of its geoms, times ``2^32``, and the higher one; that of a limit, of a
+    joint or tendon, is ``-1 - (8 number + kind)`` with MuJoCo's kind of constraint.
 
     Args:
-        scheme: whose law it is.
+        targets: of the law.
+        names: of geoms.
+        limits: of the scene.
+        joints: their number in the scene.
 
     Attributes:
         key: ascending, int64 (k,).
         value: e of each, (k,).
     """
 
-    def __init__(self, scheme: TimeStepping):
-        self._scheme, self._targets = scheme, scheme.problem.targets
+    def __init__(self, targets: LawTargets, names: tuple[str, ...], limits: Limits, joints: int):
+        self._targets, self._names, self._limits, self._joints = targets, names, limits, joints
         self.key, self.value = np.zeros(0, np.int64), np.zeros(0)
 
     def learn(self, key: int) -> None:
@@ -31,29 +39,19 @@ class Coefficients:
         Raises:
             RestitutionError: the law does not know it.
         """
-        names, limits = self._scheme.problem.names, self._scheme.problem.limits
         if key >= 0:
-            label = f"{names[key >> 32]}/{names[key & 0xFFFFFFFF]}"
+            label = f"{self._names[key >> 32]}/{self._names[key & 0xFFFFFFFF]}"
         else:
             number, kind = divmod(-1 - key, 8)
-            joint = kind == _LIMIT_JOINT
-            label = limits.labels[2 * (number if joint else self._scheme.model.njnt + number)]
+            label = self._limits.labels[2 * (number if kind == _LIMIT_JOINT else self._joints + number)]
         e = float(self._targets.of_each((label,), _UNIT)[0])
         at = int(np.searchsorted(self.key, key))
         self.key, self.value = np.insert(self.key, at, key), np.insert(self.value, at, e)
 
 
-_LIMIT_JOINT = 3  # mjtConstraint
-
-
-def reason(scheme: TimeStepping) -> str | None:
-    """Return why compiled code does not take a scheme; None if it does."""
-    if scheme.follows_surfaces:
-        return "mocap bodies that touch others move as surfaces"
-    targets = scheme.problem.targets
+def reason(targets: LawTargets) -> str | None:
+    """Return why a law has no table of coefficients; None if it has."""
     if targets.restitution is not None:
-        return None
-    if isinstance(targets.law, Reversal) and not scheme.model.neq:
         return None
     if not targets.alone:
         return f"{targets.law!r:.60} looks at all contacts of a collision at once"

@@ -36,6 +36,14 @@ _FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "mj_rne": (_P, _P, _I, _P),
     "mj_mulM": (_P, _P, _P, _P),
     "mj_mulJacTVec": (_P, _P, _P, _P),
+    "mj_step": (_P, _P),
+    "mj_step1": (_P, _P),
+    "mj_forwardSkip": (_P, _P, _I, _I),
+    "mj_checkAcc": (_P, _P),
+    "mj_compareFwdInv": (_P, _P),
+    "mj_RungeKutta": (_P, _P, _I),
+    "mj_fwdConstraint": (_P, _P),
+    "mj_mulJacVec": (_P, _P, _P, _P),
     "mj_isSparse": (_P,),
     "mj_makeData": (_P,),
     "mj_getState": (_P, _P, _P, _I),
@@ -68,6 +76,11 @@ make_m, energy_pos, energy_vel = (_external(name) for name in ("mj_makeM", "mj_e
 tendon, collision, make_constraint = (_external(n) for n in ("mj_tendon", "mj_collision", "mj_makeConstraint"))
 integrate_pos, rne, mul_m = (_external(name) for name in ("mj_integratePos", "mj_rne", "mj_mulM"))
 mul_jac_t_vec = _external("mj_mulJacTVec")
+whole_step, first_half, rest_of_forward = (_external(name) for name in ("mj_step", "mj_step1", "mj_forwardSkip"))
+check_acc, compare_fwd_inv = _external("mj_checkAcc"), _external("mj_compareFwdInv")
+runge_kutta, fwd_constraint, mul_jac_vec = (
+    _external(name) for name in ("mj_RungeKutta", "mj_fwdConstraint", "mj_mulJacVec")
+)
 get_state, set_state = _external("mj_getState"), _external("mj_setState")
 is_sparse, make_data = _external("mj_isSparse", types.int32), _external("mj_makeData", types.int64)
 

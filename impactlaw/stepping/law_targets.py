@@ -58,9 +58,9 @@ class LawTargets:
 
     def of_all(self, collision: Collision) -> np.ndarray:
         """Return ``gamma^h``, (k,), of all contacts of a collision; E = 0 where the law has no solution."""
-        if self.law.has_target:
-            return np.asarray(self.law.target(collision).contact_velocity, dtype=float)
         try:
+            if self.law.has_target:
+                return np.asarray(self.law.target(collision).contact_velocity, dtype=float)
             return self.law.resolve(collision).post_contact_velocity
         except (UnsolvableLawError, SolverError):
             return np.zeros(len(collision.labels))

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import ImpactLawError
-from impactlaw.stepping.time_stepping.compiled.structures.fields import CONTACT, DATA, MODEL, SIZE
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, SIZE
 
 _NUMBERS: dict[str, Any] = {
     "mjtNum": ctypes.c_double,

@@ -9,7 +9,7 @@ import numpy as np
 from numba import types
 
 from impactlaw.solvers.cones.algebra.loops import kernel, plain
-from impactlaw.stepping.time_stepping.compiled.structures.fields import floats, longs, table_ints
+from impactlaw.stepping.compiled.fields import floats, longs, table_ints
 
 
 class Memory(NamedTuple):

@@ -1,0 +1,184 @@
+"""Laws and restitutions to draw from, one of each for an episode."""
+
+from __future__ import annotations
+
+import numbers
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from impactlaw.errors import OptionError, RestitutionError
+from impactlaw.laws import Law, make_law, portable, restored
+
+_UNIFORM, _SCIPY = "uniform", "scipy"
+"""Keys of a distribution as plain values."""
+
+
+@dataclass(frozen=True, eq=False)
+class LawDistribution:
+    """Laws, each as likely as any other, and a distribution of their restitution.
+
+    Attributes:
+        laws: names of laws, "scene" among them, or `Law` objects.
+        restitution: a tuple of two numbers, the ends of an interval in [0, 1], for a uniform one; a list, or any other
+            sequence, of what laws take, to choose from; a frozen distribution of `scipy.stats` on [0, 1]; or None for
+            the scene's own. Laws that take none, such as "maximal-dissipation" and "any-outcome", and `Law` objects,
+            which have theirs, get none.
+        friction: options of rigid contact to choose from, "coulomb", "convex", "ignore"; None to leave it as it is.
+
+    Raises:
+        OptionError: there is nothing to choose from, or the distribution reaches beyond [0, 1].
+        UnknownNameError: no such law.
+        RestitutionError: a law cannot have such a restitution.
+    """
+
+    laws: Sequence[str | Law | Mapping[str, Any]] = ("moreau",)
+    restitution: Any = (0.4, 1.0)
+    friction: Sequence[str] | None = None
+
+    def __post_init__(self):
+        if isinstance(self.laws, str | Law | Mapping) or not np.iterable(self.laws) or not len(self.laws):
+            raise OptionError(f'laws is a sequence of laws to choose from, such as ("moreau",), got {self.laws!r}')
+        object.__setattr__(self, "laws", tuple(map(restored, self.laws)))
+        object.__setattr__(self, "restitution", _distribution(self.restitution))
+        if self.friction is not None:
+            if isinstance(self.friction, str) or not len(self.friction):
+                raise OptionError(f'friction is a sequence to choose from, such as ["coulomb"], got {self.friction!r}')
+            object.__setattr__(self, "friction", tuple(self.friction))
+        examples = self._examples()
+        object.__setattr__(self, "_takes", tuple(_takes_restitution(law, examples) for law in self.laws))
+
+    def draw(self, rng: np.random.Generator, given: Iterable[str] = ()) -> dict[str, Any]:
+        """Return options of a reset: "law", "restitution" where that law takes one, and "friction".
+
+        Args:
+            rng: draws as many numbers whatever is given.
+            given: options that somebody else gives. A law that is given has its own restitution; one that is given
+                goes with a law that takes one.
+        """
+        given, takes = set(given), self._takes  # pyright: ignore[reportAttributeAccessIssue]
+        fitting = [i for i, own in enumerate(takes) if own] if "restitution" in given else []
+        which = fitting or range(len(self.laws))
+        i, e = which[int(rng.random() * len(which))], self._restitution(rng)
+        found: dict[str, Any] = {"law": self.laws[i]}
+        if takes[i] and e is not None:
+            found["restitution"] = e
+        if self.friction is not None:
+            found["friction"] = self.friction[int(rng.random() * len(self.friction))]
+        if "law" in given:
+            found.pop("restitution", None)
+        return {name: value for name, value in found.items() if name not in given}
+
+    def examples(self) -> list[dict[str, Any]]:
+        """Return options of a reset that ask for each of the laws, with one of their restitutions."""
+        takes, ends = self._takes, self._examples()  # pyright: ignore[reportAttributeAccessIssue]
+        return [
+            {"law": law} | ({"restitution": ends[0]} if own else {}) for law, own in zip(self.laws, takes, strict=True)
+        ]
+
+    def arguments(self) -> dict[str, Any]:
+        """Return what makes the same distribution again, as plain values where that can be."""
+        e = self.restitution
+        if isinstance(e, tuple):
+            e = {_UNIFORM: list(e)}
+        elif hasattr(e, "rvs"):
+            e = {_SCIPY: e.dist.name, "args": portable(e.args), "kwds": {k: portable(v) for k, v in e.kwds.items()}}
+        elif e is not None:
+            e = [_plain(one) for one in e]
+        friction = None if self.friction is None else list(self.friction)
+        return {"laws": [_plain(law) for law in self.laws], "restitution": e, "friction": friction}
+
+    def _restitution(self, rng: np.random.Generator) -> Any:
+        e = self.restitution
+        if isinstance(e, tuple):
+            return float(e[0] + (e[1] - e[0]) * rng.random())
+        if hasattr(e, "rvs"):
+            return float(e.rvs(random_state=rng))
+        return None if e is None else e[int(rng.random() * len(e))]
+
+    def _examples(self) -> list[Any]:
+        e = self.restitution
+        if isinstance(e, tuple):
+            return list(e)
+        if hasattr(e, "rvs"):
+            return [float(end) for end in e.support()]
+        return [] if e is None else list(e)
+
+
+def _distribution(value: Any) -> Any:
+    """Return a tuple of two ends, a list of choices, a frozen distribution, or None.
+
+    Raises:
+        OptionError: it is none of these, or reaches beyond [0, 1].
+    """
+    if isinstance(value, Mapping) and _UNIFORM in value:
+        value = tuple(value[_UNIFORM])
+    if isinstance(value, Mapping) and _SCIPY in value:
+        import scipy.stats
+
+        value = getattr(scipy.stats, value[_SCIPY])(*value["args"], **value["kwds"])
+    if hasattr(value, "rvs"):
+        frozen: Any = value
+        if not hasattr(value, "support") or not hasattr(value, "dist"):
+            raise OptionError(f"a distribution is a frozen one of scipy.stats, such as beta(2, 5), got {value!r}")
+        low, high = frozen.support()
+        if not 0.0 <= low <= high <= 1.0:
+            raise OptionError(
+                f"restitution lies in [0, 1], but the distribution reaches from {low:g} to {high:g}; take one that "
+                "does not, such as scipy.stats.beta, truncnorm or uniform"
+            )
+        return value
+    if isinstance(value, tuple) and len(value) == 2 and all(isinstance(end, numbers.Real) for end in value):
+        low, high = map(float, value)
+        if not 0.0 <= low <= high <= 1.0:
+            raise OptionError(f"an interval of restitution is (low, high) with 0 <= low <= high <= 1, got {value}")
+        return low, high
+    if value is None:
+        return None
+    if isinstance(value, str | Mapping) or not np.iterable(value) or not len(value):  # pyright: ignore[reportArgumentType]
+        raise OptionError(
+            "restitution is an interval (low, high), a list to choose from, a frozen distribution of scipy.stats or "
+            f"None, got {value!r}"
+        )
+    return [restored(one) for one in value]
+
+
+def _takes_restitution(law: Any, examples: list[Any]) -> bool:
+    """Return whether a law takes such restitution.
+
+    Raises:
+        UnknownNameError: no such law.
+        RestitutionError: it takes some, but not that.
+    """
+    if isinstance(law, Law) or law == "scene":
+        return False
+    try:
+        for e in examples:
+            make_law(law, e)
+    except RestitutionError:
+        try:
+            make_law(law)
+        except RestitutionError:
+            pass
+        else:
+            if all((isinstance(e, float | int) and e == 0) or _refuses(law, e) for e in examples):
+                return False
+        raise
+    return bool(examples)
+
+
+def _refuses(law: Any, restitution: Any) -> bool:
+    try:
+        make_law(law, restitution)
+    except RestitutionError:
+        return True
+    return False
+
+
+def _plain(value: Any) -> Any:
+    try:
+        return portable(value)
+    except RestitutionError:  # JSON will say so
+        return value

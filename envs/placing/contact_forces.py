@@ -1,0 +1,98 @@
+"""The forces of contact on bodies over an environment step, as MuJoCo's ``cfrc_ext`` has them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import mujoco
+import numpy as np
+
+from impactlaw.mechanics.friction_impact import FrictionImpact
+from impactlaw.scene.contacts import Contacts
+from impactlaw.scene.friction_rows import friction_on_contacts
+from impactlaw.stepping.impact_event import ImpactEvent
+
+
+class ContactForces:
+    """Sums up the impulses of the law over the timesteps of an environment step, and lets ``cfrc_ext`` have their mean.
+
+    Soft contact: ``cfrc_ext`` is what `mj_rnePostConstraint` says of the last timestep, as ever, plus the law's
+    impulses of all timesteps over the duration of the environment step. Rigid contact is the law's: there it is the
+    mean of what `mj_rnePostConstraint` says of each timestep.
+
+    Args:
+        model: the scene.
+        rigid: whether contact is rigid.
+    """
+
+    def __init__(self, model: mujoco.MjModel, *, rigid: bool):
+        self._model, self._rigid = model, rigid
+        self._sum, self._steps = np.zeros((model.nbody, 6)), 0
+        self._then = mujoco.MjData(model)
+
+    def clear(self) -> None:
+        """Begin an environment step."""
+        self._sum[:], self._steps = 0.0, 0
+
+    @property
+    def of_every_timestep(self) -> bool:
+        """Whether each timestep has to be taken up by itself."""
+        return self._rigid
+
+    def add(self, data: mujoco.MjData, steps: int, events: Iterable[ImpactEvent]) -> None:
+        """Take up so many timesteps and their collisions."""
+        self._steps += steps
+        if self._rigid:
+            mujoco.mj_rnePostConstraint(self._model, data)
+            self._sum += data.cfrc_ext
+            return
+        for event in events:
+            self._sum += self._impulses(data, event) / self._model.opt.timestep
+
+    def write(self, data: mujoco.MjData) -> None:
+        """Write ``cfrc_ext``; MuJoCo's own part of the last timestep must be in it."""
+        if not self._steps:
+            return
+        if self._rigid:
+            data.cfrc_ext[:] = 0.0
+        data.cfrc_ext[:] += self._sum / self._steps
+
+    def _impulses(self, data: mujoco.MjData, event: ImpactEvent) -> np.ndarray:
+        """Return the impulses on bodies at a collision, (nbody, 6), about the centers of mass of then."""
+        model, then, impact = self._model, self._then, event.impact
+        then.qpos[:], then.mocap_pos[:], then.mocap_quat[:] = event.qpos, data.mocap_pos, data.mocap_quat
+        mujoco.mj_kinematics(model, then)
+        mujoco.mj_comPos(model, then)
+        force, torque = impact.impulse[:, None] * event.contacts.normal, np.zeros((len(event.contacts), 3))
+        if isinstance(impact, FrictionImpact) and (rows := impact.collision.friction) is not None:
+            slide, torque = friction_on_contacts(
+                model, then, event.contacts,
+                contact=rows.contact, jacobian=rows.jacobian, impulse=impact.friction_impulse,
+            )  # fmt: skip
+            force = force + slide
+        return on_bodies(model, then, event.contacts, force, torque)
+
+
+def on_bodies(
+    model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts, force: np.ndarray, torque: np.ndarray
+) -> np.ndarray:
+    """Return what contacts do to bodies, torque and then force, (nbody, 6), in the convention of ``cfrc_ext``.
+
+    Torques are about the center of mass of the kinematic tree that the body is of (``subtree_com`` of its root), axes
+    are the world's; the world has nothing; limits of joints are internal and do nothing.
+
+    Args:
+        model: the scene.
+        data: with frames and centers of mass.
+        contacts: the contacts.
+        force: on their second bodies, world frame, (h, 3).
+        torque: the same.
+    """
+    total = np.zeros((model.nbody, 6))
+    for geoms, position, f, t in zip(contacts.geoms, contacts.position, force, torque, strict=True):
+        for sign, geom in ((-1.0, geoms[0]), (1.0, geoms[1])):
+            body = model.geom_bodyid[geom] if geom >= 0 else 0
+            if body:
+                arm = position - data.subtree_com[model.body_rootid[body]]
+                total[body] += sign * np.concatenate([t + np.cross(arm, f), f])
+    return total

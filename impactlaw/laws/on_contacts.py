@@ -1,0 +1,111 @@
+"""A law for some contacts only: the others have E = 0."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from impactlaw.errors import RestitutionError
+from impactlaw.laws.base import Law, Target
+from impactlaw.laws.friction.coulomb import Coulomb
+from impactlaw.laws.maximal_dissipation import MaximalDissipation
+from impactlaw.laws.moreau import Moreau
+from impactlaw.laws.newton import Newton
+from impactlaw.laws.restitution.coefficients import ContactCoefficients
+from impactlaw.laws.restitution.labels import canonical
+from impactlaw.mechanics.collision import Collision
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Some of the contacts that a scene can have.
+
+    Attributes:
+        labels: of contacts and limits, in canonical order of names.
+        others: whether it is all others that are chosen.
+    """
+
+    labels: frozenset[str]
+    others: bool = False
+
+    def mask(self, labels: Sequence[str]) -> np.ndarray:
+        """Return which of these contacts are chosen, bool (h,)."""
+        return np.array([(canonical(label) in self.labels) != self.others for label in labels], dtype=bool)
+
+
+@dataclass(frozen=True)
+class OnContacts(Law):
+    """``gamma^h`` is the law's for the contacts that are chosen, as if they collided alone, and 0 for the others.
+
+    With a diagonal E this is the same E with zeros. A law that couples contacts knows of the chosen ones only.
+
+    Attributes:
+        law: which knows a target.
+        chosen: the contacts that it is for.
+    """
+
+    law: Law
+    chosen: Chosen
+
+    def __repr__(self) -> str:
+        return f"{self.law!r} on some contacts"
+
+    def target(self, collision: Collision) -> Target:
+        """Return ``gamma^h``, zero where a contact is not chosen."""
+        which = np.flatnonzero(self.chosen.mask(collision.labels))
+        if len(which) == len(collision.labels):
+            return self.law.target(collision)
+        wanted = np.zeros(len(collision.labels))
+        if len(which):
+            wanted[which] = self.law.target(_part(collision, which)).contact_velocity
+        return Target(wanted)
+
+
+def restricted(law: Law, chosen: Chosen) -> Law:
+    """Return a law that is the given one for the contacts that are chosen, and has E = 0 for the others.
+
+    Raises:
+        RestitutionError: the law has a rule of its own for impulses, without coefficients that could be 0.
+    """
+    if isinstance(law, MaximalDissipation):
+        return law
+    if isinstance(law, Coulomb):
+        return replace(law, law=restricted(law.law, chosen))
+    if isinstance(law, Moreau):
+        law = Newton(law.restitution)
+    if isinstance(law, ContactCoefficients) and law.contact_count is None:
+        return _with_zeros(law, chosen)
+    if isinstance(law, Law) and law.has_target:
+        return OnContacts(law, chosen)
+    raise RestitutionError(
+        f"{law!r:.100} cannot be for some contacts only, since it has a rule of its own for impulses; key its "
+        "coefficients by contact labels, or give one for all, or leave contacts and limits out"
+    )
+
+
+def _with_zeros(law: Any, chosen: Chosen) -> Law:
+    """Return a law of coefficients with 0 for the contacts that are not chosen."""
+    keyed = isinstance(law.restitution, Mapping)
+    if chosen.others:
+        zeros = dict.fromkeys(sorted(chosen.labels), 0.0)
+        if keyed:
+            return replace(law, restitution={**law.restitution, **zeros})
+        return replace(law, restitution=zeros, default=law.restitution)
+    table = {label: law.named(label) if keyed else law.restitution for label in sorted(chosen.labels)}
+    return replace(law, restitution=table, default=0.0)
+
+
+def _part(collision: Collision, which: np.ndarray) -> Collision:
+    """Return the collision of some of its contacts, int (k,), without friction."""
+    before, after = collision.surface_velocity, collision.post_surface_velocity
+    return replace(
+        collision,
+        jacobian=collision.jacobian[which],
+        labels=tuple(collision.labels[i] for i in which),
+        surface_velocity=None if before is None else np.asarray(before)[which],
+        post_surface_velocity=None if after is None else np.asarray(after)[which],
+        friction=None,
+    )

@@ -1,0 +1,1 @@
+"""Soft stepping in compiled code."""

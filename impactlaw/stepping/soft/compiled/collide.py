@@ -1,0 +1,196 @@
+"""Collisions of one instant in compiled code, as `collisions.Collider` resolves them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlaw.mechanics.tolerances import SIGNIFICANT
+from impactlaw.solvers.cones import CONE
+from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain, zeros
+from impactlaw.solvers.cones.solve import linked_solve
+from impactlaw.stepping.compiled import libmujoco as mj
+from impactlaw.stepping.compiled.access import (
+    contact_ints,
+    data_floats,
+    data_ints,
+    layout_of,
+    model_ints,
+    number,
+    size,
+    velocity_of,
+)
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, keep
+from impactlaw.stepping.compiled.whitening import unwhiten
+from impactlaw.stepping.soft.compiled.alone import solve_alone
+from impactlaw.stepping.soft.compiled.found import find, jacobian_of, normal_velocities, within_reach
+from impactlaw.stepping.soft.compiled.rows import reached_by, read
+from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, UNKNOWN
+from impactlaw.stepping.soft.tolerances import ROUNDING
+
+COUNT, ENERGY, INTENSITY, DISTANT = 0, 1, 2, 3
+"""Places in the sums over collisions: their number, T+ - T-, |v+ - v-|, those with a distant effect."""
+
+_TOLERANCE = 1e-13  # relative natural map that the solver aims at
+_ENOUGH = 1e-12  # what it must reach
+_ROUNDS = 24  # of its slower methods
+_CREATED = 1e-12  # energy, relative to the one before, up to which its creation is rounding
+
+
+@kernel
+def _key(w, found, i):
+    """Return the key of a contact or limit; see `law_table.Coefficients`."""
+    c, row = found.contact[i], found.row[i]
+    if c < 0:
+        n = number(w, DATA.nefc)
+        return -1 - (np.int64(data_ints(w, DATA.efc_id, n)[row]) * 8 + data_ints(w, DATA.efc_type, n)[row])
+    one, other = contact_ints(w, CONTACT.geom, 2)[c, 0], contact_ints(w, CONTACT.geom, 2)[c, 1]
+    return (np.int64(min(one, other)) << 32) + max(one, other)
+
+
+@kernel
+def _offsets(w, law, found, rows, members, velocity, before, b):
+    """Write velocities of rows, and these less what is aimed at, (n,) each; return whether all e are known."""
+    for g in members:
+        i, first = rows.of[g], rows.first[g]
+        e = law.restitution
+        if np.isnan(e):
+            key = _key(w, found, i)
+            at = np.searchsorted(law.key, key)
+            if at == len(law.key) or law.key[at] != key:
+                law.asked[0] = key
+                return False
+            e = law.value[at]
+        for r in range(first, first + rows.count[g]):
+            for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
+                before[r] += rows.val[a] * velocity[rows.col[a]]
+            b[r] = (1.0 + (e if r == first else law.sliding)) * before[r]
+    return True
+
+
+@plain
+def _whitened_velocity(w, velocity, Mnnz, Madr, Mcol, factor, root, z):
+    """Write ``D^1/2 L v``, (nv,), whose products with whitened rows are the velocities of these."""
+    for i in range(w.nv):
+        s = velocity[i]
+        for a in range(Madr[i], Madr[i] + Mnnz[i] - 1):
+            s += factor[a] * velocity[Mcol[a]]
+        z[i] = s / root[i]
+
+
+@kernel
+def _solve(w, law, rows, members, b):
+    """Return impulses, (n,), jump, (nv,), and the natural map; one contact alone may have a closed form."""
+    n, k = len(rows.nnz), len(members)
+    if k == 1 and rows.count[members[0]] <= 3 and (law.exact or rows.count[members[0]] == 1):
+        x, z = np.zeros(n), np.zeros(w.nv)
+        if solve_alone(rows, rows.first[members[0]], rows.count[members[0]], b, x, z):
+            return x, z, 0.0
+    first, count, kind = rows.first[members], rows.count[members], np.full(k, CONE, np.int32)
+    x, z, residual, _ = linked_solve(
+        rows.nnz, rows.adr, rows.col, rows.val, w.nv, model_ints(w, MODEL.dof_treeid, w.nv), first, count, kind,
+        zeros(k), zeros(n), b, zeros(n), law.exact, _TOLERANCE, _ROUNDS,
+    )  # fmt: skip
+    return x, z, residual
+
+
+@plain
+def _length(v):
+    s = 0.0
+    for i in range(len(v)):
+        s += v[i] * v[i]
+    return np.sqrt(s)
+
+
+@plain
+def _book(rows, members, x, z, before, smallest, sums):
+    """Add a collision to the sums, less its jump; return its work, J."""
+    work, distant = 0.0, False
+    for g in members:
+        first = rows.first[g]
+        for r in range(first, first + rows.count[g]):
+            mean, length = before[r], 0.0
+            for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
+                mean += 0.5 * rows.val[a] * z[rows.col[a]]
+                length += rows.val[a] * rows.val[a]
+            work += x[r] * mean
+            length = np.sqrt(length)
+            distant = distant or (r == first and x[r] * length > smallest and mean > smallest * length)
+    sums[COUNT] += 1.0
+    sums[ENERGY] += work
+    sums[DISTANT] += distant
+    return work
+
+
+@kernel
+def _resolve(w, law, found, gamma, rounding, velocity, sums):
+    """Resolve one collision: change the velocity, (nv,), and add to the sums; return how it has ended."""
+    Mnnz, Madr, Mcol = layout_of(w)
+    factor, inverse, root = (
+        data_floats(w, DATA.qLD, size(w, MODEL.nC)),
+        data_floats(w, DATA.qLDiagInv, w.nv),
+        numbers(w.nv),
+    )
+    for i in range(w.nv):
+        root[i] = np.sqrt(inverse[i])
+    jacobian = jacobian_of(w)
+    reached = within_reach(w, found, jacobian, gamma, law.rest_speed, rounding)
+    rows = read(w, found, jacobian, reached, root, law.frictional)
+    members, n = reached_by(rows, gamma, law.rest_speed, w.nv), len(rows.nnz)
+    whitened, before, b = numbers(w.nv), zeros(n), zeros(n)
+    _whitened_velocity(w, velocity, Mnnz, Madr, Mcol, factor, root, whitened)
+    if not _offsets(w, law, found, rows, members, whitened, before, b):
+        return UNKNOWN
+    x, z, residual = _solve(w, law, rows, members, b)
+    if not residual <= _ENOUGH:
+        return PYTHON
+    speed, changed = _length(whitened), _length(z)
+    work, larger = _book(rows, members, x, z, before, SIGNIFICANT * speed, sums), max(speed, changed)
+    sums[INTENSITY] += changed
+    if 2.0 * work > (_CREATED + 4.0 * residual) * larger * larger:
+        return PYTHON
+    velocity += unwhiten(z, factor, Mnnz, Madr, Mcol, root)
+    return FINE
+
+
+@kernel
+def collide(w, law, sums):
+    """Resolve the collisions of now; qvel is the velocity after them.
+
+    Args:
+        w: the world, velocities of its rows current.
+        law: see `world.Law`.
+        sums: over the collisions, zeros, (4,), added to.
+
+    Returns:
+        How it has ended, and whether qvel is another one.
+    """
+    n, first = number(w, DATA.nefc), number(w, DATA.ne) + number(w, DATA.nf)
+    speeds = data_floats(w, DATA.efc_vel, n)
+    lowest = 0.0
+    for r in range(first, n):
+        lowest = min(lowest, speeds[r])
+    if not lowest < -law.rest_speed:
+        return FINE, False
+    found = find(w)
+    gamma, qvel = numbers(len(found.row)), velocity_of(w)
+    if not normal_velocities(found, speeds, gamma) < -law.rest_speed:
+        return FINE, False
+    rounding = 0.0
+    for speed in gamma:
+        rounding = max(rounding, ROUNDING * abs(speed))
+    velocity, status, changed = qvel.copy(), FINE, False
+    while status == FINE:
+        if sums[COUNT] >= law.most:
+            return PYTHON, False
+        before = velocity.copy()
+        status = _resolve(w, law, found, gamma, rounding, velocity, sums)
+        if status != FINE or (before == velocity).all():
+            break
+        changed, rows = True, np.empty(n)
+        mj.mul_jac_vec(w.model, w.data, address_of(rows), address_of(velocity))
+        keep(rows)
+        if not normal_velocities(found, rows, gamma) < -law.rest_speed:
+            break
+    if status == FINE:
+        qvel[:] = velocity
+    return status, changed

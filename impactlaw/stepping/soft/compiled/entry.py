@@ -1,0 +1,116 @@
+"""Where MuJoCo's thread enters compiled code: a C function, and numbers that say where all else is."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, cast
+
+import numba
+from numba import types
+
+from impactlaw.compiled import compiled
+from impactlaw.linked import linked
+from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.stepping.compiled.fields import floats, long_at, longs
+from impactlaw.stepping.soft.compiled.step import linked_advance
+from impactlaw.stepping.soft.compiled.world import CALLBACK, FINE
+
+SUMS = 4
+"""Numbers of `collide` for each step."""
+LEFT, TOTAL = 3, 4
+"""Places among the numbers: when the last step has ended, and where the sums over all steps begin."""
+
+
+class Context(NamedTuple):
+    """Places in the numbers that the entry is given: addresses, counts, and yes or no.
+
+    Attributes:
+        model: of the scene.
+        data: of the world.
+        trial: other data.
+        table: offsets of fields.
+        numbers: restitution, tangential restitution, rest speed, the time at which the last step has ended, and the
+            sums over all steps that are taken, written.
+        exact: exact Coulomb friction.
+        frictional: contacts have friction.
+        most: collisions of one step that are not to be reached.
+        collides: anything can collide.
+        keys: of the law's contacts, and how many.
+        values: their restitution.
+        callbacks: addresses of MuJoCo's callbacks, and how many.
+        steps: to take.
+        states: room for the state at the start of each step, followed by its sums, see `collide`, and how many numbers
+            a state has.
+        status: how the last step has ended, written.
+        taken: steps that are over, written.
+        asked: key of a contact that is not known, written.
+    """
+
+    model: int = 0
+    data: int = 1
+    trial: int = 2
+    table: int = 3
+    numbers: int = 4
+    exact: int = 5
+    frictional: int = 6
+    most: int = 7
+    collides: int = 8
+    keys: int = 9
+    known: int = 10
+    values: int = 11
+    callbacks: int = 12
+    callback_count: int = 13
+    steps: int = 14
+    states: int = 15
+    state_size: int = 16
+    status: int = 17
+    taken: int = 18
+    asked: int = 19
+
+
+CONTEXT = Context()
+
+
+@plain
+def _is_watched(callbacks):
+    """Return whether a callback of MuJoCo is set, which may be in Python."""
+    for i in range(len(callbacks)):  # noqa: SIM110 - compiled
+        if long_at(callbacks[i]) != 0:
+            return True
+    return False
+
+
+@compiled("void(int64)")
+def steps(context):
+    """Take steps until one ends in another way than it should."""
+    c = longs(context, len(CONTEXT))
+    c[CONTEXT.taken] = 0
+    if _is_watched(longs(c[CONTEXT.callbacks], c[CONTEXT.callback_count])):
+        c[CONTEXT.status] = CALLBACK
+        return
+    numbers, width = floats(c[CONTEXT.numbers], TOTAL + SUMS), c[CONTEXT.state_size]
+    numbers[TOTAL:] = 0.0
+    while c[CONTEXT.taken] < c[CONTEXT.steps]:
+        i = c[CONTEXT.taken]
+        state = c[CONTEXT.states] + 8 * (width + SUMS) * i
+        sums = floats(state + 8 * width, SUMS)
+        c[CONTEXT.status] = linked_advance(
+            c[CONTEXT.model], c[CONTEXT.data], c[CONTEXT.trial], c[CONTEXT.table],
+            numbers[0], numbers[1], c[CONTEXT.exact] != 0, c[CONTEXT.frictional] != 0, numbers[2], c[CONTEXT.most],
+            longs(c[CONTEXT.keys], c[CONTEXT.known]), floats(c[CONTEXT.values], c[CONTEXT.known]),
+            c[CONTEXT.asked : CONTEXT.asked + 1], numbers[LEFT:TOTAL],
+            floats(state, width), sums,
+            c[CONTEXT.collides] != 0,
+        )  # fmt: skip
+        if c[CONTEXT.status] != FINE:
+            return
+        numbers[TOTAL:] += sums
+        c[CONTEXT.taken] += 1
+
+
+_steps = linked(steps)
+
+
+@cast(Any, numba).cfunc(types.void(types.int64, types.int64, types.int32, types.int64))
+def entry(model, data, simulation, context):
+    """Take steps of the world that the numbers at an address tell of; the batch's own is not touched."""
+    _steps(context)

@@ -1,0 +1,125 @@
+"""Contacts and limits that MuJoCo's solver acts on, in compiled code, and which of them a collision can reach."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from impactlaw.solvers.cones.algebra.loops import kernel, plain
+from impactlaw.stepping.compiled.access import contact_ints, data_floats, data_ints, model_ints, number, option, size
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
+from impactlaw.stepping.compiled.libmujoco import is_sparse
+
+Array = np.ndarray[Any, Any]
+
+_PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
+
+
+class Found(NamedTuple):
+    """The contacts and limits that MuJoCo's solver acts on, one column each.
+
+    Attributes:
+        row: MuJoCo's first row, int64 (h,).
+        contact: the number among MuJoCo's contacts, -1 for a limit, int64 (h,).
+        paired: whether it is a pyramid: pairs of rows, whose mean is the normal, int64 (h,).
+    """
+
+    row: Array
+    contact: Array
+    paired: Array
+
+
+class Jacobian(NamedTuple):
+    """MuJoCo's rows, sparse or dense.
+
+    Attributes:
+        nnz: entries of each row, int32 (nefc,).
+        adr: where they begin, int32 (nefc,).
+        start: where their degrees of freedom begin, int32 (nefc,).
+        col: degrees of freedom, int32.
+        val: the entries.
+    """
+
+    nnz: Array
+    adr: Array
+    start: Array
+    col: Array
+    val: Array
+
+
+@kernel
+def find(w):
+    """Return the contacts and limits of now."""
+    limits, first, many = number(w, DATA.nl), number(w, DATA.ne) + number(w, DATA.nf), number(w, DATA.ncon)
+    address, dim = contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_ints(w, CONTACT.dim, 1)[:, 0]
+    pyramidal, h = option(w, MODEL.opt_cone) == _PYRAMIDAL, limits
+    table = np.zeros((3, limits + many), np.int64)
+    for i in range(limits):
+        table[0, i], table[1, i] = first + i, -1
+    for i in range(many):
+        if address[i] >= 0:
+            table[0, h], table[1, h], table[2, h] = address[i], i, pyramidal and dim[i] > 1
+            h += 1
+    return Found(table[0, :h], table[1, :h], table[2, :h])
+
+
+@plain
+def normal_velocities(found, velocity, gamma):
+    """Write the contact velocities, (h,), from velocities of MuJoCo's rows, (nefc,); return the lowest."""
+    lowest = 0.0
+    for i in range(len(gamma)):
+        row = found.row[i]
+        gamma[i] = 0.5 * (velocity[row] + velocity[row + 1]) if found.paired[i] else velocity[row]
+        lowest = min(lowest, gamma[i])
+    return lowest
+
+
+@kernel
+def jacobian_of(w):
+    """Return MuJoCo's rows of now."""
+    n = number(w, DATA.nefc)
+    if is_sparse(w.model):
+        many = number(w, DATA.nJ)
+        nnz, adr = data_ints(w, DATA.efc_J_rownnz, n), data_ints(w, DATA.efc_J_rowadr, n)
+        return Jacobian(nnz, adr, adr, data_ints(w, DATA.efc_J_colind, many), data_floats(w, DATA.efc_J, many))
+    places = np.zeros(3 * n + w.nv, np.int32)
+    for i in range(n):
+        places[i], places[n + i] = w.nv, i * w.nv
+    for i in range(w.nv):
+        places[3 * n + i] = i
+    return Jacobian(
+        places[:n], places[n : 2 * n], places[2 * n : 3 * n], places[3 * n :], data_floats(w, DATA.efc_J, n * w.nv)
+    )
+
+
+@kernel
+def within_reach(w, found, jacobian, gamma, speed, rounding):
+    """Return which contacts that do not separate share a tree, in steps, with one that is faster than speed, bool (h,).
+
+    Args:
+        w: the world.
+        found: its contacts.
+        jacobian: MuJoCo's rows.
+        gamma: contact velocities, (h,).
+        speed: of closing, m/s or rad/s.
+        rounding: contact velocity up to which a contact does not separate, m/s or rad/s.
+    """
+    nnz, adr, start, col, val = jacobian
+    tree, reached, more = model_ints(w, MODEL.dof_treeid, w.nv), np.zeros(len(gamma), np.bool_), True
+    mark = np.zeros(size(w, MODEL.ntree), np.bool_)
+    while more:
+        more = False
+        for i in range(len(gamma)):
+            if reached[i] or gamma[i] > rounding:
+                continue
+            r, near = found.row[i], gamma[i] < -speed
+            for a in range(nnz[r]):
+                near = near or (val[adr[r] + a] != 0.0 and mark[tree[col[start[r] + a]]])
+            if near:
+                reached[i] = more = True
+                for a in range(nnz[r]):
+                    if val[adr[r] + a] != 0.0:
+                        mark[tree[col[start[r] + a]]] = True
+    return reached

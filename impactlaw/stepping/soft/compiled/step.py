@@ -1,0 +1,181 @@
+"""One step of `scheme.SoftStepping` in compiled code, over MuJoCo's C functions; see there what each part is for."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from impactlaw.compiled import compiled
+from impactlaw.linked import linked
+from impactlaw.solvers.cones.algebra.loops import kernel, once, plain
+from impactlaw.stepping.compiled import libmujoco as mj
+from impactlaw.stepping.compiled.access import data_floats, number, offset, option, size, velocity_of
+from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, ints, keep, long_at
+from impactlaw.stepping.soft.compiled.collide import collide
+from impactlaw.stepping.soft.compiled.found import find, normal_velocities
+from impactlaw.stepping.soft.compiled.world import DIVERGED, FINE, PYTHON, Law, World
+
+STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+_RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
+_POSITION, _VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
+_COMPARE = int(mujoco.mjtEnableBit.mjENBL_FWDINV)
+_BAD_POSITION, _BAD_VELOCITY, _BAD_ACCELERATION = (
+    int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")
+)
+_HUGE = mujoco.mjMAXVAL
+
+
+@plain
+def _bad_states(w):
+    """Return how often MuJoCo has met a state that is not finite, or huge."""
+    warnings = ints(w.data + offset(w, DATA.warning), 2 * (max(_BAD_POSITION, _BAD_VELOCITY, _BAD_ACCELERATION) + 1))
+    return warnings[2 * _BAD_POSITION + 1] + warnings[2 * _BAD_VELOCITY + 1] + warnings[2 * _BAD_ACCELERATION + 1]
+
+
+@plain
+def _is_huge(w):
+    qpos, total = data_floats(w, DATA.qpos, size(w, MODEL.nq)), 0.0
+    for i in range(len(qpos)):
+        total += qpos[i] * qpos[i]
+    qvel, speed = velocity_of(w), 0.0
+    for i in range(len(qvel)):
+        speed += qvel[i] * qvel[i]
+    return not (np.sqrt(total) <= _HUGE and np.sqrt(speed) <= _HUGE)
+
+
+@plain
+def _touches(w):
+    return number(w, DATA.ncon) + number(w, DATA.nl)
+
+
+@kernel
+def _collide(w, law, sums):
+    """Resolve the collisions of now, if there are any; see `collide.collide`."""
+    if _touches(w) == 0 or _is_huge(w):
+        return FINE, False
+    return collide(w, law, sums)
+
+
+@plain
+def _update(w):
+    """Do what `mj_forward` does, except for sensors and energies."""
+    mj.fwd_position(w.model, w.data)
+    mj.fwd_velocity(w.model, w.data)
+    mj.fwd_actuation(w.model, w.data)
+    mj.fwd_acceleration(w.model, w.data)
+    mj.fwd_constraint(w.model, w.data)
+
+
+@kernel
+def _collide_at_end(w, law, trial, state, sums):
+    """Take an RK4 step again with Euler if that ends in a collision that the law changes; return how it has ended."""
+    n, q = number(w, DATA.nefc), 1 + size(w, MODEL.nq)
+    rows, before, found = np.empty(n), state[q : q + w.nv], find(w)
+    mj.mul_jac_vec(w.model, w.data, address_of(rows), address_of(before))
+    keep(rows)
+    if not normal_velocities(found, rows, np.empty(len(found.row))) < -law.rest_speed:
+        return FINE
+    now = World(w.model, trial, w.table, w.nv)
+    mj.set_state(w.model, trial, address_of(state), STATE)
+    _update(now)
+    mj.euler(w.model, trial)
+    mj.fwd_position(w.model, trial)
+    mj.fwd_velocity(w.model, trial)
+    of_trial = np.zeros(len(sums))
+    status, changed = _collide(now, law, of_trial)
+    if status == FINE and changed:
+        sums += of_trial
+        end = np.empty(len(state))
+        mj.get_state(w.model, trial, address_of(end), STATE)
+        mj.set_state(w.model, w.data, address_of(end), STATE)
+        keep(end)
+        _update(w)
+    return status
+
+
+@once
+def _from_start(w, law, trial, integrator, state, sums):
+    """Do what `mj_step` does, with the law before the forces."""
+    mj.first_half(w.model, w.data)
+    contacts = _touches(w)
+    status, changed = _collide(w, law, sums)
+    if status != FINE:
+        return status
+    mj.rest_of_forward(w.model, w.data, np.int32(_POSITION if changed else _VELOCITY), np.int32(0))
+    mj.check_acc(w.model, w.data)
+    if option(w, MODEL.opt_enableflags) & _COMPARE:
+        mj.compare_fwd_inv(w.model, w.data)
+    if integrator == _RK4:
+        middle = np.empty(len(state))
+        mj.get_state(w.model, w.data, address_of(middle), STATE)
+        mj.runge_kutta(w.model, w.data, np.int32(4))
+        if _touches(w) > contacts:
+            status = _collide_at_end(w, law, trial, middle, sums)
+        keep(middle)
+    elif integrator == _EULER:
+        mj.euler(w.model, w.data)
+    else:
+        mj.implicit(w.model, w.data)
+    return status
+
+
+@compiled(
+    "int64(int64,int64,int64,int64,float64,float64,boolean,boolean,float64,int64,int64[::1],float64[::1],int64[::1],"
+    "float64[::1],float64[::1],float64[::1],boolean)"
+)
+def advance(
+    model, data, trial, table, restitution, sliding, exact, frictional, rest_speed, most, keys, values, asked,
+    left, state, sums, collides,
+):  # fmt: skip
+    """Take one step and return how it has ended; see `world`.
+
+    Args:
+        model: address of the model.
+        data: address of its data.
+        trial: address of other data.
+        table: offsets of fields, see `compiled.fields`.
+        restitution: see `world.Law`, like the eight that follow.
+        sliding: see there.
+        exact: see there.
+        frictional: see there.
+        rest_speed: see there.
+        most: see there.
+        keys: see there.
+        values: see there.
+        asked: see there.
+        left: time at which the last step has ended, s, (1,), written.
+        state: room for the state, where that of the start is in the end.
+        sums: over collisions, see `collide`, (4,), written.
+        collides: whether anything can.
+    """
+    nv = long_at(model + long_at(table + 8 * MODEL.nv))
+    w = World(model, data, table, nv)
+    law = Law(restitution, sliding, exact, frictional, rest_speed, most, keys, values, asked)
+    time_at = data + offset(w, DATA.time)
+    time, integrator = float_at(time_at), option(w, MODEL.opt_integrator)
+    timestep = float_at(model + offset(w, MODEL.opt_timestep))
+    if integrator == _DISCRETE or not 0.0 < timestep < np.inf:
+        return PYTHON
+    sums[:] = 0.0
+    bad = _bad_states(w)
+    mj.get_state(model, data, address_of(state), STATE)
+    status = FINE
+    if not collides:
+        mj.whole_step(model, data)
+    elif integrator != _RK4 or _touches(w) or time != left[0]:
+        status = _from_start(w, law, trial, integrator, state, sums)
+    else:
+        mj.whole_step(model, data)
+        if _touches(w):
+            status = _collide_at_end(w, law, trial, state, sums)
+    if status != FINE:
+        mj.set_state(model, data, address_of(state), STATE)
+        return status
+    left[0] = float_at(time_at)
+    if left[0] <= time or _bad_states(w) != bad or _is_huge(w):
+        return DIVERGED
+    return FINE
+
+
+linked_advance = linked(advance)
+"""What compiled functions call."""

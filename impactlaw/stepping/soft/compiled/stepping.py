@@ -1,0 +1,217 @@
+"""Soft stepping of one world in compiled code; what that does not take is stepped by the scheme in Python."""
+
+from __future__ import annotations
+
+import copy
+import ctypes
+import warnings
+from functools import cached_property, reduce
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from impactlaw.errors import DivergenceError, UncompiledWarning
+from impactlaw.laws import Coulomb, Law
+from impactlaw.stepping.compiled.engine import Pool
+from impactlaw.stepping.compiled.fields import DATA
+from impactlaw.stepping.compiled.law_table import Coefficients, reason
+from impactlaw.stepping.compiled.layout import table
+from impactlaw.stepping.compiled.libmujoco import callbacks
+from impactlaw.stepping.impact_event import NOTHING, ImpactEvent, ImpactSums
+from impactlaw.stepping.integration import empty_state, restore_state
+from impactlaw.stepping.law_targets import LawTargets
+from impactlaw.stepping.soft.compiled import world
+from impactlaw.stepping.soft.compiled.entry import CONTEXT, LEFT, SUMS, TOTAL, entry
+from impactlaw.stepping.soft.scheme import SoftStepping
+
+_EMPTY = "<mujoco/>"
+_DATA, _STEPS, _TAKEN, _STATUS = CONTEXT.data, CONTEXT.steps, CONTEXT.taken, CONTEXT.status
+
+
+class CompiledSoftStepping:
+    """Soft stepping in compiled code; see `scheme.SoftStepping`, whose interface it has.
+
+    Args:
+        scheme: the scheme in Python, whose options it has, and which takes what compiled code does not.
+        warn: whether to warn where it does.
+    """
+
+    def __init__(self, scheme: SoftStepping, *, warn: bool):
+        self._scheme, self._warn = scheme, warn
+        model: Any = scheme.model
+        self._model, self._trial, self._table, self._callbacks = model, mujoco.MjData(model), table(), callbacks()
+        self._room, self._steps = len(empty_state(model)), 1
+        self._states = np.zeros((1, self._room + SUMS))
+        self._numbers = np.array([np.nan, 0.0, scheme.rest_speed, np.nan, *np.zeros(SUMS)])
+        self._context = np.zeros(len(CONTEXT), np.int64)
+        self._at, self._pool = self._context.ctypes.data, None
+        self._fields, self._total = memoryview(self._context), memoryview(self._numbers)[TOTAL:]
+        self._take_over()
+
+    def _take_over(self) -> None:
+        """Take over the law of the scheme."""
+        scheme, law = self._scheme, self._scheme.collider.law
+        targets = LawTargets(law)
+        self._coefficients = Coefficients(targets, *scheme.labels, self._model.njnt)
+        self._reason = scheme.only_in_python or reason(targets)
+        self._numbers[0] = np.nan if targets.restitution is None else targets.restitution
+        self._numbers[1] = law.tangential_restitution if isinstance(law, Coulomb) else 0.0
+        self._exact = not isinstance(law, Coulomb) or law.cone == "exact"
+        self._write_context()
+        if self._reason is not None:
+            self._tell(self._reason)
+
+    def _tell(self, why: str) -> None:
+        if self._warn:
+            self._warn = False
+            warnings.warn(f"steps are not compiled, but in Python: {why}", UncompiledWarning, stacklevel=5)
+
+    def _write_context(self) -> None:
+        """Tell compiled code where all is."""
+        trial: Any = self._trial
+        arrays = {
+            "table": self._table, "numbers": self._numbers, "keys": self._coefficients.key,
+            "values": self._coefficients.value, "callbacks": self._callbacks, "states": self._states,
+        }  # fmt: skip
+        values = {name: array.ctypes.data for name, array in arrays.items()}
+        values |= {
+            "model": self._model._address, "trial": trial._address, "exact": self._exact,
+            "frictional": self._scheme.friction, "most": self._scheme.collider.most,
+            "collides": self._scheme.collides, "known": len(self._coefficients.key),
+            "callback_count": len(self._callbacks), "state_size": self._room,
+        }  # fmt: skip
+        for name, value in values.items():
+            self._context[getattr(CONTEXT, name)] = value
+
+    @property
+    def unlocated(self) -> int:
+        """See `scheme.SoftStepping`."""
+        return self._scheme.unlocated
+
+    def set_law(self, law: Law) -> None:
+        """Let the collisions of the next steps be by another law."""
+        self._scheme.set_law(law)
+        self._take_over()
+
+    def finish(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
+        """Do what follows `mj_step1` in a step, and return the collisions; that is in Python."""
+        return self._scheme.finish(data)
+
+    def step(self, data: mujoco.MjData, steps: int = 1) -> Collisions | Part:
+        """Advance by so many timesteps, 1 or more, and return what tells their collisions."""
+        parts: list[Part] = []
+        if self._reason is not None:
+            self._in_python(data, steps, parts)
+            return _together(parts)
+        if self._pool is None:
+            self._pool = Pool(mujoco.MjModel.from_xml_string(_EMPTY), 1, 1, persistent=True)
+        if steps > self._steps:
+            self._steps, self._states = steps, np.zeros((steps, self._room + SUMS))
+            self._write_context()
+        fields, simulation = self._fields, data
+        fields[_DATA] = simulation._address  # pyright: ignore[reportAttributeAccessIssue]
+        while steps:
+            fields[_STEPS] = steps
+            if self._pool.apply(entry.address, self._at, save=False):
+                self._fail(data, self._pool.error(0))
+            taken, how = fields[_TAKEN], fields[_STATUS]
+            steps -= taken
+            if self._total[0]:
+                parts.append(Replay(self._scheme, self._states[:taken].copy(), self._total))
+            if how != world.FINE:
+                steps -= self._go_on(how, data, steps, parts)
+        return _together(parts)
+
+    def _go_on(self, how: int, data: mujoco.MjData, steps: int, parts: list[Any]) -> int:
+        """Do what compiled code has left, and return how many steps that were."""
+        if how == world.DIVERGED:
+            raise DivergenceError(f"MuJoCo met a state that is not finite, or huge, in the step to t = {data.time:g} s")
+        if how == world.UNKNOWN:
+            self._coefficients.learn(int(self._context[CONTEXT.asked]))
+            self._write_context()
+            return 0
+        if how == world.CALLBACK:
+            self._tell("a callback of MuJoCo is set")
+        else:
+            steps = 1
+        self._in_python(data, steps, parts)
+        return steps
+
+    def _in_python(self, data: mujoco.MjData, steps: int, parts: list[Any]) -> None:
+        for _ in range(steps):
+            events = self._scheme.step(data)
+            if events:
+                parts.append(events)
+        self._numbers[LEFT] = data.time
+
+    def _fail(self, data: mujoco.MjData, message: str) -> None:
+        """Raise what MuJoCo has said, with data where it was."""
+        simulation: Any = data
+        for place in (DATA.pstack, DATA.pbase):  # what was on MuJoCo's stack is lost
+            ctypes.c_size_t.from_address(simulation._address + int(self._table[place])).value = 0
+        restore_state(self._model, data, self._states[int(self._context[CONTEXT.taken]), : self._room])
+        raise mujoco.FatalError(message)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy goes on with the same law."""
+        return {"scheme": self._scheme, "warn": self._warn}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Go on."""
+        self.__init__(state["scheme"], warn=state["warn"])
+
+
+class Replay:
+    """The collisions of compiled steps, told by the scheme in Python when somebody asks: it takes them once more.
+
+    Attributes:
+        sums: over the collisions; they need no events.
+    """
+
+    def __init__(self, scheme: SoftStepping, states: np.ndarray, total: memoryview):
+        self._scheme, self._collider, self._states = scheme, scheme.collider, states
+        count, energy, intensity, distant = total
+        self.sums = ImpactSums(int(count), energy, 0.0, intensity, int(distant), 0)
+
+    def __call__(self) -> tuple[ImpactEvent, ...]:
+        """Return them as events."""
+        return self._events
+
+    @cached_property
+    def _events(self) -> tuple[ImpactEvent, ...]:
+        scheme, data = copy.copy(self._scheme), mujoco.MjData(self._scheme.model)
+        scheme.set_law(self._collider.law)
+        events: list[ImpactEvent] = []
+        collided = self._states[:, -SUMS] > 0
+        for state in self._states[collided, :-SUMS]:
+            restore_state(scheme.model, data, state)
+            scheme.forget()
+            events += scheme.step(data)
+        return tuple(events)
+
+
+class Collisions:
+    """Collisions of compiled steps and of steps in Python, in their order.
+
+    Attributes:
+        sums: over all of them.
+    """
+
+    def __init__(self, parts: list[Part]):
+        self._parts = parts
+        self.sums = reduce(ImpactSums.with_more, (getattr(p, "sums", None) or ImpactSums.of(p) for p in parts), NOTHING)
+
+    def __call__(self) -> tuple[ImpactEvent, ...]:
+        """Return them as events."""
+        return tuple(event for part in self._parts for event in (part if isinstance(part, tuple) else part()))
+
+
+Part = Replay | tuple[ImpactEvent, ...]
+"""Collisions of compiled steps, or of one step in Python."""
+
+
+def _together(parts: list[Part]) -> Collisions | Part:
+    if len(parts) == 1:
+        return parts[0]
+    return Collisions(parts) if parts else ()

@@ -1,0 +1,7 @@
+"""The numbers of the scheme."""
+
+REST_SPEED = 0.1
+"""Closing speed, m/s, above which a soft contact collides."""
+
+ROUNDING = 1e-12
+"""Part of the largest contact velocity up to which a contact does not separate: a collision with E = 0 leaves it so."""

@@ -1,1 +1,0 @@
-"""MuJoCo's structures and functions as compiled code sees them."""
