@@ -105,6 +105,9 @@ class CompiledSoftStepping:
             self._in_python(data, steps, parts)
             return _together(parts)
         if self._pool is None:
+            if any(ctypes.c_size_t.from_address(place).value for place in self._callbacks.tolist()):
+                self._go_on(world.CALLBACK, data, steps, parts)
+                return _together(parts)
             self._pool = Pool(mujoco.MjModel.from_xml_string(_EMPTY), 1, 1, persistent=True)
         if steps > self._steps:
             self._steps, self._states = steps, np.zeros((steps, self._room + SUMS))
