@@ -15,6 +15,7 @@ from impactlaw.envs.law_options import LawOptions, describe_law
 from impactlaw.errors import DivergenceError, WrapperError
 from impactlaw.laws import Law
 from impactlaw.stepping.impact_event import NOTHING, ImpactEvent
+from impactlaw.stepping.integration import is_huge
 from impactlaw.stepping.stepper import Stepper, Told
 
 
@@ -188,6 +189,12 @@ class PlacedLaw(ABC):
         if not mujoco.mju_norm(data.ctrl) <= mujoco.mjMAXVAL:
             self.diverged = True
             raise DivergenceError(f"the controls at t = {data.time:g} s are not finite, or huge")
+
+    def _refuse_bad_state(self, data: mujoco.MjData) -> None:
+        """Under RK4 a state that is not finite, or huge, shows in the next timestep only."""
+        if is_huge(data):
+            self.diverged = True
+            raise DivergenceError(f"the state at t = {data.time:g} s is not finite, or huge")
 
 
 def name_of(target: Any) -> str:

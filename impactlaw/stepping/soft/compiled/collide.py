@@ -152,6 +152,17 @@ def _resolve(w, law, found, gamma, rounding, velocity, sums):
     return FINE
 
 
+@plain
+def _tell(outcomes, velocity):
+    """Write the velocity after a collision, if there is room."""
+    n = len(velocity)
+    if len(outcomes) > 0:
+        at = 1 + np.int64(outcomes[0]) * n
+        for i in range(min(n, len(outcomes) - at)):
+            outcomes[at + i] = velocity[i]
+        outcomes[0] += 1.0
+
+
 @kernel
 def collide(w, law, sums):
     """Resolve the collisions of now; qvel is the velocity after them.
@@ -184,6 +195,8 @@ def collide(w, law, sums):
             return PYTHON, False
         before = velocity.copy()
         status = _resolve(w, law, found, gamma, rounding, velocity, sums)
+        if status == FINE:
+            _tell(law.outcomes, velocity)
         if status != FINE or (before == velocity).all():
             break
         changed, rows = True, np.empty(n)
