@@ -1,4 +1,4 @@
-"""The command line: compare, inspect, identify, plan, laws, scenes."""
+"""The command line: compare, inspect, identify, study, plan, laws, scenes."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
-from impactlaw.errors import ImpactLawError, RecordingError, SceneError
+from impactlaw.errors import ImpactLawError, RecordingError, SceneError, StudyError
 
 
 @dataclass(frozen=True)
@@ -120,6 +120,58 @@ class Identify:
 
 
 @dataclass(frozen=True)
+class RunStudy:
+    """Let policies made for laws act under others, and print what that costs: transfer matrices and regrets.
+
+    What is finished is kept in the folder: the same command goes on where it was stopped. A law is "moreau:0.5",
+    "maximal-dissipation", a law.json, "moreau:0.4..1" or "moreau|reversal:0.8" for one drawn per episode, or "mujoco".
+    """
+
+    tasks: tuple[str, ...] | None = None
+    """Ids of gymnasium, such as impactlaw/Juggler-v0 or Hopper-v5."""
+    act: tuple[str, ...] | None = None
+    """Laws to act under."""
+    train: tuple[str, ...] | None = None
+    """Laws to make policies for; those to act under if not given."""
+    policies: tuple[str, ...] | None = None
+    """ppo, which is trained and used if not given; scripted; module:name; a file.zip of stable-baselines3."""
+    schemes: tuple[Literal["soft", "time-stepping", "event-driven"], ...] | None = None
+    """Ways to step; the tasks' usual ones if not given."""
+    seeds: tuple[int, ...] | None = None
+    """Of trainings and of episodes; 0 1 2 if not given."""
+    episodes: int | None = None
+    """Of a cell; 20 if not given."""
+    steps: int | None = None
+    """Of a training; 100 000 if not given."""
+    quick: bool = False
+    """The scripted controllers on this package's own tasks, instead of all of the above."""
+    backend: str = "loky"
+    """Where cells run: loky (processes of this machine), dask, ray, or another backend of joblib."""
+    address: str | None = None
+    """Of the cluster's scheduler; one on this machine is started if not given."""
+    jobs: int = -1
+    """Cells at a time; -1 for one per processor."""
+    out: Path = Path("out/study")
+    """Folder for cells, policies, tables and pictures."""
+
+    def __call__(self) -> None:
+        """Run the study, write tables and pictures, and print the matrices."""
+        from impactlaw.studies import Study, quick_study, run
+        from impactlaw.studies.report import report
+
+        names = ("tasks", "act", "train", "policies", "schemes", "seeds", "episodes", "steps")
+        given: dict[str, Any] = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        if self.quick and given:
+            raise StudyError(f"--quick is a study of its own: leave it out, or --{', --'.join(given)}")
+        if not self.quick and not {"tasks", "act"} <= set(given):
+            raise StudyError("state --tasks and --act, or --quick")
+        sys.path.append(os.fspath(Path.cwd()))  # where policies of the user's own may be
+        study = quick_study() if self.quick else Study(**given)
+        table = run(study, self.out, backend=self.backend, address=self.address, jobs=self.jobs)
+        print(report(table, self.out))
+
+
+@dataclass(frozen=True)
 class Laws:
     """List the impact laws, one line each."""
 
@@ -154,7 +206,7 @@ class Plan:
     scheme: Literal["event-driven", "time-stepping"] | None = None
     """How rigid contact is stepped; event-driven if not given."""
     friction: Literal["coulomb", "convex", "ignore"] | None = None
-    """Friction of rigid contacts and of soft collisions: exact Coulomb friction, if not given, its relaxation, or none."""
+    """Of rigid contacts and soft collisions: exact Coulomb friction, if not given, its convex relaxation, or none."""
 
     def __call__(self) -> None:
         """Print the plan."""
@@ -200,6 +252,7 @@ Command = (
     Annotated[Compare, tyro.conf.subcommand("compare")]
     | Annotated[Inspect, tyro.conf.subcommand("inspect")]
     | Annotated[Identify, tyro.conf.subcommand("identify")]
+    | Annotated[RunStudy, tyro.conf.subcommand("study")]
     | Annotated[Plan, tyro.conf.subcommand("plan")]
     | Annotated[Laws, tyro.conf.subcommand("laws")]
     | Annotated[Scenes, tyro.conf.subcommand("scenes")]

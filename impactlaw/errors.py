@@ -105,6 +105,23 @@ class OptionError(ImpactLawError, ValueError):
     """An option that does not exist, or with a value that it cannot have."""
 
 
+class StudyError(ImpactLawError, ValueError):
+    """A study that cannot be run as it is stated, or cells of it that have failed, or whose files cannot be read."""
+
+
+class MissingExtraError(ImpactLawError, ImportError):
+    """A package that only some need is not installed.
+
+    Args:
+        what: for what it is needed.
+        package: the package.
+        extra: of impactlaw, that brings it.
+    """
+
+    def __init__(self, what: str, package: str, extra: str):
+        super().__init__(f"{what} needs {package}, which is not installed: pip install 'impactlaw[{extra}]'")
+
+
 class SettledError(ImpactLawError, AttributeError):
     """Something that is settled when its owner is made was set later: it would have no effect."""
 

@@ -169,7 +169,7 @@ class PlacedLaw(ABC):
             steps, half = steps - some, False
             if told := stepper.told:
                 self._met.append(told)
-                self._sums = self._sums.with_more(stepper.sums) if self._sums.count else stepper.sums
+                self._sums = self._sums.with_more(stepper.sums) if self._sums.collisions else stepper.sums
             if self._log is not None:
                 self._log.step(stepper, data, stepper.events)
 

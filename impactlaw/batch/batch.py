@@ -96,7 +96,7 @@ class Batch:
         self._laws = Laws(scheme, nsim)
         self.set_law(law)
         self._report = np.zeros((nsim, 2), np.int64)
-        self._sizes, self._bilateral = scheme.sizes, scheme.bilateral.astype(np.uint8)
+        self._sizes, self._bilateral = scheme.sizes, scheme.problem.bilateral.astype(np.uint8)
         self._slots = np.zeros((self.nthread + 1, 2), np.int64)
         self._context, self._table = np.zeros(len(WORLDS), np.int64), table()
         self._write_context()

@@ -1,7 +1,7 @@
 """What the wrapper `ImpactLaw` costs next to the plain environment, under the same random actions, in one process.
 
-Both take the same episode again and again, in turns and in short pieces, and the fastest time of each piece counts: what
-other processes take from the machine is left out.
+Both take the same episode again and again, in turns and in short pieces, and the fastest time of each piece counts:
+what other processes take from the machine is left out.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from scipy import sparse
 
 from impactlaw import ImpactLawError, Moreau, Stepper
 from impactlaw.solvers.cones import CONE
-from impactlaw.stepping.time_stepping import scheme
+from impactlaw.stepping.time_stepping import contact_impulses
 from impactlaw.stepping.time_stepping.problem.contact_problem import recall
 from impactlaw.stepping.time_stepping.problem.targets import offsets
 from scripts.robots import starts
@@ -99,14 +99,14 @@ def _start(scene: Scene, loaded: Loaded, rng: np.random.Generator) -> mujoco.MjD
 @contextmanager
 def _watched(look: Callable[[dict[str, Any]], object]) -> Iterator[None]:
     """Let somebody look at the arguments, by name, of every call of the scheme's `resolve_step`."""
-    own = scheme.resolve_step
+    own = contact_impulses.resolve_step
     names = inspect.signature(own.py_func)
 
     def seam(*arguments: object) -> object:
         look(names.bind(*arguments).arguments)
         return own(*arguments)
 
-    with mock.patch.object(scheme, "resolve_step", seam):
+    with mock.patch.object(contact_impulses, "resolve_step", seam):
         yield
 
 

@@ -18,8 +18,7 @@ import tyro
 from tqdm import tqdm
 
 import impactlaw.envs  # noqa: F401  (registers the environments)
-
-from .scripted import CONTROLLERS, Controller
+from impactlaw.studies.policies.controllers import CONTROLLERS, Controller
 
 LAWS: dict[str, tuple[tuple[str, float | None], ...]] = {
     "NewtonsCradle-v0": (
@@ -86,12 +85,12 @@ def play(name: str, law: str, restitution: float | None, seed: int, controller: 
         seed: of the episode.
         controller: the one tuned to the environment's first law if not given.
     """
-    controller = CONTROLLERS[name]() if controller is None else controller
+    act: Controller = CONTROLLERS[name]() if controller is None else controller
     env = gymnasium.make(f"impactlaw/{name}", law=law, restitution=restitution)
     observation, _ = env.reset(seed=seed)
     total, over = 0.0, False
     while not over:
-        observation, reward, terminated, truncated, _ = env.step(np.atleast_1d(controller(observation)))
+        observation, reward, terminated, truncated, _ = env.step(np.atleast_1d(act(observation)))
         total += float(reward)
         over = terminated or truncated
     env.close()

@@ -14,8 +14,8 @@ from own_envs import IDS, bare, every_env
 from impactlaw.envs.rendering import has_display
 from impactlaw.errors import RecordingError, RenderError
 from impactlaw.recording import read_log
+from impactlaw.studies.policies.controllers import CONTROLLERS
 from scripts.controllers.__main__ import LAWS
-from scripts.controllers.scripted import CONTROLLERS
 
 # Recording
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from own_envs import bare, every_env
 
+from impactlaw.studies.policies.controllers import FullHit, Hit
 from scripts.controllers import __main__ as controllers
-from scripts.controllers.scripted import FullHit, Hit
 
 
 @every_env

@@ -7,7 +7,7 @@ import pytest
 from scipy import sparse
 
 from impactlaw.solvers.cones import BILATERAL, BOX, CONE, natural_map
-from impactlaw.stepping.time_stepping import scheme
+from impactlaw.stepping.time_stepping import contact_impulses
 from scripts.cone_solvers import capture, clarabel_cones, measure, report, solvers
 from scripts.cone_solvers.__main__ import Study, captured, run
 from scripts.cone_solvers.catalogue import QUICK, catalogue, load_with_friction
@@ -74,7 +74,7 @@ def test_natural_map_by_hand(b, exact, x):
 
 def test_problems_are_those_of_the_scheme(scene, monkeypatch):
     """What the scheme solved with is what our copy of its problem gives."""
-    seen, own = [], scheme.resolve_step
+    seen, own = [], contact_impulses.resolve_step
 
     def resolve(*arguments):
         answer = own(*arguments)
@@ -83,7 +83,7 @@ def test_problems_are_those_of_the_scheme(scene, monkeypatch):
         return answer
 
     resolve.py_func = own.py_func
-    monkeypatch.setattr(scheme, "resolve_step", resolve)
+    monkeypatch.setattr(contact_impulses, "resolve_step", resolve)
     problem = capture.problem_of
     monkeypatch.setattr(capture, "problem_of", lambda *given: seen.append((problem(*given), None)) or seen[-1][0])
     capture.problems_of_run(scene, load_with_friction(scene), 3, "coulomb", np.random.default_rng(0), 0)

@@ -12,13 +12,16 @@ volume.) ``gamma^h`` is the law's where contacts collide (`targets`). What conta
 ``Lambda^T (gamma- + gamma+) / 2``, and forces that do not depend on velocity do their work to second order: so no
 energy comes from contact, and an elastic ball keeps its own exactly.
 
+A contact that is hit only through others, across a gap that is still open, collides after them in the same step, from
+the velocity that they lead to (`problem.phases`).
+
 No step fails: what cannot be reached is left at the nearest point, and ``shortfall`` says by how much.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -34,40 +37,30 @@ from mujoco import (
     mj_mulJacTVec,
 )
 
-from impactlaw.errors import DivergenceError, InadmissibleImpactError
-from impactlaw.laws import Coulomb, Law
+from impactlaw.errors import DivergenceError
+from impactlaw.laws import Law
 from impactlaw.laws.fremond import Reversal
-from impactlaw.scene.contacts import Contacts, geom_names
-from impactlaw.scene.equality_constraints import bilateral_constraints
-from impactlaw.scene.joint_limits import Limits
+from impactlaw.scene.contacts import Contacts
 from impactlaw.scene.moving_surfaces import Surfaces
-from impactlaw.solvers.cones import BILATERAL
 from impactlaw.stepping.compatibility import check_time_stepping
 from impactlaw.stepping.compiled.law_table import Coefficients
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_input, empty_state, is_huge, restore_state, save_state
-from impactlaw.stepping.law_targets import LawTargets
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
-from impactlaw.stepping.time_stepping.events import CollisionRecord
+from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem, Known, Metric, StepImpulses
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, InertialForces
 from impactlaw.stepping.time_stepping.margins import body_sizes, set_margins
-from impactlaw.stepping.time_stepping.problem.contact_problem import resolve_step
 from impactlaw.stepping.time_stepping.problem.dense import encode_pyramids, sparse_jacobian
 from impactlaw.stepping.time_stepping.problem.rows import Rows, near_rows, read_rows
-from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
 from impactlaw.stepping.time_stepping.second_look import SecondLook
-from impactlaw.stepping.time_stepping.seen import Seen, in_order
 from impactlaw.stepping.time_stepping.tolerances import (
     FEW_ROUNDS,
     LOOKS,
     MANY_ROUNDS,
-    RESOLVED,
-    REST_SPEED,
     SHARES,
     SHORTFALL_LIMIT,
     SLOWEST,
-    STIFF,
 )
 
 _PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
@@ -98,10 +91,9 @@ class TimeStepping:
     ):
         check_time_stepping(model)
         self._model = model
-        self._exact_cones = friction != "convex"
-        self.set_law(law)
-        self._on_inadmissible = on_inadmissible
-        self._rest_speed = REST_SPEED if rest_speed is None else rest_speed
+        self._problem = ContactProblem(
+            model, law, friction=friction, on_inadmissible=on_inadmissible, rest_speed=rest_speed
+        )
         self._friction = plan.friction
         self._surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces and model.nmocap else None
         self._borrowed = BorrowedModel(model)
@@ -109,26 +101,20 @@ class TimeStepping:
         self._inertial = InertialForces(model)
         self._second_look = SecondLook(model, self._sizes, self._borrowed)
         self._state = empty_state(model)
-        self._bilateral = bilateral_constraints(model)
-        self._names, self._limits = geom_names(model), Limits(model)
         self._left: tuple[bytes, bytes] = b"", b""
-        self._known: tuple[Any, ...] | None = None
-        self._record: CollisionRecord | None = None
-        self._asked: Seen | None = None
+        self._known: Known | None = None
+        self._found: StepImpulses | None = None
         self._rows: Rows | None = None
-        self._metric: tuple[np.ndarray, np.ndarray] = np.zeros(0), np.zeros(0)
+        self._metric: Metric = np.zeros(0), np.zeros(0)
         self._middle, self._velocity = np.zeros(0), np.zeros(0)
         self._gained = np.zeros(model.nv)  # velocity by the forces of the last step, without contact
-        self.shortfall = self._fastest = 0.0
-        self._work, self._rounds = [0.0, 0.0], MANY_ROUNDS
+        self.shortfall, self._rounds = 0.0, MANY_ROUNDS
         self.short_steps = self.unlocated = 0
         self.solved, self._overflown = True, False
 
     def set_law(self, law: Law) -> None:
         """Let the collisions of the next steps be by another law."""
-        self._law, self._targets = law, LawTargets(law, exact=self._exact_cones)
-        self._sliding = law.tangential_restitution if isinstance(law, Coulomb) else 0.0
-        self._exact = law.cone == "exact" if isinstance(law, Coulomb) else self._exact_cones
+        self._problem.set_law(law)
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -141,18 +127,13 @@ class TimeStepping:
         return self._sizes
 
     @property
-    def bilateral(self) -> np.ndarray:
-        """Equality constraints that collisions must not violate, bool (neq,)."""
-        return self._bilateral
-
-    @property
-    def targets(self) -> LawTargets:
-        """What the law asks for."""
-        return self._targets
+    def problem(self) -> ContactProblem:
+        """What finds impulses, and what it knows of the law and of contacts."""
+        return self._problem
 
     def coefficients(self) -> Coefficients:
         """Return a table of the law's coefficients, which is empty yet."""
-        return Coefficients(self._targets, self._names, self._limits, self._model.njnt)
+        return Coefficients(self._problem.targets, self._problem.names, self._problem.limits, self._model.njnt)
 
     @property
     def follows_surfaces(self) -> bool:
@@ -162,9 +143,9 @@ class TimeStepping:
     @property
     def law(self) -> Law:
         """The law."""
-        return self._law
+        return self._problem.law
 
-    def resume(self, data: mujoco.MjData, known: tuple[Any, ...], gained: np.ndarray, *, solved: bool) -> None:
+    def resume(self, data: mujoco.MjData, known: Known, gained: np.ndarray, *, solved: bool) -> None:
         """Go on from data as if the step before had been one of this scheme.
 
         Args:
@@ -180,18 +161,15 @@ class TimeStepping:
 
     def settings(self) -> tuple[float, ...]:
         """Return the options as compiled code takes them, see `compiled.world.Settings`."""
-        e = self._targets.restitution
+        targets = self._problem.targets
         return (
-            self._rest_speed,
-            self._sliding,
-            float(self._exact),
-            {"project": 1.0, "allow": 0.0, "raise": -1.0}[self._on_inadmissible],
+            *self._problem.settings(),
             float(self._friction),
             float(self._inertial.act),
             float(self._borrowed.sticks),
             1.0,
-            np.nan if e is None else e,
-            self._targets.law.restitution if isinstance(self._targets.law, Reversal) else np.nan,
+            np.nan if targets.restitution is None else targets.restitution,
+            targets.law.restitution if isinstance(targets.law, Reversal) else np.nan,
         )
 
     def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
@@ -202,15 +180,22 @@ class TimeStepping:
         try:
             with self._borrowed:
                 self._step(data)
-            return () if self._record is None else self._record.resolved
+            return self._events()
         except BaseException:
             restore_state(model, data, state)
             mujoco.mj_fwdPosition(model, data)
             raise
 
+    def _events(self) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
+        """Return what tells the collisions of the last step."""
+        collisions = () if self._found is None else self._found.collisions
+        if len(collisions) <= 1:
+            return collisions[0].resolved if collisions else ()
+        return lambda: tuple(event for record in collisions for event in record.resolved())
+
     def _step(self, data: mujoco.MjData) -> None:
         model, h = self._model, self._model.opt.timestep
-        self._record = self._rows = None
+        self._found = self._rows = None
         self.shortfall = 0.0
         if (data.qpos.tobytes(), data.qvel.tobytes()) != self._left:
             self._update_frames(data)
@@ -224,7 +209,8 @@ class TimeStepping:
         shift = None
         if data.nefc:
             shift = self._contact(data, h)
-            self.solved = self.shortfall <= SHORTFALL_LIMIT * max(SLOWEST, self._fastest) and not self._overflown
+            fastest = self._found.fastest if self._found else 0.0
+            self.solved = self.shortfall <= SHORTFALL_LIMIT * max(SLOWEST, fastest) and not self._overflown
             self.short_steps += not self.solved
         else:
             self._known = None
@@ -315,6 +301,7 @@ class TimeStepping:
         """Add what contact does to the velocity, and return the velocity that opens overlaps, if any has to be.
 
         Contacts that are far from closing are left out. If the velocity found would close one of them, it takes part.
+        Where contacts are hit only through others, these collide first.
         A collision changes the mean velocity, in which Coriolis and gyroscopic forces do no work: where they have done
         more than contact has taken, they are corrected.
         """
@@ -326,34 +313,48 @@ class TimeStepping:
         while look < LOOKS and np.count_nonzero(found := self._near(data, data.qvel, data.qvel, h) & ~near):
             near, look = near | found, look + 1
             rows, shift = self._try(data, near, free, h)
+        phases = self._found is not None and self._found.later
+        if phases:
+            rows, shift = self._try(data, near, free, h, phases=True)
         created = self._created(data, h)
-        while look < LOOKS + ROUNDS and created > self._work[1]:
+        while look < LOOKS + ROUNDS and self._found is not None and created > self._found.rounding:
             known, mean, look = (free, created), 0.5 * (self._velocity + data.qvel), look + 1
             free = self._inertial.lead_to(data, self._velocity, mean, self._metric, h)
-            rows, shift = self._try(data, near, free, h)
+            rows, shift = self._try(data, near, free, h, phases=phases)
             created = self._created(data, h)
             if not created < 0.5 * known[1]:  # they turn too fast for that
                 if created > known[1]:
-                    rows, shift = self._try(data, near, known[0], h)
+                    rows, shift = self._try(data, near, known[0], h, phases=phases)
                 break
         self._write_forces(data, rows, h)
         return shift
 
-    def _try(self, data: mujoco.MjData, near: np.ndarray, free: np.ndarray, h: float) -> tuple[Rows, np.ndarray | None]:
+    def _try(
+        self, data: mujoco.MjData, near: np.ndarray, free: np.ndarray, h: float, *, phases: bool = False
+    ) -> tuple[Rows, np.ndarray | None]:
         """Solve the problem of the rows that are near; return them and the velocity that opens overlaps."""
         rows = self._read_rows(data, near, free, h)
-        self._rows = rows if len(rows.key) else None
-        return rows, None if self._rows is None else self._resolve(data, rows, free, h)
+        if not len(rows.key):
+            self._rows = self._found = None
+            return rows, None
+        found = self._problem.find(
+            data, rows, self._velocity, free, self._middle, self._metric, self._known, self._rounds, phases=phases
+        )
+        self._rows, self._found, self._known = rows, found, (rows.groups, rows.key, rows.scale, found.impulse)
+        self.shortfall = found.shortfall
+        data.qvel[:] = found.velocity
+        return rows, found.shift if len(found.shift) else None
 
     def _created(self, data: mujoco.MjData, h: float) -> float:
         """Return the work of contact in a collision and of Coriolis and gyroscopic forces, J; 0 where there is none.
 
         Where nothing is to be lost either, its size.
         """
-        if self._record is None or not self._inertial.act:
+        found = self._found
+        if found is None or not found.collisions or not self._inertial.act:
             return 0.0
-        work = self._work[0] + self._inertial.work(self._velocity, data.qvel, h)
-        return abs(work) if self._targets.restitution == 1.0 else work
+        work = found.work + self._inertial.work(self._velocity, data.qvel, h)
+        return abs(work) if self._problem.targets.restitution == 1.0 else work
 
     def _near(self, data: mujoco.MjData, one: np.ndarray, other: np.ndarray, reach: float) -> np.ndarray:
         if self._surfaces is not None and self._surfaces.move:  # what comes near need not move itself
@@ -377,56 +378,6 @@ class TimeStepping:
             self._add_surfaces(data, rows, h)
         return rows
 
-    def _resolve(self, data: mujoco.MjData, rows: Rows, free: np.ndarray, h: float) -> np.ndarray | None:
-        """Solve the problem of these rows, and set the velocity after it; see `_contact`."""
-        model, (factor, inverse) = self._model, self._metric
-        e = self._targets.restitution
-        target, collides = contact_targets(
-            rows.groups, rows.amounts, rows.rates, h, 0.0 if e is None else e, self._rest_speed, RESOLVED
-        )
-        some, n = bool(np.count_nonzero(collides)), len(rows.scale)
-        sliding = -self._sliding * rows.before if self._sliding and some else np.zeros(n)
-        if some:
-            self._collide(data, rows, target, sliding, collides)
-        known = self._known or (rows.groups, rows.key, rows.scale, np.zeros(n))
-        x, change, shift, reached, missed, fastest, share, created, *self._work = resolve_step(
-            *rows, target, sliding, collides, *known, h, self._exact, self._on_inadmissible == "project",
-            self._rounds,
-            model.dof_treeid, factor, inverse, model.M_rownnz, model.M_rowadr, model.M_colind,
-        )  # fmt: skip
-        self._known = rows.groups, rows.key, rows.scale, x
-        if not np.isfinite(missed):
-            raise DivergenceError(f"the forces at t = {data.time - h:.6g} s are not finite")
-        if created > 0.0 and self._on_inadmissible == "raise":
-            raise InadmissibleImpactError(
-                f"{self._law!r} creates {created:.3g} J at t = {data.time - h:.6g} s; choose a dissipative law, or "
-                'on_inadmissible="project" or "allow"'
-            )
-        self.shortfall, self._fastest = missed, fastest
-        data.qvel[:] = free + change
-        self._record = None
-        if some:
-            self._record = CollisionRecord(
-                self._asked or self._seen(data, rows), collides, x[rows.first] > 0.0, data.time - 0.5 * h,
-                self._middle, self._velocity, data.qvel.copy(), reached, share * sliding, self._exact,
-                float(share),
-            )  # fmt: skip
-        return shift if len(shift) else None
-
-    def _collide(
-        self, data: mujoco.MjData, rows: Rows, target: np.ndarray, sliding: np.ndarray, collides: np.ndarray
-    ) -> None:
-        """Ask the law, and let equality constraints keep their velocity in the collision."""
-        self._asked = None
-        if self._targets.restitution is None:
-            self._asked = self._ask_law(data, rows, target, sliding, collides)
-        close_gaps(
-            rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, self._model.dof_treeid, collides, target
-        )
-        if data.ne:
-            equal = rows.first[rows.kind == BILATERAL]
-            rows.compliance[equal[self._bilateral[data.efc_id[rows.row[equal]]]]] *= STIFF
-
     def _add_surfaces(self, data: mujoco.MjData, rows: Rows, h: float) -> None:
         """Add the velocities of mocap bodies to those of the rows of contacts."""
         contact, surfaces = data.contact, self._surfaces
@@ -443,30 +394,6 @@ class TimeStepping:
             drift = moved[rows.row[which] - contact.efc_address[i]]
             rows.before[which] += drift
             rows.free[which] += drift
-
-    def _ask_law(
-        self, data: mujoco.MjData, rows: Rows, target: np.ndarray, sliding: np.ndarray, collides: np.ndarray
-    ) -> Seen:
-        """Write the law's targets of the contacts that collide, and of those in touch that a law of all looks at."""
-        law, seen = self._targets, self._seen(data, rows)
-        if not law.alone:
-            collides |= seen.reached(collides, np.zeros(len(collides), dtype=bool))
-        groups = in_order(rows, collides)
-        labels = seen.contacts(groups).labels
-        if law.alone:
-            target[groups] = law.of_each(labels, rows.before[rows.first[groups]])
-            return seen
-        collision = seen.collision(groups, self._velocity, labels, friction=law.rule is not None)
-        ended = law.with_friction(collision)
-        if ended is None:
-            target[groups] = law.of_all(seen.collision(groups, self._velocity, labels, friction=False))
-        else:
-            target[groups], sliding[seen.tangential(groups)[0]] = ended
-        return seen
-
-    def _seen(self, data: mujoco.MjData, rows: Rows) -> Seen:
-        """Copy what is known of contacts and limits."""
-        return Seen.of(self._model, data, rows, self._names, self._limits, self._metric)
 
     def _write_forces(self, data: mujoco.MjData, rows: Rows, h: float) -> None:
         """Let sensors and whoever reads ``efc_force`` and ``qfrc_constraint`` see the impulses of the step over h."""

@@ -19,6 +19,10 @@ FEW_ROUNDS = 1
 """Rounds of these where they have failed in the step before, too."""
 LOOKS = 3
 """Looks at contacts at most, for those that the velocity after a collision closes."""
+PHASES = 8
+"""Collisions one after another within a step at most, where contacts are hit through others across open gaps."""
+PHASE_ROWS = 2000
+"""Rows of contact problems solved for these after which the rest of a step has one phase."""
 STIFF = 1e-6
 """Part of their compliance that equality constraints keep in a collision."""
 SLOWEST = 1e-2

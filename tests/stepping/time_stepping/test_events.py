@@ -66,25 +66,26 @@ def test_events_are_admissible_and_what_the_step_did(scene, law):
     stepper = stepping(model, law)
     constant = scene != "pile" and model.njnt == (model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE).sum()
     for _ in range(100):
-        before, time = data.qvel.copy(), data.time
+        before, time, whole = data.qvel.copy(), data.time, False
         stepper.step(data)
-        assert len(stepper.events) <= 1
-        for event in stepper.events:
+        for k, event in enumerate(stepper.events):
             impact = event.impact
             assert time <= event.time <= data.time
-            assert impact.collision.pre_velocity == pytest.approx(before, abs=1e-12)
+            if k == 0 or (constant and whole):
+                assert impact.collision.pre_velocity == pytest.approx(before, abs=1e-12 if k == 0 else 1e-7)
             assert impact.residual < 1e-8
             assert (impact.impulse >= -1e-12).all()
             pushed = data.efc_pos[
                 (data.efc_force > 1e-9) & (data.efc_type >= int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT))
             ]
-            whole = not (pushed > 1e-9).any()
+            whole = not (pushed > 1e-9).any() or len(stepper.events) > 1
             if whole or not isinstance(law, type(Fremond.reversal())):  # the only one here that can create energy
                 assert impact.violations.is_admissible(1e-7)
                 assert impact.energy_change <= 1e-9 * impact.collision.kinetic_energy
             assert len(event.contacts.labels) == len(impact.impulse) == len(event.contacts.gap)
-            if constant and whole:
-                assert data.qvel == pytest.approx(impact.post_velocity, abs=1e-7)
+            before = impact.post_velocity
+        if constant and stepper.events and whole:
+            assert data.qvel == pytest.approx(before, abs=1e-7)
 
 
 def test_labels_are_those_of_geoms_and_joints_in_order():

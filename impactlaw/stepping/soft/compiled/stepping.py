@@ -45,7 +45,7 @@ class CompiledSoftStepping:
         self._numbers = np.array([np.nan, 0.0, scheme.rest_speed, np.nan, np.nan, *np.zeros(SUMS)])
         self._context = np.zeros(len(CONTEXT), np.int64)
         self._at, self._pool = self._context.ctypes.data, None
-        self._fields, self._total = memoryview(self._context), memoryview(self._numbers)[TOTAL:]
+        self._fields, self._total = memoryview(self._context.data), memoryview(self._numbers.data)[TOTAL:]
         self._take_over()
 
     def _take_over(self) -> None:

@@ -92,7 +92,8 @@ class Collisions:
 
     def __init__(self, parts: list[Part]):
         self._parts = parts
-        self.sums = reduce(ImpactSums.with_more, (getattr(p, "sums", None) or ImpactSums.of(p) for p in parts), NOTHING)
+        sums = (ImpactSums.of(part) if isinstance(part, tuple) else part.sums for part in parts)
+        self.sums = reduce(ImpactSums.with_more, sums, NOTHING)
 
     def __call__(self) -> tuple[ImpactEvent, ...]:
         """Return them as events."""

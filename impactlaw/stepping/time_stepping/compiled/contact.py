@@ -19,14 +19,15 @@ from impactlaw.stepping.compiled.access import (
     size,
     velocity_of,
 )
-from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, flags
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, flags, put
 from impactlaw.stepping.time_stepping.compiled.law import ask_law, reverse
 from impactlaw.stepping.time_stepping.compiled.status import CREATES, FINE, NOT_FINITE
 from impactlaw.stepping.time_stepping.compiled.world import SETTING, metric_of, setting
 from impactlaw.stepping.time_stepping.problem.contact_problem import linked_step
+from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups, struck_later
 from impactlaw.stepping.time_stepping.problem.rows import Rows, near_rows, read_rows
 from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
-from impactlaw.stepping.time_stepping.tolerances import RESOLVED, STIFF
+from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASE_ROWS, PHASES, RESOLVED, STIFF
 
 Array = np.ndarray[Any, Any]
 
@@ -44,6 +45,7 @@ class Outcome(NamedTuple):
         created: energy that the law would create, J.
         work: of contact, J.
         rounding: what of it is rounding, J.
+        later: whether contacts that are hit only through others were not left for a phase of their own.
         status: see `status`.
     """
 
@@ -56,6 +58,7 @@ class Outcome(NamedTuple):
     created: float
     work: float
     rounding: float
+    later: bool
     status: int
 
 
@@ -107,27 +110,46 @@ def _nothing():
     table, no, few = np.empty((3, 0), np.int32), np.empty(0), np.empty(0, np.int32)
     groups, amounts, rates = np.empty((4, 0), np.int32), np.empty((2, 0)), np.empty((5, 0))
     rows = Rows(table, few, no, groups, np.empty(0, np.int64), amounts, rates)
-    return Outcome(rows, no, no, False, 0.0, 0.0, 0.0, 0.0, 0.0, FINE)
+    return Outcome(rows, no, no, False, 0.0, 0.0, 0.0, 0.0, 0.0, False, FINE)
+
+
+class _Answer(NamedTuple):
+    """What the contacts of a phase do; see `Outcome` and `contact_problem.resolve_step`."""
+
+    x: Array
+    change: Array
+    shift: Array
+    collides: Array
+    missed: float
+    fastest: float
+    created: float
+    work: float
+    rounding: float
+    z: Array
+    status: int
 
 
 @once
 def _collide(w, rows, tree, collides, target):
     """Let contacts in touch stay closed, and equality constraints keep their velocity."""
     close_gaps(rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, tree, collides, target)
-    number_of = data_ints(w, DATA.efc_id, number(w, DATA.nefc))
+    n = number(w, DATA.nefc)
+    number_of, compliance = data_ints(w, DATA.efc_id, n), data_floats(w, DATA.efc_R, n)
     for g in range(len(target)):
         row = rows.groups[0, g]
-        if rows.groups[2, g] == BILATERAL and flags(w.bilateral, size(w, MODEL.neq))[number_of[rows.sparse[2, row]]]:
-            rows.rates[4, row] *= STIFF
+        place = rows.sparse[2, row]
+        if rows.groups[2, g] == BILATERAL and flags(w.bilateral, size(w, MODEL.neq))[number_of[place]]:
+            rows.rates[4, row] = STIFF * compliance[place]
 
 
 @once
-def _resolve(w, rows, metric, free, known, rounds, law):
+def _solve(w, rows, metric, known, rounds, law, may):
+    """Solve the problem of these rows, in which some groups may collide."""
     n, tree, (factor, inverse) = len(rows.rates[0]), model_ints(w, MODEL.dof_treeid, w.nv), metric
     e = setting(w, SETTING.restitution)
     target, collides = contact_targets(
         rows.groups, rows.amounts, rows.rates, w.timestep, 0.0 if np.isnan(e) else e, setting(w, SETTING.rest_speed),
-        RESOLVED,
+        RESOLVED, may,
     )  # fmt: skip
     collided, status = collides.any(), FINE
     if collided:
@@ -138,13 +160,13 @@ def _resolve(w, rows, metric, free, known, rounds, law):
         _collide(w, rows, tree, collides, target)
     nothing = np.empty(0)
     if status != FINE:
-        return Outcome(rows, nothing, nothing, collided, 0.0, 0.0, 0.0, 0.0, 0.0, status)
+        return _Answer(nothing, nothing, nothing, collides, 0.0, 0.0, 0.0, 0.0, 0.0, nothing, status)
     sliding, some = np.zeros(n), setting(w, SETTING.sliding)
     if collided and some != 0.0:
         sliding = -some * rows.rates[1]
     known_groups, known_key, known_scale, impulses = known
     Mnnz, Madr, Mcol = layout_of(w)
-    x, change, shift, _, missed, fastest, _, created, work, rounding = linked_step(
+    x, change, shift, _, missed, fastest, _, created, work, rounding, z = linked_step(
         rows.sparse, rows.colind, rows.value, rows.groups, rows.key, rows.amounts, rows.rates, target, sliding,
         collides, known_groups, known_key, known_scale, impulses, w.timestep, setting(w, SETTING.exact) != 0.0,
         setting(w, SETTING.dissipative) > 0.0, rounds, tree, factor, inverse, Mnnz, Madr, Mcol,
@@ -153,14 +175,77 @@ def _resolve(w, rows, metric, free, known, rounds, law):
         status = NOT_FINITE
     elif created > 0.0 and setting(w, SETTING.dissipative) < 0.0:
         status = CREATES
-    velocity = velocity_of(w)
-    for i in range(w.nv):
-        velocity[i] = free[i] + change[i]
-    return Outcome(rows, x, shift, collided, missed, fastest, created, work, rounding, status)
+    return _Answer(x, change, shift, collides, missed, fastest, created, work, rounding, z, status)
+
+
+@once
+def _meet(w, rows, metric, known, rounds, law, may, left):
+    """Solve one phase: once, and again without the contacts that are hit only through others.
+
+    Return what is answered, the place of each of its rows, (n,), the groups that are left out, bool (g,), how many rows
+    may still be solved for such contacts, and whether some of them were not left out.
+    """
+    later, place = np.zeros(len(may), np.bool_), np.arange(len(rows.rates[0]))
+    part, allowed = rows, may
+    waiting = False
+    while True:
+        met = _solve(w, part, metric, known, rounds, law, allowed)
+        if met.status != FINE or setting(w, SETTING.restitution) == 0.0 or not met.collides.any():
+            break  # without restitution none is lost
+        new = struck_later(
+            part.groups, part.sparse, part.colind, part.value, part.amounts, part.rates, met.z, met.x, met.collides,
+            setting(w, SETTING.rest_speed), RESOLVED,
+        )  # fmt: skip
+        waiting = new.any()
+        if left <= 0 or not waiting:
+            break
+        later[np.flatnonzero(~later)] |= new
+        known, rounds = (part.groups, part.key, part.rates[0], met.x), FEW_ROUNDS
+        part, place = _some(rows, rows.rates, ~later)
+        allowed, left = may[~later], left - len(place)
+    return met, place, later, left, waiting
 
 
 @kernel
-def attempt(w, jacobian, chosen, start, free, known, rounds, law):
+def _some(rows, rates, keep):
+    """Return some groups, with other rates, and the places of their rows."""
+    chosen, place = some_groups(rows.sparse, rows.colind, rows.value, rows.groups, rows.key, rows.amounts, rates, keep)
+    return Rows(*chosen), place
+
+
+@once
+def _resolve(w, rows, metric, free, known, rounds, law, phases):
+    """Find the impulses, phase by phase; see `contact_impulses.ContactProblem.find`."""
+    now, n = rows, len(rows.rates[0])
+    place, may, x, velocity = np.arange(n), np.ones(len(rows.key), np.bool_), np.zeros(n), free.copy()
+    missed, fastest, created, work, rounding, collided, shift = 0.0, 0.0, 0.0, 0.0, 0.0, False, np.empty(0)
+    left, waiting = PHASE_ROWS if phases else 0, False
+    for phase in range(PHASES):
+        met, where, later, left, waiting = _meet(
+            w, now, metric, known, rounds if phase == 0 else FEW_ROUNDS, law, may, 0 if phase == PHASES - 1 else left
+        )  # fmt: skip
+        left -= len(now.rates[0])
+        collided = collided or met.collides.any()
+        created, shift = created + met.created, met.shift
+        if met.status != FINE:
+            return Outcome(rows, x, shift, collided, 0.0, 0.0, created, 0.0, 0.0, False, met.status)
+        for r in range(len(where)):
+            x[place[where[r]]] += met.x[r]
+        velocity += met.change
+        missed, fastest = max(missed, met.missed), max(fastest, met.fastest)
+        work, rounding = work + met.work, rounding + met.rounding
+        if not later.any():
+            break
+        keep = reached_by(now.groups, now.sparse, now.colind, model_ints(w, MODEL.dof_treeid, w.nv), later)
+        rates = later_rates(now.groups, now.sparse, now.colind, now.value, now.rates, met.z)
+        now, chosen = _some(now, rates, keep)
+        place, may = place[chosen], later[keep]
+    put(velocity_of(w), velocity)
+    return Outcome(rows, x, shift, collided, missed, fastest, created, work, rounding, waiting, FINE)
+
+
+@kernel
+def attempt(w, jacobian, chosen, start, free, known, rounds, law, phases):
     """Solve the problem of the rows that are near, set the velocity after it, and return what contact does.
 
     Args:
@@ -172,10 +257,11 @@ def attempt(w, jacobian, chosen, start, free, known, rounds, law):
         known: groups, keys, coefficients and impulses of the last step.
         rounds: of the slower solvers.
         law: see `law`.
+        phases: whether collisions may be one after another.
     """
     if not chosen.any():
         return _nothing()
     metric, frictional = metric_of(w), setting(w, SETTING.frictional) != 0.0
     row_velocity = data_floats(w, DATA.efc_vel, number(w, DATA.nefc))
     rows = rows_of_step(w, jacobian, metric, row_velocity, start, free, chosen, frictional)
-    return _resolve(w, rows, metric, free, known, rounds, law)
+    return _resolve(w, rows, metric, free, known, rounds, law, phases)

@@ -11,6 +11,6 @@ def reason(scheme: TimeStepping) -> str | None:
     """Return why compiled code does not take a scheme; None if it does."""
     if scheme.follows_surfaces:
         return "mocap bodies that touch others move as surfaces"
-    if isinstance(scheme.targets.law, Reversal) and not scheme.model.neq:
+    if isinstance(scheme.problem.targets.law, Reversal) and not scheme.model.neq:
         return None
-    return law_table.reason(scheme.targets)
+    return law_table.reason(scheme.problem.targets)

@@ -54,7 +54,7 @@ class CompiledStepping:
         self._table, self._callbacks = table(), callbacks()
         self._structure = np.zeros(int(self._table[SIZE.model]) // 8)
         self._margins, self._settings = np.zeros(room(model)), np.zeros(len(SETTING))
-        self._bilateral, self._scratch = self._scheme.bilateral.astype(np.uint8), mujoco.MjData(model)
+        self._bilateral, self._scratch = self._scheme.problem.bilateral.astype(np.uint8), mujoco.MjData(model)
         self._pool: Pool | None = None
         self._context = np.zeros(len(CONTEXT), np.int64)
         self._at = self._context.ctypes.data

@@ -281,7 +281,8 @@ def open_overlaps(sparse, colind, value, groups, rates, need, nv):
 
 
 @compiled(
-    "Tuple((float64[::1],float64[::1],float64[::1],float64[::1],float64,float64,float64,float64,float64,float64))"
+    "Tuple((float64[::1],float64[::1],float64[::1],float64[::1],float64,float64,float64,float64,float64,float64,"
+    "float64[::1]))"
     "(int32[:,::1],int32[::1],float64[::1],int32[:,::1],int64[::1],float64[:,::1],float64[:,::1],float64[::1],"
     "float64[::1],boolean[::1],int32[:,::1],int64[::1],float64[::1],float64[::1],float64,boolean,boolean,int64,"
     "int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1])"
@@ -297,7 +298,8 @@ def resolve_step(
         Impulses (n,), in units of the problem; the change of velocity (nv,); the velocity that opens overlaps (nv,),
         empty if none has to be; the targets reached for (g,); the largest amount by which a contact velocity misses its
         target, and the largest velocity of a row, m/s or rad/s; the share s of restitution; the energy that the
-        collision would create without it, J; and the work of contact, J, with what of it is rounding.
+        collision would create without it, J; the work of contact, J, with what of it is rounding; and the whitened
+        change of velocity (nv,).
     """
     guess = recall(groups, key, rates[0], known_groups, known_key, known_scale, known)
     x, z, after, reached, s, created = solve_contacts(
@@ -319,7 +321,7 @@ def resolve_step(
         w = open_overlaps(sparse, colind, value, groups, rates, need, len(tree))
         shift = unwhiten(w, factor, Mnnz, Madr, Mcol, root)
     work, total = contact_work(groups, rates, after, x)
-    return x, change, shift, reached, missed, fastest, s, created, work, _CREATED * total
+    return x, change, shift, reached, missed, fastest, s, created, work, _CREATED * total, z
 
 
 linked_step = linked(resolve_step)

@@ -13,7 +13,7 @@ _RESTING = 1e-12
 
 
 @compiled()
-def contact_targets(groups, amounts, rates, timestep, restitution, slowest, resolved):
+def contact_targets(groups, amounts, rates, timestep, restitution, slowest, resolved, may):
     """Return the targets of Moreau's and Jean's scheme, and which contacts collide.
 
     A contact collides if it approaches, ``gamma- < -threshold``, and is closed, or would be before the next look at
@@ -29,6 +29,7 @@ def contact_targets(groups, amounts, rates, timestep, restitution, slowest, reso
         restitution: e.
         slowest: least threshold, m/s or rad/s.
         resolved: what forces make counts up to this.
+        may: which groups may collide, bool (g,).
 
     Returns:
         ``gamma^h``, (g,), and whether each group collides, bool (g,).
@@ -40,7 +41,7 @@ def contact_targets(groups, amounts, rates, timestep, restitution, slowest, reso
             continue
         gamma, led = before[first[g]], free[first[g]]
         threshold = max(slowest, min(gamma - led, resolved))
-        if gamma < -threshold and (gap[g] <= 0.0 or gap[g] + timestep * led < 0.0):
+        if may[g] and gamma < -threshold and (gap[g] <= 0.0 or gap[g] + timestep * led < 0.0):
             collides[g] = True
             target[g] = -restitution * gamma
         elif gap[g] > 0.0:

@@ -113,7 +113,7 @@ class Save:
         return (rise + (inertia + slope**2) * spin**2 / (2.0 * GRAVITY)) / (np.hypot(b, h) - h)
 
 
-CONTROLLERS: dict[str, Callable[[], Controller]] = {
+CONTROLLERS: dict[str, type] = {
     "NewtonsCradle-v0": OnePull,
     "Juggler-v0": Hit,
     "Billiards-v0": FullHit,

@@ -1,0 +1,314 @@
+"""The contact problem of a step: what the law asks for, the impulses, and collisions one after another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import mujoco
+import numpy as np
+
+from impactlaw.errors import DivergenceError, InadmissibleImpactError
+from impactlaw.laws import Coulomb, Law
+from impactlaw.scene.contacts import geom_names
+from impactlaw.scene.equality_constraints import bilateral_constraints
+from impactlaw.scene.joint_limits import Limits
+from impactlaw.solvers.cones import BILATERAL
+from impactlaw.stepping.law_targets import LawTargets
+from impactlaw.stepping.time_stepping.events import CollisionRecord
+from impactlaw.stepping.time_stepping.problem.contact_problem import resolve_step
+from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups, struck_later
+from impactlaw.stepping.time_stepping.problem.rows import Rows
+from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
+from impactlaw.stepping.time_stepping.seen import Seen, in_order
+from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASE_ROWS, PHASES, RESOLVED, REST_SPEED, STIFF
+
+Known = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Groups, keys, coefficients of friction and impulses of a step."""
+Metric = tuple[np.ndarray, np.ndarray]
+"""L and ``1 / D`` of the mass matrix of a step, ``M_h = L^T D L``."""
+
+
+@dataclass(frozen=True, eq=False)
+class StepImpulses:
+    """What contact does in a step.
+
+    Attributes:
+        impulse: of all rows, in units of the problem, (n,).
+        velocity: after it, (nv,).
+        shift: velocity that opens overlaps beside it, (nv,), or (0,).
+        shortfall: largest amount by which a contact velocity misses its target, m/s or rad/s.
+        fastest: largest velocity of a row, m/s or rad/s.
+        work: of contact, J.
+        rounding: what of it is rounding, J.
+        collisions: of the step, one after another.
+        later: whether contacts that are hit only through others were not left for a phase of their own.
+    """
+
+    impulse: np.ndarray
+    velocity: np.ndarray
+    shift: np.ndarray
+    shortfall: float
+    fastest: float
+    work: float
+    rounding: float
+    collisions: tuple[CollisionRecord, ...]
+    later: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Phase:
+    """Collisions at once: rows and what they aim at, and what `resolve_step` answers.
+
+    Attributes:
+        rows: that take part.
+        place: of each of their rows in those that were given, int (n,).
+        later: the groups given that are left out because they are hit only through others, bool (g,).
+        left: rows that may still be solved for such contacts.
+        target: ``gamma^h`` of groups that take part.
+        sliding: sliding velocities aimed at.
+        collides: the groups that do.
+        seen: what the law has been shown, if it was asked.
+        answer: of `resolve_step`.
+    """
+
+    rows: Rows
+    place: np.ndarray
+    later: np.ndarray
+    left: int
+    target: np.ndarray
+    sliding: np.ndarray
+    collides: np.ndarray
+    seen: Seen | None
+    answer: tuple[Any, ...]
+
+
+class ContactProblem:
+    """Finds the impulses of a step, under one law; see `scheme.TimeStepping`.
+
+    Attributes:
+        law: the law.
+        targets: what it asks for.
+        bilateral: equality constraints that collisions must not violate, bool (neq,).
+        names: of geoms, as in labels of contacts.
+        limits: of joints and tendons.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        law: Law,
+        *,
+        friction: Literal["coulomb", "convex", "ignore"],
+        on_inadmissible: Literal["raise", "project", "allow"],
+        rest_speed: float | None,
+    ):
+        self._model, self._exact_cones, self._on_inadmissible = model, friction != "convex", on_inadmissible
+        self._rest_speed = REST_SPEED if rest_speed is None else rest_speed
+        self.bilateral, self.names, self.limits = bilateral_constraints(model), geom_names(model), Limits(model)
+        self.set_law(law)
+
+    def set_law(self, law: Law) -> None:
+        """Let the collisions of the next steps be by another law."""
+        self.law, self.targets = law, LawTargets(law, exact=self._exact_cones)
+        self._sliding = law.tangential_restitution if isinstance(law, Coulomb) else 0.0
+        self._exact = law.cone == "exact" if isinstance(law, Coulomb) else self._exact_cones
+
+    def settings(self) -> tuple[float, float, float, float]:
+        """Return the options as compiled code takes them, see `compiled.world.Settings`."""
+        dissipative = {"project": 1.0, "allow": 0.0, "raise": -1.0}[self._on_inadmissible]
+        return self._rest_speed, self._sliding, float(self._exact), dissipative
+
+    def find(
+        self,
+        data: mujoco.MjData,
+        rows: Rows,
+        velocity: np.ndarray,
+        free: np.ndarray,
+        middle: np.ndarray,
+        metric: Metric,
+        known: Known | None,
+        rounds: int,
+        *,
+        phases: bool,
+    ) -> StepImpulses:
+        """Return what contact does in a step.
+
+        In phases, contacts that are hit only through others, across a gap that is open, are left out first and collide
+        from the velocity to which that leads. There are at most `PHASES` of these, and as many as `PHASE_ROWS` allows;
+        in the last one such a contact just touches.
+
+        Args:
+            data: in the middle of the step, contacts current.
+            rows: that take part.
+            velocity: at the start of the step, (nv,).
+            free: without contact, (nv,).
+            middle: configuration in the middle of the step, (nq,).
+            metric: the inertia of the step.
+            known: impulses of the step before, a guess.
+            rounds: of the slower solvers.
+            phases: whether collisions may be one after another.
+
+        Raises:
+            DivergenceError: the forces are not finite.
+            InadmissibleImpactError: the law creates energy, and ``on_inadmissible`` is "raise".
+        """
+        now, place, may = rows, np.arange(len(rows.scale)), np.ones(len(rows.key), dtype=bool)
+        impulse, before, after = np.zeros(len(rows.scale)), velocity, free
+        known = known or (rows.groups, rows.key, rows.scale, impulse)
+        missed = fastest = work = rounding = 0.0
+        records: tuple[CollisionRecord, ...] = ()
+        left = PHASE_ROWS if phases else 0
+        shift, waiting = np.zeros(0), False
+        for phase in range(PHASES):
+            met = self._meet(data, now, before, metric, known, rounds, may, 0 if phase == PHASES - 1 else left)
+            left = met.left - len(now.scale)
+            x, change, shift, _, miss, fast, _, _, done, part, z = met.answer
+            impulse[place[met.place]] += x
+            after = after + change
+            missed, fastest, work, rounding = max(missed, miss), max(fastest, fast), work + done, rounding + part
+            if np.count_nonzero(met.collides):
+                records += (self._record(data, met, before, after, middle, metric),)
+            if not np.count_nonzero(met.later):
+                waiting = not phases and self.targets.restitution != 0.0 and bool(np.count_nonzero(self._later(met)))
+                break
+            keep = reached_by(now.groups, now.sparse, now.colind, self._model.dof_treeid, met.later)
+            rates = later_rates(now.groups, now.sparse, now.colind, now.value, now.rates, z)
+            chosen, where = some_groups(*now[:6], rates, keep)
+            now, place, may, before, rounds = Rows(*chosen), place[where], met.later[keep], after, FEW_ROUNDS
+        return StepImpulses(impulse, after, shift, missed, fastest, work, rounding, records, waiting)
+
+    def _meet(
+        self,
+        data: mujoco.MjData,
+        rows: Rows,
+        velocity: np.ndarray,
+        metric: Metric,
+        known: Known,
+        rounds: int,
+        may: np.ndarray,
+        left: int,
+    ) -> _Phase:
+        """Solve one phase: once, and again without the contacts that are hit only through others."""
+        met = self._solve(data, rows, velocity, metric, known, rounds, may)
+        later, keep = met.later, np.arange(len(may))
+        while left > 0 and np.count_nonzero(new := self._later(met)):
+            later[keep] |= new
+            keep = np.flatnonzero(~later)
+            part, place = some_groups(*rows, ~later)
+            known = met.rows.groups, met.rows.key, met.rows.scale, met.answer[0]
+            met = self._solve(data, Rows(*part), velocity, metric, known, FEW_ROUNDS, may[keep])
+            left -= len(place)
+            met = replace(met, place=place, later=later)
+        return replace(met, left=left)
+
+    def _later(self, met: _Phase) -> np.ndarray:
+        """Return which contacts are hit only through the collision of others, bool (g,)."""
+        rows = met.rows
+        if not np.count_nonzero(met.collides):
+            return met.collides
+        return struck_later(
+            rows.groups, rows.sparse, rows.colind, rows.value, rows.amounts, rows.rates, met.answer[10], met.answer[0],
+            met.collides, self._rest_speed, RESOLVED,
+        )  # fmt: skip
+
+    def _solve(
+        self,
+        data: mujoco.MjData,
+        rows: Rows,
+        velocity: np.ndarray,
+        metric: Metric,
+        known: Known,
+        rounds: int,
+        may: np.ndarray,
+    ) -> _Phase:
+        """Solve the problem of these rows; see `find`."""
+        model, (factor, inverse), h = self._model, metric, self._model.opt.timestep
+        e = self.targets.restitution
+        target, collides = contact_targets(
+            rows.groups, rows.amounts, rows.rates, h, 0.0 if e is None else e, self._rest_speed, RESOLVED, may
+        )
+        n, seen = len(rows.scale), None
+        some = bool(np.count_nonzero(collides))
+        sliding = -self._sliding * rows.before if self._sliding and some else np.zeros(n)
+        if some:
+            seen = self._collide(data, rows, velocity, metric, target, sliding, collides)
+        answer = resolve_step(
+            *rows, target, sliding, collides, *known, h, self._exact, self._on_inadmissible == "project", rounds,
+            model.dof_treeid, factor, inverse, model.M_rownnz, model.M_rowadr, model.M_colind,
+        )  # fmt: skip
+        missed, created = answer[4], answer[7]
+        if not np.isfinite(missed):
+            raise DivergenceError(f"the forces at t = {data.time - h:.6g} s are not finite")
+        if created > 0.0 and self._on_inadmissible == "raise":
+            raise InadmissibleImpactError(
+                f"{self.law!r} creates {created:.3g} J at t = {data.time - h:.6g} s; choose a dissipative law, or "
+                'on_inadmissible="project" or "allow"'
+            )
+        none = np.zeros(len(rows.key), dtype=bool)
+        return _Phase(rows, np.arange(n), none, 0, target, sliding, collides, seen, answer)
+
+    def _collide(
+        self,
+        data: mujoco.MjData,
+        rows: Rows,
+        velocity: np.ndarray,
+        metric: Metric,
+        target: np.ndarray,
+        sliding: np.ndarray,
+        collides: np.ndarray,
+    ) -> Seen | None:
+        """Ask the law, and let equality constraints keep their velocity in the collision."""
+        seen = None
+        if self.targets.restitution is None:
+            seen = self._seen(data, rows, metric)
+            self._ask_law(seen, velocity, target, sliding, collides)
+        close_gaps(
+            rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, self._model.dof_treeid, collides, target
+        )
+        if data.ne:
+            equal = rows.first[rows.kind == BILATERAL]
+            row = rows.row[equal]
+            held = self.bilateral[data.efc_id[row]]
+            rows.compliance[equal[held]] = STIFF * data.efc_R[row[held]]
+        return seen
+
+    def _ask_law(
+        self, seen: Seen, velocity: np.ndarray, target: np.ndarray, sliding: np.ndarray, collides: np.ndarray
+    ) -> None:
+        """Write the law's targets of the contacts that collide, and of those in touch that a law of all looks at."""
+        law, rows = self.targets, seen.rows
+        if not law.alone:
+            collides |= seen.reached(collides, np.zeros(len(collides), dtype=bool))
+        groups = in_order(rows, collides)
+        labels = seen.contacts(groups).labels
+        if law.alone:
+            target[groups] = law.of_each(labels, rows.before[rows.first[groups]])
+            return
+        collision = seen.collision(groups, velocity, labels, friction=law.rule is not None)
+        ended = law.with_friction(collision)
+        if ended is None:
+            target[groups] = law.of_all(seen.collision(groups, velocity, labels, friction=False))
+        else:
+            target[groups], sliding[seen.tangential(groups)[0]] = ended
+
+    def _seen(self, data: mujoco.MjData, rows: Rows, metric: Metric) -> Seen:
+        """Copy what is known of contacts and limits."""
+        return Seen.of(self._model, data, rows, self.names, self.limits, metric)
+
+    def _record(
+        self,
+        data: mujoco.MjData,
+        met: _Phase,
+        before: np.ndarray,
+        after: np.ndarray,
+        middle: np.ndarray,
+        metric: Metric,
+    ) -> CollisionRecord:
+        """Keep a collision as it was met."""
+        rows, (x, _, _, reached, _, _, share, *_) = met.rows, met.answer
+        return CollisionRecord(
+            met.seen or self._seen(data, rows, metric), met.collides, x[rows.first] > 0.0,
+            data.time - 0.5 * self._model.opt.timestep, middle, before, after.copy(), reached, share * met.sliding,
+            self._exact, float(share),
+        )  # fmt: skip

@@ -1,0 +1,128 @@
+"""Collisions one after another within a step: contacts that are hit through others across a gap that is still open.
+
+The problem of a step takes all contacts at once. A contact that a collision of others throws together would then only
+be kept from closing, and its own restitution would be lost. So it is left out first, and collides in the next phase of
+the same step, from the velocity to which the first one leads.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlaw.compiled import compiled
+from impactlaw.solvers.cones import BILATERAL, BOX, CONE
+from impactlaw.stepping.time_stepping.problem.contact_problem import row_velocities
+from impactlaw.stepping.time_stepping.problem.rows import NEAR
+
+
+@compiled()
+def struck_later(groups, sparse, colind, value, amounts, rates, z, x, collides, slowest, resolved):
+    """Return which contacts are hit only through the collision of others, bool (g,).
+
+    Such a contact is open, or opens, and without its own impulse it would approach faster than one that forces hold.
+
+    Args:
+        groups: see `rows.Rows`, like the five that follow.
+        sparse: where rows begin and how long they are.
+        colind: degrees of freedom of their entries.
+        value: the entries.
+        amounts: gaps first.
+        rates: velocities of rows at the start of the phase, and without contact.
+        z: whitened change of velocity by all impulses, (nv,).
+        x: impulses, in units of the problem, (n,).
+        collides: bool (g,).
+        slowest: see `targets.contact_targets`.
+        resolved: see there.
+    """
+    later = np.zeros(len(collides), np.bool_)
+    for g in range(len(collides)):
+        row = groups[0, g]
+        if groups[2, g] != CONE or collides[g] or not x[row] > 0.0:
+            continue
+        threshold = max(slowest, min(rates[1, row] - rates[2, row], resolved))
+        if amounts[0, g] <= NEAR and rates[1, row] <= threshold:
+            continue
+        velocity = rates[2, row]
+        for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
+            velocity += value[a] * (z[colind[a]] - value[a] * x[row])
+        later[g] = velocity < -threshold
+    return later
+
+
+@compiled()
+def later_rates(groups, sparse, colind, value, rates, z):
+    """Return the rates of rows in the next phase, (5, n): it starts from the velocity that this one leads to.
+
+    Forces have acted already, and what equality constraints do in a collision is to keep their velocity.
+    """
+    after = row_velocities(sparse, colind, value, rates, z)
+    new = rates.copy()
+    new[1], new[2] = after, after
+    for g in range(groups.shape[1]):
+        if groups[2, g] == BILATERAL:
+            new[3, groups[0, g]] = after[groups[0, g]]
+    return new
+
+
+@compiled()
+def some_groups(sparse, colind, value, groups, key, amounts, rates, keep):
+    """Return the rows of the groups to keep, bool (g,), as `rows.Rows`, and the place of each among all rows, (n,)."""
+    many, entries, count = 0, 0, 0
+    for g in range(len(keep)):
+        if keep[g]:
+            count += 1
+            many += groups[1, g]
+            for r in range(groups[0, g], groups[0, g] + groups[1, g]):
+                entries += sparse[0, r]
+    place, chosen = np.empty(many, np.int64), np.empty(count, np.int64)
+    table, new = np.empty((3, many), np.int32), np.empty((5, many))
+    columns, values = np.empty(entries, np.int32), np.empty(entries)
+    kinds, gaps = np.empty((4, count), np.int32), np.empty((2, count))
+    i, r, end = 0, 0, 0
+    for g in range(len(keep)):
+        if not keep[g]:
+            continue
+        chosen[i] = g
+        kinds[:, i], gaps[:, i] = groups[:, g], amounts[:, g]
+        kinds[0, i] = r
+        for old in range(groups[0, g], groups[0, g] + groups[1, g]):
+            place[r] = old
+            table[:, r], new[:, r] = sparse[:, old], rates[:, old]
+            table[1, r] = end
+            for a in range(sparse[1, old], sparse[1, old] + sparse[0, old]):
+                columns[end], values[end] = colind[a], value[a]
+                end += 1
+            r += 1
+        i += 1
+    return (table, columns, values, kinds, key[chosen], gaps, new), place
+
+
+@compiled()
+def reached_by(groups, sparse, colind, tree, later):
+    """Return which groups take part in the next phase, bool (g,): those that impulses of its contacts can reach.
+
+    That is through kinematic trees that groups share. Dry friction, whose force is bounded, does nothing in an instant.
+
+    Args:
+        groups: see `rows.Rows`, like the two that follow.
+        sparse: where rows begin and how long they are.
+        colind: degrees of freedom of their entries.
+        tree: of each degree of freedom, (nv,).
+        later: contacts that are hit in the next phase, bool (g,).
+    """
+    mark, reached, more = np.zeros(tree.max() + 1, np.bool_), np.zeros(len(later), np.bool_), True
+    while more:
+        more = False
+        for g in range(len(later)):
+            if reached[g] or groups[2, g] == BOX:
+                continue
+            begin = sparse[1, groups[0, g]]
+            end = begin + sparse[0, groups[0, g]]
+            near = later[g]
+            for a in range(begin, end):
+                near = near or mark[tree[colind[a]]]
+            if near:
+                reached[g] = more = True
+                for a in range(begin, end):
+                    mark[tree[colind[a]]] = True
+    return reached

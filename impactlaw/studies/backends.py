@@ -1,0 +1,100 @@
+"""Where jobs run: processes of this machine, a Dask or a Ray cluster, or any other backend of joblib."""
+
+# pyright: reportMissingImports=false
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+from impactlaw.errors import MissingExtraError, StudyError, UnknownNameError
+
+Jobs = Iterable[Callable[[], Any]]
+PROCESSES, DASK, RAY = "loky", "dask", "ray"
+
+
+@contextmanager
+def workers(backend: str, address: str | None, jobs: int) -> Iterator[Callable[[Jobs], Iterator[Any]]]:
+    """Give a function that calls jobs and gives their results as they are done, in any order.
+
+    Args:
+        backend: "loky" for processes of this machine, "dask", "ray", or a name that joblib knows.
+        address: of the scheduler of a cluster; one on this machine is started if not given.
+        jobs: how many at a time; -1 for one per processor.
+
+    Raises:
+        UnknownNameError: there is no such backend.
+        MissingExtraError: it needs a package that is not installed.
+        StudyError: there is no such number of jobs, nobody answers at the address, or the backend takes none.
+    """
+    if not isinstance(jobs, int) or (jobs < 1 and jobs != -1):
+        raise StudyError(f"jobs must be 1 or more, or -1 for one per processor, got {jobs!r}")
+    if address is not None and backend not in (DASK, RAY):
+        raise StudyError(f"an address means nothing to {backend!r}; it is that of a cluster of {DASK!r} or {RAY!r}")
+    with ExitStack() as stack:
+        if backend == DASK:
+            stack.enter_context(_dask(address, jobs))
+        yield stack.enter_context(_ray(address, jobs) if backend == RAY else _joblib(backend, jobs))
+
+
+@contextmanager
+def _joblib(backend: str, jobs: int) -> Iterator[Callable[[Jobs], Iterator[Any]]]:
+    import joblib
+    from joblib.parallel import BACKENDS
+
+    if backend not in BACKENDS and backend != DASK:  # which joblib registers when it is asked for
+        raise UnknownNameError("backend", backend, {*BACKENDS, DASK, RAY})
+    with joblib.parallel_config(backend):
+        try:
+            parallel: Any = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
+        except ValueError as error:
+            raise StudyError(f"backend {backend!r} does not give results as they are done: {error}") from None
+        yield lambda calls: parallel(joblib.delayed(call)() for call in calls)
+
+
+@contextmanager
+def _dask(address: str | None, jobs: int) -> Iterator[None]:
+    _needs("distributed", DASK)
+    from distributed import Client
+
+    local: dict[str, Any] = {"threads_per_worker": 1, "dashboard_address": None}
+    if jobs > 0:
+        local["n_workers"] = jobs
+    try:
+        client = Client(address, timeout=30) if address is not None else Client(**local)
+    except (OSError, ValueError) as error:
+        raise StudyError(f"no Dask scheduler answers at {address}: {error}") from None
+    with client:
+        yield
+
+
+@contextmanager
+def _ray(address: str | None, jobs: int) -> Iterator[Callable[[Jobs], Iterator[Any]]]:
+    """Use Ray's own pool: its backend for joblib gives results only when all are done."""
+    _needs("ray", RAY)
+    import ray
+    from ray.util.multiprocessing import Pool
+
+    mine = not ray.is_initialized()
+    try:
+        if mine:
+            local = {} if address is not None or jobs < 0 else {"num_cpus": jobs}
+            ray.init(address or "local", log_to_driver=False, logging_level="error", **local)
+    except (ConnectionError, ValueError, RuntimeError) as error:
+        raise StudyError(f"no Ray cluster answers at {address}: {error}") from None
+    try:
+        with Pool(None if jobs < 0 else jobs) as pool:
+            yield lambda calls: pool.imap_unordered(_call, calls)
+    finally:
+        if mine:
+            ray.shutdown()
+
+
+def _call(call: Callable[[], Any]) -> Any:
+    return call()
+
+
+def _needs(module: str, backend: str) -> None:
+    if importlib.util.find_spec(module) is None:
+        raise MissingExtraError(f"the backend {backend!r}", module, "cluster")

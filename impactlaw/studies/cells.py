@@ -1,0 +1,157 @@
+"""The cells of a study, each with a key that its settings alone decide, and what a worker does with one."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import threading
+import traceback
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from impactlaw.errors import ImpactLawError
+from impactlaw.studies.environments import Conditions, usual_scheme
+from impactlaw.studies.play import episode_seeds, play, training_seed
+from impactlaw.studies.policies.named import Policy, opened, policies_of
+from impactlaw.studies.policies.training import train
+from impactlaw.studies.study import Study
+
+_ALONE = threading.Lock()  # torch draws from one generator per process, and threads share limits of threads
+_VERSIONS = {name: importlib.metadata.version(name) for name in ("impactlaw", "mujoco")}
+
+
+@dataclass(frozen=True)
+class Training:
+    """A policy that is to be trained.
+
+    Attributes:
+        conditions: what under.
+        steps: how long.
+        seed: of the study.
+    """
+
+    conditions: Conditions
+    steps: int
+    seed: int
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All that the result depends on, as plain values."""
+        return {"training": self.conditions.settings(), "steps": self.steps, "seed": self.seed, **_VERSIONS}
+
+    @property
+    def key(self) -> str:
+        """A digest of the settings."""
+        return digest(self.settings)
+
+    def work(self) -> bytes:
+        """Train."""
+        return train(self.conditions, self.steps, training_seed(self.seed))
+
+    def __str__(self) -> str:
+        c = self.conditions
+        return f"training on {c.task} under {c.law.text} ({c.scheme}), seed {self.seed}"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Episodes of a policy under a law.
+
+    Attributes:
+        conditions: what is acted in.
+        policy: what acts.
+        seed: of the study.
+        episodes: how many.
+        training: of the policy; None if it is there already.
+    """
+
+    conditions: Conditions
+    policy: Policy
+    seed: int
+    episodes: int
+    training: Training | None = None
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All that the result depends on, as plain values."""
+        policy = self.policy.settings if self.training is None else self.training.settings
+        acting = {"acting": self.conditions.settings(), "policy": policy}
+        return acting | {"seed": self.seed, "episodes": self.episodes, **_VERSIONS}
+
+    @property
+    def key(self) -> str:
+        """A digest of the settings."""
+        return digest(self.settings)
+
+    def names(self) -> dict[str, Any]:
+        """Return the columns of the table that say which cell it is."""
+        return {
+            "task": self.conditions.task,
+            "scheme": self.conditions.scheme,
+            "policy": self.policy.name,
+            "trained_under": self.policy.made_for,
+            "acted_under": self.conditions.law.text,
+            "seed": self.seed,
+            "episodes": self.episodes,
+        }
+
+    def work(self, trained: bytes | None = None) -> dict[str, float]:
+        """Play the episodes of the policy, or of the trained one."""
+        content = self.policy.content if trained is None else trained
+        assert content is not None
+        return play(self.conditions, opened(content), episode_seeds(self.seed, self.episodes))
+
+    def __str__(self) -> str:
+        c, made_for = self.conditions, f" made for {self.policy.made_for}" if self.policy.made_for else ""
+        return f"{self.policy.name}{made_for} on {c.task} under {c.law.text} ({c.scheme}), seed {self.seed}"
+
+
+def cells_of(study: Study) -> Iterator[Cell]:
+    """Give the cells of a study in the order of its table.
+
+    Raises:
+        StudyError: there is no such task or policy.
+        MissingExtraError: a policy needs a package that is not installed.
+    """
+    for task in study.tasks:
+        for scheme in study.schemes or (usual_scheme(task),):
+            for name in study.policies:
+                for policy in policies_of(name, task, scheme, study.train_laws):
+                    for law in study.act_laws:
+                        for seed in study.seeds:
+                            under = policy.training
+                            training = None if under is None else Training(under, study.training_steps, seed)
+                            yield Cell(Conditions(task, law, scheme), policy, seed, study.episodes, training)
+
+
+def attempt(key: str, name: str, work: Callable[[], Any]) -> tuple[str, Any, str | None]:
+    """Return the key, the result, and how it failed, in words; with one thread, so that machines agree.
+
+    What fails in a worker is returned and not raised: errors do not always survive the way to another process.
+    """
+    with _ALONE, threadpool_limits(1):
+        try:
+            return key, work(), None
+        except ImpactLawError as error:
+            return key, None, f"{name}: {error}"
+        except Exception as error:
+            last = traceback.extract_tb(error.__traceback__)[-1]
+            place = f"{Path(last.filename).name}:{last.lineno}"
+            return key, None, f"{name}: {type(error).__name__}: {error} (at {place})"
+
+
+def job(of: Training | Cell, trained: bytes | None = None) -> Callable[[], tuple[str, Any, str | None]]:
+    """Return what a worker is to call."""
+    work = partial(of.work, trained) if isinstance(of, Cell) else of.work
+    return partial(attempt, of.key, str(of), work)
+
+
+def digest(settings: dict[str, Any]) -> str:
+    """Return the key of settings."""
+    return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:20]

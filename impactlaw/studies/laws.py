@@ -1,0 +1,127 @@
+"""Laws as a study states them: texts such as "moreau:0.5", or "moreau|reversal:0.4..1" for a law per episode."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from impactlaw.errors import RestitutionError, StudyError, UnknownNameError
+from impactlaw.laws import LAWS, make_law, portable
+
+MUJOCO = "mujoco"
+"""MuJoCo's own contacts, without a law."""
+_SCENE = "scene"  # the restitution that the MJCF carries, pair by pair
+
+
+@dataclass(frozen=True)
+class StatedLaw:
+    """What a task is under: one law, or one that is drawn for each episode, or MuJoCo's own contacts.
+
+    Attributes:
+        text: as it was stated.
+        laws: names of laws, or laws as plain values (`impactlaw.laws.portable`); an episode has one of them.
+        restitution: lowest and highest coefficient of restitution, equal where there is but one; None if the laws take
+            none, or the scene's.
+    """
+
+    text: str
+    laws: tuple[str | Mapping[str, Any], ...]
+    restitution: tuple[float, float] | None = None
+
+    @property
+    def is_mujoco(self) -> bool:
+        """Whether these are MuJoCo's own contacts."""
+        return self.laws == (MUJOCO,)
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether episodes differ in their law."""
+        return len(self.laws) > 1 or (self.restitution is not None and self.restitution[0] < self.restitution[1])
+
+    @property
+    def coefficient(self) -> float | None:
+        """The one coefficient of restitution of all episodes; None if there is none."""
+        if self.laws == ("maximal-dissipation",):
+            return 0.0
+        return None if self.restitution is None or self.is_drawn else self.restitution[0]
+
+    def draw(self, rng: np.random.Generator) -> dict[str, Any]:
+        """Return law and restitution of an episode, each drawn uniformly, as ``reset(options=...)`` takes them."""
+        law = self.laws[rng.integers(len(self.laws))]
+        if self.restitution is None or not takes_restitution(law):
+            return {"law": law, "restitution": None}
+        return {"law": law, "restitution": float(rng.uniform(*self.restitution))}
+
+    def settings(self) -> dict[str, Any]:
+        """Return what tells this from others, as plain values."""
+        return {"laws": list(self.laws), "restitution": self.restitution and list(self.restitution)}
+
+
+def read_law(text: str) -> StatedLaw:
+    """Return the law, or laws, that a text states.
+
+    Args:
+        text: names of laws with "|" between them, then ":" and the restitution, where the laws take one: a number, or
+            a range as in "moreau:0.4..1". A file as `impactlaw identify` writes it, ``law.json``, is a law too.
+            "mujoco" stands for MuJoCo's own contacts.
+
+    Raises:
+        StudyError: the text is none of that.
+        UnknownNameError: no law has such a name.
+        RestitutionError: the restitution does not fit the law.
+    """
+    if not isinstance(text, str) or not text:
+        raise StudyError(f'a law is stated as a text such as "moreau:0.5", got {text!r}')
+    names, _, coefficient = text.partition(":")
+    laws = tuple(_named(name) for name in names.split("|"))
+    restitution = _range(text, coefficient) if ":" in text else None
+    if MUJOCO in laws and (len(laws) > 1 or restitution is not None):
+        raise StudyError(f"{text!r}: MuJoCo's own contacts are not drawn, and have no restitution")
+    if len({str(law) for law in laws}) < len(laws):
+        raise StudyError(f"{text!r} names a law twice")
+    if restitution is not None:
+        taking = [law for law in laws if takes_restitution(law)]
+        if not taking:
+            raise StudyError(f"{text!r}: {names} takes no restitution")
+        for law in taking:
+            for e in restitution:
+                make_law(law, e)
+    return StatedLaw(text, laws, restitution)
+
+
+def takes_restitution(law: str | Mapping[str, Any]) -> bool:
+    """Return whether a restitution goes with a law: not with one that has it already, or takes none."""
+    if law in (_SCENE, MUJOCO):
+        return False
+    try:
+        make_law(law, 0.5)
+    except RestitutionError:
+        try:
+            make_law(law)
+        except RestitutionError:
+            return True  # another restitution than a number
+        return False
+    return True
+
+
+def _named(name: str) -> str | Mapping[str, Any]:
+    if name.endswith(".json"):
+        return portable(make_law(name))
+    if name not in (*LAWS, _SCENE, MUJOCO):
+        raise UnknownNameError("law", name, [*LAWS, _SCENE, MUJOCO])
+    return name
+
+
+def _range(text: str, coefficient: str) -> tuple[float, float]:
+    low, dots, high = coefficient.partition("..")
+    try:
+        ends = float(low), float(high if dots else low)
+    except ValueError:
+        raise StudyError(f"{text!r}: {coefficient!r} is neither a number nor a range such as 0.4..1") from None
+    if not all(map(math.isfinite, ends)) or ends[0] > ends[1]:
+        raise StudyError(f"{text!r}: a range goes from a lower to a higher number, got {coefficient!r}")
+    return ends

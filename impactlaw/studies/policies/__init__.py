@@ -1,0 +1,1 @@
+"""Policies of studies: scripted, of the user's own, from a file, or trained."""

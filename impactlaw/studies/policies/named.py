@@ -1,0 +1,128 @@
+"""Policies by their names in a study: where they come from, and how they act."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import inspect
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from impactlaw.errors import StudyError, UnknownNameError
+from impactlaw.studies.environments import Conditions, is_own
+from impactlaw.studies.laws import StatedLaw
+from impactlaw.studies.policies.controllers import CONTROLLERS
+from impactlaw.studies.policies.training import load, needs_training_extra
+from impactlaw.studies.study import PPO, SCRIPTED, Scheme
+
+Controller = Callable[[Any], Any]
+
+
+@dataclass(frozen=True)
+class Policy:
+    """What acts, in a row of the transfer matrix.
+
+    Attributes:
+        name: as the study has it.
+        made_for: text of the law that it was trained under or tuned to; empty if for none that the study names.
+        settings: what tells it from others, as plain values.
+        content: a function of the observation, a class of these, a trained file; None for one that is to be trained
+            under `training`.
+        training: what it is to be trained under.
+    """
+
+    name: str
+    made_for: str
+    settings: dict[str, Any]
+    content: Controller | type | partial | bytes | None = None
+    training: Conditions | None = None
+
+
+def policies_of(name: str, task: str, scheme: Scheme, laws: Sequence[StatedLaw]) -> list[Policy]:
+    """Return the policies that a name stands for on a task: one for each law, where it is made for laws.
+
+    Raises:
+        StudyError: there is no such policy.
+        MissingExtraError: it needs a package that is not installed.
+    """
+    if name == PPO:
+        needs_training_extra(f"training by {PPO!r}")
+        return [_to_be_trained(law, Conditions(task, law, scheme)) for law in laws]
+    if name == SCRIPTED:
+        return _scripted(task, laws)
+    if name.endswith(".zip"):
+        return [_from_file(Path(name), name)]
+    if ":" in name:
+        return [_imported(name)]
+    raise UnknownNameError("policy", name, [PPO, SCRIPTED, "module:name", "file.zip"])
+
+
+def opened(content: Controller | type | partial | bytes) -> Callable[[], Controller]:
+    """Return what gives the controller of each new episode."""
+    if isinstance(content, bytes):
+        act = load(io.BytesIO(content))
+        return lambda: act
+    if isinstance(content, type | partial):
+        return content
+    return lambda: content
+
+
+def _to_be_trained(law: StatedLaw, training: Conditions) -> Policy:
+    return Policy(PPO, law.text, {"policy": PPO, "under": training.settings()}, training=training)
+
+
+def _scripted(task: str, laws: Sequence[StatedLaw]) -> list[Policy]:
+    short = task.rpartition("/")[2]
+    if short not in CONTROLLERS or not is_own(task):
+        known = ", ".join(f"impactlaw/{name}" for name in CONTROLLERS)
+        raise StudyError(f"there is no scripted controller of {task!r}; there are those of {known}")
+    made = CONTROLLERS[short]
+    settings = {"policy": SCRIPTED, "task": short, "source": _source(made)}
+    if "restitution" not in inspect.signature(made).parameters:
+        return [Policy(SCRIPTED, "", settings, made)]
+    policies = []
+    for law in laws:
+        e = law.coefficient
+        if e is None:
+            raise StudyError(f"the scripted controller of {task!r} is tuned to one coefficient; {law.text!r} has none")
+        policies.append(Policy(SCRIPTED, law.text, settings | {"restitution": e}, partial(made, restitution=e)))
+    return policies
+
+
+def _from_file(path: Path, name: str) -> Policy:
+    needs_training_extra(f"the trained policy {name}")
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise StudyError(f"cannot read the policy {name}: {error.strerror}") from None
+    try:
+        load(io.BytesIO(content))
+    except StudyError as error:
+        raise StudyError(f"{name} is no trained policy: {error}") from None
+    return Policy(name, "", {"policy": "file", "content": hashlib.sha256(content).hexdigest()}, content)
+
+
+def _imported(name: str) -> Policy:
+    module, _, attribute = name.partition(":")
+    try:
+        found: Any = importlib.import_module(module)
+        for part in attribute.split("."):
+            found = getattr(found, part)
+    except (ImportError, AttributeError) as error:
+        raise StudyError(f"there is no policy {name!r}: {error}") from None
+    if not callable(found):
+        raise StudyError(f"the policy {name!r} is no function of the observation, but {found!r}")
+    return Policy(name, "", {"policy": name, "source": _source(found)}, found)
+
+
+def _source(found: Any) -> str | None:
+    """Return a digest of the file that a function or class is from, so that an edited one counts as another."""
+    place = inspect.getmodule(found if inspect.isroutine(found) or isinstance(found, type) else type(found))
+    try:
+        return None if place is None else hashlib.sha256(inspect.getsource(place).encode()).hexdigest()
+    except (OSError, TypeError):
+        return None

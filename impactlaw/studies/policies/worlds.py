@@ -1,0 +1,97 @@
+"""Training in many worlds at once, where a task has them (`impactlaw.envs.vector`)."""
+
+# pyright: reportMissingImports=false
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from stable_baselines3.common.vec_env import VecEnv
+
+from impactlaw.envs.vector.worlds import VectorWorlds
+from impactlaw.errors import SceneError
+from impactlaw.laws import make_law
+from impactlaw.studies.environments import Conditions, draws
+from impactlaw.studies.laws import StatedLaw, takes_restitution
+
+
+def training_worlds(conditions: Conditions, count: int) -> Worlds | None:
+    """Return worlds of a task; None if it has none, or none that step in this way under each of these laws."""
+    law, name = conditions.law, f"impactlaw/{conditions.task}"
+    spec = gymnasium.registry.get(name)
+    if law.is_mujoco or conditions.scheme != "time-stepping" or spec is None or spec.vector_entry_point is None:
+        return None
+    worlds: Any = gymnasium.make_vec(name, count, "vector_entry_point", nthread=1)
+    try:
+        for one in law.laws:
+            e = law.restitution[0] if law.restitution is not None and takes_restitution(one) else None
+            worlds.batch.set_law(make_law(one, e))
+    except SceneError:
+        worlds.close()
+        return None
+    return Worlds(worlds, law)
+
+
+class Worlds(VecEnv):
+    """Worlds of one task as stable-baselines3 takes them: one whose episode has ended is reset in the same step.
+
+    Args:
+        worlds: the worlds.
+        law: drawn anew for each world that is reset.
+    """
+
+    def __init__(self, worlds: VectorWorlds, law: StatedLaw):
+        self._worlds, self._law = worlds, law
+        self._rngs = [np.random.default_rng() for _ in range(worlds.num_envs)]
+        self._actions = np.zeros(0)
+        super().__init__(worlds.num_envs, worlds.single_observation_space, worlds.single_action_space)
+
+    def reset(self) -> np.ndarray:
+        """Begin an episode in all worlds, from the seeds that were set before."""
+        if self._seeds[0] is not None:
+            self._rngs = [draws(seed) for seed in self._seeds if seed is not None]
+        observed, _ = self._begin(np.ones(self.num_envs, bool), self._seeds)
+        self._reset_seeds()
+        return observed
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Keep the actions for `step_wait`."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """Step all worlds, and reset those that have ended."""
+        observed, reward, terminated, truncated, _ = self._worlds.step(self._actions)
+        over = terminated | truncated
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for i in np.flatnonzero(over):
+            infos[i] = {"terminal_observation": observed[i].copy(), "TimeLimit.truncated": not terminated[i]}
+        if over.any():
+            observed, _ = self._begin(over, None)
+        return observed, reward.astype(np.float32), over, infos
+
+    def close(self) -> None:
+        """Close the worlds."""
+        self._worlds.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Return an attribute of the worlds, once for each."""
+        return [getattr(self._worlds, attr_name, None) for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Refuse: worlds have nothing that is set one by one."""
+        raise NotImplementedError(attr_name)
+
+    def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
+        """Refuse: worlds have nothing that is called one by one."""
+        raise NotImplementedError(method_name)
+
+    def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
+        """Say that no world is wrapped."""
+        return [False for _ in self._get_indices(indices)]
+
+    def _begin(self, chosen: np.ndarray, seeds: Any) -> tuple[np.ndarray, dict[str, Any]]:
+        for i in np.flatnonzero(chosen):
+            drawn = self._law.draw(self._rngs[i])
+            self._worlds.batch.set_law(make_law(drawn["law"], drawn["restitution"]), [int(i)])
+        return self._worlds.reset(seed=seeds, options={"reset_mask": chosen})

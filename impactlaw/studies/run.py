@@ -1,0 +1,121 @@
+"""Running a study: what is not there yet is made, each cell once, and one row per cell comes back."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tqdm import tqdm
+
+from impactlaw.errors import StudyError
+from impactlaw.studies.backends import PROCESSES, Jobs, workers
+from impactlaw.studies.store import Store, write
+from impactlaw.studies.study import Study
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from impactlaw.studies.cells import Cell, Training
+
+_SHOWN = 3  # failures that an error names
+
+
+def run(
+    study: Study, folder: str | Path, *, backend: str = PROCESSES, address: str | None = None, jobs: int = -1
+) -> pd.DataFrame:
+    """Run what is not in the folder yet, and return the table: one row per cell.
+
+    Finished cells and trained policies are written as they come (`Store`), so that a study that was stopped, by
+    whatever, goes on where it was. The table is the same from every backend, to the last bit, and is written to
+    ``table.parquet``. A cell that fails does not stop the others.
+
+    Columns: task, scheme, policy, trained_under, acted_under, seed, episodes; those of `impactlaw.studies.play.play`;
+    cell and trained, the names of the files of the cell and of the trained policy.
+
+    Args:
+        study: what to run.
+        folder: of its files.
+        backend: "loky" for processes of this machine, "dask" or "ray" for clusters, or a name that joblib knows.
+        address: of the cluster; one on this machine is started if not given.
+        jobs: cells at a time; -1 for one per processor.
+
+    Raises:
+        StudyError: the study does not fit its tasks, or cells have failed; what is finished is kept.
+        MissingExtraError: a policy or the backend needs a package that is not installed.
+        ImpactLawError: a law does not fit a task.
+    """
+    from impactlaw.studies.cells import cells_of
+
+    cells = list(cells_of(study))
+    store = Store(Path(folder))
+    missing = {cell.key: cell for cell in cells if store.row(cell.key) is None}
+    untrained = {t.key: t for cell in missing.values() if (t := cell.training) and store.policy(t.key) is None}
+    _check(missing.values())
+    if missing:
+        done = len({cell.key for cell in cells}) - len(missing)
+        with (
+            workers(backend, address, jobs) as results_of,
+            tqdm(total=done + len(missing) + len(untrained), initial=done, unit="cell", disable=None) as bar,
+        ):
+            failed = _finish(untrained, store, results_of, bar)
+            ready = {k: c for k, c in missing.items() if c.training is None or store.policy(c.training.key)}
+            failed += _finish(ready, store, results_of, bar)
+        if failed:
+            more = f", and {len(failed) - _SHOWN} more" if len(failed) > _SHOWN else ""
+            cells_failed = "1 cell has failed" if len(failed) == 1 else f"{len(failed)} cells have failed"
+            raise StudyError(f"{cells_failed}, the others are kept: {'; '.join(failed[:_SHOWN])}{more}")
+    return _table(cells, store)
+
+
+def _check(cells: Iterable[Cell]) -> None:
+    """Make each environment of the study once, and take a step: what does not fit is refused before anything runs."""
+    conditions = {}
+    for cell in cells:
+        for one in (cell.conditions, cell.training and cell.training.conditions):
+            if one is not None:
+                conditions[str(one.settings())] = one
+    for one in conditions.values():
+        env = one.make()
+        env.reset(seed=0)
+        env.step(env.action_space.sample())
+        env.close()
+
+
+def _trained(cell: Cell, store: Store) -> bytes | None:
+    path = None if cell.training is None else store.policy(cell.training.key)
+    return None if path is None else path.read_bytes()
+
+
+def _finish(
+    todo: Mapping[str, Cell | Training], store: Store, results_of: Callable[[Jobs], Iterator[Any]], bar: tqdm
+) -> list[str]:
+    """Let all of these be done, keep what comes, and return how some have failed."""
+    from impactlaw.studies.cells import Cell, job
+
+    jobs = (job(one, _trained(one, store)) if isinstance(one, Cell) else job(one) for one in todo.values())
+    failed = []
+    for key, result, failure in results_of(jobs):
+        bar.update()
+        if failure is not None:
+            failed.append(failure)
+        elif isinstance(todo[key], Cell):
+            store.keep_row(key, todo[key].settings, result)
+        else:
+            store.keep_policy(key, todo[key].settings, result)
+    return failed
+
+
+def _table(cells: Iterable[Cell], store: Store) -> pd.DataFrame:
+    import pandas as pd
+
+    rows = []
+    for cell in cells:
+        files = {"cell": cell.key, "trained": "" if cell.training is None else cell.training.key}
+        rows.append(cell.names() | (store.row(cell.key) or {}) | files)
+    table = pd.DataFrame(rows)
+    file = io.BytesIO()
+    table.to_parquet(file, index=False)
+    write(store.folder / "table.parquet", file.getvalue())
+    return table

@@ -1,0 +1,79 @@
+"""The folder of a study: finished cells and trained policies, each a file that is whole or not there."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from impactlaw.errors import StudyError
+
+
+class Store:
+    """Keeps results by their keys.
+
+    ``cells/<key>.json`` holds settings and row of a cell, ``policies/<key>.zip`` a trained policy with its settings
+    beside it in ``policies/<key>.json``. Files are written under another name and then renamed, so that a kill at any
+    moment leaves no half of one.
+
+    Args:
+        folder: of the study; it is made where it is missing.
+
+    Raises:
+        StudyError: the folder cannot be made or written into.
+    """
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        for name in ("cells", "policies"):
+            try:
+                (folder / name).mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise StudyError(f"cannot write into {folder}: {error.strerror}") from None
+
+    def row(self, key: str) -> dict[str, Any] | None:
+        """Return the row of a finished cell, or None.
+
+        Raises:
+            StudyError: the file is none of this store.
+        """
+        path = self.folder / "cells" / f"{key}.json"
+        if not path.exists():
+            return None
+        try:
+            return json.loads(path.read_text(encoding="utf-8"))["row"]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise StudyError(f"{path} is not a cell of a study ({error}); remove it, and it is made again") from None
+
+    def keep_row(self, key: str, settings: dict[str, Any], row: dict[str, Any]) -> None:
+        """Write a finished cell."""
+        write(self.folder / "cells" / f"{key}.json", _json({"settings": settings, "row": row}))
+
+    def policy(self, key: str) -> Path | None:
+        """Return the file of a trained policy, or None."""
+        path = self.folder / "policies" / f"{key}.zip"
+        return path if path.exists() else None
+
+    def keep_policy(self, key: str, settings: dict[str, Any], content: bytes) -> None:
+        """Write a trained policy with its settings beside it; the policy comes last."""
+        write(self.folder / "policies" / f"{key}.json", _json(settings))
+        write(self.folder / "policies" / f"{key}.zip", content)
+
+
+def write(path: Path, content: bytes) -> None:
+    """Write a file that is whole or not there.
+
+    Raises:
+        StudyError: it cannot be written.
+    """
+    unfinished = path.with_name(f".unfinished-{os.getpid()}-{path.name}")
+    try:
+        unfinished.write_bytes(content)
+        unfinished.replace(path)
+    except OSError as error:
+        raise StudyError(f"cannot write {path}: {error.strerror}") from None
+
+
+def _json(value: Any) -> bytes:
+    return (json.dumps(value, indent=1) + "\n").encode()

@@ -1,0 +1,113 @@
+"""A study: which policies, made for which laws, act under which laws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Literal, get_args
+
+from impactlaw.errors import StudyError, UnknownNameError
+from impactlaw.studies.laws import StatedLaw, read_law
+
+Scheme = Literal["soft", "time-stepping", "event-driven"]
+PPO, SCRIPTED = "ppo", "scripted"
+_STEPS = 100_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """Policies made for laws, on tasks, and the laws that they act under; every combination is a cell.
+
+    A law is a text: "moreau:0.5", "maximal-dissipation", "law.json" for one from a file, "moreau:0.4..1" or
+    "moreau|reversal:0.8" for one that is drawn for each episode, and "mujoco" for MuJoCo's own contacts, on tasks that
+    are not of this package (`impactlaw.studies.laws.read_law`).
+
+    Attributes:
+        tasks: ids of gymnasium, such as "impactlaw/Juggler-v0" or "Hopper-v5"; "module:id" imports the module first.
+        act: laws to act under.
+        train: laws to make policies for; those to act under if not given.
+        policies: "ppo", trained under each law of `train` from each seed; "scripted", the controllers of this
+            package's own tasks, tuned to each law of `train` where they can be; "module:name" for a function of the
+            observation, or a class of such functions, of which each episode has an instance; a trained file of
+            stable-baselines3, "file.zip".
+        schemes: ways to step, for training and acting: "soft", "time-stepping", "event-driven"; the task's usual one,
+            event-driven for this package's own and soft for others, if not given.
+        seeds: each seed trains a policy of its own and plays episodes of its own; these are the same under every law.
+        episodes: of a cell.
+        steps: of a training; 100 000 if not given.
+
+    Raises:
+        StudyError: something is missing, twice, or would have no effect.
+        UnknownNameError: there is no such law or scheme.
+        RestitutionError: a restitution does not fit its law.
+    """
+
+    tasks: tuple[str, ...]
+    act: tuple[str, ...]
+    train: tuple[str, ...] = ()
+    policies: tuple[str, ...] = (PPO,)
+    schemes: tuple[Scheme, ...] = ()
+    seeds: tuple[int, ...] = (0, 1, 2)
+    episodes: int = 20
+    steps: int | None = None
+
+    def __post_init__(self):
+        for field in fields(self):
+            if field.name not in ("episodes", "steps"):
+                self._check_several(field.name)
+        for law in (*self.train_laws, *self.act_laws):
+            assert law.text
+        for scheme in self.schemes:
+            if scheme not in get_args(Scheme):
+                raise UnknownNameError("scheme", scheme, get_args(Scheme))
+        for seed in self.seeds:
+            if not _is_count(seed, 0):
+                raise StudyError(f"a seed is a whole number of 0 or more, got {seed!r}")
+        for name in ("episodes", "steps"):
+            value = getattr(self, name)
+            if value is not None and not _is_count(value, 1):
+                raise StudyError(f"{name} must be a whole number of 1 or more, got {value!r}")
+        if self.train and not {PPO, SCRIPTED} & set(self.policies):
+            raise StudyError(f"train means nothing to policies that are there already: {', '.join(self.policies)}")
+        if self.steps is not None and PPO not in self.policies:
+            raise StudyError(f"steps={self.steps} means nothing without the policy {PPO!r}")
+
+    @property
+    def act_laws(self) -> tuple[StatedLaw, ...]:
+        """Laws to act under."""
+        return tuple(map(read_law, self.act))
+
+    @property
+    def train_laws(self) -> tuple[StatedLaw, ...]:
+        """Laws to make policies for."""
+        return tuple(map(read_law, self.train or self.act))
+
+    @property
+    def training_steps(self) -> int:
+        """Steps of a training."""
+        return _STEPS if self.steps is None else self.steps
+
+    def _check_several(self, name: str) -> None:
+        values = getattr(self, name)
+        if not isinstance(values, tuple):
+            raise StudyError(f"{name} is a tuple, such as ({values!r},), got {type(values).__name__} {values!r}")
+        if not values and name not in ("train", "schemes"):
+            raise StudyError(f"{name} is empty: there is nothing to run")
+        told = [str(read_law(value).settings()) if name in ("act", "train") else value for value in values]
+        twice = [value for i, value in enumerate(values) if told[i] in told[:i]]
+        if twice:
+            raise StudyError(f"{name} has {twice[0]!r} twice")
+
+
+def quick_study() -> Study:
+    """Return a study without training: the scripted controllers on this package's own tasks."""
+    return Study(
+        tasks=tuple(f"impactlaw/{name}-v0" for name in ("Juggler", "Billiards", "NewtonsCradle", "RockingBlock")),
+        train=("moreau:0.5", "moreau:0.8", "moreau:0.95"),
+        act=("maximal-dissipation", "moreau:0.5", "moreau:0.8", "moreau:0.95", "reversal:1"),
+        policies=(SCRIPTED,),
+        episodes=2,
+    )
+
+
+def _is_count(value: object, least: int) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= least

@@ -1,0 +1,101 @@
+"""Contacts that a collision of others closes in the same step: their restitution is that of what they meet."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from impactlaw import Moreau, Newton, Stepper
+
+DRIVERS = pytest.mark.parametrize("compiled", ["auto", "never"])
+
+
+def line(gaps, option='gravity="0 0 0"'):
+    """Balls of radius 0.1 and 1 kg on a line, the first two in front of each other by gaps[0]."""
+    places = np.concatenate([[0.0], np.cumsum(0.2 + np.array(gaps))])
+    balls = "".join(
+        f'<body pos="{x} 0 0"><joint type="slide" axis="1 0 0"/><geom name="b{i}" size=".1" mass="1"/></body>'
+        for i, x in enumerate(places)
+    )
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><option timestep=".002" {option}/><worldbody>{balls}</worldbody></mujoco>'
+    )
+
+
+def box(count, rng):
+    """Balls in a box without gravity."""
+    walls = "".join(
+        f'<geom type="plane" size="1 1 1" pos="{-0.4 * x} {-0.4 * y} {-0.4 * z}" zaxis="{x} {y} {z}" condim="1"/>'
+        for x, y, z in np.concatenate([np.eye(3, dtype=int), -np.eye(3, dtype=int)])
+    )
+    balls = "".join(
+        f'<body pos="{0.25 * (i % 3) - 0.25} {0.25 * (i // 3) - 0.25} 0"><freejoint/>'
+        '<geom size=".1" mass="1" condim="1"/></body>'
+        for i in range(count)
+    )
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><option gravity="0 0 0"/><worldbody>{walls}{balls}</worldbody></mujoco>'
+    )
+    data = mujoco.MjData(model)
+    data.qvel.reshape(-1, 6)[:, :3] = 3.0 * rng.normal(size=(count, 3))
+    return model, data
+
+
+def one_after_another(velocity, e, pairs):
+    """Collisions of equal balls, pair by pair."""
+    v = np.array(velocity, dtype=float)
+    for i in pairs:
+        mean, apart = 0.5 * (v[i] + v[i + 1]), e * (v[i] - v[i + 1])
+        v[i : i + 2] = mean - 0.5 * apart, mean + 0.5 * apart
+    return v
+
+
+@DRIVERS
+@pytest.mark.parametrize("gap", [2e-5, 1e-4, 5e-4])
+def test_a_cradle_with_gaps_passes_the_velocity_on(compiled, gap):
+    model = line([gap] * 4)
+    data = mujoco.MjData(model)
+    data.qvel[0] = 1.0
+    stepper = Stepper(model, Moreau(1.0), scheme="time-stepping", compiled=compiled)
+    for _ in range(5):
+        stepper.step(data)
+    assert data.qvel == pytest.approx([0, 0, 0, 0, 1], abs=1e-9)
+
+
+@DRIVERS
+@pytest.mark.parametrize("law", [Moreau(0.5), Newton({("b0", "b1"): 0.5, ("b1", "b2"): 0.5}, default=0.9)])
+def test_every_collision_of_a_sequence_has_its_restitution(compiled, law):
+    """The second pair is hit in the same step as the first, which then is hit again, from behind."""
+    model = line([2e-5, 2e-5])
+    data = mujoco.MjData(model)
+    data.qvel[0] = 1.0
+    stepper = Stepper(model, law, scheme="time-stepping", compiled=compiled)
+    stepper.step(data)
+    assert data.qvel == pytest.approx(one_after_another([1, 0, 0], 0.5, [0, 1, 0]), abs=1e-9)
+    pairs = [event.contacts.labels for event in stepper.events]
+    assert pairs == [("b0/b1",), ("b1/b2",), ("b0/b1",)]
+    for event, after in zip(stepper.events, stepper.events[1:], strict=False):
+        assert after.impact.collision.pre_velocity == pytest.approx(event.impact.post_velocity, abs=1e-12)
+
+
+@DRIVERS
+def test_an_elastic_gas_keeps_its_energy(compiled):
+    model, data = box(9, np.random.default_rng(0))
+    stepper = Stepper(model, Moreau(1.0), scheme="time-stepping", compiled=compiled)
+    energy, several = data.qvel @ data.qvel, 0
+    for _ in range(1500):
+        stepper.step(data)
+        several += len(stepper.events) > 1
+    assert data.qvel @ data.qvel == pytest.approx(energy, rel=1e-9)
+    assert several > 3  # or this has tested nothing
+
+
+def test_compiled_steps_are_those_of_python():
+    model, data = box(9, np.random.default_rng(1))
+    one = Stepper(model, Moreau(0.9), scheme="time-stepping", compiled="auto")
+    other = Stepper(model, Moreau(0.9), scheme="time-stepping", compiled="never")
+    twin = mujoco.MjData(model)
+    for _ in range(800):
+        mujoco.mj_copyData(twin, model, data)
+        one.step(data)
+        other.step(twin)
+        np.testing.assert_allclose(data.qvel, twin.qvel, rtol=0, atol=1e-10)

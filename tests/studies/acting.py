@@ -1,0 +1,30 @@
+"""Policies that the tests of studies name as "studies.acting:...", and what they count."""
+
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+
+
+def stay(observation):
+    """Aim straight, at a low speed."""
+    return 0.0, -1.0
+
+
+def fall_over(observation):
+    """Fail."""
+    raise RuntimeError("fell over")
+
+
+class Slow:
+    """Take its time, and tell that an episode has begun."""
+
+    def __init__(self):
+        with Path(os.environ["STUDIES_BEGUN"]).open("a") as file:
+            file.write("begun\n")
+        time.sleep(0.4)
+
+    def __call__(self, observation):
+        """Aim somewhere that depends on the start."""
+        return float(np.clip(observation[1], -1, 1)), 1.0

@@ -1,0 +1,66 @@
+"""`impactlaw study`: what it writes, and one line for what is wrong."""
+
+import subprocess
+import sys
+
+import pytest
+
+import impactlaw.studies
+from impactlaw.cli import RunStudy
+from impactlaw.errors import StudyError
+from impactlaw.studies import Study, quick_study
+
+TASK = "impactlaw/Billiards-v0"
+
+
+def test_the_quick_study_writes_tables_and_pictures(tmp_path, monkeypatch, capsys):
+    whole = quick_study()
+    assert len(whole.tasks) == 4
+    few = Study(**{**vars(whole), "tasks": whole.tasks[:2], "train": whole.train[:1], "act": whole.act[:2],
+                   "seeds": (0,), "episodes": 1})  # fmt: skip
+    monkeypatch.setattr(impactlaw.studies, "quick_study", lambda: few)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    RunStudy(quick=True, out=tmp_path / "out", jobs=1)()
+    printed = capsys.readouterr().out
+    assert "impactlaw/Juggler-v0, event-driven: mean return, one seed" in printed
+    assert "score under" in printed
+    written = {path.name for path in (tmp_path / "out").iterdir() if path.is_file()}
+    pictures = {f"impactlaw-{name}-v0-event-driven.png" for name in ("Juggler", "Billiards")}
+    assert written == {"table.parquet", "transfer.csv", "transfer.md"} | pictures
+
+
+def test_a_policy_of_the_folder_where_one_is_acts_in_workers(tmp_path):
+    (tmp_path / "mine.py").write_text("def act(observation):\n    return 0.0, 1.0\n")
+    arguments = ("study", "--tasks", TASK, "--act", "moreau:0.5", "moreau:0.9", "--policies", "mine:act")
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "impactlaw.cli",
+        *arguments,
+        "--seeds",
+        "0",
+        "--episodes",
+        "1",
+        "--jobs",
+        "2",
+    ]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "mine:act" in done.stdout
+    assert (tmp_path / "out/study/table.parquet").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({}, "--tasks and --act, or --quick"),
+        ({"tasks": (TASK,)}, "--tasks and --act, or --quick"),
+        ({"quick": True, "seeds": (0,), "steps": 5}, "leave it out, or --seeds, --steps"),
+        ({"quick": True, "address": "tcp://127.0.0.1:1"}, "address means nothing"),
+    ],
+)
+def test_what_is_missing_or_would_be_ignored_is_refused(options, message, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    with pytest.raises(StudyError, match=message):
+        RunStudy(**options, out=tmp_path / "out")()
