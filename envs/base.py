@@ -53,7 +53,7 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         restitution: what the law takes; the scene's own coefficient if the law needs one and none is given.
         contact_model: "rigid", or "soft" for MuJoCo's contacts between collisions.
         scheme: of rigid contact: "event-driven", if not given, or "time-stepping"; see `Stepper`.
-        friction: of rigid contact: "coulomb", if not given, "convex" or "ignore"; see `Stepper`.
+        friction: of rigid contact and of soft collisions: "coulomb", if not given, "convex" or "ignore"; see `Stepper`.
         frame_skip: timesteps per step; the environment's own number if not given.
         render_mode: "rgb_array", "human" or None.
         log: file to record every timestep to (`impactlaw.recording`), from the first reset on until `close`, such as

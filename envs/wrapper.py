@@ -65,7 +65,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         contact_model: "soft" keeps MuJoCo's contacts and friction between collisions; with "rigid" contact is the
             law's, with exact Coulomb friction, and what overlaps after a reset is opened.
         scheme: of rigid contact: "time-stepping", if not given, or "event-driven"; see `Stepper`.
-        friction: of rigid contact: "coulomb", if not given, "convex" or "ignore"; see `Stepper`.
+        friction: of rigid contact and of soft collisions: "coulomb", if not given, "convex" or "ignore"; see `Stepper`.
         rest_speed: closing speed, m/s, above which a contact collides; see `Stepper`.
         on_inadmissible: what to do with an outcome of the law outside of S(v-): "raise", "project" it onto S(v-), or
             "allow" it; ``info["impact/inadmissible"]`` counts them.

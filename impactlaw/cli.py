@@ -206,7 +206,7 @@ class Plan:
     scheme: Literal["event-driven", "time-stepping"] | None = None
     """How rigid contact is stepped; event-driven if not given."""
     friction: Literal["coulomb", "convex", "ignore"] | None = None
-    """Friction of rigid contacts: exact Coulomb friction, if not given, its convex relaxation, or none."""
+    """Of rigid contacts and soft collisions: exact Coulomb friction, if not given, its convex relaxation, or none."""
 
     def __call__(self) -> None:
         """Print the plan."""
@@ -217,9 +217,8 @@ class Plan:
         model, _ = load(self.scene)
         if self.contact_model == "rigid":
             (check_time_stepping if self.scheme == "time-stepping" else check_rigid)(model)
-        for name in ("scheme", "friction") if self.contact_model == "soft" else ():
-            if getattr(self, name) is not None:
-                raise SceneError(f"{name} means nothing to soft steps; leave it out")
+        if self.contact_model == "soft" and self.scheme is not None:
+            raise SceneError("scheme means nothing to soft steps; leave it out")
         friction = self.friction or "coulomb"
         print(format_plan(make_plan(model, self.contact_model, scheme=self.scheme, friction=friction)))
 

@@ -48,7 +48,7 @@ def put_law(
         restitution: what the law takes.
         contact_model: "soft" or "rigid".
         scheme: of rigid contact: "time-stepping", if not given, or "event-driven".
-        friction: of rigid contact: "coulomb", if not given, "convex" or "ignore".
+        friction: of rigid contact and of soft collisions: "coulomb", if not given, "convex" or "ignore".
         rest_speed: closing speed, m/s, above which a contact collides.
         on_inadmissible: "raise", "project" or "allow".
         contacts: which contacts between geoms the law is for; all if not given.

@@ -41,6 +41,7 @@ class OnGymnasium(_OnEnv):
         env.data.ctrl[:] = ctrl
         self._refuse_bad_controls(env.data)
         self._advance(env.model, env.data, n_frames)
+        self._refuse_bad_state(env.data)
         if self._forces is None:
             mujoco.mj_rnePostConstraint(env.model, env.data)
         self._write_forces(env.model, env.data)
@@ -55,6 +56,7 @@ class OnRobotics(_OnEnv):
         env = self._env
         self._refuse_bad_controls(env.data)
         self._advance(env.model, env.data, env.n_substeps)
+        self._refuse_bad_state(env.data)
         self._write_forces(env.model, env.data)
 
 

@@ -17,6 +17,7 @@ from impactlaw.envs.placing.contact_forces import ContactForces
 from impactlaw.errors import DivergenceError, WrapperError
 from impactlaw.laws import Law
 from impactlaw.stepping.impact_event import NOTHING, ImpactEvent
+from impactlaw.stepping.integration import is_huge
 from impactlaw.stepping.stepper import Stepper, Told
 
 
@@ -176,7 +177,7 @@ class PlacedLaw(ABC):
             told = stepper.told
             if told:
                 self._met.append(told)
-                self._sums = self._sums.with_more(stepper.sums) if self._sums.count else stepper.sums
+                self._sums = self._sums.with_more(stepper.sums) if self._sums.collisions else stepper.sums
             if self._forces is not None:
                 self._forces.add(data, some, stepper.events if told else ())
             if self._log is not None:
@@ -209,6 +210,12 @@ class PlacedLaw(ABC):
         if not mujoco.mju_norm(data.ctrl) <= mujoco.mjMAXVAL:
             self.diverged = True
             raise DivergenceError(f"the controls at t = {data.time:g} s are not finite, or huge")
+
+    def _refuse_bad_state(self, data: mujoco.MjData) -> None:
+        """Under RK4 a state that is not finite, or huge, shows in the next timestep only."""
+        if is_huge(data):
+            self.diverged = True
+            raise DivergenceError(f"the state at t = {data.time:g} s is not finite, or huge")
 
 
 def name_of(target: Any) -> str:

@@ -33,7 +33,7 @@ class ImpactSums(NamedTuple):
     """Sums over collisions; compiled steps know them without making an event of each.
 
     Attributes:
-        count: collisions.
+        collisions: how many.
         energy_change: of ``T+ - T-``, J.
         surface_work: what moving surfaces did of that, J.
         intensity: of ``|v+ - v-|`` in the kinetic metric, sqrt(J).
@@ -41,7 +41,7 @@ class ImpactSums(NamedTuple):
         inadmissible: collisions whose outcome by the law left S(v-) and was projected or let through.
     """
 
-    count: int = 0
+    collisions: int = 0
     energy_change: float = 0.0
     surface_work: float = 0.0
     intensity: float = 0.0
@@ -62,7 +62,14 @@ class ImpactSums(NamedTuple):
 
     def with_more(self, other: ImpactSums) -> ImpactSums:
         """Return the sums over the collisions of both."""
-        return ImpactSums(*(one + more for one, more in zip(self, other, strict=True)))
+        return ImpactSums(
+            self.collisions + other.collisions,
+            self.energy_change + other.energy_change,
+            self.surface_work + other.surface_work,
+            self.intensity + other.intensity,
+            self.distant + other.distant,
+            self.inadmissible + other.inadmissible,
+        )
 
 
 NOTHING = ImpactSums()

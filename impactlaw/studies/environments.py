@@ -6,15 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import gymnasium
-import numpy as np
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 
-from impactlaw.envs import ImpactEnv, ImpactLaw
+from impactlaw.envs import ImpactEnv, ImpactLaw, RandomLaw
 from impactlaw.errors import StudyError
 from impactlaw.studies.laws import StatedLaw
 from impactlaw.studies.study import Scheme
-
-_DRAWS = 1  # tells the draws of laws from all else that comes from the same seed
 
 
 @dataclass(frozen=True)
@@ -41,7 +38,7 @@ class Conditions:
             raise StudyError(f"{self.task!r} is never under MuJoCo's own contacts: leave 'mujoco' out")
         if self.law.is_mujoco:
             return gymnasium.make(self.task, disable_env_checker=True)
-        options: dict[str, Any] = self.law.draw(np.random.default_rng(0))
+        options = self.law.distribution().examples()[0]
         if self.scheme == "soft":
             options["contact_model"] = "soft"
         else:
@@ -50,26 +47,7 @@ class Conditions:
             env = gymnasium.make(self.task, disable_env_checker=True, **options)
         else:
             env = ImpactLaw(gymnasium.make(self.task, disable_env_checker=True), **options)
-        return DrawnLaw(env, self.law) if self.law.is_drawn else env
-
-
-class DrawnLaw(gymnasium.Wrapper):
-    """Draws the law of each episode."""
-
-    def __init__(self, env: gymnasium.Env, law: StatedLaw):
-        super().__init__(env)
-        self._law, self._rng = law, np.random.default_rng()
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start an episode; a seed settles the laws of this one and of those that follow."""
-        if seed is not None:
-            self._rng = draws(seed)
-        return self.env.reset(seed=seed, options=self._law.draw(self._rng) | (options or {}))
-
-
-def draws(seed: int) -> np.random.Generator:
-    """Return what laws are drawn from."""
-    return np.random.default_rng([seed, _DRAWS])
+        return RandomLaw(env, self.law.laws, self.law.restitution) if self.law.is_drawn else env
 
 
 def is_own(task: str) -> bool:

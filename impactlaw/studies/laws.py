@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
+from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.errors import RestitutionError, StudyError, UnknownNameError
 from impactlaw.laws import LAWS, make_law, portable
 
@@ -49,12 +48,9 @@ class StatedLaw:
             return 0.0
         return None if self.restitution is None or self.is_drawn else self.restitution[0]
 
-    def draw(self, rng: np.random.Generator) -> dict[str, Any]:
-        """Return law and restitution of an episode, each drawn uniformly, as ``reset(options=...)`` takes them."""
-        law = self.laws[rng.integers(len(self.laws))]
-        if self.restitution is None or not takes_restitution(law):
-            return {"law": law, "restitution": None}
-        return {"law": law, "restitution": float(rng.uniform(*self.restitution))}
+    def distribution(self) -> LawDistribution:
+        """Return what the law of an episode is drawn from, each law and each restitution as likely as any other."""
+        return LawDistribution(self.laws, self.restitution)
 
     def settings(self) -> dict[str, Any]:
         """Return what tells this from others, as plain values."""
@@ -84,7 +80,7 @@ def read_law(text: str) -> StatedLaw:
     if len({str(law) for law in laws}) < len(laws):
         raise StudyError(f"{text!r} names a law twice")
     if restitution is not None:
-        taking = [law for law in laws if takes_restitution(law)]
+        taking = [law for law in laws if _takes_restitution(law)]
         if not taking:
             raise StudyError(f"{text!r}: {names} takes no restitution")
         for law in taking:
@@ -93,7 +89,7 @@ def read_law(text: str) -> StatedLaw:
     return StatedLaw(text, laws, restitution)
 
 
-def takes_restitution(law: str | Mapping[str, Any]) -> bool:
+def _takes_restitution(law: str | Mapping[str, Any]) -> bool:
     """Return whether a restitution goes with a law: not with one that has it already, or takes none."""
     if law in (_SCENE, MUJOCO):
         return False

@@ -20,14 +20,15 @@ from tqdm import tqdm
 
 from scripts import machine
 
-from . import chains, import_time, laws, omissions, steps
+from . import chains, import_time, laws, omissions, steps, wrappers
 from .goals import as_table, goals
 
-Part = Literal["laws", "chains", "steps", "omissions", "imports"]
+Part = Literal["laws", "chains", "steps", "wrappers", "omissions", "imports"]
 _RUN: dict[Part, Callable[..., pd.DataFrame]] = {
     "laws": laws.run,
     "chains": chains.run,
     "steps": steps.run,
+    "wrappers": wrappers.run,
     "omissions": omissions.run,
     "imports": import_time.run,
 }
@@ -44,6 +45,7 @@ class Benchmark:
     laws: laws.LawCost = field(default_factory=laws.LawCost)
     chains: chains.ChainCost = field(default_factory=chains.ChainCost)
     steps: steps.StepCost = field(default_factory=steps.StepCost)
+    wrappers: wrappers.WrapperCost = field(default_factory=wrappers.WrapperCost)
     omissions: omissions.Omissions = field(default_factory=omissions.Omissions)
     imports: import_time.ImportTime = field(default_factory=import_time.ImportTime)
 
@@ -54,6 +56,7 @@ class Benchmark:
             laws=laws.LawCost(sizes=(1, 4, 16), problems=2, seconds=0.01),
             chains=chains.ChainCost(sizes=(100, 1000), seconds=0.1),
             steps=steps.StepCost(cradles=(5, 20), environments=_QUICK_ENVIRONMENTS, full=False, seconds=0.2),
+            wrappers=wrappers.WrapperCost(wrapped=_QUICK_ENVIRONMENTS, steps=50, repetitions=2),
             omissions=omissions.Omissions(scenes=("pendulum", "cradle 5"), steps=20, seconds=0.1),
             imports=import_time.ImportTime(processes=1),
         )

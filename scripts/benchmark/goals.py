@@ -14,6 +14,7 @@ from .steps import ALL, FINE, PLAIN
 
 LAW_RATIO, LAW_CONTACTS = 3.0, 16
 STEP_RATIO = 4.0
+WRAPPER_RATIO = 1.5
 CHAIN, CHAIN_FASTER, CHAIN_GROWTH, CHAIN_RESIDUAL = 1000, 5.0, 15.0, 1e-10
 IMPORT_SECONDS = 0.3
 SOFT_RATIOS = {"Ant-v5": 1.15, "Humanoid-v5": 1.15, "Hopper-v5": 1.25, "Walker2d-v5": 1.25}
@@ -40,6 +41,7 @@ def goals(tables: dict[str, pd.DataFrame]) -> list[Goal]:
         "laws": _law_goals,
         "chains": _chain_goals,
         "steps": _step_goals,
+        "wrappers": _wrapper_goals,
         "omissions": _omission_goals,
         "imports": _import_goal,
     }
@@ -106,6 +108,12 @@ def _step_goals(table: pd.DataFrame) -> Iterator[Goal]:
             worst = max(row["ratio"] for row in rows if row["phase"] != "collision")
             measured = f"{rows[0]['integrator']}, medians {shown}; mean of all {whole['mean_ratio']:.1f}"
             yield Goal(f"rigid step <= {STEP_RATIO:g} x mj_step, {scene}", measured, worst <= STEP_RATIO)
+
+
+def _wrapper_goals(table: pd.DataFrame) -> Iterator[Goal]:
+    for row in records(table):
+        name = f"wrapper <= {WRAPPER_RATIO:g} x the plain environment, {row['environment']}"
+        yield Goal(name, f"{row['ratio']:.2f}", row["ratio"] <= WRAPPER_RATIO)
 
 
 def _soft_goals(table: pd.DataFrame) -> Iterator[Goal]:

@@ -251,11 +251,19 @@ def test_options_of_a_reset_that_do_not_fit(make, options, error, message):
     env.step(np.zeros(env.action_space.shape))
 
 
-def test_scheme_and_friction_mean_nothing_to_soft_contact():
+def test_scheme_means_nothing_to_soft_contact():
     for env in (hopper(), juggler(contact_model="soft")):
-        for options in ({"scheme": "time-stepping"}, {"friction": "convex"}):
-            with pytest.raises(SceneError, match="means nothing to soft steps"):
-                env.reset(seed=0, options=options)
+        with pytest.raises(SceneError, match="means nothing to soft steps"):
+            env.reset(seed=0, options={"scheme": "time-stepping"})
+
+
+def test_friction_of_soft_collisions_can_be_left_out_for_an_episode():
+    env = hopper()
+    env.reset(seed=0, options={"friction": "ignore"})
+    assert env.stepper is not None
+    assert not env.stepper.plan.friction
+    env.reset(seed=0)
+    assert env.stepper.plan.friction
 
 
 def test_an_unknown_option_raises_in_dm_control_too():

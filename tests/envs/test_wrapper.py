@@ -82,10 +82,12 @@ def test_a_thousand_random_steps(name, e):
         assert info["impact/diverged"] == info["impact/inadmissible"] == 0
         assert info["impact/count"] == len(env.events)
         for event in env.events:
-            assert event.impact.violations.is_admissible()
+            impact = event.impact
+            assert impact.violations.is_admissible()
+            largest = max(impact.collision.kinetic_energy, 0.5 * impact.intensity**2)
+            assert impact.energy_change <= 2e-12 * largest  # rounding, up to which Coulomb scales restitution
         energy = sum(event.impact.energy_change for event in env.events)
         assert info["impact/energy_change"] == pytest.approx(energy, abs=1e-12)
-        assert energy <= 1e-12
         collisions += len(env.events)
         if terminated or truncated:
             env.reset()
@@ -192,7 +194,7 @@ def test_other_errors_pass_through():
     env.reset(seed=0)
     with pytest.raises(ValueError, match="dimension"):
         env.step(np.zeros(7))
-    env = ImpactLaw(Falling(), LinearMap(-1.5 * np.eye(6)), on_inadmissible="raise")
+    env = ImpactLaw(Falling(), LinearMap(-1.5 * np.eye(6)), friction="ignore", on_inadmissible="raise")
     env.reset(seed=0)
     with pytest.raises(InadmissibleImpactError):
         for _ in range(300):
@@ -212,7 +214,7 @@ def test_rigid_contacts(scheme, early):
 def test_an_inadmissible_law_is_counted_and_projected():
     counts = {}
     for what in ("allow", "project"):
-        env = ImpactLaw(Falling(), LinearMap(-1.5 * np.eye(6)), on_inadmissible=what)
+        env = ImpactLaw(Falling(), LinearMap(-1.5 * np.eye(6)), friction="ignore", on_inadmissible=what)
         env.reset(seed=0)
         while not env.events:
             info = env.step(np.zeros(0))[4]

@@ -191,17 +191,18 @@ def test_a_ball_in_rigid_steps(options):
     assert abs(impact.friction_impulse).max() > 0.1
 
 
-def test_a_ball_in_soft_steps_has_the_normal_part():
+def test_a_ball_in_soft_steps_has_the_normal_part_where_friction_is_left_out():
     model, data = compiled(
         '<geom name="floor" type="plane" size="5 5 1"/><body pos="0 0 .15"><freejoint/>'
         '<geom size=".1" mass="1"/></body>'
     )
-    data.qvel[2] = -2.0
-    stepper = Stepper(model, Routh(0.6), contact_model="soft")
+    data.qvel[:3] = 1.0, 0.0, -2.0
+    stepper = Stepper(model, Routh(0.6), contact_model="soft", friction="ignore")
     while not stepper.events:
         stepper.step(data)
     impact = stepper.events[0].impact
     np.testing.assert_allclose(impact.post_contact_velocity, -0.6 * impact.collision.pre_contact_velocity, rtol=1e-9)
+    np.testing.assert_allclose(impact.post_velocity[0], impact.collision.pre_velocity[0], rtol=1e-12)
 
 
 def test_convex_friction_is_refused():

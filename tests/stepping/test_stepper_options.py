@@ -306,12 +306,39 @@ def test_the_event_of_time_stepping_says_how_much_restitution_was_left():
     assert scale == pytest.approx(wanted, abs=1e-2)
 
 
-def test_friction_means_nothing_to_soft_steps():
-    for friction in ("coulomb", "convex", "ignore"):
-        with pytest.raises(SceneError, match="friction means nothing to soft steps"):
-            Stepper(ball(3)[0], Moreau(0.5), contact_model="soft", friction=friction)
-    with pytest.raises(RestitutionError, match="friction is MuJoCo's in soft steps"):
-        Stepper(ball(3)[0], Coulomb(Moreau(0.5), tangential_restitution=0.5), contact_model="soft")
+def test_other_ways_options_mean_nothing_to_soft_steps():
+    for option in ({"scheme": "time-stepping"}, {"overlap": "push-out"}, {"gap_tolerance": 1e-9}):
+        with pytest.raises(SceneError, match="means nothing to soft steps"):
+            Stepper(ball(3)[0], Moreau(0.5), contact_model="soft", **option)
+
+
+@pytest.mark.parametrize("steps", [0, -1, 1.5, "2"])
+@pytest.mark.parametrize("options", [{}, {"contact_model": "soft"}])
+def test_steps_are_a_count(steps, options):
+    model, data = ball(3)
+    with pytest.raises(OptionError, match="steps must be a whole number"):
+        Stepper(model, Moreau(0.5), **options).step(data, steps)
+    assert data.time == 0.0
+
+
+@pytest.mark.parametrize("options", [{}, {"scheme": "time-stepping"}, {"contact_model": "soft"}])
+def test_several_steps_are_those_one_by_one(options):
+    model, data = ball(3)
+    data.qvel[:3] = 1.0, 0.0, -1.0
+    other = mujoco.MjData(model)
+    other.qvel[:] = data.qvel
+    one, several = Stepper(model, Newton(0.5), **options), Stepper(model, Newton(0.5), **options)
+    for _ in range(40):
+        events = []
+        for _ in range(5):
+            one.step(data)
+            events += one.events
+        several.step(other, 5)
+        assert [event.time for event in several.events] == [event.time for event in events]
+        np.testing.assert_array_equal(other.qpos, data.qpos)
+        np.testing.assert_array_equal(other.qvel, data.qvel)
+        assert several.sums.collisions == len(events)
+        assert several.sums.energy_change == pytest.approx(sum(event.impact.energy_change for event in events))
 
 
 @pytest.mark.parametrize("scheme", ["event-driven", "time-stepping"])

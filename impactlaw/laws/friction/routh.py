@@ -34,8 +34,7 @@ class Routh(ContactCoefficients, Law):
 
     The law is for one contact. Several may collide at the same time if they do not influence each other; others are
     refused, since how their impulses grow together is not known: `Coulomb` around `Poisson` is for any number. Friction
-    is that of the collision; a contact without any has Newton's outcome ``gamma+ = -e gamma-``. Steps that leave
-    friction to MuJoCo (contact_model="soft") have that.
+    is that of the collision; a contact without any has Newton's outcome ``gamma+ = -e gamma-``.
 
     Attributes:
         restitution: e, see `ContactCoefficients`: a number, one per contact, keyed by label, or a function of speed.

@@ -137,9 +137,9 @@ class SoftStepping:
             return "the law is for some contacts only"
         return None if self.collider.solver == "auto" else "a solver was chosen"
 
-    def forget(self) -> None:
-        """Look at the start of the next step for contacts, whatever the last step has met."""
-        self._left_at = np.nan
+    def resume(self, left: float, collider: Collider) -> None:
+        """Go on as if the last step had ended at a time, s, and with another collider; NaN if something touched."""
+        self._left_at, self.collider = left, collider
 
     def set_law(self, law: Law) -> None:
         """Let the collisions of the next steps be by another law."""
@@ -176,7 +176,8 @@ class SoftStepping:
             mj_getState(model, data, self._before, _STATE)
             mj_step(model, data)
             events = self._collide_at_end(data) if data.ncon or data.nl else ()
-        _refuse_reset(data, time, count)
+        if data.time <= time or count is not None:
+            _refuse_reset(data, time, count)
         self._left_at = data.time
         if surfaces is not None:
             surfaces.end(data)
@@ -346,8 +347,8 @@ def _update(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def _refuse_reset(data: mujoco.MjData, time: float, count: int | None) -> None:
-    """Raise DivergenceError if MuJoCo has reset itself, which time or count of bad states tells, or will."""
-    if data.time <= time or (count is not None and _bad_states(data) != count) or is_huge(data):
+    """Raise DivergenceError if MuJoCo has reset itself, which the time tells, or else the count of bad states."""
+    if data.time <= time or (count is not None and _bad_states(data) != count):
         raise DivergenceError(f"MuJoCo met a state that is not finite, or huge, in the step after t = {time:g} s")
 
 

@@ -11,9 +11,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from impactlaw.envs.vector.worlds import VectorWorlds
 from impactlaw.errors import SceneError
-from impactlaw.laws import make_law
-from impactlaw.studies.environments import Conditions, draws
-from impactlaw.studies.laws import StatedLaw, takes_restitution
+from impactlaw.studies.environments import Conditions
 
 
 def training_worlds(conditions: Conditions, count: int) -> Worlds | None:
@@ -22,35 +20,23 @@ def training_worlds(conditions: Conditions, count: int) -> Worlds | None:
     spec = gymnasium.registry.get(name)
     if law.is_mujoco or conditions.scheme != "time-stepping" or spec is None or spec.vector_entry_point is None:
         return None
-    worlds: Any = gymnasium.make_vec(name, count, "vector_entry_point", nthread=1)
     try:
-        for one in law.laws:
-            e = law.restitution[0] if law.restitution is not None and takes_restitution(one) else None
-            worlds.batch.set_law(make_law(one, e))
+        worlds: Any = gymnasium.make_vec(name, count, "vector_entry_point", nthread=1, law=law.distribution())
     except SceneError:
-        worlds.close()
         return None
-    return Worlds(worlds, law)
+    return Worlds(worlds)
 
 
 class Worlds(VecEnv):
-    """Worlds of one task as stable-baselines3 takes them: one whose episode has ended is reset in the same step.
+    """Worlds of one task as stable-baselines3 takes them: one whose episode has ended is reset in the same step."""
 
-    Args:
-        worlds: the worlds.
-        law: drawn anew for each world that is reset.
-    """
-
-    def __init__(self, worlds: VectorWorlds, law: StatedLaw):
-        self._worlds, self._law = worlds, law
-        self._rngs = [np.random.default_rng() for _ in range(worlds.num_envs)]
+    def __init__(self, worlds: VectorWorlds):
+        self._worlds = worlds
         self._actions = np.zeros(0)
         super().__init__(worlds.num_envs, worlds.single_observation_space, worlds.single_action_space)
 
     def reset(self) -> np.ndarray:
         """Begin an episode in all worlds, from the seeds that were set before."""
-        if self._seeds[0] is not None:
-            self._rngs = [draws(seed) for seed in self._seeds if seed is not None]
         observed, _ = self._begin(np.ones(self.num_envs, bool), self._seeds)
         self._reset_seeds()
         return observed
@@ -91,7 +77,4 @@ class Worlds(VecEnv):
         return [False for _ in self._get_indices(indices)]
 
     def _begin(self, chosen: np.ndarray, seeds: Any) -> tuple[np.ndarray, dict[str, Any]]:
-        for i in np.flatnonzero(chosen):
-            drawn = self._law.draw(self._rngs[i])
-            self._worlds.batch.set_law(make_law(drawn["law"], drawn["restitution"]), [int(i)])
         return self._worlds.reset(seed=seeds, options={"reset_mask": chosen})

@@ -60,7 +60,7 @@ def _offsets(w, law, found, rows, members, velocity, before, b):
                 law.asked[0] = key
                 return False
             e = law.value[at]
-        for r in range(first, first + rows.count[g]):
+        for r in range(first, first + rows.sizes[g]):
             for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
                 before[r] += rows.val[a] * velocity[rows.col[a]]
             b[r] = (1.0 + (e if r == first else law.sliding)) * before[r]
@@ -81,11 +81,11 @@ def _whitened_velocity(w, velocity, Mnnz, Madr, Mcol, factor, root, z):
 def _solve(w, law, rows, members, b):
     """Return impulses, (n,), jump, (nv,), and the natural map; one contact alone may have a closed form."""
     n, k = len(rows.nnz), len(members)
-    if k == 1 and rows.count[members[0]] <= 3 and (law.exact or rows.count[members[0]] == 1):
+    if k == 1 and rows.sizes[members[0]] <= 3 and (law.exact or rows.sizes[members[0]] == 1):
         x, z = np.zeros(n), np.zeros(w.nv)
-        if solve_alone(rows, rows.first[members[0]], rows.count[members[0]], b, x, z):
+        if solve_alone(rows, rows.first[members[0]], rows.sizes[members[0]], b, x, z):
             return x, z, 0.0
-    first, count, kind = rows.first[members], rows.count[members], np.full(k, CONE, np.int32)
+    first, count, kind = rows.first[members], rows.sizes[members], np.full(k, CONE, np.int32)
     x, z, residual, _ = linked_solve(
         rows.nnz, rows.adr, rows.col, rows.val, w.nv, model_ints(w, MODEL.dof_treeid, w.nv), first, count, kind,
         zeros(k), zeros(n), b, zeros(n), law.exact, _TOLERANCE, _ROUNDS,
@@ -107,7 +107,7 @@ def _book(rows, members, x, z, before, smallest, sums):
     work, distant = 0.0, False
     for g in members:
         first = rows.first[g]
-        for r in range(first, first + rows.count[g]):
+        for r in range(first, first + rows.sizes[g]):
             mean, length = before[r], 0.0
             for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
                 mean += 0.5 * rows.val[a] * z[rows.col[a]]
@@ -152,6 +152,17 @@ def _resolve(w, law, found, gamma, rounding, velocity, sums):
     return FINE
 
 
+@plain
+def _tell(outcomes, velocity):
+    """Write the velocity after a collision, if there is room."""
+    n = len(velocity)
+    if len(outcomes) > 0:
+        at = 1 + np.int64(outcomes[0]) * n
+        for i in range(min(n, len(outcomes) - at)):
+            outcomes[at + i] = velocity[i]
+        outcomes[0] += 1.0
+
+
 @kernel
 def collide(w, law, sums):
     """Resolve the collisions of now; qvel is the velocity after them.
@@ -184,6 +195,8 @@ def collide(w, law, sums):
             return PYTHON, False
         before = velocity.copy()
         status = _resolve(w, law, found, gamma, rounding, velocity, sums)
+        if status == FINE:
+            _tell(law.outcomes, velocity)
         if status != FINE or (before == velocity).all():
             break
         changed, rows = True, np.empty(n)

@@ -16,8 +16,10 @@ from impactlaw.stepping.soft.compiled.world import CALLBACK, FINE
 
 SUMS = 4
 """Numbers of `collide` for each step."""
-LEFT, TOTAL = 3, 4
-"""Places among the numbers: when the last step has ended, and where the sums over all steps begin."""
+EXTRA = SUMS + 1
+"""Numbers that follow a state."""
+LEFT, TOTAL = 3, 5
+"""Places among the numbers: when the last step has ended, twice, and where the sums over all steps begin."""
 
 
 class Context(NamedTuple):
@@ -28,8 +30,8 @@ class Context(NamedTuple):
         data: of the world.
         trial: other data.
         table: offsets of fields.
-        numbers: restitution, tangential restitution, rest speed, the time at which the last step has ended, and the
-            sums over all steps that are taken, written.
+        numbers: restitution, tangential restitution, rest speed, the time at which the last step has ended
+            (see `step.advance`), and the sums over all steps that are taken, written.
         exact: exact Coulomb friction.
         frictional: contacts have friction.
         most: collisions of one step that are not to be reached.
@@ -38,11 +40,12 @@ class Context(NamedTuple):
         values: their restitution.
         callbacks: addresses of MuJoCo's callbacks, and how many.
         steps: to take.
-        states: room for the state at the start of each step, followed by its sums, see `collide`, and how many numbers
-            a state has.
+        states: room for the state at the start of each step, followed by its sums, see `collide`, and by the time at
+            which the step before has ended, see `step.advance`; and how many numbers a state has.
         status: how the last step has ended, written.
         taken: steps that are over, written.
         asked: key of a contact that is not known, written.
+        outcomes: room for outcomes, see `world.Law`, and how many numbers.
     """
 
     model: int = 0
@@ -65,6 +68,8 @@ class Context(NamedTuple):
     status: int = 17
     taken: int = 18
     asked: int = 19
+    outcomes: int = 20
+    outcome_count: int = 21
 
 
 CONTEXT = Context()
@@ -89,21 +94,23 @@ def steps(context):
         return
     numbers, width = floats(c[CONTEXT.numbers], TOTAL + SUMS), c[CONTEXT.state_size]
     numbers[TOTAL:] = 0.0
+    outcomes = floats(c[CONTEXT.outcomes], c[CONTEXT.outcome_count])
     while c[CONTEXT.taken] < c[CONTEXT.steps]:
         i = c[CONTEXT.taken]
-        state = c[CONTEXT.states] + 8 * (width + SUMS) * i
+        state = c[CONTEXT.states] + 8 * (width + EXTRA) * i
         sums = floats(state + 8 * width, SUMS)
         c[CONTEXT.status] = linked_advance(
             c[CONTEXT.model], c[CONTEXT.data], c[CONTEXT.trial], c[CONTEXT.table],
             numbers[0], numbers[1], c[CONTEXT.exact] != 0, c[CONTEXT.frictional] != 0, numbers[2], c[CONTEXT.most],
             longs(c[CONTEXT.keys], c[CONTEXT.known]), floats(c[CONTEXT.values], c[CONTEXT.known]),
-            c[CONTEXT.asked : CONTEXT.asked + 1], numbers[LEFT:TOTAL],
+            c[CONTEXT.asked : CONTEXT.asked + 1], outcomes, numbers[LEFT:TOTAL],
             floats(state, width), sums,
             c[CONTEXT.collides] != 0,
         )  # fmt: skip
         if c[CONTEXT.status] != FINE:
             return
         numbers[TOTAL:] += sums
+        floats(state + 8 * (width + SUMS), 1)[0] = numbers[LEFT + 1]
         c[CONTEXT.taken] += 1
 
 

@@ -29,7 +29,7 @@ class Rows(NamedTuple):
     Attributes:
         of: which of `Found` each contact is, int64 (k,).
         first: its first row, int32 (k,).
-        count: its rows, int32 (k,).
+        sizes: its rows, int32 (k,).
         nnz: entries of each row, int32 (n,).
         adr: where they begin, int32 (n,).
         col: their degrees of freedom, int32.
@@ -38,7 +38,7 @@ class Rows(NamedTuple):
 
     of: Array
     first: Array
-    count: Array
+    sizes: Array
     nnz: Array
     adr: Array
     col: Array
@@ -121,11 +121,11 @@ def read(w, found, jacobian, reached, root, frictional):
 @plain
 def _couples(rows, work, length, g, other):
     """Return whether rows of another contact, scattered to work one by one, meet those of a contact."""
-    for i in range(rows.first[other], rows.first[other] + rows.count[other]):
+    for i in range(rows.first[other], rows.first[other] + rows.sizes[other]):
         for a in range(rows.adr[i], rows.adr[i] + rows.nnz[i]):
             work[rows.col[a]] = rows.val[a]
         meets = False
-        for k in range(rows.first[g], rows.first[g] + rows.count[g]):
+        for k in range(rows.first[g], rows.first[g] + rows.sizes[g]):
             s = 0.0
             for a in range(rows.adr[k], rows.adr[k] + rows.nnz[k]):
                 s += rows.val[a] * work[rows.col[a]]

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 import ctypes
 import warnings
-from functools import cached_property, reduce
 from typing import Any
 
 import mujoco
@@ -18,11 +16,12 @@ from impactlaw.stepping.compiled.fields import DATA
 from impactlaw.stepping.compiled.law_table import Coefficients, reason
 from impactlaw.stepping.compiled.layout import table
 from impactlaw.stepping.compiled.libmujoco import callbacks
-from impactlaw.stepping.impact_event import NOTHING, ImpactEvent, ImpactSums
+from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import empty_state, restore_state
 from impactlaw.stepping.law_targets import LawTargets
 from impactlaw.stepping.soft.compiled import world
-from impactlaw.stepping.soft.compiled.entry import CONTEXT, LEFT, SUMS, TOTAL, entry
+from impactlaw.stepping.soft.compiled.entry import CONTEXT, EXTRA, LEFT, SUMS, TOTAL, entry
+from impactlaw.stepping.soft.compiled.told import Collisions, Part, Replay, together
 from impactlaw.stepping.soft.scheme import SoftStepping
 
 _EMPTY = "<mujoco/>"
@@ -42,11 +41,11 @@ class CompiledSoftStepping:
         model: Any = scheme.model
         self._model, self._trial, self._table, self._callbacks = model, mujoco.MjData(model), table(), callbacks()
         self._room, self._steps = len(empty_state(model)), 1
-        self._states = np.zeros((1, self._room + SUMS))
-        self._numbers = np.array([np.nan, 0.0, scheme.rest_speed, np.nan, *np.zeros(SUMS)])
+        self._states = np.zeros((1, self._room + EXTRA))
+        self._numbers = np.array([np.nan, 0.0, scheme.rest_speed, np.nan, np.nan, *np.zeros(SUMS)])
         self._context = np.zeros(len(CONTEXT), np.int64)
         self._at, self._pool = self._context.ctypes.data, None
-        self._fields, self._total = memoryview(self._context), memoryview(self._numbers)[TOTAL:]
+        self._fields, self._total = memoryview(self._context.data), memoryview(self._numbers.data)[TOTAL:]
         self._take_over()
 
     def _take_over(self) -> None:
@@ -103,11 +102,14 @@ class CompiledSoftStepping:
         parts: list[Part] = []
         if self._reason is not None:
             self._in_python(data, steps, parts)
-            return _together(parts)
+            return together(parts)
         if self._pool is None:
+            if any(ctypes.c_size_t.from_address(place).value for place in self._callbacks.tolist()):
+                self._go_on(world.CALLBACK, data, steps, parts)
+                return together(parts)
             self._pool = Pool(mujoco.MjModel.from_xml_string(_EMPTY), 1, 1, persistent=True)
         if steps > self._steps:
-            self._steps, self._states = steps, np.zeros((steps, self._room + SUMS))
+            self._steps, self._states = steps, np.zeros((steps, self._room + EXTRA))
             self._write_context()
         fields, simulation = self._fields, data
         fields[_DATA] = simulation._address  # pyright: ignore[reportAttributeAccessIssue]
@@ -121,7 +123,7 @@ class CompiledSoftStepping:
                 parts.append(Replay(self._scheme, self._states[:taken].copy(), self._total))
             if how != world.FINE:
                 steps -= self._go_on(how, data, steps, parts)
-        return _together(parts)
+        return together(parts)
 
     def _go_on(self, how: int, data: mujoco.MjData, steps: int, parts: list[Any]) -> int:
         """Do what compiled code has left, and return how many steps that were."""
@@ -145,6 +147,17 @@ class CompiledSoftStepping:
                 parts.append(events)
         self._numbers[LEFT] = data.time
 
+    def outcomes(self, row: np.ndarray) -> np.ndarray:
+        """Take a step once more from what is kept of it, and return the velocities after its collisions, (k, nv)."""
+        nv, most = self._model.nv, int(row[-EXTRA]) + self._scheme.collider.most
+        found, data = np.zeros(1 + most * nv), mujoco.MjData(self._model)
+        restore_state(self._model, data, row[:-EXTRA])
+        self._numbers[LEFT] = row[-1]
+        self._context[CONTEXT.outcomes], self._context[CONTEXT.outcome_count] = found.ctypes.data, len(found)
+        self.step(data)
+        self._context[CONTEXT.outcome_count] = 0
+        return found[1:].reshape(most, nv)[: int(found[0])]
+
     def _fail(self, data: mujoco.MjData, message: str) -> None:
         """Raise what MuJoCo has said, with data where it was."""
         simulation: Any = data
@@ -160,58 +173,3 @@ class CompiledSoftStepping:
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Go on."""
         self.__init__(state["scheme"], warn=state["warn"])
-
-
-class Replay:
-    """The collisions of compiled steps, told by the scheme in Python when somebody asks: it takes them once more.
-
-    Attributes:
-        sums: over the collisions; they need no events.
-    """
-
-    def __init__(self, scheme: SoftStepping, states: np.ndarray, total: memoryview):
-        self._scheme, self._collider, self._states = scheme, scheme.collider, states
-        count, energy, intensity, distant = total
-        self.sums = ImpactSums(int(count), energy, 0.0, intensity, int(distant), 0)
-
-    def __call__(self) -> tuple[ImpactEvent, ...]:
-        """Return them as events."""
-        return self._events
-
-    @cached_property
-    def _events(self) -> tuple[ImpactEvent, ...]:
-        scheme, data = copy.copy(self._scheme), mujoco.MjData(self._scheme.model)
-        scheme.set_law(self._collider.law)
-        events: list[ImpactEvent] = []
-        collided = self._states[:, -SUMS] > 0
-        for state in self._states[collided, :-SUMS]:
-            restore_state(scheme.model, data, state)
-            scheme.forget()
-            events += scheme.step(data)
-        return tuple(events)
-
-
-class Collisions:
-    """Collisions of compiled steps and of steps in Python, in their order.
-
-    Attributes:
-        sums: over all of them.
-    """
-
-    def __init__(self, parts: list[Part]):
-        self._parts = parts
-        self.sums = reduce(ImpactSums.with_more, (getattr(p, "sums", None) or ImpactSums.of(p) for p in parts), NOTHING)
-
-    def __call__(self) -> tuple[ImpactEvent, ...]:
-        """Return them as events."""
-        return tuple(event for part in self._parts for event in (part if isinstance(part, tuple) else part()))
-
-
-Part = Replay | tuple[ImpactEvent, ...]
-"""Collisions of compiled steps, or of one step in Python."""
-
-
-def _together(parts: list[Part]) -> Collisions | Part:
-    if len(parts) == 1:
-        return parts[0]
-    return Collisions(parts) if parts else ()

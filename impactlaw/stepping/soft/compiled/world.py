@@ -32,6 +32,7 @@ class Law(NamedTuple):
         key: of contacts and limits, see `law_table.Coefficients`, ascending, int64 (k,).
         value: e of each, (k,).
         asked: key of the contact that is not among them, int64 (1,), written.
+        outcomes: their number, and the velocity after each collision, (1 + k nv,), written; (0,) to write none.
     """
 
     restitution: float
@@ -43,6 +44,7 @@ class Law(NamedTuple):
     key: Array
     value: Array
     asked: Array
+    outcomes: Array
 
 
 class World(NamedTuple):

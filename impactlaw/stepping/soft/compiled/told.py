@@ -1,0 +1,111 @@
+"""What compiled steps tell of their collisions: sums at once, events when somebody asks."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from impactlaw.errors import SolverError
+from impactlaw.laws import Law, Target
+from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.friction_impact import FrictionImpact
+from impactlaw.mechanics.impact import Impact
+from impactlaw.stepping.impact_event import NOTHING, ImpactEvent, ImpactSums
+from impactlaw.stepping.integration import restore_state
+from impactlaw.stepping.soft.compiled.entry import EXTRA
+from impactlaw.stepping.soft.scheme import SoftStepping
+
+_SAME = 1e-9  # part of the largest velocity by which two outcomes of a law may differ and be the same
+
+
+@dataclass(frozen=True)
+class _Known(Law):
+    """A law whose outcomes are known, since it has several solutions where friction is indeterminate."""
+
+    law: Law
+    velocities: Iterator[np.ndarray]
+
+    def target(self, collision: Collision) -> Target:
+        """Return the target of the law."""
+        return self.law.target(collision)
+
+    def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
+        """Return the impact with the velocity that is known."""
+        impact, velocity = self.law.resolve(collision, solver=solver), next(self.velocities)
+        if np.abs(impact.post_velocity - velocity).max() <= _SAME * np.abs(velocity).max():
+            return replace(impact, post_velocity=velocity)
+        kept: dict[str, Any] = {"target_contact_velocity": impact.target_contact_velocity}
+        if isinstance(impact, FrictionImpact):
+            kept |= {"target_sliding_velocity": impact.target_sliding_velocity, "exact": impact.exact}
+        try:
+            return replace(type(impact).observed(collision, velocity), **kept)
+        except SolverError:
+            return impact
+
+
+class Replay:
+    """The collisions of compiled steps, told by the scheme in Python when somebody asks: it takes them once more.
+
+    Attributes:
+        sums: over the collisions; they need no events.
+    """
+
+    def __init__(self, scheme: SoftStepping, rows: np.ndarray, total: memoryview):
+        self._scheme, self._collider, self._rows = scheme, scheme.collider, rows
+        count, energy, intensity, distant = total
+        self.sums = ImpactSums(int(count), energy, 0.0, intensity, int(distant), 0)
+
+    def __call__(self) -> tuple[ImpactEvent, ...]:
+        """Return them as events."""
+        return self._events
+
+    @cached_property
+    def _events(self) -> tuple[ImpactEvent, ...]:
+        from impactlaw.stepping.soft.compiled.stepping import CompiledSoftStepping
+
+        scheme, data = copy.copy(self._scheme), mujoco.MjData(self._scheme.model)
+        scheme.resume(np.nan, self._collider)
+        compiled = CompiledSoftStepping(scheme, warn=False)
+        events: list[ImpactEvent] = []
+        for row in self._rows[self._rows[:, -EXTRA] > 0]:
+            velocities = compiled.outcomes(row)
+            mujoco.mj_resetData(scheme.model, data)  # with no contacts of a step before
+            restore_state(scheme.model, data, row[:-EXTRA])
+            scheme.resume(row[-1], replace(self._collider, law=_Known(self._collider.law, iter(velocities))))
+            events += scheme.step(data)
+            scheme.resume(np.nan, self._collider)
+        return tuple(events)
+
+
+class Collisions:
+    """Collisions of compiled steps and of steps in Python, in their order.
+
+    Attributes:
+        sums: over all of them.
+    """
+
+    def __init__(self, parts: list[Part]):
+        self._parts = parts
+        sums = (ImpactSums.of(part) if isinstance(part, tuple) else part.sums for part in parts)
+        self.sums = reduce(ImpactSums.with_more, sums, NOTHING)
+
+    def __call__(self) -> tuple[ImpactEvent, ...]:
+        """Return them as events."""
+        return tuple(event for part in self._parts for event in (part if isinstance(part, tuple) else part()))
+
+
+Part = Replay | tuple[ImpactEvent, ...]
+"""Collisions of compiled steps, or of one step in Python."""
+
+
+def together(parts: list[Part]) -> Collisions | Part:
+    """Return what tells the collisions of all parts."""
+    if len(parts) == 1:
+        return parts[0]
+    return Collisions(parts) if parts else ()

@@ -1,0 +1,204 @@
+"""Soft steps in compiled code: MuJoCo's own without a collision, and with one those of the scheme in Python."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+from scenes import compiled
+
+from impactlaw import Coulomb, Fremond, Moreau, Newton, Poisson, Stepper
+from impactlaw.errors import UncompiledWarning
+from impactlaw.stepping.impact_event import ImpactSums
+from impactlaw.stepping.soft.compiled.stepping import CompiledSoftStepping
+
+HEAP = """<geom name="floor" type="plane" size="5 5 .1"/>
+    <body pos="0 0 .4" euler="20 30 0"><freejoint/><geom name="box" type="box" size=".1 .15 .05" condim="4"/></body>
+    <body pos=".05 0 .7" euler="50 10 0"><freejoint/><geom name="pill" type="capsule" size=".05 .1" condim="6"
+      friction=".6 .02 .01"/></body>
+    <body pos="0 .1 1.0"><freejoint/><geom name="ball" size=".08" density="200" condim="1"/></body>
+    <body pos="-.6 0 .5"><joint name="arm" axis="0 1 0" limited="true" range="-15 15"/>
+      <geom type="capsule" fromto="0 0 0 .3 0 0" size=".03"/></body>"""
+LAWS = {
+    "moreau": Moreau(0.5),
+    "elastic": Moreau(1.0),
+    "pairs": Newton({("ball", "floor"): 0.9, ("box", "floor"): 0.2, "arm": 0.3}, default=0.6),
+    "tangential": Coulomb(Moreau(0.4), tangential_restitution=0.3),
+}
+
+
+def steppers(model, law, **options):
+    """One in compiled code, and one in Python."""
+    ours = Stepper(model, law, contact_model="soft", compiled="auto", **options)
+    assert isinstance(ours.stepping, CompiledSoftStepping)
+    return ours, Stepper(model, law, contact_model="soft", compiled="never", **options)
+
+
+def is_indeterminate(python, start, qvel, velocity):
+    """Whether rounding decides: friction of contacts that coincide, or nearly, may have many solutions."""
+    data, rng = mujoco.MjData(python.model), np.random.default_rng(0)
+    for _ in range(20):
+        mujoco.mj_setState(python.model, data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
+        data.qvel[:] = qvel * (1.0 + 1e-15 * rng.standard_normal(len(qvel)))
+        python.step(data)
+        assert all(event.impact.residual < 1e-9 for event in python.events)
+        if np.abs(data.qvel - velocity).max() > 1e-10:
+            return True
+    return False
+
+
+def compare(ours, python, data, other):
+    """Take a step from the same state; return whether something collided, None where rounding decides how."""
+    state = np.empty(mujoco.mj_stateSize(ours.model, mujoco.mjtState.mjSTATE_INTEGRATION))
+    mujoco.mj_getState(ours.model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+    before = data.qvel.copy()
+    mujoco.mj_copyData(other, ours.model, data)
+    ours.step(data)
+    python.step(other)
+    speed = max(1.0, np.abs(other.qvel).max())
+    if np.abs(data.qvel - other.qvel).max() > 1e-10 * speed and is_indeterminate(python, state, before, other.qvel):
+        return None
+    tolerance = 1e-10 * speed if python.events else 0.0
+    np.testing.assert_allclose(data.qvel, other.qvel, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(data.qpos, other.qpos, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(ours.sums[:4], python.sums[:4], rtol=1e-7, atol=1e-9)
+    assert ours.sums.inadmissible == python.sums.inadmissible == 0
+    return bool(python.events)
+
+
+@pytest.mark.parametrize("name", ["Hopper-v5", "Ant-v5", "Humanoid-v5"])
+@pytest.mark.parametrize("friction", ["coulomb", "ignore"])
+def test_robots(name, friction):
+    env = gymnasium.make(name).unwrapped
+    model, data = env.model, env.data  # pyright: ignore[reportAttributeAccessIssue]
+    ours, python = steppers(model, Moreau(0.5), friction=friction)
+    other, rng, found = mujoco.MjData(model), np.random.default_rng(0), []
+    for step in range(600):
+        if step % 200 == 0:
+            env.reset(seed=step)
+        if step % 10 == 0:
+            data.ctrl[:] = rng.uniform(*model.actuator_ctrlrange.T)
+        found.append(compare(ours, python, data, other))
+    assert 20 < found.count(True) < 500
+    assert found.count(None) <= 0.05 * found.count(True)
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+@pytest.mark.parametrize(
+    "option",
+    [
+        'integrator="Euler" cone="pyramidal" jacobian="dense"',
+        'integrator="implicitfast" cone="elliptic" jacobian="sparse"',
+        'integrator="RK4" cone="pyramidal" jacobian="sparse"',
+        'integrator="RK4" cone="elliptic" jacobian="dense"',
+    ],
+)
+def test_a_heap(law, option):
+    model, data = compiled(HEAP, option=f'timestep="2e-3" {option}')
+    ours, python = steppers(model, law)
+    other = mujoco.MjData(model)
+    found = [compare(ours, python, data, other) for _ in range(600)]
+    assert found.count(True) > 10
+    assert found.count(None) <= 0.05 * found.count(True)
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast", "discrete", "RK4"])
+def test_without_a_collision_it_is_mujoco_bit_for_bit(integrator):
+    model, data = compiled(HEAP, option=f'timestep="2e-3" integrator="{integrator}"')
+    stepper, reference = Stepper(model, Moreau(0.5), contact_model="soft", rest_speed=1e9), mujoco.MjData(model)
+    touched = 0
+    for _ in range(500):
+        stepper.step(data)
+        mujoco.mj_step(model, reference)
+        touched += data.ncon > 0
+        for field in ("qpos", "qvel", "qacc", "efc_force", "qacc_warmstart", "sensordata", "xpos", "cfrc_ext"):
+            np.testing.assert_array_equal(getattr(data, field), getattr(reference, field), err_msg=field)
+    assert touched > 100
+
+
+def test_events_are_those_of_the_steps_and_sums_those_of_the_events():
+    model, data = compiled(HEAP, option='timestep="2e-3"')
+    ours, _ = steppers(model, Moreau(0.5))
+    seen = 0
+    for _ in range(100):
+        before, start = data.qvel.copy(), data.time
+        ours.step(data, 4)
+        later, sums = ours.told, ours.sums
+        if not sums.collisions:
+            assert ours.events == ()
+            continue
+        ours.law = Moreau(0.9)  # what was met was met under the law of then
+        events = later() if callable(later) else later
+        ours.law = Moreau(0.5)
+        np.testing.assert_allclose(sums, ImpactSums.of(events), rtol=1e-7, atol=1e-9)
+        assert start <= events[0].time < data.time
+        assert not np.array_equal(before, data.qvel)
+        seen += sums.collisions
+    assert seen > 20
+
+
+@pytest.mark.parametrize(
+    ("world", "rest", "law", "why"),
+    [
+        (HEAP, '<equality><joint joint1="arm"/></equality>', Moreau(0.5), "equality constraints"),
+        (HEAP, "", Fremond.reversal(), "all contacts of a collision at once"),
+        (HEAP, "", Coulomb(Poisson(0.5)), "all contacts of a collision at once"),
+        (HEAP, "", Newton(lambda speed: 0.5), "a function of speed"),
+        (HEAP + '<body mocap="true" pos="2 0 0"><geom size=".1"/></body>', "", Moreau(0.5), "mocap bodies"),
+    ],
+)
+def test_what_compiled_code_does_not_take_is_in_python(world, rest, law, why):
+    model, data = compiled(world, rest)
+    with pytest.warns(UncompiledWarning, match=why):
+        ours = Stepper(model, law, contact_model="soft", compiled="auto")
+    python, other = Stepper(model, law, contact_model="soft", compiled="never"), mujoco.MjData(model)
+    for _ in range(250):
+        ours.step(data)
+        python.step(other)
+    np.testing.assert_array_equal(data.qpos, other.qpos)
+
+
+def test_a_callback_is_heard():
+    model, data = compiled(HEAP)
+    ours, python = steppers(model, Moreau(0.5))
+    other, calls = mujoco.MjData(model), []
+    mujoco.set_mjcb_passive(lambda m, d: calls.append(d.time))
+    try:
+        with pytest.warns(UncompiledWarning, match="callback"):
+            ours.step(data, 3)
+        python.step(other, 3)
+    finally:
+        mujoco.set_mjcb_passive(None)
+    assert len(calls) >= 6
+    np.testing.assert_array_equal(data.qpos, other.qpos)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda stepper: pickle.loads(pickle.dumps(stepper))])
+def test_a_copy_goes_on(copied):
+    model, data = compiled(HEAP, option='timestep="2e-3" integrator="RK4"')
+    stepper = Stepper(model, LAWS["pairs"], contact_model="soft")
+    stepper.step(data, 200)
+    twin = copied(stepper)
+    other, state = mujoco.MjData(twin.model), np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
+    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+    mujoco.mj_setState(twin.model, other, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+    stepper.step(data, 200)
+    twin.step(other, 200)
+    assert stepper.sums.collisions == twin.sums.collisions > 0
+    np.testing.assert_array_equal(data.qpos, other.qpos)
+
+
+def test_an_error_of_the_engine_is_one():
+    model, data = compiled(HEAP)
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft")
+    stepper.step(data, 5)
+    before, model.opt.integrator = data.qpos.copy(), 99
+    with pytest.raises(mujoco.FatalError):
+        stepper.step(data)
+    model.opt.integrator = 0
+    np.testing.assert_array_equal(data.qpos, before)
+    stepper.step(data)
