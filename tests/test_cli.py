@@ -72,7 +72,7 @@ def test_compare_writes_into_out_and_prints_the_table(run, tmp_path):
         (("compare", "--laws", "moro"), "'moreau'"),
         (("compare", "--timestep", "0"), "timestep"),
         (("compare", "--out", "notes.xml/sub"), "cannot write"),
-        (("plan", "wedge", "--contact-model", "soft", "--friction", "convex"), "friction means nothing"),
+        (("plan", "wedge", "--contact-model", "soft", "--scheme", "time-stepping"), "scheme means nothing"),
         (("inspect", "nosuch.rrd"), "nosuch.rrd"),
         (("inspect", "notes.xml"), "notes.xml"),
     ],

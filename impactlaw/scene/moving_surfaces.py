@@ -13,6 +13,7 @@ it takes along by friction, and never pushes.
 from __future__ import annotations
 
 import copy
+from math import sqrt
 from typing import NamedTuple
 
 import mujoco
@@ -95,25 +96,28 @@ class Surfaces:
         start = self._target if going_on else target
         mean = np.zeros_like(self._mean)
         mean[:, :3] = (target[:, :3] - start[:, :3]) / duration
-        for i in np.flatnonzero((target[:, 3:] != start[:, 3:]).any(axis=1)):
+        turned = target[:, 3:] != start[:, 3:]
+        for i in np.flatnonzero(turned.any(axis=1)) if np.count_nonzero(turned) else ():
             turn = np.zeros(3)
             mujoco.mju_subQuat(turn, target[i, 3:], start[i, 3:])
             mujoco.mju_rotVecQuat(mean[i, 3:], turn / duration, start[i, 3:])
         known = self._mean if going_on else mean
-        struck = self._speeds(mean - known) > BLOW
+        struck = np.array(self._speeds(mean - known)) > BLOW
         self._before = self._first = self._last if going_on else mean
         self._last = 1.5 * mean - 0.5 * known
-        if struck.any():
+        if np.count_nonzero(struck):
             self.goes_on = False
             self._first = np.where(struck[:, None], mean, self._first)
             self._last = np.where(struck[:, None], mean, self._last)
         self._start, self._target, self._mean = start, target, mean
-        self.still = not any(v.any() for v in (self._before, self._first, self._last, mean))
+        self.still = not any(map(np.count_nonzero, (self._before, self._first, self._last, mean)))
 
-    def _speeds(self, velocity: np.ndarray) -> np.ndarray:
-        """Return how fast a point of each body can be at velocities (.., nmocap, 6), m/s, (.., nmocap)."""
-        linear, turning = velocity[..., :3], velocity[..., 3:]
-        return np.sqrt(np.vecdot(linear, linear)) + self._arm * np.sqrt(np.vecdot(turning, turning))
+    def _speeds(self, velocity: np.ndarray) -> list[float]:
+        """Return how fast a point of each body can be at velocities (nmocap, 6), m/s; they are few, mostly one."""
+        return [
+            sqrt(x * x + y * y + z * z) + arm * sqrt(p * p + q * q + r * r)
+            for (x, y, z, p, q, r), arm in zip(velocity.tolist(), self._arm.tolist(), strict=True)
+        ]
 
     def from_here(self, data: mujoco.MjData) -> Surfaces:
         """Return the same surfaces as if the step before had ended now, where and as fast as they are now."""
@@ -158,7 +162,7 @@ class Surfaces:
         if self.still:
             return 0.0
         ends = (self._first, self._last, 1.5 * self._mean - 0.25 * (self._first + self._last))
-        return float(self._speeds(np.stack(ends)).max())
+        return max(max(self._speeds(velocity), default=0.0) for velocity in ends)
 
     def _now(self, data: mujoco.MjData) -> np.ndarray:
         s = (data.time - self._time) / self._duration
