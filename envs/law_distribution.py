@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from impactlaw.errors import OptionError, RestitutionError
+from impactlaw.errors import OptionError, RestitutionError, UnknownNameError
 from impactlaw.laws import Law, make_law, portable, restored, takes_restitution
+from impactlaw.stepping.compatibility import FRICTION
 
 _UNIFORM, _SCIPY = "uniform", "scipy"
 """Keys of a distribution as plain values."""
@@ -30,7 +31,7 @@ class LawDistribution:
 
     Raises:
         OptionError: there is nothing to choose from, or the distribution reaches beyond [0, 1].
-        UnknownNameError: no such law.
+        UnknownNameError: no such law, or option of friction.
         RestitutionError: a law cannot have such a restitution.
     """
 
@@ -46,6 +47,9 @@ class LawDistribution:
         if self.friction is not None:
             if isinstance(self.friction, str) or not len(self.friction):
                 raise OptionError(f'friction is a sequence to choose from, such as ["coulomb"], got {self.friction!r}')
+            for option in self.friction:
+                if option not in FRICTION:
+                    raise UnknownNameError("friction option", option, FRICTION)
             object.__setattr__(self, "friction", tuple(self.friction))
         examples = self._examples()
         object.__setattr__(self, "_takes", tuple(_takes_restitution(law, examples) for law in self.laws))

@@ -195,7 +195,7 @@ def portable_options(options: Mapping[str, Any]) -> dict[str, Any]:
             continue
         if name not in options:
             del result[name]
-    if result.get("contacts") is not None and not isinstance(result["contacts"], str):
+    if isinstance(result.get("contacts"), tuple | set | frozenset):
         result["contacts"] = list(result["contacts"])
     if result.get("log") is not None:
         result["log"] = str(result["log"])

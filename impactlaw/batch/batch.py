@@ -13,7 +13,7 @@ from impactlaw.batch.laws import Laws
 from impactlaw.batch.rows import Fields
 from impactlaw.errors import SceneError, UnknownNameError, WorldsFailedError
 from impactlaw.laws import Law
-from impactlaw.stepping.compatibility import check_count, check_law, check_model, check_speed
+from impactlaw.stepping.compatibility import FRICTION, check_count, check_law, check_model, check_speed
 from impactlaw.stepping.compiled.engine import Pool, functions
 from impactlaw.stepping.compiled.layout import table
 from impactlaw.stepping.plan import make_plan
@@ -77,7 +77,7 @@ class Batch:
             check_count("nthread", nthread)
         check_speed("rest_speed", rest_speed)
         for kind, value, known in (
-            ("friction option", friction, ("coulomb", "convex", "ignore")),
+            ("friction option", friction, FRICTION),
             ("on_inadmissible option", on_inadmissible, ("raise", "project", "allow")),
         ):
             if value not in known:

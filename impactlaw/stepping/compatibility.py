@@ -21,6 +21,9 @@ from impactlaw.scene.pairs import geom_pairs, one_contact
 _RESOLVED = 1e-15  # part of the size of the scene that gaps are rounded to
 _NAMED = 5  # contacts that an error names
 
+FRICTION = ("coulomb", "convex", "ignore")
+"""Options of friction: exact cones, their convex relaxation, none."""
+
 
 def check_model(model: object) -> None:
     """Refuse what is no compiled scene.

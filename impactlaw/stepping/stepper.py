@@ -18,6 +18,7 @@ from impactlaw.settled import Settled
 from impactlaw.solvers import SOLVERS, load_solvers
 from impactlaw.stepping.collisions import Collider
 from impactlaw.stepping.compatibility import (
+    FRICTION,
     check_count,
     check_friction,
     check_law,
@@ -369,7 +370,7 @@ _CROWDED = (
 _KNOWN = {
     "contact_model": ("contact_model", ("rigid", "soft")),
     "scheme": ("scheme", (None, "event-driven", "time-stepping")),
-    "friction": ("friction option", (None, "coulomb", "convex", "ignore")),
+    "friction": ("friction option", (None, *FRICTION)),
     "overlap": ("overlap option", (None, "refuse", "push-out")),
     "on_inadmissible": ("on_inadmissible option", (None, "raise", "project", "allow")),
     "on_unsolved": ("on_unsolved option", (None, "time-stepping", "raise")),

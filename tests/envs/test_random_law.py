@@ -152,6 +152,12 @@ def test_in_vector_environments():
         (lambda: RandomLaw(juggler(), laws=("moro",)), UnknownNameError, "did you mean 'moreau'"),
         (lambda: RandomLaw(juggler(), restitution=(0.4, 1.2)), OptionError, "0 <= low <= high <= 1"),
         (lambda: RandomLaw(juggler(), restitution=(0.9, 0.2)), OptionError, "0 <= low <= high <= 1"),
+        (lambda: RandomLaw(juggler(), friction=["none"]), UnknownNameError, "friction option"),
+        (
+            lambda: ImpactLaw(gymnasium.make("Hopper-v5"), "moreau", 0.5, contacts=3),
+            OptionError,
+            "contacts is a pattern",
+        ),
         (lambda: RandomLaw(juggler(), restitution=[0.4, 1.2]), RestitutionError, "1.2"),
         (lambda: RandomLaw(juggler(), restitution=[]), OptionError, "interval"),
         (lambda: RandomLaw(juggler(), restitution=0.5), OptionError, "interval"),
