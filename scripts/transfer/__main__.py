@@ -1,0 +1,50 @@
+"""The transfer matrices of the README: policies that PPO trains under one law act under others.
+
+Needs ``impactlaw[train]``, and about an hour of one core for each task. What is finished is kept; the same command goes
+on where it was stopped. ``juggler.csv`` and ``hopper.csv`` beside this file hold what it printed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import tyro
+
+from impactlaw.studies import Study, run
+from impactlaw.studies.report import report
+
+STUDIES = {
+    "juggler": Study(
+        tasks=("impactlaw/Juggler-v0",),
+        train=("moreau:0.5", "moreau:0.8", "moreau:1", "moreau:0.4..1", "any-outcome"),
+        act=("moreau:0.5", "moreau:0.8", "moreau:1", "any-outcome"),
+        episodes=10,
+    ),
+    "hopper": Study(
+        tasks=("Hopper-v5",),
+        schemes=("time-stepping",),
+        train=("moreau:0", "moreau:0.5", "moreau:0.9", "moreau:0..0.9", "mujoco"),
+        act=("moreau:0", "moreau:0.5", "moreau:0.9", "mujoco"),
+        episodes=10,
+    ),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transfer:
+    """Which study, and where it is kept."""
+
+    task: Literal["juggler", "hopper"] = "juggler"
+    """The task."""
+    jobs: int = -1
+    """Cells at a time; -1 for one per processor."""
+    out: Path = Path("out/transfer")
+    """Folder for cells, policies, tables and pictures."""
+
+
+if __name__ == "__main__":
+    options = tyro.cli(Transfer, description=__doc__)
+    folder = options.out / options.task
+    print(report(run(STUDIES[options.task], folder, jobs=options.jobs), folder))
