@@ -21,6 +21,7 @@ POCKETS = tuple((x, y, 0.07 if x == 0 else 0.1) for x in (-1.25, 0.0, 1.25) for 
 """Places on the cushions' edge and radii, m."""
 TRAY = -0.9
 """Where potted balls lie in a row, before the long side of the table, m."""
+_CENTERS, _RADII_SQUARED = np.array(POCKETS)[:, :2].T[:, None], np.array(POCKETS)[:, 2] ** 2
 
 
 class Billiards(ImpactEnv):
@@ -96,9 +97,11 @@ class Billiards(ImpactEnv):
 
     def watch(self) -> None:
         """Take potted balls off the table."""
-        centers, radii = np.array(POCKETS)[:, :2], np.array(POCKETS)[:, 2]
-        distance = np.linalg.norm(self._positions()[:, None] - centers, axis=2)
-        fallen = (distance < radii).any(axis=1) & ~self._potted
+        x, y = self._positions().T[:, :, None] - _CENTERS
+        inside = x * x + y * y < _RADII_SQUARED
+        if not np.count_nonzero(inside):
+            return
+        fallen = inside.any(axis=1) & ~self._potted
         self._potted |= fallen
         self._gained += np.count_nonzero(fallen[1:]) - float(fallen[0])
         for ball in np.flatnonzero(fallen):

@@ -136,7 +136,7 @@ class CompiledStepping:
             self._write_context()
         if self.numbers[MEMORY.collided] == 0.0:
             return ()
-        return _Replay(self._scheme, self._state.copy(), self._before.copy()).events
+        return _Replay(self._scheme, self._scratch, self._state.copy(), self._before.copy()).events
 
     def _in_python(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
         self._counts[MEMORY.known] = 0
@@ -186,8 +186,8 @@ class CompiledStepping:
 class _Replay:
     """The collision of a step, told by the scheme in Python, which takes that step once more if somebody asks."""
 
-    def __init__(self, scheme: TimeStepping, state: np.ndarray, numbers: np.ndarray):
-        self._scheme, self._state, self.numbers = scheme, state, numbers
+    def __init__(self, scheme: TimeStepping, scratch: mujoco.MjData, state: np.ndarray, numbers: np.ndarray):
+        self._scheme, self._scratch, self._state, self.numbers = scheme, scratch, state, numbers
         self._impulses = memory.raw(numbers)
 
     def events(self) -> tuple[ImpactEvent, ...]:
@@ -197,7 +197,8 @@ class _Replay:
     @cached_property
     def _events(self) -> tuple[ImpactEvent, ...]:
         scheme, model = self._scheme, self._scheme.model
-        data, kept = mujoco.MjData(model), scheme.short_steps
+        data, kept = self._scratch, scheme.short_steps
+        mujoco.mj_resetData(model, data)
         restore_state(model, data, self._state)
         counts = self.numbers.view(np.int64)
         gained = self.numbers[MEMORY.left + model.nq + model.nv :]
