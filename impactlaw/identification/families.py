@@ -13,6 +13,9 @@ from impactlaw.laws import Compliant, Coulomb, Law, Moreau, Newton, Poisson, Rev
 from impactlaw.mechanics.collision import Collision
 
 _STIFFEST = 1e4  # ratio of stiffness to that of the first contact that is looked for
+_WIDE, _NARROW = (0.0, 3.0, -3.0, 6.0, -6.0), (0.0, 4.0, -4.0)  # logarithms of such ratios where searches begin
+_SEARCHES = 4
+_RATIOS = ((), (), _WIDE, _WIDE, _NARROW)  # for so many contacts
 
 
 @dataclass(frozen=True)
@@ -41,12 +44,14 @@ class Family:
         parameters: its numbers.
         make: the law of these numbers.
         friction: whether the last parameter is the coefficient of friction, which belongs to the collisions.
+        searches: from so many of the best starts one goes on, until it fits: several where there are local minima.
     """
 
     name: str
     parameters: tuple[Parameter, ...]
     make: Callable[[np.ndarray], Law]
     friction: bool = False
+    searches: int = 1
 
     def predicted(self, measured: Measurements, values: np.ndarray) -> list[np.ndarray]:
         """Return v+ of all collisions, (nv,) each."""
@@ -109,8 +114,9 @@ def _compliant(measured: Measurements) -> Family:
     if not several:
         return Family("compliant", (e,), lambda x: Compliant(1.0, restitution=float(x[0])))
     exponent = Parameter("exponent", 1.0, 4.0, (1.5,))
+    starts = _RATIOS[len(labels)] if len(labels) < len(_RATIOS) else (0.0,)
     ratios = tuple(
-        Parameter(f"log stiffness {label} over {labels[0]}", -np.log(_STIFFEST), np.log(_STIFFEST), (0.0,))
+        Parameter(f"log stiffness {label} over {labels[0]}", -np.log(_STIFFEST), np.log(_STIFFEST), starts)
         for label in labels[1:]
     )
 
@@ -119,7 +125,7 @@ def _compliant(measured: Measurements) -> Family:
         k |= zip(labels[1:], np.exp(x[2:]).tolist(), strict=True)
         return Compliant(k, exponent=float(x[1]), restitution=float(x[0]))
 
-    return Family("compliant", (e, exponent, *ratios), make)
+    return Family("compliant", (e, exponent, *ratios), make, searches=_SEARCHES)
 
 
 def need_friction(measured: Measurements, family: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +19,7 @@ from impactlaw.laws import Fremond, Law, RestitutionLaw, Scattered, energy_gain
 from impactlaw.laws.restitution.labels import canonical
 from impactlaw.mechanics.collision import Collision
 
+_SOLVED = 1e-16  # squared error per collision that needs no further search
 _LIMIT = 1e-6  # distance from a bound at which the search begins
 
 
@@ -128,8 +130,13 @@ def _fit_parameters(measured: Measurements, family: Family) -> Identified:
 
     starts = [np.clip(start, low + _LIMIT, high - _LIMIT) for start in product(*(p.starts for p in family.parameters))]
     costs = [np.sum(residual(start) ** 2) for start in starts] if len(starts) > 1 else [0.0]
-    start = starts[int(np.argmin(costs))]
-    best = least_squares(residual, start, bounds=(low, high), x_scale=0.1, xtol=1e-12, ftol=1e-14, gtol=1e-12)
+    options: dict[str, Any] = {"bounds": (low, high), "x_scale": 0.1, "xtol": 1e-12, "ftol": 1e-14, "gtol": 1e-12}
+    searches = []
+    for i in np.argsort(costs, kind="stable")[: family.searches]:
+        searches.append(least_squares(residual, starts[i], **options))
+        if searches[-1].cost < _SOLVED * len(sizes):
+            break
+    best = min(searches, key=lambda search: search.cost)
     x = _at_bounds(best.x, low, high, residual)
     intervals, rank = parameter_intervals(residual, x, sizes, low, high)
     names = [p.name for p in family.parameters]
