@@ -177,15 +177,15 @@ def test_refusals():
         fit([1, 2, 3, 4], after, "newton")
 
 
-@pytest.mark.parametrize("ratio", [-3.0, 5.0])
+@pytest.mark.parametrize("ratio", [7.0, -7.0])
 def test_springs_of_very_different_stiffness_are_found(ratio):
     """The search has local minima: from equal stiffness alone it ends in one."""
     rng = np.random.default_rng(0)
     law = Compliant({"a": 1.0, "b": float(np.exp(ratio))}, restitution=0.9)
     collisions = []
-    for _ in range(20):
-        velocity = np.sort(rng.normal(size=3))[::-1]
+    for _ in range(30):
         mass = np.diag(rng.uniform(0.5, 2.0, 3))
+        velocity = np.sort(rng.normal(size=3))[::-1]
         collisions.append(Collision(mass, [[-1, 1, 0], [0, -1, 1]], velocity, labels=("a", "b")))
     found = fit(collisions, [law.resolve(c).post_velocity for c in collisions], family="compliant")
     assert found.parameters["log stiffness b over a"] == pytest.approx(ratio, abs=1e-6)
