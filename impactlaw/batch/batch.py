@@ -21,6 +21,7 @@ from impactlaw.stepping.time_stepping.compiled import memory, status
 from impactlaw.stepping.time_stepping.compiled.borrow import room
 from impactlaw.stepping.time_stepping.compiled.entry import WORLDS, many
 from impactlaw.stepping.time_stepping.compiled.memory import MEMORY
+from impactlaw.stepping.time_stepping.compiled.surfaces import forget_surfaces
 from impactlaw.stepping.time_stepping.compiled.world import SETTING
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
@@ -87,12 +88,10 @@ class Batch:
         first = law if isinstance(law, Law) else law[0]
         options: Any = {"friction": friction, "on_inadmissible": on_inadmissible, "rest_speed": rest_speed}
         scheme = TimeStepping(model, first, plan, **options)
-        if scheme.follows_surfaces:
-            raise SceneError("a batch does not take mocap bodies that touch others: they move as surfaces; use Stepper")
         self._pool = Pool(model, nsim, nthread, persistent=False)
         self._fields, self._functions = Fields(self._pool, model), functions()
         self.state = self._fields.state
-        self._memory = memory.make_memory(model.nq + 2 * model.nv, nsim)
+        self._memory = memory.make_memory(model, nsim)
         self._laws = Laws(scheme, nsim)
         self.set_law(law)
         self._report = np.zeros((nsim, 2), np.int64)
@@ -182,6 +181,7 @@ class Batch:
         if broken:
             failed = np.array(sorted(broken))
             self._memory.view(np.int64)[failed, MEMORY.known] = 0
+            forget_surfaces(self._memory, failed, self.model)
             raise WorldsFailedError(failed.tolist(), self._pool.error(int(failed[0])))
         failed = np.flatnonzero(self._report[:, 0])
         if len(failed):
@@ -202,9 +202,7 @@ class Batch:
         level = int(mujoco.mjtStage.mjSTAGE_ACC)
         if self._functions.mjb_reset(self._pool.handle, worlds.ctypes.data, len(worlds), key.ctypes.data, level):
             raise WorldsFailedError(worlds.tolist(), self._pool.error(int(worlds[0])))
-        counts = self._memory.view(np.int64)
-        counts[worlds, MEMORY.known], counts[worlds, MEMORY.solved] = 0, 1
-        self._memory[worlds, MEMORY.steps : MEMORY.left] = 0.0
+        memory.begin(self._memory, worlds, self.model)
 
     def forward(self, ids: Sequence[int] | None = None) -> None:
         """Bring the bound fields of some worlds, or all, up to their state."""

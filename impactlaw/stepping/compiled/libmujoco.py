@@ -44,6 +44,10 @@ _FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "mj_RungeKutta": (_P, _P, _I),
     "mj_fwdConstraint": (_P, _P),
     "mj_mulJacVec": (_P, _P, _P, _P),
+    "mju_subQuat": (_P, _P, _P),
+    "mju_rotVecQuat": (_P, _P, _P),
+    "mju_axisAngle2Quat": (_P, _P, _F),
+    "mju_mulQuat": (_P, _P, _P),
     "mj_isSparse": (_P,),
     "mj_makeData": (_P,),
     "mj_getState": (_P, _P, _P, _I),
@@ -81,6 +85,8 @@ check_acc, compare_fwd_inv = _external("mj_checkAcc"), _external("mj_compareFwdI
 runge_kutta, fwd_constraint, mul_jac_vec = (
     _external(name) for name in ("mj_RungeKutta", "mj_fwdConstraint", "mj_mulJacVec")
 )
+sub_quat, rotate = _external("mju_subQuat"), _external("mju_rotVecQuat")
+axis_angle_to_quat, mul_quat = _external("mju_axisAngle2Quat"), _external("mju_mulQuat")
 get_state, set_state = _external("mj_getState"), _external("mj_setState")
 is_sparse, make_data = _external("mj_isSparse", types.int32), _external("mj_makeData", types.int64)
 

@@ -14,6 +14,7 @@ from impactlaw import Coulomb, Fremond, Law, MaximalDissipation, Moreau, Newton,
 from impactlaw.errors import DivergenceError, InadmissibleImpactError, UncompiledWarning
 from impactlaw.stepping.time_stepping.compiled.memory import MEMORY, raw, recollect
 from impactlaw.stepping.time_stepping.compiled.stepping import CompiledStepping
+from impactlaw.stepping.time_stepping.compiled.surfaces import last_motion
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 SCENE = """<mujoco><option timestep="0.005" integrator="{integrator}" cone="{cone}" jacobian="{jacobian}"/>
@@ -76,8 +77,9 @@ def _as_before(ours: Stepper, python: Stepper, one: mujoco.MjData, other: mujoco
     mujoco.mj_getState(model, one, state, kind)
     mujoco.mj_setState(model, other, state, kind)
     if numbers[MEMORY.steps]:
-        gained = numbers[MEMORY.left + model.nq + model.nv :]
-        scheme.resume(other, recollect(numbers, raw(numbers)), gained, solved=compiled.solved)
+        begin = MEMORY.left + model.nq + model.nv
+        gained, motion = numbers[begin : begin + model.nv], last_motion(numbers, model)
+        scheme.resume(other, recollect(numbers, raw(numbers)), gained, motion, solved=compiled.solved)
 
 
 def _difference(one: mujoco.MjData, other: mujoco.MjData) -> float:
