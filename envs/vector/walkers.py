@@ -9,8 +9,9 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from impactlaw.batch import Batch
 from impactlaw.envs.law_distribution import LawDistribution
-from impactlaw.envs.vector.worlds import Outcome, VectorWorlds
+from impactlaw.envs.vector.worlds import Outcome, VectorWorlds, chosen
 from impactlaw.errors import RestitutionError
 from impactlaw.laws import Law, make_law
 
@@ -23,15 +24,17 @@ class Planar:
         options: of that environment, such as ``ctrl_cost_weight``.
     """
 
+    keyframe = -1
+
     def __init__(self, name: str, **options: Any):
         env: Any = gymnasium.make(name, **options).unwrapped
         self._cheetah = name.startswith("HalfCheetah")
-        self.model, self.frame_skip, self._dt = env.model, env.frame_skip, env.dt
+        self.model, self._frame_skip, self._dt = env.model, env.frame_skip, env.dt
         self.action_space, shape = env.action_space, env.observation_space.shape
         self.observation_space: spaces.Box = spaces.Box(-np.inf, np.inf, shape, np.float64)
         self._forward, self._cost = env._forward_reward_weight, env._ctrl_cost_weight
         self._noise, self._hidden = env._reset_noise_scale, int(env._exclude_current_positions_from_observation)
-        self._qpos, self._qvel = env.init_qpos.copy(), env.init_qvel.copy()
+        self._first = env.init_qpos.copy(), env.init_qvel.copy()
         self._healthy = getattr(env, "_healthy_reward", 0.0)
         self._ends = bool(getattr(env, "_terminate_when_unhealthy", False))
         self._height = getattr(env, "_healthy_z_range", (-np.inf, np.inf))
@@ -39,20 +42,32 @@ class Planar:
         self._state = getattr(env, "_healthy_state_range", (-np.inf, np.inf))
         env.close()
 
-    def start(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """Return qpos and qvel of a new episode."""
-        qpos = self._qpos + rng.uniform(-self._noise, self._noise, self.model.nq)
+    def bind(self, batch: Batch) -> None:
+        """Take worlds."""
+        self._batch = batch
+        self._qpos, self._qvel, self._ctrl = (batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
+
+    def start(self, world: int, rng: np.random.Generator) -> None:
+        """Draw a state about the first one."""
+        self._qpos[world] = self._first[0] + rng.uniform(-self._noise, self._noise, self.model.nq)
         if self._cheetah:
-            return qpos, self._qvel + self._noise * rng.standard_normal(self.model.nv)
-        return qpos, self._qvel + rng.uniform(-self._noise, self._noise, self.model.nv)
+            self._qvel[world] = self._first[1] + self._noise * rng.standard_normal(self.model.nv)
+        else:
+            self._qvel[world] = self._first[1] + rng.uniform(-self._noise, self._noise, self.model.nv)
 
-    def observe(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
-        """Return observations of worlds."""
-        seen = qvel if self._cheetah else np.clip(qvel, -10.0, 10.0)
-        return np.concatenate([qpos[:, self._hidden :], seen], axis=1)
+    def observe(self) -> np.ndarray:
+        """Return observations of all worlds."""
+        seen = self._qvel if self._cheetah else np.clip(self._qvel, -10.0, 10.0)
+        return np.concatenate([self._qpos[:, self._hidden :], seen], axis=1)
 
-    def judge(self, before: np.ndarray, qpos: np.ndarray, qvel: np.ndarray, action: np.ndarray) -> Outcome:
-        """Return rewards and ends."""
+    def step(self, worlds: np.ndarray, action: np.ndarray) -> Outcome:
+        """Take one step of the environment in some worlds."""
+        before = self._qpos[worlds, :1]
+        self._ctrl[worlds] = action
+        self._batch.step(chosen(worlds, self._batch), nstep=self._frame_skip)
+        return self._judge(before, self._qpos[worlds], self._qvel[worlds], action)
+
+    def _judge(self, before: np.ndarray, qpos: np.ndarray, qvel: np.ndarray, action: np.ndarray) -> Outcome:
         velocity = (qpos[:, 0] - before[:, 0]) / self._dt
         healthy = self._is_healthy(qpos, qvel)
         forward, cost = self._forward * velocity, self._cost * np.square(action).sum(axis=1, dtype=action.dtype)

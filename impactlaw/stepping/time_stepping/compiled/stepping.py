@@ -138,7 +138,7 @@ class CompiledStepping:
             self._write_context()
         if self.numbers[MEMORY.collided] == 0.0:
             return ()
-        return _Replay(self._scheme, self._state.copy(), self._before.copy()).events
+        return _Replay(self._scheme, self._scratch, self._state.copy(), self._before.copy()).events
 
     def _in_python(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
         self._counts[MEMORY.known] = 0
@@ -190,8 +190,8 @@ class CompiledStepping:
 class _Replay:
     """The collision of a step, told by the scheme in Python, which takes that step once more if somebody asks."""
 
-    def __init__(self, scheme: TimeStepping, state: np.ndarray, numbers: np.ndarray):
-        self._scheme, self._state, self.numbers = scheme, state, numbers
+    def __init__(self, scheme: TimeStepping, data: mujoco.MjData, state: np.ndarray, numbers: np.ndarray):
+        self._scheme, self._data, self._state, self.numbers = scheme, data, state, numbers
         self._impulses = memory.raw(numbers)
 
     def events(self) -> tuple[ImpactEvent, ...]:
@@ -200,8 +200,8 @@ class _Replay:
 
     @cached_property
     def _events(self) -> tuple[ImpactEvent, ...]:
-        scheme, model = self._scheme, self._scheme.model
-        data, kept = mujoco.MjData(model), scheme.short_steps
+        scheme, model, data = self._scheme, self._scheme.model, self._data
+        kept = scheme.short_steps
         restore_state(model, data, self._state)
         counts = self.numbers.view(np.int64)
         begin = MEMORY.left + model.nq + model.nv
