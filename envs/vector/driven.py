@@ -13,7 +13,7 @@ from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.tasks.driven import DrivenEnv
 from impactlaw.envs.tasks.juggler import Juggler
 from impactlaw.envs.tasks.rocking_block import RockingBlock
-from impactlaw.envs.vector.worlds import Outcome, VectorWorlds, chosen
+from impactlaw.envs.vector.worlds import Outcome, VectorWorlds, step_worlds
 from impactlaw.errors import ActionError, RestitutionError
 from impactlaw.laws import Law
 from impactlaw.models import START
@@ -39,6 +39,7 @@ class Driven:
         self._position = batch.bind("mocap_pos")[:, self._env.mocap]
         self._quaternion = batch.bind("mocap_quat")[:, self._env.mocap]
         self._place, self._speed, self._goal = np.zeros((3, batch.nsim))
+        self._fields = batch.state, self._place, self._speed
 
     def start(self, world: int, rng: np.random.Generator) -> None:
         """Draw an episode."""
@@ -59,12 +60,17 @@ class Driven:
         if not np.isfinite(action).all():
             raise ActionError(f"actions are finite numbers, got {action[~np.isfinite(action).all(axis=1)][0]}")
         part = np.clip(action.astype(float), self.action_space.low, self.action_space.high)[:, 0]
-        before = self._batch.impact_count[worlds]
+        before, count = [field[worlds] for field in self._fields], self._batch.impact_count[worlds]
+        diverged = np.zeros(len(worlds), bool)
         for _ in range(self._env.frame_skip):
-            self._drive(worlds, part)
-            self._batch.step(chosen(worlds, self._batch))
+            going = worlds[~diverged]
+            self._drive(going, part[~diverged])
+            diverged[~diverged] = step_worlds(self._batch, going)
+        for now, was in zip(self._fields, before, strict=True):
+            now[worlds[diverged]] = was[diverged]
         reward, over = self._env.rate(self._qpos[worlds], self._qvel[worlds], self._goal[worlds])
-        return Outcome(reward, over, {"impact/count": self._batch.impact_count[worlds] - before})
+        told = {"impact/count": self._batch.impact_count[worlds] - count}
+        return Outcome(np.asarray(reward), np.asarray(over), diverged, told)
 
     def _drive(self, worlds: np.ndarray, part: np.ndarray) -> None:
         """Move the driven bodies by a timestep, but in the first one of an episode; see `ImpactEnv`."""

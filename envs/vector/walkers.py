@@ -11,7 +11,7 @@ from gymnasium import spaces
 
 from impactlaw.batch import Batch
 from impactlaw.envs.law_distribution import LawDistribution
-from impactlaw.envs.vector.worlds import Outcome, VectorWorlds, chosen
+from impactlaw.envs.vector.worlds import Outcome, VectorWorlds, step_worlds
 from impactlaw.errors import RestitutionError
 from impactlaw.laws import Law, make_law
 
@@ -64,10 +64,8 @@ class Planar:
         """Take one step of the environment in some worlds."""
         before = self._qpos[worlds, :1]
         self._ctrl[worlds] = action
-        self._batch.step(chosen(worlds, self._batch), nstep=self._frame_skip)
-        return self._judge(before, self._qpos[worlds], self._qvel[worlds], action)
-
-    def _judge(self, before: np.ndarray, qpos: np.ndarray, qvel: np.ndarray, action: np.ndarray) -> Outcome:
+        diverged = step_worlds(self._batch, worlds, self._frame_skip)
+        qpos, qvel = self._qpos[worlds], self._qvel[worlds]
         velocity = (qpos[:, 0] - before[:, 0]) / self._dt
         healthy = self._is_healthy(qpos, qvel)
         forward, cost = self._forward * velocity, self._cost * np.square(action).sum(axis=1, dtype=action.dtype)
@@ -75,7 +73,7 @@ class Planar:
         info = {"x_position": qpos[:, 0], "x_velocity": velocity, "reward_forward": forward, "reward_ctrl": -cost}
         if not self._cheetah:
             info["reward_survive"] = self._healthy * healthy
-        return Outcome(reward, ~healthy & self._ends, info)
+        return Outcome(reward, ~healthy & self._ends, diverged, info)
 
     def _is_healthy(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         if self._cheetah:

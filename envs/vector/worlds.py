@@ -16,15 +16,23 @@ from impactlaw.batch import Batch
 from impactlaw.envs.episode_seeds import LAWS, EpisodeSeeds
 from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.law_options import choose_law, describe_law
-from impactlaw.errors import OptionError
+from impactlaw.errors import OptionError, WorldsFailedError
 from impactlaw.laws import Law
 
 
 class Outcome(NamedTuple):
-    """What follows from steps of worlds: rewards and ends, (n,) each, and what else there is to know, (n,) each."""
+    """What follows from steps of worlds.
+
+    Attributes:
+        reward: (n,).
+        terminated: whether their episodes end, bool (n,).
+        diverged: whether the simulation has left the finite numbers, bool (n,): they are where the step began.
+        info: what else there is to know, (n,) each.
+    """
 
     reward: np.ndarray
     terminated: np.ndarray
+    diverged: np.ndarray
     info: dict[str, np.ndarray]
 
 
@@ -60,15 +68,27 @@ class Task(Protocol):
         ...
 
 
-def chosen(worlds: np.ndarray, batch: Batch) -> list[int] | None:
-    """Return some worlds as `Batch.step` takes them: None for all."""
-    return None if len(worlds) == batch.nsim else worlds.tolist()
+def step_worlds(batch: Batch, worlds: np.ndarray, nstep: int = 1) -> np.ndarray:
+    """Take steps of some worlds, int (n,); return which have left the finite numbers, bool (n,): they are not stepped.
+
+    Raises:
+        WorldsFailedError: some have failed in another way.
+    """
+    try:
+        batch.step(None if len(worlds) == batch.nsim else worlds.tolist(), nstep)
+    except WorldsFailedError as error:
+        if not error.diverged:
+            raise
+        return np.isin(worlds, error.worlds)
+    return np.zeros(len(worlds), bool)
 
 
 class VectorWorlds(VectorEnv):
     """Worlds of one task under impact laws.
 
     A world whose episode has ended is reset by the next step, which ignores its action (`AutoresetMode.NEXT_STEP`).
+    Where the simulation leaves the finite numbers, the episode is truncated where the step began, and
+    ``info["impact/diverged"]`` is 1.
     World i of ``reset(seed=s)`` starts as a single environment after ``reset(seed=s + i)``. ``info`` has "impact/law"
     and "impact/restitution" of all worlds, at resets and steps: the laws that the worlds were given by the environment.
 
@@ -163,14 +183,15 @@ class VectorWorlds(VectorEnv):
         truncated, info = np.zeros(self.num_envs, bool), dict[str, Any]()
         if len(going):
             found = self._task.step(going, actions[going])
-            reward[going], terminated[going] = found.reward, found.terminated
-            for name, value in found.info.items():
+            reward[going] = np.where(found.diverged, 0.0, found.reward)
+            terminated[going], truncated[going] = found.terminated & ~found.diverged, found.diverged
+            for name, value in (found.info | {"impact/diverged": found.diverged}).items():
                 info[name] = np.zeros(self.num_envs)
                 info[name][going] = value
                 info[f"_{name}"] = ~self._over
             self._elapsed[going] += 1
             if self._limit is not None:
-                truncated[going] = self._elapsed[going] >= self._limit
+                truncated[going] |= self._elapsed[going] >= self._limit
         if len(over):
             self._begin(over)
         info |= self._info()

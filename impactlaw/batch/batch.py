@@ -32,10 +32,14 @@ _WHY = {
     status.CREATES: "the law creates energy",
     status.TIMESTEP: "the timestep is not positive",
 }
+_DIVERGED = {status.HUGE_INPUT, status.HUGE_OUTPUT, status.NOT_FINITE}
 
 
 class Batch:
     """Worlds of a copy of one model, time stepped in threads; the steps are those of `Stepper`.
+
+    Mocap bodies move to the poses in ``bind("mocap_pos")`` and ``bind("mocap_quat")`` in one timestep, and have stopped
+    in the next: whoever drives them calls ``step()`` for every timestep.
 
     Laws are those of one coefficient of restitution per contact, and the reversal; others are refused. Results do not
     depend on the number of threads. Derived fields are those of the end of a step where they are frames, else those of
@@ -185,8 +189,9 @@ class Batch:
             raise WorldsFailedError(failed.tolist(), self._pool.error(int(failed[0])))
         failed = np.flatnonzero(self._report[:, 0])
         if len(failed):
-            self._report[failed, 0], why = status.FINE, _WHY[int(self._report[failed[0], 0])]
-            raise WorldsFailedError(failed.tolist(), why)
+            how = self._report[failed, 0].tolist()
+            self._report[failed, 0] = status.FINE
+            raise WorldsFailedError(failed.tolist(), _WHY[how[0]], diverged=_DIVERGED.issuperset(how))
 
     def _call(self, worlds: np.ndarray | None) -> set[int]:
         """Let the pool step, and return the worlds of which MuJoCo has raised an error."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
@@ -23,7 +24,7 @@ def make(name: str, num_envs: int, **options: Any) -> VectorWorlds:
     return env
 
 
-def _as_singles(worlds: VectorWorlds, singles: list[gymnasium.Env], steps: int, seed: int) -> tuple[int, int, int]:
+def _as_singles(worlds: VectorWorlds, singles: Sequence[gymnasium.Env], steps: int, seed: int) -> tuple[int, int, int]:
     """Compare step by step; return how many episodes ended, how many were truncated, and the collisions."""
     rng, over = np.random.default_rng(seed), np.zeros(len(singles), bool)
     ends = cuts = collisions = 0
@@ -85,7 +86,8 @@ def test_each_world_can_have_a_law():
     _, info = worlds.reset(seed=[3, 3])
     assert info["impact/restitution"].tolist() == [0.0, 0.9]
     for _ in range(60):
-        observed = worlds.step(np.zeros((2, 1)))[0]
+        worlds.step(np.zeros((2, 1)))
+    observed, *_ = worlds.step(np.zeros((2, 1)))
     assert observed[0, 0] == pytest.approx(0.0, abs=1e-5)
     assert observed[1, 0] > 0.1
 
@@ -97,6 +99,22 @@ def test_what_cannot_be_is_refused():
         worlds.step(np.array([[0.0], [np.nan]]))
     with pytest.raises(RestitutionError, match="its own restitution"):
         make("impactlaw/Juggler-v0", 2, law=[Moreau(0.1), Moreau(0.2)], restitution=0.5)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_world_that_diverges_is_truncated_where_the_step_began(name: str):
+    worlds = make(name, 3)
+    worlds.reset(seed=0)
+    before, *_ = worlds.step(np.full((3, 1), 0.5))
+    worlds.batch.bind("qfrc_applied")[1] = np.nan
+    after, reward, terminated, truncated, info = worlds.step(np.full((3, 1), 0.5))
+    assert truncated.tolist() == [False, True, False]
+    assert info["impact/diverged"].tolist() == [0, 1, 0]
+    assert (reward[1], terminated[1]) == (0.0, False)
+    assert np.array_equal(after[1], before[1])
+    assert not np.array_equal(after[0], before[0])
+    worlds.batch.bind("qfrc_applied")[1] = 0.0
+    assert not worlds.step(np.full((3, 1), 0.5))[3].any()
 
 
 @pytest.mark.parametrize("name", NAMES)
