@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from impactlaw.errors import OptionError, RestitutionError
-from impactlaw.laws import Law, make_law, portable, restored
+from impactlaw.laws import Law, make_law, portable, restored, takes_restitution
 
 _UNIFORM, _SCIPY = "uniform", "scipy"
 """Keys of a distribution as plain values."""
@@ -152,29 +152,11 @@ def _takes_restitution(law: Any, examples: list[Any]) -> bool:
         UnknownNameError: no such law.
         RestitutionError: it takes some, but not that.
     """
-    if isinstance(law, Law) or law == "scene":
+    if law == "scene" or not takes_restitution(law):
         return False
-    try:
-        for e in examples:
-            make_law(law, e)
-    except RestitutionError:
-        try:
-            make_law(law)
-        except RestitutionError:
-            pass
-        else:
-            if all((isinstance(e, float | int) and e == 0) or _refuses(law, e) for e in examples):
-                return False
-        raise
+    for e in examples:
+        make_law(law, e)
     return bool(examples)
-
-
-def _refuses(law: Any, restitution: Any) -> bool:
-    try:
-        make_law(law, restitution)
-    except RestitutionError:
-        return True
-    return False
 
 
 def _plain(value: Any) -> Any:

@@ -17,7 +17,7 @@ from impactlaw.comparison.pictures import draw, freedom_names
 from impactlaw.comparison.runs import Run, run_law, run_soft
 from impactlaw.comparison.soft_contact import tuned_contacts
 from impactlaw.errors import RestitutionError, SceneError
-from impactlaw.laws import LAWS, Law, make_law
+from impactlaw.laws import LAWS, Law, make_law, takes_restitution
 from impactlaw.laws.base import coefficient
 from impactlaw.laws.restitution.from_scene import scene_law, scene_number
 from impactlaw.mechanics.impact import Impact
@@ -106,7 +106,7 @@ def choose_laws(model: mujoco.MjModel, names: Sequence[str] | None, restitution:
         if name == "scene":
             laws[name] = scene_law(model)
         else:
-            laws[name] = make_law(name, None if name == "maximal-dissipation" else restitution)
+            laws[name] = make_law(name, restitution if takes_restitution(name) else None)
     return laws
 
 

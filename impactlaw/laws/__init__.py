@@ -11,7 +11,7 @@ from impactlaw.laws.maximal_dissipation import MaximalDissipation
 from impactlaw.laws.moreau import Moreau
 from impactlaw.laws.newton import Newton
 from impactlaw.laws.poisson import Poisson
-from impactlaw.laws.registry import DESCRIPTIONS, LAWS, make_law
+from impactlaw.laws.registry import DESCRIPTIONS, LAWS, make_law, takes_restitution
 from impactlaw.laws.restitution.portable import portable, restored
 from impactlaw.laws.scattered import Scattered
 
@@ -37,4 +37,5 @@ __all__ = [
     "make_law",
     "portable",
     "restored",
+    "takes_restitution",
 ]

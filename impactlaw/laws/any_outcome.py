@@ -46,6 +46,7 @@ class AnyOutcome(Law):
 
     name = "any-outcome"
     description = "v+ drawn from S(v-), uniformly: every possible collision; takes no restitution"
+    takes_restitution = False
 
     seed: int | None = field(default=None, kw_only=True)
 

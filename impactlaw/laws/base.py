@@ -44,12 +44,14 @@ class Law(ABC):
         description: one line for lists of laws.
         has_friction: whether the law decides about friction, too.
         per_contact: whether the target of a contact depends on the velocity of that contact only.
+        takes_restitution: whether `make_law` takes a restitution with the law's name.
     """
 
     name = ""
     description = ""
     has_friction = False
     per_contact = False
+    takes_restitution = True
 
     @classmethod
     def of(cls, restitution: Any) -> Law:

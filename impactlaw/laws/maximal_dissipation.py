@@ -21,6 +21,7 @@ class MaximalDissipation(RestitutionLaw):
 
     name = "maximal-dissipation"
     description = "E = 0: the least kinetic energy that no penetration allows; takes no restitution"
+    takes_restitution = False
 
     @classmethod
     def of(cls, restitution: Any) -> MaximalDissipation:

@@ -58,6 +58,19 @@ def make_law(name: str | Path | Law | Mapping, restitution: Any = None) -> Law:
     return LAWS[name](restitution)
 
 
+def takes_restitution(law: str | Law | Mapping) -> bool:
+    """Return whether a restitution goes with a law: not with a `Law`, which has its own, and not with some names.
+
+    Raises:
+        UnknownNameError: no such law.
+    """
+    if isinstance(restored(law), Law):
+        return False
+    if not isinstance(law, str) or law not in LAWS:
+        raise UnknownNameError("law", law, LAWS)
+    return next(kind for kind in REGISTERED if kind.name == law).takes_restitution
+
+
 def _read(path: Path) -> Law:
     """Return the law that a file holds.
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import importlib.util
+import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
@@ -79,8 +80,8 @@ def _ray(address: str | None, jobs: int) -> Iterator[Callable[[Jobs], Iterator[A
     mine = not ray.is_initialized()
     try:
         if mine:
-            local = {} if address is not None or jobs < 0 else {"num_cpus": jobs}
-            ray.init(address or "local", log_to_driver=False, logging_level="error", **local)
+            cpus = None if address is not None or jobs < 0 else jobs
+            ray.init(address or "local", num_cpus=cpus, log_to_driver=False, logging_level=logging.ERROR)
     except (ConnectionError, ValueError, RuntimeError) as error:
         raise StudyError(f"no Ray cluster answers at {address}: {error}") from None
     try:

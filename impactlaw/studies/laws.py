@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from impactlaw.envs.law_distribution import LawDistribution
-from impactlaw.errors import RestitutionError, StudyError, UnknownNameError
-from impactlaw.laws import LAWS, make_law, portable
+from impactlaw.errors import StudyError, UnknownNameError
+from impactlaw.laws import LAWS, make_law, portable, takes_restitution
 
 MUJOCO = "mujoco"
 """MuJoCo's own contacts, without a law."""
@@ -80,28 +80,13 @@ def read_law(text: str) -> StatedLaw:
     if len({str(law) for law in laws}) < len(laws):
         raise StudyError(f"{text!r} names a law twice")
     if restitution is not None:
-        taking = [law for law in laws if _takes_restitution(law)]
+        taking = [law for law in laws if law not in (_SCENE, MUJOCO) and takes_restitution(law)]
         if not taking:
             raise StudyError(f"{text!r}: {names} takes no restitution")
         for law in taking:
             for e in restitution:
                 make_law(law, e)
     return StatedLaw(text, laws, restitution)
-
-
-def _takes_restitution(law: str | Mapping[str, Any]) -> bool:
-    """Return whether a restitution goes with a law: not with one that has it already, or takes none."""
-    if law in (_SCENE, MUJOCO):
-        return False
-    try:
-        make_law(law, 0.5)
-    except RestitutionError:
-        try:
-            make_law(law)
-        except RestitutionError:
-            return True  # another restitution than a number
-        return False
-    return True
 
 
 def _named(name: str) -> str | Mapping[str, Any]:

@@ -137,6 +137,7 @@ def test_the_restitution_is_that_of_every_law_that_takes_one(tmp_path):
         "reversal": 0.5,
         "routh": 0.5,
         "compliant": 0.5,
+        "any-outcome": None,
     }
     table = compare(Comparison(scene="ball_chain", laws=("reversal",), restitution=0.5, duration=0.02), tmp_path)
     assert table.set_index("run").loc["reversal", "v+"] == pytest.approx([1 / 6, 1 / 6, 2 / 3])
