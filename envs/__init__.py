@@ -41,10 +41,10 @@ for _entry_point, _worlds, _steps, _solved in (
         max_episode_steps=_steps,
         reward_threshold=_solved,
     )
-for _name in ("Hopper-v5", "Walker2d-v5", "HalfCheetah-v5"):
+for _name in ("Hopper-v5", "Walker2d-v5", "HalfCheetah-v5", "Ant-v5", "Humanoid-v5"):
     gymnasium.register(
         f"impactlaw/{_name}",
-        vector_entry_point="impactlaw.envs.vector.walkers:make_planar",
+        vector_entry_point="impactlaw.envs.vector.walkers:make_robots",
         max_episode_steps=1000,
         kwargs={"name": _name},
     )

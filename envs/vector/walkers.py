@@ -11,6 +11,7 @@ from gymnasium import spaces
 
 from impactlaw.batch import Batch
 from impactlaw.envs.law_distribution import LawDistribution
+from impactlaw.envs.vector.spatial import Spatial
 from impactlaw.envs.vector.worlds import Outcome, VectorWorlds, step_worlds
 from impactlaw.errors import RestitutionError
 from impactlaw.laws import Law, make_law
@@ -84,7 +85,7 @@ class Planar:
         return inside[0] & inside[1] & inside[2].all(axis=1)
 
 
-def make_planar(
+def make_robots(
     num_envs: int,
     *,
     name: str,
@@ -95,7 +96,7 @@ def make_planar(
     batch_options: Mapping[str, Any] | None = None,
     **options: Any,
 ) -> VectorWorlds:
-    """Return worlds of a planar robot of gymnasium under an impact law.
+    """Return worlds of a robot of gymnasium under an impact law.
 
     Args:
         num_envs: number of worlds.
@@ -111,7 +112,8 @@ def make_planar(
     if not isinstance(law, str) and restitution is not None:
         raise RestitutionError(f"{law!r:.100} has its own restitution; leave restitution={restitution!r} out")
     chosen = make_law(law, 0.0 if restitution is None else restitution) if isinstance(law, str) else law
+    task = (Spatial if name in ("Ant-v5", "Humanoid-v5") else Planar)(name, **options)
     return VectorWorlds(
-        Planar(name, **options), num_envs, chosen, nthread=nthread, max_episode_steps=max_episode_steps,
+        task, num_envs, chosen, nthread=nthread, max_episode_steps=max_episode_steps,
         options=batch_options,
     )  # fmt: skip

@@ -32,6 +32,8 @@ _WHY = {
     status.CREATES: "the law creates energy",
     status.TIMESTEP: "the timestep is not positive",
 }
+_FORCES = ("cfrc_ext", "cfrc_int", "cacc")
+"""Fields of mjData, which MuJoCo computes only where somebody asks: after the last step of a call."""
 _DIVERGED = {status.HUGE_INPUT, status.HUGE_OUTPUT, status.NOT_FINITE}
 
 
@@ -155,6 +157,7 @@ class Batch:
     def bind(self, name: str) -> np.ndarray:
         """Return a live array over a field of mjData, (nsim, ..): of the state to be written, of others to be read."""
         found = self._fields.bind(name)
+        self._context[WORLDS.forces] |= name in _FORCES
         self._context[WORLDS.outputs] = self._fields.outputs.ctypes.data
         self._context[WORLDS.output_count] = len(self._fields.outputs)
         return found

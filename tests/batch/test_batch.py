@@ -218,3 +218,15 @@ def test_surfaces_of_worlds_that_are_reset_stand_still_first():
         one.bind("mocap_pos")[1, 0, 2] = -0.05
         one.step([1])
     assert np.array_equal(batch.state[1], fresh.state[1])
+
+
+def test_forces_on_bodies_are_those_of_one_world_where_somebody_asks(model: mujoco.MjModel):
+    batch, stepper = Batch(model, Moreau(0.3), 3, 2), Stepper(model, Moreau(0.3), scheme="time-stepping")
+    felt, data, most = batch.bind("cfrc_ext"), mujoco.MjData(model), 0.0
+    for _ in range(80):
+        batch.step()
+        stepper.step(data)
+        mujoco.mj_rnePostConstraint(model, data)
+        np.testing.assert_allclose(felt, np.broadcast_to(data.cfrc_ext, felt.shape), atol=1e-6)
+        most = max(most, float(np.abs(felt).max()))
+    assert most > 10.0

@@ -34,6 +34,7 @@ _FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "mj_makeConstraint": (_P, _P),
     "mj_integratePos": (_P, _P, _P, _F),
     "mj_rne": (_P, _P, _I, _P),
+    "mj_rnePostConstraint": (_P, _P),
     "mj_mulM": (_P, _P, _P, _P),
     "mj_mulJacTVec": (_P, _P, _P, _P),
     "mj_step": (_P, _P),
@@ -79,7 +80,7 @@ sensor_pos, sensor_vel, sensor_acc = (_external(name) for name in ("mj_sensorPos
 make_m, energy_pos, energy_vel = (_external(name) for name in ("mj_makeM", "mj_energyPos", "mj_energyVel"))
 tendon, collision, make_constraint = (_external(n) for n in ("mj_tendon", "mj_collision", "mj_makeConstraint"))
 integrate_pos, rne, mul_m = (_external(name) for name in ("mj_integratePos", "mj_rne", "mj_mulM"))
-mul_jac_t_vec = _external("mj_mulJacTVec")
+mul_jac_t_vec, rne_post_constraint = _external("mj_mulJacTVec"), _external("mj_rnePostConstraint")
 whole_step, first_half, rest_of_forward = (_external(name) for name in ("mj_step", "mj_step1", "mj_forwardSkip"))
 check_acc, compare_fwd_inv = _external("mj_checkAcc"), _external("mj_compareFwdInv")
 runge_kutta, fwd_constraint, mul_jac_vec = (
