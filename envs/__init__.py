@@ -28,22 +28,23 @@ __all__ = [
     "restart",
 ]
 
-for _entry_point, _steps, _solved in (
-    (NewtonsCradle, 300, 0.95),
-    (Juggler, 1000, 800.0),
-    (Billiards, None, 3.0),
-    (RockingBlock, 250, 225.0),
+for _entry_point, _worlds, _steps, _solved in (
+    (NewtonsCradle, None, 300, 0.95),
+    (Juggler, "make_juggler", 1000, 800.0),
+    (Billiards, None, None, 3.0),
+    (RockingBlock, "make_rocking_block", 250, 225.0),
 ):
     gymnasium.register(
         f"impactlaw/{_entry_point.__name__}-v0",
         entry_point=f"{_entry_point.__module__}:{_entry_point.__name__}",
+        vector_entry_point=_worlds and f"impactlaw.envs.vector.driven:{_worlds}",
         max_episode_steps=_steps,
         reward_threshold=_solved,
     )
-for _name in ("Hopper-v5", "Walker2d-v5", "HalfCheetah-v5"):
+for _name in ("Hopper-v5", "Walker2d-v5", "HalfCheetah-v5", "Ant-v5", "Humanoid-v5"):
     gymnasium.register(
         f"impactlaw/{_name}",
-        vector_entry_point="impactlaw.envs.vector.walkers:make_planar",
+        vector_entry_point="impactlaw.envs.vector.walkers:make_robots",
         max_episode_steps=1000,
         kwargs={"name": _name},
     )

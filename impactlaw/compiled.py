@@ -73,11 +73,16 @@ def _parts(module: str) -> int:
 
 
 @cache
-def announce() -> None:
-    """Tell on stderr, once, that what is compiled is going to be compiled now, if none of it is in the cache."""
-    folder = cache_folder()
+def _tell() -> None:
+    print("impactlaw: compiling contact, once; this takes about a minute", file=sys.stderr)
+
+
+@cache
+def announce(module: str) -> None:
+    """Tell on stderr, once, that the functions of a module are going to be compiled now, if none is in the cache."""
+    folder = cache_folder(_parts(module))
     if folder is None or not any(folder.rglob("*.nbi")):
-        print("impactlaw: compiling contact, once; this takes about a minute", file=sys.stderr)
+        _tell()
 
 
 def compiled(*signature: str) -> Callable[[Callable[..., Any]], Any]:
@@ -86,7 +91,7 @@ def compiled(*signature: str) -> Callable[[Callable[..., Any]], Any]:
     def decorate(function: Callable[..., Any]) -> Any:
         folder, settings = cache_folder(_parts(function.__module__)), cast(Any, numba).config
         if signature:  # it is compiled now
-            announce()
+            announce(function.__module__)
         kept, settings.CACHE_DIR = settings.CACHE_DIR, "" if folder is None else str(folder)
         try:
             return cast(Any, numba.njit)(*signature, cache=folder is not None, error_model="numpy", nogil=True)(

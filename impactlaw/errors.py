@@ -142,8 +142,9 @@ class WorldsFailedError(ImpactLawError):
 
     Attributes:
         worlds: numbers of those that have failed, int (k,).
+        diverged: whether all of them have left the finite numbers: in one world that is a `DivergenceError`.
     """
 
-    def __init__(self, worlds: Sequence[int], why: str):
-        self.worlds = worlds
+    def __init__(self, worlds: Sequence[int], why: str, *, diverged: bool = False):
+        self.worlds, self.diverged = worlds, diverged
         super().__init__(f"{len(worlds)} worlds have failed ({', '.join(map(str, worlds[:5]))} ..): {why}")

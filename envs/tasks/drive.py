@@ -4,6 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import sqrt
+from typing import Any
+
+import numpy as np
+
+_SINGLE: tuple[Any, ...] = min, max, sqrt
+_MANY: tuple[Any, ...] = np.minimum, np.maximum, np.sqrt
 
 
 @dataclass(frozen=True)
@@ -18,8 +24,8 @@ class Drive:
     stroke: float
     acceleration: float
 
-    def advance(self, place: float, speed: float, part: float, timestep: float) -> tuple[float, float]:
-        """Return place and speed after a timestep of constant acceleration.
+    def advance(self, place: Any, speed: Any, part: Any, timestep: float) -> tuple[Any, Any]:
+        """Return place and speed after a timestep of constant acceleration; of one drive, or arrays of many.
 
         Args:
             place: where it is now, m or rad.
@@ -28,15 +34,17 @@ class Drive:
             timestep: s.
         """
         wanted = speed + part * self.acceleration * timestep
-        highest = self._highest(self.stroke - place, speed, timestep)
-        lowest = -self._highest(self.stroke + place, -speed, timestep)
-        after = min(max(wanted, lowest), highest)
+        least, most, _ = functions = _SINGLE if isinstance(place, float) else _MANY
+        highest = self._highest(self.stroke - place, speed, timestep, functions)
+        lowest = -self._highest(self.stroke + place, -speed, timestep, functions)
+        after = least(most(wanted, lowest), highest)
         return place + 0.5 * (speed + after) * timestep, after
 
-    def _highest(self, room: float, speed: float, timestep: float) -> float:
+    def _highest(self, room: Any, speed: Any, timestep: float, functions: tuple[Any, ...]) -> Any:
         """Return the highest speed after a timestep from which the drive can stop within what is left of the room."""
+        least, most, root = functions
         left = room - 0.5 * speed * timestep
-        if left < 0:  # stops within the timestep, and comes back
-            return 2.0 * left / timestep
         half = 0.5 * timestep
-        return self.acceleration * (sqrt(half**2 + 2.0 * left / self.acceleration) - half)
+        stopping = self.acceleration * (root(half**2 + 2.0 * most(left, 0.0) / self.acceleration) - half)
+        back = 2.0 * least(left, 0.0) / timestep  # it stops within the timestep, and comes back
+        return stopping + back

@@ -7,8 +7,8 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from impactlaw.envs.base import ImpactEnv
 from impactlaw.envs.tasks.drive import Drive
+from impactlaw.envs.tasks.driven import Beginning, DrivenEnv, Numbers
 from impactlaw.envs.tasks.scenery import add_mark
 
 DRIVE = Drive(stroke=0.25, acceleration=45.0)
@@ -17,7 +17,7 @@ LOST = 2.0
 """Height of the ball above which it is lost, m."""
 
 
-class Juggler(ImpactEnv):
+class Juggler(DrivenEnv):
     r"""Move a paddle up and down so that a ball on it keeps bouncing at a height.
 
     Ball and paddle move on one vertical line. The paddle is a moving surface: its drive decides how it moves, and the
@@ -54,6 +54,8 @@ class Juggler(ImpactEnv):
 
     SCENE: ClassVar[str] = "juggler"
     LAW: ClassVar[str] = "newton"
+    DRIVE: ClassVar[Drive] = DRIVE
+    DRIVEN: ClassVar[str] = "paddle"
     FRAME_SKIP: ClassVar[int] = 5
     OBSERVATION: ClassVar = ((1, -0.5, 3.0), (1, -10.0, 10.0), (1, -0.5, 0.5), (1, -10.0, 10.0), (1, 0.4, 0.8))
     ACTION: ClassVar = ((1, -1.0, 1.0),)
@@ -63,27 +65,28 @@ class Juggler(ImpactEnv):
         add_mark(spec, "target", 0.0625)
 
     def start(self) -> None:
-        """Draw target and height of the ball."""
-        self._target = float(self.np_random.uniform(0.4, 0.8))
-        self.data.joint("height").qpos = self.np_random.uniform(0.3, 1.0)
+        """Begin an episode, and put the mark at its target."""
+        super().start()
         mark = self.model.body("target").mocapid[0]
-        self.data.mocap_pos[mark] = 0.0, 0.0, self.model.geom("ball").size[0] + self._target
+        self.data.mocap_pos[mark] = 0.0, 0.0, self.model.geom("ball").size[0] + self._goal
 
-    def act(self, action: np.ndarray) -> None:
-        """Tell the drive its acceleration."""
-        self._part = float(action[0])
+    def draw(self, rng: np.random.Generator) -> Beginning:
+        """Draw target and height of the ball."""
+        target = float(rng.uniform(0.4, 0.8))
+        return Beginning(np.array([rng.uniform(0.3, 1.0)]), np.zeros(1), target)
 
-    def drive(self) -> None:
-        """Move the paddle."""
-        self.driven = DRIVE.advance(*self.driven, self._part, self.model.opt.timestep)
-        self.data.mocap_pos[self.model.body("paddle").mocapid[0], 2] = self.driven[0]
+    @staticmethod
+    def move(place: Numbers, position: np.ndarray, quaternion: np.ndarray) -> None:
+        """Lift the paddle."""
+        position[..., 2] = place
 
-    def observe(self) -> np.ndarray:
+    @staticmethod
+    def see(qpos: np.ndarray, qvel: np.ndarray, place: Numbers, speed: Numbers, goal: Numbers) -> np.ndarray:
         """Return ball, paddle and target."""
-        return np.array([self.data.qpos[0], self.data.qvel[0], *self.driven, self._target])
+        return np.array([qpos[..., 0], qvel[..., 0], place, speed, goal]).T
 
-    def judge(self) -> tuple[float, bool]:
+    def rate(self, qpos: np.ndarray, qvel: np.ndarray, goal: Numbers) -> tuple[Numbers, Numbers]:
         """Reward a ball whose energy carries it to the target."""
-        height, velocity = self.data.qpos[0], self.data.qvel[0]
+        height, velocity = qpos[..., 0], qvel[..., 0]
         reached = height - velocity**2 / (2.0 * self.model.opt.gravity[2])
-        return max(0.0, 1.0 - abs(reached - self._target) / self._target), height > LOST
+        return np.maximum(0.0, 1.0 - np.abs(reached - goal) / goal), height > LOST

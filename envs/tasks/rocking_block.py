@@ -6,8 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from impactlaw.envs.base import ImpactEnv
 from impactlaw.envs.tasks.drive import Drive
+from impactlaw.envs.tasks.driven import Beginning, DrivenEnv, Numbers
 
 DRIVE = Drive(stroke=0.25, acceleration=70.0)
 """Of the platform's tilt, rad and rad/s^2."""
@@ -17,7 +17,7 @@ HALF_WIDTH, HALF_HEIGHT = 0.125, 0.5
 """Of the block, between its feet and up to its centre, m."""
 
 
-class RockingBlock(ImpactEnv):
+class RockingBlock(DrivenEnv):
     r"""Tilt the ground so that a slender block, which has started to rock, does not topple.
 
     Contacts have no friction, so ground that moves sideways would slide away below the feet. Instead the block is
@@ -58,6 +58,8 @@ class RockingBlock(ImpactEnv):
 
     SCENE: ClassVar[str] = "rocking_platform"
     LAW: ClassVar[str] = "moreau"
+    DRIVE: ClassVar[Drive] = DRIVE
+    DRIVEN: ClassVar[str] = "platform"
     FRAME_SKIP: ClassVar[int] = 8
     OBSERVATION: ClassVar = (
         (1, -1.0, 1.0),
@@ -69,10 +71,10 @@ class RockingBlock(ImpactEnv):
     )
     ACTION: ClassVar = ((1, -1.0, 1.0),)
 
-    def start(self) -> None:
-        """Put the block on one foot, on its way to topple."""
-        side = self.np_random.choice([-1.0, 1.0])
-        angle, excess = self.np_random.uniform(0.05, 0.1), self.np_random.uniform(1.1, 1.4)
+    def draw(self, rng: np.random.Generator) -> Beginning:
+        """Draw a block on one foot, on its way to topple."""
+        side = rng.choice([-1.0, 1.0])
+        angle, excess = rng.uniform(0.05, 0.1), rng.uniform(1.1, 1.4)
         b, h = HALF_WIDTH, HALF_HEIGHT
         body = self.model.body("block").id
         mass, inertia = self.model.body_mass[body], self.model.body_inertia[body, 1]
@@ -80,25 +82,19 @@ class RockingBlock(ImpactEnv):
         slope = b * np.cos(angle) - h * np.sin(angle)
         missing = mass * -self.model.opt.gravity[2] * (excess * (np.hypot(b, h) - h) - rise)
         spin = np.sqrt(2.0 * missing / (inertia + mass * slope**2))
-        self.data.qpos[:] = rise, side * angle
-        self.data.qvel[:] = slope * spin, side * spin
+        return Beginning(np.array([rise, side * angle]), np.array([slope * spin, side * spin]), 0.0)
 
-    def act(self, action: np.ndarray) -> None:
-        """Tell the drive its acceleration."""
-        self._part = float(action[0])
-
-    def drive(self) -> None:
+    @staticmethod
+    def move(place: Numbers, position: np.ndarray, quaternion: np.ndarray) -> None:
         """Tilt the platform."""
-        self.driven = DRIVE.advance(*self.driven, self._part, self.model.opt.timestep)
-        tilt = 0.5 * self.driven[0]
-        self.data.mocap_quat[self.model.body("platform").mocapid[0]] = np.cos(tilt), 0.0, np.sin(tilt), 0.0
+        quaternion[..., 0], quaternion[..., 2] = np.cos(0.5 * place), np.sin(0.5 * place)
 
-    def observe(self) -> np.ndarray:
+    @staticmethod
+    def see(qpos: np.ndarray, qvel: np.ndarray, place: Numbers, speed: Numbers, goal: Numbers) -> np.ndarray:
         """Return positions and velocities."""
-        (tilt, turn), (height, angle), (rise, spin) = self.driven, self.data.qpos, self.data.qvel
-        return np.array([tilt, height, angle, turn, rise, spin])
+        return np.array([place, qpos[..., 0], qpos[..., 1], speed, qvel[..., 0], qvel[..., 1]]).T
 
-    def judge(self) -> tuple[float, bool]:
+    def rate(self, qpos: np.ndarray, qvel: np.ndarray, goal: Numbers) -> tuple[Numbers, Numbers]:
         """Reward a block that stands upright."""
-        angle = abs(float(self.data.qpos[1]))
-        return max(0.0, 1.0 - angle / TOPPLED), angle > TOPPLED
+        angle = np.abs(qpos[..., 1])
+        return np.maximum(0.0, 1.0 - angle / TOPPLED), angle > TOPPLED

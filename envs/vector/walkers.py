@@ -9,8 +9,10 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from impactlaw.batch import Batch
 from impactlaw.envs.law_distribution import LawDistribution
-from impactlaw.envs.vector.worlds import Outcome, VectorWorlds
+from impactlaw.envs.vector.spatial import Spatial
+from impactlaw.envs.vector.worlds import Outcome, VectorWorlds, step_worlds
 from impactlaw.errors import RestitutionError
 from impactlaw.laws import Law, make_law
 
@@ -23,15 +25,17 @@ class Planar:
         options: of that environment, such as ``ctrl_cost_weight``.
     """
 
+    keyframe = -1
+
     def __init__(self, name: str, **options: Any):
         env: Any = gymnasium.make(name, **options).unwrapped
         self._cheetah = name.startswith("HalfCheetah")
-        self.model, self.frame_skip, self._dt = env.model, env.frame_skip, env.dt
+        self.model, self._frame_skip, self._dt = env.model, env.frame_skip, env.dt
         self.action_space, shape = env.action_space, env.observation_space.shape
         self.observation_space: spaces.Box = spaces.Box(-np.inf, np.inf, shape, np.float64)
         self._forward, self._cost = env._forward_reward_weight, env._ctrl_cost_weight
         self._noise, self._hidden = env._reset_noise_scale, int(env._exclude_current_positions_from_observation)
-        self._qpos, self._qvel = env.init_qpos.copy(), env.init_qvel.copy()
+        self._first = env.init_qpos.copy(), env.init_qvel.copy()
         self._healthy = getattr(env, "_healthy_reward", 0.0)
         self._ends = bool(getattr(env, "_terminate_when_unhealthy", False))
         self._height = getattr(env, "_healthy_z_range", (-np.inf, np.inf))
@@ -39,20 +43,30 @@ class Planar:
         self._state = getattr(env, "_healthy_state_range", (-np.inf, np.inf))
         env.close()
 
-    def start(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """Return qpos and qvel of a new episode."""
-        qpos = self._qpos + rng.uniform(-self._noise, self._noise, self.model.nq)
+    def bind(self, batch: Batch) -> None:
+        """Take worlds."""
+        self._batch = batch
+        self._qpos, self._qvel, self._ctrl = (batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
+
+    def start(self, world: int, rng: np.random.Generator) -> None:
+        """Draw a state about the first one."""
+        self._qpos[world] = self._first[0] + rng.uniform(-self._noise, self._noise, self.model.nq)
         if self._cheetah:
-            return qpos, self._qvel + self._noise * rng.standard_normal(self.model.nv)
-        return qpos, self._qvel + rng.uniform(-self._noise, self._noise, self.model.nv)
+            self._qvel[world] = self._first[1] + self._noise * rng.standard_normal(self.model.nv)
+        else:
+            self._qvel[world] = self._first[1] + rng.uniform(-self._noise, self._noise, self.model.nv)
 
-    def observe(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
-        """Return observations of worlds."""
-        seen = qvel if self._cheetah else np.clip(qvel, -10.0, 10.0)
-        return np.concatenate([qpos[:, self._hidden :], seen], axis=1)
+    def observe(self) -> np.ndarray:
+        """Return observations of all worlds."""
+        seen = self._qvel if self._cheetah else np.clip(self._qvel, -10.0, 10.0)
+        return np.concatenate([self._qpos[:, self._hidden :], seen], axis=1)
 
-    def judge(self, before: np.ndarray, qpos: np.ndarray, qvel: np.ndarray, action: np.ndarray) -> Outcome:
-        """Return rewards and ends."""
+    def step(self, worlds: np.ndarray, action: np.ndarray) -> Outcome:
+        """Take one step of the environment in some worlds."""
+        before = self._qpos[worlds, :1]
+        self._ctrl[worlds] = action
+        diverged = step_worlds(self._batch, worlds, self._frame_skip)
+        qpos, qvel = self._qpos[worlds], self._qvel[worlds]
         velocity = (qpos[:, 0] - before[:, 0]) / self._dt
         healthy = self._is_healthy(qpos, qvel)
         forward, cost = self._forward * velocity, self._cost * np.square(action).sum(axis=1, dtype=action.dtype)
@@ -60,7 +74,7 @@ class Planar:
         info = {"x_position": qpos[:, 0], "x_velocity": velocity, "reward_forward": forward, "reward_ctrl": -cost}
         if not self._cheetah:
             info["reward_survive"] = self._healthy * healthy
-        return Outcome(reward, ~healthy & self._ends, info)
+        return Outcome(reward, ~healthy & self._ends, diverged, info)
 
     def _is_healthy(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         if self._cheetah:
@@ -71,7 +85,7 @@ class Planar:
         return inside[0] & inside[1] & inside[2].all(axis=1)
 
 
-def make_planar(
+def make_robots(
     num_envs: int,
     *,
     name: str,
@@ -82,7 +96,7 @@ def make_planar(
     batch_options: Mapping[str, Any] | None = None,
     **options: Any,
 ) -> VectorWorlds:
-    """Return worlds of a planar robot of gymnasium under an impact law.
+    """Return worlds of a robot of gymnasium under an impact law.
 
     Args:
         num_envs: number of worlds.
@@ -98,7 +112,8 @@ def make_planar(
     if not isinstance(law, str) and restitution is not None:
         raise RestitutionError(f"{law!r:.100} has its own restitution; leave restitution={restitution!r} out")
     chosen = make_law(law, 0.0 if restitution is None else restitution) if isinstance(law, str) else law
+    task = (Spatial if name in ("Ant-v5", "Humanoid-v5") else Planar)(name, **options)
     return VectorWorlds(
-        Planar(name, **options), num_envs, chosen, nthread=nthread, max_episode_steps=max_episode_steps,
+        task, num_envs, chosen, nthread=nthread, max_episode_steps=max_episode_steps,
         options=batch_options,
     )  # fmt: skip

@@ -16,15 +16,23 @@ from impactlaw.batch import Batch
 from impactlaw.envs.episode_seeds import LAWS, EpisodeSeeds
 from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.law_options import choose_law, describe_law
-from impactlaw.errors import OptionError
+from impactlaw.errors import OptionError, WorldsFailedError
 from impactlaw.laws import Law
 
 
 class Outcome(NamedTuple):
-    """What follows from steps of worlds: rewards and ends, (n,) each, and what else there is to know, (n,) each."""
+    """What follows from steps of worlds.
+
+    Attributes:
+        reward: (n,).
+        terminated: whether their episodes end, bool (n,).
+        diverged: whether the simulation has left the finite numbers, bool (n,): they are where the step began.
+        info: what else there is to know, (n,) each.
+    """
 
     reward: np.ndarray
     terminated: np.ndarray
+    diverged: np.ndarray
     info: dict[str, np.ndarray]
 
 
@@ -33,40 +41,62 @@ class Task(Protocol):
 
     Attributes:
         model: of all worlds.
-        frame_skip: timesteps of one step of the environment.
+        keyframe: to which the batch resets a world; -1 for none.
         observation_space: of one world.
         action_space: of one world.
     """
 
     model: mujoco.MjModel
-    frame_skip: int
+    keyframe: int
     observation_space: spaces.Box
     action_space: spaces.Box
 
-    def start(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """Return qpos and qvel of a new episode."""
+    def bind(self, batch: Batch) -> None:
+        """Take these worlds."""
         ...
 
-    def observe(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
-        """Return observations of worlds, (n, ..)."""
+    def start(self, world: int, rng: np.random.Generator) -> None:
+        """Let a world, which the batch has reset, begin an episode."""
         ...
 
-    def judge(self, before: np.ndarray, qpos: np.ndarray, qvel: np.ndarray, action: np.ndarray) -> Outcome:
-        """Return what follows; before is qpos before the steps."""
+    def step(self, worlds: np.ndarray, action: np.ndarray) -> Outcome:
+        """Take one step of the environment in some worlds, int (n,), with an action for each, and judge it."""
         ...
+
+    def observe(self) -> np.ndarray:
+        """Return observations of all worlds, (nsim, ..)."""
+        ...
+
+
+def step_worlds(batch: Batch, worlds: np.ndarray, nstep: int = 1) -> np.ndarray:
+    """Take steps of some worlds, int (n,); return which have left the finite numbers, bool (n,): they are not stepped.
+
+    Raises:
+        WorldsFailedError: some have failed in another way.
+    """
+    try:
+        batch.step(None if len(worlds) == batch.nsim else worlds.tolist(), nstep)
+    except WorldsFailedError as error:
+        if not error.diverged:
+            raise
+        return np.isin(worlds, error.worlds)
+    return np.zeros(len(worlds), bool)
 
 
 class VectorWorlds(VectorEnv):
     """Worlds of one task under impact laws.
 
     A world whose episode has ended is reset by the next step, which ignores its action (`AutoresetMode.NEXT_STEP`).
-    World i of ``reset(seed=s)`` starts as a single environment after ``reset(seed=s + i)``.
+    Where the simulation leaves the finite numbers, the episode is truncated where the step began, and
+    ``info["impact/diverged"]`` is 1.
+    World i of ``reset(seed=s)`` starts as a single environment after ``reset(seed=s + i)``. ``info`` has "impact/law"
+    and "impact/restitution" of all worlds, at resets and steps: the laws that the worlds were given by the environment.
 
     Args:
         task: what the worlds are for.
         num_envs: number of worlds.
         law: the law of all worlds, or one for each, or a `LawDistribution` from which each world draws the law of each
-            of its episodes; ``info`` then has "impact/law" and "impact/restitution" of all worlds, at resets and steps.
+            of its episodes.
         nthread: number of threads; 0 for one per processor.
         max_episode_steps: steps after which an episode is truncated; None for no limit.
         options: of `Batch`.
@@ -98,7 +128,10 @@ class VectorWorlds(VectorEnv):
         self._named: dict[str, np.ndarray] = {}
         for one in () if self._laws is None else _examples(self._laws, task.model):
             self.batch.set_law(one, [0])  # which refuses what compiled code does not take
-        self._qpos, self._qvel, self._ctrl = (self.batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
+        if self._laws is None:
+            for world, one in enumerate([first] * num_envs if isinstance(first, Law) else first):
+                self._name(world, one)
+        task.bind(self.batch)
         self._rngs = [seeding.np_random(None)[0] for _ in range(num_envs)]
         self._elapsed, self._over = np.zeros(num_envs, int), np.ones(num_envs, bool)
 
@@ -115,13 +148,13 @@ class VectorWorlds(VectorEnv):
                     self._rngs[i] = seeding.np_random(seeds[i])[0]
                     self._law_seeds[i].begin(seeds[i])
         self._begin(chosen)
-        return self._task.observe(self._qpos, self._qvel), self._info()
+        return self._task.observe(), self._info()
 
     def _begin(self, worlds: np.ndarray) -> None:
-        self.batch.reset(worlds.tolist())
+        self.batch.reset(worlds.tolist(), self._task.keyframe)
         for i in worlds:
             self._draw_law(int(i))
-            self._qpos[i], self._qvel[i] = self._task.start(self._rngs[i])
+            self._task.start(int(i), self._rngs[i])
         self._elapsed[worlds], self._over[worlds] = 0, False
 
     def _draw_law(self, world: int) -> None:
@@ -130,12 +163,15 @@ class VectorWorlds(VectorEnv):
         drawn = self._laws.draw(self._law_seeds[world].generator)
         law = choose_law(self._task.model, drawn["law"], drawn.get("restitution"))
         self.batch.set_law(law, [world])
+        self._name(world, law)
+
+    def _name(self, world: int, law: Law) -> None:
         for name, value in describe_law(law).items():
             kind: Any = object if isinstance(value, str) else float
             self._named.setdefault(name, np.zeros(self.num_envs, kind))[world] = value
 
     def _info(self) -> dict[str, np.ndarray]:
-        """Return the laws in force, where they are drawn."""
+        """Return the laws in force."""
         every = np.ones(self.num_envs, bool)
         told = {name: value.copy() for name, value in self._named.items()}
         return told | {f"_{name}": every for name in told}
@@ -143,26 +179,24 @@ class VectorWorlds(VectorEnv):
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Step all worlds whose episode goes on, and reset the others."""
         over, going = np.flatnonzero(self._over), np.flatnonzero(~self._over)
-        before, reward = self._qpos.copy(), np.zeros(self.num_envs)
-        terminated, truncated = np.zeros(self.num_envs, bool), np.zeros(self.num_envs, bool)
-        info: dict[str, Any] = {}
-        self._ctrl[going] = actions[going]
+        reward, terminated = np.zeros(self.num_envs), np.zeros(self.num_envs, bool)
+        truncated, info = np.zeros(self.num_envs, bool), dict[str, Any]()
         if len(going):
-            self.batch.step(None if len(going) == self.num_envs else going.tolist(), nstep=self._task.frame_skip)
-            found = self._task.judge(before[going], self._qpos[going], self._qvel[going], actions[going])
-            reward[going], terminated[going] = found.reward, found.terminated
-            for name, value in found.info.items():
+            found = self._task.step(going, actions[going])
+            reward[going] = np.where(found.diverged, 0.0, found.reward)
+            terminated[going], truncated[going] = found.terminated & ~found.diverged, found.diverged
+            for name, value in (found.info | {"impact/diverged": found.diverged}).items():
                 info[name] = np.zeros(self.num_envs)
                 info[name][going] = value
                 info[f"_{name}"] = ~self._over
             self._elapsed[going] += 1
             if self._limit is not None:
-                truncated[going] = self._elapsed[going] >= self._limit
+                truncated[going] |= self._elapsed[going] >= self._limit
         if len(over):
             self._begin(over)
         info |= self._info()
         self._over = terminated | truncated
-        return self._task.observe(self._qpos, self._qvel), reward, terminated, truncated, info
+        return self._task.observe(), reward, terminated, truncated, info
 
 
 def _examples(laws: LawDistribution, model: mujoco.MjModel) -> list[Law]:

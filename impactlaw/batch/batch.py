@@ -21,6 +21,7 @@ from impactlaw.stepping.time_stepping.compiled import memory, status
 from impactlaw.stepping.time_stepping.compiled.borrow import room
 from impactlaw.stepping.time_stepping.compiled.entry import WORLDS, many
 from impactlaw.stepping.time_stepping.compiled.memory import MEMORY
+from impactlaw.stepping.time_stepping.compiled.surfaces import forget_surfaces
 from impactlaw.stepping.time_stepping.compiled.world import SETTING
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
@@ -31,10 +32,16 @@ _WHY = {
     status.CREATES: "the law creates energy",
     status.TIMESTEP: "the timestep is not positive",
 }
+_FORCES = ("cfrc_ext", "cfrc_int", "cacc")
+"""Fields of mjData, which MuJoCo computes only where somebody asks: after the last step of a call."""
+_DIVERGED = {status.HUGE_INPUT, status.HUGE_OUTPUT, status.NOT_FINITE}
 
 
 class Batch:
     """Worlds of a copy of one model, time stepped in threads; the steps are those of `Stepper`.
+
+    Mocap bodies move to the poses in ``bind("mocap_pos")`` and ``bind("mocap_quat")`` in one timestep, and have stopped
+    in the next: whoever drives them calls ``step()`` for every timestep.
 
     Laws are those of one coefficient of restitution per contact, and the reversal; others are refused. Results do not
     depend on the number of threads. Derived fields are those of the end of a step where they are frames, else those of
@@ -87,12 +94,10 @@ class Batch:
         first = law if isinstance(law, Law) else law[0]
         options: Any = {"friction": friction, "on_inadmissible": on_inadmissible, "rest_speed": rest_speed}
         scheme = TimeStepping(model, first, plan, **options)
-        if scheme.follows_surfaces:
-            raise SceneError("a batch does not take mocap bodies that touch others: they move as surfaces; use Stepper")
         self._pool = Pool(model, nsim, nthread, persistent=False)
         self._fields, self._functions = Fields(self._pool, model), functions()
         self.state = self._fields.state
-        self._memory = memory.make_memory(model.nq + 2 * model.nv, nsim)
+        self._memory = memory.make_memory(model, nsim)
         self._laws = Laws(scheme, nsim)
         self.set_law(law)
         self._report = np.zeros((nsim, 2), np.int64)
@@ -152,6 +157,7 @@ class Batch:
     def bind(self, name: str) -> np.ndarray:
         """Return a live array over a field of mjData, (nsim, ..): of the state to be written, of others to be read."""
         found = self._fields.bind(name)
+        self._context[WORLDS.forces] |= name in _FORCES
         self._context[WORLDS.outputs] = self._fields.outputs.ctypes.data
         self._context[WORLDS.output_count] = len(self._fields.outputs)
         return found
@@ -182,11 +188,13 @@ class Batch:
         if broken:
             failed = np.array(sorted(broken))
             self._memory.view(np.int64)[failed, MEMORY.known] = 0
+            forget_surfaces(self._memory, failed, self.model)
             raise WorldsFailedError(failed.tolist(), self._pool.error(int(failed[0])))
         failed = np.flatnonzero(self._report[:, 0])
         if len(failed):
-            self._report[failed, 0], why = status.FINE, _WHY[int(self._report[failed[0], 0])]
-            raise WorldsFailedError(failed.tolist(), why)
+            how = self._report[failed, 0].tolist()
+            self._report[failed, 0] = status.FINE
+            raise WorldsFailedError(failed.tolist(), _WHY[how[0]], diverged=_DIVERGED.issuperset(how))
 
     def _call(self, worlds: np.ndarray | None) -> set[int]:
         """Let the pool step, and return the worlds of which MuJoCo has raised an error."""
@@ -202,9 +210,7 @@ class Batch:
         level = int(mujoco.mjtStage.mjSTAGE_ACC)
         if self._functions.mjb_reset(self._pool.handle, worlds.ctypes.data, len(worlds), key.ctypes.data, level):
             raise WorldsFailedError(worlds.tolist(), self._pool.error(int(worlds[0])))
-        counts = self._memory.view(np.int64)
-        counts[worlds, MEMORY.known], counts[worlds, MEMORY.solved] = 0, 1
-        self._memory[worlds, MEMORY.steps : MEMORY.left] = 0.0
+        memory.begin(self._memory, worlds, self.model)
 
     def forward(self, ids: Sequence[int] | None = None) -> None:
         """Bring the bound fields of some worlds, or all, up to their state."""

@@ -39,6 +39,22 @@ class Motion(NamedTuple):
     belt: np.ndarray
 
 
+class LastMotion(NamedTuple):
+    """How mocap bodies have moved in the last step.
+
+    Attributes:
+        time: when it ended, s; NaN if there was none.
+        target: poses that it went to, (nmocap, 7).
+        mean: mean velocities, (nmocap, 6).
+        last: velocities at the end, (nmocap, 6).
+    """
+
+    time: float
+    target: np.ndarray
+    mean: np.ndarray
+    last: np.ndarray
+
+
 class Surfaces:
     """The moving surfaces of one scene.
 
@@ -47,6 +63,8 @@ class Surfaces:
         geoms: pairs of geoms that can meet, (p, 2).
 
     Attributes:
+        meet: whether mocap bodies can meet others.
+        arm: how far geoms that can meet others reach from their mocap bodies, m, (nmocap,).
         run: whether surfaces run like belts.
         still: whether no body moves in this step, nor did at the end of the one before.
         goes_on: whether the velocities at the start of this step are those at the end of the one before.
@@ -57,13 +75,13 @@ class Surfaces:
         mocap = model.body_mocapid[model.body_rootid[model.geom_bodyid]]
         self._mocap = np.append(mocap, -1)  # limits have geom -1
         used = np.unique(mocap[np.unique(geoms)]) if len(geoms) else np.zeros(0, dtype=int)
-        self._move = bool((used >= 0).any())
+        self.meet = bool((used >= 0).any())
         self._belts = np.append(model.geom_surfacevel.any(axis=1), False)
         self.run = bool(self._belts[np.unique(geoms)].any()) if len(geoms) else False
-        self._arm = np.zeros(model.nmocap)
-        for geom in np.unique(geoms[np.isfinite(model.geom_rbound[geoms])]) if self._move else ():
+        self.arm = np.zeros(model.nmocap)
+        for geom in np.unique(geoms[np.isfinite(model.geom_rbound[geoms])]) if self.meet else ():
             if mocap[geom] >= 0:
-                self._arm[mocap[geom]] = max(self._arm[mocap[geom]], self._distance(geom))
+                self.arm[mocap[geom]] = max(self.arm[mocap[geom]], self._distance(geom))
         self._time, self._duration = np.nan, 1.0
         self._start = self._target = np.zeros((model.nmocap, 7))
         self._before = self._mean = self._first = self._last = np.zeros((model.nmocap, 6))
@@ -72,7 +90,7 @@ class Surfaces:
     @property
     def move(self) -> bool:
         """Whether bodies of the scene that can meet others move in this step."""
-        return self._move and not self.still
+        return self.meet and not self.still
 
     def _distance(self, geom: int) -> float:
         """Return how far from its mocap body a geom can reach, m, joints between them left out."""
@@ -116,8 +134,18 @@ class Surfaces:
         """Return how fast a point of each body can be at velocities (nmocap, 6), m/s; they are few, mostly one."""
         return [
             sqrt(x * x + y * y + z * z) + arm * sqrt(p * p + q * q + r * r)
-            for (x, y, z, p, q, r), arm in zip(velocity.tolist(), self._arm.tolist(), strict=True)
+            for (x, y, z, p, q, r), arm in zip(velocity.tolist(), self.arm.tolist(), strict=True)
         ]
+
+    @property
+    def last_motion(self) -> LastMotion:
+        """How bodies have moved in the step that has ended last."""
+        return LastMotion(self._time, self._target, self._mean, self._last)
+
+    def go_on(self, motion: LastMotion) -> None:
+        """Let the next step go on from another last one."""
+        self._time, self._target, self._mean, self._last = motion
+        self.still = False
 
     def from_here(self, data: mujoco.MjData) -> Surfaces:
         """Return the same surfaces as if the step before had ended now, where and as fast as they are now."""

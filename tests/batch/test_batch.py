@@ -168,3 +168,65 @@ def test_options_that_cannot_be_are_refused(wrong):
     model = mujoco.MjModel.from_xml_string("<mujoco/>")
     with pytest.raises(ValueError, match=next(iter(wrong))):
         Batch(model, Moreau(0.5), **{"nsim": 2, **wrong})
+
+
+TABLE = """<mujoco><option timestep=".004"/><worldbody>
+  <body name="table" mocap="true" pos="0 0 -.1"><geom type="box" size=".5 .5 .1" friction=".6"/></body>
+  <body pos="0 0 .2"><freejoint/><geom size=".07"/></body>
+  <body pos=".2 .1 .1"><freejoint/><geom type="ellipsoid" size=".07 .05 .1" condim="4"/></body></worldbody>
+  <keyframe><key time=".004"/></keyframe></mujoco>"""
+
+
+def _shake(position: np.ndarray, quaternion: np.ndarray, step: int, world: int) -> None:
+    """Move the table of a world to where a step is to take it."""
+    t = 0.004 * step
+    position[2] = -0.1 + 0.02 * np.sin((8.0 + world) * t)
+    quaternion[:] = np.cos(0.05 * np.sin(3.0 * t)), 0.0, np.sin(0.05 * np.sin(3.0 * t)), 0.0
+
+
+def test_moving_surfaces_are_those_of_a_stepper():
+    model, ends = mujoco.MjModel.from_xml_string(TABLE), []
+    for threads in (1, 3):
+        batch = Batch(model, Moreau(0.5), 5, threads)
+        batch.step(nstep=7)
+        batch.reset()
+        position, quaternion = batch.bind("mocap_pos"), batch.bind("mocap_quat")
+        for step in range(120):
+            for world in range(5):
+                _shake(position[world, 0], quaternion[world, 0], step, world)
+            batch.step()
+        assert (batch.impact_count > 1).all()
+        ends.append(batch.state.copy())
+    assert np.array_equal(*ends)
+    for world in range(5):
+        stepper, data = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled="never"), mujoco.MjData(model)
+        for step in range(120):
+            _shake(data.mocap_pos[0], data.mocap_quat[0], step, world)
+            stepper.step(data)
+        np.testing.assert_allclose(batch.bind("qpos")[world], data.qpos, atol=1e-8)
+        np.testing.assert_allclose(batch.bind("qvel")[world], data.qvel, atol=1e-6)
+
+
+def test_surfaces_of_worlds_that_are_reset_stand_still_first():
+    model = mujoco.MjModel.from_xml_string(TABLE)
+    batch, fresh = (Batch(model, Moreau(0.5), 2, 1) for _ in range(2))
+    batch.bind("mocap_pos")[1, 0, 2] = -0.2
+    batch.step()
+    assert batch.bind("time")[1] == 0.004
+    for one in (batch, fresh):
+        one.reset([1], 0)  # to the time at which the step has ended
+        one.bind("mocap_pos")[1, 0, 2] = -0.05
+        one.step([1])
+    assert np.array_equal(batch.state[1], fresh.state[1])
+
+
+def test_forces_on_bodies_are_those_of_one_world_where_somebody_asks(model: mujoco.MjModel):
+    batch, stepper = Batch(model, Moreau(0.3), 3, 2), Stepper(model, Moreau(0.3), scheme="time-stepping")
+    felt, data, most = batch.bind("cfrc_ext"), mujoco.MjData(model), 0.0
+    for _ in range(80):
+        batch.step()
+        stepper.step(data)
+        mujoco.mj_rnePostConstraint(model, data)
+        np.testing.assert_allclose(felt, np.broadcast_to(data.cfrc_ext, felt.shape), atol=1e-6)
+        most = max(most, float(np.abs(felt).max()))
+    assert most > 10.0

@@ -84,7 +84,7 @@ def compiled_answer(problem: ConeProblem, guess: np.ndarray | None, rounds: int)
     from impactlaw.compiled import announce
     from impactlaw.solvers.cones import CONE, solve
 
-    announce()
+    announce("impactlaw.solvers.cones")
     (h, m), nv = problem.shape, problem.rows.shape[1]
     n = h * m
     start = np.zeros(n) if guess is None else np.array(problem.scaled(guess), dtype=float).reshape(-1)

@@ -108,6 +108,8 @@ class _Contact(NamedTuple):
     """Places in the table of offsets of fields of mjContact."""
 
     dist: int
+    pos: int
+    frame: int
     dim: int
     geom: int
     friction: int

@@ -34,6 +34,7 @@ _FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "mj_makeConstraint": (_P, _P),
     "mj_integratePos": (_P, _P, _P, _F),
     "mj_rne": (_P, _P, _I, _P),
+    "mj_rnePostConstraint": (_P, _P),
     "mj_mulM": (_P, _P, _P, _P),
     "mj_mulJacTVec": (_P, _P, _P, _P),
     "mj_step": (_P, _P),
@@ -44,6 +45,10 @@ _FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "mj_RungeKutta": (_P, _P, _I),
     "mj_fwdConstraint": (_P, _P),
     "mj_mulJacVec": (_P, _P, _P, _P),
+    "mju_subQuat": (_P, _P, _P),
+    "mju_rotVecQuat": (_P, _P, _P),
+    "mju_axisAngle2Quat": (_P, _P, _F),
+    "mju_mulQuat": (_P, _P, _P),
     "mj_isSparse": (_P,),
     "mj_makeData": (_P,),
     "mj_getState": (_P, _P, _P, _I),
@@ -75,12 +80,14 @@ sensor_pos, sensor_vel, sensor_acc = (_external(name) for name in ("mj_sensorPos
 make_m, energy_pos, energy_vel = (_external(name) for name in ("mj_makeM", "mj_energyPos", "mj_energyVel"))
 tendon, collision, make_constraint = (_external(n) for n in ("mj_tendon", "mj_collision", "mj_makeConstraint"))
 integrate_pos, rne, mul_m = (_external(name) for name in ("mj_integratePos", "mj_rne", "mj_mulM"))
-mul_jac_t_vec = _external("mj_mulJacTVec")
+mul_jac_t_vec, rne_post_constraint = _external("mj_mulJacTVec"), _external("mj_rnePostConstraint")
 whole_step, first_half, rest_of_forward = (_external(name) for name in ("mj_step", "mj_step1", "mj_forwardSkip"))
 check_acc, compare_fwd_inv = _external("mj_checkAcc"), _external("mj_compareFwdInv")
 runge_kutta, fwd_constraint, mul_jac_vec = (
     _external(name) for name in ("mj_RungeKutta", "mj_fwdConstraint", "mj_mulJacVec")
 )
+sub_quat, rotate = _external("mju_subQuat"), _external("mju_rotVecQuat")
+axis_angle_to_quat, mul_quat = _external("mju_axisAngle2Quat"), _external("mju_mulQuat")
 get_state, set_state = _external("mj_getState"), _external("mj_setState")
 is_sparse, make_data = _external("mj_isSparse", types.int32), _external("mj_makeData", types.int64)
 

@@ -41,7 +41,7 @@ from impactlaw.errors import DivergenceError
 from impactlaw.laws import Law
 from impactlaw.laws.fremond import Reversal
 from impactlaw.scene.contacts import Contacts
-from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.scene.moving_surfaces import LastMotion, Surfaces
 from impactlaw.stepping.compatibility import check_time_stepping
 from impactlaw.stepping.compiled.law_table import Coefficients
 from impactlaw.stepping.impact_event import ImpactEvent
@@ -123,8 +123,9 @@ class TimeStepping:
 
     @property
     def sizes(self) -> np.ndarray:
-        """See `margins.body_sizes`."""
-        return self._sizes
+        """See `margins.body_sizes`, and after them how far mocap bodies reach, see `Surfaces`."""
+        surfaces = self._surfaces
+        return np.append(self._sizes, np.zeros(self._model.nmocap) if surfaces is None else surfaces.arm)
 
     @property
     def problem(self) -> ContactProblem:
@@ -137,28 +138,37 @@ class TimeStepping:
         return Coefficients(problem.targets, problem.names, problem.limits, self._model.njnt)
 
     @property
-    def follows_surfaces(self) -> bool:
-        """Whether mocap bodies can move surfaces."""
-        return self._surfaces is not None
+    def last_motion(self) -> LastMotion | None:
+        """How mocap bodies have moved in the last step; None where they do not move surfaces."""
+        return None if self._surfaces is None else self._surfaces.last_motion
+
+    def move_on(self, motion: LastMotion | None) -> None:
+        """Let mocap bodies have moved like that in the step before."""
+        if self._surfaces is not None and motion is not None:
+            self._surfaces.go_on(motion)
 
     @property
     def law(self) -> Law:
         """The law."""
         return self._problem.law
 
-    def resume(self, data: mujoco.MjData, known: Known, gained: np.ndarray, *, solved: bool) -> None:
+    def resume(
+        self, data: mujoco.MjData, known: Known, gained: np.ndarray, motion: LastMotion | None, *, solved: bool
+    ) -> None:
         """Go on from data as if the step before had been one of this scheme.
 
         Args:
             data: where that step ended; its frames become current.
             known: groups, keys, coefficients of friction and impulses of that step.
             gained: velocity to which forces led without contact in that step, (nv,).
+            motion: of mocap bodies in that step.
             solved: whether that step has met the law.
         """
         with self._borrowed:
             self._update_frames(data)
         self._left = data.qpos.tobytes(), data.qvel.tobytes()
         self._known, self._gained, self.solved = known if len(known[1]) else None, gained.copy(), solved
+        self.move_on(motion)
 
     def settings(self) -> tuple[float, ...]:
         """Return the options as compiled code takes them, see `compiled.world.Settings`."""
@@ -171,6 +181,7 @@ class TimeStepping:
             1.0,
             np.nan if targets.restitution is None else targets.restitution,
             targets.law.restitution if isinstance(targets.law, Reversal) else np.nan,
+            0.0 if self._surfaces is None else 1.0 + self._surfaces.meet,
         )
 
     def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
@@ -258,9 +269,10 @@ class TimeStepping:
         """Put bodies where they are in the middle of the step, and compute all forces but those of contact there."""
         model, surfaces = self._model, self._surfaces
         if surfaces is not None:
-            data.time += 0.5 * h
+            now = data.time
+            data.time = now + 0.5 * h
             surfaces.place(data)
-            data.time -= 0.5 * h
+            data.time = now
         mj_integratePos(model, data.qpos, self._velocity, 0.5 * h)
         self._middle = data.qpos.copy()
         self._find_contacts(data)
@@ -384,9 +396,10 @@ class TimeStepping:
         contact, surfaces = data.contact, self._surfaces
         assert surfaces is not None
         seen = Contacts((), contact.geom, contact.dist, contact.pos, contact.frame[:, :3])
-        data.time -= 0.5 * h
+        end = data.time
+        data.time = end - 0.5 * h
         velocity, spin, _ = surfaces.motion(data, seen)
-        data.time += 0.5 * h
+        data.time = end
         for g in np.flatnonzero(rows.source >= 0):
             i, first = rows.source[g], rows.first[g]
             axes = contact.frame[i].reshape(3, 3)

@@ -18,7 +18,7 @@ _SCENE = """<mujoco><option timestep="0.01"/><worldbody><geom type="plane" size=
 @cache
 def warm_up() -> None:
     """Take two steps of a spinning box that overlaps a floor: they call all that is compiled."""
-    announce()
+    announce("impactlaw.stepping.time_stepping")
     model = mujoco.MjModel.from_xml_string(_SCENE)
     data, plan = mujoco.MjData(model), make_plan(model, scheme="time-stepping")
     data.qvel[:] = 0.0, 0.0, -1.0, 9.0, 9.0, 9.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
@@ -13,7 +14,8 @@ import impactlaw.envs  # noqa: F401
 from impactlaw import Moreau, Stepper
 from impactlaw.envs.vector.worlds import VectorWorlds
 
-NAMES = ["Hopper-v5", "Walker2d-v5", "HalfCheetah-v5"]
+NAMES = ["Hopper-v5", "Walker2d-v5", "HalfCheetah-v5", "Ant-v5", "Humanoid-v5"]
+IN_SPACE = ["Ant-v5", "Humanoid-v5"]
 
 
 def make(name: str, num_envs: int, **options: Any) -> VectorWorlds:
@@ -34,6 +36,7 @@ class Alone:
         self.env.data.ctrl[:] = ctrl
         for _ in range(frames):
             self.stepper.step(self.env.data)
+        mujoco.mj_rnePostConstraint(self.env.model, self.env.data)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -43,7 +46,7 @@ def test_observations_rewards_and_ends_are_gymnasiums(name: str):
     observed, _ = worlds.reset(seed=7)
     for i, single in enumerate(singles):
         np.testing.assert_allclose(observed[i], single.env.reset(seed=7 + i)[0], atol=1e-12)
-    over, ended = np.zeros(3, bool), 0
+    over, ended, felt = np.zeros(3, bool), 0, 0.0
     for _ in range(150):
         action = rng.uniform(-1.0, 1.0, worlds.action_space.shape).astype(np.float32)
         observed, reward, terminated, _, info = worlds.step(action)
@@ -56,9 +59,13 @@ def test_observations_rewards_and_ends_are_gymnasiums(name: str):
             np.testing.assert_allclose(observed[i], mine, atol=1e-6)
             assert reward[i] == pytest.approx(gain, abs=1e-6)
             assert terminated[i] == end
-            assert info["x_velocity"][i] == pytest.approx(told["x_velocity"], abs=1e-6)
+            for key in ("x_velocity", "reward_ctrl", "reward_contact", "reward_survive", "y_position"):
+                if key in told and (key in info or name in IN_SPACE):
+                    assert info[key][i] == pytest.approx(told[key], abs=1e-6)
+            felt = min(felt, told.get("reward_contact", 0.0))
         over, ended = terminated.copy(), ended + int(terminated.sum())
     assert ended > 0 or name == "HalfCheetah-v5"
+    assert felt < -1e-3 or name not in IN_SPACE
 
 
 def test_episodes_are_truncated_and_begin_anew():

@@ -22,6 +22,7 @@ from impactlaw.stepping.compiled.access import (
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, flags, put
 from impactlaw.stepping.time_stepping.compiled.law import ask_law, reverse
 from impactlaw.stepping.time_stepping.compiled.status import CREATES, FINE, NOT_FINITE
+from impactlaw.stepping.time_stepping.compiled.surfaces import add_surfaces, surfaces_move
 from impactlaw.stepping.time_stepping.compiled.world import SETTING, metric_of, setting
 from impactlaw.stepping.time_stepping.problem.contact_problem import linked_step
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups, struck_later
@@ -66,6 +67,8 @@ class Outcome(NamedTuple):
 def near(w, jacobian, one, other, reach):
     """Return which rows begin a contact or limit that is in touch, or would be soon; see `rows.near_rows`."""
     n, (nnz, adr, col, J) = number(w, DATA.nefc), jacobian
+    if surfaces_move(w):  # what comes near need not move itself
+        return np.ones(n, np.bool_)
     kinds, position = data_ints(w, DATA.efc_type, n), data_floats(w, DATA.efc_pos, n)
     return near_rows(
         kinds, position, nnz, adr, col, J, contact_ints(w, CONTACT.efc_address, 1)[:, 0], one, other, reach
@@ -264,4 +267,6 @@ def attempt(w, jacobian, chosen, start, free, known, rounds, law, phases):
     metric, frictional = metric_of(w), setting(w, SETTING.frictional) != 0.0
     row_velocity = data_floats(w, DATA.efc_vel, number(w, DATA.nefc))
     rows = rows_of_step(w, jacobian, metric, row_velocity, start, free, chosen, frictional)
+    if surfaces_move(w):
+        add_surfaces(w, rows.groups, rows.sparse, rows.rates)
     return _resolve(w, rows, metric, free, known, rounds, law, phases)

@@ -134,6 +134,7 @@ class Worlds(NamedTuple):
         outputs: fields of data that are copied out: where data tells their address, where those of world 0 are to be,
             and bytes of each world, int64 (k, 3).
         output_count: k.
+        forces: whether the forces on bodies in the last timestep, such as cfrc_ext, are computed.
     """
 
     table: int = 0
@@ -151,6 +152,7 @@ class Worlds(NamedTuple):
     status_of: int = 12
     outputs: int = 13
     output_count: int = 14
+    forces: int = 15
 
 
 WORLDS = Worlds()
@@ -198,6 +200,8 @@ def some_steps(model, data, world, context):
             mj.set_state(model, data, address_of(first), STATE)
             go_back(memory, before)
             break
+    if c[WORLDS.forces] != 0 and report[0] == FINE:
+        mj.rne_post_constraint(address_of(structure), data)  # which has the cones of the step
     for i in range(c[WORLDS.output_count]):
         output = longs(c[WORLDS.outputs] + 24 * i, 3)
         size = output[2]

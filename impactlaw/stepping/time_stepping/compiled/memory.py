@@ -5,11 +5,13 @@ from __future__ import annotations
 import ctypes
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 from numba import types
 
 from impactlaw.solvers.cones.algebra.loops import kernel, plain
 from impactlaw.stepping.compiled.fields import floats, longs, table_ints
+from impactlaw.stepping.time_stepping.compiled.surfaces import forget_surfaces, surface_room
 
 
 class Memory(NamedTuple):
@@ -32,7 +34,8 @@ class Memory(NamedTuple):
         worst: the largest of these so far.
         created: energy that the law would have created in the last step, J.
         left: nothing but the number of places: here qpos and qvel begin that the last step has left, and after them
-            the velocity that forces have led to without contact in the last step.
+            the velocity that forces have led to without contact in the last step, and what is known of mocap bodies,
+            see `surfaces`.
     """
 
     block: int = 0
@@ -114,11 +117,19 @@ def go_back(memory, before):
     forget(counts)
 
 
-def make_memory(numbers: int, worlds: int) -> np.ndarray:
+def make_memory(model: mujoco.MjModel, worlds: int) -> np.ndarray:
     """Return the memory of some worlds that have nothing to remember, (worlds, n)."""
-    memory = np.zeros((worlds, len(MEMORY) - 1 + numbers))
-    memory.view(np.int64)[:, MEMORY.solved] = 1
+    memory = np.zeros((worlds, MEMORY.left + model.nq + 2 * model.nv + surface_room(model)))
+    begin(memory, slice(None), model)
     return memory
+
+
+def begin(memory: np.ndarray, worlds: Any, model: mujoco.MjModel) -> None:
+    """Let some worlds have nothing to remember, but where impulses are kept."""
+    counts = memory.view(np.int64)
+    counts[worlds, MEMORY.known], counts[worlds, MEMORY.solved] = 0, 1
+    memory[worlds, MEMORY.steps : MEMORY.left] = 0.0
+    forget_surfaces(memory, worlds, model)
 
 
 def free(memory: np.ndarray) -> None:

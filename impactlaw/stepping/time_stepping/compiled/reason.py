@@ -9,8 +9,6 @@ from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 def reason(scheme: TimeStepping) -> str | None:
     """Return why compiled code does not take a scheme; None if it does."""
-    if scheme.follows_surfaces:
-        return "mocap bodies that touch others move as surfaces"
     if isinstance(scheme.problem.targets.law, Reversal) and not scheme.model.neq:
         return None
     return law_table.reason(scheme.problem.targets)

@@ -38,6 +38,14 @@ from impactlaw.stepping.time_stepping.compiled.forces import inertial_work, lead
 from impactlaw.stepping.time_stepping.compiled.law import LawTable
 from impactlaw.stepping.time_stepping.compiled.memory import MEMORY, forget, last_step, remember
 from impactlaw.stepping.time_stepping.compiled.status import FINE, HUGE_INPUT, HUGE_OUTPUT, TIMESTEP
+from impactlaw.stepping.time_stepping.compiled.surfaces import (
+    aim_surfaces,
+    begin_surfaces,
+    end_surfaces,
+    place_surfaces,
+    speeds_of_middle,
+    surface_speed,
+)
 from impactlaw.stepping.time_stepping.compiled.world import SETTING, World, setting
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS
 from impactlaw.stepping.time_stepping.margins import set_margins
@@ -77,10 +85,14 @@ def _step(w, law, memory, margins, cone, loaded):
     if not same:
         forget(counts)
         gained[:] = 0.0
+    if w.surfaces != 0:
+        begin_surfaces(w)
     _set_margins(w, gained)
     start, middle, bias = copied(qvel), numbers(nq), zeros(nv)
     full = _to_midpoint(w, start, margins, middle, sensors)
     _free_step(w, start, bias, gained)
+    if w.surfaces != 0:
+        speeds_of_middle(w)
     collided, missed, touched = False, 0.0, False
     if number(w, DATA.nefc) > 0:
         rounds = MANY_ROUNDS if counts[MEMORY.solved] != 0 else FEW_ROUNDS
@@ -102,6 +114,8 @@ def _step(w, law, memory, margins, cone, loaded):
         _to_end(w, middle, shift)
         if _is_huge(qpos, qvel):
             return HUGE_OUTPUT
+        if w.surfaces != 0:
+            aim_surfaces(w)
         update_frames(w)
         if touched:
             look_again(w, rows)
@@ -117,8 +131,12 @@ def _step(w, law, memory, margins, cone, loaded):
         _to_end(w, middle, middle[:0])
         if _is_huge(qpos, qvel):
             return HUGE_OUTPUT
+        if w.surfaces != 0:
+            aim_surfaces(w)
         update_frames(w)
     finish(w)
+    if w.surfaces != 0:
+        end_surfaces(w)
     counts[MEMORY.known] = 1
     left[:nq] = qpos
     left[nq:] = qvel
@@ -161,7 +179,7 @@ def _set_margins(w, gained):
         model_floats(w, MODEL.tendon_margin, ntendon),
         model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_rootid, nbody), floats(w.sizes, nbody),
         rows_of(w, DATA.xipos, nbody, 3), rows_of(w, DATA.subtree_com, nbody, 3), now, rows_of(w, DATA.cvel, nbody, 6),
-        model_ints(w, MODEL.body_mocapid, nbody), 0.0, w.timestep,
+        model_ints(w, MODEL.body_mocapid, nbody), surface_speed(w), w.timestep,
         _length(gravity),
     )  # fmt: skip
 
@@ -172,6 +190,8 @@ def _to_midpoint(w, start, margins, middle, sensors):
 
     Return whether MuJoCo had no room for all contacts.
     """
+    if w.surfaces != 0:
+        place_surfaces(w)
     qpos = data_floats(w, DATA.qpos, size(w, MODEL.nq))
     mj.integrate_pos(w.model, address_of(qpos), address_of(start), 0.5 * w.timestep)
     put(middle, qpos)
@@ -298,7 +318,7 @@ def advance(
         scratch: address of other data of the model.
         table: address of offsets of fields, see `fields`.
         settings: address of `world.Settings`.
-        sizes: address of `margins.body_sizes`, (nbody,).
+        sizes: address of sizes of bodies, see `world.World`.
         bilateral: address of which equality constraints collisions must not violate, uint8 (neq,).
         keys: of the law's contacts, see `law.LawTable`, like the two that follow.
         values: restitution of each.
@@ -317,7 +337,10 @@ def advance(
     if not _length(state) <= HUGE:
         return HUGE_INPUT
     nv = long_at(model + long_at(table + 8 * MODEL.nv))
-    w = World(model, data, scratch, table, settings, sizes, bilateral, nv, h, is_damped(model, table))
+    surfaces = 0
+    if float_at(settings + 8 * SETTING.surfaces) != 0.0:
+        surfaces = address_of(memory) + 8 * (MEMORY.left + long_at(model + long_at(table + 8 * MODEL.nq)) + 2 * nv)
+    w = World(model, data, scratch, table, settings, sizes, bilateral, nv, h, is_damped(model, table), surfaces)
     status = _step(w, LawTable(keys, values, asked), memory, margins, cone, loaded)
     if status != FINE:
         mj.set_state(user, data, address_of(state), STATE)

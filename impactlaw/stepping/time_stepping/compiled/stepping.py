@@ -24,6 +24,7 @@ from impactlaw.stepping.time_stepping.compiled.borrow import room
 from impactlaw.stepping.time_stepping.compiled.entry import CONTEXT, single
 from impactlaw.stepping.time_stepping.compiled.memory import MEMORY
 from impactlaw.stepping.time_stepping.compiled.reason import reason
+from impactlaw.stepping.time_stepping.compiled.surfaces import last_motion, put_motion
 from impactlaw.stepping.time_stepping.compiled.world import SETTING
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
@@ -41,8 +42,8 @@ class CompiledStepping:
     def __init__(self, scheme: TimeStepping, *, warn: bool):
         self._scheme, self._warn = scheme, warn
         model = scheme.model
-        numbers = model.nq + 2 * model.nv
-        self._memory, self._before = memory.make_memory(numbers, 1), np.zeros(len(MEMORY) - 1 + numbers)
+        self._memory = memory.make_memory(model, 1)
+        self._before = np.zeros(self._memory.shape[1])
         self.unlocated = 0
         self._prepare()
 
@@ -53,6 +54,7 @@ class CompiledStepping:
         self._counts, self._state = self.numbers.view(np.int64), empty_state(model)
         self._table, self._callbacks = table(), callbacks()
         self._structure = np.zeros(int(self._table[SIZE.model]) // 8)
+        self._sizes = self._scheme.sizes
         self._margins, self._settings = np.zeros(room(model)), np.zeros(len(SETTING))
         self._bilateral, self._scratch = self._scheme.problem.bilateral.astype(np.uint8), mujoco.MjData(model)
         self._pool: Pool | None = None
@@ -77,7 +79,7 @@ class CompiledStepping:
         """Tell compiled code where all is."""
         scratch: Any = self._scratch
         arrays = {
-            "table": self._table, "settings": self._settings, "sizes": self._scheme.sizes,
+            "table": self._table, "settings": self._settings, "sizes": self._sizes,
             "bilateral": self._bilateral, "keys": self._coefficients.key, "values": self._coefficients.value,
             "memory": self._memory, "structure": self._structure, "margins": self._margins, "state": self._state,
             "before": self._before, "callbacks": self._callbacks,
@@ -140,7 +142,9 @@ class CompiledStepping:
 
     def _in_python(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
         self._counts[MEMORY.known] = 0
+        self._scheme.move_on(last_motion(self.numbers, self._model))
         events = self._scheme.step(data)
+        put_motion(self.numbers, self._model, self._scheme.last_motion)
         self.numbers[MEMORY.shortfall], self._counts[MEMORY.solved] = self._scheme.shortfall, self._scheme.solved
         return events
 
@@ -186,8 +190,8 @@ class CompiledStepping:
 class _Replay:
     """The collision of a step, told by the scheme in Python, which takes that step once more if somebody asks."""
 
-    def __init__(self, scheme: TimeStepping, scratch: mujoco.MjData, state: np.ndarray, numbers: np.ndarray):
-        self._scheme, self._scratch, self._state, self.numbers = scheme, scratch, state, numbers
+    def __init__(self, scheme: TimeStepping, data: mujoco.MjData, state: np.ndarray, numbers: np.ndarray):
+        self._scheme, self._data, self._state, self.numbers = scheme, data, state, numbers
         self._impulses = memory.raw(numbers)
 
     def events(self) -> tuple[ImpactEvent, ...]:
@@ -196,14 +200,14 @@ class _Replay:
 
     @cached_property
     def _events(self) -> tuple[ImpactEvent, ...]:
-        scheme, model = self._scheme, self._scheme.model
-        data, kept = self._scratch, scheme.short_steps
-        mujoco.mj_resetData(model, data)
+        scheme, model, data = self._scheme, self._scheme.model, self._data
+        kept = scheme.short_steps
         restore_state(model, data, self._state)
         counts = self.numbers.view(np.int64)
-        gained = self.numbers[MEMORY.left + model.nq + model.nv :]
+        begin = MEMORY.left + model.nq + model.nv
+        gained, motion = self.numbers[begin : begin + model.nv], last_motion(self.numbers, model)
         known = memory.recollect(self.numbers, self._impulses)
-        scheme.resume(data, known, gained, solved=bool(counts[MEMORY.solved]))
+        scheme.resume(data, known, gained, motion, solved=bool(counts[MEMORY.solved]))
         told = scheme.step(data)
         scheme.short_steps = kept
         return told() if callable(told) else told

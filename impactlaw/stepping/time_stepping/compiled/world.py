@@ -27,6 +27,7 @@ class Settings(NamedTuple):
         forces: 1 where forces are written as MuJoCo's own cones have them.
         restitution: e, where it is the same for all contacts; else NaN.
         reversal: e of a law that reverses contact velocities along the contacts' order; else NaN.
+        surfaces: whether mocap bodies move through a step, and touch others: see `surfaces`; else 0.
     """
 
     rest_speed: int = 0
@@ -39,6 +40,7 @@ class Settings(NamedTuple):
     forces: int = 7
     restitution: int = 8
     reversal: int = 9
+    surfaces: int = 10
 
 
 SETTING = Settings()
@@ -53,11 +55,12 @@ class World(NamedTuple):
         scratch: address of other data, for looks at contacts that data is not to show.
         table: address of offsets of fields, see `fields`.
         settings: address of `Settings`.
-        sizes: address of `margins.body_sizes`, m, (nbody,).
+        sizes: address of `margins.body_sizes`, m, (nbody,), and then how far mocap bodies reach, m, (nmocap,).
         bilateral: address of which equality constraints a collision must not violate, uint8 (neq,).
         nv: degrees of freedom.
         timestep: h, s.
         damped: whether the integrator damps implicitly.
+        surfaces: address of what is known of mocap bodies, see `surfaces`; 0 if they do not move through a step.
     """
 
     model: int
@@ -70,6 +73,7 @@ class World(NamedTuple):
     nv: int
     timestep: float
     damped: bool
+    surfaces: int
 
 
 @plain

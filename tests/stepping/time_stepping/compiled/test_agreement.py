@@ -9,12 +9,10 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
+from both_steppers import begin_alike, compiled_stepper, difference
 
 from impactlaw import Coulomb, Fremond, Law, MaximalDissipation, Moreau, Newton, Stepper
 from impactlaw.errors import DivergenceError, InadmissibleImpactError, UncompiledWarning
-from impactlaw.stepping.time_stepping.compiled.memory import MEMORY, raw, recollect
-from impactlaw.stepping.time_stepping.compiled.stepping import CompiledStepping
-from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 SCENE = """<mujoco><option timestep="0.005" integrator="{integrator}" cone="{cone}" jacobian="{jacobian}"/>
   <compiler autolimits="true"/>
@@ -46,44 +44,6 @@ LAWS: dict[str, Law] = {
     "pairs": Newton({("ball", "floor"): 0.9, ("box", "floor"): 0.2, "a": 0.3}, default=0.6),
     "tangential": Coulomb(Moreau(0.4), tangential_restitution=0.3),
 }
-DERIVED = (
-    "qpos",
-    "qvel",
-    "qacc",
-    "sensordata",
-    "efc_force",
-    "qfrc_constraint",
-    "act",
-    "xpos",
-    "cvel",
-    "qacc_warmstart",
-)
-
-
-def _compiled(model: mujoco.MjModel, law: Law, **options: object) -> Stepper:
-    stepper = Stepper(model, law, scheme="time-stepping", compiled="auto", **options)  # pyright: ignore[reportArgumentType]
-    assert isinstance(stepper.stepping, CompiledStepping)
-    return stepper
-
-
-def _as_before(ours: Stepper, python: Stepper, one: mujoco.MjData, other: mujoco.MjData) -> None:
-    """Let the scheme in Python begin where compiled code does: from its state, and from what it remembers."""
-    model, compiled, scheme = ours.model, ours.stepping, python.stepping
-    assert isinstance(compiled, CompiledStepping)
-    assert isinstance(scheme, TimeStepping)
-    kind, numbers = mujoco.mjtState.mjSTATE_INTEGRATION, compiled.numbers
-    state = np.empty(mujoco.mj_stateSize(model, kind))
-    mujoco.mj_getState(model, one, state, kind)
-    mujoco.mj_setState(model, other, state, kind)
-    if numbers[MEMORY.steps]:
-        gained = numbers[MEMORY.left + model.nq + model.nv :]
-        scheme.resume(other, recollect(numbers, raw(numbers)), gained, solved=compiled.solved)
-
-
-def _difference(one: mujoco.MjData, other: mujoco.MjData) -> float:
-    assert one.time == other.time
-    pairs = [(getattr(one, name), getattr(other, name)) for name in DERIVED]
-    return max(float(np.abs(a - b).max(initial=0.0)) / max(1.0, float(np.abs(b).max(initial=0.0))) for a, b in pairs)
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -91,17 +51,17 @@ def _difference(one: mujoco.MjData, other: mujoco.MjData) -> float:
 def test_compiled_steps_are_those_of_python(variant: dict[str, str], name: str):
     model = mujoco.MjModel.from_xml_string(SCENE.format(**variant))
     rng = np.random.default_rng(0)
-    ours = _compiled(model, LAWS[name])
+    ours = compiled_stepper(model, LAWS[name])
     python = Stepper(model, LAWS[name], scheme="time-stepping", compiled="never")
     one, other = mujoco.MjData(model), mujoco.MjData(model)
     one.qvel[:] = other.qvel[:] = rng.normal(size=model.nv)
     collisions = 0
     for _ in range(400):
         one.ctrl[:] = other.ctrl[:] = rng.uniform(-1.0, 1.0, model.nu)
-        _as_before(ours, python, one, other)
+        begin_alike(ours, python, one, other)
         ours.step(one)
         python.step(other)
-        assert _difference(one, other) < 1e-10
+        assert difference(one, other) < 1e-10
         assert ours.shortfall == pytest.approx(python.shortfall, abs=1e-12)
         assert len(ours.events) == len(python.events)
         for mine, theirs in zip(ours.events, python.events, strict=True):
@@ -118,15 +78,15 @@ def test_robots_under_random_controls(name: str):
     env = gymnasium.make(name).unwrapped
     env.reset(seed=1)
     model, one = env.model, env.data  # pyright: ignore[reportAttributeAccessIssue]
-    ours = _compiled(model, Moreau(0.5))
+    ours = compiled_stepper(model, Moreau(0.5))
     python = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled="never")
     other, rng = copy.copy(one), np.random.default_rng(2)
     for _ in range(1000):
         one.ctrl[:] = other.ctrl[:] = rng.uniform(-0.4, 0.4, model.nu)
-        _as_before(ours, python, one, other)
+        begin_alike(ours, python, one, other)
         ours.step(one)
         python.step(other)
-        assert _difference(one, other) < 1e-10
+        assert difference(one, other) < 1e-10
     env.close()
 
 
@@ -144,22 +104,22 @@ def _row_of_balls(apart: float) -> str:
 @pytest.mark.parametrize("apart", [0.0, 1e-7, 1e-3])
 def test_reversal_of_two_rows_of_balls(apart: float):
     model = mujoco.MjModel.from_xml_string(_row_of_balls(apart))
-    ours = _compiled(model, Fremond.reversal())
+    ours = compiled_stepper(model, Fremond.reversal())
     python = Stepper(model, Fremond.reversal(), scheme="time-stepping", compiled="never")
     one, other = mujoco.MjData(model), mujoco.MjData(model)
     one.qvel[[0, 5, 6]], one.qpos[[0, 5, 6]] = 1.0, -0.01
     for step in range(1200):
-        _as_before(ours, python, one, other)
+        begin_alike(ours, python, one, other)
         ours.step(one)
         python.step(other)
-        assert _difference(one, other) < 1e-10
+        assert difference(one, other) < 1e-10
         if step == 50 and apart == 0.0:
             np.testing.assert_allclose(one.qvel, [0, 0, 0, 0, 1, 0, 0, 0, 1, 1], atol=1e-9)
 
 
 def test_copies_go_on_alike():
     model = mujoco.MjModel.from_xml_string(SCENE.format(**VARIANTS[0]))
-    ours, one = _compiled(model, Moreau(0.5)), mujoco.MjData(model)
+    ours, one = compiled_stepper(model, Moreau(0.5)), mujoco.MjData(model)
     for _ in range(150):
         ours.step(one)
     for copied, theirs in (copy.deepcopy((ours, one)), pickle.loads(pickle.dumps((ours, one)))):
@@ -173,7 +133,7 @@ def test_copies_go_on_alike():
 
 def test_events_can_be_asked_for_later():
     model = mujoco.MjModel.from_xml_string(SCENE.format(**VARIANTS[0]))
-    ours, one = _compiled(model, Moreau(0.5)), mujoco.MjData(model)
+    ours, one = compiled_stepper(model, Moreau(0.5)), mujoco.MjData(model)
     while not ours.events:
         ours.step(one)
     kept = one.qpos.copy()
@@ -184,7 +144,7 @@ def test_events_can_be_asked_for_later():
 
 def test_states_that_are_not_finite_are_refused_and_kept():
     model = mujoco.MjModel.from_xml_string(SCENE.format(**VARIANTS[0]))
-    ours, one = _compiled(model, Moreau(0.5)), mujoco.MjData(model)
+    ours, one = compiled_stepper(model, Moreau(0.5)), mujoco.MjData(model)
     one.ctrl[0] = np.nan
     before = one.qpos.copy()
     with pytest.raises(DivergenceError, match="ctrl"):
@@ -256,7 +216,7 @@ def test_errors_of_the_engine_are_exceptions():
     xml = '<size memory="20K"/><worldbody>'
     scene = SCENE.format(**VARIANTS[0]).replace("<worldbody>", xml, 1)
     model = mujoco.MjModel.from_xml_string(scene)
-    ours, one = _compiled(model, Moreau(0.5)), mujoco.MjData(model)
+    ours, one = compiled_stepper(model, Moreau(0.5)), mujoco.MjData(model)
     one.qvel[:], time, before = -3.0, 0.0, one.qpos.copy()
     with pytest.raises(mujoco.FatalError, match="memory"):
         for _ in range(50):

@@ -1,0 +1,121 @@
+"""Environments of this package whose action drives a mocap body, in many worlds: Juggler, RockingBlock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from impactlaw.batch import Batch
+from impactlaw.envs.law_distribution import LawDistribution
+from impactlaw.envs.tasks.driven import DrivenEnv
+from impactlaw.envs.tasks.juggler import Juggler
+from impactlaw.envs.tasks.rocking_block import RockingBlock
+from impactlaw.envs.vector.worlds import Outcome, VectorWorlds, step_worlds
+from impactlaw.errors import ActionError, RestitutionError
+from impactlaw.laws import Law
+from impactlaw.models import START
+
+
+class Driven:
+    """The task of an environment, in many worlds.
+
+    Args:
+        env: the environment, of which there is one world; it is not stepped.
+    """
+
+    def __init__(self, env: DrivenEnv):
+        self._env, self.model = env, env.model
+        self.keyframe = int(env.model.key(START).id)
+        self.observation_space: spaces.Box = env.observation_space  # pyright: ignore[reportAttributeAccessIssue]
+        self.action_space: spaces.Box = env.action_space  # pyright: ignore[reportAttributeAccessIssue]
+
+    def bind(self, batch: Batch) -> None:
+        """Take worlds."""
+        self._batch = batch
+        self._time, self._qpos, self._qvel = (batch.bind(name) for name in ("time", "qpos", "qvel"))
+        self._position = batch.bind("mocap_pos")[:, self._env.mocap]
+        self._quaternion = batch.bind("mocap_quat")[:, self._env.mocap]
+        self._place, self._speed, self._goal = np.zeros((3, batch.nsim))
+        self._fields = batch.state, self._place, self._speed
+
+    def start(self, world: int, rng: np.random.Generator) -> None:
+        """Draw an episode."""
+        self._qpos[world], self._qvel[world], self._goal[world] = self._env.draw(rng)
+        self._place[world] = self._speed[world] = 0.0
+
+    def observe(self) -> np.ndarray:
+        """Return observations of all worlds."""
+        seen = self._env.see(self._qpos, self._qvel, self._place, self._speed, self._goal)
+        return np.clip(seen, self.observation_space.low, self.observation_space.high)
+
+    def step(self, worlds: np.ndarray, action: np.ndarray) -> Outcome:
+        """Take one step of the environment in some worlds.
+
+        Raises:
+            ActionError: an action is not finite.
+        """
+        if not np.isfinite(action).all():
+            raise ActionError(f"actions are finite numbers, got {action[~np.isfinite(action).all(axis=1)][0]}")
+        part = np.clip(action.astype(float), self.action_space.low, self.action_space.high)[:, 0]
+        before, count = [field[worlds] for field in self._fields], self._batch.impact_count[worlds]
+        diverged = np.zeros(len(worlds), bool)
+        for _ in range(self._env.frame_skip):
+            going = worlds[~diverged]
+            self._drive(going, part[~diverged])
+            diverged[~diverged] = step_worlds(self._batch, going)
+        for now, was in zip(self._fields, before, strict=True):
+            now[worlds[diverged]] = was[diverged]
+        reward, over = self._env.rate(self._qpos[worlds], self._qvel[worlds], self._goal[worlds])
+        told = {"impact/count": self._batch.impact_count[worlds] - count}
+        return Outcome(np.asarray(reward), np.asarray(over), diverged, told)
+
+    def _drive(self, worlds: np.ndarray, part: np.ndarray) -> None:
+        """Move the driven bodies by a timestep, but in the first one of an episode; see `ImpactEnv`."""
+        moves = self._time[worlds] > 0.0
+        worlds, part = worlds[moves], part[moves]
+        place, speed = self._env.DRIVE.advance(self._place[worlds], self._speed[worlds], part, self.model.opt.timestep)
+        self._place[worlds], self._speed[worlds] = place, speed
+        position, quaternion = self._position[worlds], self._quaternion[worlds]
+        self._env.move(place, position, quaternion)
+        self._position[worlds], self._quaternion[worlds] = position, quaternion
+
+
+def _make(
+    kind: type[DrivenEnv],
+    num_envs: int,
+    *,
+    law: str | Law | Mapping[str, Any] | list[Law] | LawDistribution | None = None,
+    restitution: Any = None,
+    frame_skip: int | None = None,
+    nthread: int = 0,
+    max_episode_steps: int | None = None,
+    batch_options: Mapping[str, Any] | None = None,
+) -> VectorWorlds:
+    one_each = isinstance(law, list | LawDistribution)
+    if one_each and restitution is not None:
+        raise RestitutionError(f"{law!r:.100} has its own restitution; leave restitution={restitution!r} out")
+    env = kind(law=None if one_each else law, restitution=restitution, scheme="time-stepping", frame_skip=frame_skip)
+    return VectorWorlds(
+        Driven(env), num_envs, law if one_each else env.law, nthread=nthread, max_episode_steps=max_episode_steps,
+        options=batch_options,
+    )  # fmt: skip
+
+
+def make_juggler(num_envs: int, **options: Any) -> VectorWorlds:
+    """Return worlds of `Juggler`, time stepped.
+
+    Args:
+        num_envs: number of worlds.
+        options: "law", "restitution" and "frame_skip" of the environment; or as law one for each world, or a
+            `LawDistribution`, from which each world draws the law of each of its episodes; "nthread" and
+            "batch_options" of `impactlaw.Batch`; "max_episode_steps".
+    """
+    return _make(Juggler, num_envs, **options)
+
+
+def make_rocking_block(num_envs: int, **options: Any) -> VectorWorlds:
+    """Return worlds of `RockingBlock`, time stepped; options as of `make_juggler`."""
+    return _make(RockingBlock, num_envs, **options)

@@ -1,0 +1,109 @@
+"""Gymnasium's robots in space in many worlds: Ant and Humanoid, with their observations and rewards."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from impactlaw.batch import Batch
+from impactlaw.envs.vector.worlds import Outcome, step_worlds
+
+
+class Spatial:
+    """The task of a robot of gymnasium that moves in space, whose numbers are those of gymnasium's own environment.
+
+    ``cfrc_ext`` has what contact does in the last timestep of a step, as under rigid time stepping of one environment.
+
+    Args:
+        name: of that environment.
+        options: of that environment, such as ``ctrl_cost_weight``.
+    """
+
+    keyframe = -1
+
+    def __init__(self, name: str, **options: Any):
+        env: Any = gymnasium.make(name, **options).unwrapped
+        self._ant, self._env = name.startswith("Ant"), env
+        self.model, self.action_space = env.model, env.action_space
+        self.observation_space: spaces.Box = env.observation_space
+        self._first = env.init_qpos.copy(), env.init_qvel.copy()
+        self._hidden = 2 * int(env._exclude_current_positions_from_observation)
+        mass = np.zeros(self.model.nbody)
+        if self._ant:
+            mass[self.model.body(env._main_body).id] = 1.0
+        else:
+            mass[:] = self.model.body_mass / self.model.body_mass.sum()
+        self._share = mass
+        env.close()
+
+    def bind(self, batch: Batch) -> None:
+        """Take worlds."""
+        self._batch = batch
+        self._qpos, self._qvel, self._ctrl = (batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
+        self._places = batch.bind("xpos" if self._ant else "xipos")
+        self._felt, self._force = batch.bind("cfrc_ext"), np.zeros((batch.nsim, self.model.nbody, 6))
+        parts = () if self._ant else ("cinert", "cvel", "qfrc_actuator")
+        self._parts = [batch.bind(name) for name in parts if getattr(self._env, f"_include_{name}_in_observation")]
+        self._where = np.zeros((batch.nsim, 2))
+
+    def start(self, world: int, rng: np.random.Generator) -> None:
+        """Draw a state about the first one."""
+        noise, (qpos, qvel) = self._env._reset_noise_scale, self._first
+        self._qpos[world] = qpos + rng.uniform(-noise, noise, self.model.nq)
+        drawn = noise * rng.standard_normal(self.model.nv) if self._ant else rng.uniform(-noise, noise, self.model.nv)
+        self._qvel[world] = qvel + drawn
+        self._batch.forward([world])
+        self._force[world], self._where[world] = 0.0, self._positions(np.array([world]))[0]
+
+    def _positions(self, worlds: np.ndarray) -> np.ndarray:
+        """Return where robots are, (n, 2)."""
+        return np.einsum("b,nbj->nj", self._share, self._places[worlds, :, :2])
+
+    def observe(self) -> np.ndarray:
+        """Return observations of all worlds."""
+        n = self._batch.nsim
+        seen = [self._qpos[:, self._hidden :], self._qvel]
+        for part in self._parts:
+            seen.append(part[:, 6:] if part.ndim == 2 else part[:, 1:].reshape(n, -1))
+        if self._env._include_cfrc_ext_in_observation:
+            seen.append(self._forces(slice(None))[:, 1:].reshape(n, -1))
+        return np.concatenate(seen, axis=1)
+
+    def _forces(self, worlds: Any) -> np.ndarray:
+        force = self._force[worlds]
+        return np.clip(force, *self._env._contact_force_range) if self._ant else force
+
+    def step(self, worlds: np.ndarray, action: np.ndarray) -> Outcome:
+        """Take one step of the environment in some worlds."""
+        env, before = self._env, self._where[worlds]
+        self._ctrl[worlds] = action
+        diverged = step_worlds(self._batch, worlds, env.frame_skip)
+        stepped = worlds[~diverged]
+        self._force[stepped], self._where[stepped] = self._felt[stepped], self._positions(stepped)
+        velocity = (self._where[worlds] - before) / env.dt
+        healthy = self._is_healthy(worlds)
+        forward, alive = env._forward_reward_weight * velocity[:, 0], env._healthy_reward * healthy
+        used = action if self._ant else self._ctrl[worlds]
+        control = env._ctrl_cost_weight * np.square(used).sum(axis=1)
+        contact = env._contact_cost_weight * np.square(self._forces(worlds)).sum(axis=(1, 2))
+        if not self._ant:
+            contact = np.clip(contact, *env._contact_cost_range)
+        qpos = self._qpos[worlds]
+        info = {
+            "x_position": qpos[:, 0], "y_position": qpos[:, 1],
+            "distance_from_origin": np.linalg.norm(qpos[:, :2], axis=1),
+            "x_velocity": velocity[:, 0], "y_velocity": velocity[:, 1],
+            "reward_forward": forward, "reward_ctrl": -control, "reward_contact": -contact, "reward_survive": alive,
+        }  # fmt: skip
+        reward = forward + alive - (control + contact)
+        return Outcome(reward, ~healthy & env._terminate_when_unhealthy, diverged, info)
+
+    def _is_healthy(self, worlds: np.ndarray) -> np.ndarray:
+        height, (low, high) = self._qpos[worlds, 2], self._env._healthy_z_range
+        if not self._ant:
+            return (low < height) & (height < high)
+        state = np.concatenate([self._qpos[worlds], self._qvel[worlds]], axis=1)
+        return np.isfinite(state).all(axis=1) & (low <= height) & (height <= high)

@@ -1,0 +1,300 @@
+"""Moving surfaces in compiled code; see `scene.moving_surfaces.Surfaces`, whose formulas these are.
+
+What a world knows of them is in its memory: some numbers, and a row for each mocap body. What a step finds out becomes
+what the next one starts from when it has not failed.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from impactlaw.scene.moving_surfaces import LastMotion
+from impactlaw.scene.tolerances import BLOW
+from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
+from impactlaw.stepping.compiled import libmujoco as mj
+from impactlaw.stepping.compiled.access import (
+    contact_floats,
+    contact_ints,
+    data_floats,
+    model_ints,
+    offset,
+    size,
+)
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, float_at, floats, put, table_floats
+from impactlaw.stepping.time_stepping.compiled.world import SETTING, setting
+
+_MEETS = 2.0
+"""What the setting is where some of the mocap bodies can meet others, and not just 1."""
+
+
+class Head(NamedTuple):
+    """Places of the numbers before the rows.
+
+    Attributes:
+        time: when the last step ended, s; NaN if there was none.
+        began: when this step began, s.
+        speed: how fast a point of a moving surface is at most in this step, m/s.
+        moves: 1 if bodies that can meet others move in this step.
+        still: 1 if no body moves in this step, nor did at the end of the one before.
+    """
+
+    time: int = 0
+    began: int = 1
+    speed: int = 2
+    moves: int = 3
+    still: int = 4
+
+
+class Row(NamedTuple):
+    """Where parts of the row of a body begin: poses have 7 numbers, velocities 6.
+
+    Attributes:
+        target: pose that the last step went to.
+        mean: mean velocity of the last step.
+        last: velocity at the end of the last step.
+        start: pose at the start of this step.
+        to: pose that this step goes to.
+        through: mean velocity of this step.
+        first: velocity at the start of this step.
+        end: velocity at the end of this step.
+        now: velocity in the middle of this step.
+        width: of a row.
+    """
+
+    target: int = 0
+    mean: int = 7
+    last: int = 13
+    start: int = 19
+    to: int = 26
+    through: int = 33
+    first: int = 39
+    end: int = 45
+    now: int = 51
+    width: int = 57
+
+
+HEAD, ROW = Head(), Row()
+
+
+def surface_room(model: mujoco.MjModel) -> int:
+    """Return how many numbers a world keeps of its mocap bodies."""
+    return len(HEAD) + ROW.width * model.nmocap if model.nmocap else 0
+
+
+def forget_surfaces(memory: np.ndarray, worlds: Any, model: mujoco.MjModel) -> None:
+    """Let some worlds, of memories (nsim, n), have no last step from which surfaces go on."""
+    if model.nmocap:
+        memory[worlds, memory.shape[1] - surface_room(model) + HEAD.time] = np.nan
+
+
+def _kept(numbers: np.ndarray, model: mujoco.MjModel) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return what the numbers of a world tell of its mocap bodies: head, targets, mean and last velocities."""
+    kept = numbers[len(numbers) - surface_room(model) :]
+    rows = kept[len(HEAD) :].reshape(model.nmocap, ROW.width)
+    return kept, [rows[:, a:b] for a, b in pairwise((ROW.target, ROW.mean, ROW.last, ROW.start))]
+
+
+def last_motion(numbers: np.ndarray, model: mujoco.MjModel) -> LastMotion | None:
+    """Return how mocap bodies have moved in the last step of a world, from its numbers."""
+    if not model.nmocap:
+        return None
+    head, parts = _kept(numbers, model)
+    return LastMotion(float(head[HEAD.time]), *(part.copy() for part in parts))
+
+
+def put_motion(numbers: np.ndarray, model: mujoco.MjModel, motion: LastMotion | None) -> None:
+    """Let the last step of a world have moved mocap bodies like that."""
+    if motion is None:
+        return
+    head, parts = _kept(numbers, model)
+    head[HEAD.time] = motion.time
+    for part, value in zip(parts, motion[1:], strict=True):
+        part[:] = value
+
+
+@plain
+def _time(w):
+    return float_at(w.data + offset(w, DATA.time))
+
+
+@kernel
+def _head(w):
+    return floats(w.surfaces, len(HEAD))
+
+
+@kernel
+def _rows(w):
+    return table_floats(w.surfaces + 8 * len(HEAD), size(w, MODEL.nmocap), ROW.width)
+
+
+@plain
+def _speed(row, at, arm):
+    """Return how fast a point of a body can be at a velocity in its row, m/s."""
+    linear = np.sqrt(row[at] ** 2 + row[at + 1] ** 2 + row[at + 2] ** 2)
+    return linear + arm * np.sqrt(row[at + 3] ** 2 + row[at + 4] ** 2 + row[at + 5] ** 2)
+
+
+@kernel
+def _begin(w, row, goes_on, arm):
+    """Find how a body moves in a step; return how fast a point of it is at most, m/s, and whether it moves at all."""
+    h, turn, change = w.timestep, numbers(3), numbers(6)
+    put(row[ROW.start : ROW.to], row[ROW.target : ROW.mean] if goes_on else row[ROW.to : ROW.through])
+    row[ROW.through : ROW.first] = 0.0
+    turned = False
+    for k in range(3):
+        row[ROW.through + k] = (row[ROW.to + k] - row[ROW.start + k]) / h
+    for k in range(3, 7):
+        turned = turned or row[ROW.to + k] != row[ROW.start + k]
+    if turned:
+        start = address_of(row) + 8 * (ROW.start + 3)
+        mj.sub_quat(address_of(turn), address_of(row) + 8 * (ROW.to + 3), start)
+        for k in range(3):
+            turn[k] /= h
+        mj.rotate(address_of(row) + 8 * (ROW.through + 3), address_of(turn), start)
+    moves = False
+    for k in range(6):
+        mean = row[ROW.through + k]
+        known = row[ROW.mean + k] if goes_on else mean
+        before = row[ROW.last + k] if goes_on else mean
+        change[k] = mean - known
+        row[ROW.first + k], row[ROW.end + k] = before, 1.5 * mean - 0.5 * known
+        moves = moves or before != 0.0 or mean != 0.0 or row[ROW.end + k] != 0.0
+    if _speed(change, 0, arm) > BLOW:
+        for k in range(6):
+            row[ROW.first + k] = row[ROW.end + k] = row[ROW.through + k]
+    for k in range(6):
+        change[k] = 1.5 * row[ROW.through + k] - 0.25 * (row[ROW.first + k] + row[ROW.end + k])
+    return max(_speed(row, ROW.first, arm), _speed(row, ROW.end, arm), _speed(change, 0, arm)), moves
+
+
+@kernel
+def begin_surfaces(w):
+    """Let a step begin: bodies move to the poses of data from where the last step has left them."""
+    head, rows, m = _head(w), _rows(w), size(w, MODEL.nmocap)
+    position, quaternion = data_floats(w, DATA.mocap_pos, 3 * m), data_floats(w, DATA.mocap_quat, 4 * m)
+    arm = floats(w.sizes + 8 * size(w, MODEL.nbody), m)
+    head[HEAD.began] = _time(w)
+    goes_on, fastest, moving = head[HEAD.time] == head[HEAD.began], 0.0, False
+    for i in range(m):
+        put(rows[i, ROW.to : ROW.to + 3], position[3 * i : 3 * i + 3])
+        put(rows[i, ROW.to + 3 : ROW.through], quaternion[4 * i : 4 * i + 4])
+        speed, moves = _begin(w, rows[i], goes_on, arm[i])
+        fastest, moving = max(fastest, speed), moving or moves
+    head[HEAD.speed] = fastest
+    head[HEAD.still], head[HEAD.moves] = not moving, moving and setting(w, SETTING.surfaces) == _MEETS
+
+
+@kernel
+def aim_surfaces(w):
+    """Put the bodies where the step ends."""
+    rows, m = _rows(w), size(w, MODEL.nmocap)
+    position, quaternion = data_floats(w, DATA.mocap_pos, 3 * m), data_floats(w, DATA.mocap_quat, 4 * m)
+    for i in range(m):
+        put(position[3 * i : 3 * i + 3], rows[i, ROW.to : ROW.to + 3])
+        put(quaternion[4 * i : 4 * i + 4], rows[i, ROW.to + 3 : ROW.through])
+
+
+@kernel
+def place_surfaces(w):
+    """Put the bodies where they are in the middle of the step."""
+    head, rows, m, h = _head(w), _rows(w), size(w, MODEL.nmocap), w.timestep
+    if head[HEAD.still] != 0.0:
+        return
+    s = (head[HEAD.began] + 0.5 * h - head[HEAD.began]) / h
+    first, last, mean = s * (1 - s) ** 2, s * s * (s - 1), s * s * (3 - 2 * s)
+    position, quaternion = data_floats(w, DATA.mocap_pos, 3 * m), data_floats(w, DATA.mocap_quat, 4 * m)
+    moved, quat = numbers(6), numbers(4)
+    for i in range(m):
+        row = rows[i]
+        for k in range(6):
+            moved[k] = h * (first * row[ROW.first + k] + last * row[ROW.end + k] + mean * row[ROW.through + k])
+        for k in range(3):
+            position[3 * i + k] = row[ROW.start + k] + moved[k]
+        axis = moved[3:]
+        angle = np.sqrt(axis[0] ** 2 + axis[1] ** 2 + axis[2] ** 2)
+        for k in range(3 if angle > 0.0 else 0):
+            axis[k] /= angle
+        mj.axis_angle_to_quat(address_of(quat), address_of(axis), angle)
+        mj.mul_quat(address_of(quaternion) + 32 * i, address_of(quat), address_of(row) + 8 * (ROW.start + 3))
+
+
+@kernel
+def speeds_of_middle(w):
+    """Find the velocities of the bodies in the middle of the step, whose end is the time of data."""
+    head, rows, h = _head(w), _rows(w), w.timestep
+    s = (_time(w) - 0.5 * h - head[HEAD.began]) / h
+    first, last, mean = (1 - s) * (1 - 3 * s), s * (3 * s - 2), 6 * s * (1 - s)
+    for i in range(len(rows)):
+        row = rows[i]
+        for k in range(6):
+            row[ROW.now + k] = first * row[ROW.first + k] + last * row[ROW.end + k] + mean * row[ROW.through + k]
+
+
+@kernel
+def end_surfaces(w):
+    """Let the next step go on from here."""
+    head, rows = _head(w), _rows(w)
+    head[HEAD.time] = _time(w)
+    for i in range(len(rows)):
+        row = rows[i]
+        put(row[ROW.target : ROW.mean], row[ROW.to : ROW.through])
+        put(row[ROW.mean : ROW.last], row[ROW.through : ROW.first])
+        put(row[ROW.last : ROW.start], row[ROW.end : ROW.now])
+
+
+@plain
+def surface_speed(w):
+    """Return how fast a point of a moving surface is at most, m/s."""
+    return 0.0 if w.surfaces == 0 else float_at(w.surfaces + 8 * HEAD.speed)
+
+
+@plain
+def surfaces_move(w):
+    """Return whether bodies of the scene that can meet others move in this step."""
+    return w.surfaces != 0 and float_at(w.surfaces + 8 * HEAD.moves) != 0.0
+
+
+@kernel
+def _motion(w, contact, moved):
+    """Write how the second surface of a contact moves by itself as seen from the first: velocity and spin, (6,)."""
+    rows, nbody, ngeom, m = _rows(w), size(w, MODEL.nbody), size(w, MODEL.ngeom), size(w, MODEL.nmocap)
+    body_of, root = model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_rootid, nbody)
+    mocap, place = model_ints(w, MODEL.body_mocapid, nbody), data_floats(w, DATA.mocap_pos, 3 * m)
+    geoms, point = contact_ints(w, CONTACT.geom, 2)[contact], contact_floats(w, CONTACT.pos, 3)[contact]
+    moved[:] = 0.0
+    for side in range(2):
+        body = -1 if geoms[side] < 0 else mocap[root[body_of[geoms[side]]]]
+        if body < 0:
+            continue
+        sign, velocity = 2.0 * side - 1.0, rows[body, ROW.now : ROW.width]
+        x, y, z = velocity[3], velocity[4], velocity[5]
+        a, b, c = (point[0] - place[3 * body], point[1] - place[3 * body + 1], point[2] - place[3 * body + 2])
+        moved[0] += sign * (velocity[0] + (y * c - z * b))
+        moved[1] += sign * (velocity[1] + (z * a - x * c))
+        moved[2] += sign * (velocity[2] + (x * b - y * a))
+        for k in range(3):
+            moved[3 + k] += sign * velocity[3 + k]
+
+
+@kernel
+def add_surfaces(w, groups, sparse, rates):
+    """Add the velocities of mocap bodies to those of the rows of contacts; see `rows.Rows`."""
+    moved = numbers(6)
+    address, frame = contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_floats(w, CONTACT.frame, 9)
+    for g in range(groups.shape[1]):
+        contact = groups[3, g]
+        if contact < 0:
+            continue
+        _motion(w, contact, moved)
+        for r in range(groups[0, g], groups[0, g] + groups[1, g]):
+            k = sparse[2, r] - address[contact]
+            axis, part = 3 * (k % 3), 3 * (k // 3)
+            drift = 0.0
+            for c in range(3):
+                drift += frame[contact, axis + c] * moved[part + c]
+            rates[1, r] += drift
+            rates[2, r] += drift
