@@ -252,9 +252,12 @@ def test_each_world_draws_at_its_reset():
     assert vec.unwrapped.batch.restitution.tolist() == told[0]
 
 
-def test_worlds_that_do_not_draw_say_nothing_of_laws():
+def test_worlds_that_do_not_draw_name_their_law_too():
     vec = worlds(law=Moreau(0.5))
-    assert vec.reset(seed=0)[1] == {}
+    info = vec.reset(seed=0)[1]
+    assert set(info) == {"impact/law", "_impact/law", "impact/restitution", "_impact/restitution"}
+    assert (info["impact/restitution"] == 0.5).all()
+    assert all(name == info["impact/law"][0] and "0.5" in name for name in info["impact/law"])
 
 
 @pytest.mark.parametrize(
