@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
+import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.vector import SyncVectorEnv, VectorEnv
 
 from impactlaw.batch import Batch
 from impactlaw.envs.law_distribution import LawDistribution
@@ -15,8 +16,9 @@ from impactlaw.envs.tasks.juggler import Juggler
 from impactlaw.envs.tasks.rocking_block import RockingBlock
 from impactlaw.envs.vector.worlds import Outcome, VectorWorlds, step_worlds
 from impactlaw.errors import ActionError, RestitutionError
-from impactlaw.laws import Law
 from impactlaw.models import START
+
+_OF_WORLDS = {"law", "restitution", "scheme", "frame_skip", "nthread", "batch_options", "max_episode_steps"}
 
 
 class Driven:
@@ -83,29 +85,30 @@ class Driven:
         self._position[worlds], self._quaternion[worlds] = position, quaternion
 
 
-def _make(
-    kind: type[DrivenEnv],
-    num_envs: int,
-    *,
-    law: str | Law | Mapping[str, Any] | list[Law] | LawDistribution | None = None,
-    restitution: Any = None,
-    frame_skip: int | None = None,
-    nthread: int = 0,
-    max_episode_steps: int | None = None,
-    batch_options: Mapping[str, Any] | None = None,
-) -> VectorWorlds:
+def _make(kind: type[DrivenEnv], num_envs: int, **options: Any) -> VectorEnv:
+    """Return worlds, or single environments side by side if an option is one that only these have."""
+    if not options.keys() <= _OF_WORLDS or options.get("scheme", "time-stepping") != "time-stepping":
+        name = f"impactlaw/{kind.__name__}-v0"
+        return SyncVectorEnv([lambda: gymnasium.make(name, **options)] * num_envs)
+    law, restitution = options.get("law"), options.get("restitution")
     one_each = isinstance(law, list | LawDistribution)
     if one_each and restitution is not None:
         raise RestitutionError(f"{law!r:.100} has its own restitution; leave restitution={restitution!r} out")
-    env = kind(law=None if one_each else law, restitution=restitution, scheme="time-stepping", frame_skip=frame_skip)
+    env = kind(
+        law=None if one_each else law, restitution=restitution, scheme="time-stepping",
+        frame_skip=options.get("frame_skip"),
+    )  # fmt: skip
     return VectorWorlds(
-        Driven(env), num_envs, law if one_each else env.law, nthread=nthread, max_episode_steps=max_episode_steps,
-        options=batch_options,
+        Driven(env), num_envs, law if one_each else env.law, nthread=options.get("nthread", 0),
+        max_episode_steps=options.get("max_episode_steps"), options=options.get("batch_options"),
     )  # fmt: skip
 
 
-def make_juggler(num_envs: int, **options: Any) -> VectorWorlds:
+def make_juggler(num_envs: int, **options: Any) -> VectorEnv:
     """Return worlds of `Juggler`, time stepped.
+
+    With an option that only single environments have, such as "log" or another scheme, these are single environments,
+    stepped one after another.
 
     Args:
         num_envs: number of worlds.
@@ -116,6 +119,6 @@ def make_juggler(num_envs: int, **options: Any) -> VectorWorlds:
     return _make(Juggler, num_envs, **options)
 
 
-def make_rocking_block(num_envs: int, **options: Any) -> VectorWorlds:
+def make_rocking_block(num_envs: int, **options: Any) -> VectorEnv:
     """Return worlds of `RockingBlock`, time stepped; options as of `make_juggler`."""
     return _make(RockingBlock, num_envs, **options)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 import mujoco
@@ -16,8 +17,10 @@ from impactlaw.batch import Batch
 from impactlaw.envs.episode_seeds import LAWS, EpisodeSeeds
 from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.law_options import choose_law, describe_law
-from impactlaw.errors import OptionError, WorldsFailedError
+from impactlaw.errors import OptionError, SettledError, UnknownNameError, WorldsFailedError
 from impactlaw.laws import Law
+
+_OPTIONS = ("law", "restitution")
 
 
 class Outcome(NamedTuple):
@@ -124,13 +127,14 @@ class VectorWorlds(VectorEnv):
         self._laws = law if isinstance(law, LawDistribution) else None
         first = _examples(law, task.model)[0] if isinstance(law, LawDistribution) else law
         self.batch = Batch(task.model, first, num_envs, nthread, **(options or {}))
+        self._own = [first] * num_envs if isinstance(first, Law) else list(first)
+        self._in_force = list(self._own)
         self._law_seeds = [EpisodeSeeds(LAWS) for _ in range(num_envs)]
         self._named: dict[str, np.ndarray] = {}
         for one in () if self._laws is None else _examples(self._laws, task.model):
             self.batch.set_law(one, [0])  # which refuses what compiled code does not take
-        if self._laws is None:
-            for world, one in enumerate([first] * num_envs if isinstance(first, Law) else first):
-                self._name(world, one)
+        for world, one in enumerate(() if self._laws is not None else self._own):
+            self._name(world, one)
         task.bind(self.batch)
         self._rngs = [seeding.np_random(None)[0] for _ in range(num_envs)]
         self._elapsed, self._over = np.zeros(num_envs, int), np.ones(num_envs, bool)
@@ -138,7 +142,19 @@ class VectorWorlds(VectorEnv):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin a new episode in all worlds, or where ``options["reset_mask"]``, bool (n,), says so."""
+        """Begin a new episode in all worlds, or where ``options["reset_mask"]``, bool (n,), says so.
+
+        "law" and "restitution" among the options are for the episodes that begin, as `ImpactEnv.reset` takes them.
+
+        Raises:
+            UnknownNameError: there is no such option, or no such law.
+            RestitutionError: the restitution does not fit the law.
+        """
+        given = dict(options or {})
+        given.pop("reset_mask", None)
+        for name in given:
+            if name not in _OPTIONS:
+                raise UnknownNameError("option of reset", name, ("reset_mask", *_OPTIONS))
         mask = np.ones(self.num_envs, bool) if options is None else np.asarray(options.get("reset_mask", True))
         chosen = np.flatnonzero(np.broadcast_to(mask, self.num_envs))
         if seed is not None:
@@ -147,22 +163,54 @@ class VectorWorlds(VectorEnv):
                 if seeds[i] is not None:
                     self._rngs[i] = seeding.np_random(seeds[i])[0]
                     self._law_seeds[i].begin(seeds[i])
-        self._begin(chosen)
+        self._begin(chosen, given)
         return self._task.observe(), self._info()
 
-    def _begin(self, worlds: np.ndarray) -> None:
+    def set_attr(self, name: str, values: Any) -> None:
+        """Let "law" or "restitution" of all worlds be another, or one for each; it is in force from now on, and stays.
+
+        Raises:
+            SettledError: anything else is settled when the worlds are made.
+            UnknownNameError: no such law; all stay what they were.
+            RestitutionError: the restitution does not fit the law; all stay what they were.
+        """
+        if name not in _OPTIONS:
+            raise SettledError(f"{name} of worlds is settled when they are made; only law and restitution can be set")
+        each = values if isinstance(values, list | tuple) else [values] * self.num_envs
+        if len(each) != self.num_envs:
+            raise OptionError(f"{self.num_envs} worlds need as many values of {name}, got {len(each)}")
+        chosen = [self._asked(world, {name: value}) for world, value in enumerate(each)]
+        for world, law in enumerate(chosen):
+            self._use(world, law)
+        self._own, self._laws = chosen, None
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Return the "law" in force in each world, or another attribute of all, once for each."""
+        return tuple(self._in_force) if name == "law" else (getattr(self, name),) * self.num_envs
+
+    def _begin(self, worlds: np.ndarray, given: Mapping[str, Any] = MappingProxyType({})) -> None:
         self.batch.reset(worlds.tolist(), self._task.keyframe)
         for i in worlds:
-            self._draw_law(int(i))
+            self._choose(int(i), given)
             self._task.start(int(i), self._rngs[i])
         self._elapsed[worlds], self._over[worlds] = 0, False
 
-    def _draw_law(self, world: int) -> None:
-        if self._laws is None:
-            return
-        drawn = self._laws.draw(self._law_seeds[world].generator)
-        law = choose_law(self._task.model, drawn["law"], drawn.get("restitution"))
+    def _choose(self, world: int, given: Mapping[str, Any]) -> None:
+        """Let a world have the law of the episode that begins: as given, drawn, or its own."""
+        if self._laws is not None:
+            given = self._laws.draw(self._law_seeds[world].generator, given) | dict(given)
+        law = self._asked(world, given) if given else self._own[world]
+        if law is not self._in_force[world] or self._laws is not None:
+            self._use(world, law)
+
+    def _asked(self, world: int, given: Mapping[str, Any]) -> Law:
+        """Return the law that options ask for; the world's own with another restitution if they name none."""
+        law = given["law"] if "law" in given else self._own[world].name
+        return choose_law(self._task.model, law, given.get("restitution"))
+
+    def _use(self, world: int, law: Law) -> None:
         self.batch.set_law(law, [world])
+        self._in_force[world] = law
         self._name(world, law)
 
     def _name(self, world: int, law: Law) -> None:
