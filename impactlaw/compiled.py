@@ -24,6 +24,7 @@ _PARTS = (
     "stepping/compiled",
     "stepping/time_stepping/problem",
     "stepping/time_stepping",
+    "stepping/time_stepping/compiled/state",
     "stepping/time_stepping/compiled",
     "stepping/soft/compiled",
 )

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from impactlaw import Law, Stepper
-from impactlaw.stepping.time_stepping.compiled.memory import MEMORY, raw, recollect
+from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, raw, recollect
 from impactlaw.stepping.time_stepping.compiled.stepping import CompiledStepping
 from impactlaw.stepping.time_stepping.compiled.surfaces import last_motion
 from impactlaw.stepping.time_stepping.scheme import TimeStepping

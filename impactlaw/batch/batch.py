@@ -17,12 +17,12 @@ from impactlaw.stepping.compatibility import FRICTION, check_count, check_law, c
 from impactlaw.stepping.compiled.engine import Pool, functions
 from impactlaw.stepping.compiled.layout import table
 from impactlaw.stepping.plan import make_plan
-from impactlaw.stepping.time_stepping.compiled import memory, status
 from impactlaw.stepping.time_stepping.compiled.borrow import room
 from impactlaw.stepping.time_stepping.compiled.entry import WORLDS, many
-from impactlaw.stepping.time_stepping.compiled.memory import MEMORY
+from impactlaw.stepping.time_stepping.compiled.state import memory, status
+from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY
+from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
 from impactlaw.stepping.time_stepping.compiled.surfaces import forget_surfaces
-from impactlaw.stepping.time_stepping.compiled.world import SETTING
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 _WHY = {

@@ -10,7 +10,7 @@ from impactlaw.errors import SceneError
 from impactlaw.laws import Law
 from impactlaw.stepping.compiled.law_table import Coefficients
 from impactlaw.stepping.time_stepping.compiled.reason import reason
-from impactlaw.stepping.time_stepping.compiled.world import SETTING
+from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 

@@ -115,7 +115,7 @@ class ContactProblem:
         self._exact = law.cone == "exact" if isinstance(law, Coulomb) else self._exact_cones
 
     def settings(self) -> tuple[float, float, float, float]:
-        """Return the options as compiled code takes them, see `compiled.world.Settings`."""
+        """Return the options as compiled code takes them, see `compiled.state.world.Settings`."""
         dissipative = {"project": 1.0, "allow": 0.0, "raise": -1.0}[self._on_inadmissible]
         return self._rest_speed, self._sliding, float(self._exact), dissipative
 

@@ -171,7 +171,7 @@ class TimeStepping:
         self.move_on(motion)
 
     def settings(self) -> tuple[float, ...]:
-        """Return the options as compiled code takes them, see `compiled.world.Settings`."""
+        """Return the options as compiled code takes them, see `compiled.state.world.Settings`."""
         targets = self._problem.targets
         return (
             *self._problem.settings(),

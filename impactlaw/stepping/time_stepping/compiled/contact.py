@@ -21,9 +21,9 @@ from impactlaw.stepping.compiled.access import (
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, flags, put
 from impactlaw.stepping.time_stepping.compiled.law import ask_law, reverse
-from impactlaw.stepping.time_stepping.compiled.status import CREATES, FINE, NOT_FINITE
+from impactlaw.stepping.time_stepping.compiled.state.status import CREATES, FINE, NOT_FINITE
+from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, metric_of, setting
 from impactlaw.stepping.time_stepping.compiled.surfaces import add_surfaces, surfaces_move
-from impactlaw.stepping.time_stepping.compiled.world import SETTING, metric_of, setting
 from impactlaw.stepping.time_stepping.problem.contact_problem import linked_step
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups, struck_later
 from impactlaw.stepping.time_stepping.problem.rows import Rows, near_rows, read_rows

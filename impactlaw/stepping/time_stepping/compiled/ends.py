@@ -36,7 +36,7 @@ from impactlaw.stepping.compiled.fields import (
 from impactlaw.stepping.compiled.whitening import unwhiten
 from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins
 from impactlaw.stepping.time_stepping.compiled.contact import rows_of_step
-from impactlaw.stepping.time_stepping.compiled.world import SETTING, World, metric_of, setting
+from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, metric_of, setting
 from impactlaw.stepping.time_stepping.problem.contact_problem import open_overlaps
 from impactlaw.stepping.time_stepping.problem.dense import encode_pyramids
 from impactlaw.stepping.time_stepping.second_look import BEYOND, LAST_LOSS, SLOP, bend, end_targets

@@ -22,10 +22,10 @@ from impactlaw.stepping.compiled.fields import (
     longs,
     put,
 )
-from impactlaw.stepping.time_stepping.compiled.memory import go_back
-from impactlaw.stepping.time_stepping.compiled.status import CALLBACK, FINE
+from impactlaw.stepping.time_stepping.compiled.state.memory import go_back
+from impactlaw.stepping.time_stepping.compiled.state.status import CALLBACK, FINE
+from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
 from impactlaw.stepping.time_stepping.compiled.step import STATE, linked_advance
-from impactlaw.stepping.time_stepping.compiled.world import SETTING
 
 
 class Context(NamedTuple):

@@ -9,7 +9,7 @@ from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, layout_of, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, address_of, put
 from impactlaw.stepping.compiled.whitening import solve_inertia
-from impactlaw.stepping.time_stepping.compiled.world import metric_of
+from impactlaw.stepping.time_stepping.compiled.state.world import metric_of
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SETTLED
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.solvers.cones.algebra.loops import kernel, once
-from impactlaw.stepping.time_stepping.compiled.status import FINE, UNKNOWN
+from impactlaw.stepping.time_stepping.compiled.state.status import FINE, UNKNOWN
 from impactlaw.stepping.time_stepping.problem.targets import reached_groups
 
 Array = np.ndarray[Any, Any]

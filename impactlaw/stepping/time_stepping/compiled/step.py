@@ -36,8 +36,9 @@ from impactlaw.stepping.time_stepping.compiled.contact import attempt, near
 from impactlaw.stepping.time_stepping.compiled.ends import finish, look_again, update_frames, write_forces
 from impactlaw.stepping.time_stepping.compiled.forces import inertial_work, lead_to, settle
 from impactlaw.stepping.time_stepping.compiled.law import LawTable
-from impactlaw.stepping.time_stepping.compiled.memory import MEMORY, forget, last_step, remember
-from impactlaw.stepping.time_stepping.compiled.status import FINE, HUGE_INPUT, HUGE_OUTPUT, TIMESTEP
+from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, forget, last_step, remember
+from impactlaw.stepping.time_stepping.compiled.state.status import FINE, HUGE_INPUT, HUGE_OUTPUT, TIMESTEP
+from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, setting
 from impactlaw.stepping.time_stepping.compiled.surfaces import (
     aim_surfaces,
     begin_surfaces,
@@ -46,7 +47,6 @@ from impactlaw.stepping.time_stepping.compiled.surfaces import (
     speeds_of_middle,
     surface_speed,
 )
-from impactlaw.stepping.time_stepping.compiled.world import SETTING, World, setting
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS
 from impactlaw.stepping.time_stepping.margins import set_margins
 from impactlaw.stepping.time_stepping.tolerances import (

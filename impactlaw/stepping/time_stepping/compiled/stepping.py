@@ -19,13 +19,13 @@ from impactlaw.stepping.compiled.layout import table
 from impactlaw.stepping.compiled.libmujoco import callbacks
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_input, check_timestep, empty_state, restore_state
-from impactlaw.stepping.time_stepping.compiled import memory, status
 from impactlaw.stepping.time_stepping.compiled.borrow import room
 from impactlaw.stepping.time_stepping.compiled.entry import CONTEXT, single
-from impactlaw.stepping.time_stepping.compiled.memory import MEMORY
 from impactlaw.stepping.time_stepping.compiled.reason import reason
+from impactlaw.stepping.time_stepping.compiled.state import memory, status
+from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY
+from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
 from impactlaw.stepping.time_stepping.compiled.surfaces import last_motion, put_motion
-from impactlaw.stepping.time_stepping.compiled.world import SETTING
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 _EMPTY = "<mujoco/>"

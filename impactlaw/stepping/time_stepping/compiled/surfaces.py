@@ -25,7 +25,7 @@ from impactlaw.stepping.compiled.access import (
     size,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, float_at, floats, put, table_floats
-from impactlaw.stepping.time_stepping.compiled.world import SETTING, setting
+from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 
 _MEETS = 2.0
 """What the setting is where some of the mocap bodies can meet others, and not just 1."""
