@@ -1,8 +1,8 @@
 """The impact laws, one file each."""
 
-from impactlaw.laws.any_outcome import AnyOutcome
 from impactlaw.laws.base import Law, RestitutionLaw, Target, energy_gain
 from impactlaw.laws.compliant import Compliant
+from impactlaw.laws.drawn.any_outcome import AnyOutcome
 from impactlaw.laws.fremond import Fremond, Reversal
 from impactlaw.laws.friction.coulomb import Coulomb
 from impactlaw.laws.friction.routh import Routh

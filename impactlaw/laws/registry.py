@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from impactlaw.errors import RestitutionError, UnknownNameError
-from impactlaw.laws.any_outcome import AnyOutcome
 from impactlaw.laws.base import Law
 from impactlaw.laws.compliant import Compliant
+from impactlaw.laws.drawn.any_outcome import AnyOutcome
 from impactlaw.laws.fremond import Fremond, Reversal
 from impactlaw.laws.friction.routh import Routh
 from impactlaw.laws.maximal_dissipation import MaximalDissipation

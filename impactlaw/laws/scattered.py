@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import Law, Target, square_matrix
-from impactlaw.laws.drawing import checked_seed, generator
+from impactlaw.laws.drawn.drawing import checked_seed, generator
 from impactlaw.laws.friction.coulomb import Coulomb
 from impactlaw.mechanics.collision import Collision
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from impactlaw.errors import OptionError, RestitutionError, SceneError
 from impactlaw.laws import Coulomb, Fremond, Law, LinearMap, Routh
-from impactlaw.laws.on_contacts import Chosen
 from impactlaw.laws.restitution.coefficients import ContactCoefficients
 from impactlaw.laws.restitution.labels import canonical, check_labels
+from impactlaw.laws.restitution.on_contacts import Chosen
 from impactlaw.scene.contacts import geom_names
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.scene.pairs import geom_pairs, one_contact

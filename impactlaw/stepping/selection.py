@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import OptionError, UnknownNameError
-from impactlaw.laws.on_contacts import Chosen
 from impactlaw.laws.restitution.labels import canonical, matches
+from impactlaw.laws.restitution.on_contacts import Chosen
 from impactlaw.scene.contacts import geom_names
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.scene.pairs import geom_pairs

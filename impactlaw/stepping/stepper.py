@@ -11,8 +11,8 @@ import mujoco
 
 from impactlaw.errors import ManyCollisionsWarning, SceneError, UncompiledWarning, UnknownNameError
 from impactlaw.laws import Coulomb, Law, MaximalDissipation
-from impactlaw.laws.on_contacts import restricted
 from impactlaw.laws.restitution.from_scene import scene_law
+from impactlaw.laws.restitution.on_contacts import restricted
 from impactlaw.scene.tolerances import GAP_TOLERANCE
 from impactlaw.settled import Settled
 from impactlaw.solvers import SOLVERS, load_solvers

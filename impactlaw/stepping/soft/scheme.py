@@ -39,7 +39,7 @@ from mujoco import (
 
 from impactlaw.errors import DivergenceError
 from impactlaw.laws import Law
-from impactlaw.laws.on_contacts import Chosen
+from impactlaw.laws.restitution.on_contacts import Chosen
 from impactlaw.mechanics.friction import Friction
 from impactlaw.scene.contacts import (
     Contacts,

@@ -9,7 +9,7 @@ import numpy as np
 
 from impactlaw.errors import RestitutionError, SolverError
 from impactlaw.laws.base import Law, Target
-from impactlaw.laws.drawing import checked_seed, generator
+from impactlaw.laws.drawn.drawing import checked_seed, generator
 from impactlaw.laws.poisson import Poisson
 from impactlaw.mechanics.admissible.cone import EnumerationError
 from impactlaw.mechanics.collision import Collision

@@ -1,0 +1,1 @@
+"""Laws whose outcomes are drawn."""
