@@ -120,7 +120,7 @@ class CompiledSoftStepping:
             taken, how = fields[_TAKEN], fields[_STATUS]
             steps -= taken
             if self._total[0]:
-                parts.append(Replay(self._scheme, self._states[:taken].copy(), self._total))
+                parts.append(Replay(self._scheme, self._states[:taken].copy(), self._total, CompiledSoftStepping))
             if how != world.FINE:
                 steps -= self._go_on(how, data, steps, parts)
         return together(parts)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import Any
@@ -52,12 +52,18 @@ class _Known(Law):
 class Replay:
     """The collisions of compiled steps, told by the scheme in Python when somebody asks: it takes them once more.
 
+    Args:
+        scheme: in Python.
+        rows: states before the steps, and what compiled code keeps of each.
+        total: sums over the collisions.
+        compile: makes compiled steps of a scheme, which tell the outcomes of their collisions.
+
     Attributes:
         sums: over the collisions; they need no events.
     """
 
-    def __init__(self, scheme: SoftStepping, rows: np.ndarray, total: memoryview):
-        self._scheme, self._collider, self._rows = scheme, scheme.collider, rows
+    def __init__(self, scheme: SoftStepping, rows: np.ndarray, total: memoryview, compile: Callable[..., Any]):
+        self._scheme, self._collider, self._rows, self._compile = scheme, scheme.collider, rows, compile
         count, energy, intensity, distant = total
         self.sums = ImpactSums(int(count), energy, 0.0, intensity, int(distant), 0)
 
@@ -67,11 +73,9 @@ class Replay:
 
     @cached_property
     def _events(self) -> tuple[ImpactEvent, ...]:
-        from impactlaw.stepping.soft.compiled.stepping import CompiledSoftStepping
-
         scheme, data = copy.copy(self._scheme), mujoco.MjData(self._scheme.model)
         scheme.resume(np.nan, self._collider)
-        compiled = CompiledSoftStepping(scheme, warn=False)
+        compiled = self._compile(scheme, warn=False)
         events: list[ImpactEvent] = []
         for row in self._rows[self._rows[:, -EXTRA] > 0]:
             velocities = compiled.outcomes(row)
