@@ -57,7 +57,7 @@ Events = tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]]
 
 _JUMPS = 5  # phases of no length, each ended by another contact that closes without a collision: points that jump
 _INSTANT = 1e-4  # part of the timestep that such a phase lasts
-_WORK = 100  # units that a step may take at least, whatever max_events is
+_WORK = 120  # units that a step may take at least, whatever max_events is
 _DEEP = 1e3  # gap tolerances by which contact that is held overlaps at most
 _OPENING = 0.15  # part of the work of a step that it may take to open them
 _SLIGHT = 1e6  # gap tolerances by which time stepping may leave bodies overlapping that are opened at once
