@@ -8,7 +8,7 @@ import numpy as np
 
 from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.scene.tolerances import NO_FRICTION
-from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain, zeros
+from impactlaw.solvers.cones.algebra.loops import FIRST, kernel, numbers, plain, zeros
 from impactlaw.stepping.compiled.access import (
     contact_floats,
     contact_ints,
@@ -108,7 +108,7 @@ def read(w, found, jacobian, reached, root, frictional):
                     mixed[a] = scale * val[adr[row + d] + a]
             rowadr[r] = end
             rownnz[r] = whiten(
-                wide, 0, col[start[row] : start[row] + wide], mixed, end, work, mark, factor, Mnnz, Madr, Mcol, root,
+                wide, FIRST, col[start[row] : start[row] + wide], mixed, end, work, mark, factor, Mnnz, Madr, Mcol, root,
                 tree, treeadr, treenum, out, outcol,
             )  # fmt: skip
             end += rownnz[r]

@@ -61,6 +61,7 @@ from impactlaw.stepping.time_stepping.tolerances import (
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
+_FEW, _AT_ONCE = np.int64(FEW_ROUNDS), np.bool_(False)  # literals would have functions compiled for each of them
 _CONTACT_FULL, _ROWS_FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)
 
 
@@ -243,25 +244,25 @@ def _contact(w, law, known, start, bias, rounds):
     h, qvel = w.timestep, velocity_of(w)
     free, jacobian, look = copied(qvel), jacobian_of(w), 1
     chosen = near(w, jacobian, start, free, 2.0 * h)
-    found = attempt(w, jacobian, chosen, start, free, known, rounds, law, False)
+    found = attempt(w, jacobian, chosen, start, free, known, rounds, law, _AT_ONCE)
     while look < LOOKS and len(found.x) > 0 and found.status == FINE:
         more = near(w, jacobian, qvel, qvel, h) & ~chosen
         if not more.any():
             break
         chosen, look = chosen | more, look + 1
-        found = attempt(w, jacobian, chosen, start, free, _known(found, known), FEW_ROUNDS, law, False)
+        found = attempt(w, jacobian, chosen, start, free, _known(found, known), _FEW, law, _AT_ONCE)
     phases = found.later
     if phases:
-        found = attempt(w, jacobian, chosen, start, free, _known(found, known), FEW_ROUNDS, law, True)
+        found = attempt(w, jacobian, chosen, start, free, _known(found, known), _FEW, law, phases)
     created = _created(w, found, start, bias)
     while look < LOOKS + ROUNDS and created > found.rounding and found.status == FINE:
         before, was, look = free, created, look + 1
         free = lead_to(w, start, 0.5 * (start + qvel), bias)
-        found = attempt(w, jacobian, chosen, start, free, _known(found, known), FEW_ROUNDS, law, phases)
+        found = attempt(w, jacobian, chosen, start, free, _known(found, known), _FEW, law, phases)
         created = _created(w, found, start, bias)
         if not created < 0.5 * was:  # they turn too fast for that
             if created > was:
-                found = attempt(w, jacobian, chosen, start, before, _known(found, known), FEW_ROUNDS, law, phases)
+                found = attempt(w, jacobian, chosen, start, before, _known(found, known), _FEW, law, phases)
             break
     return found
 
