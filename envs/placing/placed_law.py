@@ -16,9 +16,9 @@ from impactlaw.envs.law_options import LawOptions, describe_law
 from impactlaw.envs.placing.contact_forces import ContactForces
 from impactlaw.errors import DivergenceError, WrapperError
 from impactlaw.laws import Law
-from impactlaw.stepping.impact_event import NOTHING, ImpactEvent
+from impactlaw.stepping.impact_event import NOTHING, ImpactEvent, Told
 from impactlaw.stepping.integration import is_huge
-from impactlaw.stepping.stepper import Stepper, Told
+from impactlaw.stepping.stepper import Stepper
 
 
 class PlacedLaw(ABC):

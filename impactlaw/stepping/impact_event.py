@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import cached_property, reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -74,3 +75,37 @@ class ImpactSums(NamedTuple):
 
 NOTHING = ImpactSums()
 """The sums over no collision."""
+
+Told = tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]]
+"""Collisions, or what returns them, which may know the sums over them: an attribute `sums`."""
+
+
+def sums_of(told: Told) -> ImpactSums:
+    """Return the sums over collisions; where they are known no event is resolved."""
+    if not told:
+        return NOTHING
+    known = getattr(told, "sums", None)
+    return ImpactSums.of(told() if callable(told) else told) if known is None else known
+
+
+class Collisions:
+    """Collisions of several steps, in their order."""
+
+    def __init__(self, parts: list[Told]):
+        self._parts = parts
+
+    def __call__(self) -> tuple[ImpactEvent, ...]:
+        """Return them as events."""
+        return tuple(event for part in self._parts for event in (part() if callable(part) else part))
+
+    @cached_property
+    def sums(self) -> ImpactSums:
+        """Sums over all of them."""
+        return reduce(ImpactSums.with_more, map(sums_of, self._parts), NOTHING)
+
+
+def together(parts: list[Told]) -> Told:
+    """Return what tells the collisions of all parts."""
+    if len(parts) == 1:
+        return parts[0]
+    return Collisions(parts) if parts else ()

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal
 
 import mujoco
@@ -28,7 +27,7 @@ from impactlaw.stepping.compatibility import (
 )
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 from impactlaw.stepping.event_driven.scheme import RigidStepping
-from impactlaw.stepping.impact_event import NOTHING, ImpactEvent, ImpactSums
+from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, Told, sums_of, together
 from impactlaw.stepping.plan import make_plan
 from impactlaw.stepping.selection import select
 from impactlaw.stepping.soft.scheme import SoftStepping
@@ -40,10 +39,6 @@ if TYPE_CHECKING:
     from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 _ANEW = "make a new Stepper"
-
-
-Told = tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]]
-"""Collisions, or what returns them."""
 
 
 class Stepper:
@@ -247,11 +242,8 @@ class Stepper:
 
     @property
     def sums(self) -> ImpactSums:
-        """Sums over the collisions of the last call; compiled soft steps know them without resolving any event."""
-        if not self._events:
-            return NOTHING
-        known = getattr(self._events, "sums", None)
-        return ImpactSums.of(self.events) if known is None else known
+        """Sums over the collisions of the last call; compiled steps find them without resolving any event."""
+        return sums_of(self._events)
 
     @property
     def stepping(self) -> RigidStepping | SoftStepping | CompiledSoftStepping | TimeStepping | CompiledStepping:
@@ -318,7 +310,7 @@ class Stepper:
             self.step(data)
             if self._events:
                 told.append(self._events)
-        self._events = partial(_all_events, told) if told else ()
+        self._events = together(told)
 
     def finish_step(self, data: mujoco.MjData) -> None:
         """Do what follows `mj_step1` in a soft step, as `mj_step2` does.
@@ -352,11 +344,6 @@ class Stepper:
         if not self.plan.friction or self._way == "time-stepping" or law.has_friction:
             return law
         return Coulomb(law, cone="convex" if self.friction == "convex" else "exact")
-
-
-def _all_events(told: list[Told]) -> tuple[ImpactEvent, ...]:
-    """Return the events of several steps."""
-    return tuple(event for part in told for event in (part() if callable(part) else part))
 
 
 def _other_model() -> SceneError:

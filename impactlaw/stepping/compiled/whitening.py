@@ -77,3 +77,13 @@ def solve_inertia(force, factor, Mnnz, Madr, Mcol, inverse):
         for a in range(Madr[i], Madr[i] + Mnnz[i] - 1):
             x[i] -= factor[a] * x[Mcol[a]]
     return x
+
+
+@plain
+def whitened(velocity, factor, Mnnz, Madr, Mcol, root, z):
+    """Write ``z = D^1/2 L v``, (nv,), whose products with whitened rows are the velocities of these."""
+    for i in range(len(velocity)):
+        s = velocity[i]
+        for a in range(Madr[i], Madr[i] + Mnnz[i] - 1):
+            s += factor[a] * velocity[Mcol[a]]
+        z[i] = s / root[i]

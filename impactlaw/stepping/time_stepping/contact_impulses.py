@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -106,10 +107,15 @@ class ContactProblem:
         self._model, self._exact_cones, self._on_inadmissible = model, friction != "convex", on_inadmissible
         self._rest_speed = REST_SPEED if rest_speed is None else rest_speed
         self.bilateral, self.names, self.limits = bilateral_constraints(model), geom_names(model), Limits(model)
-        self.set_law(law)
+        self._take(law)
 
-    def set_law(self, law: Law) -> None:
-        """Let the collisions of the next steps be by another law."""
+    def under(self, law: Law) -> ContactProblem:
+        """Return the same under another law."""
+        other = copy.copy(self)
+        other._take(law)
+        return other
+
+    def _take(self, law: Law) -> None:
         self.law, self.targets = law, LawTargets(law, exact=self._exact_cones)
         self._sliding = law.tangential_restitution if isinstance(law, Coulomb) else 0.0
         self._exact = law.cone == "exact" if isinstance(law, Coulomb) else self._exact_cones

@@ -114,7 +114,7 @@ class TimeStepping:
 
     def set_law(self, law: Law) -> None:
         """Let the collisions of the next steps be by another law."""
-        self._problem.set_law(law)
+        self._problem = self._problem.under(law)
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -182,6 +182,7 @@ class TimeStepping:
             np.nan if targets.restitution is None else targets.restitution,
             targets.law.restitution if isinstance(targets.law, Reversal) else np.nan,
             0.0 if self._surfaces is None else 1.0 + self._surfaces.meet,
+            0.0,
         )
 
     def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:

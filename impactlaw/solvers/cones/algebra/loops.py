@@ -135,6 +135,15 @@ def scatter_add(v: Array, at: int, f: float, z: Array, cols: Array, begin: int, 
 
 
 @plain
+def norm(v: Array) -> float:
+    """Return the Euclidean length of v."""
+    s = 0.0
+    for i in range(len(v)):
+        s += v[i] * v[i]
+    return np.sqrt(s)
+
+
+@plain
 def fill(v: Array, at: int, many: int, value: float) -> None:
     """Write a number into ``v[at:at + many]``."""
     t = np.uint64(at)

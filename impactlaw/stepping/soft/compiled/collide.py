@@ -6,7 +6,7 @@ import numpy as np
 
 from impactlaw.mechanics.tolerances import SIGNIFICANT
 from impactlaw.solvers.cones import CONE
-from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain, zeros
+from impactlaw.solvers.cones.algebra.loops import kernel, norm, numbers, plain, zeros
 from impactlaw.solvers.cones.solve import linked_solve
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
@@ -20,7 +20,7 @@ from impactlaw.stepping.compiled.access import (
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, keep
-from impactlaw.stepping.compiled.whitening import unwhiten
+from impactlaw.stepping.compiled.whitening import unwhiten, whitened
 from impactlaw.stepping.soft.compiled.alone import solve_alone
 from impactlaw.stepping.soft.compiled.found import find, jacobian_of, normal_velocities, within_reach
 from impactlaw.stepping.soft.compiled.rows import reached_by, read
@@ -67,16 +67,6 @@ def _offsets(w, law, found, rows, members, velocity, before, b):
     return True
 
 
-@plain
-def _whitened_velocity(w, velocity, Mnnz, Madr, Mcol, factor, root, z):
-    """Write ``D^1/2 L v``, (nv,), whose products with whitened rows are the velocities of these."""
-    for i in range(w.nv):
-        s = velocity[i]
-        for a in range(Madr[i], Madr[i] + Mnnz[i] - 1):
-            s += factor[a] * velocity[Mcol[a]]
-        z[i] = s / root[i]
-
-
 @kernel
 def _solve(w, law, rows, members, b):
     """Return impulses, (n,), jump, (nv,), and the natural map; one contact alone may have a closed form."""
@@ -91,14 +81,6 @@ def _solve(w, law, rows, members, b):
         zeros(k), zeros(n), b, zeros(n), law.exact, _TOLERANCE, _ROUNDS,
     )  # fmt: skip
     return x, z, residual
-
-
-@plain
-def _length(v):
-    s = 0.0
-    for i in range(len(v)):
-        s += v[i] * v[i]
-    return np.sqrt(s)
 
 
 @plain
@@ -136,14 +118,14 @@ def _resolve(w, law, found, gamma, rounding, velocity, sums):
     reached = within_reach(w, found, jacobian, gamma, law.rest_speed, rounding)
     rows = read(w, found, jacobian, reached, root, law.frictional)
     members, n = reached_by(rows, gamma, law.rest_speed, w.nv), len(rows.nnz)
-    whitened, before, b = numbers(w.nv), zeros(n), zeros(n)
-    _whitened_velocity(w, velocity, Mnnz, Madr, Mcol, factor, root, whitened)
-    if not _offsets(w, law, found, rows, members, whitened, before, b):
+    v, before, b = numbers(w.nv), zeros(n), zeros(n)
+    whitened(velocity, factor, Mnnz, Madr, Mcol, root, v)
+    if not _offsets(w, law, found, rows, members, v, before, b):
         return UNKNOWN
     x, z, residual = _solve(w, law, rows, members, b)
     if not residual <= _ENOUGH:
         return PYTHON
-    speed, changed = _length(whitened), _length(z)
+    speed, changed = norm(v), norm(z)
     work, larger = _book(rows, members, x, z, before, SIGNIFICANT * speed, sums), max(speed, changed)
     sums[INTENSITY] += changed
     if 2.0 * work > (_CREATED + 4.0 * residual) * larger * larger:

@@ -108,8 +108,8 @@ def read(w, found, jacobian, reached, root, frictional):
                     mixed[a] = scale * val[adr[row + d] + a]
             rowadr[r] = end
             rownnz[r] = whiten(
-                wide, FIRST, col[start[row] : start[row] + wide], mixed, end, work, mark, factor, Mnnz, Madr, Mcol, root,
-                tree, treeadr, treenum, out, outcol,
+                wide, FIRST, col[start[row] : start[row] + wide], mixed, end, work, mark, factor, Mnnz, Madr, Mcol,
+                root, tree, treeadr, treenum, out, outcol,
             )  # fmt: skip
             end += rownnz[r]
             r += 1

@@ -16,12 +16,12 @@ from impactlaw.stepping.compiled.fields import DATA
 from impactlaw.stepping.compiled.law_table import Coefficients, reason
 from impactlaw.stepping.compiled.layout import table
 from impactlaw.stepping.compiled.libmujoco import callbacks
-from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.impact_event import ImpactEvent, Told, together
 from impactlaw.stepping.integration import empty_state, restore_state
 from impactlaw.stepping.law_targets import LawTargets
 from impactlaw.stepping.soft.compiled import world
 from impactlaw.stepping.soft.compiled.entry import CONTEXT, EXTRA, LEFT, SUMS, TOTAL, entry
-from impactlaw.stepping.soft.compiled.told import Collisions, Part, Replay, together
+from impactlaw.stepping.soft.compiled.told import Replay
 from impactlaw.stepping.soft.scheme import SoftStepping
 
 _EMPTY = "<mujoco/>"
@@ -97,9 +97,9 @@ class CompiledSoftStepping:
         """Do what follows `mj_step1` in a step, and return the collisions; that is in Python."""
         return self._scheme.finish(data)
 
-    def step(self, data: mujoco.MjData, steps: int = 1) -> Collisions | Part:
+    def step(self, data: mujoco.MjData, steps: int = 1) -> Told:
         """Advance by so many timesteps, 1 or more, and return what tells their collisions."""
-        parts: list[Part] = []
+        parts: list[Told] = []
         if self._reason is not None:
             self._in_python(data, steps, parts)
             return together(parts)

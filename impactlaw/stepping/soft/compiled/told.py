@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property
 from typing import Any
 
 import mujoco
@@ -16,7 +16,7 @@ from impactlaw.laws import Law, Target
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact
-from impactlaw.stepping.impact_event import NOTHING, ImpactEvent, ImpactSums
+from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums
 from impactlaw.stepping.integration import restore_state
 from impactlaw.stepping.soft.compiled.entry import EXTRA
 from impactlaw.stepping.soft.scheme import SoftStepping
@@ -85,31 +85,3 @@ class Replay:
             events += scheme.step(data)
             scheme.resume(np.nan, self._collider)
         return tuple(events)
-
-
-class Collisions:
-    """Collisions of compiled steps and of steps in Python, in their order.
-
-    Attributes:
-        sums: over all of them.
-    """
-
-    def __init__(self, parts: list[Part]):
-        self._parts = parts
-        sums = (ImpactSums.of(part) if isinstance(part, tuple) else part.sums for part in parts)
-        self.sums = reduce(ImpactSums.with_more, sums, NOTHING)
-
-    def __call__(self) -> tuple[ImpactEvent, ...]:
-        """Return them as events."""
-        return tuple(event for part in self._parts for event in (part if isinstance(part, tuple) else part()))
-
-
-Part = Replay | tuple[ImpactEvent, ...]
-"""Collisions of compiled steps, or of one step in Python."""
-
-
-def together(parts: list[Part]) -> Collisions | Part:
-    """Return what tells the collisions of all parts."""
-    if len(parts) == 1:
-        return parts[0]
-    return Collisions(parts) if parts else ()

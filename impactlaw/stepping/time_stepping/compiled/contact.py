@@ -23,6 +23,7 @@ from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, flags, put
 from impactlaw.stepping.time_stepping.compiled.law import ask_law, reverse
 from impactlaw.stepping.time_stepping.compiled.state.status import CREATES, FINE, NOT_FINITE
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, metric_of, setting
+from impactlaw.stepping.time_stepping.compiled.sums import SUMS, add_collision
 from impactlaw.stepping.time_stepping.compiled.surfaces import add_surfaces, surfaces_move
 from impactlaw.stepping.time_stepping.problem.contact_problem import linked_step
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups, struck_later
@@ -47,6 +48,7 @@ class Outcome(NamedTuple):
         work: of contact, J.
         rounding: what of it is rounding, J.
         later: whether contacts that are hit only through others were not left for a phase of their own.
+        sums: over the collisions, see `sums`, if they are asked for, else (0,).
         status: see `status`.
     """
 
@@ -60,6 +62,7 @@ class Outcome(NamedTuple):
     work: float
     rounding: float
     later: bool
+    sums: Array
     status: int
 
 
@@ -113,7 +116,7 @@ def _nothing():
     table, no, few = np.empty((3, 0), np.int32), np.empty(0), np.empty(0, np.int32)
     groups, amounts, rates = np.empty((4, 0), np.int32), np.empty((2, 0)), np.empty((5, 0))
     rows = Rows(table, few, no, groups, np.empty(0, np.int64), amounts, rates)
-    return Outcome(rows, no, no, False, 0.0, 0.0, 0.0, 0.0, 0.0, False, FINE)
+    return Outcome(rows, no, no, False, 0.0, 0.0, 0.0, 0.0, 0.0, False, no, FINE)
 
 
 class _Answer(NamedTuple):
@@ -123,6 +126,9 @@ class _Answer(NamedTuple):
     change: Array
     shift: Array
     collides: Array
+    target: Array
+    sliding: Array
+    share: float
     missed: float
     fastest: float
     created: float
@@ -163,13 +169,15 @@ def _solve(w, rows, metric, known, rounds, law, may):
         _collide(w, rows, tree, collides, target)
     nothing = np.empty(0)
     if status != FINE:
-        return _Answer(nothing, nothing, nothing, collides, 0.0, 0.0, 0.0, 0.0, 0.0, nothing, status)
+        return _Answer(
+            nothing, nothing, nothing, collides, nothing, nothing, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, nothing, status
+        )
     sliding, some = np.zeros(n), setting(w, SETTING.sliding)
     if collided and some != 0.0:
         sliding = -some * rows.rates[1]
     known_groups, known_key, known_scale, impulses = known
     Mnnz, Madr, Mcol = layout_of(w)
-    x, change, shift, _, missed, fastest, _, created, work, rounding, z = linked_step(
+    x, change, shift, reached, missed, fastest, share, created, work, rounding, z = linked_step(
         rows.sparse, rows.colind, rows.value, rows.groups, rows.key, rows.amounts, rows.rates, target, sliding,
         collides, known_groups, known_key, known_scale, impulses, w.timestep, setting(w, SETTING.exact) != 0.0,
         setting(w, SETTING.dissipative) > 0.0, rounds, tree, factor, inverse, Mnnz, Madr, Mcol,
@@ -178,11 +186,13 @@ def _solve(w, rows, metric, known, rounds, law, may):
         status = NOT_FINITE
     elif created > 0.0 and setting(w, SETTING.dissipative) < 0.0:
         status = CREATES
-    return _Answer(x, change, shift, collides, missed, fastest, created, work, rounding, z, status)
+    return _Answer(
+        x, change, shift, collides, reached, sliding, share, missed, fastest, created, work, rounding, z, status
+    )
 
 
 @once
-def _meet(w, rows, metric, known, rounds, law, may, left):
+def _meet(w, rows, metric, before, known, rounds, law, may, left, sums):
     """Solve one phase: once, and again without the contacts that are hit only through others.
 
     Return what is answered, the place of each of its rows, (n,), the groups that are left out, bool (g,), how many rows
@@ -206,6 +216,8 @@ def _meet(w, rows, metric, known, rounds, law, may, left):
         known, rounds = (part.groups, part.key, part.rates[0], met.x), FEW_ROUNDS
         part, place = _some(rows, rows.rates, ~later)
         allowed, left = may[~later], left - len(place)
+    if len(sums) > 0 and met.status == FINE and met.collides.any():
+        add_collision(w, part, met, metric, before, sums)
     return met, place, later, left, waiting
 
 
@@ -217,21 +229,23 @@ def _some(rows, rates, keep):
 
 
 @once
-def _resolve(w, rows, metric, free, known, rounds, law, phases):
+def _resolve(w, rows, metric, start, free, known, rounds, law, phases):
     """Find the impulses, phase by phase; see `contact_impulses.ContactProblem.find`."""
     now, n = rows, len(rows.rates[0])
     place, may, x, velocity = np.arange(n), np.ones(len(rows.key), np.bool_), np.zeros(n), free.copy()
     missed, fastest, created, work, rounding, collided, shift = 0.0, 0.0, 0.0, 0.0, 0.0, False, np.empty(0)
-    left, waiting = PHASE_ROWS if phases else 0, False
+    left, waiting, before = PHASE_ROWS if phases else 0, False, start
+    sums = np.zeros(SUMS if setting(w, SETTING.told) != 0.0 else 0)
     for phase in range(PHASES):
         met, where, later, left, waiting = _meet(
-            w, now, metric, known, rounds if phase == 0 else FEW_ROUNDS, law, may, 0 if phase == PHASES - 1 else left
+            w, now, metric, before, known, rounds if phase == 0 else FEW_ROUNDS, law, may,
+            0 if phase == PHASES - 1 else left, sums,
         )  # fmt: skip
         left -= len(now.rates[0])
         collided = collided or met.collides.any()
         created, shift = created + met.created, met.shift
         if met.status != FINE:
-            return Outcome(rows, x, shift, collided, 0.0, 0.0, created, 0.0, 0.0, False, met.status)
+            return Outcome(rows, x, shift, collided, 0.0, 0.0, created, 0.0, 0.0, False, sums, met.status)
         for r in range(len(where)):
             x[place[where[r]]] += met.x[r]
         velocity += met.change
@@ -242,9 +256,9 @@ def _resolve(w, rows, metric, free, known, rounds, law, phases):
         keep = reached_by(now.groups, now.sparse, now.colind, model_ints(w, MODEL.dof_treeid, w.nv), later)
         rates = later_rates(now.groups, now.sparse, now.colind, now.value, now.rates, met.z)
         now, chosen = _some(now, rates, keep)
-        place, may = place[chosen], later[keep]
+        place, may, before = place[chosen], later[keep], velocity.copy()
     put(velocity_of(w), velocity)
-    return Outcome(rows, x, shift, collided, missed, fastest, created, work, rounding, waiting, FINE)
+    return Outcome(rows, x, shift, collided, missed, fastest, created, work, rounding, waiting, sums, FINE)
 
 
 @kernel
@@ -269,4 +283,4 @@ def attempt(w, jacobian, chosen, start, free, known, rounds, law, phases):
     rows = rows_of_step(w, jacobian, metric, row_velocity, start, free, chosen, frictional)
     if surfaces_move(w):
         add_surfaces(w, rows.groups, rows.sparse, rows.rates)
-    return _resolve(w, rows, metric, free, known, rounds, law, phases)
+    return _resolve(w, rows, metric, start, free, known, rounds, law, phases)

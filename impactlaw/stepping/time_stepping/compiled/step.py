@@ -7,7 +7,7 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import copied, kernel, numbers, once, plain, zeros
+from impactlaw.solvers.cones.algebra.loops import copied, kernel, norm, numbers, once, plain, zeros
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     data_floats,
@@ -39,6 +39,7 @@ from impactlaw.stepping.time_stepping.compiled.law import LawTable
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, forget, last_step, remember
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE, HUGE_INPUT, HUGE_OUTPUT, TIMESTEP
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, setting
+from impactlaw.stepping.time_stepping.compiled.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.surfaces import (
     aim_surfaces,
     begin_surfaces,
@@ -63,14 +64,6 @@ STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
 _FEW, _AT_ONCE = np.int64(FEW_ROUNDS), np.bool_(False)  # literals would have functions compiled for each of them
 _CONTACT_FULL, _ROWS_FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)
-
-
-@plain
-def _length(v):
-    s = 0.0
-    for i in range(len(v)):
-        s += v[i] * v[i]
-    return np.sqrt(s)
 
 
 @once
@@ -104,6 +97,8 @@ def _step(w, law, memory, margins, cone, loaded):
         write_forces(w, found, start, cone)
         rows, shift, touched = found.rows, found.shift, len(found.x) > 0
         collided, missed = found.collided, found.missed
+        if len(found.sums) > 0:
+            put(memory[MEMORY.sums : MEMORY.sums + SUMS], found.sums)
         if touched:
             remember(counts, rows.groups, rows.key, rows.rates[0], found.x)
         else:
@@ -159,7 +154,7 @@ def _equal(one, other):
 
 @plain
 def _is_huge(qpos, qvel):
-    return not (_length(qpos) <= HUGE and _length(qvel) <= HUGE)
+    return not (norm(qpos) <= HUGE and norm(qvel) <= HUGE)
 
 
 @once
@@ -181,7 +176,7 @@ def _set_margins(w, gained):
         model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_rootid, nbody), floats(w.sizes, nbody),
         rows_of(w, DATA.xipos, nbody, 3), rows_of(w, DATA.subtree_com, nbody, 3), now, rows_of(w, DATA.cvel, nbody, 6),
         model_ints(w, MODEL.body_mocapid, nbody), surface_speed(w), w.timestep,
-        _length(gravity),
+        norm(gravity),
     )  # fmt: skip
 
 
@@ -335,7 +330,7 @@ def advance(
     if not 0.0 < h < np.inf:
         return TIMESTEP
     mj.get_state(model, data, address_of(state), STATE)
-    if not _length(state) <= HUGE:
+    if not norm(state) <= HUGE:
         return HUGE_INPUT
     nv = long_at(model + long_at(table + 8 * MODEL.nv))
     surfaces = 0

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import ctypes
 import warnings
 from collections.abc import Callable
-from functools import cached_property
 from typing import Any
 
 import mujoco
@@ -26,6 +26,7 @@ from impactlaw.stepping.time_stepping.compiled.state import memory, status
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
 from impactlaw.stepping.time_stepping.compiled.surfaces import last_motion, put_motion
+from impactlaw.stepping.time_stepping.compiled.told import Teller
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 _EMPTY = "<mujoco/>"
@@ -37,10 +38,11 @@ class CompiledStepping:
     Args:
         scheme: the scheme in Python, whose options it has, and which takes what compiled code does not.
         warn: whether to warn where it does.
+        sums: whether the memory has the sums over the collisions of each step.
     """
 
-    def __init__(self, scheme: TimeStepping, *, warn: bool):
-        self._scheme, self._warn = scheme, warn
+    def __init__(self, scheme: TimeStepping, *, warn: bool, sums: bool = False):
+        self._scheme, self._warn, self._sums = scheme, warn, float(sums)
         model = scheme.model
         self._memory = memory.make_memory(model, 1)
         self._before = np.zeros(self._memory.shape[1])
@@ -66,6 +68,8 @@ class CompiledStepping:
         """Take over the law and the options of the scheme."""
         self._coefficients, self._reason = self._scheme.coefficients(), reason(self._scheme)
         self._settings[:] = self._scheme.settings()
+        self._settings[SETTING.told] = self._sums
+        self._teller = Teller(self._scheme, _with_sums)
         self._write_context()
         if self._reason is not None:
             self._tell(self._reason)
@@ -110,6 +114,7 @@ class CompiledStepping:
 
     def set_law(self, law: Law) -> None:
         """Let the collisions of the next steps be by another law."""
+        self._scheme = copy.copy(self._scheme)  # collisions that nobody has asked for yet are by the old law
         self._scheme.set_law(law)
         self._take_over()
 
@@ -138,7 +143,7 @@ class CompiledStepping:
             self._write_context()
         if self.numbers[MEMORY.collided] == 0.0:
             return ()
-        return _Replay(self._scheme, self._scratch, self._state.copy(), self._before.copy()).events
+        return self._teller.tell(self._state.copy(), self._before.copy())
 
     def _in_python(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
         self._counts[MEMORY.known] = 0
@@ -174,11 +179,14 @@ class CompiledStepping:
     def __getstate__(self) -> dict[str, Any]:
         """A copy goes on from what this one remembers."""
         known = memory.raw(self.numbers)
-        return {"scheme": self._scheme, "warn": self._warn, "numbers": self.numbers.copy(), "known": known}
+        return {"scheme": self._scheme, "warn": self._warn, "sums": bool(self._sums)} | {
+            "numbers": self.numbers.copy(),
+            "known": known,
+        }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Go on."""
-        self.__init__(state["scheme"], warn=state["warn"])
+        self.__init__(state["scheme"], warn=state["warn"], sums=state["sums"])
         memory.restore(self.numbers, state["numbers"], state["known"])
 
     def __del__(self):
@@ -187,27 +195,5 @@ class CompiledStepping:
             memory.free(self._memory)
 
 
-class _Replay:
-    """The collision of a step, told by the scheme in Python, which takes that step once more if somebody asks."""
-
-    def __init__(self, scheme: TimeStepping, data: mujoco.MjData, state: np.ndarray, numbers: np.ndarray):
-        self._scheme, self._data, self._state, self.numbers = scheme, data, state, numbers
-        self._impulses = memory.raw(numbers)
-
-    def events(self) -> tuple[ImpactEvent, ...]:
-        """Return the collision as an event."""
-        return self._events
-
-    @cached_property
-    def _events(self) -> tuple[ImpactEvent, ...]:
-        scheme, model, data = self._scheme, self._scheme.model, self._data
-        kept = scheme.short_steps
-        restore_state(model, data, self._state)
-        counts = self.numbers.view(np.int64)
-        begin = MEMORY.left + model.nq + model.nv
-        gained, motion = self.numbers[begin : begin + model.nv], last_motion(self.numbers, model)
-        known = memory.recollect(self.numbers, self._impulses)
-        scheme.resume(data, known, gained, motion, solved=bool(counts[MEMORY.solved]))
-        told = scheme.step(data)
-        scheme.short_steps = kept
-        return told() if callable(told) else told
+def _with_sums(scheme: TimeStepping) -> CompiledStepping:
+    return CompiledStepping(scheme, warn=False, sums=True)

@@ -28,6 +28,7 @@ class Settings(NamedTuple):
         restitution: e, where it is the same for all contacts; else NaN.
         reversal: e of a law that reverses contact velocities along the contacts' order; else NaN.
         surfaces: whether mocap bodies move through a step, and touch others: see `surfaces`; else 0.
+        told: 1 where sums over collisions are asked for.
     """
 
     rest_speed: int = 0
@@ -41,6 +42,7 @@ class Settings(NamedTuple):
     restitution: int = 8
     reversal: int = 9
     surfaces: int = 10
+    told: int = 11
 
 
 SETTING = Settings()

@@ -1,0 +1,112 @@
+"""Sums over the collisions of a compiled step, as those over its events would be; see `events.CollisionRecord`.
+
+A collision by itself starts at v- and knows no forces, so that its problem is solved once more. Where that is not all,
+because surfaces move, equality constraints take part, or the outcome is not in S(v-), the events are asked for.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlaw.mechanics.tolerances import SIGNIFICANT
+from impactlaw.solvers.cones import BILATERAL, CONE
+from impactlaw.solvers.cones.algebra.loops import kernel, norm, numbers, once, zeros
+from impactlaw.solvers.cones.solve import linked_solve
+from impactlaw.stepping.compiled.access import layout_of, model_ints
+from impactlaw.stepping.compiled.fields import MODEL
+from impactlaw.stepping.compiled.whitening import whitened
+from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
+from impactlaw.stepping.time_stepping.problem.targets import reached_groups
+
+COUNT, ENERGY, INTENSITY, DISTANT = 0, 1, 2, 3
+"""Places in the sums: number of collisions, T+ - T-, |v+ - v-|, collisions with a distant effect."""
+SUMS = 4
+
+_TOLERANCE, _ENOUGH, _ROUNDS = 1e-13, 1e-10, np.int64(24)
+_DRIFT = 1e-10  # part of |v-|, as a row sees it, that the velocity of a row may differ from J v
+_OUTSIDE = 1e-10  # part of |v-| by which an outcome may leave S(v-)
+
+
+@once
+def _aims(rows, members, v, speed, target, sliding, b):
+    """Write the offsets of the rows that take part; return whether nothing but v moves them."""
+    for g in members:
+        first = rows.groups[0, g]
+        for r in range(first, first + rows.groups[1, g]):
+            own, square, scale = 0.0, 0.0, rows.rates[0, r]
+            for a in range(rows.sparse[1, r], rows.sparse[1, r] + rows.sparse[0, r]):
+                own += rows.value[a] * v[rows.colind[a]]
+                square += rows.value[a] * rows.value[a]
+            before = scale * rows.rates[1, r]
+            if abs(before - own) > _DRIFT * speed * np.sqrt(square):
+                return False
+            b[r] = before - (target[g] if r == first else scale * sliding[r])
+    return True
+
+
+@kernel
+def add_collision(w, rows, met, metric, velocity, sums):
+    """Add a collision of a phase to the sums, (4,); NaN where it needs its event.
+
+    Args:
+        w: the world.
+        rows: of the phase.
+        met: what is answered, see `contact`.
+        metric: L and 1 / D.
+        velocity: v-, (nv,).
+        sums: see `COUNT`, written.
+    """
+    tree, (factor, inverse), n = model_ints(w, MODEL.dof_treeid, w.nv), metric, len(met.x)
+    pushed = np.empty(len(rows.key), np.bool_)
+    for g in range(len(pushed)):
+        pushed[g] = met.x[rows.groups[0, g]] > 0.0
+        if rows.groups[2, g] == BILATERAL:
+            sums[COUNT] = np.nan
+    members = np.flatnonzero(
+        reached_groups(rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, tree, met.collides, pushed)
+    )
+    target, sliding = np.where(met.collides, met.target, 0.0), met.share * met.sliding
+    root, v = numbers(w.nv), numbers(w.nv)
+    for i in range(w.nv):
+        root[i] = np.sqrt(inverse[i])
+    Mnnz, Madr, Mcol = layout_of(w)
+    whitened(velocity, factor, Mnnz, Madr, Mcol, root, v)
+    b, k = zeros(n), len(members)
+    if not _aims(rows, members, v, norm(v), target, sliding, b):
+        sums[COUNT] = np.nan
+        return
+    x, z, residual, _ = linked_solve(
+        rows.sparse[0], rows.sparse[1], rows.colind, rows.value, w.nv, tree, rows.groups[0][members],
+        rows.groups[1][members], np.full(k, CONE, np.int32), zeros(k), zeros(n), b, zeros(n),
+        setting(w, SETTING.exact) != 0.0, _TOLERANCE, _ROUNDS,
+    )  # fmt: skip
+    if not residual <= _ENOUGH:
+        sums[COUNT] = np.nan
+    _book(rows, members, x, z, norm(v), sums)
+
+
+@once
+def _book(rows, members, x, z, speed, sums):
+    """Add what is known of a collision; NaN if its outcome is not in S(v-)."""
+    work, distant = 0.0, False
+    for g in members:
+        first = rows.groups[0, g]
+        for r in range(first, first + rows.groups[1, g]):
+            before = rows.rates[0, r] * rows.rates[1, r]
+            changed, length = 0.0, 0.0
+            for a in range(rows.sparse[1, r], rows.sparse[1, r] + rows.sparse[0, r]):
+                changed += rows.value[a] * z[rows.colind[a]]
+                length += rows.value[a] * rows.value[a]
+            mean, length = before + 0.5 * changed, np.sqrt(length)
+            work += x[r] * mean
+            if r == first:
+                distant = distant or (x[r] * length > SIGNIFICANT * speed and mean > SIGNIFICANT * speed * length)
+                if before + changed < -_OUTSIDE * speed * length:
+                    sums[COUNT] = np.nan
+    intensity = norm(z)
+    if 2.0 * work > _OUTSIDE * max(speed, intensity) ** 2:
+        sums[COUNT] = np.nan
+    sums[COUNT] += 1.0
+    sums[ENERGY] += work
+    sums[INTENSITY] += intensity
+    sums[DISTANT] += distant

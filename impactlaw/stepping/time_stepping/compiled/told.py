@@ -1,0 +1,88 @@
+"""What a compiled step tells of its collisions when somebody asks: it is taken once more."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums
+from impactlaw.stepping.integration import restore_state
+from impactlaw.stepping.time_stepping.compiled.state import memory
+from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY
+from impactlaw.stepping.time_stepping.compiled.sums import SUMS
+from impactlaw.stepping.time_stepping.compiled.surfaces import last_motion
+from impactlaw.stepping.time_stepping.scheme import TimeStepping
+
+
+class Teller:
+    """Takes the steps of one law once more: in compiled code for sums, in Python for events.
+
+    Args:
+        scheme: in Python.
+        compile: makes compiled steps that find sums.
+    """
+
+    def __init__(self, scheme: TimeStepping, compile: Callable[[TimeStepping], Any]):
+        self.scheme, self._compile = scheme, compile
+
+    @cached_property
+    def data(self) -> mujoco.MjData:
+        """Where steps are taken once more."""
+        return mujoco.MjData(self.scheme.model)
+
+    @cached_property
+    def _steps(self) -> Any:
+        return self._compile(self.scheme)
+
+    def tell(self, state: np.ndarray, numbers: np.ndarray) -> Replay:
+        """Return what tells the collision of a step from its start and what was known then, see `memory`."""
+        return Replay(self, state, numbers)
+
+    def sums(self, state: np.ndarray, numbers: np.ndarray, impulses: bytes) -> ImpactSums | None:
+        """Return the sums over the collisions of a step; None where only events tell."""
+        steps, model, data = self._steps, self.scheme.model, self.data
+        restore_state(model, data, state)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        memory.restore(steps.numbers, numbers, impulses)
+        steps.numbers[MEMORY.sums] = np.nan
+        steps.step(data)
+        count, energy, intensity, distant = steps.numbers[MEMORY.sums : MEMORY.sums + SUMS].tolist()
+        return ImpactSums(int(count), energy, 0.0, intensity, int(distant), 0) if count > 0.0 else None
+
+
+class Replay:
+    """The collisions of one step; see `Teller`."""
+
+    def __init__(self, teller: Teller, state: np.ndarray, numbers: np.ndarray):
+        self._teller, self._state, self._numbers = teller, state, numbers
+        self._impulses = memory.raw(numbers)
+
+    def __call__(self) -> tuple[ImpactEvent, ...]:
+        """Return them as events."""
+        return self._events
+
+    @cached_property
+    def sums(self) -> ImpactSums:
+        """Sums over them."""
+        known = self._teller.sums(self._state, self._numbers, self._impulses)
+        return ImpactSums.of(self._events) if known is None else known
+
+    @cached_property
+    def _events(self) -> tuple[ImpactEvent, ...]:
+        scheme, data = self._teller.scheme, self._teller.data
+        model, kept = scheme.model, scheme.short_steps
+        restore_state(model, data, self._state)
+        counts = self._numbers.view(np.int64)
+        begin = MEMORY.left + model.nq + model.nv
+        gained, motion = self._numbers[begin : begin + model.nv], last_motion(self._numbers, model)
+        known = memory.recollect(self._numbers, self._impulses)
+        scheme.resume(data, known, gained, motion, solved=bool(counts[MEMORY.solved]))
+        told = scheme.step(data)
+        scheme.short_steps = kept
+        return told() if callable(told) else told

@@ -1,0 +1,142 @@
+"""What compiled steps tell of their collisions: sums without events, and events of the law that was in force."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+from both_steppers import compiled_stepper
+
+from impactlaw import Fremond, ImpactEvent, Law, Moreau, Newton, Stepper
+from impactlaw.models import load
+from impactlaw.stepping.impact_event import NOTHING, ImpactSums
+from impactlaw.stepping.time_stepping.compiled import told
+
+LAWS = [Moreau(0.0), Moreau(0.5), Newton({"*": 0.7}), Fremond.reversal()]
+BALL = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
+  <body pos="0 0 .101"><freejoint/><geom size=".1"/></body></worldbody></mujoco>"""
+ON_A_BELT = """<mujoco><worldbody>
+  <body mocap="true" name="table"><geom type="box" size="1 1 .1"/></body>
+  <body pos="0 0 .201"><freejoint/><geom size=".1"/></body></worldbody></mujoco>"""
+
+
+def events_asked_for(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """Return a list that says for each call for sums whether events had to tell them."""
+    asked, find = [], told.Teller.sums
+
+    def listen(teller: told.Teller, *arguments: object) -> ImpactSums | None:
+        found = find(teller, *arguments)  # pyright: ignore[reportArgumentType]
+        asked.append(found is None)
+        return found
+
+    monkeypatch.setattr(told.Teller, "sums", listen)
+    return asked
+
+
+@pytest.mark.parametrize("law", LAWS, ids=repr)
+@pytest.mark.parametrize("name", ["Hopper-v5", "Walker2d-v5", "Humanoid-v5", "rocking_block", "billiard_rack"])
+def test_sums_are_those_of_the_events(name: str, law: Law, monkeypatch: pytest.MonkeyPatch):
+    asked = events_asked_for(monkeypatch)
+    model = gymnasium.make(name).unwrapped.model if "-" in name else load(name)[0]  # pyright: ignore[reportAttributeAccessIssue]
+    data, rng = mujoco.MjData(model), np.random.default_rng(1)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    data.qvel[:] += 0.3 * rng.normal(size=model.nv)
+    stepper, collisions = compiled_stepper(model, law), 0
+    for _ in range(200):
+        data.ctrl[:] = rng.uniform(-1, 1, model.nu)
+        stepper.step(data)
+        sums = stepper.sums
+        if not sums.collisions:
+            assert stepper.events == ()
+            continue
+        np.testing.assert_allclose(sums, ImpactSums.of(stepper.events), rtol=1e-7, atol=1e-9)
+        collisions += sums.collisions
+    assert collisions > 0
+    assert np.count_nonzero(asked) <= 0.1 * len(asked)
+
+
+def test_sums_leave_the_next_steps_alone():
+    model, law = gymnasium.make("Hopper-v5").unwrapped.model, Moreau(0.5)  # pyright: ignore[reportAttributeAccessIssue]
+    one, other = mujoco.MjData(model), mujoco.MjData(model)
+    asking, silent = compiled_stepper(model, law), compiled_stepper(model, law)
+    for _ in range(300):
+        asking.step(one)
+        silent.step(other)
+        assert asking.sums.collisions >= 0
+        np.testing.assert_array_equal(one.qvel, other.qvel)
+    assert asking.short_steps == silent.short_steps
+
+
+def test_sums_of_later_phases():
+    """Balls that are apart by less than they go in a step collide one after another in one step."""
+    balls = "".join(
+        f'<body pos="{0.20002 * i} 0 0"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1"/></body>'
+        for i in range(3)
+    )
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><option gravity="0 0 0" timestep=".002"/><worldbody>{balls}</worldbody></mujoco>'
+    )
+    data = mujoco.MjData(model)
+    data.qvel[0] = 1.0
+    stepper = compiled_stepper(model, Moreau(0.5))
+    stepper.step(data)
+    assert stepper.sums.collisions == len(stepper.events) == 3
+    np.testing.assert_allclose(stepper.sums, ImpactSums.of(stepper.events), rtol=1e-7, atol=1e-9)
+
+
+def test_moving_surfaces_are_told_by_events(monkeypatch: pytest.MonkeyPatch):
+    asked = events_asked_for(monkeypatch)
+    model = mujoco.MjModel.from_xml_string(ON_A_BELT)
+    data = mujoco.MjData(model)
+    stepper = compiled_stepper(model, Moreau(0.5))
+    for i in range(20):
+        data.mocap_pos[0, 2] = 2e-3 * i
+        stepper.step(data)
+        if stepper.sums.collisions:
+            break
+    assert stepper.sums.surface_work > 0.0
+    assert asked[-1]
+
+
+def fall(law: Law) -> tuple[Stepper, mujoco.MjData]:
+    """Return a ball that has just hit the floor."""
+    model = mujoco.MjModel.from_xml_string(BALL)
+    data = mujoco.MjData(model)
+    data.qvel[2] = -1.0
+    stepper = compiled_stepper(model, law)
+    stepper.step(data)
+    return stepper, data
+
+
+def energy(events: tuple[ImpactEvent, ...]) -> float:
+    """Return T+ - T- of a single event."""
+    (event,) = events
+    return event.impact.energy_change
+
+
+def test_a_law_set_afterwards_does_not_tell_the_collisions_of_before():
+    expected = energy(fall(Moreau(0.5))[0].events)
+    stepper, _ = fall(Moreau(0.5))
+    stepper.law = Moreau(0.0)
+    assert energy(stepper.events) == pytest.approx(expected, rel=1e-12)
+    stepper, _ = fall(Moreau(0.5))
+    stepper.law = Moreau(0.0)
+    assert stepper.sums.energy_change == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda stepper: pickle.loads(pickle.dumps(stepper))])
+def test_copies_tell_the_same(copied):
+    stepper, _ = fall(Moreau(0.5))
+    before, other = stepper.sums, copied(stepper)
+    np.testing.assert_allclose(other.sums, before, rtol=1e-12)
+
+
+def test_nothing_of_no_collision():
+    stepper, data = fall(Moreau(1.0))
+    stepper.step(data)
+    assert stepper.sums is NOTHING
