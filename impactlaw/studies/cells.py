@@ -19,7 +19,7 @@ from impactlaw.errors import ImpactLawError
 from impactlaw.studies.environments import Conditions, usual_scheme
 from impactlaw.studies.play import episode_seeds, play, training_seed
 from impactlaw.studies.policies.named import Policy, opened, policies_of
-from impactlaw.studies.policies.training import train
+from impactlaw.studies.policies.training import ENVIRONMENTS, PPO_SETTINGS, train
 from impactlaw.studies.study import Study
 
 _ALONE = threading.Lock()  # torch draws from one generator per process, and threads share limits of threads
@@ -43,7 +43,8 @@ class Training:
     @property
     def settings(self) -> dict[str, Any]:
         """All that the result depends on, as plain values."""
-        return {"training": self.conditions.settings(), "steps": self.steps, "seed": self.seed, **_VERSIONS}
+        how = {"environments": ENVIRONMENTS, **PPO_SETTINGS}
+        return {"training": self.conditions.settings(), "steps": self.steps, "seed": self.seed, **how, **_VERSIONS}
 
     @property
     def key(self) -> str:

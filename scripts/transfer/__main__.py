@@ -20,14 +20,17 @@ STUDIES = {
         tasks=("impactlaw/Juggler-v0",),
         train=("moreau:0.5", "moreau:0.8", "moreau:1", "moreau:0.4..1", "any-outcome"),
         act=("moreau:0.5", "moreau:0.8", "moreau:1", "any-outcome"),
-        episodes=10,
+        schemes=("time-stepping",),
+        steps=500_000,
+        episodes=20,
     ),
     "hopper": Study(
         tasks=("Hopper-v5",),
         schemes=("time-stepping",),
         train=("moreau:0", "moreau:0.5", "moreau:0.9", "moreau:0..0.9", "mujoco"),
         act=("moreau:0", "moreau:0.5", "moreau:0.9", "mujoco"),
-        episodes=10,
+        steps=500_000,
+        episodes=20,
     ),
 }
 

@@ -33,14 +33,14 @@ def test_a_missing_package_is_named_with_the_extra_that_brings_it(policy, tmp_pa
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory):
-    """A training of one rollout is too long for each test: one for all, with eight environments of 64 steps."""
+    """A training of one rollout is too long for each test: one for all, with environments of 8 steps."""
     if not INSTALLED:
         pytest.skip("stable-baselines3 is not installed")
     import stable_baselines3
 
     class Short(stable_baselines3.PPO):
         def __init__(self, *arguments, **options):
-            super().__init__(*arguments, **{"n_steps": 64, "n_epochs": 2, **options})
+            super().__init__(*arguments, **options | {"n_steps": 8, "n_epochs": 2})
 
     folder = tmp_path_factory.mktemp("short")
     with pytest.MonkeyPatch.context() as patch:

@@ -11,12 +11,13 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from impactlaw.envs.vector.worlds import VectorWorlds
 from impactlaw.errors import SceneError
-from impactlaw.studies.environments import Conditions
+from impactlaw.studies.environments import Conditions, is_own, spec_of
 
 
 def training_worlds(conditions: Conditions, count: int) -> Worlds | None:
     """Return worlds of a task; None if it has none, or none that step in this way under each of these laws."""
-    law, name = conditions.law, f"impactlaw/{conditions.task}"
+    law, task = conditions.law, spec_of(conditions.task).id
+    name = task if is_own(task) else f"impactlaw/{task}"
     spec = gymnasium.registry.get(name)
     if law.is_mujoco or conditions.scheme != "time-stepping" or spec is None or spec.vector_entry_point is None:
         return None
