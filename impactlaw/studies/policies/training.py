@@ -1,4 +1,4 @@
-"""Training by stable-baselines3: PPO in 64 environments, which are worlds of one batch where the task and its law allow it."""
+"""Training by stable-baselines3: PPO in 64 environments, worlds of one batch where task and law allow it."""
 
 # pyright: reportMissingImports=false
 from __future__ import annotations
