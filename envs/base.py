@@ -20,6 +20,7 @@ from gymnasium.spaces import Box
 from impactlaw.envs.episode_log import episode_log
 from impactlaw.envs.episode_seeds import OUTCOMES, EpisodeSeeds
 from impactlaw.envs.info import impact_info
+from impactlaw.envs.law_in_force import LawInForce
 from impactlaw.envs.law_options import LawOptions, check_reset, describe_law, portable_options
 from impactlaw.envs.rendering import Pictures, has_display
 from impactlaw.errors import ActionError, DivergenceError, RenderError, SceneError, UnknownNameError
@@ -35,7 +36,7 @@ _ANEW = "make a new environment"
 _RESET = "pass it to reset(options=...), for an episode, or make a new environment"
 
 
-class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
     """A scene under an impact law as a gymnasium environment.
 
     A subclass names its scene and default law, may `edit` the scene, and says how an episode starts, what an action
@@ -180,30 +181,8 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     @property
     def stepper(self) -> Stepper:
         """What steps the scene, in this episode."""
+        assert self._stepper is not None
         return self._stepper
-
-    @property
-    def law(self) -> Law:
-        """The law in force; set it, to what the argument takes, and it is in force from the next step on.
-
-        Raises:
-            UnknownNameError: as the constructor, and the law stays what it was.
-            RestitutionError: as the constructor, and the law stays what it was.
-        """
-        return self.stepper.law
-
-    @law.setter
-    def law(self, law: str | Law | Mapping[str, Any]) -> None:
-        self._set(law=law, restitution=None)
-
-    @property
-    def restitution(self) -> Any:
-        """The restitution as it was given, None for the scene's own; set it, and the law by its name has that."""
-        return self._options.restitution
-
-    @restitution.setter
-    def restitution(self, restitution: Any) -> None:
-        self._set(restitution=restitution)
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -232,7 +211,7 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         check_reset(options)
         super().reset(seed=seed)
         self._seeds.begin(seed)
-        self._use(self._options.for_reset(options, self._seeds))
+        self.use(self._options.for_reset(options, self._seeds))
         generator = self.np_random.bit_generator.state
         mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key(START).id)
         self.driven = 0.0, 0.0
@@ -298,15 +277,9 @@ class ImpactEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     # -- inside ----------------------------------------------------------------------------------------------------
 
-    def _set(self, **changes: Any) -> None:
-        """Change what stands, and what is in force."""
-        self._use(dataclasses.replace(self._in_force, **changes))
-        self._options = dataclasses.replace(self._options, **changes)
-
-    def _use(self, options: LawOptions) -> None:
+    def use(self, options: LawOptions) -> None:
         """Let these be in force."""
-        self._stepper = options.changed_stepper(self._stepper, self._in_force)
-        self._in_force = options
+        super().use(options)
         self._named = describe_law(self.law)
 
     def _timestep(self) -> ImpactSums:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -12,6 +11,7 @@ import mujoco
 from impactlaw.envs.episode_log import EpisodeLog
 from impactlaw.envs.episode_seeds import EpisodeSeeds
 from impactlaw.envs.info import impact_info
+from impactlaw.envs.law_in_force import LawInForce
 from impactlaw.envs.law_options import LawOptions, describe_law
 from impactlaw.envs.placing.contact_forces import ContactForces
 from impactlaw.errors import DivergenceError, WrapperError
@@ -21,7 +21,7 @@ from impactlaw.stepping.integration import is_huge
 from impactlaw.stepping.stepper import Stepper
 
 
-class PlacedLaw(ABC):
+class PlacedLaw(LawInForce, ABC):
     """A law that an environment's stepping has been given; `remove` takes it away again.
 
     Attributes:
@@ -38,32 +38,8 @@ class PlacedLaw(ABC):
         self._log = log
         self._forces: ContactForces | None = None
         self.clear()
-        self._stepper: Stepper | None = None
+        self._stepper = None
         self._named: tuple[Law | None, dict[str, Any]] = None, {}
-
-    @property
-    def law(self) -> Law:
-        """The law in force; set it, to what the argument takes, and it is in force from the next step on.
-
-        Raises:
-            UnknownNameError: as where it was put, and the law stays what it was.
-            RestitutionError: as where it was put, and the law stays what it was.
-        """
-        assert self._stepper is not None
-        return self._stepper.law
-
-    @law.setter
-    def law(self, law: str | Law | Mapping[str, Any]) -> None:
-        self._set(law=law, restitution=None)
-
-    @property
-    def restitution(self) -> Any:
-        """The restitution as it was given, None for the scene's own; set it, and the law by its name has that."""
-        return self._options.restitution
-
-    @restitution.setter
-    def restitution(self, restitution: Any) -> None:
-        self._set(restitution=restitution)
 
     @property
     def events(self) -> tuple[ImpactEvent, ...]:
@@ -193,17 +169,6 @@ class PlacedLaw(ABC):
         if self._forces is not None:
             mujoco.mj_rnePostConstraint(model, data)
             self._forces.write(data)
-
-    def _set(self, **changes: Any) -> None:
-        """Change what stands, and what is in force."""
-        self.use(replace(self._in_force, **changes))
-        self._options = replace(self._options, **changes)
-
-    def use(self, options: LawOptions) -> None:
-        """Let these be in force."""
-        assert self._stepper is not None
-        self._stepper = options.changed_stepper(self._stepper, self._in_force)
-        self._in_force = options
 
     def _refuse_bad_controls(self, data: mujoco.MjData) -> None:
         """Raise where MuJoCo would go on without any control: it sets all to 0 if one is not finite, or huge."""

@@ -99,24 +99,9 @@ def solve(
             x[i] = 0.0
     impulse_jump(rownnz, rowadr, colind, value, x, z)
     worst = certificate(
-        rownnz,
-        rowadr,
-        colind,
-        value,
-        first,
-        size,
-        kind,
-        bound,
-        compliance,
-        b,
-        x,
-        z,
-        exact,
-        length,
-        label,
-        scale,
+        rownnz, rowadr, colind, value, first, size, kind, bound, compliance, b, x, z, exact, length, label, scale,
         squares,
-    )
+    )  # fmt: skip
     total = 0
     if worst <= tolerance:
         return x, z, worst, total
@@ -144,24 +129,9 @@ def solve(
         )  # fmt: skip
     impulse_jump(rownnz, rowadr, colind, value, x, z)
     worst = certificate(
-        rownnz,
-        rowadr,
-        colind,
-        value,
-        first,
-        size,
-        kind,
-        bound,
-        compliance,
-        b,
-        x,
-        z,
-        exact,
-        length,
-        label,
-        scale,
+        rownnz, rowadr, colind, value, first, size, kind, bound, compliance, b, x, z, exact, length, label, scale,
         squares,
-    )
+    )  # fmt: skip
     return x, z, worst, total
 
 

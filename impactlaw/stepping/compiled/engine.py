@@ -6,6 +6,7 @@ import ctypes
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from impactlaw.stepping.compiled.libmujoco import library
 
@@ -77,3 +78,11 @@ class Pool:
         if getattr(self, "handle", None):
             self._functions.mjb_deleteBatch(self.handle)
             self.handle = None
+
+
+def fill_context(
+    context: np.ndarray, places: tuple[int, ...], arrays: dict[str, np.ndarray], numbers: dict[str, int]
+) -> None:
+    """Write numbers, and addresses of arrays, to their places in what compiled code is given."""
+    for name, value in ({name: array.ctypes.data for name, array in arrays.items()} | numbers).items():
+        context[getattr(places, name)] = value

@@ -12,6 +12,9 @@ import mujoco
 import numpy as np
 from numba import types
 
+from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.stepping.compiled.fields import long_at
+
 _P, _I, _F = types.int64, types.int32, types.float64
 _FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "mj_kinematics": (_P, _P),
@@ -98,3 +101,12 @@ def callbacks() -> np.ndarray:
     names = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter", "sensor")
     places = [ctypes.addressof(ctypes.c_void_p.in_dll(library(), f"mjcb_{name}")) for name in names]
     return np.array(places, dtype=np.int64)
+
+
+@plain
+def is_watched(places):
+    """Return whether a callback of MuJoCo is set, which may be in Python; see `callbacks`."""
+    for i in range(len(places)):  # noqa: SIM110 - compiled
+        if long_at(places[i]) != 0:
+            return True
+    return False

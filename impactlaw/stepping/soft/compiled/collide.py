@@ -13,6 +13,7 @@ from impactlaw.stepping.compiled.access import (
     contact_ints,
     data_floats,
     data_ints,
+    jacobian_of,
     layout_of,
     model_ints,
     number,
@@ -22,7 +23,7 @@ from impactlaw.stepping.compiled.access import (
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, keep
 from impactlaw.stepping.compiled.whitening import unwhiten, whitened
 from impactlaw.stepping.soft.compiled.alone import solve_alone
-from impactlaw.stepping.soft.compiled.found import find, jacobian_of, normal_velocities, within_reach
+from impactlaw.stepping.soft.compiled.found import find, normal_velocities, within_reach
 from impactlaw.stepping.soft.compiled.rows import reached_by, read
 from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, UNKNOWN
 from impactlaw.stepping.soft.tolerances import ROUNDING

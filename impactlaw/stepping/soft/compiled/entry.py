@@ -9,8 +9,8 @@ from numba import types
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import plain
-from impactlaw.stepping.compiled.fields import floats, long_at, longs
+from impactlaw.stepping.compiled.fields import floats, longs
+from impactlaw.stepping.compiled.libmujoco import is_watched
 from impactlaw.stepping.soft.compiled.step import linked_advance
 from impactlaw.stepping.soft.compiled.world import CALLBACK, FINE
 
@@ -75,21 +75,12 @@ class Context(NamedTuple):
 CONTEXT = Context()
 
 
-@plain
-def _is_watched(callbacks):
-    """Return whether a callback of MuJoCo is set, which may be in Python."""
-    for i in range(len(callbacks)):  # noqa: SIM110 - compiled
-        if long_at(callbacks[i]) != 0:
-            return True
-    return False
-
-
 @compiled("void(int64)")
 def steps(context):
     """Take steps until one ends in another way than it should."""
     c = longs(context, len(CONTEXT))
     c[CONTEXT.taken] = 0
-    if _is_watched(longs(c[CONTEXT.callbacks], c[CONTEXT.callback_count])):
+    if is_watched(longs(c[CONTEXT.callbacks], c[CONTEXT.callback_count])):
         c[CONTEXT.status] = CALLBACK
         return
     numbers, width = floats(c[CONTEXT.numbers], TOTAL + SUMS), c[CONTEXT.state_size]

@@ -8,9 +8,8 @@ import mujoco
 import numpy as np
 
 from impactlaw.solvers.cones.algebra.loops import kernel, plain
-from impactlaw.stepping.compiled.access import contact_ints, data_floats, data_ints, model_ints, number, option, size
+from impactlaw.stepping.compiled.access import contact_ints, model_ints, number, option, size
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
-from impactlaw.stepping.compiled.libmujoco import is_sparse
 
 Array = np.ndarray[Any, Any]
 
@@ -29,24 +28,6 @@ class Found(NamedTuple):
     row: Array
     contact: Array
     paired: Array
-
-
-class Jacobian(NamedTuple):
-    """MuJoCo's rows, sparse or dense.
-
-    Attributes:
-        nnz: entries of each row, int32 (nefc,).
-        adr: where they begin, int32 (nefc,).
-        start: where their degrees of freedom begin, int32 (nefc,).
-        col: degrees of freedom, int32.
-        val: the entries.
-    """
-
-    nnz: Array
-    adr: Array
-    start: Array
-    col: Array
-    val: Array
 
 
 @kernel
@@ -77,36 +58,18 @@ def normal_velocities(found, velocity, gamma):
 
 
 @kernel
-def jacobian_of(w):
-    """Return MuJoCo's rows of now."""
-    n = number(w, DATA.nefc)
-    if is_sparse(w.model):
-        many = number(w, DATA.nJ)
-        nnz, adr = data_ints(w, DATA.efc_J_rownnz, n), data_ints(w, DATA.efc_J_rowadr, n)
-        return Jacobian(nnz, adr, adr, data_ints(w, DATA.efc_J_colind, many), data_floats(w, DATA.efc_J, many))
-    places = np.zeros(3 * n + w.nv, np.int32)
-    for i in range(n):
-        places[i], places[n + i] = w.nv, i * w.nv
-    for i in range(w.nv):
-        places[3 * n + i] = i
-    return Jacobian(
-        places[:n], places[n : 2 * n], places[2 * n : 3 * n], places[3 * n :], data_floats(w, DATA.efc_J, n * w.nv)
-    )
-
-
-@kernel
 def within_reach(w, found, jacobian, gamma, speed, rounding):
     """Return which contacts that do not separate share a tree, in steps, with one that is faster than speed, bool (h,).
 
     Args:
         w: the world.
         found: its contacts.
-        jacobian: MuJoCo's rows.
+        jacobian: MuJoCo's rows, see `access.jacobian_of`.
         gamma: contact velocities, (h,).
         speed: of closing, m/s or rad/s.
         rounding: contact velocity up to which a contact does not separate, m/s or rad/s.
     """
-    nnz, adr, start, col, val = jacobian
+    nnz, adr, col, val = jacobian
     tree, reached, more = model_ints(w, MODEL.dof_treeid, w.nv), np.zeros(len(gamma), np.bool_), True
     mark = np.zeros(size(w, MODEL.ntree), np.bool_)
     while more:
@@ -116,10 +79,10 @@ def within_reach(w, found, jacobian, gamma, speed, rounding):
                 continue
             r, near = found.row[i], gamma[i] < -speed
             for a in range(nnz[r]):
-                near = near or (val[adr[r] + a] != 0.0 and mark[tree[col[start[r] + a]]])
+                near = near or (val[adr[r] + a] != 0.0 and mark[tree[col[adr[r] + a]]])
             if near:
                 reached[i] = more = True
                 for a in range(nnz[r]):
                     if val[adr[r] + a] != 0.0:
-                        mark[tree[col[start[r] + a]]] = True
+                        mark[tree[col[adr[r] + a]]] = True
     return reached

@@ -49,7 +49,7 @@ class Rows(NamedTuple):
 def _count(w, found, reached, jacobian, frictional):
     """Return numbers of contacts, rows and entries that have room for the rows of contacts."""
     dim, mu = contact_ints(w, CONTACT.dim, 1)[:, 0], contact_floats(w, CONTACT.friction, 5)
-    nnz, start, col = jacobian.nnz, jacobian.start, jacobian.col
+    nnz, adr, col, _ = jacobian
     tree, num = model_ints(w, MODEL.dof_treeid, w.nv), model_ints(w, MODEL.tree_dofnum, size(w, MODEL.ntree))
     contacts, rows, entries = 0, 0, 0
     mark = np.zeros(len(num), np.bool_)
@@ -61,11 +61,11 @@ def _count(w, found, reached, jacobian, frictional):
             for k in range(dim[c] - 1):
                 own += mu[c, k] > NO_FRICTION
         wide = 0
-        for a in range(start[r], start[r] + nnz[r]):
+        for a in range(adr[r], adr[r] + nnz[r]):
             t = tree[col[a]]
             if not mark[t]:
                 mark[t], wide = True, wide + num[t]
-        for a in range(start[r], start[r] + nnz[r]):
+        for a in range(adr[r], adr[r] + nnz[r]):
             mark[tree[col[a]]] = False
         contacts, rows, entries = contacts + 1, rows + own, entries + own * wide
     return contacts, rows, entries
@@ -74,7 +74,7 @@ def _count(w, found, reached, jacobian, frictional):
 @kernel
 def read(w, found, jacobian, reached, root, frictional):
     """Return `Rows` of the contacts that are reached, bool (h,); root is ``D^-1/2``, (nv,)."""
-    nnz, adr, start, col, val = jacobian
+    nnz, adr, col, val = jacobian
     k, n, m = _count(w, found, reached, jacobian, frictional)
     of, places, out = np.empty(k, np.int64), np.empty(2 * k + 2 * n + m, np.int32), np.empty(m)
     first, count, rownnz = places[:k], places[k : 2 * k], places[2 * k : 2 * k + n]
@@ -108,7 +108,7 @@ def read(w, found, jacobian, reached, root, frictional):
                     mixed[a] = scale * val[adr[row + d] + a]
             rowadr[r] = end
             rownnz[r] = whiten(
-                wide, FIRST, col[start[row] : start[row] + wide], mixed, end, work, mark, factor, Mnnz, Madr, Mcol,
+                wide, FIRST, col[adr[row] : adr[row] + wide], mixed, end, work, mark, factor, Mnnz, Madr, Mcol,
                 root, tree, treeadr, treenum, out, outcol,
             )  # fmt: skip
             end += rownnz[r]

@@ -11,7 +11,7 @@ import numpy as np
 
 from impactlaw.errors import DivergenceError, UncompiledWarning
 from impactlaw.laws import Coulomb, Law
-from impactlaw.stepping.compiled.engine import Pool
+from impactlaw.stepping.compiled.engine import Pool, fill_context
 from impactlaw.stepping.compiled.fields import DATA
 from impactlaw.stepping.compiled.law_table import Coefficients, reason
 from impactlaw.stepping.compiled.layout import table
@@ -73,15 +73,13 @@ class CompiledSoftStepping:
             "table": self._table, "numbers": self._numbers, "keys": self._coefficients.key,
             "values": self._coefficients.value, "callbacks": self._callbacks, "states": self._states,
         }  # fmt: skip
-        values = {name: array.ctypes.data for name, array in arrays.items()}
-        values |= {
+        numbers = {
             "model": self._model._address, "trial": trial._address, "exact": self._exact,
             "frictional": self._scheme.friction, "most": self._scheme.collider.most,
             "collides": self._scheme.collides, "known": len(self._coefficients.key),
             "callback_count": len(self._callbacks), "state_size": self._room,
         }  # fmt: skip
-        for name, value in values.items():
-            self._context[getattr(CONTEXT, name)] = value
+        fill_context(self._context, CONTEXT, arrays, numbers)
 
     @property
     def unlocated(self) -> int:

@@ -78,20 +78,11 @@ class Context(NamedTuple):
 CONTEXT = Context()
 
 
-@plain
-def _is_watched(callbacks):
-    """Return whether a callback of MuJoCo is set, which may be in Python."""
-    for i in range(len(callbacks)):  # noqa: SIM110 - compiled
-        if long_at(callbacks[i]) != 0:
-            return True
-    return False
-
-
 @compiled("void(int64)")
 def one_step(context):
     """Take one step of one world."""
     c = longs(context, len(CONTEXT))
-    if _is_watched(longs(c[CONTEXT.callbacks], c[CONTEXT.callback_count])):
+    if mj.is_watched(longs(c[CONTEXT.callbacks], c[CONTEXT.callback_count])):
         c[CONTEXT.status] = CALLBACK
         return
     memory = floats(c[CONTEXT.memory], c[CONTEXT.memories])

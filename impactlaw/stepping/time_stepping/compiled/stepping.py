@@ -13,7 +13,7 @@ import numpy as np
 
 from impactlaw.errors import DivergenceError, InadmissibleImpactError, UncompiledWarning
 from impactlaw.laws import Law
-from impactlaw.stepping.compiled.engine import Pool
+from impactlaw.stepping.compiled.engine import Pool, fill_context
 from impactlaw.stepping.compiled.fields import DATA, SIZE
 from impactlaw.stepping.compiled.layout import table
 from impactlaw.stepping.compiled.libmujoco import callbacks
@@ -88,14 +88,12 @@ class CompiledStepping:
             "memory": self._memory, "structure": self._structure, "margins": self._margins, "state": self._state,
             "before": self._before, "callbacks": self._callbacks,
         }  # fmt: skip
-        values = {name: array.ctypes.data for name, array in arrays.items()}
-        values |= {
+        numbers = {
             "model": self._model._address, "scratch": scratch._address, "known": len(self._coefficients.key),
             "memories": self._memory.shape[1], "margin_count": len(self._margins), "states": len(self._state),
             "callback_count": len(self._callbacks),
         }  # fmt: skip
-        for name, value in values.items():
-            self._context[getattr(CONTEXT, name)] = value
+        fill_context(self._context, CONTEXT, arrays, numbers)
 
     @property
     def shortfall(self) -> float:

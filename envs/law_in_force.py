@@ -1,0 +1,54 @@
+"""The law that an environment is under, its own or one put there; it can be set."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from impactlaw.envs.law_options import LawOptions
+from impactlaw.laws import Law
+from impactlaw.stepping.stepper import Stepper
+
+
+class LawInForce:
+    """What steps under a law: what was asked for, what is in force in this episode, and the stepper made of that."""
+
+    _options: LawOptions
+    _in_force: LawOptions
+    _stepper: Stepper | None
+
+    @property
+    def law(self) -> Law:
+        """The law in force; set it, to what the argument takes, and it is in force from the next step on.
+
+        Raises:
+            UnknownNameError: as where it was given, and the law stays what it was.
+            RestitutionError: as where it was given, and the law stays what it was.
+        """
+        assert self._stepper is not None
+        return self._stepper.law
+
+    @law.setter
+    def law(self, law: str | Law | Mapping[str, Any]) -> None:
+        self._set(law=law, restitution=None)
+
+    @property
+    def restitution(self) -> Any:
+        """The restitution as it was given, None for the scene's own; set it, and the law by its name has that."""
+        return self._options.restitution
+
+    @restitution.setter
+    def restitution(self, restitution: Any) -> None:
+        self._set(restitution=restitution)
+
+    def use(self, options: LawOptions) -> None:
+        """Let these be in force."""
+        assert self._stepper is not None
+        self._stepper = options.changed_stepper(self._stepper, self._in_force)
+        self._in_force = options
+
+    def _set(self, **changes: Any) -> None:
+        """Change what stands, and what is in force."""
+        self.use(replace(self._in_force, **changes))
+        self._options = replace(self._options, **changes)
