@@ -20,10 +20,10 @@ from tqdm import tqdm
 
 from scripts import machine
 
-from . import chains, import_time, laws, omissions, steps, wrappers
+from . import chains, import_time, laws, omissions, steps, worlds, wrappers
 from .goals import as_table, goals
 
-Part = Literal["laws", "chains", "steps", "wrappers", "omissions", "imports"]
+Part = Literal["laws", "chains", "steps", "wrappers", "omissions", "imports", "worlds", "vector", "compiling"]
 _RUN: dict[Part, Callable[..., pd.DataFrame]] = {
     "laws": laws.run,
     "chains": chains.run,
@@ -31,6 +31,9 @@ _RUN: dict[Part, Callable[..., pd.DataFrame]] = {
     "wrappers": wrappers.run,
     "omissions": omissions.run,
     "imports": import_time.run,
+    "worlds": worlds.run,
+    "vector": worlds.run_vector,
+    "compiling": worlds.run_compiling,
 }
 _THREADS = "OPENBLAS_NUM_THREADS"
 _QUICK_ENVIRONMENTS = ("Hopper-v5",)
@@ -48,17 +51,23 @@ class Benchmark:
     wrappers: wrappers.WrapperCost = field(default_factory=wrappers.WrapperCost)
     omissions: omissions.Omissions = field(default_factory=omissions.Omissions)
     imports: import_time.ImportTime = field(default_factory=import_time.ImportTime)
+    compiling: worlds.Compiling = field(default_factory=worlds.Compiling)
+    vector: worlds.VectorEnvironments = field(default_factory=worlds.VectorEnvironments)
+    worlds: worlds.Worlds = field(default_factory=worlds.Worlds)
 
     def quickly(self) -> Benchmark:
-        """Return the same with fewer and smaller cases: for a look, and for the tests."""
+        """Return the same with fewer and smaller cases, and nothing compiled anew: for a look, and for the tests."""
         return replace(
             self,
+            parts=tuple(part for part in self.parts if part != "compiling"),
             laws=laws.LawCost(sizes=(1, 4, 16), problems=2, seconds=0.01),
             chains=chains.ChainCost(sizes=(100, 1000), seconds=0.1),
             steps=steps.StepCost(cradles=(5, 20), environments=_QUICK_ENVIRONMENTS, full=False, seconds=0.2),
             wrappers=wrappers.WrapperCost(wrapped=_QUICK_ENVIRONMENTS, steps=50, repetitions=2),
             omissions=omissions.Omissions(scenes=("pendulum", "cradle 5"), steps=20, seconds=0.1),
             imports=import_time.ImportTime(processes=1),
+            worlds=worlds.Worlds(tasks=_QUICK_ENVIRONMENTS, counts=(1, 64), threads=(1, 2), calls=3),
+            vector=worlds.VectorEnvironments(worlds=16, steps=200),
         )
 
 

@@ -17,6 +17,8 @@ STEP_RATIO = 4.0
 WRAPPER_RATIO = 1.5
 CHAIN, CHAIN_FASTER, CHAIN_GROWTH, CHAIN_RESIDUAL = 1000, 5.0, 15.0, 1e-10
 IMPORT_SECONDS = 0.3
+MANY, OF_SHIPPED, OF_EULER, SECOND_THREAD = 1024, 1.0, 0.4, 1.8
+OF_PROCESSES, COMPILE_SECONDS, LOAD_SECONDS = 5.0, 60.0, 2.0
 SOFT_RATIOS = {"Ant-v5": 1.15, "Humanoid-v5": 1.15, "Hopper-v5": 1.25, "Walker2d-v5": 1.25}
 SAVED = 0.95  # median time with a part put back, relative to that without, that is no less but for timing
 SAME = 1e-12  # m or rad: what two ways to take the same steps may differ by
@@ -44,6 +46,9 @@ def goals(tables: dict[str, pd.DataFrame]) -> list[Goal]:
         "wrappers": _wrapper_goals,
         "omissions": _omission_goals,
         "imports": _import_goal,
+        "worlds": _worlds_goals,
+        "vector": _vector_goal,
+        "compiling": _compiling_goals,
     }
     return [goal for name, answer in answers.items() if name in tables for goal in answer(tables[name])]
 
@@ -144,3 +149,31 @@ def _import_goal(table: pd.DataFrame) -> Iterator[Goal]:
 
 def _distinct(rows: list[dict[str, Any]], column: str) -> list[Any]:
     return list(dict.fromkeys(row[column] for row in rows))
+
+
+def _worlds_goals(table: pd.DataFrame) -> Iterator[Goal]:
+    rows = [row for row in records(table) if row["worlds"] == MANY]
+    most = max((row["threads"] for row in rows), default=0)
+    for row in rows:
+        if row["threads"] == most:
+            for column, least in (("to_shipped", OF_SHIPPED), ("to_euler", OF_EULER)):
+                name = f"{MANY} worlds of {row['task']}: >= {least:g} of mujoco.batch, {column[3:]}"
+                yield Goal(name, f"{row[column]:.2f}", row[column] >= least)
+    for row in rows:
+        alone = [one for one in rows if one["task"] == row["task"] and one["threads"] == 1]
+        if row["threads"] == 2 and alone:
+            ratio = row["steps_per_s"] / alone[0]["steps_per_s"]
+            yield Goal(f"two threads >= {SECOND_THREAD:g} x one, {row['task']}", f"{ratio:.2f}", ratio >= SECOND_THREAD)
+
+
+def _vector_goal(table: pd.DataFrame) -> Iterator[Goal]:
+    ours, processes = table["steps_per_s"].to_numpy(dtype=float)
+    name = f"worlds of Hopper >= {OF_PROCESSES:g} x AsyncVectorEnv of the wrapper"
+    yield Goal(name, f"{ours / processes:.1f}", bool(ours >= OF_PROCESSES * processes))
+
+
+def _compiling_goals(table: pd.DataFrame) -> Iterator[Goal]:
+    rows = records(table)
+    for process, most in (("compiles", COMPILE_SECONDS), ("loads", LOAD_SECONDS)):
+        seconds = float(np.median([row["processor_s"] for row in rows if row["process"] == process]))
+        yield Goal(f"a process that {process}: <= {most:g} s", f"{seconds:.1f} s", seconds <= most)

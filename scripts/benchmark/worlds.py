@@ -1,0 +1,166 @@
+"""Many worlds at a time: `Batch` next to MuJoCo's own batch, tasks next to processes, compiling and loading.
+
+Batches take the same random controls in turns. MuJoCo's is run as the model is shipped and with its Euler integrator.
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import mujoco
+import mujoco.batch
+import numpy as np
+import pandas as pd
+
+from impactlaw import Batch, Moreau
+from impactlaw.envs import ImpactLaw
+
+from .wrappers import ENVIRONMENTS
+
+OURS, SHIPPED, EULER = "impactlaw", "mujoco", "mujoco, Euler"
+_TIMESTEPS = 5  # of a call
+_COMPILE = """
+import json, time
+start = time.process_time()
+import mujoco
+from impactlaw import Moreau, Stepper
+model = mujoco.MjModel.from_xml_string(
+    '<mujoco><worldbody><geom type="plane" size="1 1 1"/><body pos="0 0 .1"><freejoint/><geom size=".1"/></body>'
+    '</worldbody></mujoco>')
+for options in ({"scheme": "time-stepping"}, {"contact_model": "soft"}):
+    Stepper(model, Moreau(0.5), **options).step(mujoco.MjData(model))
+print(json.dumps(time.process_time() - start))
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Worlds:
+    """Which tasks, how many worlds and threads."""
+
+    tasks: tuple[str, ...] = ENVIRONMENTS
+    """Ids of gymnasium's MuJoCo environments."""
+    counts: tuple[int, ...] = (1, 16, 256, 1024, 4096)
+    """Numbers of worlds."""
+    threads: tuple[int, ...] = tuple(sorted({1, 2, os.cpu_count() or 1}))
+    """Numbers of threads."""
+    calls: int = 20
+    """Calls of five timesteps that are timed, after as many that are not."""
+    restitution: float = 0.5
+    """Coefficient of Moreau's law."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class VectorEnvironments:
+    """Worlds of Hopper next to processes."""
+
+    worlds: int = 256
+    """Of ours; there are as many processes as processors."""
+    steps: int = 20_000
+    """Environment steps of each."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compiling:
+    """A fresh cache, and then the same one again."""
+
+    loads: int = 3
+    """Processes that load."""
+
+
+def _batches(model: mujoco.MjModel, study: Worlds, worlds: int, threads: int) -> dict[str, Any]:
+    euler = copy.copy(model)
+    euler.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    return {
+        OURS: Batch(model, Moreau(study.restitution), worlds, threads),
+        SHIPPED: mujoco.batch.Batch(model, worlds, threads),
+        EULER: mujoco.batch.Batch(euler, worlds, threads),
+    }
+
+
+def _resident() -> float:
+    """Return the memory of this process, MB; NaN where nobody tells."""
+    table = Path("/proc/self/statm")
+    return int(table.read_text().split()[1]) * os.sysconf("SC_PAGESIZE") / 1e6 if table.exists() else np.nan
+
+
+def run(study: Worlds, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
+    """Return one row per task, number of worlds and of threads: timesteps a second of each, and memory of ours."""
+    rows = []
+    for task in study.tasks:
+        model: Any = gymnasium.make(task).unwrapped.model  # pyright: ignore[reportAttributeAccessIssue]
+        for worlds in study.counts:
+            for threads in study.threads:
+                before = _resident()
+                batches, rng = _batches(model, study, worlds, threads), np.random.default_rng(0)
+                seconds: dict[str, list[float]] = {name: [] for name in batches}
+                for call in range(2 * study.calls):
+                    controls = rng.uniform(-1.0, 1.0, (worlds, model.nu))
+                    for name, batch in batches.items():
+                        batch.bind("ctrl")[:] = controls
+                        start = time.perf_counter()
+                        batch.step(nstep=_TIMESTEPS)
+                        if call >= study.calls:
+                            seconds[name].append(time.perf_counter() - start)
+                rate = {name: worlds * _TIMESTEPS / float(np.median(taken)) for name, taken in seconds.items()}
+                row = {"task": task, "worlds": worlds, "threads": threads, "steps_per_s": rate[OURS]}
+                row |= {"to_shipped": rate[OURS] / rate[SHIPPED], "to_euler": rate[OURS] / rate[EULER]}
+                rows.append(row | {"all_three_mb": _resident() - before})
+                progress()
+    return pd.DataFrame(rows)
+
+
+def _steps_per_second(env: gymnasium.vector.VectorEnv, steps: int) -> float:
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    calls = max(1, steps // env.num_envs)
+    actions = [env.action_space.sample() for _ in range(10)]
+    for action in actions:
+        env.step(action)
+    start = time.perf_counter()
+    for call in range(calls):
+        env.step(actions[call % 10])
+    taken = time.perf_counter() - start
+    env.close()
+    return calls * env.num_envs / taken
+
+
+def _wrapped() -> gymnasium.Env:
+    return ImpactLaw(gymnasium.make("Hopper-v5"), "moreau", 0.5, contact_model="rigid", scheme="time-stepping")
+
+
+def run_vector(study: VectorEnvironments, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
+    """Return environment steps a second of worlds, and of the wrapper in processes."""
+    ours = gymnasium.make_vec("impactlaw.envs:impactlaw/Hopper-v5", study.worlds, "vector_entry_point")
+    rows = [{"environments": f"{study.worlds} worlds", "steps_per_s": _steps_per_second(ours, study.steps)}]
+    progress()
+    many = os.cpu_count() or 1
+    processes = gymnasium.vector.AsyncVectorEnv([_wrapped] * many)
+    rate = _steps_per_second(processes, max(many, study.steps // 10))
+    rows.append({"environments": f"{many} processes", "steps_per_s": rate})
+    progress()
+    return pd.DataFrame(rows)
+
+
+def run_compiling(study: Compiling, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
+    """Return processor seconds from a fresh process to the first steps, compiled and loaded."""
+    rows = []
+    with tempfile.TemporaryDirectory() as cache:
+        for number in range(1 + study.loads):
+            environment = os.environ | {"NUMBA_CACHE_DIR": cache}
+            done = subprocess.run(
+                [sys.executable, "-c", _COMPILE], capture_output=True, text=True, check=True, env=environment
+            )
+            rows.append({"process": "compiles" if number == 0 else "loads", "processor_s": json.loads(done.stdout)})
+            progress()
+    return pd.DataFrame(rows)
