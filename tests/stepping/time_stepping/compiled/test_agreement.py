@@ -9,10 +9,10 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
-from both_steppers import begin_alike, compiled_stepper, difference
 
 from impactlaw import Coulomb, Fremond, Law, MaximalDissipation, Moreau, Newton, Stepper
 from impactlaw.errors import DivergenceError, InadmissibleImpactError, UncompiledWarning
+from scripts.robots.agreement import begin_alike, compiled_stepper, difference
 
 SCENE = """<mujoco><option timestep="0.005" integrator="{integrator}" cone="{cone}" jacobian="{jacobian}"/>
   <compiler autolimits="true"/>

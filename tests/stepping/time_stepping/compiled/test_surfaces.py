@@ -10,11 +10,11 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
-from both_steppers import begin_alike, compiled_stepper, difference
 from scenes import compiled
 
 import impactlaw.envs
 from impactlaw import Coulomb, Law, Moreau, Stepper
+from scripts.robots.agreement import begin_alike, compiled_stepper, difference
 
 TABLE = """<body name="table" mocap="true" pos="0 0 -.1"><geom name="table" type="box" size=".5 .5 .1"/>
   <body pos=".3 0 .2"><joint type="hinge" axis="0 1 0" range="-20 20" limited="true" damping=".01"/>

@@ -9,12 +9,12 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
-from both_steppers import compiled_stepper
 
 from impactlaw import Fremond, ImpactEvent, Law, Moreau, Newton, Stepper
 from impactlaw.models import load
 from impactlaw.stepping.impact_event import NOTHING, ImpactSums
 from impactlaw.stepping.time_stepping.compiled import told
+from scripts.robots.agreement import compiled_stepper
 
 LAWS = [Moreau(0.0), Moreau(0.5), Newton({"*": 0.7}), Fremond.reversal()]
 BALL = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>

@@ -1,0 +1,135 @@
+"""Do steps in compiled code and in Python agree, from the same state, on the scenes of this study?
+
+``python -m scripts.robots.agreement``: each scene is stepped under random controls; every step is taken once more by
+the scheme in Python, from what compiled code has begun with. Differences are relative to the size of each field.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+import pandas as pd
+import tyro
+from tqdm import tqdm
+
+from impactlaw import Law, Moreau, Stepper
+from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, raw, recollect
+from impactlaw.stepping.time_stepping.compiled.stepping import CompiledStepping
+from impactlaw.stepping.time_stepping.compiled.surfaces import last_motion
+from impactlaw.stepping.time_stepping.scheme import TimeStepping
+
+from . import scenes
+from .starts import HELD, controls, start
+
+CLOSE = 1e-10
+"""Difference that is rounding."""
+
+DERIVED = (
+    "qpos",
+    "qvel",
+    "qacc",
+    "sensordata",
+    "efc_force",
+    "qfrc_constraint",
+    "act",
+    "xpos",
+    "cvel",
+    "qacc_warmstart",
+)
+
+
+def compiled_stepper(model: mujoco.MjModel, law: Law, **options: object) -> Stepper:
+    """Return a stepper whose steps are compiled."""
+    stepper = Stepper(model, law, scheme="time-stepping", compiled="auto", **options)  # pyright: ignore[reportArgumentType]
+    assert isinstance(stepper.stepping, CompiledStepping)
+    return stepper
+
+
+def begin_alike(ours: Stepper, python: Stepper, one: mujoco.MjData, other: mujoco.MjData) -> None:
+    """Let the scheme in Python begin where compiled code does: from its state, and from what it remembers."""
+    model, compiled, scheme = ours.model, ours.stepping, python.stepping
+    assert isinstance(compiled, CompiledStepping)
+    assert isinstance(scheme, TimeStepping)
+    kind, numbers = mujoco.mjtState.mjSTATE_INTEGRATION, compiled.numbers
+    state = np.empty(mujoco.mj_stateSize(model, kind))
+    mujoco.mj_getState(model, one, state, kind)
+    mujoco.mj_setState(model, other, state, kind)
+    if numbers[MEMORY.steps]:
+        begin = MEMORY.left + model.nq + model.nv
+        gained, motion = numbers[begin : begin + model.nv], last_motion(numbers, model)
+        scheme.resume(other, recollect(numbers, raw(numbers)), gained, motion, solved=compiled.solved)
+
+
+def difference(one: mujoco.MjData, other: mujoco.MjData, *, leave_out: str = "") -> float:
+    """Return by how much the two differ, relative to the size of each field."""
+    assert one.time == other.time
+    pairs = [(getattr(one, name), getattr(other, name)) for name in DERIVED if name != leave_out]
+    return max(float(np.abs(a - b).max(initial=0.0)) / max(1.0, float(np.abs(b).max(initial=0.0))) for a, b in pairs)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Agreement:
+    """Which scenes, and how long."""
+
+    only: tuple[str, ...] = ()
+    """Names of scenes, or parts of names; all without."""
+    states: int = 1000
+    """Of each scene and law."""
+    restitution: tuple[float, ...] = (0.5,)
+    """Coefficients of Moreau's law."""
+    longest: float = 60.0
+    """Wall time of a scene, s; what is left out is told."""
+
+
+def compare(scene: scenes.Scene, e: float, study: Agreement) -> dict[str, Any]:
+    """Return a row: states compared, those that differ, the largest difference, and why it stopped."""
+    row: dict[str, Any] = {"scene": scene.name, "e": e, "states": 0, "differ": 0, "largest": 0.0, "outcome": "fine"}
+    try:
+        loaded = scenes.load(scene)
+        model, one = loaded.model, start(loaded, scene.raised)
+        ours = Stepper(model, Moreau(e), scheme="time-stepping", on_inadmissible="project")
+        python = Stepper(model, Moreau(e), scheme="time-stepping", on_inadmissible="project", compiled="never")
+        other, begun, found = mujoco.MjData(model), time.perf_counter(), []
+        given = controls(model, "random", one.ctrl.copy(), study.states // HELD + 1, 0)
+        for step in range(study.states):
+            one.ctrl[:] = given[step // HELD]
+            begin_alike(ours, python, one, other)
+            ours.step(one)
+            python.step(other)
+            found.append(difference(one, other))
+            if time.perf_counter() - begun > study.longest:
+                row["outcome"] = "out of time"
+                break
+        row |= {"states": len(found), "differ": sum(d > CLOSE for d in found), "largest": max(found)}
+    except Exception as error:
+        row["outcome"] = f"{type(error).__name__}: {error}"[:80]
+    return row
+
+
+def rows(study: Agreement) -> Iterator[dict[str, Any]]:
+    """Return one row per scene and coefficient."""
+    for scene in scenes.chosen(scenes.catalogue(), study.only):
+        for e in study.restitution:
+            yield compare(scene, e, study)
+
+
+def main() -> None:
+    """Compare, and print."""
+    warnings.simplefilter("ignore")
+    study = tyro.cli(Agreement, description=__doc__)
+    found = list(tqdm(rows(study), disable=None))
+    table = pd.DataFrame(found)
+    with pd.option_context("display.width", 160, "display.max_rows", None):
+        print(table.to_string(index=False, float_format=lambda x: f"{x:.1e}"))
+    states, differ = (sum(row[name] for row in found) for name in ("states", "differ"))
+    print(f"{differ} of {states} states differ by more than {CLOSE:g}")
+
+
+if __name__ == "__main__":
+    main()
