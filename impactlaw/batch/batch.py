@@ -128,7 +128,7 @@ class Batch:
 
     @property
     def restitution(self) -> np.ndarray:
-        """E of each world, (nsim,), to be written; NaN where a law has more than one."""
+        """E of each world, (nsim,), to be written, in [0, 1]; NaN where a law has more than one."""
         return self._laws.settings[:, SETTING.restitution]
 
     @property
@@ -171,8 +171,10 @@ class Batch:
 
         Raises:
             WorldsFailedError: some could not be stepped; these are as they were before the call.
-            RestitutionError: a law does not know the restitution of a contact; its world is as it was.
+            RestitutionError: a law does not know the restitution of a contact, and its world is as it was; or what was
+                written to `restitution` is none.
         """
+        self._laws.check()
         self._context[WORLDS.steps] = nstep
         worlds = None if ids is None else np.asarray(ids, dtype=np.int32)
         self._report[slice(None) if worlds is None else worlds, 0] = status.FINE

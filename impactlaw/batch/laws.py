@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from impactlaw.errors import SceneError
+from impactlaw.errors import RestitutionError, SceneError
 from impactlaw.laws import Law
 from impactlaw.stepping.compiled.law_table import Coefficients
 from impactlaw.stepping.time_stepping.compiled.reason import reason
@@ -30,6 +30,7 @@ class Laws:
         self._scheme = scheme
         self.settings = np.zeros((worlds, len(SETTING)))
         self.places = np.zeros((worlds, 3), np.int64)
+        self._by_contact = np.zeros(worlds, dtype=bool)
         self._tables: list[Coefficients | None] = [None] * worlds
         self._made: dict[int, tuple[Law, Coefficients]] = {}
 
@@ -45,10 +46,23 @@ class Laws:
             raise SceneError(f"a batch cannot be under this law: {why}; use Stepper, or another law")
         table = self._scheme.coefficients()
         row = self._scheme.settings()
+        self._by_contact[list(worlds)] = np.isnan(row[SETTING.restitution])
         for world in worlds:
             self.settings[world], self._tables[world] = row, table
             self.settings[world, SETTING.forces] = 0.0
             self._place(world)
+
+    def check(self) -> None:
+        """Refuse restitution that was written and is none.
+
+        Raises:
+            RestitutionError: one is not in [0, 1]; or it is NaN, and the law has one for all contacts.
+        """
+        e = self.settings[:, SETTING.restitution]
+        fine = (e >= 0.0) & (e <= 1.0) | self._by_contact & np.isnan(e)
+        if not fine.all():
+            world = int(np.flatnonzero(~fine)[0])
+            raise RestitutionError(f"restitution of world {world} must be in [0, 1], got {e[world]:g}")
 
     def learn(self, world: int, key: int) -> None:
         """Ask the law of a world for the restitution of a contact.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -104,10 +105,28 @@ class Law(ABC):
             UnsolvableLawError: no velocity satisfies the law; the message names the contacts that conflict.
             SolverError: no solver's answer passed its certificate.
         """
-        target = self.target(collision)
+        target = aim(self, collision)
         problem = jump_problem(collision, target)
         answer = solve_with_jump(problem, collision.labels, solver=solver, shared=False)
         return Impact.solved(collision, problem, answer, np.asarray(target.contact_velocity, dtype=float))
+
+
+def aim(law: Law, collision: Collision) -> Target:
+    """Return the target of a law, whoever wrote that.
+
+    Raises:
+        RestitutionError: it is no `Target`, is for another number of contacts, or is not finite; or as by the law.
+    """
+    target, h = law.target(collision), len(collision.labels)
+    if not isinstance(target, Target):
+        what = f"must return a Target, as Target(contact_velocity), not {type(target).__name__}"
+        raise RestitutionError(f"target() of {law!r} {what}")
+    wanted = np.asarray(target.contact_velocity, dtype=float)
+    if wanted.shape != (h,):
+        raise RestitutionError(f"target() of {law!r} has shape {wanted.shape}, but {h} contacts collide: ({h},)")
+    if not math.isfinite(wanted.dot(wanted)) and not np.isfinite(wanted).all():
+        raise RestitutionError(f"target() of {law!r} is not finite: {wanted}")
+    return target
 
 
 def jump_problem(collision: Collision, target: Target) -> Problem:

@@ -8,6 +8,7 @@ import numpy as np
 
 from impactlaw.errors import SolverError, UnsolvableLawError
 from impactlaw.laws import Coulomb, Law, Poisson, Routh
+from impactlaw.laws.base import aim
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact
 
@@ -43,7 +44,7 @@ class LawTargets:
     def of_each(self, labels: Sequence[str], velocity: np.ndarray) -> np.ndarray:
         """Return ``gamma^h`` of contacts, (k,), from their labels and ``gamma-``, (k,), where `alone`."""
         unit = np.eye(len(velocity))
-        return np.asarray(self.law.target(Collision(unit, unit, velocity, labels=tuple(labels))).contact_velocity)
+        return np.asarray(aim(self.law, Collision(unit, unit, velocity, labels=tuple(labels))).contact_velocity)
 
     def with_friction(self, collision: Collision) -> tuple[np.ndarray, np.ndarray] | None:
         """Return ``gamma^h``, (k,), and sliding velocities to end at, of a rule with friction in it; None without."""
@@ -60,7 +61,7 @@ class LawTargets:
         """Return ``gamma^h``, (k,), of all contacts of a collision; E = 0 where the law has no solution."""
         try:
             if self.law.has_target:
-                return np.asarray(self.law.target(collision).contact_velocity, dtype=float)
+                return np.asarray(aim(self.law, collision).contact_velocity, dtype=float)
             return self.law.resolve(collision).post_contact_velocity
         except (UnsolvableLawError, SolverError):
             return np.zeros(len(collision.labels))

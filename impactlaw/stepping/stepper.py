@@ -94,7 +94,8 @@ class Stepper:
         plan: what a step does in this scene and what it leaves out (`impactlaw.stepping.plan`).
         unlocated: steps so far that had more than max_events collisions, or were time stepped in part or as a whole.
         shortfall: by how much a contact velocity of the last step missed its law (time stepping).
-        short_steps: steps so far in which that was too much (time stepping).
+        short_steps: steps so far in which that was too much, or a contact hit through others lost its restitution
+            (time stepping).
 
     Raises:
         SceneError: the scene holds something rigid stepping does not cover, or an option means nothing to this way to
@@ -265,7 +266,11 @@ class Stepper:
 
     @property
     def short_steps(self) -> int:
-        """Steps so far whose shortfall was above 1e-6 of the largest contact velocity, or 1e-8 m/s (time stepping)."""
+        """Steps so far that did not meet their law (time stepping).
+
+        Their shortfall was above 1e-6 of the largest contact velocity, or 1e-8 m/s; or contacts that are hit through
+        others, one after another, were too many for a step, and lost their restitution.
+        """
         return getattr(self._stepping, "short_steps", 0)
 
     def step(self, data: mujoco.MjData, steps: int = 1) -> None:

@@ -230,3 +230,15 @@ def test_forces_on_bodies_are_those_of_one_world_where_somebody_asks(model: mujo
         np.testing.assert_allclose(felt, np.broadcast_to(data.cfrc_ext, felt.shape), atol=1e-6)
         most = max(most, float(np.abs(felt).max()))
     assert most > 10.0
+
+
+@pytest.mark.parametrize("wrong", [3.0, -1.0, np.nan, np.inf])
+def test_restitution_that_is_none_is_refused(model: mujoco.MjModel, wrong: float):
+    batch = Batch(model, Moreau(0.5), 3)
+    before = batch.bind("qpos").copy()
+    batch.restitution[1] = wrong
+    with pytest.raises(RestitutionError, match="world 1"):
+        batch.step()
+    np.testing.assert_array_equal(batch.bind("qpos"), before)
+    batch.restitution[1] = 0.9
+    batch.step()

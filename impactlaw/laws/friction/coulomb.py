@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from impactlaw.errors import RestitutionError, SolverError, UnknownNameError
-from impactlaw.laws.base import Law, Target, coefficient
+from impactlaw.laws.base import Law, Target, aim, coefficient
 from impactlaw.laws.friction.poisson_phases import resolve_phases
 from impactlaw.laws.poisson import Poisson
 from impactlaw.mechanics.collision import Collision
@@ -99,7 +99,7 @@ class Coulomb(Law):
 
     def target(self, collision: Collision) -> Target:
         """Return ``gamma^h`` of the inner law."""
-        return self.law.target(collision)
+        return aim(self.law, collision)
 
     def resolve(self, collision: Collision, *, solver: str = "auto", effort: Effort | None = None) -> Impact:
         """Return the impact: a `FrictionImpact` where the collision has friction.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from impactlaw.errors import RestitutionError
-from impactlaw.laws.base import Law, Target
+from impactlaw.laws.base import Law, Target, aim
 from impactlaw.laws.friction.coulomb import Coulomb
 from impactlaw.laws.maximal_dissipation import MaximalDissipation
 from impactlaw.laws.moreau import Moreau
@@ -57,10 +57,10 @@ class OnContacts(Law):
         """Return ``gamma^h``, zero where a contact is not chosen."""
         which = np.flatnonzero(self.chosen.mask(collision.labels))
         if len(which) == len(collision.labels):
-            return self.law.target(collision)
+            return aim(self.law, collision)
         wanted = np.zeros(len(collision.labels))
         if len(which):
-            wanted[which] = self.law.target(_part(collision, which)).contact_velocity
+            wanted[which] = aim(self.law, _part(collision, which)).contact_velocity
         return Target(wanted)
 
 

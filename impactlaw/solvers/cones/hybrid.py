@@ -19,6 +19,7 @@ from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, newt
 _FIRST_STEPS = np.array([8, 30, 12, 30])  # Newton steps with two maps from the guess, and from rest
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
 _PATIENCE, _ENDLESS = np.int64(8), np.int64(1000)
+_BRIEF, _HASTE = np.int64(10), np.int64(4)  # the same in large islands
 _KINDS = np.array([DE_SAXCE, DE_SAXCE, ALART_CURNIER, DE_SAXCE, ALART_CURNIER, DE_SAXCE, DE_SAXCE, ALART_CURNIER])
 _FACTORS = np.array([1.0, 1.0, 1.0, 1.0, 0.1, 0.1, 0.3, 1.0])
 _EASE = np.array([0.1, 0.01, 0.0, 0.0, 1.0, 0.1, 0.0, 1.0])  # regularization per relative natural map
@@ -26,7 +27,9 @@ _DENSE, _REDUCED = 1e-12, 1e-9  # least regularization of the system of all rows
 _LATE = 8  # round from which more is done
 _WORK = 1.5e7  # operations after which no further round begins ...
 _FACTORIZATIONS = 150.0  # ... or so many factorizations of one block, whatever is more ...
-_OF_MANY = 30.0  # ... or of many blocks
+_OF_MANY = 30.0  # ... or of many blocks ...
+_OF_LARGE = 8.0  # ... or in an island of so many rows, where Newton's method soon gets no further
+_LARGE = 300
 _ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances will do: such problems are degenerate
 _STAGNANT, _HOPELESS = 4, 8  # rounds without 10 % less after which to stop if they were long, and in any case
 _SHORT = 0.25  # what is not long, as a part of the work allowed
@@ -74,7 +77,7 @@ def solve_island(P: Island, K: Blocks, x: Array, scale: float, tolerance: float,
         delassus(P, G)
     delta = _DENSE if few else _REDUCED
     start, point, total, least = copied(x), copied(x), 0, np.inf
-    patience = _PATIENCE if len(K.width) > 1 else _ENDLESS
+    patience = _ENDLESS if len(K.width) == 1 else _PATIENCE if n < _LARGE else _HASTE
     warm = norm_of(x, FIRST, n) > 0.0
     for k in range(4):
         if (k < 2) != warm and (k < 3 or rounds < 2):
@@ -116,9 +119,11 @@ def _rounds(
     cost, many = flops(P, K), len(K.width) > 1
     apart = 4.0 * len(P.A) + 10.0 * len(x) + 4.0 * K.size  # of a step of alternating directions
     step = cost if not few else float(len(x)) ** 3 + 20.0 * len(x) ** 2
-    limit = _OF_MANY * cost if many else max(_WORK, _FACTORIZATIONS * cost)
+    limit = (_OF_LARGE if len(x) >= _LARGE else _OF_MANY) * cost if many else max(_WORK, _FACTORIZATIONS * cost)
     work, total, before, stagnant = 0.0, 0, least, 0
     after, patience = (_LONG, _PATIENCE) if many else (_AFTER, _ENDLESS)
+    if many and len(x) >= _LARGE:
+        after, patience = _BRIEF, _HASTE
     for k in range(rounds):
         if k % 2 == 0:
             taken = admm(P, K, L, alternating, tolerance, 50 if k < _LATE else 150)

@@ -165,9 +165,10 @@ class ContactProblem:
         missed = fastest = work = rounding = 0.0
         records: tuple[CollisionRecord, ...] = ()
         left = PHASE_ROWS if phases else 0
-        shift, waiting = np.zeros(0), False
+        shift, cut = np.zeros(0), False
         for phase in range(PHASES):
             met = self._meet(data, now, before, metric, known, rounds, may, 0 if phase == PHASES - 1 else left)
+            cut = cut or (met.left <= 0 and self.targets.restitution != 0.0 and bool(self._later(met).any()))
             left = met.left - len(now.scale)
             x, change, shift, _, miss, fast, _, _, done, part, z = met.answer
             impulse[place[met.place]] += x
@@ -176,13 +177,12 @@ class ContactProblem:
             if np.count_nonzero(met.collides):
                 records += (self._record(data, met, before, after, middle, metric),)
             if not np.count_nonzero(met.later):
-                waiting = not phases and self.targets.restitution != 0.0 and bool(np.count_nonzero(self._later(met)))
                 break
             keep = reached_by(now.groups, now.sparse, now.colind, self._model.dof_treeid, met.later)
             rates = later_rates(now.groups, now.sparse, now.colind, now.value, now.rates, z)
             chosen, where = some_groups(*now[:6], rates, keep)
             now, place, may, before, rounds = Rows(*chosen), place[where], met.later[keep], after, FEW_ROUNDS
-        return StepImpulses(impulse, after, shift, missed, fastest, work, rounding, records, waiting)
+        return StepImpulses(impulse, after, shift, missed, fastest, work, rounding, records, cut)
 
     def _meet(
         self,

@@ -74,7 +74,7 @@ class TimeStepping:
     Attributes:
         shortfall: largest amount by which a contact velocity of the last step misses its law, m/s or rad/s.
         short_steps: steps so far in which that is above `SHORTFALL_LIMIT` of the largest contact velocity, or for which
-            MuJoCo had no room for all contacts.
+            MuJoCo had no room for all contacts, or in which contacts hit through others have lost their restitution.
         solved: whether the last step with contact was none of them.
         unlocated: always 0: no collision is located.
     """
@@ -224,7 +224,7 @@ class TimeStepping:
             shift = self._contact(data, h)
             fastest = self._found.fastest if self._found else 0.0
             self.solved = self.shortfall <= SHORTFALL_LIMIT * max(SLOWEST, fastest) and not self._overflown
-            self.short_steps += not self.solved
+            self.short_steps += not self.solved or (self._found is not None and self._found.later)
         else:
             self._known = None
             data.qacc[:] = (data.qvel - self._velocity) / h

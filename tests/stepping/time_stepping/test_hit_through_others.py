@@ -99,3 +99,23 @@ def test_compiled_steps_are_those_of_python():
         one.step(data)
         other.step(twin)
         np.testing.assert_allclose(data.qvel, twin.qvel, rtol=0, atol=1e-10)
+
+
+@DRIVERS
+@pytest.mark.parametrize(("ratio", "some"), [(16, False), (1000, True)])
+def test_lost_restitution_is_counted(compiled, ratio, some):
+    """Galperin's billiard: pi sqrt(m / M) collisions, of which a step can have only some one after another."""
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option timestep=".01" gravity="0 0 0" integrator="RK4"/><default><geom condim="1"/></default>
+        <worldbody><geom type="plane" size="1 1 1" zaxis="1 0 0"/>
+        <body pos=".3 0 .5"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1"/></body>
+        <body pos=".8 0 .5"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="{ratio}"/></body>
+        </worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    data.qvel[1] = -1.0
+    stepper = Stepper(model, Moreau(1.0), scheme="time-stepping", compiled=compiled)
+    for _ in range(100):
+        stepper.step(data)
+    lost = 1.0 - (data.qvel[0] ** 2 + ratio * data.qvel[1] ** 2) / ratio
+    assert (stepper.short_steps > 0) == some == (lost > 1e-3)

@@ -200,8 +200,8 @@ def _meet(w, rows, metric, before, known, rounds, law, may, left, sums):
     """
     later, place = np.zeros(len(may), np.bool_), np.arange(len(rows.rates[0]))
     part, allowed = rows, may
-    waiting = False
     while True:
+        waiting = False
         met = _solve(w, part, metric, known, rounds, law, allowed)
         if met.status != FINE or setting(w, SETTING.restitution) == 0.0 or not met.collides.any():
             break  # without restitution none is lost
@@ -234,14 +234,14 @@ def _resolve(w, rows, metric, start, free, known, rounds, law, phases):
     now, n = rows, len(rows.rates[0])
     place, may, x, velocity = np.arange(n), np.ones(len(rows.key), np.bool_), np.zeros(n), free.copy()
     missed, fastest, created, work, rounding, collided, shift = 0.0, 0.0, 0.0, 0.0, 0.0, False, np.empty(0)
-    left, waiting, before = PHASE_ROWS if phases else 0, False, start
+    left, cut, before = PHASE_ROWS if phases else 0, False, start
     sums = np.zeros(SUMS if setting(w, SETTING.told) != 0.0 else 0)
     for phase in range(PHASES):
         met, where, later, left, waiting = _meet(
             w, now, metric, before, known, rounds if phase == 0 else FEW_ROUNDS, law, may,
             0 if phase == PHASES - 1 else left, sums,
         )  # fmt: skip
-        left -= len(now.rates[0])
+        left, cut = left - len(now.rates[0]), cut or waiting
         collided = collided or met.collides.any()
         created, shift = created + met.created, met.shift
         if met.status != FINE:
@@ -258,7 +258,7 @@ def _resolve(w, rows, metric, start, free, known, rounds, law, phases):
         now, chosen = _some(now, rates, keep)
         place, may, before = place[chosen], later[keep], velocity.copy()
     put(velocity_of(w), velocity)
-    return Outcome(rows, x, shift, collided, missed, fastest, created, work, rounding, waiting, sums, FINE)
+    return Outcome(rows, x, shift, collided, missed, fastest, created, work, rounding, cut, sums, FINE)
 
 
 @kernel

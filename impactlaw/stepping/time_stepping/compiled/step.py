@@ -87,7 +87,7 @@ def _step(w, law, memory, margins, cone, loaded):
     _free_step(w, start, bias, gained)
     if w.surfaces != 0:
         speeds_of_middle(w)
-    collided, missed, touched = False, 0.0, False
+    collided, missed, touched, cut = False, 0.0, False, False
     if number(w, DATA.nefc) > 0:
         rounds = MANY_ROUNDS if counts[MEMORY.solved] != 0 else FEW_ROUNDS
         found = _contact(w, law, last_step(counts), start, bias, rounds)
@@ -96,7 +96,7 @@ def _step(w, law, memory, margins, cone, loaded):
             return found.status
         write_forces(w, found, start, cone)
         rows, shift, touched = found.rows, found.shift, len(found.x) > 0
-        collided, missed = found.collided, found.missed
+        collided, missed, cut = found.collided, found.missed, found.later
         if len(found.sums) > 0:
             put(memory[MEMORY.sums : MEMORY.sums + SUMS], found.sums)
         if touched:
@@ -115,7 +115,7 @@ def _step(w, law, memory, margins, cone, loaded):
         update_frames(w)
         if touched:
             look_again(w, rows)
-        if not solved:
+        if cut or not solved:
             memory[MEMORY.short_steps] += 1.0
     else:
         forget(counts)

@@ -1,0 +1,69 @@
+"""What the target of somebody's own law may be: anything else is refused, by name, in every way to step."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from impactlaw import Collision, Coulomb, Law, Moreau, Stepper
+from impactlaw.errors import RestitutionError
+from impactlaw.laws import Target
+from impactlaw.models import load
+
+WAYS = [{}, {"scheme": "time-stepping"}, {"contact_model": "soft"}]
+
+
+@dataclass(frozen=True)
+class Wrong(Law):
+    """A law that returns what it is told to."""
+
+    kind: str
+
+    def target(self, collision: Collision) -> Any:
+        """Return something that is no target for this collision."""
+        approach = collision.pre_contact_velocity
+        return {
+            "an array": -0.5 * approach,
+            "not finite": Target(np.nan * approach),
+            "too many": Target(np.zeros(len(approach) + 6)),
+            "a column": Target(approach[:, None]),
+        }[self.kind]
+
+
+KINDS = pytest.mark.parametrize(
+    ("kind", "message"),
+    [("an array", "must return a Target"), ("not finite", "not finite"), ("too many", "shape"), ("a column", "shape")],
+)
+
+
+@KINDS
+@pytest.mark.parametrize("balls", [2, 3, 4, 5])
+def test_resolve_refuses_it(kind, message, balls):
+    J = np.eye(balls - 1, balls, 1) - np.eye(balls - 1, balls)
+    collision = Collision(np.eye(balls), J, np.eye(balls)[0])
+    with pytest.raises(RestitutionError, match=message):
+        Wrong(kind).resolve(collision)
+
+
+@KINDS
+@pytest.mark.parametrize("options", WAYS, ids=str)
+@pytest.mark.parametrize("friction", [False, True])
+def test_steps_refuse_it(kind, message, options, friction):
+    model, data = load("box_drop")
+    law = Coulomb(Wrong(kind)) if friction else Wrong(kind)
+    stepper = Stepper(model, law, **options)
+    with pytest.raises(RestitutionError, match=message):
+        for _ in range(600):
+            stepper.step(data)
+
+
+def test_a_right_one_is_as_moreau():
+    @dataclass(frozen=True)
+    class Own(Law):
+        def target(self, collision: Collision) -> Target:
+            return Target(-0.5 * collision.pre_contact_velocity)
+
+    collision = Collision(np.eye(3), [[-1, 1, 0], [0, -1, 1]], [1, 0, 0])
+    expected = Moreau(0.5).resolve(collision).post_velocity
+    np.testing.assert_allclose(Own().resolve(collision).post_velocity, expected, atol=1e-14)
