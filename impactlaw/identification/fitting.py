@@ -20,6 +20,7 @@ from impactlaw.laws.restitution.labels import canonical
 from impactlaw.mechanics.collision import Collision
 
 _SOLVED = 1e-16  # squared error per collision that needs no further search
+_MOST_STEPS = 30  # of a search, each with a derivative: those that converge take fewer
 _LIMIT = 1e-6  # distance from a bound at which the search begins
 
 
@@ -131,6 +132,7 @@ def _fit_parameters(measured: Measurements, family: Family) -> Identified:
     starts = [np.clip(start, low + _LIMIT, high - _LIMIT) for start in product(*(p.starts for p in family.parameters))]
     costs = [np.sum(residual(start) ** 2) for start in starts] if len(starts) > 1 else [0.0]
     options: dict[str, Any] = {"bounds": (low, high), "x_scale": 0.1, "xtol": 1e-12, "ftol": 1e-14, "gtol": 1e-12}
+    options["max_nfev"] = _MOST_STEPS
     searches = []
     for i in np.argsort(costs, kind="stable")[: family.searches]:
         searches.append(least_squares(residual, starts[i], **options))
