@@ -112,6 +112,24 @@ def test_a_law_by_its_name_has_the_restitution_of_the_scene():
         wrapped.law = "newton"
 
 
+def test_what_only_this_episode_can_have_cannot_be_set():
+    own = juggler(law="maximal-dissipation")
+    for env, inner in (
+        (own, own.unwrapped),
+        (wrapped := ImpactLaw(gymnasium.make("Hopper-v5"), "maximal-dissipation"), wrapped),
+    ):
+        env.reset(seed=0, options={"law": "moreau", "restitution": 0.7})
+        with pytest.raises(RestitutionError, match="maximal-dissipation"):
+            inner.restitution = 0.3
+        assert inner.law == Moreau(0.7)
+        assert inner.restitution is None
+        assert env.reset(seed=0)[1]["impact/restitution"] == 0.0
+        env.reset(options={"law": "moreau", "restitution": 0.7})
+        inner.law = Newton(0.25)
+        assert inner.law == Newton(0.25)
+        assert env.reset()[1]["impact/restitution"] == 0.25
+
+
 @pytest.mark.parametrize(
     "name",
     ["contact_model", "scheme", "friction", "frame_skip", "log", "log_every", "width", "height", "model", "data"],
