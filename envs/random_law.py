@@ -12,8 +12,23 @@ from impactlaw.envs.base import ImpactEnv
 from impactlaw.envs.episode_seeds import LAWS, EpisodeSeeds
 from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.wrapper import ImpactLaw
-from impactlaw.errors import OptionError, WrapperError
+from impactlaw.errors import OptionError, SettledError, WrapperError
 from impactlaw.laws import Law
+from impactlaw.settled import Settled
+
+_INSTEAD = "pass it to reset(options=...), for an episode, or put another RandomLaw around the environment"
+
+
+def _inside(name: str) -> property:
+    """Return what the environment inside has; it cannot be set here, since the next reset would draw over it."""
+
+    def get(self: RandomLaw) -> Any:
+        return self.env.get_wrapper_attr(name)
+
+    def refuse(self: RandomLaw, value: Any) -> None:
+        raise SettledError(f"{name} of {type(self).__name__} cannot be set to {value!r:.100}: it is drawn; {_INSTEAD}")
+
+    return property(get, refuse, doc=f"The {name} in force, as the environment inside says.")
 
 
 class RandomLaw(gymnasium.Wrapper, RecordConstructorArgs):
@@ -25,7 +40,8 @@ class RandomLaw(gymnasium.Wrapper, RecordConstructorArgs):
 
     ``reset(seed=...)`` seeds what is drawn from then on, by a generator of its own: episodes start as they do without
     this wrapper. Options that a reset is given come first: a "law" that is given has the restitution that is given with
-    it, or none; "restitution" goes with a law that is drawn among those that take one.
+    it, or none; "restitution" goes with a law that is drawn among those that take one. What it draws from is settled
+    when it is made; setting that, or a law, is an error.
 
     Args:
         env: the environment.
@@ -40,6 +56,9 @@ class RandomLaw(gymnasium.Wrapper, RecordConstructorArgs):
         RestitutionError: a law cannot have such a restitution.
     """
 
+    laws = Settled(_INSTEAD)
+    law, restitution, friction = _inside("law"), _inside("restitution"), _inside("friction")
+
     def __init__(
         self,
         env: gymnasium.Env,
@@ -51,6 +70,7 @@ class RandomLaw(gymnasium.Wrapper, RecordConstructorArgs):
         RecordConstructorArgs.__init__(self, **self._laws.arguments())
         super().__init__(env)
         self._check_base()
+        self.laws = self._laws.laws
         self._seeds = EpisodeSeeds(LAWS)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:

@@ -225,8 +225,26 @@ class VectorWorlds(VectorEnv):
         self._own, self._laws = chosen, None
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Return the "law" in force in each world, or another attribute of all, once for each."""
-        return tuple(self._in_force) if name == "law" else (getattr(self, name),) * self.num_envs
+        """Return "law" or "restitution" in force in each world, or another attribute of all, once for each."""
+        return getattr(self, name) if name in _OPTIONS else (getattr(self, name),) * self.num_envs
+
+    @property
+    def law(self) -> tuple[Law, ...]:
+        """The law in force in each world; set it as `set_attr` does."""
+        return tuple(self._in_force)
+
+    @law.setter
+    def law(self, law: Any) -> None:
+        self.set_attr("law", law)
+
+    @property
+    def restitution(self) -> tuple[float, ...]:
+        """The restitution in force in each world, NaN where it has not just one; set it as `set_attr` does."""
+        return tuple(float(describe_law(law)["impact/restitution"]) for law in self._in_force)
+
+    @restitution.setter
+    def restitution(self, restitution: Any) -> None:
+        self.set_attr("restitution", restitution)
 
     def _begin(self, worlds: np.ndarray, given: Mapping[str, Any] = MappingProxyType({})) -> None:
         self.batch.reset(worlds.tolist(), self._task.keyframe)

@@ -8,6 +8,7 @@ from gymnasium.vector import SyncVectorEnv
 import impactlaw.envs  # noqa: F401
 from impactlaw import Moreau, Newton
 from impactlaw.errors import OptionError, RestitutionError, SettledError, UnknownNameError
+from impactlaw.laws import MaximalDissipation
 
 NAME = "impactlaw/Juggler-v0"
 WORLDS = "vector_entry_point"
@@ -41,6 +42,21 @@ def test_a_law_that_is_set_is_in_force_and_stays(vec):
     vec.set_attr("restitution", 0.3)
     assert vec.get_attr("law") == (Moreau(0.3), Newton(0.3))
     assert list(vec.reset(seed=0)[1]["impact/restitution"]) == [0.3, 0.3]
+
+
+def test_a_law_can_be_set_as_an_attribute(vec):
+    vec.reset(seed=0)
+    vec.law = "maximal-dissipation"
+    assert vec.get_attr("law") == vec.law == (MaximalDissipation(),) * 2
+    assert list(bounce(vec)[1]["impact/restitution"]) == [0.0, 0.0]
+    vec.law = [Moreau(0.1), Newton(0.8)]
+    vec.restitution = [0.3, 0.4]
+    assert vec.law == (Moreau(0.3), Newton(0.4))
+    assert vec.get_attr("restitution") == vec.restitution == (0.3, 0.4)
+    assert list(vec.reset(seed=0)[1]["impact/restitution"]) == [0.3, 0.4]
+    with pytest.raises(UnknownNameError, match="moro"):
+        vec.law = "moro"
+    assert vec.law == (Moreau(0.3), Newton(0.4))
 
 
 def test_options_of_a_reset_are_for_one_episode(vec):
