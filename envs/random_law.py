@@ -8,11 +8,10 @@ from typing import Any
 import gymnasium
 from gymnasium.utils import RecordConstructorArgs
 
-from impactlaw.envs.base import ImpactEnv
 from impactlaw.envs.episode_seeds import LAWS, EpisodeSeeds
 from impactlaw.envs.law_distribution import LawDistribution
-from impactlaw.envs.wrapper import ImpactLaw
-from impactlaw.errors import OptionError, SettledError, WrapperError
+from impactlaw.envs.law_holder import law_holder
+from impactlaw.errors import OptionError, SettledError
 from impactlaw.laws import Law
 from impactlaw.settled import Settled
 
@@ -69,7 +68,7 @@ class RandomLaw(gymnasium.Wrapper, RecordConstructorArgs):
         self._laws = LawDistribution(laws, restitution, friction)
         RecordConstructorArgs.__init__(self, **self._laws.arguments())
         super().__init__(env)
-        self._check_base()
+        law_holder(env)
         self.laws = self._laws.laws
         self._seeds = EpisodeSeeds(LAWS)
 
@@ -87,26 +86,7 @@ class RandomLaw(gymnasium.Wrapper, RecordConstructorArgs):
         """
         if options is not None and not isinstance(options, Mapping):
             raise OptionError(f"options of a reset are a mapping, got {options!r}")
-        self._check_base()
+        law_holder(self.env)
         self._seeds.begin(seed)
         drawn = self._laws.draw(self._seeds.generator, options or ())
         return self.env.reset(seed=seed, options=drawn | dict(options or {}))
-
-    def _check_base(self) -> None:
-        """Refuse an environment that would ignore a law.
-
-        Raises:
-            WrapperError: it has no impact law.
-        """
-        env = self.env
-        while isinstance(env, gymnasium.Wrapper):
-            if isinstance(env, ImpactLaw):
-                if env.law is None:
-                    raise WrapperError("the law was removed from the ImpactLaw inside: there is nothing to draw for")
-                return
-            env = env.env
-        if not isinstance(env, ImpactEnv):
-            raise WrapperError(
-                f"{type(env).__name__} has no impact law to draw; put one on it first: "
-                'RandomLaw(ImpactLaw(env, "moreau", 0.5), laws=...)'
-            )

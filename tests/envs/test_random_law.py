@@ -145,8 +145,8 @@ def test_in_vector_environments():
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [
-        (lambda: RandomLaw(gymnasium.make("Hopper-v5")), WrapperError, "no impact law to draw"),
-        (lambda: RandomLaw(gymnasium.make("CartPole-v1")), WrapperError, "no impact law to draw"),
+        (lambda: RandomLaw(gymnasium.make("Hopper-v5")), WrapperError, "no impact law"),
+        (lambda: RandomLaw(gymnasium.make("CartPole-v1")), WrapperError, "no impact law"),
         (lambda: RandomLaw(juggler(), laws=()), OptionError, "laws is a sequence"),
         (lambda: RandomLaw(juggler(), laws="moreau"), OptionError, "laws is a sequence"),
         (lambda: RandomLaw(juggler(), laws=("moro",)), UnknownNameError, "did you mean 'moreau'"),
