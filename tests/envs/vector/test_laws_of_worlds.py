@@ -7,7 +7,7 @@ from gymnasium.vector import SyncVectorEnv
 
 import impactlaw.envs  # noqa: F401
 from impactlaw import Moreau, Newton
-from impactlaw.errors import OptionError, RestitutionError, SettledError, UnknownNameError
+from impactlaw.errors import OptionError, RestitutionError, SettledError, UncompiledWarning, UnknownNameError
 from impactlaw.laws import MaximalDissipation
 
 NAME = "impactlaw/Juggler-v0"
@@ -80,14 +80,28 @@ def test_what_worlds_do_not_have_is_refused(vec):
 
 
 def test_options_of_single_environments_make_these(tmp_path):
-    vec = gymnasium.make_vec(NAME, 2, log=str(tmp_path / "run-{env}.rrd"))
+    with pytest.warns(UncompiledWarning, match="single environments have log:") as warned:
+        vec = gymnasium.make_vec(NAME, 2, log=str(tmp_path / "run-{env}.rrd"))
+    assert [str(one.filename) for one in warned] == [__file__]
     assert isinstance(vec, SyncVectorEnv)
     vec.reset(seed=0)
     vec.step(np.zeros((2, 1)))
     vec.close()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["run-0.rrd", "run-1.rrd"]
-    vec = gymnasium.make_vec(NAME, 2, scheme="event-driven")
-    assert isinstance(vec, SyncVectorEnv)
-    vec.close()
     with pytest.raises(TypeError, match="lag"):
         gymnasium.make_vec(NAME, 2, lag="run.rrd")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"scheme": "event-driven"}, {"friction": "ignore"}, {"contact_model": "soft"}, {"render_mode": "rgb_array"}],
+    ids=str,
+)
+def test_an_option_that_makes_single_environments_is_named(options):
+    (name,) = options
+    with pytest.warns(UncompiledWarning, match=f"single environments have {name}:"):
+        vec = gymnasium.make_vec(NAME, 2, **options)
+    assert isinstance(vec, SyncVectorEnv)
+    vec.close()
+    with pytest.raises(OptionError, match=f"nthread is for compiled worlds, which do not have {name}"):
+        gymnasium.make_vec(NAME, 2, nthread=1, **options)
