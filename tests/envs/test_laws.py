@@ -103,6 +103,14 @@ def test_what_is_set_and_does_not_fit_is_refused_and_changes_nothing(make):
         assert env.step(np.zeros(env.action_space.shape))[4]["impact/law"] == repr(before)
 
 
+def test_a_law_is_set_through_other_wrappers():
+    for env in (juggler(), gymnasium.wrappers.RecordEpisodeStatistics(hopper())):
+        env.reset(seed=0)
+        assert env.set_wrapper_attr("law", "maximal-dissipation")
+        assert env.get_wrapper_attr("law") == MaximalDissipation()
+        assert env.step(np.zeros(env.action_space.shape))[4]["impact/law"] == "MaximalDissipation()"
+
+
 def test_a_law_by_its_name_has_the_restitution_of_the_scene():
     env = juggler(law="moreau", restitution=0.1)
     env.unwrapped.law = "moreau"
