@@ -95,7 +95,7 @@ def _make(kind: type[DrivenEnv], num_envs: int, **options: Any) -> VectorEnv:
     if single:
         return _side_by_side(f"impactlaw/{kind.__name__}-v0", num_envs, options, ", ".join(single))
     law, restitution = options.get("law"), options.get("restitution")
-    one_each = isinstance(law, list | LawDistribution)
+    one_each = isinstance(law, list | tuple | LawDistribution)
     if one_each and restitution is not None:
         raise RestitutionError(f"{law!r:.100} has its own restitution; leave restitution={restitution!r} out")
     env = kind(
@@ -142,8 +142,8 @@ def make_juggler(num_envs: int, **options: Any) -> VectorEnv:
 
     Args:
         num_envs: number of worlds.
-        options: "law", "restitution" and "frame_skip" of the environment; or as law one for each world, or a
-            `LawDistribution`, from which each world draws the law of each of its episodes; "nthread" and
+        options: "law", "restitution" and "frame_skip" of the environment; or as law a list with one for each world, or
+            a `LawDistribution`, from which each world draws the law of each of its episodes; "nthread" and
             "batch_options" of `impactlaw.Batch`; "max_episode_steps".
     """
     return _make(Juggler, num_envs, **options)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
@@ -100,8 +100,8 @@ class VectorWorlds(VectorEnv):
     Args:
         task: what the worlds are for.
         num_envs: number of worlds.
-        law: the law of all worlds, or one for each, or a `LawDistribution` from which each world draws the law of each
-            of its episodes.
+        law: the law of all worlds, or a list with one for each, laws or their names, or a `LawDistribution` from which
+            each world draws the law of each of its episodes.
         nthread: number of threads; 0 for one per processor.
         max_episode_steps: steps after which an episode is truncated; None for no limit.
         options: of `Batch`.
@@ -116,7 +116,7 @@ class VectorWorlds(VectorEnv):
         self,
         task: Task,
         num_envs: int,
-        law: Law | list[Law] | LawDistribution,
+        law: str | Law | Sequence[str | Law] | LawDistribution,
         *,
         nthread: int = 0,
         max_episode_steps: int | None = None,
@@ -128,9 +128,9 @@ class VectorWorlds(VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._laws = law if isinstance(law, LawDistribution) else None
-        first = _examples(law, task.model)[0] if isinstance(law, LawDistribution) else law
+        first = _first_laws(law, task.model, num_envs)
         self.batch = Batch(task.model, first, num_envs, nthread, **(options or {}))
-        self._own = [first] * num_envs if isinstance(first, Law) else list(first)
+        self._own = [first] * num_envs if isinstance(first, Law) else first
         self._in_force = list(self._own)
         self._law_seeds = [EpisodeSeeds(LAWS) for _ in range(num_envs)]
         self._named: dict[str, np.ndarray] = {}
@@ -327,6 +327,23 @@ class VectorWorlds(VectorEnv):
         if found.shape != wanted:
             raise ActionError(f"actions are numbers of shape {wanted}, one row for each world, got shape {found.shape}")
         return found
+
+
+def _first_laws(law: Any, model: mujoco.MjModel, count: int) -> Law | list[Law]:
+    """Return the law that so many worlds begin with, or one for each.
+
+    Raises:
+        OptionError: there is not one for each world.
+        UnknownNameError: no such law.
+        RestitutionError: a law needs a restitution.
+    """
+    if isinstance(law, LawDistribution):
+        return _examples(law, model)[0]
+    if not isinstance(law, list | tuple):
+        return choose_law(model, law)
+    if len(law) != count:
+        raise OptionError(f"{count} worlds need as many laws, got {len(law)}: give one for each, or one for all")
+    return [choose_law(model, one) for one in law]
 
 
 def _examples(laws: LawDistribution, model: mujoco.MjModel) -> list[Law]:

@@ -1,12 +1,16 @@
 """Worlds that are told nonsense say so, and stay as they were."""
 
+import copy
+import pickle
+
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 
 import impactlaw.envs  # noqa: F401
-from impactlaw.errors import ActionError, OptionError
+from impactlaw import Moreau, make_law
+from impactlaw.errors import ActionError, CopyError, OptionError, RestitutionError, UnknownNameError
 
 NAME = "impactlaw/Juggler-v0"
 WORLDS = "vector_entry_point"
@@ -60,3 +64,41 @@ def test_numbers_of_worlds_that_are_none(name):
     for count in (-1, 0, 1.5):
         with pytest.raises(OptionError, match="num_envs must be a whole number"):
             gymnasium.make_vec(name, count, vectorization_mode=WORLDS)
+
+
+@pytest.mark.parametrize("name", [NAME, "impactlaw/Hopper-v5"])
+def test_laws_that_do_not_fit_the_worlds(name):
+    for laws, error, message in (
+        (["reversal", "reversal"], OptionError, "3 worlds need as many laws, got 2"),
+        ([Moreau(0.5)] * 4, OptionError, "3 worlds need as many laws, got 4"),
+        ([], OptionError, "3 worlds need as many laws, got 0"),
+        (["moro"] * 3, UnknownNameError, "moro"),
+    ):
+        with pytest.raises(error, match=message):
+            gymnasium.make_vec(name, 3, vectorization_mode=WORLDS, law=laws)
+    for laws in (["reversal", Moreau(0.5), "maximal-dissipation"], ("reversal", Moreau(0.5), "maximal-dissipation")):
+        vec = gymnasium.make_vec(name, 3, vectorization_mode=WORLDS, law=laws, nthread=1)
+        assert list(vec.reset(seed=0)[1]["impact/restitution"]) == [1.0, 0.5, 0.0]
+        vec.close()
+
+
+def test_worlds_cannot_be_copied(vec):
+    vec.reset(seed=0)
+    for make in (copy.copy, copy.deepcopy, pickle.dumps):
+        with pytest.raises(CopyError, match="make another one"):
+            make(vec.batch)
+    for make in (copy.deepcopy, pickle.dumps):
+        with pytest.raises(CopyError, match="make another one"):
+            make(vec)
+
+
+@pytest.mark.parametrize("e", [True, np.True_, "0.5", [True], {"ball/paddle": "0.5"}], ids=repr)
+def test_a_restitution_that_is_no_number(vec, e):
+    for make in (lambda: make_law("newton", e), lambda: gymnasium.make(NAME, law="newton", restitution=e)):
+        with pytest.raises(RestitutionError, match="must be a number"):
+            make()
+    with pytest.raises(RestitutionError, match="must be a number"):
+        vec.reset(seed=0, options={"law": "newton", "restitution": e})
+    for name in ("moreau", "reversal", "compliant", "poisson", "routh"):
+        with pytest.raises(RestitutionError, match="number"):
+            make_law(name, e)
