@@ -49,6 +49,13 @@ class LawInForce:
         self._in_force = options
 
     def _set(self, **changes: Any) -> None:
-        """Change what stands, and what is in force."""
-        self.use(replace(self._in_force, **changes))
-        self._options = replace(self._options, **changes)
+        """Change what stands, and what is in force, or nothing if either cannot have it."""
+        assert self._stepper is not None
+        standing = replace(self._options, **changes)
+        if self._in_force is self._options:
+            in_force = standing
+        else:  # this episode has something of its own, so that `use` does not look at what stands
+            standing.stepper(self._stepper.model)
+            in_force = replace(self._in_force, **changes)
+        self.use(in_force)
+        self._options = standing

@@ -116,9 +116,10 @@ class LawOptions:
         return replace(asked, seed=seed) if asked.draws else asked
 
     def settings(self, law: Law) -> dict[str, Any] | None:
-        """Return reset options that make the same, as plain values; None for a law that has none."""
+        """Return reset options that make the same, and the contact model, as plain values; None for a law without."""
         try:
             given = {"law": portable(law), "friction": self.friction, "scheme": self.scheme}
+            given["contact_model"] = self.contact_model
         except RestitutionError:
             return None
         return {name: value for name, value in given.items() if value is not None}

@@ -8,12 +8,26 @@ from typing import Any
 import gymnasium
 from gymnasium.utils import RecordConstructorArgs
 
-from impactlaw.envs.base import ImpactEnv
 from impactlaw.envs.episode_seeds import LAWS, EpisodeSeeds
 from impactlaw.envs.law_distribution import LawDistribution
-from impactlaw.envs.wrapper import ImpactLaw
-from impactlaw.errors import OptionError, WrapperError
+from impactlaw.envs.law_holder import law_holder
+from impactlaw.errors import OptionError, SettledError
 from impactlaw.laws import Law
+from impactlaw.settled import Settled
+
+_INSTEAD = "pass it to reset(options=...), for an episode, or put another RandomLaw around the environment"
+
+
+def _inside(name: str) -> property:
+    """Return what the environment inside has; it cannot be set here, since the next reset would draw over it."""
+
+    def get(self: RandomLaw) -> Any:
+        return self.env.get_wrapper_attr(name)
+
+    def refuse(self: RandomLaw, value: Any) -> None:
+        raise SettledError(f"{name} of {type(self).__name__} cannot be set to {value!r:.100}: it is drawn; {_INSTEAD}")
+
+    return property(get, refuse, doc=f"The {name} in force, as the environment inside says.")
 
 
 class RandomLaw(gymnasium.Wrapper, RecordConstructorArgs):
@@ -25,7 +39,8 @@ class RandomLaw(gymnasium.Wrapper, RecordConstructorArgs):
 
     ``reset(seed=...)`` seeds what is drawn from then on, by a generator of its own: episodes start as they do without
     this wrapper. Options that a reset is given come first: a "law" that is given has the restitution that is given with
-    it, or none; "restitution" goes with a law that is drawn among those that take one.
+    it, or none; "restitution" goes with a law that is drawn among those that take one. What it draws from is settled
+    when it is made; setting that, or a law, is an error.
 
     Args:
         env: the environment.
@@ -40,6 +55,9 @@ class RandomLaw(gymnasium.Wrapper, RecordConstructorArgs):
         RestitutionError: a law cannot have such a restitution.
     """
 
+    laws = Settled(_INSTEAD)
+    law, restitution, friction = _inside("law"), _inside("restitution"), _inside("friction")
+
     def __init__(
         self,
         env: gymnasium.Env,
@@ -50,7 +68,8 @@ class RandomLaw(gymnasium.Wrapper, RecordConstructorArgs):
         self._laws = LawDistribution(laws, restitution, friction)
         RecordConstructorArgs.__init__(self, **self._laws.arguments())
         super().__init__(env)
-        self._check_base()
+        law_holder(env)
+        self.laws = self._laws.laws
         self._seeds = EpisodeSeeds(LAWS)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
@@ -67,26 +86,7 @@ class RandomLaw(gymnasium.Wrapper, RecordConstructorArgs):
         """
         if options is not None and not isinstance(options, Mapping):
             raise OptionError(f"options of a reset are a mapping, got {options!r}")
-        self._check_base()
+        law_holder(self.env)
         self._seeds.begin(seed)
         drawn = self._laws.draw(self._seeds.generator, options or ())
         return self.env.reset(seed=seed, options=drawn | dict(options or {}))
-
-    def _check_base(self) -> None:
-        """Refuse an environment that would ignore a law.
-
-        Raises:
-            WrapperError: it has no impact law.
-        """
-        env = self.env
-        while isinstance(env, gymnasium.Wrapper):
-            if isinstance(env, ImpactLaw):
-                if env.law is None:
-                    raise WrapperError("the law was removed from the ImpactLaw inside: there is nothing to draw for")
-                return
-            env = env.env
-        if not isinstance(env, ImpactEnv):
-            raise WrapperError(
-                f"{type(env).__name__} has no impact law to draw; put one on it first: "
-                'RandomLaw(ImpactLaw(env, "moreau", 0.5), laws=...)'
-            )

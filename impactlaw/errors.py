@@ -133,6 +133,10 @@ class SettledError(ImpactLawError, AttributeError):
     """Something that is settled when its owner is made was set later: it would have no effect."""
 
 
+class CopyError(ImpactLawError, TypeError):
+    """Something that cannot be copied or pickled."""
+
+
 class UncompiledWarning(UserWarning):
     """Steps are taken in Python, though compiled ones were asked for."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import gymnasium
@@ -15,8 +16,9 @@ from impactlaw.envs.tasks.driven import DrivenEnv
 from impactlaw.envs.tasks.juggler import Juggler
 from impactlaw.envs.tasks.rocking_block import RockingBlock
 from impactlaw.envs.vector.worlds import Outcome, VectorWorlds, step_worlds
-from impactlaw.errors import ActionError, RestitutionError
+from impactlaw.errors import ActionError, OptionError, RestitutionError, UncompiledWarning
 from impactlaw.models import START
+from impactlaw.stepping.compatibility import check_count
 
 _OF_WORLDS = {"law", "restitution", "scheme", "frame_skip", "nthread", "batch_options", "max_episode_steps"}
 
@@ -87,11 +89,13 @@ class Driven:
 
 def _make(kind: type[DrivenEnv], num_envs: int, **options: Any) -> VectorEnv:
     """Return worlds, or single environments side by side if an option is one that only these have."""
-    if not options.keys() <= _OF_WORLDS or options.get("scheme", "time-stepping") != "time-stepping":
-        name = f"impactlaw/{kind.__name__}-v0"
-        return SyncVectorEnv([lambda: gymnasium.make(name, **options)] * num_envs)
+    single = sorted(options.keys() - _OF_WORLDS)
+    if options.get("scheme", "time-stepping") != "time-stepping":
+        single.append("scheme")
+    if single:
+        return _side_by_side(f"impactlaw/{kind.__name__}-v0", num_envs, options, ", ".join(single))
     law, restitution = options.get("law"), options.get("restitution")
-    one_each = isinstance(law, list | LawDistribution)
+    one_each = isinstance(law, list | tuple | LawDistribution)
     if one_each and restitution is not None:
         raise RestitutionError(f"{law!r:.100} has its own restitution; leave restitution={restitution!r} out")
     env = kind(
@@ -104,16 +108,42 @@ def _make(kind: type[DrivenEnv], num_envs: int, **options: Any) -> VectorEnv:
     )  # fmt: skip
 
 
+def _side_by_side(name: str, num_envs: int, options: dict[str, Any], single: str) -> SyncVectorEnv:
+    """Return single environments, and warn that they are no compiled worlds.
+
+    Args:
+        name: of the environment.
+        num_envs: number of environments.
+        options: of each of them.
+        single: the options that only single environments have, for the message.
+
+    Raises:
+        OptionError: there are options, too, that only worlds have.
+    """
+    check_count("num_envs", num_envs)
+    for worlds in ("nthread", "batch_options"):
+        if worlds in options:
+            raise OptionError(f"{worlds} is for compiled worlds, which do not have {single}: leave one of them out")
+    made = SyncVectorEnv([lambda: gymnasium.make(name, **options)] * num_envs)
+    warnings.warn(
+        f"only single environments have {single}: these are {num_envs} of them, stepped one after another, and not "
+        'compiled worlds; leave it out for worlds, or pass vectorization_mode="sync"',
+        UncompiledWarning,
+        stacklevel=5,
+    )
+    return made
+
+
 def make_juggler(num_envs: int, **options: Any) -> VectorEnv:
     """Return worlds of `Juggler`, time stepped.
 
-    With an option that only single environments have, such as "log" or another scheme, these are single environments,
-    stepped one after another.
+    With an option that only single environments have, such as "log", "friction" or another scheme, these are single
+    environments, stepped one after another, and an `UncompiledWarning` says so.
 
     Args:
         num_envs: number of worlds.
-        options: "law", "restitution" and "frame_skip" of the environment; or as law one for each world, or a
-            `LawDistribution`, from which each world draws the law of each of its episodes; "nthread" and
+        options: "law", "restitution" and "frame_skip" of the environment; or as law a list with one for each world, or
+            a `LawDistribution`, from which each world draws the law of each of its episodes; "nthread" and
             "batch_options" of `impactlaw.Batch`; "max_episode_steps".
     """
     return _make(Juggler, num_envs, **options)

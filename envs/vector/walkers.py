@@ -89,7 +89,7 @@ def make_robots(
     num_envs: int,
     *,
     name: str,
-    law: str | Law | list[Law] | LawDistribution = "moreau",
+    law: str | Law | list[str | Law] | LawDistribution = "moreau",
     restitution: Any = None,
     nthread: int = 0,
     max_episode_steps: int | None = None,
@@ -101,8 +101,8 @@ def make_robots(
     Args:
         num_envs: number of worlds.
         name: of gymnasium's environment.
-        law: name of the law, or a law, or one for each world, or a `LawDistribution`, from which each world draws the
-            law of each of its episodes.
+        law: name of the law, or a law, or a list with one for each world, or a `LawDistribution`, from which each world
+            draws the law of each of its episodes.
         restitution: of a law that is given by its name; 0 if not given.
         nthread: number of threads; 0 for one per processor.
         max_episode_steps: steps after which an episode is truncated.

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 import mujoco
 import numpy as np
 from gymnasium import spaces
+from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -17,8 +18,9 @@ from impactlaw.batch import Batch
 from impactlaw.envs.episode_seeds import LAWS, EpisodeSeeds
 from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.law_options import choose_law, describe_law
-from impactlaw.errors import OptionError, SettledError, UnknownNameError, WorldsFailedError
+from impactlaw.errors import ActionError, OptionError, SettledError, UnknownNameError, WorldsFailedError
 from impactlaw.laws import Law
+from impactlaw.stepping.compatibility import check_count
 
 _OPTIONS = ("law", "restitution")
 
@@ -98,8 +100,8 @@ class VectorWorlds(VectorEnv):
     Args:
         task: what the worlds are for.
         num_envs: number of worlds.
-        law: the law of all worlds, or one for each, or a `LawDistribution` from which each world draws the law of each
-            of its episodes.
+        law: the law of all worlds, or a list with one for each, laws or their names, or a `LawDistribution` from which
+            each world draws the law of each of its episodes.
         nthread: number of threads; 0 for one per processor.
         max_episode_steps: steps after which an episode is truncated; None for no limit.
         options: of `Batch`.
@@ -114,20 +116,21 @@ class VectorWorlds(VectorEnv):
         self,
         task: Task,
         num_envs: int,
-        law: Law | list[Law] | LawDistribution,
+        law: str | Law | Sequence[str | Law] | LawDistribution,
         *,
         nthread: int = 0,
         max_episode_steps: int | None = None,
         options: Mapping[str, Any] | None = None,
     ):
+        check_count("num_envs", num_envs)
         self._task, self.num_envs, self._limit = task, num_envs, max_episode_steps
         self.single_observation_space, self.single_action_space = task.observation_space, task.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._laws = law if isinstance(law, LawDistribution) else None
-        first = _examples(law, task.model)[0] if isinstance(law, LawDistribution) else law
+        first = _first_laws(law, task.model, num_envs)
         self.batch = Batch(task.model, first, num_envs, nthread, **(options or {}))
-        self._own = [first] * num_envs if isinstance(first, Law) else list(first)
+        self._own = [first] * num_envs if isinstance(first, Law) else first
         self._in_force = list(self._own)
         self._law_seeds = [EpisodeSeeds(LAWS) for _ in range(num_envs)]
         self._named: dict[str, np.ndarray] = {}
@@ -138,6 +141,7 @@ class VectorWorlds(VectorEnv):
         task.bind(self.batch)
         self._rngs = [seeding.np_random(None)[0] for _ in range(num_envs)]
         self._elapsed, self._over = np.zeros(num_envs, int), np.ones(num_envs, bool)
+        self._begun = False
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -146,25 +150,61 @@ class VectorWorlds(VectorEnv):
 
         "law" and "restitution" among the options are for the episodes that begin, as `ImpactEnv.reset` takes them.
 
+        Args:
+            seed: one number, or one for each world, where None leaves the generator of that world as it is.
+            options: see above.
+
         Raises:
             UnknownNameError: there is no such option, or no such law.
+            OptionError: the seeds or the mask do not fit the worlds, or the options are no mapping.
             RestitutionError: the restitution does not fit the law.
         """
+        if options is not None and not isinstance(options, Mapping):
+            raise OptionError(f"options of a reset are a mapping, got {options!r}")
         given = dict(options or {})
-        given.pop("reset_mask", None)
+        mask = given.pop("reset_mask", np.ones(self.num_envs, bool))
         for name in given:
             if name not in _OPTIONS:
                 raise UnknownNameError("option of reset", name, ("reset_mask", *_OPTIONS))
-        mask = np.ones(self.num_envs, bool) if options is None else np.asarray(options.get("reset_mask", True))
-        chosen = np.flatnonzero(np.broadcast_to(mask, self.num_envs))
-        if seed is not None:
-            seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed
-            for i in chosen:
-                if seeds[i] is not None:
-                    self._rngs[i] = seeding.np_random(seeds[i])[0]
-                    self._law_seeds[i].begin(seeds[i])
+        chosen, seeds = self._chosen(mask), self._seeds(seed)
+        for i in chosen:
+            if seeds[i] is not None:
+                self._rngs[i] = seeding.np_random(seeds[i])[0]
+                self._law_seeds[i].begin(seeds[i])
         self._begin(chosen, given)
+        self._begun = True
         return self._task.observe(), self._info()
+
+    def _chosen(self, mask: Any) -> np.ndarray:
+        """Return the numbers of the worlds of a mask.
+
+        Raises:
+            OptionError: it is not one bool for each world.
+        """
+        mask = np.asarray(mask)
+        if mask.dtype != bool or mask.shape != (self.num_envs,):
+            raise OptionError(
+                f"reset_mask is one bool for each of {self.num_envs} worlds, got {mask.dtype} of shape {mask.shape}"
+            )
+        return np.flatnonzero(mask)
+
+    def _seeds(self, seed: Any) -> list[int | None]:
+        """Return the seed of each world, None for none.
+
+        Raises:
+            OptionError: it is neither a whole number, 0 or more, nor one for each world.
+        """
+        if isinstance(seed, int | np.integer):
+            seeds: list[Any] = [int(seed) + i for i in range(self.num_envs)] if seed >= 0 else [seed]
+        else:
+            seeds = [None] * self.num_envs if seed is None else list(seed) if np.iterable(seed) else [seed]
+        whole = all(one is None or (isinstance(one, int | np.integer) and one >= 0) for one in seeds)
+        if not whole or len(seeds) != self.num_envs:
+            raise OptionError(
+                f"a seed is a whole number, 0 or more, or a list with one for each of {self.num_envs} worlds, "
+                f"got {seed!r:.100}"
+            )
+        return [None if one is None else int(one) for one in seeds]
 
     def set_attr(self, name: str, values: Any) -> None:
         """Let "law" or "restitution" of all worlds be another, or one for each; it is in force from now on, and stays.
@@ -185,8 +225,26 @@ class VectorWorlds(VectorEnv):
         self._own, self._laws = chosen, None
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Return the "law" in force in each world, or another attribute of all, once for each."""
-        return tuple(self._in_force) if name == "law" else (getattr(self, name),) * self.num_envs
+        """Return "law" or "restitution" in force in each world, or another attribute of all, once for each."""
+        return getattr(self, name) if name in _OPTIONS else (getattr(self, name),) * self.num_envs
+
+    @property
+    def law(self) -> tuple[Law, ...]:
+        """The law in force in each world; set it as `set_attr` does."""
+        return tuple(self._in_force)
+
+    @law.setter
+    def law(self, law: Any) -> None:
+        self.set_attr("law", law)
+
+    @property
+    def restitution(self) -> tuple[float, ...]:
+        """The restitution in force in each world, NaN where it has not just one; set it as `set_attr` does."""
+        return tuple(float(describe_law(law)["impact/restitution"]) for law in self._in_force)
+
+    @restitution.setter
+    def restitution(self, restitution: Any) -> None:
+        self.set_attr("restitution", restitution)
 
     def _begin(self, worlds: np.ndarray, given: Mapping[str, Any] = MappingProxyType({})) -> None:
         self.batch.reset(worlds.tolist(), self._task.keyframe)
@@ -225,7 +283,15 @@ class VectorWorlds(VectorEnv):
         return told | {f"_{name}": every for name in told}
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Step all worlds whose episode goes on, and reset the others."""
+        """Step all worlds whose episode goes on, and reset the others.
+
+        Raises:
+            ResetNeeded: there was no reset yet (gymnasium's own error).
+            ActionError: the actions are not numbers, one row for each world.
+        """
+        if not self._begun:
+            raise ResetNeeded("episodes begin with reset(); call it before step()")
+        actions = self._checked(actions)
         over, going = np.flatnonzero(self._over), np.flatnonzero(~self._over)
         reward, terminated = np.zeros(self.num_envs), np.zeros(self.num_envs, bool)
         truncated, info = np.zeros(self.num_envs, bool), dict[str, Any]()
@@ -245,6 +311,39 @@ class VectorWorlds(VectorEnv):
         info |= self._info()
         self._over = terminated | truncated
         return self._task.observe(), reward, terminated, truncated, info
+
+    def _checked(self, actions: Any) -> np.ndarray:
+        """Return actions of all worlds.
+
+        Raises:
+            ActionError: they are not numbers, or have the wrong shape.
+        """
+        wanted = self.action_space.shape
+        try:
+            found = np.asarray(actions)
+            found = found if found.dtype.kind == "f" else np.asarray(actions, dtype=float)
+        except (TypeError, ValueError):
+            raise ActionError(f"actions are numbers of shape {wanted}, got {actions!r:.100}") from None
+        if found.shape != wanted:
+            raise ActionError(f"actions are numbers of shape {wanted}, one row for each world, got shape {found.shape}")
+        return found
+
+
+def _first_laws(law: Any, model: mujoco.MjModel, count: int) -> Law | list[Law]:
+    """Return the law that so many worlds begin with, or one for each.
+
+    Raises:
+        OptionError: there is not one for each world.
+        UnknownNameError: no such law.
+        RestitutionError: a law needs a restitution.
+    """
+    if isinstance(law, LawDistribution):
+        return _examples(law, model)[0]
+    if not isinstance(law, list | tuple):
+        return choose_law(model, law)
+    if len(law) != count:
+        raise OptionError(f"{count} worlds need as many laws, got {len(law)}: give one for each, or one for all")
+    return [choose_law(model, one) for one in law]
 
 
 def _examples(laws: LawDistribution, model: mujoco.MjModel) -> list[Law]:

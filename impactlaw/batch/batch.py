@@ -11,7 +11,7 @@ import numpy as np
 
 from impactlaw.batch.laws import Laws
 from impactlaw.batch.rows import Fields
-from impactlaw.errors import SceneError, UnknownNameError, WorldsFailedError
+from impactlaw.errors import CopyError, SceneError, UnknownNameError, WorldsFailedError
 from impactlaw.laws import Law
 from impactlaw.stepping.compatibility import FRICTION, check_count, check_law, check_model, check_speed
 from impactlaw.stepping.compiled.engine import Pool, functions
@@ -105,6 +105,17 @@ class Batch:
         self._slots = np.zeros((self.nthread + 1, 2), np.int64)
         self._context, self._table = np.zeros(len(WORLDS), np.int64), table()
         self._write_context()
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """Refuse to be copied and pickled.
+
+        Raises:
+            CopyError: always.
+        """
+        raise CopyError(
+            f"{type(self).__name__} cannot be copied or pickled: its worlds are in memory that compiled code holds; "
+            "make another one, and copy the rows of `state`"
+        )
 
     def _write_context(self) -> None:
         """Tell compiled code where all is."""

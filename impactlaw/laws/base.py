@@ -190,9 +190,11 @@ def coefficient(value: object, name: str = "restitution") -> float:
     """Return ``value`` as a coefficient of restitution in [0, 1].
 
     Raises:
-        RestitutionError: not a number, NaN, negative or above one.
+        RestitutionError: not a number, but a text or a truth value, say; NaN, negative or above one.
     """
     try:
+        if isinstance(value, str | bytes | bool | np.bool_):
+            raise TypeError
         number = float(value)  # pyright: ignore[reportArgumentType]
     except (TypeError, ValueError):
         raise RestitutionError(f"{name} must be a number in [0, 1], got {value!r}") from None

@@ -83,6 +83,8 @@ class Episode:
         rewards: (k,).
         frame: which frame each environment step ends with, int (k,).
         ended: "terminated", "truncated", or "" where it was given up, or ended by what is around the environment.
+        scene: name of the environment, or of the scene; None if not known.
+        contact_model: "rigid" or "soft"; None if not known.
     """
 
     number: int
@@ -97,10 +99,12 @@ class Episode:
     rewards: np.ndarray
     frame: np.ndarray
     ended: str = field(default="")
+    scene: str | None = None
+    contact_model: str | None = None
 
 
-def read_episodes(entities: dict[str, Entity], time: np.ndarray) -> tuple[Episode, ...]:
-    """Return the episodes of a recording whose frames have these times, (n,).
+def read_episodes(entities: dict[str, Entity], time: np.ndarray, scene: str | None) -> tuple[Episode, ...]:
+    """Return the episodes of a recording of a scene whose frames have these times, (n,).
 
     Where no starts are written, an episode begins where time goes back.
     """
@@ -117,7 +121,7 @@ def read_episodes(entities: dict[str, Entity], time: np.ndarray) -> tuple[Episod
         starts = [{name: row[i][0] if row[i] else None for name, row in cells.items()} for i in range(len(first))]
     ends = np.append(first[1:], n)
     return tuple(
-        _episode(entities, time, start, int(begin), int(end))
+        _episode(entities, time, start | {"scene": scene}, int(begin), int(end))
         for start, begin, end in zip(starts, first, ends, strict=True)
         if begin < n
     )
@@ -139,13 +143,13 @@ def _episode(entities: dict[str, Entity], time: np.ndarray, start: dict[str, Any
             cells = steps.cells(f"{TAKEN}:{name}")
             taken[name] = [cells[i] if name == "action" else cells[i][0] for i in mine]
     last = [word for word in ("terminated", "truncated") if taken[word] and taken[word][-1]]
-    generator, settings = start.get("generator"), start.get("settings")
+    generator, settings = start.get("generator"), json.loads(start.get("settings") or "{}")
     return Episode(
         number=int(start["number"]),
         seed=start.get("seed"),
         generator=None if generator is None else json.loads(generator),
         law=start.get("law"),
-        settings={} if settings is None else json.loads(settings),
+        settings={name: value for name, value in settings.items() if name != "contact_model"},
         time=time[part],
         qpos=qpos,
         qvel=qvel,
@@ -153,6 +157,8 @@ def _episode(entities: dict[str, Entity], time: np.ndarray, start: dict[str, Any
         rewards=np.array(taken["reward"], dtype=float),
         frame=frame,
         ended=last[0] if last else "",
+        scene=start["scene"],
+        contact_model=settings.get("contact_model"),
     )
 
 

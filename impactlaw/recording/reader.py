@@ -154,7 +154,8 @@ def read_log(path: str | Path) -> Recording:
     properties = _properties(path, entities)
     collisions = _collision_table(entities.get(layout.COLLISIONS))
     series = _frame_series(entities)
-    episodes = read_episodes(entities, series["energy/total"][0] if series else np.zeros(0))
+    times = series["energy/total"][0] if series else np.zeros(0)
+    episodes = read_episodes(entities, times, properties.get("scene"))
     return Recording(path, properties, collisions, episodes, series | _collision_series(collisions))
 
 

@@ -103,6 +103,14 @@ def test_what_is_set_and_does_not_fit_is_refused_and_changes_nothing(make):
         assert env.step(np.zeros(env.action_space.shape))[4]["impact/law"] == repr(before)
 
 
+def test_a_law_is_set_through_other_wrappers():
+    for env in (juggler(), gymnasium.wrappers.RecordEpisodeStatistics(hopper())):
+        env.reset(seed=0)
+        assert env.set_wrapper_attr("law", "maximal-dissipation")
+        assert env.get_wrapper_attr("law") == MaximalDissipation()
+        assert env.step(np.zeros(env.action_space.shape))[4]["impact/law"] == "MaximalDissipation()"
+
+
 def test_a_law_by_its_name_has_the_restitution_of_the_scene():
     env = juggler(law="moreau", restitution=0.1)
     env.unwrapped.law = "moreau"
@@ -110,6 +118,24 @@ def test_a_law_by_its_name_has_the_restitution_of_the_scene():
     wrapped = hopper()
     with pytest.raises(RestitutionError, match="needs a restitution"):
         wrapped.law = "newton"
+
+
+def test_what_only_this_episode_can_have_cannot_be_set():
+    own = juggler(law="maximal-dissipation")
+    for env, inner in (
+        (own, own.unwrapped),
+        (wrapped := ImpactLaw(gymnasium.make("Hopper-v5"), "maximal-dissipation"), wrapped),
+    ):
+        env.reset(seed=0, options={"law": "moreau", "restitution": 0.7})
+        with pytest.raises(RestitutionError, match="maximal-dissipation"):
+            inner.restitution = 0.3
+        assert inner.law == Moreau(0.7)
+        assert inner.restitution is None
+        assert env.reset(seed=0)[1]["impact/restitution"] == 0.0
+        env.reset(options={"law": "moreau", "restitution": 0.7})
+        inner.law = Newton(0.25)
+        assert inner.law == Newton(0.25)
+        assert env.reset()[1]["impact/restitution"] == 0.25
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from wrapped import drop, hopper, shimmy_task, theirs
 
 from impactlaw import Moreau, Newton
 from impactlaw.envs import ImpactLaw, put_law, restart
-from impactlaw.errors import OptionError, RecordingError, UnknownNameError
+from impactlaw.errors import OptionError, RecordingError, UnknownNameError, WrapperError
 from impactlaw.recording import Recorder, describe, read_log
 
 pytestmark = theirs
@@ -332,6 +332,36 @@ def test_a_recording_of_before_has_episodes_where_time_goes_back(tmp_path, scene
     assert [(e.number, len(e.time)) for e in episodes] == [(0, 3), (1, 2)]
     with pytest.raises(RecordingError, match="without a seed"):
         restart(bare(JUGGLER), episodes[0])
+
+
+@pytest.fixture
+def of_a_hopper(tmp_path):
+    env = hopper(log=tmp_path / "run.rrd")
+    play(env, 1, 2)
+    env.close()
+    return read_log(tmp_path / "run.rrd").episode(0)
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "message"),
+    [
+        (lambda: bare(JUGGLER), RecordingError, r"\(nq, nv\) = \(6, 6\), but this is one with"),
+        (lambda: ImpactLaw(gymnasium.make("Walker2d-v5"), "moreau", 0.5), RecordingError, r"\(nq, nv\) = \(6, 6\)"),
+        (lambda: ImpactLaw(gymnasium.make("Hopper-v4"), "moreau", 0.5), RecordingError, "Hopper-v5, but this is Hop"),
+        (lambda: hopper(contact_model="rigid"), RecordingError, "contact_model='soft', but this is .*'rigid'"),
+        (lambda: gymnasium.make("Hopper-v5"), WrapperError, "HopperEnv has no impact law; put one on it"),
+    ],
+    ids=["another", "another robot", "another version", "another contact model", "no law"],
+)
+def test_an_episode_is_played_again_where_it_was_recorded_only(of_a_hopper, make, error, message):
+    with pytest.raises(error, match=message):
+        restart(make(), of_a_hopper)
+
+
+def test_an_episode_is_played_again_inside_other_wrappers(of_a_hopper):
+    restart(gymnasium.wrappers.RecordEpisodeStatistics(hopper()), of_a_hopper)
+    assert (of_a_hopper.scene, of_a_hopper.contact_model) == ("Hopper-v5", "soft")
+    assert "contact_model" not in of_a_hopper.settings
 
 
 def test_there_is_no_such_episode(tmp_path):

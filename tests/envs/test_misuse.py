@@ -9,11 +9,11 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
-from own_envs import bare
+from own_envs import bare, every_env
 from wrapped import V5, hopper, make_any, theirs
 
 from impactlaw.envs import ImpactLaw
-from impactlaw.errors import ActionError, OptionError
+from impactlaw.errors import ActionError, OptionError, UnknownNameError
 
 pytestmark = theirs
 
@@ -84,6 +84,24 @@ def test_options_that_are_no_mapping():
     for env in (bare("impactlaw.envs:impactlaw/Juggler-v0"), hopper()):
         with pytest.raises(OptionError, match="options of a reset are a mapping"):
             env.reset(options=["law"])
+
+
+@every_env
+def test_a_first_reset_that_fails_leaves_the_environment_usable(name):
+    for env in (gymnasium.make(name), ImpactLaw(gymnasium.make("Hopper-v5"), "moreau", 0.5)):
+        with pytest.raises(UnknownNameError, match="restitutoin"):
+            env.reset(options={"restitutoin": 0.3})
+        env.reset(seed=0)
+        for _ in range(2):
+            env.step(np.zeros(env.action_space.shape))
+
+
+@every_env
+def test_the_checker_of_gymnasium_finds_nothing(name):
+    env = gymnasium.make(name, disable_env_checker=False)
+    env.reset(seed=0)
+    for _ in range(3):
+        env.step(np.zeros(env.action_space.shape))
 
 
 # Pictures

@@ -13,7 +13,7 @@ from wrapped import hopper
 import impactlaw.envs  # noqa: F401
 from impactlaw import AnyOutcome, Moreau, Newton
 from impactlaw.envs import ImpactLaw, LawDistribution, RandomLaw, restart
-from impactlaw.errors import OptionError, RestitutionError, SceneError, UnknownNameError, WrapperError
+from impactlaw.errors import OptionError, RestitutionError, SceneError, SettledError, UnknownNameError, WrapperError
 from impactlaw.recording import read_log
 
 JUGGLER = "impactlaw.envs:impactlaw/Juggler-v0"
@@ -145,8 +145,8 @@ def test_in_vector_environments():
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [
-        (lambda: RandomLaw(gymnasium.make("Hopper-v5")), WrapperError, "no impact law to draw"),
-        (lambda: RandomLaw(gymnasium.make("CartPole-v1")), WrapperError, "no impact law to draw"),
+        (lambda: RandomLaw(gymnasium.make("Hopper-v5")), WrapperError, "no impact law"),
+        (lambda: RandomLaw(gymnasium.make("CartPole-v1")), WrapperError, "no impact law"),
         (lambda: RandomLaw(juggler(), laws=()), OptionError, "laws is a sequence"),
         (lambda: RandomLaw(juggler(), laws="moreau"), OptionError, "laws is a sequence"),
         (lambda: RandomLaw(juggler(), laws=("moro",)), UnknownNameError, "did you mean 'moreau'"),
@@ -207,6 +207,19 @@ def test_outcomes_are_drawn_anew_in_every_episode_and_repeat_with_its_seed(make)
         other.reset()
         seeds.add(other.get_wrapper_attr("stepper").law.seed)
     assert len(seeds) == 4
+
+
+@pytest.mark.parametrize("name", ["law", "laws", "restitution", "friction"])
+def test_what_is_drawn_cannot_be_set(name):
+    env = RandomLaw(ImpactLaw(gymnasium.make("Hopper-v5"), "moreau", 0.5))
+    env.reset(seed=0)
+    before = env.law
+    for where in (env, gymnasium.wrappers.RecordEpisodeStatistics(env)):
+        with pytest.raises(SettledError, match="another RandomLaw"):
+            where.set_wrapper_attr(name, "maximal-dissipation")
+    with pytest.raises(SettledError, match="another RandomLaw"):
+        setattr(env, name, "maximal-dissipation")
+    assert env.law == before == env.env.law
 
 
 def test_a_seed_of_its_own_stays():

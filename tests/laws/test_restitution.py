@@ -82,7 +82,6 @@ def test_reversal_of_separate_chains_reverses_each():
         ("maximal-dissipation", None, MaximalDissipation()),
         ("maximal-dissipation", 0, MaximalDissipation()),
         ("moreau", 0.8, Moreau(0.8)),
-        ("moreau", "0.8", Moreau(0.8)),
         ("newton", 0.3, Newton(0.3)),
         ("newton", [0.2, 0.9], Newton([0.2, 0.9])),
         ("newton", {"b/a": 0.2}, Newton({("a", "b"): 0.2})),

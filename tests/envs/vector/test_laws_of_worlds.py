@@ -7,7 +7,8 @@ from gymnasium.vector import SyncVectorEnv
 
 import impactlaw.envs  # noqa: F401
 from impactlaw import Moreau, Newton
-from impactlaw.errors import OptionError, RestitutionError, SettledError, UnknownNameError
+from impactlaw.errors import OptionError, RestitutionError, SettledError, UncompiledWarning, UnknownNameError
+from impactlaw.laws import MaximalDissipation
 
 NAME = "impactlaw/Juggler-v0"
 WORLDS = "vector_entry_point"
@@ -43,6 +44,21 @@ def test_a_law_that_is_set_is_in_force_and_stays(vec):
     assert list(vec.reset(seed=0)[1]["impact/restitution"]) == [0.3, 0.3]
 
 
+def test_a_law_can_be_set_as_an_attribute(vec):
+    vec.reset(seed=0)
+    vec.law = "maximal-dissipation"
+    assert vec.get_attr("law") == vec.law == (MaximalDissipation(),) * 2
+    assert list(bounce(vec)[1]["impact/restitution"]) == [0.0, 0.0]
+    vec.law = [Moreau(0.1), Newton(0.8)]
+    vec.restitution = [0.3, 0.4]
+    assert vec.law == (Moreau(0.3), Newton(0.4))
+    assert vec.get_attr("restitution") == vec.restitution == (0.3, 0.4)
+    assert list(vec.reset(seed=0)[1]["impact/restitution"]) == [0.3, 0.4]
+    with pytest.raises(UnknownNameError, match="moro"):
+        vec.law = "moro"
+    assert vec.law == (Moreau(0.3), Newton(0.4))
+
+
 def test_options_of_a_reset_are_for_one_episode(vec):
     assert list(vec.reset(seed=0, options={"restitution": 0.5})[1]["impact/restitution"]) == [0.5, 0.5]
     mask = np.array([True, False])
@@ -64,14 +80,28 @@ def test_what_worlds_do_not_have_is_refused(vec):
 
 
 def test_options_of_single_environments_make_these(tmp_path):
-    vec = gymnasium.make_vec(NAME, 2, log=str(tmp_path / "run-{env}.rrd"))
+    with pytest.warns(UncompiledWarning, match="single environments have log:") as warned:
+        vec = gymnasium.make_vec(NAME, 2, log=str(tmp_path / "run-{env}.rrd"))
+    assert [str(one.filename) for one in warned] == [__file__]
     assert isinstance(vec, SyncVectorEnv)
     vec.reset(seed=0)
     vec.step(np.zeros((2, 1)))
     vec.close()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["run-0.rrd", "run-1.rrd"]
-    vec = gymnasium.make_vec(NAME, 2, scheme="event-driven")
-    assert isinstance(vec, SyncVectorEnv)
-    vec.close()
     with pytest.raises(TypeError, match="lag"):
         gymnasium.make_vec(NAME, 2, lag="run.rrd")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"scheme": "event-driven"}, {"friction": "ignore"}, {"contact_model": "soft"}, {"render_mode": "rgb_array"}],
+    ids=str,
+)
+def test_an_option_that_makes_single_environments_is_named(options):
+    (name,) = options
+    with pytest.warns(UncompiledWarning, match=f"single environments have {name}:"):
+        vec = gymnasium.make_vec(NAME, 2, **options)
+    assert isinstance(vec, SyncVectorEnv)
+    vec.close()
+    with pytest.raises(OptionError, match=f"nthread is for compiled worlds, which do not have {name}"):
+        gymnasium.make_vec(NAME, 2, nthread=1, **options)

@@ -1,0 +1,104 @@
+"""Worlds that are told nonsense say so, and stay as they were."""
+
+import copy
+import pickle
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+
+import impactlaw.envs  # noqa: F401
+from impactlaw import Moreau, make_law
+from impactlaw.errors import ActionError, CopyError, OptionError, RestitutionError, UnknownNameError
+
+NAME = "impactlaw/Juggler-v0"
+WORLDS = "vector_entry_point"
+
+
+@pytest.fixture
+def vec():
+    made = gymnasium.make_vec(NAME, 3, vectorization_mode=WORLDS, nthread=1)
+    yield made
+    made.close()
+
+
+def test_a_step_before_the_first_reset(vec):
+    with pytest.raises(ResetNeeded, match=r"begin with reset\(\)"):
+        vec.step(np.zeros((3, 1)))
+
+
+def test_actions_of_the_wrong_shape(vec):
+    before = vec.reset(seed=0)[0].copy()
+    for shape in ((5, 1), (3, 2), (2, 1), (1, 3), (3,), ()):
+        with pytest.raises(ActionError, match=r"shape \(3, 1\)"):
+            vec.step(np.full(shape, 0.9))
+    for actions in (None, "up", [[1.0], [2.0, 3.0], [4.0]]):
+        with pytest.raises(ActionError, match=r"shape \(3, 1\)"):
+            vec.step(actions)
+    np.testing.assert_array_equal(vec.step([[0], [0], [0]])[0][:, 4], before[:, 4])
+
+
+@pytest.mark.parametrize("seed", [[0, 1], 1.5, "a", -1, [0, 1, 2.5], [0, -1, 2], [0, 1, 2, 3]], ids=str)
+def test_seeds_that_are_none(vec, seed):
+    with pytest.raises(OptionError, match="one for each of 3 worlds"):
+        vec.reset(seed=seed)
+
+
+def test_seeds_of_worlds(vec):
+    wanted = vec.reset(seed=4)[0].copy()
+    for seed in (np.int64(4), [4, 5, 6], np.array([4, 5, 6])):
+        np.testing.assert_array_equal(vec.reset(seed=seed)[0], wanted)
+
+
+def test_masks_and_options_that_are_none(vec):
+    for mask in (np.ones(2, bool), np.ones((3, 1), bool), [1, 0, 2], True):
+        with pytest.raises(OptionError, match="reset_mask is one bool for each of 3"):
+            vec.reset(options={"reset_mask": mask})
+    with pytest.raises(OptionError, match="options of a reset are a mapping"):
+        vec.reset(options=["law"])
+
+
+@pytest.mark.parametrize("name", [NAME, "impactlaw/Hopper-v5"])
+def test_numbers_of_worlds_that_are_none(name):
+    for count in (-1, 0, 1.5):
+        with pytest.raises(OptionError, match="num_envs must be a whole number"):
+            gymnasium.make_vec(name, count, vectorization_mode=WORLDS)
+
+
+@pytest.mark.parametrize("name", [NAME, "impactlaw/Hopper-v5"])
+def test_laws_that_do_not_fit_the_worlds(name):
+    for laws, error, message in (
+        (["reversal", "reversal"], OptionError, "3 worlds need as many laws, got 2"),
+        ([Moreau(0.5)] * 4, OptionError, "3 worlds need as many laws, got 4"),
+        ([], OptionError, "3 worlds need as many laws, got 0"),
+        (["moro"] * 3, UnknownNameError, "moro"),
+    ):
+        with pytest.raises(error, match=message):
+            gymnasium.make_vec(name, 3, vectorization_mode=WORLDS, law=laws)
+    for laws in (["reversal", Moreau(0.5), "maximal-dissipation"], ("reversal", Moreau(0.5), "maximal-dissipation")):
+        vec = gymnasium.make_vec(name, 3, vectorization_mode=WORLDS, law=laws, nthread=1)
+        assert list(vec.reset(seed=0)[1]["impact/restitution"]) == [1.0, 0.5, 0.0]
+        vec.close()
+
+
+def test_worlds_cannot_be_copied(vec):
+    vec.reset(seed=0)
+    for make in (copy.copy, copy.deepcopy, pickle.dumps):
+        with pytest.raises(CopyError, match="make another one"):
+            make(vec.batch)
+    for make in (copy.deepcopy, pickle.dumps):
+        with pytest.raises(CopyError, match="make another one"):
+            make(vec)
+
+
+@pytest.mark.parametrize("e", [True, np.True_, "0.5", [True], {"ball/paddle": "0.5"}], ids=repr)
+def test_a_restitution_that_is_no_number(vec, e):
+    for make in (lambda: make_law("newton", e), lambda: gymnasium.make(NAME, law="newton", restitution=e)):
+        with pytest.raises(RestitutionError, match="must be a number"):
+            make()
+    with pytest.raises(RestitutionError, match="must be a number"):
+        vec.reset(seed=0, options={"law": "newton", "restitution": e})
+    for name in ("moreau", "reversal", "compliant", "poisson", "routh"):
+        with pytest.raises(RestitutionError, match="number"):
+            make_law(name, e)
