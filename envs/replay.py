@@ -6,7 +6,7 @@ from typing import Any
 
 import gymnasium
 
-from impactlaw.envs.law_holder import law_holder
+from impactlaw.envs.wrapper import law_holder
 from impactlaw.errors import RecordingError
 from impactlaw.recording import Episode
 

@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 
+from impactlaw.envs.base import ImpactEnv
 from impactlaw.envs.episode_log import episode_log
 from impactlaw.envs.episode_seeds import OUTCOMES, EpisodeSeeds
 from impactlaw.envs.law_options import RESET, LawOptions, check_reset, portable_options
@@ -266,6 +267,25 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
             standing, in_force = options
             self._placed = place(self.env, standing, None, replace=True)
             self._placed.use(in_force)
+
+
+def law_holder(env: gymnasium.Env) -> ImpactLaw | ImpactEnv:
+    """Return the `ImpactLaw` around an environment, or the environment, if it is one of this package.
+
+    Raises:
+        WrapperError: it has no impact law, or that was removed.
+    """
+    while isinstance(env, gymnasium.Wrapper):
+        if isinstance(env, ImpactLaw):
+            if env.law is None:
+                raise WrapperError("the law was removed from the ImpactLaw inside: put another one on the environment")
+            return env
+        env = env.env
+    if not isinstance(env, ImpactEnv):
+        raise WrapperError(
+            f'{type(env).__name__} has no impact law; put one on it first: ImpactLaw(env, "moreau", 0.5)'
+        )
+    return env
 
 
 def _is_bad(action: Any) -> bool:

@@ -6,10 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from impactlaw.laws.fremond import Reversal
 from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.solvers.cones.algebra.loops import kernel, once
+from impactlaw.stepping.compiled import law_table
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE, UNKNOWN
 from impactlaw.stepping.time_stepping.problem.targets import reached_groups
+from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 Array = np.ndarray[Any, Any]
 
@@ -112,3 +115,10 @@ def _blocks(rows, order, nv):
         for a in range(sparse[1, r], sparse[1, r] + sparse[0, r]):
             row[colind[a]] = 0.0
     return label
+
+
+def reason(scheme: TimeStepping) -> str | None:
+    """Return why compiled code does not take a scheme; None if it does."""
+    if isinstance(scheme.problem.targets.law, Reversal) and not scheme.model.neq:
+        return None
+    return law_table.reason(scheme.problem.targets)
