@@ -54,7 +54,7 @@ class UnsolvableLawError(ImpactLawError):
     def __init__(self, contacts: Sequence[str], ray: np.ndarray):
         super().__init__(
             f"the law has no solution: contacts {', '.join(contacts)} ask for contact velocities that no motion "
-            "has together; give them equal restitution, or drop the redundant contact"
+            "has together; give all contacts one coefficient, change the matrix, or drop a redundant contact"
         )
         self.contacts = tuple(contacts)
         self.ray = ray

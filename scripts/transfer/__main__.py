@@ -1,6 +1,6 @@
 """The transfer matrices of the README: policies that PPO trains under one law act under others.
 
-Needs ``impactlaw[train]``, and about an hour of one core for each task. What is finished is kept; the same command goes
+Needs ``impactlaw[train]``, and up to an hour of one core for each task. What is finished is kept; the same command goes
 on where it was stopped. ``juggler.csv`` and ``hopper.csv`` beside this file hold what it printed.
 """
 

@@ -24,9 +24,24 @@ def test_there_is_an_entry_for_each_pair_of_laws(task):
     assert table.regret.to_numpy() == pytest.approx((best - table.score).to_numpy())
 
 
-def test_the_specialist_for_half_is_the_best_there_and_loses_elsewhere():
+SPECIALISTS = ["moreau:0.5", "moreau:0.8", "moreau:1"]
+
+
+@pytest.mark.parametrize("law", SPECIALISTS)
+def test_specialists_are_the_best_under_their_law_and_lose_elsewhere(law):
     table = kept("juggler")
-    own = table.xs("moreau:0.5", level="acted_under").drop("moreau:0.5")
-    assert (own.regret > own.regret_half).all()
-    lost = table.loc["moreau:0.5"].loc[["moreau:0.8", "moreau:1"]]
-    assert (lost.regret > lost.regret_half).all()
+    under = table.xs(law, level="acted_under")
+    assert under.score.idxmax() == law
+    others = under.loc[[name for name in SPECIALISTS if name != law]]
+    assert (others.regret > others.regret_half).all()
+
+
+def test_any_outcome_never_fails_as_specialists_do():
+    score = kept("juggler").score
+    assert score["any-outcome"].min() > 430.0 > 10.0 * score["moreau:0.5"].min()
+
+
+def test_each_law_of_hopper_has_its_own_policy_as_the_best():
+    score = kept("hopper").score
+    for law in STUDIES["hopper"].act:
+        assert score.xs(law, level="acted_under").idxmax() == law
