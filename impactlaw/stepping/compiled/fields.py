@@ -27,6 +27,8 @@ class _Data(NamedTuple):
     pstack: int
     pbase: int
     warning: int
+    flg_subtreevel: int
+    flg_rnepost: int
     qpos: int
     qvel: int
     eq_active: int

@@ -278,6 +278,7 @@ class TimeStepping:
         self._middle = data.qpos.copy()
         self._find_contacts(data)
         if model.nsensordata:
+            data.flg_subtreevel = data.flg_rnepost = False  # what of the last step MuJoCo takes to be still right
             mujoco.mj_sensorPos(model, data)
         mj_fwdVelocity(model, data)
         if model.nsensordata:

@@ -25,6 +25,7 @@ from impactlaw.stepping.compiled.fields import (
     DATA,
     MODEL,
     address_of,
+    flags,
     float_at,
     floats,
     ints,
@@ -193,6 +194,8 @@ def _to_midpoint(w, start, margins, middle, sensors):
     put(middle, qpos)
     full = _find_contacts(w, margins)
     if sensors:
+        for field in (DATA.flg_subtreevel, DATA.flg_rnepost):  # what of the last step MuJoCo takes to be still right
+            flags(w.data + offset(w, field), 1)[0] = 0
         mj.sensor_pos(w.model, w.data)
     mj.fwd_velocity(w.model, w.data)
     if sensors:

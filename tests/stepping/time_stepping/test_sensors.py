@@ -1,0 +1,34 @@
+"""Sensors that depend on accelerations and on momenta: of this step, whatever the last one has left."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from impactlaw import Moreau, Stepper
+
+SCENE = """<mujoco><worldbody><geom type="plane" size="5 5 1"/>
+  <body name="box" pos="0 0 .5"><freejoint/><geom type="box" size=".1 .2 .1" mass="2"/><site name="s"/></body>
+  </worldbody>
+  <sensor><accelerometer site="s"/><subtreelinvel body="box"/><force site="s"/></sensor></mujoco>"""
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("asked", [False, True])
+def test_sensors_are_those_of_this_step(compiled, asked):
+    model = mujoco.MjModel.from_xml_string(SCENE)
+    data = mujoco.MjData(model)
+    data.qvel[:] = [1, 0, 0, 3, 2, 1]
+    if asked:  # and MuJoCo takes what was computed to be right from then on
+        mujoco.mj_forward(model, data)
+        mujoco.mj_rnePostConstraint(model, data)
+        mujoco.mj_subtreeVel(model, data)
+    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled)
+    for _ in range(100):
+        before = data.qvel[:3].copy()
+        stepper.step(data)
+        np.testing.assert_allclose(data.sensordata[:3], 0.0, atol=0.02)  # it falls freely, and turns: of first order
+        np.testing.assert_allclose(data.sensordata[3:6], before, atol=1e-12)
+    while data.time < 4.0:
+        stepper.step(data)
+    np.testing.assert_allclose(np.linalg.norm(data.sensordata[:3]), 9.81, rtol=1e-6)  # it lies
+    np.testing.assert_allclose(data.sensordata[3:6], 0.0, atol=1e-9)
