@@ -58,6 +58,7 @@ from impactlaw.stepping.time_stepping.tolerances import (
     FEW_ROUNDS,
     LOOKS,
     MANY_ROUNDS,
+    PHASE_LOOKS,
     SHARES,
     SHORTFALL_LIMIT,
     SLOWEST,
@@ -316,23 +317,27 @@ class TimeStepping:
         """Add what contact does to the velocity, and return the velocity that opens overlaps, if any has to be.
 
         Contacts that are far from closing are left out. If the velocity found would close one of them, it takes part.
-        Where contacts are hit only through others, these collide first.
+        Where contacts are hit only through others, these collide first, which may close further ones.
         A collision changes the mean velocity, in which Coriolis and gyroscopic forces do no work: where they have done
         more than contact has taken, they are corrected.
         """
         free = data.qvel.copy()
-        near, look = self._near(data, self._velocity, free, 2.0 * h), 1
+        near, look, phases = self._near(data, self._velocity, free, 2.0 * h), 1, False
         self._rounds = MANY_ROUNDS if self.solved else FEW_ROUNDS
         rows, shift = self._try(data, near, free, h)
         self._rounds = FEW_ROUNDS
-        while look < LOOKS and np.count_nonzero(found := self._near(data, data.qvel, data.qvel, h) & ~near):
-            near, look = near | found, look + 1
-            rows, shift = self._try(data, near, free, h)
-        phases = self._found is not None and self._found.later
-        if phases:
-            rows, shift = self._try(data, near, free, h, phases=True)
+        while look < LOOKS + PHASE_LOOKS:
+            found = self._near(data, data.qvel, data.qvel, h) & ~near
+            if np.count_nonzero(found) and (look < LOOKS or phases):
+                near = near | found
+            elif not phases and self._found is not None and self._found.later:
+                phases = True
+            else:
+                break
+            look += 1
+            rows, shift = self._try(data, near, free, h, phases=phases)
         created = self._created(data, h)
-        while look < LOOKS + ROUNDS and self._found is not None and created > self._found.rounding:
+        while look < LOOKS + PHASE_LOOKS + ROUNDS and self._found is not None and created > self._found.rounding:
             known, mean, look = (free, created), 0.5 * (self._velocity + data.qvel), look + 1
             free = self._inertial.lead_to(data, self._velocity, mean, self._metric, h)
             rows, shift = self._try(data, near, free, h, phases=phases)

@@ -19,6 +19,8 @@ FEW_ROUNDS = 1
 """Rounds of these where they have failed in the step before, too."""
 LOOKS = 3
 """Looks at contacts at most, for those that the velocity after a collision closes."""
+PHASE_LOOKS = 3
+"""Looks beyond these, where collisions are one after another."""
 PHASES = 8
 """Collisions one after another within a step at most, where contacts are hit through others across open gaps."""
 PHASE_ROWS = 2000

@@ -56,6 +56,7 @@ from impactlaw.stepping.time_stepping.tolerances import (
     HUGE,
     LOOKS,
     MANY_ROUNDS,
+    PHASE_LOOKS,
     SHARES,
     SHORTFALL_LIMIT,
     SLOWEST,
@@ -240,20 +241,21 @@ def _free_step(w, start, bias, gained):
 def _contact(w, law, known, start, bias, rounds):
     """Add what contact does to the velocity, and return it; see `scheme.TimeStepping`."""
     h, qvel = w.timestep, velocity_of(w)
-    free, jacobian, look = copied(qvel), jacobian_of(w), 1
+    free, jacobian, look, phases = copied(qvel), jacobian_of(w), 1, _AT_ONCE
     chosen = near(w, jacobian, start, free, 2.0 * h)
-    found = attempt(w, jacobian, chosen, start, free, known, rounds, law, _AT_ONCE)
-    while look < LOOKS and len(found.x) > 0 and found.status == FINE:
+    found = attempt(w, jacobian, chosen, start, free, known, rounds, law, phases)
+    while look < LOOKS + PHASE_LOOKS and len(found.x) > 0 and found.status == FINE:
         more = near(w, jacobian, qvel, qvel, h) & ~chosen
-        if not more.any():
+        if more.any() and (look < LOOKS or phases):
+            chosen = chosen | more
+        elif found.later and not phases:
+            phases = found.later
+        else:
             break
-        chosen, look = chosen | more, look + 1
-        found = attempt(w, jacobian, chosen, start, free, _known(found, known), _FEW, law, _AT_ONCE)
-    phases = found.later
-    if phases:
+        look += 1
         found = attempt(w, jacobian, chosen, start, free, _known(found, known), _FEW, law, phases)
     created = _created(w, found, start, bias)
-    while look < LOOKS + ROUNDS and created > found.rounding and found.status == FINE:
+    while look < LOOKS + PHASE_LOOKS + ROUNDS and created > found.rounding and found.status == FINE:
         before, was, look = free, created, look + 1
         free = lead_to(w, start, 0.5 * (start + qvel), bias)
         found = attempt(w, jacobian, chosen, start, free, _known(found, known), _FEW, law, phases)
