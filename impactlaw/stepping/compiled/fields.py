@@ -85,6 +85,8 @@ class _Model(NamedTuple):
     jnt_margin: int
     tendon_margin: int
     geom_bodyid: int
+    body_ipos: int
+    body_parentid: int
     body_rootid: int
     body_mocapid: int
     M_rownnz: int

@@ -7,6 +7,7 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
+from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.compiled.whitening import unwhiten
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.problem.contact_problem import open_overlaps
@@ -25,15 +26,35 @@ BEYOND = 4.0
 LAST_LOSS = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON)
 
 
+@plain
+def _turning(velocity, body):
+    """Return the square of the angular velocity of a body, rad^2/s^2, from MuJoCo's cvel."""
+    return velocity[body, 0] ** 2 + velocity[body, 1] ** 2 + velocity[body, 2] ** 2
+
+
+@plain
+def _acceleration(body, velocity, size, center, offset, parent):
+    """Return how much points of a body can accelerate where no joint does, m/s^2: ``w^2`` times the length of links."""
+    turning = _turning(velocity, body)
+    most = turning * size[body]
+    while body > 0:
+        up, below, length = parent[body], turning, 0.0
+        turning = _turning(velocity, up)
+        for k in range(3):
+            length += (center[body, k] - center[up, k]) ** 2 if up > 0 else offset[body, k] ** 2
+        most += max(turning, below) * np.sqrt(length)
+        body = up
+    return most
+
+
 @compiled(
     "(int32[:,::1],float64[:,::1],float64[:,::1],int32[:,:],int32[::1],float64[:,::1],float64[::1],"
     "float64[:,::1],float64[:,::1],int32[::1],float64)"
 )
-def bend(groups, amounts, rates, geoms, body_of_geom, velocity, size, center, subtree, root, timestep):
+def bend(groups, amounts, rates, geoms, body_of_geom, velocity, size, center, offset, parent, timestep):
     """Return how far contacts can be from where their gradients say at the end of a step, m; 0 if below `_SEEN`.
 
-    A point of a body that turns at ``w`` at a distance r leaves its straight line by ``w^2 r (h / 2)^2 / 2``; r is
-    taken to the center of mass of the kinematic tree.
+    A point that accelerates at a while joints do not leaves its straight line by ``a (h / 2)^2 / 2``.
 
     Args:
         groups: see `rows.Rows`, like the two that follow.
@@ -44,8 +65,8 @@ def bend(groups, amounts, rates, geoms, body_of_geom, velocity, size, center, su
         velocity: MuJoCo's cvel at the end of the step, (nbody, 6).
         size: `margins.body_sizes`, (nbody,).
         center: centers of mass of bodies, (nbody, 3).
-        subtree: centers of mass of subtrees, (nbody, 3).
-        root: root of each body's tree, (nbody,).
+        offset: the same from their frames, (nbody, 3).
+        parent: of each body, (nbody,).
         timestep: h, s.
     """
     most = 0.0
@@ -56,11 +77,7 @@ def bend(groups, amounts, rates, geoms, body_of_geom, velocity, size, center, su
         turn = 0.0
         for side in range(2):
             body = body_of_geom[geoms[source, side]]
-            w = velocity[body, 0] ** 2 + velocity[body, 1] ** 2 + velocity[body, 2] ** 2
-            away = 0.0
-            for k in range(3):
-                away += (center[body, k] - subtree[root[body], k]) ** 2
-            turn += 0.125 * timestep**2 * w * (size[body] + np.sqrt(away))
+            turn += 0.125 * timestep**2 * _acceleration(body, velocity, size, center, offset, parent)
         if turn > _SEEN and amounts[0, g] + timestep * min(rates[2, groups[0, g]], 0.0) < turn:
             most = max(most, turn)
     return most
@@ -119,7 +136,7 @@ class SecondLook:
         model, h = self._model, self._model.opt.timestep
         depth = bend(
             rows.groups, rows.amounts, rows.rates, data.contact.geom, model.geom_bodyid, data.cvel, self._size,
-            data.xipos, data.subtree_com, model.body_rootid, h,
+            data.xipos, model.body_ipos, model.body_parentid, h,
         )  # fmt: skip
         if depth == 0.0:
             return None

@@ -15,6 +15,7 @@ from impactlaw.stepping.compiled.access import (
     data_ints,
     jacobian_of,
     layout_of,
+    model_floats,
     model_ints,
     number,
     offset,
@@ -129,8 +130,8 @@ def look_again(w, rows):
     depth = bend(
         rows.groups, rows.amounts, rows.rates, contact_ints(w, CONTACT.geom, 2),
         model_ints(w, MODEL.geom_bodyid, ngeom), rows_of(w, DATA.cvel, nbody, 6), floats(w.sizes, nbody),
-        rows_of(w, DATA.xipos, nbody, 3), rows_of(w, DATA.subtree_com, nbody, 3),
-        model_ints(w, MODEL.body_rootid, nbody), h,
+        rows_of(w, DATA.xipos, nbody, 3), model_floats(w, MODEL.body_ipos, 3 * nbody).reshape((nbody, 3)),
+        model_ints(w, MODEL.body_parentid, nbody), h,
     )  # fmt: skip
     if depth == 0.0:
         return
