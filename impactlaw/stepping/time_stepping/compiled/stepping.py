@@ -30,6 +30,7 @@ from impactlaw.stepping.time_stepping.compiled.told import Teller
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 _EMPTY = "<mujoco/>"
+_DATA, _STATUS, _COLLIDED = CONTEXT.data, CONTEXT.status, MEMORY.collided
 
 
 class CompiledStepping:
@@ -62,6 +63,7 @@ class CompiledStepping:
         self._pool: Pool | None = None
         self._context = np.zeros(len(CONTEXT), np.int64)
         self._at = self._context.ctypes.data
+        self._fields, self._told = memoryview(self._context.data), memoryview(self.numbers.data)
         self._take_over()
 
     def _take_over(self) -> None:
@@ -124,12 +126,12 @@ class CompiledStepping:
             if any(ctypes.c_size_t.from_address(place).value for place in self._callbacks.tolist()):
                 return self._in_python(data)
             self._pool = Pool(mujoco.MjModel.from_xml_string(_EMPTY), 1, 1, persistent=True)
-        context, world, apply = self._context, data, self._pool.apply
-        context[CONTEXT.data] = world._address  # pyright: ignore[reportAttributeAccessIssue]
+        fields, world = self._fields, data
+        fields[_DATA] = world._address  # pyright: ignore[reportAttributeAccessIssue]
         while True:
-            if apply(single.address, self._at, save=False):
+            if self._pool.apply(single.address, self._at, save=False):
                 self._fail(data, self._pool.error(0))
-            how = int(context[CONTEXT.status])
+            how = fields[_STATUS]
             if how == status.FINE:
                 break
             if how == status.CALLBACK:
@@ -137,9 +139,9 @@ class CompiledStepping:
                 return self._in_python(data)
             if how != status.UNKNOWN:
                 raise self._error(how, data)
-            self._coefficients.learn(int(context[CONTEXT.asked]))
+            self._coefficients.learn(fields[CONTEXT.asked])
             self._write_context()
-        if self.numbers[MEMORY.collided] == 0.0:
+        if not self._told[_COLLIDED]:
             return ()
         return self._teller.tell(self._state.copy(), self._before.copy())
 
