@@ -21,7 +21,7 @@ POCKETS = tuple((x, y, 0.07 if x == 0 else 0.1) for x in (-1.25, 0.0, 1.25) for 
 """Places on the cushions' edge and radii, m."""
 TRAY = -0.9
 """Where potted balls lie in a row, before the long side of the table, m."""
-_CENTERS, _RADII_SQUARED = np.array(POCKETS)[:, None, :2], np.array(POCKETS)[:, 2:] ** 2
+_CENTERS, _RADII_SQUARED = np.array(POCKETS).T[:2, :, None], np.array(POCKETS)[:, 2:] ** 2
 
 
 class Billiards(ImpactEnv):
@@ -97,9 +97,9 @@ class Billiards(ImpactEnv):
 
     def watch(self) -> None:
         """Take potted balls off the table."""
-        away = self._positions() - _CENTERS
+        away = self._positions().T[:, None] - _CENTERS
         away *= away
-        inside = away[..., 0] + away[..., 1] < _RADII_SQUARED
+        inside = away[0] + away[1] < _RADII_SQUARED
         if not np.count_nonzero(inside):
             return
         fallen = inside.any(axis=0) & ~self._potted

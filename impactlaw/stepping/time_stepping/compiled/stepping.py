@@ -69,9 +69,10 @@ class CompiledStepping:
     def _take_over(self) -> None:
         """Take over the law and the options of the scheme."""
         self._coefficients, self._reason = self._scheme.coefficients(), reason(self._scheme)
+        told = max(self._sums, self._settings[SETTING.told])
         self._settings[:] = self._scheme.settings()
-        self._settings[SETTING.told] = self._sums
-        self._teller = Teller(self._scheme, _with_sums)
+        self._settings[SETTING.told] = told
+        self._teller = Teller(self._scheme, _with_sums, self._settings)
         self._write_context()
         if self._reason is not None:
             self._tell(self._reason)
@@ -143,7 +144,7 @@ class CompiledStepping:
             self._write_context()
         if not self._told[_COLLIDED]:
             return ()
-        return self._teller.tell(self._state.copy(), self._before.copy())
+        return self._teller.tell(self._state.copy(), self._before.copy(), self.numbers)
 
     def _in_python(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
         self._counts[MEMORY.known] = 0
