@@ -239,7 +239,9 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
         sums, before, driven = NOTHING, save_state(self.model, self.data), self.driven
         try:
             for _ in range(self.frame_skip):
-                sums = sums.with_more(self._timestep())
+                more = self._timestep()
+                if more.collisions:
+                    sums = sums.with_more(more)
         except DivergenceError:
             restore_state(self.model, self.data, before)
             self.driven = driven
@@ -283,13 +285,14 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
         self._named = describe_law(self.law)
 
     def _timestep(self) -> ImpactSums:
-        if self.data.time > 0:
+        data, stepper = self.data, self.stepper
+        if data.time > 0:
             self.drive()
-        self.stepper.step(self.data)
+        stepper.step(data)
         if self._log is not None:
-            self._log.step(self.stepper, self.data, self.stepper.events)
+            self._log.step(stepper, data, stepper.events)
         self.watch()
-        return self.stepper.sums
+        return stepper.sums
 
     def _observation(self) -> np.ndarray:
         space = self.observation_space

@@ -21,7 +21,7 @@ POCKETS = tuple((x, y, 0.07 if x == 0 else 0.1) for x in (-1.25, 0.0, 1.25) for 
 """Places on the cushions' edge and radii, m."""
 TRAY = -0.9
 """Where potted balls lie in a row, before the long side of the table, m."""
-_CENTERS, _RADII_SQUARED = np.array(POCKETS)[:, :2].T[:, None], np.array(POCKETS)[:, 2] ** 2
+_CENTERS, _RADII_SQUARED = np.array(POCKETS).T[:2, :, None], np.array(POCKETS)[:, 2:] ** 2
 
 
 class Billiards(ImpactEnv):
@@ -97,11 +97,12 @@ class Billiards(ImpactEnv):
 
     def watch(self) -> None:
         """Take potted balls off the table."""
-        x, y = self._positions().T[:, :, None] - _CENTERS
-        inside = x * x + y * y < _RADII_SQUARED
+        away = self._positions().T[:, None] - _CENTERS
+        away *= away
+        inside = away[0] + away[1] < _RADII_SQUARED
         if not np.count_nonzero(inside):
             return
-        fallen = inside.any(axis=1) & ~self._potted
+        fallen = inside.any(axis=0) & ~self._potted
         self._potted |= fallen
         self._gained += np.count_nonzero(fallen[1:]) - float(fallen[0])
         for ball in np.flatnonzero(fallen):

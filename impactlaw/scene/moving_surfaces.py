@@ -221,6 +221,8 @@ class Surfaces:
         for sign, geom in ((-1.0, contacts.geoms[:, 0]), (1.0, contacts.geoms[:, 1])) if self.move else ():
             body = self._mocap[geom]
             on = np.flatnonzero(body >= 0)
+            if not len(on):
+                continue
             moves, arm = velocity[body[on]], contacts.position[on] - data.mocap_pos[body[on]]
             w = moves[:, 3:]
             turning = w[:, _NEXT] * arm[:, _LAST] - w[:, _LAST] * arm[:, _NEXT]  # w x arm; np.cross is ten times slower

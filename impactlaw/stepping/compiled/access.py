@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import kernel, plain
+from impactlaw.solvers.cones.algebra.loops import integers, kernel, numbers, once, plain
 from impactlaw.stepping.compiled.fields import (
     DATA,
     MODEL,
@@ -120,17 +120,58 @@ def contact_floats(w, field, many):
     return table_floats(data_at(w, DATA.contact), number(w, DATA.ncon), stride)[:, first : first + many]
 
 
-@kernel
+@plain
+def _number_columns(nnz, adr, col, nv):
+    """Write how many entries dense rows have, where they begin, and their columns."""
+    for i in range(len(nnz)):
+        nnz[i], adr[i] = nv, i * nv
+        for k in range(nv):
+            col[i * nv + k] = k
+
+
+@plain
+def _leave_out_zeros(dense, nv, nnz, adr, col, val):
+    """Write the entries of dense rows that are not 0, how many there are, where they begin, and their columns."""
+    end = 0
+    for i in range(len(nnz)):
+        adr[i] = end
+        for k in range(nv):
+            if dense[i * nv + k] != 0.0:
+                val[end], col[end] = dense[i * nv + k], k
+                end += 1
+        nnz[i] = end - adr[i]
+
+
+@once
 def jacobian_of(w):
-    """Return entries of MuJoCo's rows, where they begin, their columns, and the entries; dense ones in full."""
-    n = number(w, DATA.nefc)
-    if is_sparse(w.model):
-        many = number(w, DATA.nJ)
+    """Return entries of MuJoCo's rows, where they begin, their columns, and the entries; dense ones in full.
+
+    The rows of a contact have the same columns. What is returned lives as long as the function that asks for it.
+    """
+    n, sparse = number(w, DATA.nefc), is_sparse(w.model)
+    many = number(w, DATA.nJ) if sparse else n * w.nv
+    val = data_floats(w, DATA.efc_J, many)
+    rows, entries = (0, 0) if sparse else (n, many)
+    nnz, adr, col = integers(rows), integers(rows), integers(entries)
+    if sparse:
         nnz, adr = data_ints(w, DATA.efc_J_rownnz, n), data_ints(w, DATA.efc_J_rowadr, n)
-        return nnz, adr, data_ints(w, DATA.efc_J_colind, many), data_floats(w, DATA.efc_J, many)
-    nnz, adr, col = np.full(n, w.nv, np.int32), np.empty(n, np.int32), np.empty(n * w.nv, np.int32)
-    for i in range(n):
-        adr[i] = i * w.nv
-        for k in range(w.nv):
-            col[i * w.nv + k] = k
-    return nnz, adr, col, data_floats(w, DATA.efc_J, n * w.nv)
+        col = data_ints(w, DATA.efc_J_colind, many)
+    else:
+        _number_columns(nnz, adr, col, w.nv)
+    return nnz, adr, col, val
+
+
+@once
+def nonzeros_of(w):
+    """Return the same as `jacobian_of`, but of dense rows the entries that are not 0, each row with its own columns."""
+    n, sparse = number(w, DATA.nefc), is_sparse(w.model)
+    many = number(w, DATA.nJ) if sparse else n * w.nv
+    all = data_floats(w, DATA.efc_J, many)
+    rows, entries = (0, 0) if sparse else (n, many)
+    nnz, adr, col, val = integers(rows), integers(rows), integers(entries), numbers(entries)
+    if sparse:
+        nnz, adr = data_ints(w, DATA.efc_J_rownnz, n), data_ints(w, DATA.efc_J_rowadr, n)
+        col, val = data_ints(w, DATA.efc_J_colind, many), all
+    else:
+        _leave_out_zeros(all, w.nv, nnz, adr, col, val)
+    return nnz, adr, col, val

@@ -53,15 +53,21 @@ def whiten(nnz, adr, col, val, start, work, mark, factor, Mnnz, Madr, Mcol, root
     return count - start
 
 
-@compiled()
-def unwhiten(z, factor, Mnnz, Madr, Mcol, root):
-    """Return ``L^-1 D^-1/2 z``, the velocity of whitened coordinates, (nv,)."""
-    v = np.empty_like(z)
+@plain
+def unwhitened(z, factor, Mnnz, Madr, Mcol, root, v):
+    """Write ``L^-1 D^-1/2 z``, the velocity of whitened coordinates, (nv,)."""
     for i in range(len(z)):
         s = z[i] * root[i]
         for a in range(Madr[i], Madr[i] + Mnnz[i] - 1):
             s -= factor[a] * v[Mcol[a]]
         v[i] = s
+
+
+@compiled()
+def unwhiten(z, factor, Mnnz, Madr, Mcol, root):
+    """Return what `unwhitened` writes, (nv,)."""
+    v = np.empty_like(z)
+    unwhitened(z, factor, Mnnz, Madr, Mcol, root, v)
     return v
 
 

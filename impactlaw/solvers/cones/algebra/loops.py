@@ -45,7 +45,8 @@ def _room(kind: Any) -> Any:
     @intrinsic
     def make(typingctx: Any, many: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            size = builder.mul(values[0], context.get_constant(types.intp, 8))
+            item = context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(kind)))
+            size = builder.mul(values[0], item)
             place = cgutils.alloca_once(builder, cgutils.voidptr_t)
             owner = cgutils.alloca_once(builder, cgutils.voidptr_t)
             small = builder.icmp_signed("<=", values[0], context.get_constant(types.intp, _SMALL))
@@ -59,9 +60,8 @@ def _room(kind: Any) -> Any:
                     builder.store(held, owner)
             made = context.make_array(array)(context, builder)
             data = builder.bitcast(builder.load(place), context.get_data_type(kind).as_pointer())
-            eight = context.get_constant(types.intp, 8)
             populate_array(
-                made, data=data, shape=[values[0]], strides=[eight], itemsize=eight, meminfo=builder.load(owner)
+                made, data=data, shape=[values[0]], strides=[item], itemsize=item, meminfo=builder.load(owner)
             )
             return impl_ret_new_ref(context, builder, signature.return_type, made._getvalue())
 
@@ -71,6 +71,7 @@ def _room(kind: Any) -> Any:
 
 
 numbers, indices = _room(types.float64), _room(types.int64)
+integers, marks = _room(types.int32), _room(types.boolean)
 
 
 @once
@@ -88,6 +89,15 @@ def filled(n: int, value: int) -> Array:
     made = indices(n)
     for i in range(n):
         made[i] = value
+    return made
+
+
+@once
+def cleared(n: int) -> Array:
+    """Return n marks that are False; see `_room`."""
+    made = marks(n)
+    for i in range(n):
+        made[i] = False
     return made
 
 

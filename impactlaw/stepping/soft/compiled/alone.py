@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import kernel
+from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.solvers.friction.single_contact import SINGULAR, STEEP
 
 _NO_ROW = 1e-13  # length of a row and velocity, next to the normal's, of a direction in which nothing can move
 
 
-@kernel
+@plain
 def _delassus(rows, chosen, n, work, G):
-    """Write ``Y Y^T``, (n, n), of chosen rows; work is zeros, (nv,), before and after."""
+    """Write ``Y Y^T``, (n, n), of chosen rows to the room of (3, 3); work is zeros, (nv,), before and after."""
     for r in range(n):
         i = chosen[r]
         for a in range(rows.adr[i], rows.adr[i] + rows.nnz[i]):
@@ -21,12 +21,12 @@ def _delassus(rows, chosen, n, work, G):
             s, k = 0.0, chosen[q]
             for a in range(rows.adr[k], rows.adr[k] + rows.nnz[k]):
                 s += rows.val[a] * work[rows.col[a]]
-            G[r, q] = G[q, r] = s
+            G[3 * r + q] = G[3 * q + r] = s
         for a in range(rows.adr[i], rows.adr[i] + rows.nnz[i]):
             work[rows.col[a]] = 0.0
 
 
-@kernel
+@plain
 def _choose(rows, first, count, b, chosen):
     """Write the rows along which something can move; return how many, 0 where one of them is not negligible."""
     n, normal = 0, 0.0
@@ -43,50 +43,49 @@ def _choose(rows, first, count, b, chosen):
     return n
 
 
-@kernel
-def _sticks(G, b, n, y):
-    """Write ``-G^-1 b``, (n,), for n up to 3; return whether G is regular and y in the cone."""
-    L = np.empty((3, 3))
+@plain
+def _sticks(G, b, n, L, y):
+    """Write ``-G^-1 b``, (n,), for n up to 3, and G's root L; return whether G is regular and y in the cone."""
     for i in range(n):
         for k in range(i + 1):
-            s = G[i, k]
+            s = G[3 * i + k]
             for j in range(k):
-                s -= L[i, j] * L[k, j]
+                s -= L[3 * i + j] * L[3 * k + j]
             if k < i:
-                L[i, k] = s / L[k, k]
-            elif s > SINGULAR * G[i, i]:
-                L[i, i] = np.sqrt(s)
+                L[3 * i + k] = s / L[4 * k]
+            elif s > SINGULAR * G[4 * i]:
+                L[4 * i] = np.sqrt(s)
             else:
                 return False
     for i in range(n):
         s = -b[i]
         for k in range(i):
-            s -= L[i, k] * y[k]
-        y[i] = s / L[i, i]
+            s -= L[3 * i + k] * y[k]
+        y[i] = s / L[4 * i]
     for i in range(n - 1, -1, -1):
         for k in range(i + 1, n):
-            y[i] -= L[k, i] * y[k]
-        y[i] /= L[i, i]
+            y[i] -= L[3 * k + i] * y[k]
+        y[i] /= L[4 * i]
     size = 0.0
     for i in range(1, n):
         size += y[i] * y[i]
     return size <= y[0] * y[0] and y[0] >= 0.0
 
 
-@kernel
+@plain
 def _slides(G, b, y):
     """Write the impulse, (2,), of a contact that slides along a line; return whether it does."""
     for d in (1.0, -1.0):  # along which it slides
-        D = G[0, 0] - d * G[0, 1]
+        D = G[0] - d * G[1]
         y[0] = -b[0] / D
         y[1] = -d * y[0]
-        if d * (b[1] + G[0, 1] * y[0] + G[1, 1] * y[1]) >= 0.0:
+        if d * (b[1] + G[1] * y[0] + G[4] * y[1]) >= 0.0:
             return True
     return False
 
 
-@kernel
-def solve_alone(rows, first, count, b, x, z):
+@plain
+def solve_alone(rows, first, count, b, chosen, room, x, z):
     """Write impulses, (n,), and jump, (nv,), of one contact of 3 rows at most; return whether it has a closed form.
 
     It has none where it slides in a plane, and where friction is so large that there may be several solutions.
@@ -96,22 +95,24 @@ def solve_alone(rows, first, count, b, x, z):
         first: its first row.
         count: how many.
         b: velocities less those aimed at, (n,).
+        chosen: room for its rows, int64 (3,).
+        room: for numbers, (24,).
         x: zeros, (n,).
         z: zeros, (nv,).
     """
     if b[first] >= 0.0:
         return True
-    chosen, offset, y, G = np.empty(3, np.int64), np.empty(3), np.empty(3), np.empty((3, 3))
+    offset, y, G, L = room[:3], room[3:6], room[6:15], room[15:24]
     n = _choose(rows, first, count, b, chosen)
     _delassus(rows, chosen, n, z, G)
     side = 0.0
     for r in range(1, n):
-        side += G[0, r] * G[0, r]
-    if n == 0 or not G[0, 0] > 0.0 or side > STEEP * STEEP * G[0, 0] * G[0, 0]:
+        side += G[r] * G[r]
+    if n == 0 or not G[0] > 0.0 or side > STEEP * STEEP * G[0] * G[0]:
         return False
     for r in range(n):
         offset[r] = b[chosen[r]]
-    if not _sticks(G, offset, n, y) and not (n == 2 and _slides(G, offset, y)):
+    if not _sticks(G, offset, n, L, y) and not (n == 2 and _slides(G, offset, y)):
         return False
     for r in range(n):
         i = chosen[r]

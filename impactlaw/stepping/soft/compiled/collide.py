@@ -6,7 +6,7 @@ import numpy as np
 
 from impactlaw.mechanics.tolerances import SIGNIFICANT
 from impactlaw.solvers.cones import CONE
-from impactlaw.solvers.cones.algebra.loops import kernel, norm, numbers, plain, zeros
+from impactlaw.solvers.cones.algebra.loops import cleared, copied, indices, kernel, norm, numbers, once, plain, zeros
 from impactlaw.solvers.cones.solve import linked_solve
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
@@ -20,8 +20,8 @@ from impactlaw.stepping.compiled.access import (
     size,
     velocity_of,
 )
-from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, keep
-from impactlaw.stepping.compiled.whitening import unwhiten, whitened
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, keep, put
+from impactlaw.stepping.compiled.whitening import unwhitened, whitened
 from impactlaw.stepping.soft.compiled.alone import solve_alone
 from impactlaw.stepping.soft.compiled.found import find, normal_velocities, within_reach
 from impactlaw.stepping.soft.compiled.rows import reached_by, read
@@ -37,7 +37,7 @@ _ROUNDS = 24  # of its slower methods
 _CREATED = 1e-12  # energy, relative to the one before, up to which its creation is rounding
 
 
-@kernel
+@plain
 def _key(w, found, i):
     """Return the key of a contact or limit; see `law_table.Coefficients`."""
     c, row = found.contact[i], found.row[i]
@@ -48,7 +48,7 @@ def _key(w, found, i):
     return (np.int64(min(one, other)) << 32) + max(one, other)
 
 
-@kernel
+@plain
 def _offsets(w, law, found, rows, members, velocity, before, b):
     """Write velocities of rows, and these less what is aimed at, (n,) each; return whether all e are known."""
     for g in members:
@@ -68,19 +68,20 @@ def _offsets(w, law, found, rows, members, velocity, before, b):
     return True
 
 
-@kernel
+@once
 def _solve(w, law, rows, members, b):
     """Return impulses, (n,), jump, (nv,), and the natural map; one contact alone may have a closed form."""
     n, k = len(rows.nnz), len(members)
-    if k == 1 and rows.sizes[members[0]] <= 3 and (law.exact or rows.sizes[members[0]] == 1):
-        x, z = np.zeros(n), np.zeros(w.nv)
-        if solve_alone(rows, rows.first[members[0]], rows.sizes[members[0]], b, x, z):
-            return x, z, 0.0
-    first, count, kind = rows.first[members], rows.sizes[members], np.full(k, CONE, np.int32)
-    x, z, residual, _ = linked_solve(
-        rows.nnz, rows.adr, rows.col, rows.val, w.nv, model_ints(w, MODEL.dof_treeid, w.nv), first, count, kind,
-        zeros(k), zeros(n), b, zeros(n), law.exact, _TOLERANCE, _ROUNDS,
-    )  # fmt: skip
+    x, z, residual = zeros(n), zeros(w.nv), np.inf
+    first, count = rows.first[members[0]], rows.sizes[members[0]]
+    if k == 1 and count <= 3 and (law.exact or count == 1):
+        residual = 0.0 if solve_alone(rows, first, count, b, indices(3), numbers(24), x, z) else np.inf
+    if residual != 0.0:
+        x, z, residual, _ = linked_solve(
+            rows.nnz, rows.adr, rows.col, rows.val, w.nv, model_ints(w, MODEL.dof_treeid, w.nv), rows.first[members],
+            rows.sizes[members], np.full(k, CONE, np.int32), zeros(k), zeros(n), b, zeros(n), law.exact, _TOLERANCE,
+            _ROUNDS,
+        )  # fmt: skip
     return x, z, residual
 
 
@@ -116,7 +117,8 @@ def _resolve(w, law, found, gamma, rounding, velocity, sums):
     for i in range(w.nv):
         root[i] = np.sqrt(inverse[i])
     jacobian = jacobian_of(w)
-    reached = within_reach(w, found, jacobian, gamma, law.rest_speed, rounding)
+    reached = cleared(len(gamma))
+    within_reach(w, found, jacobian, gamma, law.rest_speed, rounding, cleared(size(w, MODEL.ntree)), reached)
     rows = read(w, found, jacobian, reached, root, law.frictional)
     members, n = reached_by(rows, gamma, law.rest_speed, w.nv), len(rows.nnz)
     v, before, b = numbers(w.nv), zeros(n), zeros(n)
@@ -131,7 +133,9 @@ def _resolve(w, law, found, gamma, rounding, velocity, sums):
     sums[INTENSITY] += changed
     if 2.0 * work > (_CREATED + 4.0 * residual) * larger * larger:
         return PYTHON
-    velocity += unwhiten(z, factor, Mnnz, Madr, Mcol, root)
+    unwhitened(z, factor, Mnnz, Madr, Mcol, root, v)
+    for i in range(w.nv):
+        velocity[i] += v[i]
     return FINE
 
 
@@ -144,6 +148,14 @@ def _tell(outcomes, velocity):
         for i in range(min(n, len(outcomes) - at)):
             outcomes[at + i] = velocity[i]
         outcomes[0] += 1.0
+
+
+@plain
+def _same(one, other):
+    for i in range(len(one)):  # noqa: SIM110 - compiled
+        if one[i] != other[i]:
+            return False
+    return True
 
 
 @kernel
@@ -172,21 +184,21 @@ def collide(w, law, sums):
     rounding = 0.0
     for speed in gamma:
         rounding = max(rounding, ROUNDING * abs(speed))
-    velocity, status, changed = qvel.copy(), FINE, False
+    velocity, before, rows, status, changed = copied(qvel), numbers(w.nv), numbers(n), FINE, False
     while status == FINE:
         if sums[COUNT] >= law.most:
             return PYTHON, False
-        before = velocity.copy()
+        put(before, velocity)
         status = _resolve(w, law, found, gamma, rounding, velocity, sums)
         if status == FINE:
             _tell(law.outcomes, velocity)
-        if status != FINE or (before == velocity).all():
+        if status != FINE or _same(before, velocity):
             break
-        changed, rows = True, np.empty(n)
+        changed = True
         mj.mul_jac_vec(w.model, w.data, address_of(rows), address_of(velocity))
         keep(rows)
         if not normal_velocities(found, rows, gamma) < -law.rest_speed:
             break
     if status == FINE:
-        qvel[:] = velocity
+        put(qvel, velocity)
     return status, changed

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import kernel, plain
-from impactlaw.stepping.compiled.access import contact_ints, model_ints, number, option, size
+from impactlaw.solvers.cones.algebra.loops import indices, once, plain
+from impactlaw.stepping.compiled.access import contact_ints, model_ints, number, option
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
 
 Array = np.ndarray[Any, Any]
@@ -30,20 +30,28 @@ class Found(NamedTuple):
     paired: Array
 
 
-@kernel
-def find(w):
-    """Return the contacts and limits of now."""
+@plain
+def _list(w, row, contact, paired):
+    """Write what `Found` holds, and return how many there are."""
     limits, first, many = number(w, DATA.nl), number(w, DATA.ne) + number(w, DATA.nf), number(w, DATA.ncon)
     address, dim = contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_ints(w, CONTACT.dim, 1)[:, 0]
     pyramidal, h = option(w, MODEL.opt_cone) == _PYRAMIDAL, limits
-    table = np.zeros((3, limits + many), np.int64)
     for i in range(limits):
-        table[0, i], table[1, i] = first + i, -1
+        row[i], contact[i], paired[i] = first + i, -1, 0
     for i in range(many):
         if address[i] >= 0:
-            table[0, h], table[1, h], table[2, h] = address[i], i, pyramidal and dim[i] > 1
+            row[h], contact[h], paired[h] = address[i], i, pyramidal and dim[i] > 1
             h += 1
-    return Found(table[0, :h], table[1, :h], table[2, :h])
+    return h
+
+
+@once
+def find(w):
+    """Return the contacts and limits of now, which live as long as the function that asks for them."""
+    most = number(w, DATA.nl) + number(w, DATA.ncon)
+    row, contact, paired = indices(most), indices(most), indices(most)
+    h = _list(w, row, contact, paired)
+    return Found(row[:h], contact[:h], paired[:h])
 
 
 @plain
@@ -57,9 +65,9 @@ def normal_velocities(found, velocity, gamma):
     return lowest
 
 
-@kernel
-def within_reach(w, found, jacobian, gamma, speed, rounding):
-    """Return which contacts that do not separate share a tree, in steps, with one that is faster than speed, bool (h,).
+@plain
+def within_reach(w, found, jacobian, gamma, speed, rounding, mark, reached):
+    """Write which contacts that do not separate share a tree, in steps, with one that is faster than speed, bool (h,).
 
     Args:
         w: the world.
@@ -68,10 +76,11 @@ def within_reach(w, found, jacobian, gamma, speed, rounding):
         gamma: contact velocities, (h,).
         speed: of closing, m/s or rad/s.
         rounding: contact velocity up to which a contact does not separate, m/s or rad/s.
+        mark: trees, all False, (ntree,); written.
+        reached: all False, (h,); written.
     """
     nnz, adr, col, val = jacobian
-    tree, reached, more = model_ints(w, MODEL.dof_treeid, w.nv), np.zeros(len(gamma), np.bool_), True
-    mark = np.zeros(size(w, MODEL.ntree), np.bool_)
+    tree, more = model_ints(w, MODEL.dof_treeid, w.nv), True
     while more:
         more = False
         for i in range(len(gamma)):
@@ -85,4 +94,3 @@ def within_reach(w, found, jacobian, gamma, speed, rounding):
                 for a in range(nnz[r]):
                     if val[adr[r] + a] != 0.0:
                         mark[tree[col[adr[r] + a]]] = True
-    return reached

@@ -8,7 +8,16 @@ import numpy as np
 
 from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.scene.tolerances import NO_FRICTION
-from impactlaw.solvers.cones.algebra.loops import FIRST, kernel, numbers, plain, zeros
+from impactlaw.solvers.cones.algebra.loops import (
+    FIRST,
+    cleared,
+    indices,
+    integers,
+    numbers,
+    once,
+    plain,
+    zeros,
+)
 from impactlaw.stepping.compiled.access import (
     contact_floats,
     contact_ints,
@@ -45,14 +54,13 @@ class Rows(NamedTuple):
     val: Array
 
 
-@kernel
-def _count(w, found, reached, jacobian, frictional):
-    """Return numbers of contacts, rows and entries that have room for the rows of contacts."""
+@plain
+def _count(w, found, reached, jacobian, frictional, mark):
+    """Return numbers of contacts, rows and entries that have room for the rows of contacts; mark is False, (ntree,)."""
     dim, mu = contact_ints(w, CONTACT.dim, 1)[:, 0], contact_floats(w, CONTACT.friction, 5)
     nnz, adr, col, _ = jacobian
-    tree, num = model_ints(w, MODEL.dof_treeid, w.nv), model_ints(w, MODEL.tree_dofnum, size(w, MODEL.ntree))
+    tree, num = model_ints(w, MODEL.dof_treeid, w.nv), model_ints(w, MODEL.tree_dofnum, len(mark))
     contacts, rows, entries = 0, 0, 0
-    mark = np.zeros(len(num), np.bool_)
     for i in range(len(reached)):
         if not reached[i]:
             continue
@@ -71,51 +79,62 @@ def _count(w, found, reached, jacobian, frictional):
     return contacts, rows, entries
 
 
-@kernel
-def read(w, found, jacobian, reached, root, frictional):
-    """Return `Rows` of the contacts that are reached, bool (h,); root is ``D^-1/2``, (nv,)."""
+@plain
+def _mix(found, i, d, scale, nnz, adr, val, mixed):
+    """Write one row of a contact of MuJoCo's: along the normal, or a tangent times its coefficient of friction."""
+    row = found.row[i]
+    if found.paired[i]:
+        one, other = adr[row + 2 * max(d - 1, 0)], adr[row + 2 * max(d - 1, 0) + 1]
+        sign = 0.5 if d == 0 else -0.5
+        for a in range(nnz[row]):
+            mixed[a] = 0.5 * val[one + a] + sign * val[other + a]
+    else:
+        for a in range(nnz[row]):
+            mixed[a] = scale * val[adr[row + d] + a]
+
+
+@plain
+def _fill(w, found, jacobian, reached, root, frictional, mark, work, mixed, rows):
+    """Write the rows of the contacts that are reached, and return the number of entries."""
     nnz, adr, col, val = jacobian
-    k, n, m = _count(w, found, reached, jacobian, frictional)
-    of, places, out = np.empty(k, np.int64), np.empty(2 * k + 2 * n + m, np.int32), np.empty(m)
-    first, count, rownnz = places[:k], places[k : 2 * k], places[2 * k : 2 * k + n]
-    rowadr, outcol = places[2 * k + n : 2 * k + 2 * n], places[2 * k + 2 * n :]
     dim, mu = contact_ints(w, CONTACT.dim, 1)[:, 0], contact_floats(w, CONTACT.friction, 5)
-    trees = size(w, MODEL.ntree)
+    trees = len(mark)
     tree, treeadr = model_ints(w, MODEL.dof_treeid, w.nv), model_ints(w, MODEL.tree_dofadr, trees)
-    treenum = model_ints(w, MODEL.tree_dofnum, trees)
+    treenum, factor = model_ints(w, MODEL.tree_dofnum, trees), data_floats(w, DATA.qLD, size(w, MODEL.nC))
     Mnnz, Madr, Mcol = layout_of(w)
-    factor, work, mark = data_floats(w, DATA.qLD, size(w, MODEL.nC)), zeros(w.nv), np.zeros(trees, np.bool_)
-    mixed = numbers(w.nv)
     g, r, end = 0, 0, 0
     for i in range(len(reached)):
         if not reached[i]:
             continue
-        of[g], first[g] = i, r
+        rows.of[g], rows.first[g] = i, r
         c, row = found.contact[i], found.row[i]
-        many = dim[c] if frictional and c >= 0 else 1
-        wide = nnz[row]
-        for d in range(many):
+        for d in range(dim[c] if frictional and c >= 0 else 1):
             if d > 0 and not mu[c, d - 1] > NO_FRICTION:
                 continue
-            if found.paired[i]:
-                one, other = adr[row + 2 * max(d - 1, 0)], adr[row + 2 * max(d - 1, 0) + 1]
-                sign = 0.5 if d == 0 else -0.5
-                for a in range(wide):
-                    mixed[a] = 0.5 * val[one + a] + sign * val[other + a]
-            else:
-                scale = 1.0 if d == 0 else mu[c, d - 1]
-                for a in range(wide):
-                    mixed[a] = scale * val[adr[row + d] + a]
-            rowadr[r] = end
-            rownnz[r] = whiten(
-                wide, FIRST, col[adr[row] : adr[row] + wide], mixed, end, work, mark, factor, Mnnz, Madr, Mcol,
-                root, tree, treeadr, treenum, out, outcol,
+            _mix(found, i, d, 1.0 if d == 0 else mu[c, d - 1], nnz, adr, val, mixed)
+            rows.adr[r] = end
+            rows.nnz[r] = whiten(
+                nnz[row], FIRST, col[adr[row] : adr[row] + nnz[row]], mixed, end, work, mark, factor, Mnnz, Madr, Mcol,
+                root, tree, treeadr, treenum, rows.val, rows.col,
             )  # fmt: skip
-            end += rownnz[r]
+            end += rows.nnz[r]
             r += 1
-        count[g] = r - first[g]
+        rows.sizes[g] = r - rows.first[g]
         g += 1
-    return Rows(of, first, count, rownnz[:r], rowadr[:r], outcol[:end], out[:end])
+    return end
+
+
+@once
+def read(w, found, jacobian, reached, root, frictional):
+    """Return `Rows` of the contacts that are reached, bool (h,), which live as long as the function that asks for them.
+
+    ``root`` is ``D^-1/2``, (nv,).
+    """
+    mark = cleared(size(w, MODEL.ntree))
+    k, n, m = _count(w, found, reached, jacobian, frictional, mark)
+    rows = Rows(indices(k), integers(k), integers(k), integers(n), integers(n), integers(m), numbers(m))
+    end = _fill(w, found, jacobian, reached, root, frictional, mark, zeros(w.nv), numbers(w.nv), rows)
+    return Rows(rows.of, rows.first, rows.sizes, rows.nnz, rows.adr, rows.col[:end], rows.val[:end])
 
 
 @plain
@@ -137,27 +156,49 @@ def _couples(rows, work, length, g, other):
     return False
 
 
-@kernel
-def reached_by(rows, gamma, speed, nv):
-    """Return the contacts that an impulse of one that is faster than speed can reach through others, int64."""
-    k = len(rows.of)
-    reached, queue, end = np.zeros(k, np.bool_), np.empty(k, np.int64), 0
+@plain
+def _reach(rows, gamma, speed, reached, work, length, queue):
+    """Write the contacts that `reached_by` returns, and return how many there are.
+
+    Args:
+        rows: of contacts.
+        gamma: of all contacts, (h,).
+        speed: m/s or rad/s.
+        reached: False, (k,).
+        work: zeros, (nv,).
+        length: room, (n,).
+        queue: room, (k,), where they are in the end.
+    """
+    k, end, at = len(reached), 0, 0
     for g in range(k):
         if gamma[rows.of[g]] < -speed:
             reached[g], queue[end], end = True, g, end + 1
     if end == k:
-        return queue
-    work, length = zeros(nv), numbers(len(rows.nnz))
+        return k
     for i in range(len(length)):
         s = 0.0
         for a in range(rows.adr[i], rows.adr[i] + rows.nnz[i]):
             s += rows.val[a] * rows.val[a]
         length[i] = np.sqrt(s)
-    at = 0
     while at < end and end < k:
         other = queue[at]
         at += 1
         for g in range(k):
             if not reached[g] and _couples(rows, work, length, g, other):
                 reached[g], queue[end], end = True, g, end + 1
-    return np.sort(queue[:end])
+    end = 0
+    for g in range(k):
+        if reached[g]:
+            queue[end], end = g, end + 1
+    return end
+
+
+@once
+def reached_by(rows, gamma, speed, nv):
+    """Return the contacts that an impulse of one that is faster than speed can reach through others, int64.
+
+    They live as long as the function that asks for them.
+    """
+    queue = indices(len(rows.of))
+    end = _reach(rows, gamma, speed, cleared(len(queue)), zeros(nv), numbers(len(rows.nnz)), queue)
+    return queue[:end]

@@ -7,7 +7,7 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import kernel, once, plain
+from impactlaw.solvers.cones.algebra.loops import kernel, numbers, once, plain, zeros
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, number, offset, option, size, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, ints, keep, long_at
@@ -70,10 +70,10 @@ def _update(w):
 def _collide_at_end(w, law, trial, state, sums):
     """Take an RK4 step again with Euler if that ends in a collision that the law changes; return how it has ended."""
     n, q = number(w, DATA.nefc), 1 + size(w, MODEL.nq)
-    rows, before, found = np.empty(n), state[q : q + w.nv], find(w)
+    rows, before, found = numbers(n), state[q : q + w.nv], find(w)
     mj.mul_jac_vec(w.model, w.data, address_of(rows), address_of(before))
     keep(rows)
-    if not normal_velocities(found, rows, np.empty(len(found.row))) < -law.rest_speed:
+    if not normal_velocities(found, rows, numbers(len(found.row))) < -law.rest_speed:
         return FINE
     now = World(w.model, trial, w.table, w.nv)
     mj.set_state(w.model, trial, address_of(state), STATE)
@@ -81,13 +81,13 @@ def _collide_at_end(w, law, trial, state, sums):
     mj.euler(w.model, trial)
     mj.fwd_position(w.model, trial)
     mj.fwd_velocity(w.model, trial)
-    of_trial, told = np.zeros(len(sums)), law.outcomes[0] if len(law.outcomes) > 0 else 0.0
+    of_trial, told = zeros(len(sums)), law.outcomes[0] if len(law.outcomes) > 0 else 0.0
     status, changed = _collide(now, law, of_trial)
     if status == FINE and not changed and len(law.outcomes) > 0:
         law.outcomes[0] = told
     if status == FINE and changed:
         sums += of_trial
-        end = np.empty(len(state))
+        end = numbers(len(state))
         mj.get_state(w.model, trial, address_of(end), STATE)
         mj.set_state(w.model, w.data, address_of(end), STATE)
         keep(end)
@@ -108,7 +108,7 @@ def _from_start(w, law, trial, integrator, state, sums):
     if option(w, MODEL.opt_enableflags) & _COMPARE:
         mj.compare_fwd_inv(w.model, w.data)
     if integrator == _RK4:
-        middle = np.empty(len(state))
+        middle = numbers(len(state))
         mj.get_state(w.model, w.data, address_of(middle), STATE)
         mj.runge_kutta(w.model, w.data, np.int32(4))
         if _touches(w) > contacts:

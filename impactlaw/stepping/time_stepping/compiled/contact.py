@@ -84,7 +84,7 @@ def rows_of_step(w, jacobian, metric, velocity, start, free, chosen, frictional)
 
     Args:
         w: the world, contacts current.
-        jacobian: `jacobian_of`.
+        jacobian: `access.nonzeros_of`.
         metric: L and 1 / D.
         velocity: of MuJoCo's rows, with that of belts, (nefc,); (0,) to leave belts out.
         start: velocity at the start, (nv,).
@@ -267,7 +267,7 @@ def attempt(w, jacobian, chosen, start, free, known, rounds, law, phases):
 
     Args:
         w: the world in the middle of the step.
-        jacobian: `jacobian_of`.
+        jacobian: `access.nonzeros_of`.
         chosen: the rows, bool (nefc,).
         start: velocity at the start, (nv,).
         free: velocity without contact, (nv,).

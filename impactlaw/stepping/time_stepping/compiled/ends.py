@@ -13,10 +13,10 @@ from impactlaw.stepping.compiled.access import (
     data_at,
     data_floats,
     data_ints,
-    jacobian_of,
     layout_of,
     model_floats,
     model_ints,
+    nonzeros_of,
     number,
     offset,
     option,
@@ -110,7 +110,7 @@ def _shift(now, metric, rows, depth):
     if not some:
         return nothing
     still = np.zeros(now.nv)
-    seen = rows_of_step(now, jacobian_of(now), metric, nothing, still, still, near, False)
+    seen = rows_of_step(now, nonzeros_of(now), metric, nothing, still, still, near, False)
     before = np.empty(len(rows.key))
     for g in range(len(before)):
         before[g] = rows.amounts[0, g] - 0.5 * h * rows.rates[1, rows.groups[0, g]]

@@ -11,9 +11,9 @@ from impactlaw.solvers.cones.algebra.loops import copied, kernel, norm, numbers,
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     data_floats,
-    jacobian_of,
     model_floats,
     model_ints,
+    nonzeros_of,
     number,
     offset,
     option,
@@ -241,7 +241,7 @@ def _free_step(w, start, bias, gained):
 def _contact(w, law, known, start, bias, rounds):
     """Add what contact does to the velocity, and return it; see `scheme.TimeStepping`."""
     h, qvel = w.timestep, velocity_of(w)
-    free, jacobian, look, phases = copied(qvel), jacobian_of(w), 1, _AT_ONCE
+    free, jacobian, look, phases = copied(qvel), nonzeros_of(w), 1, _AT_ONCE
     chosen = near(w, jacobian, start, free, 2.0 * h)
     found = attempt(w, jacobian, chosen, start, free, known, rounds, law, phases)
     while look < LOOKS + PHASE_LOOKS and len(found.x) > 0 and found.status == FINE:

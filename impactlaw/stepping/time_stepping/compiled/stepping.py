@@ -30,6 +30,7 @@ from impactlaw.stepping.time_stepping.compiled.told import Teller
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 _EMPTY = "<mujoco/>"
+_DATA, _STATUS, _COLLIDED = CONTEXT.data, CONTEXT.status, MEMORY.collided
 
 
 class CompiledStepping:
@@ -62,14 +63,16 @@ class CompiledStepping:
         self._pool: Pool | None = None
         self._context = np.zeros(len(CONTEXT), np.int64)
         self._at = self._context.ctypes.data
+        self._fields, self._told = memoryview(self._context.data), memoryview(self.numbers.data)
         self._take_over()
 
     def _take_over(self) -> None:
         """Take over the law and the options of the scheme."""
         self._coefficients, self._reason = self._scheme.coefficients(), reason(self._scheme)
+        told = max(self._sums, self._settings[SETTING.told])
         self._settings[:] = self._scheme.settings()
-        self._settings[SETTING.told] = self._sums
-        self._teller = Teller(self._scheme, _with_sums)
+        self._settings[SETTING.told] = told
+        self._teller = Teller(self._scheme, _with_sums, self._settings)
         self._write_context()
         if self._reason is not None:
             self._tell(self._reason)
@@ -124,12 +127,12 @@ class CompiledStepping:
             if any(ctypes.c_size_t.from_address(place).value for place in self._callbacks.tolist()):
                 return self._in_python(data)
             self._pool = Pool(mujoco.MjModel.from_xml_string(_EMPTY), 1, 1, persistent=True)
-        context, world, apply = self._context, data, self._pool.apply
-        context[CONTEXT.data] = world._address  # pyright: ignore[reportAttributeAccessIssue]
+        fields, world = self._fields, data
+        fields[_DATA] = world._address  # pyright: ignore[reportAttributeAccessIssue]
         while True:
-            if apply(single.address, self._at, save=False):
+            if self._pool.apply(single.address, self._at, save=False):
                 self._fail(data, self._pool.error(0))
-            how = int(context[CONTEXT.status])
+            how = fields[_STATUS]
             if how == status.FINE:
                 break
             if how == status.CALLBACK:
@@ -137,11 +140,11 @@ class CompiledStepping:
                 return self._in_python(data)
             if how != status.UNKNOWN:
                 raise self._error(how, data)
-            self._coefficients.learn(int(context[CONTEXT.asked]))
+            self._coefficients.learn(fields[CONTEXT.asked])
             self._write_context()
-        if self.numbers[MEMORY.collided] == 0.0:
+        if not self._told[_COLLIDED]:
             return ()
-        return self._teller.tell(self._state.copy(), self._before.copy())
+        return self._teller.tell(self._state.copy(), self._before.copy(), self.numbers)
 
     def _in_python(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
         self._counts[MEMORY.known] = 0

@@ -1,4 +1,7 @@
-"""What a compiled step tells of its collisions when somebody asks: it is taken once more."""
+"""What a compiled step tells of its collisions when somebody asks: it is taken once more.
+
+Where sums were asked for, the steps that follow find theirs at once.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums
 from impactlaw.stepping.integration import restore_state
 from impactlaw.stepping.time_stepping.compiled.state import memory
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY
+from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
 from impactlaw.stepping.time_stepping.compiled.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.surfaces import last_motion
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
@@ -24,10 +28,11 @@ class Teller:
     Args:
         scheme: in Python.
         compile: makes compiled steps that find sums.
+        settings: of the steps, see `state.world.Settings`.
     """
 
-    def __init__(self, scheme: TimeStepping, compile: Callable[[TimeStepping], Any]):
-        self.scheme, self._compile = scheme, compile
+    def __init__(self, scheme: TimeStepping, compile: Callable[[TimeStepping], Any], settings: np.ndarray):
+        self.scheme, self._compile, self._settings = scheme, compile, settings
 
     @cached_property
     def data(self) -> mujoco.MjData:
@@ -38,12 +43,20 @@ class Teller:
     def _steps(self) -> Any:
         return self._compile(self.scheme)
 
-    def tell(self, state: np.ndarray, numbers: np.ndarray) -> Replay:
-        """Return what tells the collision of a step from its start and what was known then, see `memory`."""
-        return Replay(self, state, numbers)
+    def tell(self, state: np.ndarray, before: np.ndarray, numbers: np.ndarray) -> Replay:
+        """Return what tells the collision of a step from its start, what was known then, and what is known now."""
+        return Replay(self, state, before, self.told(numbers))
+
+    def told(self, numbers: np.ndarray) -> ImpactSums | None:
+        """Return the sums that a step has found; None if it was not to, or where only events tell."""
+        if not self._settings[SETTING.told]:
+            return None
+        count, energy, intensity, distant = numbers[MEMORY.sums : MEMORY.sums + SUMS].tolist()
+        return ImpactSums(int(count), energy, 0.0, intensity, int(distant), 0) if count > 0.0 else None
 
     def sums(self, state: np.ndarray, numbers: np.ndarray, impulses: bytes) -> ImpactSums | None:
-        """Return the sums over the collisions of a step; None where only events tell."""
+        """Return the sums over the collisions of a step; None where only events tell. Later steps find theirs."""
+        self._settings[SETTING.told] = 1.0
         steps, model, data = self._steps, self.scheme.model, self.data
         restore_state(model, data, state)
         mujoco.mj_kinematics(model, data)
@@ -52,15 +65,14 @@ class Teller:
         memory.restore(steps.numbers, numbers, impulses)
         steps.numbers[MEMORY.sums] = np.nan
         steps.step(data)
-        count, energy, intensity, distant = steps.numbers[MEMORY.sums : MEMORY.sums + SUMS].tolist()
-        return ImpactSums(int(count), energy, 0.0, intensity, int(distant), 0) if count > 0.0 else None
+        return self.told(steps.numbers)
 
 
 class Replay:
     """The collisions of one step; see `Teller`."""
 
-    def __init__(self, teller: Teller, state: np.ndarray, numbers: np.ndarray):
-        self._teller, self._state, self._numbers = teller, state, numbers
+    def __init__(self, teller: Teller, state: np.ndarray, numbers: np.ndarray, found: ImpactSums | None):
+        self._teller, self._state, self._numbers, self._found = teller, state, numbers, found
         self._impulses = memory.raw(numbers)
 
     def __call__(self) -> tuple[ImpactEvent, ...]:
@@ -70,8 +82,8 @@ class Replay:
     @cached_property
     def sums(self) -> ImpactSums:
         """Sums over them."""
-        known = self._teller.sums(self._state, self._numbers, self._impulses)
-        return ImpactSums.of(self._events) if known is None else known
+        known = self._found or self._teller.sums(self._state, self._numbers, self._impulses)
+        return known or ImpactSums.of(self._events)
 
     @cached_property
     def _events(self) -> tuple[ImpactEvent, ...]:
