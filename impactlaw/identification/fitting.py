@@ -57,7 +57,11 @@ class Identified:
         return float(np.sqrt(np.mean(self.residuals**2)))
 
     def predict(self, collisions: Sequence[Collision]) -> list[np.ndarray]:
-        """Return v+ of other collisions, with the friction found, (nv,) each."""
+        """Return v+ of other collisions, with the friction found, (nv,) each.
+
+        Raises:
+            MeasurementError: the law has friction, and a collision has no tangential directions.
+        """
         if "friction" not in self.parameters:
             return [self.law.resolve(c).post_velocity for c in collisions]
         from impactlaw.identification.families import with_friction

@@ -54,8 +54,6 @@ class Study:
         for field in fields(self):
             if field.name not in ("episodes", "steps"):
                 self._check_several(field.name)
-        for law in (*self.train_laws, *self.act_laws):
-            assert law.text
         for scheme in self.schemes:
             if scheme not in get_args(Scheme):
                 raise UnknownNameError("scheme", scheme, get_args(Scheme))
