@@ -4,7 +4,8 @@ import sys
 
 import numpy as np
 import pytest
-from problems import assert_certified, assert_nearest_in_cone, balls, box, launched
+from certificates import assert_certified, assert_nearest_in_cone
+from problems import balls, box, launched
 from scipy.optimize import nnls
 
 from impactlaw import Collision, Fremond, Impact, Moreau, Newton

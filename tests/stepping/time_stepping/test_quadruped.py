@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from quadrupeds import STANCE, gaps, quadruped
 from scenes import energy
+from stepping.quadrupeds import STANCE, gaps, quadruped
 from stepping.time_stepping.stepped import stepping
 
 from impactlaw import MaximalDissipation, Moreau, Newton, Poisson, Stepper

@@ -1,48 +1,18 @@
-"""Steps that need no look at contacts: what they leave out, and that everything which ends that is noticed."""
+"""Steps of bodies at rest that need no look at contacts, and that everything which ends a rest is noticed."""
 
 import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shortcuts_seen import forgetful, looks, tried
+from stepping.event_driven.shortcuts.resting import lasts, scene, settled, shortcut_of
+from stepping.event_driven.shortcuts.seen import forgetful, looks
 
 from impactlaw import Moreau, Stepper
-from impactlaw.errors import OverlapError
-from impactlaw.models.builder import cradle
-from impactlaw.stepping.event_driven.persistent_contact.position import least_impulse
-from impactlaw.stepping.event_driven.shortcuts import Apart, Rest, Together
+from impactlaw.stepping.event_driven.shortcuts import Rest
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 
-BOX = """
-<mujoco>
-  <option timestep="0.005" integrator="{integrator}"/>
-  <worldbody>
-    <geom name="floor" type="plane" size="0 0 1" euler="{slope} 0 0" condim="{condim}" friction="0.6 0.005 0.0001"/>
-    <body name="box" euler="{slope} 0 0" pos="{position}">
-      <freejoint/>
-      <geom name="box" type="box" size="0.25 0.2 0.125" mass="2" condim="{condim}" friction="0.6 0.005 0.0001"/>
-    </body>
-    {more}
-  </worldbody>
-</mujoco>"""
 WEIGHT = 2 * 9.81
-
-
-def scene(integrator="RK4", *, condim=1, slope=0.0, more=""):
-    """Return a box that lies on a plane, and its state after some steps."""
-    angle = np.radians(slope)
-    position = " ".join(map(str, 0.125 * np.array([0, -np.sin(angle), np.cos(angle)])))
-    text = BOX.format(integrator=integrator, condim=condim, slope=slope, position=position, more=more)
-    model = mujoco.MjModel.from_xml_string(text)
-    return model, mujoco.MjData(model)
-
-
-def settled(model, data, **options):
-    stepper = Stepper(model, Moreau(0.0), **options)
-    for _ in range(5):
-        stepper.step(data)
-    return stepper
 
 
 @pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicit", "implicitfast", "discrete"])
@@ -195,65 +165,6 @@ def test_a_rest_that_does_not_last_is_not_looked_for_again(monkeypatch):
     np.testing.assert_allclose(data.qpos, start, rtol=0, atol=1e-10)
 
 
-def test_balls_that_swing_together_are_looked_at_no_more(monkeypatch):
-    """Until another one comes near."""
-    model = cradle(5).compile()
-    data = mujoco.MjData(model)
-    data.qpos[0] = -0.4
-    stepper = Stepper(model, Moreau(0.0))
-    step_without, reference = forgetful(Stepper(model, Moreau(0.0))), mujoco.MjData(model)
-    reference.qpos[:] = data.qpos
-    seen, collided = looks(monkeypatch), 0
-    for _ in range(1000):
-        stepper.step(data)
-        collided += len(stepper.events)
-    assert collided == 1  # they swing on together
-    assert len(seen) < 100
-    for _ in range(1000):
-        step_without(reference)
-    np.testing.assert_allclose(data.qpos, reference.qpos, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(data.qvel, reference.qvel, rtol=0, atol=1e-8)
-
-
-def test_balls_in_touch_part_when_one_is_pulled():
-    model = cradle(5).compile()
-    data = mujoco.MjData(model)
-    stepper = Stepper(model, Moreau(0.0))
-    for _ in range(10):
-        stepper.step(data)
-    data.qfrc_applied[4] = 1e-3
-    stepper.step(data)
-    stepper.step(data)
-    assert data.qvel[4] > 1e-6
-    assert np.abs(data.qvel[:4]).max() < 1e-12
-
-
-def test_a_velocity_given_in_flight_counts():
-    model, data = scene()
-    data.qpos[2] += 1.0
-    stepper = Stepper(model, Moreau(0.0))
-    for _ in range(5):
-        stepper.step(data)
-    data.qvel[2] = -300.0
-    stepper.step(data)
-    assert [event.time for event in stepper.events]
-    assert data.qpos[2] == pytest.approx(0.125, abs=1e-8)
-
-
-def shortcut_of(stepper, data):
-    """Return the shortcut that a step has taken, and what takes it; a next step would try it once more."""
-    with pytest.MonkeyPatch.context() as patch:
-        seen = tried(patch)
-        stepper.step(data)
-    assert [one.held for one in seen] == [True]
-    return seen[0].shortcut, seen[0].phases
-
-
-def lasts(shortcut, phases):
-    with phases.options:
-        return shortcut.lasts(phases)
-
-
 @pytest.mark.parametrize(("velocity", "shift", "kept"), [(0, 0, True), (1e-10, 0, False), (0, 1e-10, False)])
 def test_a_rest_allows_for_rounding_only(velocity, shift, kept):
     model, data = scene()
@@ -262,78 +173,3 @@ def test_a_rest_allows_for_rounding_only(velocity, shift, kept):
     data.qvel[0] += velocity
     data.qpos[0] += shift
     assert (lasts(rest, phases) is rest) == kept
-
-
-@pytest.mark.parametrize(
-    ("ball", "position", "velocity", "kept"),
-    [
-        (4, 0.0, 0.0, True),
-        (4, 1e-10, 0.0, True),
-        (4, 1e-8, 0.0, False),  # open
-        (4, -1e-10, 0.0, False),  # overlaps by more than a correction
-        (4, 0.0, -1e-9, True),
-        (4, 0.0, -1e-8, False),  # begins to overlap
-        (4, 0.0, 1e-6, False),  # opens
-        (4, 1e-3, 0.0, False),  # far
-        (0, -1e-3, 0.0, False),
-    ],
-)
-def test_contacts_together_allow_for_rounding_only(ball, position, velocity, kept):
-    model = cradle(5).compile()
-    data = mujoco.MjData(model)
-    model.opt.gravity[:] = 0.0
-    data.qvel[:] = 0.1
-    together, phases = shortcut_of(settled(model, data), data)
-    assert isinstance(together, Together)
-    data.qpos[ball] += position
-    data.qvel[ball] += velocity
-    assert (lasts(together, phases) is together) == kept
-
-
-def test_other_contacts_of_the_same_number_are_not_those_together():
-    model = cradle(3).compile()
-    model.opt.gravity[:] = 0.0
-    data = mujoco.MjData(model)
-    data.qvel[:] = 0.1
-    data.qpos[2] = 0.01
-    together, phases = shortcut_of(settled(model, data), data)
-    assert isinstance(together, Together)
-    assert together.pattern.labels == ("ball1/ball2",)
-    data.qpos[:] -= [0.01, 0.0, 0.01]
-    assert lasts(together, phases) is None
-
-
-def test_a_body_is_met_by_one_that_turns_a_whole_turn_in_a_step(monkeypatch):
-    """Frames at the ends of a step are the same then."""
-    turn = 2 * np.pi / 0.005
-    model = mujoco.MjModel.from_xml_string(
-        """<mujoco><option timestep="0.005" gravity="0 0 0"/><worldbody>
-        <body><joint name="turn" axis="0 0 1"/><geom type="capsule" size=".02" fromto="-1 0 0 1 0 0" condim="1"/></body>
-        <body pos="0 3 0"><joint name="y" type="slide" axis="0 1 0"/><geom size=".1" condim="1"/></body>
-        </worldbody></mujoco>"""
-    )
-    data = mujoco.MjData(model)
-    data.qvel[:] = turn, -4.0
-    stepper, seen = Stepper(model, Moreau(0.0)), tried(monkeypatch)
-    while data.qpos[1] > -2.6 and not stepper.events:
-        stepper.step(data)
-    assert {type(one.shortcut) for one in seen} == {Apart}
-    assert stepper.events
-    assert 3 + stepper.events[0].qpos[1] > 0.9
-
-
-def test_a_position_given_in_flight_counts():
-    """Even where the step would lead away from the overlap."""
-    model, data = scene()
-    data.qpos[2] += 1.0
-    stepper = settled(model, data)
-    assert isinstance(shortcut_of(stepper, data)[0], Apart)
-    data.qpos[2], data.qvel[2] = 0.12, 5.0
-    with pytest.raises(OverlapError):
-        stepper.step(data)
-
-
-def test_a_contact_is_never_pulled():
-    gradients = np.array([[2.0, 0.0]])
-    assert least_impulse(gradients, np.array([3.0])) == pytest.approx(0.75)
-    assert least_impulse(gradients, np.array([-3.0])) == 0.0

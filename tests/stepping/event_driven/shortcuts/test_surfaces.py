@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 from scenes import compiled
-from shortcuts_seen import forgetful, looks, tried
+from stepping.event_driven.shortcuts.seen import forgetful, looks, tried
 
 from impactlaw import Contacts, Moreau, Stepper
 from impactlaw.scene.detection import Detector
