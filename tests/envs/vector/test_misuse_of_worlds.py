@@ -10,17 +10,10 @@ from gymnasium.error import ResetNeeded
 
 import impactlaw.envs  # noqa: F401
 from impactlaw import Moreau, make_law
-from impactlaw.errors import ActionError, CopyError, OptionError, RestitutionError, UnknownNameError
+from impactlaw.errors import ActionError, CopyError, OptionError, RestitutionError, SettledError, UnknownNameError
 
 NAME = "impactlaw/Juggler-v0"
 WORLDS = "vector_entry_point"
-
-
-@pytest.fixture
-def vec():
-    made = gymnasium.make_vec(NAME, 3, vectorization_mode=WORLDS, nthread=1)
-    yield made
-    made.close()
 
 
 def test_a_step_before_the_first_reset(vec):
@@ -57,6 +50,18 @@ def test_masks_and_options_that_are_none(vec):
             vec.reset(options={"reset_mask": mask})
     with pytest.raises(OptionError, match="options of a reset are a mapping"):
         vec.reset(options=["law"])
+
+
+def test_what_worlds_do_not_have_is_refused(vec):
+    with pytest.raises(UnknownNameError, match="lw"):
+        vec.reset(options={"lw": "moreau"})
+    with pytest.raises(SettledError, match="settled"):
+        vec.set_attr("scheme", "event-driven")
+    with pytest.raises(OptionError, match="3 worlds"):
+        vec.set_attr("law", [Moreau(0.1)])
+    with pytest.raises(RestitutionError):
+        vec.set_attr("restitution", [0.1, 0.2, 7.0])
+    assert [law.restitution for law in vec.get_attr("law")] == [0.8] * 3
 
 
 @pytest.mark.parametrize("name", [NAME, "impactlaw/Hopper-v5"])
