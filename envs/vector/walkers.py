@@ -12,7 +12,8 @@ from gymnasium import spaces
 from impactlaw.batch import Batch
 from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.vector.spatial import Spatial
-from impactlaw.envs.vector.worlds import Outcome, VectorWorlds, step_worlds
+from impactlaw.envs.vector.task import Outcome, step_worlds
+from impactlaw.envs.vector.worlds import VectorWorlds
 from impactlaw.errors import RestitutionError
 from impactlaw.laws import Law, make_law
 
