@@ -313,11 +313,12 @@ def _laws(law: Any, count: int) -> list[Law]:
         SceneError: there is not one for each.
         UnknownNameError: one is none.
     """
-    one = isinstance(law, Law | str) or not isinstance(law, Sequence)
-    laws: list[Any] = [law] * count if one else list(law)
+    laws: Any = law
+    if isinstance(law, Law | str) or not isinstance(law, Sequence):
+        laws = [law] * count
     if len(laws) != count:
         raise SceneError(f"{count} worlds need as many laws, got {len(laws)}")
     for own in laws:
         if not isinstance(own, Law):
             raise UnknownNameError("law", own, ("a Law, see impactlaw.make_law",))
-    return laws
+    return list(laws)

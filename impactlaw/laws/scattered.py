@@ -44,9 +44,12 @@ class Scattered(Law):
                 "Coulomb(Scattered(law, covariance))"
             )
         if np.ndim(self.covariance) == 0:
-            value = float(np.asarray(self.covariance))
+            try:
+                value = float(np.asarray(self.covariance))
+            except (TypeError, ValueError):
+                value = np.nan
             if not 0.0 <= value < np.inf:
-                raise RestitutionError(f"a variance must be 0 or more, got {value}")
+                raise RestitutionError(f"a variance must be 0 or more, and finite, got {self.covariance!r}")
             object.__setattr__(self, "covariance", value)
         else:
             matrix = square_matrix(self.covariance, "covariance")

@@ -80,3 +80,5 @@ def test_what_is_not_there_is_refused():
     for place in ("impactlaw.laws.moreau:Moro", "nosuch.module:Law", "law", "os:getcwd", "math:pi"):
         with pytest.raises(RestitutionError, match=place):
             restored({"law class": place})
+    with pytest.raises(RestitutionError, match="Moreau has no hardness"):
+        restored(portable(Moreau(0.5)) | {"hardness": 1.0})

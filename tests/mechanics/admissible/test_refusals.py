@@ -10,7 +10,9 @@ from impactlaw.mechanics.admissible.cone import EnumerationError
 
 
 @pytest.mark.parametrize("method", ["contains", "distance", "project", "support"])
-@pytest.mark.parametrize("value", [[1.0, 2.0], [[1.0, 2.0, 3.0]], [1.0, np.nan, 0.0], [np.inf, 0.0, 0.0], 1.0])
+@pytest.mark.parametrize(
+    "value", [[1.0, 2.0], [[1.0, 2.0, 3.0]], [1.0, np.nan, 0.0], [np.inf, 0.0, 0.0], 1.0, "abc", [[1], [1, 2]]]
+)
 def test_not_a_velocity(method, value):
     with pytest.raises(InvalidCollisionError, match="must be finite with shape"):
         getattr(AdmissibleSet(launched(3, 1)), method)(value)
@@ -19,8 +21,9 @@ def test_not_a_velocity(method, value):
 def test_number_of_samples():
     S = launched(3, 1).admissible_set
     assert S.sample(0, 0).shape == (0, 3)
-    with pytest.raises(InvalidCollisionError, match="0 or more"):
-        S.sample(-1, 0)
+    for n in (-1, 1.5, "a"):
+        with pytest.raises(InvalidCollisionError, match="0 or more"):
+            S.sample(n, 0)
     np.testing.assert_array_equal(S.sample(2, 7), S.sample(2, np.random.default_rng(7)))
 
 

@@ -65,6 +65,8 @@ def test_invalid_friction(arguments, message):
 def test_friction_must_fit_the_collision():
     with pytest.raises(InvalidCollisionError, match="columns"):
         Collision(np.eye(2), [[1.0, 0.0]], [0.0, 0.0], friction=Friction([[1.0, 0, 0]], [0], [1.0]))
+    with pytest.raises(InvalidCollisionError, match="is a Friction, got 3"):
+        Collision(np.eye(2), [[1.0, 0.0]], [0.0, 0.0], friction=3)
     with pytest.raises(InvalidCollisionError, match="there are 1"):
         Collision(np.eye(2), [[1.0, 0.0]], [0.0, 0.0], friction=Friction([[1.0, 0]], [1], [1.0]))
 
