@@ -76,10 +76,7 @@ def with_friction(collision: Collision, coefficient: float) -> Collision:
         )
     first = np.searchsorted(friction.contact, friction.contact)
     scaled = coefficient * friction.coefficient / friction.coefficient[first]
-    changed = replace(collision, friction=replace(friction, coefficient=scaled))
-    changed.__dict__["whitened_jacobian"] = collision.whitened_jacobian  # what friction does not change
-    changed.__dict__["whitened_friction"] = collision.whitened_friction
-    return changed
+    return replace(collision, friction=replace(friction, coefficient=scaled))
 
 
 def _restitution(name: str = "restitution") -> Parameter:

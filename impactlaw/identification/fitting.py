@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import ImpactLawError, MeasurementError, UnknownNameError
-from impactlaw.identification.families import FAMILIES, Family
+from impactlaw.identification.families import FAMILIES, Family, with_friction
 from impactlaw.identification.intervals import matrix_intervals, parameter_intervals
 from impactlaw.identification.measurements import Measurements, rms
 from impactlaw.identification.restitution_matrix import MatrixFit
@@ -64,8 +64,6 @@ class Identified:
         """
         if "friction" not in self.parameters:
             return [self.law.resolve(c).post_velocity for c in collisions]
-        from impactlaw.identification.families import with_friction
-
         mu = self.parameters["friction"]
         return [self.law.resolve(with_friction(c, mu)).post_velocity for c in collisions]
 

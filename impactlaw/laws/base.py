@@ -80,6 +80,16 @@ class Law(ABC):
         """The number e where ``gamma^h = -e gamma-`` for every contact of any collision, else None."""
         return None
 
+    @property
+    def contact_labels(self) -> frozenset[str]:
+        """Labels and patterns that the law is keyed with, in canonical order; empty if it is not."""
+        return frozenset()
+
+    @property
+    def contact_count(self) -> int | None:
+        """Number of contacts that the law is for; None if for any."""
+        return None
+
     def seeded(self, seed: int) -> Law:
         """Return the law with this seed, 0 or more, if it draws its outcomes and has no seed of its own."""
         return self

@@ -64,14 +64,14 @@ class Scattered(Law):
 
     @property
     def contact_labels(self) -> frozenset[str]:
-        """Labels that the law in the middle is keyed with."""
-        return getattr(self.law, "contact_labels", frozenset())
+        """Those of the law in the middle."""
+        return self.law.contact_labels
 
     @property
     def contact_count(self) -> int | None:
-        """Number of contacts that the law is for; None if for any."""
+        """That of the covariance, or else of the law in the middle."""
         own = None if np.ndim(self.covariance) == 0 else len(np.asarray(self.covariance))
-        return getattr(self.law, "contact_count", None) if own is None else own
+        return self.law.contact_count if own is None else own
 
     def seeded(self, seed: int) -> Scattered:
         """Return the law with this seed, if it has none of its own."""
