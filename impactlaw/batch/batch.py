@@ -9,9 +9,10 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
+from impactlaw.batch.given import keyframes, one_each, world_numbers
 from impactlaw.batch.laws import Laws
 from impactlaw.batch.rows import Fields
-from impactlaw.errors import CopyError, OptionError, SceneError, UnknownNameError, WorldsFailedError
+from impactlaw.errors import CopyError, UnknownNameError, WorldsFailedError
 from impactlaw.laws import Law
 from impactlaw.stepping.compatibility import FRICTION, check_count, check_law, check_model, check_speed
 from impactlaw.stepping.compiled.engine import Pool, functions
@@ -93,7 +94,7 @@ class Batch:
                 raise UnknownNameError(kind, value, known)
         self.model, self.nsim = model, nsim
         plan = make_plan(model, scheme="time-stepping", friction=friction)
-        first = _laws(law, nsim)[0]
+        first = one_each(law, nsim)[0]
         options: Any = {"friction": friction, "on_inadmissible": on_inadmissible, "rest_speed": rest_speed}
         scheme = TimeStepping(model, first, plan, **options)
         self._pool = Pool(model, nsim, nthread, persistent=False)
@@ -163,8 +164,8 @@ class Batch:
             UnknownNameError: a law is none, or is keyed by contacts that the scene cannot have.
             OptionError: there are no such worlds.
         """
-        worlds = self._numbers(ids, ascending=False).tolist()
-        laws = _laws(law, len(worlds))
+        worlds = world_numbers(ids, self.nsim, ascending=False).tolist()
+        laws = one_each(law, len(worlds))
         for own in laws[:1] if isinstance(law, Law) else laws:
             check_law(self.model, own)
         if isinstance(law, Law):
@@ -172,24 +173,6 @@ class Batch:
             return
         for world, own in zip(worlds, laws, strict=True):
             self._laws.set(own, [world])
-
-    def _numbers(self, ids: Sequence[int] | None, *, ascending: bool = True) -> np.ndarray:
-        """Return the numbers of some worlds, or of all, int32 (k,).
-
-        Raises:
-            OptionError: there is no such world, or MuJoCo would end the process since they are not ascending.
-        """
-        if ids is None:
-            return np.arange(self.nsim, dtype=np.int32)
-        worlds = np.asarray(ids)
-        if worlds.size == 0:
-            return np.zeros(0, np.int32)
-        whole = worlds.ndim == 1 and worlds.dtype.kind in "iu"
-        there = whole and worlds.min() >= 0 and worlds.max() < self.nsim
-        if not there or (ascending and (worlds[1:] <= worlds[:-1]).any()):
-            order = ", ascending and each once" if ascending else ""
-            raise OptionError(f"ids are numbers of worlds from 0 to {self.nsim - 1}{order}, got {ids!r:.100}")
-        return worlds.astype(np.int32)
 
     def bind(self, name: str) -> np.ndarray:
         """Return a live array over a field of mjData, (nsim, ..): of the state to be written, of others to be read."""
@@ -217,7 +200,7 @@ class Batch:
                 written to `restitution` is none.
         """
         check_count("nstep", nstep)
-        worlds = None if ids is None else self._numbers(ids)
+        worlds = None if ids is None else world_numbers(ids, self.nsim)
         self._laws.check()
         self._context[WORLDS.steps] = nstep
         self._report[slice(None) if worlds is None else worlds, 0] = status.FINE
@@ -258,17 +241,8 @@ class Batch:
         Raises:
             OptionError: there are no such worlds or keyframes.
         """
-        worlds, keys = self._numbers(ids), np.asarray(keyframe)
-        if (
-            keys.dtype.kind not in "iu"
-            or keys.shape not in ((), worlds.shape)
-            or not (((keys >= -1) & (keys < self.model.nkey)).all())
-        ):
-            raise OptionError(
-                f"keyframe is a number from -1, the start, to {self.model.nkey - 1}, or one for each of {len(worlds)} "
-                f"worlds, got {keyframe!r:.100}"
-            )
-        key = np.ascontiguousarray(np.broadcast_to(keys.astype(np.int32), worlds.shape))
+        worlds = world_numbers(ids, self.nsim)
+        key = keyframes(keyframe, len(worlds), self.model.nkey)
         level = int(mujoco.mjtStage.mjSTAGE_ACC)
         if self._functions.mjb_reset(self._pool.handle, worlds.ctypes.data, len(worlds), key.ctypes.data, level):
             raise WorldsFailedError(worlds.tolist(), self._pool.error(int(worlds[0])))
@@ -281,7 +255,7 @@ class Batch:
             OptionError: there are no such worlds.
             WorldsFailedError: MuJoCo cannot do that in some.
         """
-        worlds = self._numbers(ids)
+        worlds = world_numbers(ids, self.nsim)
         level = int(mujoco.mjtStage.mjSTAGE_ACC)
         if self._functions.mjb_forward(self._pool.handle, worlds.ctypes.data, len(worlds), level):
             raise WorldsFailedError(worlds.tolist(), self._pool.error(int(worlds[0])))
@@ -292,7 +266,7 @@ class Batch:
         Raises:
             OptionError: there is no such world.
         """
-        (number,) = self._numbers([world])
+        (number,) = world_numbers([world], self.nsim)
         data: Any = mujoco.MjData(self.model)
         self._functions.mjb_getData(self._pool.handle, int(number), data._address)
         return data
@@ -304,21 +278,3 @@ class Batch:
             for _, other in self._slots:
                 if other:
                     self._functions.mj_deleteData(int(other))
-
-
-def _laws(law: Any, count: int) -> list[Law]:
-    """Return one law for each of so many worlds.
-
-    Raises:
-        SceneError: there is not one for each.
-        UnknownNameError: one is none.
-    """
-    laws: Any = law
-    if isinstance(law, Law | str) or not isinstance(law, Sequence):
-        laws = [law] * count
-    if len(laws) != count:
-        raise SceneError(f"{count} worlds need as many laws, got {len(laws)}")
-    for own in laws:
-        if not isinstance(own, Law):
-            raise UnknownNameError("law", own, ("a Law, see impactlaw.make_law",))
-    return list(laws)
