@@ -240,6 +240,7 @@ class Batch:
 
         Raises:
             OptionError: there are no such worlds or keyframes.
+            WorldsFailedError: MuJoCo cannot do that in some.
         """
         worlds = world_numbers(ids, self.nsim)
         key = keyframes(keyframe, len(worlds), self.model.nkey)

@@ -94,6 +94,10 @@ class Scattered(Law):
             collision: what collides.
             n: how many.
             rng: a generator, or a seed for one.
+
+        Raises:
+            RestitutionError: the covariance or the law is for another number of contacts.
+            InvalidCollisionError: surfaces move against each other: there is no S(v-).
         """
         c = collision if collision.friction is None else replace(collision, friction=None)
         middle, h = self.law.resolve(c).post_velocity, len(c.labels)

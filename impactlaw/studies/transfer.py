@@ -118,7 +118,7 @@ def transfer_matrix(
 
 
 def transfer_matrices(table: pd.DataFrame, *, confidence: float = 0.95) -> Iterator[TransferMatrix]:
-    """Give the transfer matrices of all tasks and schemes."""
+    """Give the transfer matrices of all tasks and schemes; see `transfer_matrix`."""
     for task, scheme in table[["task", "scheme"]].drop_duplicates().itertuples(index=False):
         yield transfer_matrix(table, task=task, scheme=scheme, confidence=confidence)
 
