@@ -12,8 +12,10 @@ from impactlaw.batch import Batch
 from impactlaw.envs.episode_seeds import LAWS, EpisodeSeeds
 from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.law_options import choose_law, describe_law
-from impactlaw.errors import OptionError
+from impactlaw.errors import OptionError, UnknownNameError
 from impactlaw.laws import Law
+
+_OF_BATCH = ("friction", "on_inadmissible", "rest_speed")
 
 
 class LawsOfWorlds:
@@ -24,7 +26,7 @@ class LawsOfWorlds:
         law: as `VectorWorlds` takes it.
         count: number of worlds.
         nthread: number of threads; 0 for one per processor.
-        options: of `Batch`.
+        options: of `Batch`: "friction", "on_inadmissible", "rest_speed".
 
     Attributes:
         batch: the worlds.
@@ -43,6 +45,7 @@ class LawsOfWorlds:
         self._model = model
         self._distribution = law if isinstance(law, LawDistribution) else None
         first = _first_laws(law, model, count)
+        _check_options(options)
         self.batch = Batch(model, first, count, nthread, **options)
         self._own = [first] * count if isinstance(first, Law) else first
         self.in_force = list(self._own)
@@ -104,6 +107,20 @@ class LawsOfWorlds:
         for name, value in describe_law(law).items():
             kind: Any = object if isinstance(value, str) else float
             self._named.setdefault(name, np.zeros(len(self._own), kind))[world] = value
+
+
+def _check_options(options: Any) -> None:
+    """Refuse options that a batch does not have.
+
+    Raises:
+        OptionError: they are no mapping.
+        UnknownNameError: there is no such option.
+    """
+    if not isinstance(options, Mapping):
+        raise OptionError(f"batch_options is a mapping of {', '.join(_OF_BATCH)} to values, got {options!r:.100}")
+    for name in options:
+        if name not in _OF_BATCH:
+            raise UnknownNameError("option of a batch", name, _OF_BATCH)
 
 
 def _first_laws(law: Any, model: mujoco.MjModel, count: int) -> Law | list[Law]:

@@ -43,6 +43,12 @@ class VectorWorlds(VectorEnv):
 
     Attributes:
         batch: the worlds; restitution and laws can be set there between steps.
+
+    Raises:
+        OptionError: a number that cannot be, not one law for each world, or options that are no mapping.
+        UnknownNameError: no such law, or no such option.
+        RestitutionError: a law does not fit the scene.
+        SceneError: compiled code does not take the scene, or a law.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
@@ -58,6 +64,8 @@ class VectorWorlds(VectorEnv):
         options: Mapping[str, Any] | None = None,
     ):
         check_count("num_envs", num_envs)
+        if max_episode_steps is not None:
+            check_count("max_episode_steps", max_episode_steps)
         self._task, self.num_envs, self._limit = task, num_envs, max_episode_steps
         self.single_observation_space, self.single_action_space = task.observation_space, task.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)

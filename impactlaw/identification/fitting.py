@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -267,8 +268,8 @@ def cross_validate(
     if contacts is not None:
         measured = _of_set(measured, contacts)
     n = len(measured)
-    if not 2 <= folds <= n:
-        raise MeasurementError(f"{n} collision{'s' if n > 1 else ''} cannot be split into {folds} folds, 2 or more")
+    if not isinstance(folds, Integral) or not 2 <= folds <= n:
+        raise MeasurementError(f"{n} collision{'s' if n > 1 else ''} cannot be split into {folds!r} folds, 2 or more")
     parts = np.array_split(np.random.default_rng(seed).permutation(n), folds)
     squares, fold_rms, parameters = [], [], []
     for part in parts:

@@ -164,6 +164,8 @@ def test_refusals():
     after = [np.zeros(3)] * 2
     with pytest.raises(UnknownNameError, match="did you mean 'newton'"):
         fit(collisions, after, "newtons")
+    with pytest.raises(MeasurementError, match="cannot be split into 'all' folds"):
+        cross_validate([launched(3, 1)] * 2, [[0.0, 0.0, 1.0]] * 2, folds="all")
     with pytest.raises(MeasurementError, match="no collisions"):
         fit([], [], "newton")
     with pytest.raises(MeasurementError, match="2 collisions, but 1 velocities"):

@@ -164,6 +164,7 @@ def test_in_vector_environments():
         (lambda: RandomLaw(juggler(), restitution=scipy.stats.norm(0.5, 0.1)), OptionError, "reaches from -inf"),
         (lambda: RandomLaw(juggler(), restitution=scipy.stats.beta), OptionError, "frozen one"),
         (lambda: RandomLaw(juggler(), friction="coulomb"), OptionError, "friction is a sequence"),
+        (lambda: RandomLaw(juggler(), friction=5), OptionError, "friction is a sequence"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(make, error, message):

@@ -87,6 +87,17 @@ def test_laws_that_do_not_fit_the_worlds(name):
         vec.close()
 
 
+@pytest.mark.parametrize("name", [NAME, "impactlaw/Hopper-v5"])
+def test_options_that_there_are_not(name):
+    for options, error, message in (
+        ({"batch_options": 5}, OptionError, "batch_options is a mapping of friction, on_inadmissible, rest_speed"),
+        ({"batch_options": {"rest_sped": 1.0}}, UnknownNameError, "did you mean 'rest_speed'"),
+        ({"max_episode_steps": 1.5}, OptionError, "max_episode_steps must be a whole number"),
+    ):
+        with pytest.raises(error, match=message):
+            gymnasium.make_vec(name, 3, vectorization_mode=WORLDS, **options)
+
+
 def test_worlds_cannot_be_copied(vec):
     vec.reset(seed=0)
     for make in (copy.copy, copy.deepcopy, pickle.dumps):
