@@ -181,7 +181,6 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
     @property
     def stepper(self) -> Stepper:
         """What steps the scene, in this episode."""
-        assert self._stepper is not None
         return self._stepper
 
     @property

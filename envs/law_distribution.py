@@ -45,7 +45,7 @@ class LawDistribution:
         object.__setattr__(self, "laws", tuple(map(restored, self.laws)))
         object.__setattr__(self, "restitution", _distribution(self.restitution))
         if self.friction is not None:
-            if isinstance(self.friction, str) or not len(self.friction):
+            if isinstance(self.friction, str) or not np.iterable(self.friction) or not len(self.friction):
                 raise OptionError(f'friction is a sequence to choose from, such as ["coulomb"], got {self.friction!r}')
             for option in self.friction:
                 if option not in FRICTION:

@@ -16,7 +16,7 @@ class LawInForce:
 
     _options: LawOptions
     _in_force: LawOptions
-    _stepper: Stepper | None
+    _stepper: Stepper
 
     @property
     def law(self) -> Law:
@@ -26,7 +26,6 @@ class LawInForce:
             UnknownNameError: as where it was given, and the law stays what it was.
             RestitutionError: as where it was given, and the law stays what it was.
         """
-        assert self._stepper is not None
         return self._stepper.law
 
     @law.setter
@@ -44,13 +43,11 @@ class LawInForce:
 
     def use(self, options: LawOptions) -> None:
         """Let these be in force."""
-        assert self._stepper is not None
         self._stepper = options.changed_stepper(self._stepper, self._in_force)
         self._in_force = options
 
     def _set(self, **changes: Any) -> None:
         """Change what stands, and what is in force, or nothing if either cannot have it."""
-        assert self._stepper is not None
         standing = replace(self._options, **changes)
         if self._in_force is self._options:
             in_force = standing

@@ -133,6 +133,10 @@ class SettledError(ImpactLawError, AttributeError):
     """Something that is settled when its owner is made was set later: it would have no effect."""
 
 
+class UnsupportedError(ImpactLawError, NotImplementedError):
+    """Something that another library's interface has, and that this object does not do."""
+
+
 class CopyError(ImpactLawError, TypeError):
     """Something that cannot be copied or pickled."""
 

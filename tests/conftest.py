@@ -1,10 +1,13 @@
 """Fixtures of several tests; every run of the tests draws the same numbers."""
 
+import sys
+
 import hypothesis
 import pytest
 from gymnasium.utils import seeding
 
 from impactlaw import Fremond, Stepper
+from impactlaw.cli import main
 from impactlaw.models import load
 from impactlaw.recording import Recorder
 
@@ -23,6 +26,24 @@ def repeatable(monkeypatch):
 def quiet(tmp_path, monkeypatch):
     """MuJoCo writes its warnings into a file where it runs."""
     monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch, capsys):
+    """Run the command line in this process, in an empty folder; returns exit code, output and error output."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["impactlaw", *arguments])
+        try:
+            main()
+            code = 0
+        except SystemExit as stop:
+            code = stop.code
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call
 
 
 @pytest.fixture

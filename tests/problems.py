@@ -1,15 +1,11 @@
-"""Collisions and laws that several test files share, and checks that use nothing of the implementation."""
+"""Collisions and laws that several test files share."""
 
 from collections.abc import Callable
-from fractions import Fraction
-from itertools import chain, combinations
 
 import numpy as np
 import scipy.sparse
-from scipy.optimize import nnls
 
-from impactlaw import Collision, Fremond, Friction, Impact, Law, LinearMap, MaximalDissipation, Moreau, Newton, Poisson
-from impactlaw.laws import RestitutionLaw
+from impactlaw import Collision, Fremond, Law, LinearMap, MaximalDissipation, Moreau, Newton, Poisson
 from impactlaw.laws.registry import REGISTERED
 
 
@@ -105,6 +101,7 @@ def _map(c: Collision) -> Law:
 
 
 OF_SOME = {"routh", "compliant", "any-outcome"}
+
 """Laws for some collisions only, or that draw: `laws/test_registry.py` tries them, and files of their own."""
 
 LAWS: dict[str, Callable[[Collision], Law]] = {
@@ -121,6 +118,7 @@ LAWS: dict[str, Callable[[Collision], Law]] = {
     "reversal": lambda c: Fremond.reversal(),
     "linear map": _map,
 }
+
 for _law in REGISTERED:  # a law that is new is tried on every problem as `make_law` makes it
     if _law.name not in OF_SOME and not any(title.startswith(_law.name.split("-")[0]) for title in LAWS):
         LAWS[_law.name] = lambda c, law=_law: law.of(0.5)
@@ -178,150 +176,8 @@ def random_collision(rng: np.random.Generator, most: int = 64) -> Collision:
     return Collision(M, J, v)
 
 
-def wanted(law: Law, c: Collision) -> np.ndarray:
-    """gamma^h by definition."""
-    if isinstance(law, Poisson):
-        return np.zeros(len(c.labels))
-    if isinstance(law, LinearMap):
-        return c.jacobian @ (np.asarray(law.h) @ c.pre_velocity)
-    if isinstance(law, RestitutionLaw):
-        return -law.restitution_matrix(c) @ c.pre_contact_velocity
-    return law.target(c).contact_velocity
-
-
-def least_impulse(law: Law, impact: Impact) -> np.ndarray:
-    """What the law gives each contact anyway, by definition: ``(1 + e) Lambda_C`` under Poisson's."""
-    if not isinstance(law, Poisson):
-        return np.zeros(len(impact.collision.labels))
-    assert impact.compression is not None
-    return (1.0 + law.coefficients(impact.collision)) * impact.compression.impulse
-
-
-def whitened_gradients(c: Collision) -> np.ndarray:
-    """``Y = J L^-T``, ``M = L L^T``, by forward substitution."""
-    L = np.linalg.cholesky(c.mass_matrix)
-    X = np.zeros_like(c.jacobian.T)
-    for i, row in enumerate(L):
-        X[i] = (c.jacobian.T[i] - row[:i] @ X[:i]) / row[i]
-    return X.T
-
-
-class Certificate:
-    """How far an impact is from its law, each relative to the larger of |v-| and |v+| in the kinetic metric.
-
-    Attributes:
-        momentum: of ``M (v+ - v-) - J^T Lambda``, less what rounding to doubles makes of it: that of the impulses, of
-            the sum of their lengths; that of M, of the jump: v+ from a factor of M solves a problem with another M,
-            and the difference counts in the dual kinetic norm by the condition number.
-        complementarity: of ``min(Lambda_i |g_i|, (gamma+_i - gamma^h_i) / |g_i|)``, the largest; Lambda beyond what
-            the law gives anyway, and less the rounding of that.
-
-    Both are those of the compression where there is one, if that is worse.
-    """
-
-    def __init__(self, impact: Impact, law: Law):
-        c = impact.collision
-        L = np.linalg.cholesky(c.mass_matrix)
-        Y = whitened_gradients(c)
-        lengths = np.linalg.norm(Y, axis=1)
-        moves = lengths > 0
-        jump = L.T @ (impact.post_velocity - c.pre_velocity)
-        speed = max(np.linalg.norm(L.T @ c.pre_velocity), np.linalg.norm(L.T @ impact.post_velocity), 1e-300)
-        condition = np.finfo(float).eps * np.linalg.cond(c.mass_matrix) if np.count_nonzero(L) > len(L) else 0.0
-        rounding = 1e-14 * np.sum(impact.impulse * lengths) + condition * np.linalg.norm(jump)
-        error = np.linalg.norm(jump - Y.T @ impact.impulse) - rounding
-        self.momentum = max(0.0, error) / speed
-        slack = (c.jacobian @ impact.post_velocity - wanted(law, c))[moves] / lengths[moves]
-        free = impact.impulse - least_impulse(law, impact)
-        free[np.abs(free) <= 1e-15 * impact.impulse] = 0.0
-        natural = np.minimum((free * lengths)[moves], slack)
-        self.complementarity = np.abs(natural).max(initial=0.0) / speed
-        if impact.compression is not None:
-            first = Certificate(impact.compression, MaximalDissipation())
-            self.momentum = max(self.momentum, first.momentum)
-            self.complementarity = max(self.complementarity, first.complementarity)
-
-
-def assert_certified(impact: Impact, law: Law):
-    certificate = Certificate(impact, law)
-    assert certificate.complementarity < 1e-9
-    assert certificate.momentum < 1e-9
-    assert impact.residual < 1e-9
-    assert (impact.impulse >= 0).all()
-
-
-def assert_nearest_in_cone(rows: np.ndarray, point: np.ndarray, weights: np.ndarray):
-    """Of the nonnegative combinations of the rows; the rest is orthogonal to it and points out of the cone."""
-    nearest = weights @ rows
-    assert (weights >= 0).all()
-    assert (rows @ (point - nearest) <= 1e-12).all()
-    assert abs((point - nearest) @ nearest) <= 1e-12
-
-
 def energy(c: Collision, v: np.ndarray) -> float:
     return 0.5 * v @ c.mass_matrix @ v
-
-
-def is_ray(nu: np.ndarray, c: Collision, law: Law, tol: float = 1e-9) -> bool:
-    """Whether nu proves that ``J v >= gamma^h`` has no solution: nu >= 0, J^T nu = 0, nu^T (gamma^h - gamma-) > 0."""
-    Y = whitened_gradients(c)
-    balanced = np.linalg.norm(nu @ Y) <= tol * np.sum(nu * np.linalg.norm(Y, axis=1))
-    return bool((nu >= 0).all() and nu.any() and balanced and nu @ (wanted(law, c) - c.pre_contact_velocity) > 0)
-
-
-def exact_velocity(c: Collision, target: np.ndarray, least: np.ndarray | None = None) -> np.ndarray:
-    """v+ of a law in rational arithmetic, by trying every set of active contacts; for few contacts.
-
-    ``least``, (h,), is an impulse that acts anyway.
-    """
-    M, J, v, wanted = (_rational(a) for a in (c.mass_matrix, c.jacobian, c.pre_velocity[:, None], target[:, None]))
-    h = len(J)
-    W = _solve(M, J.T)  # M^-1 J^T
-    if least is not None:
-        v = v + W.dot(_rational(least[:, None]))
-    G, b = J.dot(W), wanted - J.dot(v)
-    rounding = Fraction(1, 10**12) * max(abs(wanted[:, 0]), default=Fraction(0))  # of gamma^h, which came in as doubles
-    for active in chain.from_iterable(combinations(range(h), k) for k in range(h + 1)):
-        lam = np.full((h, 1), Fraction(0))
-        if active:
-            solved = _solve(G[np.ix_(active, active)], b[list(active)])
-            if solved is None or (solved < 0).any():
-                continue
-            lam[list(active)] = solved
-        if (G.dot(lam) >= b - rounding).all():
-            return (v + W.dot(lam))[:, 0].astype(float)
-    raise AssertionError("the law has no solution")
-
-
-def _rational(a: np.ndarray) -> np.ndarray:
-    return np.array([Fraction(x) for x in a.ravel()], dtype=object).reshape(a.shape)
-
-
-def _solve(A: np.ndarray, B: np.ndarray) -> np.ndarray | None:
-    """Gauss-Jordan elimination; None where A is singular."""
-    n = len(A)
-    T = np.hstack([A, B])
-    for i in range(n):
-        pivot = next((k for k in range(i, n) if T[k, i] != 0), None)
-        if pivot is None:
-            return None
-        T[[i, pivot]] = T[[pivot, i]]
-        T[i] = T[i] / T[i, i]
-        for k in range(n):
-            if k != i and T[k, i] != 0:
-                T[k] = T[k] - T[k, i] * T[i]
-    return T[:, n:]
-
-
-def least_norm_error(impulse: np.ndarray, tight: np.ndarray, J: np.ndarray) -> float:
-    """Distance from the conditions of least norm: ``Lambda_i = J_i mu`` where positive, ``J_i mu <= 0`` where zero."""
-    A, x = J[tight], impulse[tight]
-    zero = x <= 0
-    surplus = np.zeros((len(A), int(zero.sum())))
-    surplus[zero] = np.eye(int(zero.sum()))
-    lengths = np.linalg.norm(A, axis=1)
-    rows = np.hstack([A, -A, surplus]) / lengths[:, None]
-    return nnls(rows, x / lengths, maxiter=10_000)[1] / np.linalg.norm(x / lengths)
 
 
 def sparse_chain(masses, velocities) -> Collision:
@@ -346,58 +202,3 @@ def disks(side: int, rng: np.random.Generator, holes: float = 0.1, compression: 
     J = scipy.sparse.coo_array((np.hstack([-normal, normal]).ravel(), (rows, columns)), shape=(len(pairs), 2 * len(x)))
     v = rng.normal(size=x.shape) - compression * (x - x.mean(axis=0))
     return Collision(scipy.sparse.diags_array(np.repeat(rng.uniform(0.5, 2.0, len(x)), 2)), J, v.ravel())
-
-
-def friction_problem(rng: np.random.Generator, most: int = 12, ratio: float = 1e6):
-    """Whitened gradients, offset, rows per contact and speed of boxes that touch each other and the ground.
-
-    Up to ``most`` contacts without friction, with sliding, torsional and rolling friction, coefficients 0.01 to 2,
-    masses up to a ratio apart; some boxes stand flat on four corners, so that contacts are redundant.
-    """
-    h = int(rng.integers(1, most + 1))
-    bodies = int(rng.integers(1, h // 2 + 2))
-    mass = ratio ** rng.uniform(-0.5, 0.5, bodies) if rng.random() < 0.5 else rng.uniform(0.5, 2.0, bodies)
-    size = rng.uniform(0.2, 1.0, bodies)
-    flat = rng.random() < 0.4
-    blocks, sizes = [], []
-    for k in range(h):
-        i, j = int(rng.integers(bodies)), int(rng.integers(-1, bodies))
-        normal = np.array([0.0, 0.0, 1.0]) if flat else rng.normal(size=3)
-        normal /= np.linalg.norm(normal)
-        corner = np.array([2.0 * (k % 2) - 1.0, 2.0 * (k // 2 % 2) - 1.0, -1.0])
-        frame = np.linalg.qr(np.column_stack([normal, rng.normal(size=(3, 2))]))[0].T
-        frame[0] = normal
-        d = int(rng.choice([0, 2, 3, 5], p=[0.1, 0.6, 0.15, 0.15]))
-        mu = 10.0 ** rng.uniform(-2.0, 0.3)
-        block = np.zeros((6, 6 * bodies))
-        for body, sign in ((i, 1.0), (j if j != i else -1, -1.0)):
-            if body >= 0:
-                arm = size[body] * (sign * corner if flat else -sign * normal + 0.2 * rng.normal(size=3))
-                at = 6 * body
-                block[:3, at : at + 3] += sign * frame
-                block[:3, at + 3 : at + 6] += sign * np.cross(arm, frame)
-                block[3:, at + 3 : at + 6] += sign * frame
-        blocks.append((block * np.array([1.0, mu, mu, 0.1 * mu, 0.03 * mu, 0.03 * mu])[:, None])[: d + 1])
-        sizes.append(d + 1)
-    inertia = np.concatenate([[m] * 3 + [0.4 * m * s**2] * 3 for m, s in zip(mass, size, strict=True)])
-    A, sizes = np.vstack(blocks) / np.sqrt(inertia), np.array(sizes)
-    normals = A[np.cumsum(sizes) - sizes]
-    z = rng.normal(size=A.shape[1])
-    if rng.random() < 0.6:
-        closing = np.abs(rng.normal(size=h)) * np.linalg.norm(normals, axis=1)
-        z = 0.5 * z - np.linalg.lstsq(normals, closing, rcond=None)[0]
-    return A, A @ z, sizes, float(np.linalg.norm(z))
-
-
-def friction_collision(rng: np.random.Generator, most: int = 12, ratio: float = 1e6) -> Collision:
-    """The collision of `friction_problem`, in whitened coordinates; every contact has friction."""
-    A, _, sizes, speed = friction_problem(rng, most, ratio)
-    first = np.cumsum(sizes) - sizes
-    normal = np.zeros(len(A), dtype=bool)
-    normal[first] = True
-    contact = np.repeat(np.arange(len(sizes)), sizes)[~normal]
-    lengths = np.linalg.norm(A[~normal], axis=1)
-    mu = 10.0 ** rng.uniform(-2.0, 0.3, len(contact))
-    friction = Friction(A[~normal] / np.where(lengths > 0, lengths, 1.0)[:, None], contact, mu)
-    v = rng.normal(size=A.shape[1])
-    return Collision(np.eye(A.shape[1]), A[first], v * speed / np.linalg.norm(v), friction=friction)

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from impactlaw.cli import Compare, Inspect, Laws, Scenes, main, new_files_in
+from impactlaw.cli import Compare, Inspect, Laws, Scenes, new_files_in
 from impactlaw.errors import SceneError
 from impactlaw.laws import LAWS
 from impactlaw.models import SCENES
@@ -14,21 +14,8 @@ SHORT = ("--duration", "0.02")
 
 
 @pytest.fixture
-def run(tmp_path, monkeypatch, capsys):
-    """Run the command line in this process, in an empty folder; returns exit code, output and error output."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["impactlaw", *arguments])
-        try:
-            main()
-            code = 0
-        except SystemExit as stop:
-            code = stop.code
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return call
+def run(command):
+    return command
 
 
 def test_the_installed_command_runs(tmp_path):

@@ -92,10 +92,10 @@ class Falling(MujocoEnv):
 
     metadata: ClassVar = {"render_modes": [], "render_fps": 500}
 
-    def __init__(self, condim=3):
-        self._xml = BALL.replace("<geom", f'<geom condim="{condim}"')
+    def __init__(self, condim=3, *, xml=None, frame_skip=1):
+        self._xml = BALL.replace("<geom", f'<geom condim="{condim}"') if xml is None else xml
         space = gymnasium.spaces.Box(-np.inf, np.inf, (7,), np.float64)
-        super().__init__("hopper.xml", 1, space)
+        super().__init__("hopper.xml", frame_skip, space)
 
     def _initialize_simulation(self):
         model = mujoco.MjModel.from_xml_string(self._xml)

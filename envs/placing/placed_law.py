@@ -38,7 +38,6 @@ class PlacedLaw(LawInForce, ABC):
         self._log = log
         self._forces: ContactForces | None = None
         self.clear()
-        self._stepper = None
         self._named: tuple[Law | None, dict[str, Any]] = None, {}
 
     @property
@@ -119,20 +118,23 @@ class PlacedLaw(LawInForce, ABC):
             holder = getattr(present, "__self__", None)
             what = f"has the law {holder.law!r} already" if isinstance(holder, PlacedLaw) else "was replaced already"
             raise WrapperError(f"the stepping of {name_of(target)} {what}; take that off first, with remove()")
-        self._stepper_for(model)
+        self._make_stepper(model)
         setattr(target, self.method, self._simulate)
 
     @property
-    def stepper(self) -> Stepper | None:
-        """What steps the environment; None before the first reset."""
+    def stepper(self) -> Stepper:
+        """What steps the environment."""
         return self._stepper
 
     def _stepper_for(self, model: mujoco.MjModel) -> Stepper:
-        if self._stepper is None or self._stepper.model is not model:
-            self._stepper = self._in_force.stepper(model)
-            if self._options.impulse_in_cfrc_ext:
-                self._forces = ContactForces(model, rigid=self._options.contact_model == "rigid")
+        if self._stepper.model is not model:
+            self._make_stepper(model)
         return self._stepper
+
+    def _make_stepper(self, model: mujoco.MjModel) -> None:
+        self._stepper = self._in_force.stepper(model)
+        if self._options.impulse_in_cfrc_ext:
+            self._forces = ContactForces(model, rigid=self._options.contact_model == "rigid")
 
     def _advance(self, model: mujoco.MjModel, data: mujoco.MjData, steps: int, *, half: bool = False) -> None:
         """Advance by so many timesteps; the first one by its second half only."""

@@ -15,7 +15,8 @@ from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.tasks.driven import DrivenEnv
 from impactlaw.envs.tasks.juggler import Juggler
 from impactlaw.envs.tasks.rocking_block import RockingBlock
-from impactlaw.envs.vector.worlds import Outcome, VectorWorlds, step_worlds
+from impactlaw.envs.vector.task import Outcome, step_worlds
+from impactlaw.envs.vector.worlds import VectorWorlds
 from impactlaw.errors import ActionError, OptionError, RestitutionError, UncompiledWarning
 from impactlaw.models import START
 from impactlaw.stepping.compatibility import check_count

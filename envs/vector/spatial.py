@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from impactlaw.batch import Batch
-from impactlaw.envs.vector.worlds import Outcome, step_worlds
+from impactlaw.envs.vector.task import Outcome, step_worlds
 
 
 class Spatial:

@@ -12,7 +12,8 @@ from gymnasium import spaces
 from impactlaw.batch import Batch
 from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.vector.spatial import Spatial
-from impactlaw.envs.vector.worlds import Outcome, VectorWorlds, step_worlds
+from impactlaw.envs.vector.task import Outcome, step_worlds
+from impactlaw.envs.vector.worlds import VectorWorlds
 from impactlaw.errors import RestitutionError
 from impactlaw.laws import Law, make_law
 
@@ -108,6 +109,12 @@ def make_robots(
         max_episode_steps: steps after which an episode is truncated.
         batch_options: of `impactlaw.Batch`.
         options: of gymnasium's environment.
+
+    Raises:
+        UnknownNameError: no such law.
+        RestitutionError: a law does not fit the scene, or has a restitution of its own.
+        SceneError: compiled code does not take a law.
+        OptionError: a number of worlds or threads that cannot be, or not one law for each world.
     """
     if not isinstance(law, str) and restitution is not None:
         raise RestitutionError(f"{law!r:.100} has its own restitution; leave restitution={restitution!r} out")

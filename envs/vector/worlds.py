@@ -4,88 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
-import mujoco
 import numpy as np
-from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from impactlaw.batch import Batch
-from impactlaw.envs.episode_seeds import LAWS, EpisodeSeeds
 from impactlaw.envs.law_distribution import LawDistribution
-from impactlaw.envs.law_options import choose_law, describe_law
-from impactlaw.errors import ActionError, OptionError, SettledError, UnknownNameError, WorldsFailedError
+from impactlaw.envs.law_options import describe_law
+from impactlaw.envs.vector.laws_of_worlds import LawsOfWorlds
+from impactlaw.envs.vector.task import Task
+from impactlaw.errors import ActionError, OptionError, SettledError, UnknownNameError
 from impactlaw.laws import Law
 from impactlaw.stepping.compatibility import check_count
 
 _OPTIONS = ("law", "restitution")
-
-
-class Outcome(NamedTuple):
-    """What follows from steps of worlds.
-
-    Attributes:
-        reward: (n,).
-        terminated: whether their episodes end, bool (n,).
-        diverged: whether the simulation has left the finite numbers, bool (n,): they are where the step began.
-        info: what else there is to know, (n,) each.
-    """
-
-    reward: np.ndarray
-    terminated: np.ndarray
-    diverged: np.ndarray
-    info: dict[str, np.ndarray]
-
-
-class Task(Protocol):
-    """What worlds are for.
-
-    Attributes:
-        model: of all worlds.
-        keyframe: to which the batch resets a world; -1 for none.
-        observation_space: of one world.
-        action_space: of one world.
-    """
-
-    model: mujoco.MjModel
-    keyframe: int
-    observation_space: spaces.Box
-    action_space: spaces.Box
-
-    def bind(self, batch: Batch) -> None:
-        """Take these worlds."""
-        ...
-
-    def start(self, world: int, rng: np.random.Generator) -> None:
-        """Let a world, which the batch has reset, begin an episode."""
-        ...
-
-    def step(self, worlds: np.ndarray, action: np.ndarray) -> Outcome:
-        """Take one step of the environment in some worlds, int (n,), with an action for each, and judge it."""
-        ...
-
-    def observe(self) -> np.ndarray:
-        """Return observations of all worlds, (nsim, ..)."""
-        ...
-
-
-def step_worlds(batch: Batch, worlds: np.ndarray, nstep: int = 1) -> np.ndarray:
-    """Take steps of some worlds, int (n,); return which have left the finite numbers, bool (n,): they are not stepped.
-
-    Raises:
-        WorldsFailedError: some have failed in another way.
-    """
-    try:
-        batch.step(None if len(worlds) == batch.nsim else worlds.tolist(), nstep)
-    except WorldsFailedError as error:
-        if not error.diverged:
-            raise
-        return np.isin(worlds, error.worlds)
-    return np.zeros(len(worlds), bool)
 
 
 class VectorWorlds(VectorEnv):
@@ -108,6 +43,12 @@ class VectorWorlds(VectorEnv):
 
     Attributes:
         batch: the worlds; restitution and laws can be set there between steps.
+
+    Raises:
+        OptionError: a number that cannot be, not one law for each world, or options that are no mapping.
+        UnknownNameError: no such law, or no such option.
+        RestitutionError: a law does not fit the scene.
+        SceneError: compiled code does not take the scene, or a law.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
@@ -123,21 +64,14 @@ class VectorWorlds(VectorEnv):
         options: Mapping[str, Any] | None = None,
     ):
         check_count("num_envs", num_envs)
+        if max_episode_steps is not None:
+            check_count("max_episode_steps", max_episode_steps)
         self._task, self.num_envs, self._limit = task, num_envs, max_episode_steps
         self.single_observation_space, self.single_action_space = task.observation_space, task.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._laws = law if isinstance(law, LawDistribution) else None
-        first = _first_laws(law, task.model, num_envs)
-        self.batch = Batch(task.model, first, num_envs, nthread, **(options or {}))
-        self._own = [first] * num_envs if isinstance(first, Law) else first
-        self._in_force = list(self._own)
-        self._law_seeds = [EpisodeSeeds(LAWS) for _ in range(num_envs)]
-        self._named: dict[str, np.ndarray] = {}
-        for one in () if self._laws is None else _examples(self._laws, task.model):
-            self.batch.set_law(one, [0])  # which refuses what compiled code does not take
-        for world, one in enumerate(() if self._laws is not None else self._own):
-            self._name(world, one)
+        self._laws = LawsOfWorlds(task.model, law, num_envs, nthread=nthread, options=options or {})
+        self.batch = self._laws.batch
         task.bind(self.batch)
         self._rngs = [seeding.np_random(None)[0] for _ in range(num_envs)]
         self._elapsed, self._over = np.zeros(num_envs, int), np.ones(num_envs, bool)
@@ -170,10 +104,10 @@ class VectorWorlds(VectorEnv):
         for i in chosen:
             if seeds[i] is not None:
                 self._rngs[i] = seeding.np_random(seeds[i])[0]
-                self._law_seeds[i].begin(seeds[i])
+                self._laws.seed(i, seeds[i])
         self._begin(chosen, given)
         self._begun = True
-        return self._task.observe(), self._info()
+        return self._task.observe(), self._laws.info()
 
     def _chosen(self, mask: Any) -> np.ndarray:
         """Return the numbers of the worlds of a mask.
@@ -211,18 +145,13 @@ class VectorWorlds(VectorEnv):
 
         Raises:
             SettledError: anything else is settled when the worlds are made.
+            OptionError: there is not one value for each world.
             UnknownNameError: no such law; all stay what they were.
             RestitutionError: the restitution does not fit the law; all stay what they were.
         """
         if name not in _OPTIONS:
             raise SettledError(f"{name} of worlds is settled when they are made; only law and restitution can be set")
-        each = values if isinstance(values, list | tuple) else [values] * self.num_envs
-        if len(each) != self.num_envs:
-            raise OptionError(f"{self.num_envs} worlds need as many values of {name}, got {len(each)}")
-        chosen = [self._asked(world, {name: value}) for world, value in enumerate(each)]
-        for world, law in enumerate(chosen):
-            self._use(world, law)
-        self._own, self._laws = chosen, None
+        self._laws.set(name, values)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """Return "law" or "restitution" in force in each world, or another attribute of all, once for each."""
@@ -231,7 +160,7 @@ class VectorWorlds(VectorEnv):
     @property
     def law(self) -> tuple[Law, ...]:
         """The law in force in each world; set it as `set_attr` does."""
-        return tuple(self._in_force)
+        return tuple(self._laws.in_force)
 
     @law.setter
     def law(self, law: Any) -> None:
@@ -240,7 +169,7 @@ class VectorWorlds(VectorEnv):
     @property
     def restitution(self) -> tuple[float, ...]:
         """The restitution in force in each world, NaN where it has not just one; set it as `set_attr` does."""
-        return tuple(float(describe_law(law)["impact/restitution"]) for law in self._in_force)
+        return tuple(float(describe_law(law)["impact/restitution"]) for law in self._laws.in_force)
 
     @restitution.setter
     def restitution(self, restitution: Any) -> None:
@@ -249,38 +178,9 @@ class VectorWorlds(VectorEnv):
     def _begin(self, worlds: np.ndarray, given: Mapping[str, Any] = MappingProxyType({})) -> None:
         self.batch.reset(worlds.tolist(), self._task.keyframe)
         for i in worlds:
-            self._choose(int(i), given)
+            self._laws.begin(int(i), given)
             self._task.start(int(i), self._rngs[i])
         self._elapsed[worlds], self._over[worlds] = 0, False
-
-    def _choose(self, world: int, given: Mapping[str, Any]) -> None:
-        """Let a world have the law of the episode that begins: as given, drawn, or its own."""
-        if self._laws is not None:
-            given = self._laws.draw(self._law_seeds[world].generator, given) | dict(given)
-        law = self._asked(world, given) if given else self._own[world]
-        if law is not self._in_force[world] or self._laws is not None:
-            self._use(world, law)
-
-    def _asked(self, world: int, given: Mapping[str, Any]) -> Law:
-        """Return the law that options ask for; the world's own with another restitution if they name none."""
-        law = given["law"] if "law" in given else self._own[world].name
-        return choose_law(self._task.model, law, given.get("restitution"))
-
-    def _use(self, world: int, law: Law) -> None:
-        self.batch.set_law(law, [world])
-        self._in_force[world] = law
-        self._name(world, law)
-
-    def _name(self, world: int, law: Law) -> None:
-        for name, value in describe_law(law).items():
-            kind: Any = object if isinstance(value, str) else float
-            self._named.setdefault(name, np.zeros(self.num_envs, kind))[world] = value
-
-    def _info(self) -> dict[str, np.ndarray]:
-        """Return the laws in force."""
-        every = np.ones(self.num_envs, bool)
-        told = {name: value.copy() for name, value in self._named.items()}
-        return told | {f"_{name}": every for name in told}
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Step all worlds whose episode goes on, and reset the others.
@@ -308,7 +208,7 @@ class VectorWorlds(VectorEnv):
                 truncated[going] |= self._elapsed[going] >= self._limit
         if len(over):
             self._begin(over)
-        info |= self._info()
+        info |= self._laws.info()
         self._over = terminated | truncated
         return self._task.observe(), reward, terminated, truncated, info
 
@@ -327,31 +227,3 @@ class VectorWorlds(VectorEnv):
         if found.shape != wanted:
             raise ActionError(f"actions are numbers of shape {wanted}, one row for each world, got shape {found.shape}")
         return found
-
-
-def _first_laws(law: Any, model: mujoco.MjModel, count: int) -> Law | list[Law]:
-    """Return the law that so many worlds begin with, or one for each.
-
-    Raises:
-        OptionError: there is not one for each world.
-        UnknownNameError: no such law.
-        RestitutionError: a law needs a restitution.
-    """
-    if isinstance(law, LawDistribution):
-        return _examples(law, model)[0]
-    if not isinstance(law, list | tuple):
-        return choose_law(model, law)
-    if len(law) != count:
-        raise OptionError(f"{count} worlds need as many laws, got {len(law)}: give one for each, or one for all")
-    return [choose_law(model, one) for one in law]
-
-
-def _examples(laws: LawDistribution, model: mujoco.MjModel) -> list[Law]:
-    """Return one law of each kind.
-
-    Raises:
-        OptionError: friction is to be drawn, too.
-    """
-    if laws.friction is not None:
-        raise OptionError("friction of many worlds is settled when they are made (batch_options): leave it out of laws")
-    return [choose_law(model, given["law"], given.get("restitution")) for given in laws.examples()]

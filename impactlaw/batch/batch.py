@@ -9,9 +9,10 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
+from impactlaw.batch.given import keyframes, one_each, world_numbers
 from impactlaw.batch.laws import Laws
 from impactlaw.batch.rows import Fields
-from impactlaw.errors import CopyError, SceneError, UnknownNameError, WorldsFailedError
+from impactlaw.errors import CopyError, UnknownNameError, WorldsFailedError
 from impactlaw.laws import Law
 from impactlaw.stepping.compatibility import FRICTION, check_count, check_law, check_model, check_speed
 from impactlaw.stepping.compiled.engine import Pool, functions
@@ -47,6 +48,8 @@ class Batch:
     depend on the number of threads. Derived fields are those of the end of a step where they are frames, else those of
     its middle.
 
+    Some worlds are named by their numbers, ``ids``, ascending; without them all are meant.
+
     Args:
         model: the compiled scene.
         law: the law, or one for each world.
@@ -64,7 +67,7 @@ class Batch:
     Raises:
         SceneError: the scene, or the law, is not covered.
         OptionError: a number of worlds or threads, or a speed, that cannot be.
-        UnknownNameError: an option has no such value.
+        UnknownNameError: an option has no such value, or a law is none.
     """
 
     def __init__(
@@ -91,7 +94,7 @@ class Batch:
                 raise UnknownNameError(kind, value, known)
         self.model, self.nsim = model, nsim
         plan = make_plan(model, scheme="time-stepping", friction=friction)
-        first = law if isinstance(law, Law) else law[0]
+        first = one_each(law, nsim)[0]
         options: Any = {"friction": friction, "on_inadmissible": on_inadmissible, "rest_speed": rest_speed}
         scheme = TimeStepping(model, first, plan, **options)
         self._pool = Pool(model, nsim, nthread, persistent=False)
@@ -153,16 +156,22 @@ class Batch:
         return self._memory[:, MEMORY.worst].copy()
 
     def set_law(self, law: Law | Sequence[Law], ids: Sequence[int] | None = None) -> None:
-        """Let the collisions of the next steps of some worlds, or all, be by another law, or one for each of them."""
-        worlds = range(self.nsim) if ids is None else list(ids)
+        """Let the collisions of the next steps of some worlds, or all, be by another law, or one for each of them.
+
+        Raises:
+            SceneError: there is not one law for each of these worlds, or compiled code does not take it.
+            RestitutionError: a law does not fit the scene.
+            UnknownNameError: a law is none, or is keyed by contacts that the scene cannot have.
+            OptionError: there are no such worlds.
+        """
+        worlds = world_numbers(ids, self.nsim, ascending=False).tolist()
+        laws = one_each(law, len(worlds))
+        for own in laws[:1] if isinstance(law, Law) else laws:
+            check_law(self.model, own)
         if isinstance(law, Law):
-            check_law(self.model, law)
             self._laws.set(law, worlds)
             return
-        if len(law) != len(worlds):
-            raise SceneError(f"{len(worlds)} worlds need as many laws, got {len(law)}")
-        for world, own in zip(worlds, law, strict=True):
-            check_law(self.model, own)
+        for world, own in zip(worlds, laws, strict=True):
             self._laws.set(own, [world])
 
     def bind(self, name: str) -> np.ndarray:
@@ -180,14 +189,20 @@ class Batch:
     def step(self, ids: Sequence[int] | None = None, nstep: int = 1) -> None:
         """Take steps of some worlds, or all.
 
+        Args:
+            ids: numbers of the worlds.
+            nstep: how many steps.
+
         Raises:
+            OptionError: there are no such worlds, or nstep is no count.
             WorldsFailedError: some could not be stepped; these are as they were before the call.
             RestitutionError: a law does not know the restitution of a contact, and its world is as it was; or what was
                 written to `restitution` is none.
         """
+        check_count("nstep", nstep)
+        worlds = None if ids is None else world_numbers(ids, self.nsim)
         self._laws.check()
         self._context[WORLDS.steps] = nstep
-        worlds = None if ids is None else np.asarray(ids, dtype=np.int32)
         self._report[slice(None) if worlds is None else worlds, 0] = status.FINE
         broken = self._call(worlds)
         while True:
@@ -217,25 +232,44 @@ class Batch:
         return {i for i, status in enumerate(raised) if status}
 
     def reset(self, ids: Sequence[int] | None = None, keyframe: int | Sequence[int] = -1) -> None:
-        """Put some worlds, or all, back to the start or to a keyframe, with nothing to remember."""
-        worlds = np.arange(self.nsim, dtype=np.int32) if ids is None else np.asarray(ids, dtype=np.int32)
-        key = np.ascontiguousarray(np.broadcast_to(np.asarray(keyframe, dtype=np.int32), worlds.shape))
+        """Put some worlds, or all, back to the start or to a keyframe, with nothing to remember.
+
+        Args:
+            ids: numbers of the worlds.
+            keyframe: number of the keyframe, -1 for the start; or one for each of these worlds.
+
+        Raises:
+            OptionError: there are no such worlds or keyframes.
+            WorldsFailedError: MuJoCo cannot do that in some.
+        """
+        worlds = world_numbers(ids, self.nsim)
+        key = keyframes(keyframe, len(worlds), self.model.nkey)
         level = int(mujoco.mjtStage.mjSTAGE_ACC)
         if self._functions.mjb_reset(self._pool.handle, worlds.ctypes.data, len(worlds), key.ctypes.data, level):
             raise WorldsFailedError(worlds.tolist(), self._pool.error(int(worlds[0])))
         memory.begin(self._memory, worlds, self.model)
 
     def forward(self, ids: Sequence[int] | None = None) -> None:
-        """Bring the bound fields of some worlds, or all, up to their state."""
-        worlds = np.arange(self.nsim, dtype=np.int32) if ids is None else np.asarray(ids, dtype=np.int32)
+        """Bring the bound fields of some worlds, or all, up to their state.
+
+        Raises:
+            OptionError: there are no such worlds.
+            WorldsFailedError: MuJoCo cannot do that in some.
+        """
+        worlds = world_numbers(ids, self.nsim)
         level = int(mujoco.mjtStage.mjSTAGE_ACC)
         if self._functions.mjb_forward(self._pool.handle, worlds.ctypes.data, len(worlds), level):
             raise WorldsFailedError(worlds.tolist(), self._pool.error(int(worlds[0])))
 
     def get_data(self, world: int) -> mujoco.MjData:
-        """Return the state of a world as data of its own."""
+        """Return the state of a world as data of its own.
+
+        Raises:
+            OptionError: there is no such world.
+        """
+        (number,) = world_numbers([world], self.nsim)
         data: Any = mujoco.MjData(self.model)
-        self._functions.mjb_getData(self._pool.handle, world, data._address)
+        self._functions.mjb_getData(self._pool.handle, int(number), data._address)
         return data
 
     def __del__(self):

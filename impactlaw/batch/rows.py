@@ -39,19 +39,27 @@ class Fields:
         self.state = _numbers(pool, self._functions.mjb_state(pool.handle), (pool.worlds, self._width), np.dtype(float))
 
     def bind(self, name: str) -> np.ndarray:
-        """Return a field of mjData of all worlds, (nsim, ..)."""
+        """Return a field of mjData of all worlds, (nsim, ..).
+
+        Raises:
+            UnknownNameError: there is no such field.
+        """
         if name in _STATE:
             return self._part(name)
         new = ("mjb_output", name) not in self._known
-        found = self._array("mjb_output", name, getattr(self._data, name, None), "field of mjData", writeable=False)
+        found = self._array("mjb_output", name, self._data, "field of mjData", writeable=False)
         if new:
             output = data_offset(name), found.ctypes.data, found.nbytes // len(found)
             self.outputs = np.vstack([self.outputs, np.array([output], np.int64)])
         return found
 
     def expand(self, name: str) -> np.ndarray:
-        """Return a field of mjModel that each world has for itself from now on, (nsim, ..)."""
-        return self._array("mjb_expand", name, getattr(self._model, name, None), "field of mjModel", writeable=True)
+        """Return a field of mjModel that each world has for itself from now on, (nsim, ..).
+
+        Raises:
+            UnknownNameError: there is no such field.
+        """
+        return self._array("mjb_expand", name, self._model, "field of mjModel", writeable=True)
 
     def _part(self, name: str) -> np.ndarray:
         size = ctypes.c_int()
@@ -61,18 +69,23 @@ class Fields:
         view = self.state[:, begin : begin + size.value]
         return view[:, 0] if name == "time" else view.reshape(len(view), *np.shape(getattr(self._data, name)))
 
-    def _array(self, function: str, name: str, like: Any, what: str, *, writeable: bool) -> np.ndarray:
+    def _array(self, function: str, name: str, owner: Any, what: str, *, writeable: bool) -> np.ndarray:
         if (function, name) not in self._known:
             size, width = ctypes.c_int(), ctypes.c_int()
             get = getattr(self._functions, function)
             at = get(self._pool.handle, name.encode(), ctypes.byref(size), ctypes.byref(width))
+            like = getattr(owner, name, None)
             if not at or not isinstance(like, np.ndarray):
-                raise UnknownNameError(what, name, sorted(_STATE))
+                raise UnknownNameError(what, name, [one for one in dir(owner) if _is_array(owner, one)])
             shape = (self._pool.worlds, *like.shape)
             found = _numbers(self._pool, at, shape, like.dtype)
             found.flags.writeable = writeable
             self._known[function, name] = found
         return self._known[function, name]
+
+
+def _is_array(owner: Any, name: str) -> bool:
+    return not name.startswith("_") and isinstance(getattr(owner, name, None), np.ndarray)
 
 
 def _numbers(pool: Pool, address: int, shape: tuple[int, ...], kind: np.dtype) -> np.ndarray:

@@ -16,7 +16,7 @@ _CONSTANT = 1e-3  # misfit, relative to the jumps, up to which one G explains al
 
 
 def collision_of(
-    G: np.ndarray | None,
+    G: np.ndarray,
     before: np.ndarray,
     after: np.ndarray,
     labels: tuple[str, ...],
@@ -37,7 +37,6 @@ def collision_of(
         MeasurementError: G is not symmetric and positive semidefinite, or no motion has these contact velocities.
     """
     h = len(labels)
-    assert G is not None
     if not np.allclose(G, G.T, rtol=0, atol=1e-8 * np.abs(G).max()):
         raise MeasurementError("delassus is not symmetric")
     w, V = np.linalg.eigh(0.5 * (G + G.T))

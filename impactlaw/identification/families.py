@@ -63,15 +63,20 @@ class Family:
 
 
 def with_friction(collision: Collision, coefficient: float) -> Collision:
-    """Return the collision with another coefficient of friction; coefficients of one contact keep their ratios."""
+    """Return the collision with another coefficient of friction; coefficients of one contact keep their ratios.
+
+    Raises:
+        MeasurementError: it has no rows of friction.
+    """
     friction = collision.friction
-    assert friction is not None
+    if friction is None or not len(friction):
+        raise MeasurementError(
+            f"the collision of {', '.join(collision.labels)} has no tangential directions, which a coefficient of "
+            "friction is for: give it the rows of friction (Collision(..., friction=Friction(...)))"
+        )
     first = np.searchsorted(friction.contact, friction.contact)
     scaled = coefficient * friction.coefficient / friction.coefficient[first]
-    changed = replace(collision, friction=replace(friction, coefficient=scaled))
-    changed.__dict__["whitened_jacobian"] = collision.whitened_jacobian  # what friction does not change
-    changed.__dict__["whitened_friction"] = collision.whitened_friction
-    return changed
+    return replace(collision, friction=replace(friction, coefficient=scaled))
 
 
 def _restitution(name: str = "restitution") -> Parameter:

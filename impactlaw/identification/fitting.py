@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from numbers import Integral
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import ImpactLawError, MeasurementError, UnknownNameError
-from impactlaw.identification.families import FAMILIES, Family
+from impactlaw.identification.families import FAMILIES, Family, with_friction
 from impactlaw.identification.intervals import matrix_intervals, parameter_intervals
 from impactlaw.identification.measurements import Measurements, rms
 from impactlaw.identification.restitution_matrix import MatrixFit
@@ -57,11 +58,13 @@ class Identified:
         return float(np.sqrt(np.mean(self.residuals**2)))
 
     def predict(self, collisions: Sequence[Collision]) -> list[np.ndarray]:
-        """Return v+ of other collisions, with the friction found, (nv,) each."""
+        """Return v+ of other collisions, with the friction found, (nv,) each.
+
+        Raises:
+            MeasurementError: the law has friction, and a collision has no tangential directions.
+        """
         if "friction" not in self.parameters:
             return [self.law.resolve(c).post_velocity for c in collisions]
-        from impactlaw.identification.families import with_friction
-
         mu = self.parameters["friction"]
         return [self.law.resolve(with_friction(c, mu)).post_velocity for c in collisions]
 
@@ -265,8 +268,8 @@ def cross_validate(
     if contacts is not None:
         measured = _of_set(measured, contacts)
     n = len(measured)
-    if not 2 <= folds <= n:
-        raise MeasurementError(f"{n} collision{'s' if n > 1 else ''} cannot be split into {folds} folds, 2 or more")
+    if not isinstance(folds, Integral) or not 2 <= folds <= n:
+        raise MeasurementError(f"{n} collision{'s' if n > 1 else ''} cannot be split into {folds!r} folds, 2 or more")
     parts = np.array_split(np.random.default_rng(seed).permutation(n), folds)
     squares, fold_rms, parameters = [], [], []
     for part in parts:

@@ -139,17 +139,15 @@ def _contact(table: pd.DataFrame) -> Collisions:
         after.append(np.concatenate([plus, sliding[1]]))
         contacts.append(contact)
     impulses = [_impulses(row, i, len(labels[i]), len(contacts[i])) for i, row in enumerate(rows)]
-    known = [_delassus(row, i, len(labels[i]), len(contacts[i])) for i, row in enumerate(rows)]
-    if any(G is None for G in known):
-        found = delassus_by_contacts(labels, contacts, before, after, impulses)
-        known = [G if mine is None else mine for mine, G in zip(known, found, strict=True)]
+    given = [_delassus(row, i, len(labels[i]), len(contacts[i])) for i, row in enumerate(rows)]
+    missing = any(G is None for G in given)
+    found = delassus_by_contacts(labels, contacts, before, after, impulses) if missing else []
+    known = [found[i] if G is None else G for i, G in enumerate(given)]
     collisions, velocities = [], []
     for i, row in enumerate(rows):
         mu = _coefficients(row, i, len(contacts[i]))
         try:
             c, v = collision_of(known[i], before[i], after[i], labels[i], contacts[i].astype(int), mu)
-        except MeasurementError as error:
-            raise MeasurementError(f"row {i}: {error}") from None
         except ImpactLawError as error:
             raise MeasurementError(f"row {i}: {error}") from None
         collisions.append(c)

@@ -80,6 +80,16 @@ class Law(ABC):
         """The number e where ``gamma^h = -e gamma-`` for every contact of any collision, else None."""
         return None
 
+    @property
+    def contact_labels(self) -> frozenset[str]:
+        """Labels and patterns that the law is keyed with, in canonical order; empty if it is not."""
+        return frozenset()
+
+    @property
+    def contact_count(self) -> int | None:
+        """Number of contacts that the law is for; None if for any."""
+        return None
+
     def seeded(self, seed: int) -> Law:
         """Return the law with this seed, 0 or more, if it draws its outcomes and has no seed of its own."""
         return self
@@ -108,11 +118,11 @@ class Law(ABC):
         target = aim(self, collision)
         problem = jump_problem(collision, target)
         answer = solve_with_jump(problem, collision.labels, solver=solver, shared=False)
-        return Impact.solved(collision, problem, answer, np.asarray(target.contact_velocity, dtype=float))
+        return Impact.solved(collision, problem, answer, target.contact_velocity)
 
 
 def aim(law: Law, collision: Collision) -> Target:
-    """Return the target of a law, whoever wrote that.
+    """Return the target of a law, whoever wrote that, its contact velocity as an array of numbers.
 
     Raises:
         RestitutionError: it is no `Target`, is for another number of contacts, or is not finite; or as by the law.
@@ -126,7 +136,7 @@ def aim(law: Law, collision: Collision) -> Target:
         raise RestitutionError(f"target() of {law!r} has shape {wanted.shape}, but {h} contacts collide: ({h},)")
     if not math.isfinite(wanted.dot(wanted)) and not np.isfinite(wanted).all():
         raise RestitutionError(f"target() of {law!r} is not finite: {wanted}")
-    return target
+    return target if wanted is target.contact_velocity else target._replace(contact_velocity=wanted)
 
 
 def jump_problem(collision: Collision, target: Target) -> Problem:

@@ -44,9 +44,12 @@ class Scattered(Law):
                 "Coulomb(Scattered(law, covariance))"
             )
         if np.ndim(self.covariance) == 0:
-            value = float(np.asarray(self.covariance))
+            try:
+                value = float(np.asarray(self.covariance))
+            except (TypeError, ValueError):
+                value = np.nan
             if not 0.0 <= value < np.inf:
-                raise RestitutionError(f"a variance must be 0 or more, got {value}")
+                raise RestitutionError(f"a variance must be 0 or more, and finite, got {self.covariance!r}")
             object.__setattr__(self, "covariance", value)
         else:
             matrix = square_matrix(self.covariance, "covariance")
@@ -61,14 +64,14 @@ class Scattered(Law):
 
     @property
     def contact_labels(self) -> frozenset[str]:
-        """Labels that the law in the middle is keyed with."""
-        return getattr(self.law, "contact_labels", frozenset())
+        """Those of the law in the middle."""
+        return self.law.contact_labels
 
     @property
     def contact_count(self) -> int | None:
-        """Number of contacts that the law is for; None if for any."""
+        """That of the covariance, or else of the law in the middle."""
         own = None if np.ndim(self.covariance) == 0 else len(np.asarray(self.covariance))
-        return getattr(self.law, "contact_count", None) if own is None else own
+        return self.law.contact_count if own is None else own
 
     def seeded(self, seed: int) -> Scattered:
         """Return the law with this seed, if it has none of its own."""
@@ -91,6 +94,10 @@ class Scattered(Law):
             collision: what collides.
             n: how many.
             rng: a generator, or a seed for one.
+
+        Raises:
+            RestitutionError: the covariance or the law is for another number of contacts.
+            InvalidCollisionError: surfaces move against each other: there is no S(v-).
         """
         c = collision if collision.friction is None else replace(collision, friction=None)
         middle, h = self.law.resolve(c).post_velocity, len(c.labels)

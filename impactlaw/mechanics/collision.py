@@ -48,7 +48,8 @@ class Collision:
         friction: rows of friction of these contacts, for `impactlaw.Coulomb`; other laws ignore it.
 
     Raises:
-        InvalidCollisionError: shapes do not fit, an entry is not finite, or M is not symmetric positive definite.
+        InvalidCollisionError: shapes do not fit, an entry is not finite, M is not symmetric positive definite, or there
+            are bilateral constraints, moving surfaces or friction beside sparse arrays.
     """
 
     mass_matrix: np.ndarray
@@ -86,6 +87,8 @@ class Collision:
         put(self, "pre_velocity", velocity)
         put(self, "labels", labels)
         if self.friction is not None:
+            if not isinstance(self.friction, Friction):
+                raise InvalidCollisionError(f"friction of a collision is a Friction, got {self.friction!r:.100}")
             self.friction.check(h, nv, is_sparse(jacobian))
         if self.bilateral_jacobian is not None:
             put(self, "bilateral_jacobian", checked_bilateral(self.bilateral_jacobian, jacobian))

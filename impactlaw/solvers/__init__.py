@@ -1,6 +1,6 @@
 """Solvers of the impact law's problem: one file each, one registry, one certificate for all of them."""
 
-from impactlaw.solvers.certificate import Answer, beyond_rounding, with_active
+from impactlaw.solvers.certificate import Answer, beyond_rounding
 from impactlaw.solvers.infeasibility import farkas_ray
 from impactlaw.solvers.problem import Problem, Solution, Solver, Status
 from impactlaw.solvers.solve import (
@@ -28,5 +28,4 @@ __all__ = [
     "share",
     "solve",
     "solve_with_jump",
-    "with_active",
 ]

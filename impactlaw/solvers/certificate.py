@@ -11,7 +11,7 @@ import scipy
 from impactlaw.solvers.least_squares import least_squares
 from impactlaw.solvers.problem import Problem
 from impactlaw.solvers.sparsity import as_dense
-from impactlaw.solvers.tolerances import EXPECTED, IMPULSE_ROUNDING, INDEPENDENT, JAMMED, POLISHED
+from impactlaw.solvers.tolerances import IMPULSE_ROUNDING, INDEPENDENT, JAMMED, POLISHED
 
 LARGEST_POLISHED = 250_000
 """Entries of a CSR array up to which a second look, by a dense solver, does not take seconds."""
@@ -85,17 +85,6 @@ def judge_active(problem: Problem, active: np.ndarray | slice) -> Answer | None:
     impulse = np.zeros(len(problem.bound))
     impulse[active] = carried
     return judge(problem, impulse)
-
-
-def with_active(problem: Problem, active: np.ndarray) -> np.ndarray | None:
-    """Return ``Lambda`` with ``(Y z - c)_A = 0``, zero elsewhere, if it solves the problem; None if it does not.
-
-    Args:
-        problem: what to solve.
-        active: the contacts A that are expected to carry an impulse, bool (h,).
-    """
-    answer = judge_active(problem, active)
-    return answer.impulse if answer is not None and answer.residual <= EXPECTED * problem.scale else None
 
 
 def polish(problem: Problem, impulse: np.ndarray) -> Answer:

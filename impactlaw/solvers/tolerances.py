@@ -8,7 +8,6 @@ CERTIFIED = 1e-9  # residual above which an answer is refused
 GOOD = 1e-12  # residual at which no other solver is asked: a thousandth of what is refused
 GOOD_LARGE = 1e-10  # the same where the other solver would be a dense one for a large sparse problem: it takes seconds
 POLISHED = 1e-14  # residual that solving again on the active contacts cannot make smaller
-EXPECTED = 1e-12  # residual with which an expected active set is believed
 IMPULSE_ROUNDING = 8 * EPS  # of the sum of impulses: what their own rounding makes of a jump where they nearly cancel
 JAMMED = 1e-2  # of the speed: beyond it, rounding of impulses is no excuse
 TIGHT = 1e-9  # slack of a contact that may share the impulse of others

@@ -103,7 +103,7 @@ def check_law(model: mujoco.MjModel, law: Law, chosen: Chosen | None = None) -> 
             and no default, or maps other velocities.
     """
     inner = law.normal_law
-    used, size = getattr(inner, "contact_labels", None), getattr(inner, "contact_count", None)
+    used, size = inner.contact_labels, inner.contact_count
     if isinstance(inner, LinearMap) and len(inner.h) != model.nv:  # pyright: ignore[reportArgumentType]
         raise RestitutionError(
             f"the linear map is for {len(inner.h)} degrees of freedom, but the scene has {model.nv}"  # pyright: ignore[reportArgumentType]

@@ -138,14 +138,30 @@ class _Reasons:
     flags: dict[str, bool]
 
     def rigid(self) -> Iterator[Part]:
-        geoms, first = self.pairs.geoms, self._first
         yield self._detection()
-        stages = (
-            "the integrator has one stage"
-            if self.model.opt.integrator != _RK4
-            else "once, at the end of a smooth phase"
-        )
+        rk4 = self.model.opt.integrator == _RK4
+        stages = "once, at the end of a smooth phase" if rk4 else "the integrator has one stage"
         yield Part("collision detection at every stage of the integrator", False, stages)
+        yield from self._shapes()
+        yield self._solver()
+        yield self._part(
+            "inertia",
+            "new factor of the mass matrix at every collision",
+            lambda: "the mass matrix depends on the configuration",
+            "the mass matrix is constant: factored once",
+        )
+        yield self._part(
+            "rest",
+            "trial of the last contact forces, for scenes at rest",
+            lambda: "contacts are not looked at, nor forces solved for, while it lasts",
+            "equality constraints or limits of tendons",
+        )
+        yield from self._mujoco()
+        yield from self._friction()
+        yield Part("copies for events and logs", False, "made when something collides")
+
+    def _shapes(self) -> Iterator[Part]:
+        geoms, first = self.pairs.geoms, self._first
         yield self._part(
             "convex",
             "exact settings for general convex shapes",
@@ -177,22 +193,6 @@ class _Reasons:
             lambda: "some of these bodies are not round",
             "bodies that meet others are round",
         )
-        yield self._solver()
-        yield self._part(
-            "inertia",
-            "new factor of the mass matrix at every collision",
-            lambda: "the mass matrix depends on the configuration",
-            "the mass matrix is constant: factored once",
-        )
-        yield self._part(
-            "rest",
-            "trial of the last contact forces, for scenes at rest",
-            lambda: "contacts are not looked at, nor forces solved for, while it lasts",
-            "equality constraints or limits of tendons",
-        )
-        yield from self._mujoco()
-        yield from self._friction()
-        yield Part("copies for events and logs", False, "made when something collides")
 
     def time_stepping(self) -> Iterator[Part]:
         yield self._detection()

@@ -8,35 +8,22 @@ from typing import TYPE_CHECKING, Literal
 
 import mujoco
 
-from impactlaw.errors import ManyCollisionsWarning, SceneError, UncompiledWarning, UnknownNameError
-from impactlaw.laws import Coulomb, Law, MaximalDissipation
+from impactlaw.errors import ManyCollisionsWarning, SceneError, UnknownNameError
+from impactlaw.laws import Law
 from impactlaw.laws.restitution.from_scene import scene_law
-from impactlaw.laws.restitution.on_contacts import restricted
-from impactlaw.scene.tolerances import GAP_TOLERANCE
 from impactlaw.settled import Settled
-from impactlaw.solvers import SOLVERS, load_solvers
-from impactlaw.stepping.collisions import Collider
-from impactlaw.stepping.compatibility import (
-    FRICTION,
-    check_count,
-    check_friction,
-    check_law,
-    check_length,
-    check_model,
-    check_speed,
-)
-from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
+from impactlaw.solvers import load_solvers
+from impactlaw.stepping.compatibility import check_count, check_friction, check_law, check_model
 from impactlaw.stepping.event_driven.scheme import RigidStepping
 from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, Told, sums_of, together
+from impactlaw.stepping.options import Options
 from impactlaw.stepping.plan import make_plan
 from impactlaw.stepping.selection import select
 from impactlaw.stepping.soft.scheme import SoftStepping
-from impactlaw.stepping.soft.tolerances import REST_SPEED
+from impactlaw.stepping.way import Way
 
 if TYPE_CHECKING:
-    from impactlaw.stepping.soft.compiled.stepping import CompiledSoftStepping
-    from impactlaw.stepping.time_stepping.compiled.stepping import CompiledStepping
-    from impactlaw.stepping.time_stepping.scheme import TimeStepping
+    from impactlaw.stepping.way import Stepping
 
 _ANEW = "make a new Stepper"
 
@@ -132,88 +119,35 @@ class Stepper:
         solver: str | None = None,
         compiled: Literal["auto", "never"] | None = None,
     ):
-        given = {
-            "scheme": scheme,
-            "friction": friction,
-            "overlap": overlap,
-            "on_unsolved": on_unsolved,
-            "gap_tolerance": gap_tolerance,
-            "rest_speed": rest_speed,
-            "max_events": max_events,
-            "solver": solver,
-            "compiled": compiled,
-        }
-        options = {**given, "contact_model": contact_model, "on_inadmissible": on_inadmissible}
-        _refuse_unknown(options)
+        options = Options(
+            contact_model=contact_model,
+            scheme=scheme,
+            friction=friction,
+            overlap=overlap,
+            on_inadmissible=on_inadmissible,
+            on_unsolved=on_unsolved,
+            gap_tolerance=gap_tolerance,
+            rest_speed=rest_speed,
+            max_events=max_events,
+            solver=solver,
+            compiled=compiled,
+        )
+        options.check()
         check_model(model)
-        way = "soft" if contact_model == "soft" else scheme or "event-driven"
-        _refuse_unused(way, {name for name, value in given.items() if value is not None}, overlap)
-        check_length("gap_tolerance", gap_tolerance)
-        check_speed("rest_speed", rest_speed)
-        check_count("max_events", max_events)
         load_solvers()
-        for name, value in options.items():
+        for name, value in options._asdict().items():
             setattr(self, name, value)
         self.model = self._model = model
-        self._way = way
         self.contacts, self.limits = contacts, limits
         self._chosen = select(model, contacts, limits)
         self._law = self._known(law)
         self.plan = make_plan(model, contact_model, scheme=scheme, friction=friction or "coulomb")
+        self._way = Way(model, self.plan, options, self._chosen)
+        self._stepping = self._way.stepping(self._law)
+        self._is_soft = contact_model == "soft"
+        self._at_once = self._is_soft and not isinstance(self._stepping, SoftStepping)  # takes several steps at once
         self._events: Told = ()
-        self._stepping = self._time_stepping() if way == "time-stepping" else self._located()
-        self._at_once = way == "soft" and not isinstance(self._stepping, SoftStepping)  # takes several steps at once
         self._warned = False
-
-    def _time_stepping(self) -> TimeStepping | CompiledStepping:
-        from impactlaw.stepping.time_stepping.make import make_time_stepping
-
-        return make_time_stepping(
-            self._model,
-            self._of_chosen(self._law),
-            self.plan,
-            friction=self.friction or "coulomb",
-            on_inadmissible=self.on_inadmissible or "project",
-            rest_speed=self.rest_speed,
-            compiled=self.compiled,
-        )
-
-    def _located(self) -> RigidStepping | SoftStepping | CompiledSoftStepping:
-        """Return what resolves one collision after the other: event-driven or soft stepping."""
-        own = self._of_chosen(self._law)
-        law, last = self._with_friction(own), self._with_friction(MaximalDissipation())
-        most = 100 if self.max_events is None else self.max_events
-        inadmissible = self.on_inadmissible or "raise"
-        collider = Collider(law, last, inadmissible, most, self.solver or "auto")
-        if self._way == "soft":
-            speed = REST_SPEED if self.rest_speed is None else self.rest_speed
-            return self._soft(SoftStepping(self._model, collider, self.plan, rest_speed=speed, chosen=self._chosen))
-        friction, rest = self.friction or "coulomb", None
-        if self.on_unsolved != "raise":
-            rest = RestOfStep(self._model, own, friction=friction, on_inadmissible=inadmissible)
-        return RigidStepping(
-            self._model,
-            collider,
-            self.plan,
-            exact=friction != "convex",
-            gap_tolerance=GAP_TOLERANCE if self.gap_tolerance is None else self.gap_tolerance,
-            push_out=self.overlap == "push-out",
-            rest=rest,
-        )
-
-    def _soft(self, scheme: SoftStepping) -> SoftStepping | CompiledSoftStepping:
-        """Return soft stepping in compiled code where it can be had."""
-        if self.compiled == "never":
-            return scheme
-        from impactlaw.stepping.compiled.layout import LayoutError
-        from impactlaw.stepping.soft.compiled.stepping import CompiledSoftStepping
-
-        try:
-            return CompiledSoftStepping(scheme, warn=self.compiled == "auto")
-        except LayoutError as error:
-            if self.compiled == "auto":
-                warnings.warn(f"steps are not compiled, but in Python: {error}", UncompiledWarning, stacklevel=4)
-            return scheme
 
     @property
     def law(self) -> Law:
@@ -228,7 +162,7 @@ class Stepper:
     @law.setter
     def law(self, law: Law | Literal["scene"]) -> None:
         known = self._known(law)
-        self._stepping.set_law(self._with_friction(self._of_chosen(known)))
+        self._stepping.set_law(self._way.law_for(known))
         self._law = known
 
     @property
@@ -247,7 +181,7 @@ class Stepper:
         return sums_of(self._events)
 
     @property
-    def stepping(self) -> RigidStepping | SoftStepping | CompiledSoftStepping | TimeStepping | CompiledStepping:
+    def stepping(self) -> Stepping:
         """What takes the steps: its class tells the way, and whether compiled code covers scene and law."""
         return self._stepping
 
@@ -326,7 +260,7 @@ class Stepper:
         """
         if data.signature != self._model.signature:
             raise _other_model()
-        if self._way != "soft":
+        if not self._is_soft:
             raise SceneError('only soft stepping can be cut in two halves; use step(), or contact_model="soft"')
         self._events = self._stepping.finish(data)  # pyright: ignore[reportAttributeAccessIssue]
 
@@ -340,16 +274,6 @@ class Stepper:
         check_friction(law, self.friction)
         return law
 
-    def _of_chosen(self, law: Law) -> Law:
-        """Return the law with E = 0 for contacts that it is not for; soft steps leave these to MuJoCo."""
-        return law if self._chosen is None or self._way == "soft" else restricted(law, self._chosen)
-
-    def _with_friction(self, law: Law) -> Law:
-        """Return the law with the friction of the contacts of the scene; time stepping adds it by itself."""
-        if not self.plan.friction or self._way == "time-stepping" or law.has_friction:
-            return law
-        return Coulomb(law, cone="convex" if self.friction == "convex" else "exact")
-
 
 def _other_model() -> SceneError:
     return SceneError("data belongs to another model than the one that this stepper was made with")
@@ -359,45 +283,3 @@ _CROWDED = (
     "a step that ended at t = {:.6g} s had too many collisions to locate them all: time stepping has resolved them at "
     "once; Stepper.unlocated counts such steps, a larger max_events locates more"
 )
-_KNOWN = {
-    "contact_model": ("contact_model", ("rigid", "soft")),
-    "scheme": ("scheme", (None, "event-driven", "time-stepping")),
-    "friction": ("friction option", (None, *FRICTION)),
-    "overlap": ("overlap option", (None, "refuse", "push-out")),
-    "on_inadmissible": ("on_inadmissible option", (None, "raise", "project", "allow")),
-    "on_unsolved": ("on_unsolved option", (None, "time-stepping", "raise")),
-    "solver": ("solver", (None, "auto", *SOLVERS)),
-    "compiled": ("compiled option", (None, "auto", "never")),
-}
-"""What an error calls each option, and its values."""
-
-_UNUSED = {
-    "soft": ("scheme", "overlap", "on_unsolved", "gap_tolerance"),
-    "event-driven": ("rest_speed", "compiled"),
-    "time-stepping": ("on_unsolved", "gap_tolerance", "max_events", "solver"),
-}
-"""Options that a way to step has no use for."""
-
-
-def _refuse_unknown(options: dict[str, object]) -> None:
-    """Refuse options that have no such value.
-
-    Raises:
-        UnknownNameError: names the values that there are.
-    """
-    for name, (kind, known) in _KNOWN.items():
-        if options[name] not in known:
-            raise UnknownNameError(kind, options[name], [value for value in known if value])
-
-
-def _refuse_unused(way: str, given: set[str], overlap: str | None) -> None:
-    """Refuse options that would change nothing.
-
-    Raises:
-        SceneError: an option is given that is for another way to step.
-    """
-    for name in _UNUSED[way]:
-        if name in given:
-            raise SceneError(f"{name} means nothing to {way} steps; leave it out")
-    if way == "time-stepping" and overlap == "refuse":
-        raise SceneError('time stepping opens what overlaps, over time; leave overlap="refuse" out')

@@ -11,6 +11,7 @@ from impactlaw.studies.laws import StatedLaw, read_law
 Scheme = Literal["soft", "time-stepping", "event-driven"]
 PPO, SCRIPTED = "ppo", "scripted"
 _STEPS = 100_000
+_EXAMPLES = {"tasks": "Hopper-v5", "policies": PPO}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,8 +55,6 @@ class Study:
         for field in fields(self):
             if field.name not in ("episodes", "steps"):
                 self._check_several(field.name)
-        for law in (*self.train_laws, *self.act_laws):
-            assert law.text
         for scheme in self.schemes:
             if scheme not in get_args(Scheme):
                 raise UnknownNameError("scheme", scheme, get_args(Scheme))
@@ -92,6 +91,9 @@ class Study:
             raise StudyError(f"{name} is a tuple, such as ({values!r},), got {type(values).__name__} {values!r}")
         if not values and name not in ("train", "schemes"):
             raise StudyError(f"{name} is empty: there is nothing to run")
+        for value in values if name in ("tasks", "policies") else ():
+            if not isinstance(value, str):
+                raise StudyError(f"{name} are texts, such as {_EXAMPLES[name]!r}, got {value!r}")
         told = [str(read_law(value).settings()) if name in ("act", "train") else value for value in values]
         twice = [value for i, value in enumerate(values) if told[i] in told[:i]]
         if twice:

@@ -78,6 +78,7 @@ class TransferMatrix:
         return "\n\n".join([self.title(), *named])
 
 
+_COLUMNS = {"task", "scheme", "policy", "trained_under", "acted_under", "seed", "score"}
 _NUMBERS = ("score", "half", "regret", "regret_half")
 
 
@@ -93,11 +94,14 @@ def transfer_matrix(
         confidence: of the intervals.
 
     Raises:
-        StudyError: the table has none or several of what was asked for, cells are missing, or confidence is not
-            between 0 and 1.
+        StudyError: the table is none of a study, has none or several of what was asked for, cells are missing, or
+            confidence is not between 0 and 1.
     """
     if not 0 < confidence < 1:
         raise StudyError(f"confidence lies between 0 and 1, got {confidence!r}")
+    lacking = sorted(_COLUMNS - set(table))
+    if lacking:
+        raise StudyError(f"this is not the table of a study: it has no column {', '.join(lacking)}")
     for column, asked in (("task", task), ("scheme", scheme)):
         known = list(table[column].unique())
         if asked is not None and asked not in known:
@@ -118,7 +122,7 @@ def transfer_matrix(
 
 
 def transfer_matrices(table: pd.DataFrame, *, confidence: float = 0.95) -> Iterator[TransferMatrix]:
-    """Give the transfer matrices of all tasks and schemes."""
+    """Give the transfer matrices of all tasks and schemes; see `transfer_matrix`."""
     for task, scheme in table[["task", "scheme"]].drop_duplicates().itertuples(index=False):
         yield transfer_matrix(table, task=task, scheme=scheme, confidence=confidence)
 

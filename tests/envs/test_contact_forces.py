@@ -7,7 +7,6 @@ import mujoco
 import numpy as np
 import pytest
 from dm_control import suite
-from gymnasium.envs.mujoco import MujocoEnv
 from wrapped import Falling, drop
 
 from impactlaw.envs import ImpactLaw, put_law
@@ -18,30 +17,19 @@ from impactlaw.scene.contacts import active_contacts, geom_names
 G = np.array([0.0, 0.0, -9.81])
 
 
-class Thrown(MujocoEnv):
+class Thrown(Falling):
     """A free body that is thrown at the floor."""
 
     GEOM = '<geom name="ball" type="sphere" size=".1" mass="2"/>'
 
     def __init__(self, geom=GEOM, frame_skip=1, velocity=(0, 0, 0, 0, 0, 0), integrator="Euler"):
         option = f'timestep="0.002" integrator="{integrator}" tolerance="1e-15" ls_tolerance="1e-9"'
-        self._xml = f"""<mujoco><option {option}/><worldbody>
+        xml = f"""<mujoco><option {option}/><worldbody>
           <geom name="floor" type="plane" size="2 2 .1"/>
           <body name="body" pos="0 0 .3"><freejoint/>{geom}</body></worldbody></mujoco>"""
         self._velocity = velocity
         self.metadata = {"render_modes": [], "render_fps": round(500 / frame_skip)}
-        super().__init__("hopper.xml", frame_skip, gymnasium.spaces.Box(-np.inf, np.inf, (7,), np.float64))
-
-    def _initialize_simulation(self):
-        model = mujoco.MjModel.from_xml_string(self._xml)
-        return model, mujoco.MjData(model)
-
-    def _set_action_space(self):
-        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (0,))
-
-    def step(self, action):
-        self.do_simulation(action, self.frame_skip)
-        return self.data.qpos.copy(), 0.0, False, False, {}
+        super().__init__(xml=xml, frame_skip=frame_skip)
 
     def reset_model(self):
         self.set_state(self.init_qpos, np.array(self._velocity, dtype=float))

@@ -54,6 +54,8 @@ def test_friction_found_again(family, law):
     assert found.parameters == pytest.approx({"restitution": 0.6, "friction": 0.3}, abs=1e-5)
     assert found.rank == 2
     assert found.certificate <= 1 + 1e-9
+    with pytest.raises(MeasurementError, match="the collision of 0, 1 has no tangential directions"):
+        found.predict([balls((1.0, 1.0, 1.0), (1.0, 0.0, 0.0))])
 
 
 def test_intervals_cover():
@@ -162,6 +164,8 @@ def test_refusals():
     after = [np.zeros(3)] * 2
     with pytest.raises(UnknownNameError, match="did you mean 'newton'"):
         fit(collisions, after, "newtons")
+    with pytest.raises(MeasurementError, match="cannot be split into 'all' folds"):
+        cross_validate([launched(3, 1)] * 2, [[0.0, 0.0, 1.0]] * 2, folds="all")
     with pytest.raises(MeasurementError, match="no collisions"):
         fit([], [], "newton")
     with pytest.raises(MeasurementError, match="2 collisions, but 1 velocities"):

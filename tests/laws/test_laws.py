@@ -2,22 +2,10 @@
 
 import numpy as np
 import pytest
+from certificates import assert_certified, exact_velocity, is_ray, least_impulse, wanted
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from problems import (
-    LAWS,
-    PROBLEMS,
-    SWAPPED,
-    assert_certified,
-    box,
-    energy,
-    exact_velocity,
-    is_ray,
-    launched,
-    least_impulse,
-    rod,
-    wanted,
-)
+from problems import LAWS, PROBLEMS, SWAPPED, box, energy, launched, rod
 from scipy.optimize import linprog
 
 from impactlaw import Collision, Fremond, ImpactLawError, LinearMap, MaximalDissipation, Moreau, Newton

@@ -6,7 +6,7 @@ from laws.frictional import delassus_with_friction, one_contact
 from scenes import compiled
 
 from impactlaw import Collision, Coulomb, Friction, Newton, Poisson, Routh, Stepper
-from impactlaw.errors import RestitutionError, UnknownNameError
+from impactlaw.errors import RestitutionError, SolverError, UnknownNameError
 
 
 def disc(velocity, mu, k=0.5) -> Collision:
@@ -170,6 +170,12 @@ def test_contacts_that_influence_each_other_are_refused():
         Routh(0.5).resolve(c)
     with pytest.raises(UnknownNameError, match="hypothesis"):
         Routh(0.5, hypothesis="newton")  # pyright: ignore[reportArgumentType]
+
+
+def test_velocities_beyond_all_numbers_are_an_error():
+    c = Collision(np.eye(2), [[0, 1]], [3e160, -1e160], friction=Friction([[1, 0]], [0], [0.5]))
+    with np.errstate(all="ignore"), pytest.raises(SolverError, match=r"closes at 1e\+160 m/s .* check the units"):
+        Routh(0.5, hypothesis="stronge").resolve(c)
 
 
 @pytest.mark.parametrize("options", [{}, {"scheme": "time-stepping"}])

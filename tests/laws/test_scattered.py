@@ -62,6 +62,7 @@ def test_in_every_way_to_step(options):
         (lambda: Scattered(Moreau(0.5), [[1.0, 0.5], [0.0, 1.0]]), "symmetric"),
         (lambda: Scattered(Moreau(0.5), 0.1, seed=-1), "seed must be 0 or more"),
         (lambda: Scattered(Moreau(0.5), np.eye(3)).resolve(launched(3, 1)), "3, 3.* but 2 contacts"),
+        (lambda: Scattered(Moreau(0.5), "wide"), "variance must be 0 or more, and finite, got 'wide'"),
     ],
 )
 def test_wrong_numbers(make, message):

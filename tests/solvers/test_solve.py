@@ -4,7 +4,8 @@ import sys
 
 import numpy as np
 import pytest
-from problems import assert_certified, assert_nearest_in_cone, balls, box, launched
+from certificates import assert_certified, assert_nearest_in_cone
+from problems import balls, box, launched
 from scipy.optimize import nnls
 
 from impactlaw import Collision, Fremond, Impact, Moreau, Newton
@@ -18,7 +19,6 @@ from impactlaw.solvers import (
     nonnegative_combination,
     solve,
     solve_with_jump,
-    with_active,
 )
 from impactlaw.solvers.certificate import judge_active
 
@@ -188,12 +188,3 @@ def test_impulse_of_an_impact_is_not_shared_with_another():
     first, second = Moreau(0.5).resolve(c), Moreau(0.5).resolve(c)
     assert not np.shares_memory(first.impulse, second.impulse)
     assert isinstance(first, Impact)
-
-
-def test_expected_contacts_are_believed_only_if_they_solve_the_problem():
-    problem = Problem(np.array([[1.0, 0.0], [0.6, 0.8]]), np.array([1.0, 0.2]))
-    np.testing.assert_allclose(with_active(problem, np.array([True, False])), [1.0, 0.0])
-    for wrong in ([False, True], [True, True], [False, False]):
-        assert with_active(problem, np.array(wrong)) is None
-    twice = Problem(np.array([[1.0, 0.0], [1.0, 0.0]]), np.array([1.0, 1.0]))
-    assert with_active(twice, np.array([True, True])) is None

@@ -5,17 +5,8 @@ import warnings
 
 import numpy as np
 import pytest
-from problems import (
-    LAWS,
-    PROBLEMS,
-    assert_certified,
-    exact_velocity,
-    is_ray,
-    launched,
-    random_collision,
-    wanted,
-    whitened_gradients,
-)
+from certificates import assert_certified, exact_velocity, is_ray, wanted, whitened_gradients
+from problems import LAWS, PROBLEMS, launched, random_collision
 
 from impactlaw import Collision, Fremond, LinearMap, MaximalDissipation, Moreau, Newton
 from impactlaw.errors import SolverError, UnknownNameError, UnsolvableLawError

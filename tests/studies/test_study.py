@@ -104,6 +104,8 @@ def test_a_text_that_states_no_law_is_refused(text, error, message):
     ("changes", "message"),
     [
         ({"tasks": JUGGLER}, "tasks is a tuple"),
+        ({"tasks": (5,)}, "tasks are texts, such as 'Hopper-v5', got 5"),
+        ({"policies": (None,)}, "policies are texts, such as 'ppo', got None"),
         ({"act": ()}, "act is empty"),
         ({"act": ("moreau:0.5", "moreau:0.50")}, "'moreau:0.50' twice"),
         ({"seeds": (1, 1)}, "twice"),

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from impactlaw.errors import MissingExtraError, StudyError
+from impactlaw.errors import MissingExtraError, StudyError, UnsupportedError
 from impactlaw.studies import Study, run
 from impactlaw.studies.environments import Conditions
 from impactlaw.studies.laws import read_law
@@ -149,14 +149,28 @@ def test_worlds_draw_a_law_for_each_episode():
 
 
 @needs_training
+def test_what_worlds_do_not_have_is_refused():
+    from impactlaw.studies.policies.worlds import training_worlds
+
+    worlds = training_worlds(Conditions("Hopper-v5", read_law("moreau:0.3"), "time-stepping"), 2)
+    assert worlds is not None
+    with pytest.raises(UnsupportedError, match=r"restitution of the worlds of a training cannot be set: .* study"):
+        worlds.set_attr("restitution", 0.5)
+    with pytest.raises(UnsupportedError, match=r"reset_model cannot be called on one world: .* gymnasium\.make$"):
+        worlds.env_method("reset_model", indices=0)
+    assert list(worlds.get_attr("batch")[0].restitution) == [0.3, 0.3]
+    worlds.close()
+
+
+@needs_training
 def test_tasks_and_laws_without_worlds_have_none():
     from impactlaw.studies.policies.worlds import training_worlds
 
     for task, law, scheme in (
-        ("impactlaw/Juggler-v0", "moreau:0.5", "time-stepping"),
+        ("impactlaw/Billiards-v0", "moreau:0.5", "time-stepping"),
         ("Hopper-v5", "moreau:0.5", "soft"),
         ("Hopper-v5", "mujoco", "time-stepping"),
-        ("Ant-v5", "moreau:0.5", "time-stepping"),
+        ("Ant-v5", "routh:0.5", "time-stepping"),
     ):
         assert training_worlds(Conditions(task, read_law(law), scheme), 2) is None
     assert "impactlaw/Hopper-v5" in gymnasium.registry

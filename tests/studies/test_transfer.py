@@ -79,6 +79,8 @@ def test_each_task_and_scheme_has_a_matrix():
 def test_missing_cells_and_impossible_confidence_are_refused():
     with pytest.raises(StudyError, match="lacks cells"):
         transfer_matrix(table()[1:])
+    with pytest.raises(StudyError, match="no column policy, score"):
+        transfer_matrix(table().drop(columns=["policy", "score"]))
     with pytest.raises(StudyError, match="confidence"):
         transfer_matrix(table(), confidence=95)
 

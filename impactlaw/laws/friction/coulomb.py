@@ -89,8 +89,8 @@ class Coulomb(Law):
 
     @property
     def contact_labels(self) -> frozenset[str]:
-        """Labels that the inner law was keyed with, in canonical order."""
-        return getattr(self.law, "contact_labels", frozenset())
+        """Those of the inner law."""
+        return self.law.contact_labels
 
     def seeded(self, seed: int) -> Coulomb:
         """Return the law with this seed in the inner law, if that draws its outcomes and has none."""

@@ -73,6 +73,7 @@ class Routh(ContactCoefficients, Law):
 
         Raises:
             RestitutionError: the coefficients do not fit the contacts, or contacts influence each other.
+            SolverError: slip of a contact does not settle, or its impulse is no finite number.
             UnknownNameError: another solver.
         """
         if solver != "auto":

@@ -114,6 +114,9 @@ def impulses(G: np.ndarray, gamma: np.ndarray, phases: Iterable[Phase], e: float
         phases: what friction does.
         e: coefficient of restitution.
         hypothesis: "poisson" or "stronge".
+
+    Raises:
+        SolverError: velocities, masses or coefficients are so large that their products are no finite numbers.
     """
     impulse, velocity = np.zeros(len(gamma)), gamma.astype(float)
     begin = taken = energy = 0.0
@@ -145,7 +148,10 @@ def impulses(G: np.ndarray, gamma: np.ndarray, phases: Iterable[Phase], e: float
             taken += 0.0 if hypothesis == "poisson" else _returned(velocity[0], rates[0], length, e)
             energy += _work(direction, velocity, rates, length)
         impulse, velocity, begin = impulse + length * direction, velocity + length * rates, phase.end
-    raise AssertionError("the last phase has no end")
+    raise SolverError(
+        f"the impulse of a contact that closes at {-gamma[0]:.3g} m/s with an effective mass of {1.0 / G[0, 0]:.3g} kg "
+        "is no finite number; check the units of velocities and masses"
+    )
 
 
 def _returned(speed: float, rate: float, length: float, e: float) -> float:

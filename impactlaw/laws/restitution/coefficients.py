@@ -18,8 +18,9 @@ from impactlaw.mechanics.collision import Collision
 _MOST_SHOWN = 32  # entries of a mapping
 
 Coefficient = float | Callable[[float], float]
-Coefficients = Coefficient | Sequence[Coefficient] | Mapping[str | tuple[str, str], Coefficient]
 """e, or e as a function of the speed at which a contact closes."""
+Coefficients = Coefficient | Sequence[Coefficient] | Mapping[str | tuple[str, str], Coefficient]
+"""One for every contact, one for each in their order, or by labels of contacts."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -32,9 +33,9 @@ class ContactCoefficients:
     Attributes:
         restitution: one coefficient for every contact, a sequence with one per contact, or a mapping from contact
             labels, ``("ball1", "floor")`` or ``"ball1/floor"`` in either order, or patterns of these
-            (`restitution.labels`), to coefficients. A sequence is for
-            collisions of exactly as many contacts, in their order: while a scene moves these are rarely the same, so
-            that a step in which others collide raises. Labels follow the contacts.
+            (`restitution.labels`), to coefficients. A sequence is for collisions of exactly as many contacts, in their
+            order: while a scene moves these are rarely the same, so that a step in which others collide raises. Labels
+            follow the contacts.
         default: coefficient of contacts that the mapping does not name; without it such a contact is an error, and a
             stepper refuses the law if the scene can have one.
 

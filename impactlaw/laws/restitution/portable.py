@@ -44,7 +44,7 @@ def restored(value: Any) -> Any:
     """Return what `portable` has made the plain value of; anything else as it is.
 
     Raises:
-        RestitutionError: it names a law or a function that is not there.
+        RestitutionError: it names a law or a function that is not there, or something that a law does not have.
     """
     if not isinstance(value, Mapping):
         return value
@@ -52,7 +52,11 @@ def restored(value: Any) -> Any:
         kind = _found(value[_LAW])
         if not (isinstance(kind, type) and issubclass(kind, Law)):
             raise RestitutionError(f"{value[_LAW]} is no impact law")
-        return kind(**{name: _listed(entry) for name, entry in value.items() if name != _LAW})
+        given = {name: _listed(entry) for name, entry in value.items() if name != _LAW}
+        known = {part.name for part in dataclasses.fields(kind) if part.init}
+        if not given.keys() <= known:
+            raise RestitutionError(f"{value[_LAW]} has no {', '.join(sorted(given.keys() - known))}")
+        return kind(**given)
     if _FUNCTION in value:
         return _found(value[_FUNCTION])
     if _ENTRIES in value:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import operator
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -123,12 +123,11 @@ class AdmissibleSet:
             rng: a generator, or a seed for one.
 
         Raises:
-            InvalidCollisionError: n is negative.
+            InvalidCollisionError: n is no whole number, or negative.
             EnumerationError: too many facets.
         """
-        n = operator.index(n)
-        if n < 0:
-            raise InvalidCollisionError(f"n must be 0 or more, got {n}")
+        if not isinstance(n, Integral) or n < 0:
+            raise InvalidCollisionError(f"n must be a whole number, 0 or more, got {n!r}")
         if self._body is None:
             return np.tile(self.collision.pre_velocity, (n, 1))
         return self._velocity_at(self._least * uniform_samples(self._body, n, np.random.default_rng(rng)))
@@ -204,9 +203,13 @@ class AdmissibleSet:
         )
 
     def _velocity(self, values: ArrayLike, name: str) -> np.ndarray:
-        v, shape = np.array(values, dtype=float), self.collision.pre_velocity.shape
+        shape = self.collision.pre_velocity.shape
+        try:
+            v = np.array(values, dtype=float)
+        except (TypeError, ValueError):
+            v = np.zeros(0)
         if v.shape != shape or not np.isfinite(v).all():
-            raise InvalidCollisionError(f"{name} must be finite with shape {shape}, got {v}")
+            raise InvalidCollisionError(f"{name} must be finite with shape {shape}, got {values!r:.200}")
         return v
 
     def _velocity_at(self, jump: np.ndarray) -> np.ndarray:

@@ -38,9 +38,10 @@ class Effort(Protocol):
 def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, rounds: int = THOROUGH) -> ConeAnswer:
     """Solve a problem of contacts with friction.
 
-    One contact alone has a closed form, or nearly so (`cone_single`), which needs nothing that is compiled. Any other
-    problem is for the solver of time stepping (`impactlaw.solvers.cones`): Newton's method from the guess, then from no
-    impulse, and rounds of slower methods where it fails; and again from the best point, if no effort is spared.
+    One contact alone has a closed form, or nearly so (`single_contact.single`), which needs nothing that is compiled.
+    Any other problem is for the solver of time stepping (`impactlaw.solvers.cones`): Newton's method from the guess,
+    then from no impulse, and rounds of slower methods where it fails; and again from the best point, if no effort is
+    spared.
     Solutions need not be unique for large coefficients of friction; the same problem always gets the same one.
 
     Args:

@@ -39,7 +39,8 @@ def cone_projection(problem: Problem, point: np.ndarray) -> np.ndarray | None:
     lengths = problem.lengths
     if not len(lengths):
         return np.zeros(0)
-    balanced = lengths.max() <= BALANCED * lengths.min()
+    each = lengths.tolist()  # for few contacts this takes a quarter of the time of max() and min() of an array
+    balanced = max(each) <= BALANCED * min(each)
     columns = problem.gradients.T if balanced else problem.gradients.T / lengths
     try:
         impulse, _ = scipy.optimize.nnls(columns, point, maxiter=_NNLS_CHANGES * len(lengths))

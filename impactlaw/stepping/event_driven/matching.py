@@ -9,11 +9,18 @@ import numpy as np
 
 from impactlaw.scene.contacts import Contacts, gap_gradients
 from impactlaw.stepping.event_driven.contact_set import ContactSet
-from impactlaw.stepping.event_driven.contact_state import Phase, PhaseEnd
+from impactlaw.stepping.event_driven.contact_state import ContactState, Phase, PhaseEnd
 from impactlaw.stepping.event_driven.location.travel import Frames
 
 _SAME_POINT = 1e3  # gap tolerances that a contact point may move more than the geoms
 _LAST = 1e9  # m: puts contacts that separate behind those that do not
+
+
+class Matched(NamedTuple):
+    """Contacts that were looked at, and those at the start of the phase that they continue, int (h,), -1 for none."""
+
+    now: ContactState
+    known: np.ndarray
 
 
 class Continued(NamedTuple):

@@ -1,6 +1,6 @@
 """Rigid stepping: collisions by a chosen law at located times, smooth phases between them.
 
-A step whose contacts need no more than one look is taken by a shortcut (`shortcuts`). Any other of duration h, from a
+A step whose contacts need no more than one look is taken by a shortcut (`last_step`). Any other of duration h, from a
 state in which no gap is below minus the tolerance (`overlap`):
 
 1. Closed contacts (gap <= tolerance) that approach collide: the law gives v+, again and again until none approaches
@@ -20,7 +20,6 @@ state in which no gap is below minus the tolerance (`overlap`):
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -42,18 +41,15 @@ from impactlaw.solvers.one_thread import one_thread
 from impactlaw.stepping.collisions import Collider, kinetic_metric
 from impactlaw.stepping.compatibility import check_resolved, check_rigid
 from impactlaw.stepping.event_driven.contact_state import ContactState
+from impactlaw.stepping.event_driven.last_step import LastStep
 from impactlaw.stepping.event_driven.overlap import overlaps, push_out, refuse
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
-from impactlaw.stepping.event_driven.shortcuts import Apart, Shortcut, find_rest, find_together, is_still
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 from impactlaw.stepping.event_driven.strong_damping import locks
-from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.impact_event import ImpactEvent, Told
 from impactlaw.stepping.integration import check_input, empty_state
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.work import Work
-
-Events = tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]]
-"""The collisions of a step, or what tells them."""
 
 _JUMPS = 5  # phases of no length, each ended by another contact that closes without a collision: points that jump
 _INSTANT = 1e-4  # part of the timestep that such a phase lasts
@@ -64,24 +60,6 @@ _SLIGHT = 1e6  # gap tolerances by which time stepping may leave bodies overlapp
 _MANY = 0.5  # part of max_events that are many collisions, if they keep a step from being finished
 _ENDED = 1e-6  # part of the kinetic energy that E = 0 may take after max_events collisions
 _UNFINISHED = DivergenceError, SolverError, UnfinishedStepError, UnsolvableLawError, np.linalg.LinAlgError
-
-
-class _Left(NamedTuple):
-    """What contacts depend on, as a step has left it.
-
-    Attributes:
-        qpos: position, as bytes.
-        qvel: velocity, as bytes.
-        timestep: s.
-        disabled: flags of the options.
-        equalities: which equality constraints are on, as bytes.
-    """
-
-    qpos: bytes
-    qvel: bytes
-    timestep: float
-    disabled: int
-    equalities: bytes
 
 
 class _Begun(NamedTuple):
@@ -126,10 +104,7 @@ class RigidStepping:
         self._options, self._surfaces = self._phases.options, self._phases.surfaces
         self._configuration = self._phases.configuration
         self._before, self._state = empty_state(model), empty_state(model)
-        self._left: _Left | None = None
-        self._next: ContactState | None = None
-        self._shortcut: Shortcut | None = None
-        self._restless = False  # whether the rest found last did not last a step
+        self._last = LastStep(self._phases, plan)
         self._metric: KineticMetric | None = None
         self._begun = _Begun(self._before, 0.0, 0)
         self.unlocated, self.crowded = 0, False
@@ -140,7 +115,7 @@ class RigidStepping:
         if self._rest is not None:
             self._rest.set_law(law)
 
-    def step(self, data: mujoco.MjData) -> Events:
+    def step(self, data: mujoco.MjData) -> Told:
         """Advance by one timestep and return the collisions; data is back where it was if an error is raised."""
         self._configuration.bind(data)
         state, events = self._configuration.save(self._before), []
@@ -164,7 +139,7 @@ class RigidStepping:
             update_positions(self._model, data)  # surfaces stay where they were put
             raise
 
-    def _finish(self, data: mujoco.MjData, rest: RestOfStep, events: list[ImpactEvent]) -> Events:
+    def _finish(self, data: mujoco.MjData, rest: RestOfStep, events: list[ImpactEvent]) -> Told:
         """Let time stepping take what is left of the step."""
         state, remaining, count = self._begun
         known = tuple(events[:count])
@@ -176,7 +151,7 @@ class RigidStepping:
         if self._surfaces is not None:
             self._surfaces.end(data)
         self.unlocated += 1
-        self._left, self._next, self._shortcut, self._wait = self._now(), None, None, False
+        self._last.end_otherwise()
         return (lambda: (*known, *more())) if callable(more) else known
 
     def _open(self) -> None:
@@ -188,7 +163,7 @@ class RigidStepping:
             if overlaps(now.contact_set, self._tolerance) and now.gap.min() >= -_SLIGHT * self._tolerance:
                 self._apart(now)
 
-    def _step(self, data: mujoco.MjData, events: list[ImpactEvent], *, waits: bool) -> Events:
+    def _step(self, data: mujoco.MjData, events: list[ImpactEvent], *, waits: bool) -> Told:
         timestep = self._options.timestep
         end = data.time + timestep
         self._begun = _Begun(self._before, timestep, 0)
@@ -198,7 +173,7 @@ class RigidStepping:
             return ()
         if self._surfaces is not None:
             self._surfaces.begin(data, timestep)
-        if self._shortcut is not None and self._lasts(self._shortcut):
+        if self._last.take_shortcut(self._before):
             return ()
         if waits:
             raise UnfinishedStepError("the step before was not finished")
@@ -210,8 +185,7 @@ class RigidStepping:
         self.unlocated += len(events) > self._collider.most
         if self._rest is not None:
             self._rest.succeeded()
-        self._left, self._next = self._now(), start
-        self._shortcut = self._find_shortcut(start, bool(events))
+        self._last.end(self._before, start, collided=bool(events))
         return tuple(events)
 
     def _take(self, events: list[ImpactEvent], end: float) -> ContactState:
@@ -241,48 +215,16 @@ class RigidStepping:
         self.unlocated += jumps > _JUMPS or closings > self._collider.most >= len(events)
         return start
 
-    def _lasts(self, shortcut: Shortcut) -> bool:
-        """Take a step by a shortcut if nothing stands against it; return whether that was the whole step.
-
-        Velocities may have been changed: those at the end decide.
-        """
-        if not self._is_left():
-            self._shortcut = None
-            return False
-        self._shortcut = shortcut.lasts(self._phases)
-        if self._shortcut is None:
-            self._configuration.restore(self._before)
-            return False
-        if self._surfaces is not None:
-            self._surfaces.end(self._configuration.data)
-        self._next, self._restless = None, False
-        self._left = self._now()
-        return True
-
-    def _find_shortcut(self, end: ContactState, collided: bool) -> Shortcut | None:
-        """Return what the next step may find as the last one has left it."""
-        if not end.pattern:
-            return Apart(self._phases.frames())
-        if collided or not self._plan.rest:
-            return None
-        if not is_still(self._phases, end.velocity, end.still):
-            self._restless = False
-            return find_together(end)
-        if self._restless:
-            return None
-        self._restless = True
-        return find_rest(self._phases, self._before, end)
-
     def _begin(self, events: list[ImpactEvent]) -> tuple[ContactState, bool]:
         """Return the contacts of now, after collisions, and whether the configuration had to be changed for them.
 
         They are those that the last step has left, if nothing has changed.
         """
-        goes_on = self._surfaces is None or self._surfaces.goes_on
-        if self._next is not None and goes_on and self._left == self._now():
-            return self._next, False
+        known = self._last.contacts()
+        if known is not None:
+            return known, False
         start = self._phases.look()
-        pushed = not self._is_left() and overlaps(start.contact_set, self._tolerance)
+        pushed = not self._last.is_here() and overlaps(start.contact_set, self._tolerance)
         if pushed:
             if not self._push_out:
                 reason = f"move them apart (up to {self._tolerance:g} m counts as touching)"
@@ -319,16 +261,6 @@ class RigidStepping:
         except (OverlapError, UnfinishedStepError):
             self._configuration.restore(state)
             return self._phases.look()
-
-    def _is_left(self) -> bool:
-        """Return whether the same contacts are near, and no other, as the last step has left it."""
-        now, left = self._configuration.data.qpos.tobytes(), self._left
-        return left is not None and left.qpos == now and left.disabled == self._options.disabled
-
-    def _now(self) -> _Left:
-        data, options = self._configuration.data, self._options
-        equalities = data.eq_active.tobytes() if self._plan.bilateral else b""
-        return _Left(data.qpos.tobytes(), data.qvel.tobytes(), options.timestep, options.disabled, equalities)
 
     def _collide(self, start: ContactState, events: list[ImpactEvent]) -> ContactState:
         """Resolve the collisions of now."""

@@ -3,13 +3,12 @@
 A phase is MuJoCo's integrator without contacts (`integration.advance`). It is tried, shortened where bodies travel
 further than they are thick (`travel.Travel`), brought back to the contacts that stay closed
 (`persistent_contact`), and where another gap fell below minus the tolerance, repeated up to the time at which it
-closes (`event_location.locate`).
+closes (`location.search.locate`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -24,7 +23,7 @@ from impactlaw.stepping.event_driven.location.gap_functions import GapFunctions
 from impactlaw.stepping.event_driven.location.search import locate
 from impactlaw.stepping.event_driven.location.travel import Frames, Travel
 from impactlaw.stepping.event_driven.location.trial_step import TrialStep, further
-from impactlaw.stepping.event_driven.matching import continued, match, refound, runs_on
+from impactlaw.stepping.event_driven.matching import Matched, continued, match, refound, runs_on
 from impactlaw.stepping.event_driven.persistent_contact.felt_force import FeltForce
 from impactlaw.stepping.event_driven.persistent_contact.frictionless import hold
 from impactlaw.stepping.event_driven.persistent_contact.position import LookAgain, among
@@ -36,13 +35,6 @@ _LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located
 _SMOOTH = 0.1  # part of its bent depth by which a smooth gap may miss a quarter of it after half of the phase
 _NEAR = 1e3  # gap tolerances within which contacts are looked for
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
-
-
-class Matched(NamedTuple):
-    """Contacts that were looked at, and those at the start of the phase that they continue, int (h,), -1 for none."""
-
-    now: ContactState
-    known: np.ndarray
 
 
 class SmoothPhases:

@@ -46,6 +46,7 @@ def policies_of(name: str, task: str, scheme: Scheme, laws: Sequence[StatedLaw])
     """Return the policies that a name stands for on a task: one for each law, where it is made for laws.
 
     Raises:
+        UnknownNameError: a name of no kind that there is.
         StudyError: there is no such policy.
         MissingExtraError: it needs a package that is not installed.
     """

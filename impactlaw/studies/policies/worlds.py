@@ -10,7 +10,7 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
 from impactlaw.envs.vector.worlds import VectorWorlds
-from impactlaw.errors import SceneError
+from impactlaw.errors import SceneError, UnsupportedError
 from impactlaw.studies.environments import Conditions, is_own, spec_of
 
 
@@ -66,12 +66,26 @@ class Worlds(VecEnv):
         return [getattr(self._worlds, attr_name, None) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Refuse: worlds have nothing that is set one by one."""
-        raise NotImplementedError(attr_name)
+        """Refuse: the worlds of a training are settled when they are made.
+
+        Raises:
+            UnsupportedError: always.
+        """
+        raise UnsupportedError(
+            f"{attr_name} of the worlds of a training cannot be set: they are settled when they are made; "
+            "name other laws or tasks in the study, or make worlds of your own with gymnasium.make_vec"
+        )
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        """Refuse: worlds have nothing that is called one by one."""
-        raise NotImplementedError(method_name)
+        """Refuse: worlds are stepped together, and there is no environment for each of them.
+
+        Raises:
+            UnsupportedError: always.
+        """
+        raise UnsupportedError(
+            f"{method_name} cannot be called on one world: worlds of a training are stepped together, and there is no "
+            "environment for each of them; read what all have with get_attr, or make a single one with gymnasium.make"
+        )
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
         """Say that no world is wrapped."""

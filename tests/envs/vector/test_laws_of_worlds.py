@@ -7,76 +7,56 @@ from gymnasium.vector import SyncVectorEnv
 
 import impactlaw.envs  # noqa: F401
 from impactlaw import Moreau, Newton
-from impactlaw.errors import OptionError, RestitutionError, SettledError, UncompiledWarning, UnknownNameError
+from impactlaw.errors import OptionError, UncompiledWarning, UnknownNameError
 from impactlaw.laws import MaximalDissipation
 
 NAME = "impactlaw/Juggler-v0"
-WORLDS = "vector_entry_point"
-
-
-@pytest.fixture
-def vec():
-    made = gymnasium.make_vec(NAME, 2, vectorization_mode=WORLDS, nthread=1)
-    yield made
-    made.close()
 
 
 def bounce(vec):
     """Return the velocities after 600 ms in which the paddle rests."""
     for _ in range(60):
-        observed, *_, info = vec.step(np.zeros((2, 1)))
+        observed, *_, info = vec.step(np.zeros((3, 1)))
     return observed[:, 1], info
 
 
 def test_a_law_that_is_set_is_in_force_and_stays(vec):
     vec.reset(seed=0)
     own, info = bounce(vec)
-    assert list(info["impact/restitution"]) == [0.8, 0.8]
+    assert list(info["impact/restitution"]) == [0.8] * 3
     vec.reset(seed=0)
-    vec.set_attr("law", [Moreau(0.1), Newton(0.8)])
+    vec.set_attr("law", [Moreau(0.1), Newton(0.8), Newton(0.5)])
     changed, info = bounce(vec)
-    assert list(info["impact/restitution"]) == [0.1, 0.8]
+    assert list(info["impact/restitution"]) == [0.1, 0.8, 0.5]
     assert changed[1] == own[1]
     assert abs(changed[0] - own[0]) > 0.1
-    assert vec.get_attr("law") == (Moreau(0.1), Newton(0.8))
+    assert vec.get_attr("law") == (Moreau(0.1), Newton(0.8), Newton(0.5))
     vec.set_attr("restitution", 0.3)
-    assert vec.get_attr("law") == (Moreau(0.3), Newton(0.3))
-    assert list(vec.reset(seed=0)[1]["impact/restitution"]) == [0.3, 0.3]
+    assert vec.get_attr("law") == (Moreau(0.3), Newton(0.3), Newton(0.3))
+    assert list(vec.reset(seed=0)[1]["impact/restitution"]) == [0.3] * 3
 
 
 def test_a_law_can_be_set_as_an_attribute(vec):
     vec.reset(seed=0)
     vec.law = "maximal-dissipation"
-    assert vec.get_attr("law") == vec.law == (MaximalDissipation(),) * 2
-    assert list(bounce(vec)[1]["impact/restitution"]) == [0.0, 0.0]
-    vec.law = [Moreau(0.1), Newton(0.8)]
-    vec.restitution = [0.3, 0.4]
-    assert vec.law == (Moreau(0.3), Newton(0.4))
-    assert vec.get_attr("restitution") == vec.restitution == (0.3, 0.4)
-    assert list(vec.reset(seed=0)[1]["impact/restitution"]) == [0.3, 0.4]
+    assert vec.get_attr("law") == vec.law == (MaximalDissipation(),) * 3
+    assert list(bounce(vec)[1]["impact/restitution"]) == [0.0] * 3
+    vec.law = [Moreau(0.1), Newton(0.8), Newton(0.5)]
+    vec.restitution = [0.3, 0.4, 0.5]
+    assert vec.law == (Moreau(0.3), Newton(0.4), Newton(0.5))
+    assert vec.get_attr("restitution") == vec.restitution == (0.3, 0.4, 0.5)
+    assert list(vec.reset(seed=0)[1]["impact/restitution"]) == [0.3, 0.4, 0.5]
     with pytest.raises(UnknownNameError, match="moro"):
         vec.law = "moro"
-    assert vec.law == (Moreau(0.3), Newton(0.4))
+    assert vec.law == (Moreau(0.3), Newton(0.4), Newton(0.5))
 
 
 def test_options_of_a_reset_are_for_one_episode(vec):
-    assert list(vec.reset(seed=0, options={"restitution": 0.5})[1]["impact/restitution"]) == [0.5, 0.5]
-    mask = np.array([True, False])
+    assert list(vec.reset(seed=0, options={"restitution": 0.5})[1]["impact/restitution"]) == [0.5] * 3
+    mask = np.array([True, False, False])
     info = vec.reset(options={"law": "moreau", "restitution": 0.2, "reset_mask": mask})[1]
-    assert list(info["impact/law"]) == ["Moreau(restitution=0.2)", "Newton(restitution=0.5, default=None)"]
-    assert list(vec.reset()[1]["impact/restitution"]) == [0.8, 0.8]
-
-
-def test_what_worlds_do_not_have_is_refused(vec):
-    with pytest.raises(UnknownNameError, match="lw"):
-        vec.reset(options={"lw": "moreau"})
-    with pytest.raises(SettledError, match="settled"):
-        vec.set_attr("scheme", "event-driven")
-    with pytest.raises(OptionError, match="2 worlds"):
-        vec.set_attr("law", [Moreau(0.1)])
-    with pytest.raises(RestitutionError):
-        vec.set_attr("restitution", [0.1, 7.0])
-    assert vec.get_attr("law")[0].restitution == 0.8
+    assert list(info["impact/law"]) == ["Moreau(restitution=0.2)"] + ["Newton(restitution=0.5, default=None)"] * 2
+    assert list(vec.reset()[1]["impact/restitution"]) == [0.8] * 3
 
 
 def test_options_of_single_environments_make_these(tmp_path):

@@ -10,17 +10,10 @@ from gymnasium.error import ResetNeeded
 
 import impactlaw.envs  # noqa: F401
 from impactlaw import Moreau, make_law
-from impactlaw.errors import ActionError, CopyError, OptionError, RestitutionError, UnknownNameError
+from impactlaw.errors import ActionError, CopyError, OptionError, RestitutionError, SettledError, UnknownNameError
 
 NAME = "impactlaw/Juggler-v0"
 WORLDS = "vector_entry_point"
-
-
-@pytest.fixture
-def vec():
-    made = gymnasium.make_vec(NAME, 3, vectorization_mode=WORLDS, nthread=1)
-    yield made
-    made.close()
 
 
 def test_a_step_before_the_first_reset(vec):
@@ -59,6 +52,18 @@ def test_masks_and_options_that_are_none(vec):
         vec.reset(options=["law"])
 
 
+def test_what_worlds_do_not_have_is_refused(vec):
+    with pytest.raises(UnknownNameError, match="lw"):
+        vec.reset(options={"lw": "moreau"})
+    with pytest.raises(SettledError, match="settled"):
+        vec.set_attr("scheme", "event-driven")
+    with pytest.raises(OptionError, match="3 worlds"):
+        vec.set_attr("law", [Moreau(0.1)])
+    with pytest.raises(RestitutionError):
+        vec.set_attr("restitution", [0.1, 0.2, 7.0])
+    assert [law.restitution for law in vec.get_attr("law")] == [0.8] * 3
+
+
 @pytest.mark.parametrize("name", [NAME, "impactlaw/Hopper-v5"])
 def test_numbers_of_worlds_that_are_none(name):
     for count in (-1, 0, 1.5):
@@ -80,6 +85,17 @@ def test_laws_that_do_not_fit_the_worlds(name):
         vec = gymnasium.make_vec(name, 3, vectorization_mode=WORLDS, law=laws, nthread=1)
         assert list(vec.reset(seed=0)[1]["impact/restitution"]) == [1.0, 0.5, 0.0]
         vec.close()
+
+
+@pytest.mark.parametrize("name", [NAME, "impactlaw/Hopper-v5"])
+def test_options_that_there_are_not(name):
+    for options, error, message in (
+        ({"batch_options": 5}, OptionError, "batch_options is a mapping of friction, on_inadmissible, rest_speed"),
+        ({"batch_options": {"rest_sped": 1.0}}, UnknownNameError, "did you mean 'rest_speed'"),
+        ({"max_episode_steps": 1.5}, OptionError, "max_episode_steps must be a whole number"),
+    ):
+        with pytest.raises(error, match=message):
+            gymnasium.make_vec(name, 3, vectorization_mode=WORLDS, **options)
 
 
 def test_worlds_cannot_be_copied(vec):

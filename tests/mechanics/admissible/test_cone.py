@@ -1,10 +1,10 @@
 """The point of a polyhedral cone that is nearest to another."""
 
 import numpy as np
+from certificates import assert_nearest_in_cone
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from problems import assert_nearest_in_cone
 
 from impactlaw.mechanics.admissible.cone import nearest_in_cone
 

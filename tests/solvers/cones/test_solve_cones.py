@@ -2,7 +2,7 @@ import time
 
 import numpy as np
 import pytest
-from cone_problems import BILATERAL, BOX, CONE, dense, problem, solvable
+from solvers.cones.problems import BILATERAL, BOX, CONE, dense, problem, solvable
 
 from impactlaw.solvers.cones import natural_map, solve
 

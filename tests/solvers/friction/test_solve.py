@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from problems import friction_problem
+from laws.frictional import friction_problem
 
 from impactlaw.solvers.friction.problem import ConeProblem, project, projection_derivative
 from impactlaw.solvers.friction.solve import BRIEF, solve_cones

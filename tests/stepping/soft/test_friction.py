@@ -3,8 +3,8 @@
 import mujoco
 import numpy as np
 import pytest
-from quadrupeds import quadruped
 from scenes import compiled
+from stepping.quadrupeds import quadruped
 
 from impactlaw import Coulomb, MaximalDissipation, Moreau, Poisson, Routh, Stepper
 from impactlaw.errors import RestitutionError

@@ -2,7 +2,6 @@
 
 import copy
 import pickle
-import sys
 
 import gymnasium
 import numpy as np
@@ -12,7 +11,6 @@ from own_envs import IDS
 from wrapped import theirs
 
 from impactlaw import Moreau, Stepper
-from impactlaw.cli import main
 from impactlaw.envs import ImpactLaw, put_law
 from impactlaw.errors import ImpactLawError, UnknownNameError
 from impactlaw.models import SCENES, load
@@ -130,24 +128,6 @@ def test_our_own_environments_have_located_collisions_unless_told(name):
 
 
 # --- the command line ------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def command(tmp_path, monkeypatch, capsys):
-    """Run the command line in this process, in an empty folder; returns exit code, output and error output."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["impactlaw", *arguments])
-        try:
-            main()
-            code = 0
-        except SystemExit as stop:
-            code = stop.code
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return call
 
 
 def test_compare_takes_the_scheme(command, tmp_path):

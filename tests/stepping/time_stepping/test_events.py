@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 from scenes import chain_labels, compiled
+from stepping.time_stepping.stepped import FLOOR, stepping
 
-from impactlaw import Coulomb, Fremond, FrictionImpact, LinearMap, MaximalDissipation, Moreau, Newton, Poisson, Stepper
+from impactlaw import Coulomb, Fremond, FrictionImpact, LinearMap, MaximalDissipation, Moreau, Newton, Poisson
 from impactlaw.models import SCENES, load
 
-FLOOR = '<geom name="floor" type="plane" size="9 9 1"/>'
 LAWS = {
     "maximal dissipation": MaximalDissipation(),
     "moreau": Moreau(0.6),
@@ -25,10 +25,6 @@ PILE = FLOOR + "".join(
     f'<geom name="{k}{i}" type="{k}" size=".1 .08 .06"/></body>'
     for i, k in enumerate(["box", "capsule", "sphere", "box"])
 )
-
-
-def stepping(model, law, **options):
-    return Stepper(model, law, scheme="time-stepping", **options)
 
 
 def told(event):

@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-from quadrupeds import STANCE, gaps, quadruped
 from scenes import energy
+from stepping.quadrupeds import STANCE, gaps, quadruped
+from stepping.time_stepping.stepped import stepping
 
 from impactlaw import MaximalDissipation, Moreau, Newton, Poisson, Stepper
-
-
-def stepping(model, law, **options):
-    return Stepper(model, law, scheme="time-stepping", **options)
 
 
 def run_to(stepper, data, time):

@@ -6,12 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 from scenes import compiled, run
+from stepping.time_stepping.stepped import FLOOR, stepping
 
-from impactlaw import Fremond, MaximalDissipation, Moreau, Newton, Poisson, Stepper
+from impactlaw import Fremond, MaximalDissipation, Moreau, Newton, Poisson
 from impactlaw.models import load
 
 G = 9.81
-FLOOR = '<geom name="floor" type="plane" size="9 9 1"/>'
 LAWS = {
     "maximal dissipation": MaximalDissipation(),
     "moreau": Moreau(0.5),
@@ -21,10 +21,6 @@ LAWS = {
     "reversal": Fremond.reversal(),
 }
 every_law = pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
-
-
-def stepping(model, law, **options):
-    return Stepper(model, law, scheme="time-stepping", **options)
 
 
 def box(name="box", z=0.125, size=0.125, mass=1, x=0.0):

@@ -1,0 +1,151 @@
+"""The laws of many worlds: which stand, and which are in force in the episodes of now."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from impactlaw.batch import Batch
+from impactlaw.envs.episode_seeds import LAWS, EpisodeSeeds
+from impactlaw.envs.law_distribution import LawDistribution
+from impactlaw.envs.law_options import choose_law, describe_law
+from impactlaw.errors import OptionError, UnknownNameError
+from impactlaw.laws import Law
+
+_OF_BATCH = ("friction", "on_inadmissible", "rest_speed")
+
+
+class LawsOfWorlds:
+    """Makes worlds that have laws, and gives them others.
+
+    Args:
+        model: of all worlds.
+        law: as `VectorWorlds` takes it.
+        count: number of worlds.
+        nthread: number of threads; 0 for one per processor.
+        options: of `Batch`: "friction", "on_inadmissible", "rest_speed".
+
+    Attributes:
+        batch: the worlds.
+        in_force: the law in force in each world.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        law: str | Law | Sequence[str | Law] | LawDistribution,
+        count: int,
+        *,
+        nthread: int,
+        options: Mapping[str, Any],
+    ):
+        self._model = model
+        self._distribution = law if isinstance(law, LawDistribution) else None
+        first = _first_laws(law, model, count)
+        _check_options(options)
+        self.batch = Batch(model, first, count, nthread, **options)
+        self._own = [first] * count if isinstance(first, Law) else first
+        self.in_force = list(self._own)
+        self._seeds = [EpisodeSeeds(LAWS) for _ in range(count)]
+        self._named: dict[str, np.ndarray] = {}
+        if self._distribution is None:
+            for world, one in enumerate(self._own):
+                self._name(world, one)
+        else:
+            for one in _examples(self._distribution, model):
+                self.batch.set_law(one, [0])  # which refuses what compiled code does not take
+
+    def seed(self, world: int, seed: int) -> None:
+        """Let the laws that a world draws begin anew."""
+        self._seeds[world].begin(seed)
+
+    def begin(self, world: int, given: Mapping[str, Any]) -> None:
+        """Let a world have the law of the episode that begins: as given, drawn, or its own."""
+        if self._distribution is not None:
+            given = self._distribution.draw(self._seeds[world].generator, given) | dict(given)
+        law = self._asked(world, given) if given else self._own[world]
+        if law is not self.in_force[world] or self._distribution is not None:
+            self._use(world, law)
+
+    def set(self, name: str, values: Any) -> None:
+        """Let "law" or "restitution" of all worlds be another, or one for each, from now on.
+
+        Raises:
+            OptionError: there is not one for each world.
+            UnknownNameError: no such law; all stay what they were.
+            RestitutionError: the restitution does not fit the law; all stay what they were.
+        """
+        count = len(self._own)
+        each = values if isinstance(values, list | tuple) else [values] * count
+        if len(each) != count:
+            raise OptionError(f"{count} worlds need as many values of {name}, got {len(each)}")
+        chosen = [self._asked(world, {name: value}) for world, value in enumerate(each)]
+        for world, law in enumerate(chosen):
+            self._use(world, law)
+        self._own, self._distribution = chosen, None
+
+    def info(self) -> dict[str, np.ndarray]:
+        """Return the laws in force, as a vector environment tells them."""
+        every = np.ones(len(self._own), bool)
+        told = {name: value.copy() for name, value in self._named.items()}
+        return told | {f"_{name}": every for name in told}
+
+    def _asked(self, world: int, given: Mapping[str, Any]) -> Law:
+        """Return the law that options ask for; the world's own with another restitution if they name none."""
+        law = given["law"] if "law" in given else self._own[world].name
+        return choose_law(self._model, law, given.get("restitution"))
+
+    def _use(self, world: int, law: Law) -> None:
+        self.batch.set_law(law, [world])
+        self.in_force[world] = law
+        self._name(world, law)
+
+    def _name(self, world: int, law: Law) -> None:
+        for name, value in describe_law(law).items():
+            kind: Any = object if isinstance(value, str) else float
+            self._named.setdefault(name, np.zeros(len(self._own), kind))[world] = value
+
+
+def _check_options(options: Any) -> None:
+    """Refuse options that a batch does not have.
+
+    Raises:
+        OptionError: they are no mapping.
+        UnknownNameError: there is no such option.
+    """
+    if not isinstance(options, Mapping):
+        raise OptionError(f"batch_options is a mapping of {', '.join(_OF_BATCH)} to values, got {options!r:.100}")
+    for name in options:
+        if name not in _OF_BATCH:
+            raise UnknownNameError("option of a batch", name, _OF_BATCH)
+
+
+def _first_laws(law: Any, model: mujoco.MjModel, count: int) -> Law | list[Law]:
+    """Return the law that so many worlds begin with, or one for each.
+
+    Raises:
+        OptionError: there is not one for each world.
+        UnknownNameError: no such law.
+        RestitutionError: a law needs a restitution.
+    """
+    if isinstance(law, LawDistribution):
+        return _examples(law, model)[0]
+    if not isinstance(law, list | tuple):
+        return choose_law(model, law)
+    if len(law) != count:
+        raise OptionError(f"{count} worlds need as many laws, got {len(law)}: give one for each, or one for all")
+    return [choose_law(model, one) for one in law]
+
+
+def _examples(laws: LawDistribution, model: mujoco.MjModel) -> list[Law]:
+    """Return one law of each kind.
+
+    Raises:
+        OptionError: friction is to be drawn, too.
+    """
+    if laws.friction is not None:
+        raise OptionError("friction of many worlds is settled when they are made (batch_options): leave it out of laws")
+    return [choose_law(model, given["law"], given.get("restitution")) for given in laws.examples()]

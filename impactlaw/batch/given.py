@@ -1,0 +1,64 @@
+"""What a batch is given: numbers of worlds, keyframes and laws, refused here where MuJoCo would end the process."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from impactlaw.errors import OptionError, SceneError, UnknownNameError
+from impactlaw.laws import Law
+
+
+def world_numbers(ids: Sequence[int] | None, count: int, *, ascending: bool = True) -> np.ndarray:
+    """Return the numbers of some worlds of so many, or of all if None, int32 (k,).
+
+    Raises:
+        OptionError: there is no such world, or they are not ascending.
+    """
+    if ids is None:
+        return np.arange(count, dtype=np.int32)
+    worlds = np.asarray(ids)
+    if worlds.size == 0:
+        return np.zeros(0, np.int32)
+    whole = worlds.ndim == 1 and worlds.dtype.kind in "iu"
+    there = whole and worlds.min() >= 0 and worlds.max() < count
+    if not there or (ascending and (worlds[1:] <= worlds[:-1]).any()):
+        order = ", ascending and each once" if ascending else ""
+        raise OptionError(f"ids are numbers of worlds from 0 to {count - 1}{order}, got {ids!r:.100}")
+    return worlds.astype(np.int32)
+
+
+def keyframes(keyframe: int | Sequence[int], worlds: int, count: int) -> np.ndarray:
+    """Return a keyframe for each of so many worlds, -1 for the start, int32 (worlds,).
+
+    Raises:
+        OptionError: it is neither one of so many keyframes, nor one for each of the worlds.
+    """
+    keys = np.asarray(keyframe)
+    whole = keys.dtype.kind in "iu" and keys.shape in ((), (worlds,))
+    if not whole or not ((keys >= -1) & (keys < count)).all():
+        raise OptionError(
+            f"keyframe is a number from -1, the start, to {count - 1}, or one for each of {worlds} worlds, got "
+            f"{keyframe!r:.100}"
+        )
+    return np.ascontiguousarray(np.broadcast_to(keys.astype(np.int32), (worlds,)))
+
+
+def one_each(law: Any, count: int) -> list[Law]:
+    """Return one law for each of so many worlds.
+
+    Raises:
+        SceneError: there is not one for each.
+        UnknownNameError: one is none.
+    """
+    laws: Any = law
+    if isinstance(law, Law | str) or not isinstance(law, Sequence):
+        laws = [law] * count
+    if len(laws) != count:
+        raise SceneError(f"{count} worlds need as many laws, got {len(laws)}")
+    for own in laws:
+        if not isinstance(own, Law):
+            raise UnknownNameError("law", own, ("a Law, see impactlaw.make_law",))
+    return list(laws)

@@ -1,0 +1,103 @@
+"""What a step has left for the next one: contacts that need no other look, and a shortcut through it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from impactlaw.stepping.event_driven.contact_state import ContactState
+from impactlaw.stepping.event_driven.shortcuts import Apart, Shortcut, find_rest, find_together, is_still
+from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
+from impactlaw.stepping.plan import Plan
+
+
+class _Left(NamedTuple):
+    """What contacts depend on, as a step has left it.
+
+    Attributes:
+        qpos: position, as bytes.
+        qvel: velocity, as bytes.
+        timestep: s.
+        disabled: flags of the options.
+        equalities: which equality constraints are on, as bytes.
+    """
+
+    qpos: bytes
+    qvel: bytes
+    timestep: float
+    disabled: int
+    equalities: bytes
+
+
+class LastStep:
+    """The end of the last step; nothing before the first.
+
+    Args:
+        phases: what takes the steps.
+        plan: what the scene can need.
+    """
+
+    def __init__(self, phases: SmoothPhases, plan: Plan):
+        self._phases, self._plan = phases, plan
+        self._left: _Left | None = None
+        self._contacts: ContactState | None = None
+        self._shortcut: Shortcut | None = None
+        self._restless = False  # whether the rest found last did not last a step
+
+    def end(self, state: np.ndarray, contacts: ContactState, *, collided: bool) -> None:
+        """Keep the contacts of now, at the end of a step that began in a saved state."""
+        self._left, self._contacts = self._now(), contacts
+        self._shortcut = self._find_shortcut(state, contacts, collided)
+
+    def end_otherwise(self) -> None:
+        """Keep the configuration of now, to which another way to step has led."""
+        self._left, self._contacts, self._shortcut = self._now(), None, None
+
+    def contacts(self) -> ContactState | None:
+        """Return the contacts of now if nothing has changed since the last step; None otherwise."""
+        surfaces = self._phases.surfaces
+        goes_on = surfaces is None or surfaces.goes_on
+        return self._contacts if self._contacts is not None and goes_on and self._left == self._now() else None
+
+    def is_here(self) -> bool:
+        """Return whether the same contacts are near, and no other, as the last step has left it."""
+        now, left = self._phases.configuration.data.qpos.tobytes(), self._left
+        return left is not None and left.qpos == now and left.disabled == self._phases.options.disabled
+
+    def take_shortcut(self, state: np.ndarray) -> bool:
+        """Take a step from a saved state, that of now, by the shortcut that was found; return whether it lasts.
+
+        Velocities may have been changed: those at the end decide. The state is as it was if it does not last.
+        """
+        shortcut, self._shortcut = self._shortcut, None
+        if shortcut is None or not self.is_here():
+            return False
+        self._shortcut = shortcut.lasts(self._phases)
+        if self._shortcut is None:
+            self._phases.configuration.restore(state)
+            return False
+        if self._phases.surfaces is not None:
+            self._phases.surfaces.end(self._phases.configuration.data)
+        self._contacts, self._restless = None, False
+        self._left = self._now()
+        return True
+
+    def _find_shortcut(self, state: np.ndarray, contacts: ContactState, collided: bool) -> Shortcut | None:
+        """Return what the next step may find as this one has left it."""
+        if not contacts.pattern:
+            return Apart(self._phases.frames())
+        if collided or not self._plan.rest:
+            return None
+        if not is_still(self._phases, contacts.velocity, contacts.still):
+            self._restless = False
+            return find_together(contacts)
+        if self._restless:
+            return None
+        self._restless = True
+        return find_rest(self._phases, state, contacts)
+
+    def _now(self) -> _Left:
+        data, options = self._phases.configuration.data, self._phases.options
+        equalities = data.eq_active.tobytes() if self._plan.bilateral else b""
+        return _Left(data.qpos.tobytes(), data.qvel.tobytes(), options.timestep, options.disabled, equalities)

@@ -1,0 +1,120 @@
+"""What takes the steps of a stepper, made from its options: event-driven, soft, or time stepping."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import mujoco
+
+from impactlaw.errors import UncompiledWarning
+from impactlaw.laws import Coulomb, Law, MaximalDissipation
+from impactlaw.laws.restitution.on_contacts import Chosen, restricted
+from impactlaw.scene.tolerances import GAP_TOLERANCE
+from impactlaw.stepping.collisions import Collider
+from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
+from impactlaw.stepping.event_driven.scheme import RigidStepping
+from impactlaw.stepping.options import Options
+from impactlaw.stepping.plan import Plan
+from impactlaw.stepping.soft.scheme import SoftStepping
+from impactlaw.stepping.soft.tolerances import REST_SPEED
+
+if TYPE_CHECKING:
+    from impactlaw.stepping.soft.compiled.stepping import CompiledSoftStepping
+    from impactlaw.stepping.time_stepping.compiled.stepping import CompiledStepping
+    from impactlaw.stepping.time_stepping.scheme import TimeStepping
+
+    Stepping = RigidStepping | SoftStepping | CompiledSoftStepping | TimeStepping | CompiledStepping
+
+_EVENTS = 100  # collisions of one step, where nobody says how many
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """How a scene is stepped, whatever the law.
+
+    Attributes:
+        model: the scene.
+        plan: what the scene can need.
+        options: as the stepper was told.
+        chosen: the contacts that the law is for; None for all.
+    """
+
+    model: mujoco.MjModel
+    plan: Plan
+    options: Options
+    chosen: Chosen | None
+
+    def stepping(self, law: Law) -> Stepping:
+        """Return what takes steps under a law."""
+        if self.options.way == "time-stepping":
+            from impactlaw.stepping.time_stepping.make import make_time_stepping
+
+            return make_time_stepping(
+                self.model,
+                self.law_for(law),
+                self.plan,
+                friction=self._friction,
+                on_inadmissible=self.options.on_inadmissible or "project",
+                rest_speed=self.options.rest_speed,
+                compiled=self.options.compiled,
+            )
+        return self._soft(law) if self.options.way == "soft" else self._event_driven(law)
+
+    def law_for(self, law: Law) -> Law:
+        """Return the law with E = 0 for contacts that it is not for, and with the friction of the scene.
+
+        Soft steps leave these contacts to MuJoCo; time stepping adds friction by itself.
+        """
+        return self._with_friction(self._of_chosen(law))
+
+    def _of_chosen(self, law: Law) -> Law:
+        return law if self.chosen is None or self.options.way == "soft" else restricted(law, self.chosen)
+
+    def _with_friction(self, law: Law) -> Law:
+        if not self.plan.friction or self.options.way == "time-stepping" or law.has_friction:
+            return law
+        return Coulomb(law, cone="convex" if self.options.friction == "convex" else "exact")
+
+    @property
+    def _friction(self) -> Literal["coulomb", "convex", "ignore"]:
+        return self.options.friction or "coulomb"
+
+    def _collider(self, law: Law) -> Collider:
+        """Return what resolves one collision after the other."""
+        o, last = self.options, self._with_friction(MaximalDissipation())
+        most = _EVENTS if o.max_events is None else o.max_events
+        return Collider(self.law_for(law), last, o.on_inadmissible or "raise", most, o.solver or "auto")
+
+    def _event_driven(self, law: Law) -> RigidStepping:
+        o, collider, rest = self.options, self._collider(law), None
+        if o.on_unsolved != "raise":
+            own = self._of_chosen(law)
+            rest = RestOfStep(self.model, own, friction=self._friction, on_inadmissible=collider.on_inadmissible)
+        return RigidStepping(
+            self.model,
+            collider,
+            self.plan,
+            exact=self._friction != "convex",
+            gap_tolerance=GAP_TOLERANCE if o.gap_tolerance is None else o.gap_tolerance,
+            push_out=o.overlap == "push-out",
+            rest=rest,
+        )
+
+    def _soft(self, law: Law) -> SoftStepping | CompiledSoftStepping:
+        """Return soft stepping, in compiled code where it can be had."""
+        o = self.options
+        speed = REST_SPEED if o.rest_speed is None else o.rest_speed
+        scheme = SoftStepping(self.model, self._collider(law), self.plan, rest_speed=speed, chosen=self.chosen)
+        if o.compiled == "never":
+            return scheme
+        from impactlaw.stepping.compiled.layout import LayoutError
+        from impactlaw.stepping.soft.compiled.stepping import CompiledSoftStepping
+
+        try:
+            return CompiledSoftStepping(scheme, warn=o.compiled == "auto")
+        except LayoutError as error:
+            if o.compiled == "auto":
+                warnings.warn(f"steps are not compiled, but in Python: {error}", UncompiledWarning, stacklevel=4)
+            return scheme

@@ -1,0 +1,69 @@
+"""A batch that is told nonsense says so, steps nothing, and does not end the process as MuJoCo would."""
+
+import numpy as np
+import pytest
+
+from impactlaw import Moreau
+from impactlaw.batch import Batch
+from impactlaw.errors import OptionError, SceneError, UnknownNameError
+from impactlaw.models import load
+
+
+@pytest.fixture
+def batch():
+    return Batch(load("bouncing_ball")[0], Moreau(0.5), 3, 1)
+
+
+@pytest.mark.parametrize("ids", [[3], [-1], [0.5], [1, 0], [0, 0], [[0, 1]], ["a"]], ids=str)
+@pytest.mark.parametrize("method", ["step", "reset", "forward"])
+def test_worlds_that_there_are_not(batch, method, ids):
+    with pytest.raises(OptionError, match=r"numbers of worlds from 0 to 2, ascending and each once, got"):
+        getattr(batch, method)(ids)
+    np.testing.assert_array_equal(batch.bind("time"), 0.0)
+    np.testing.assert_array_equal(batch.restitution, 0.5)
+
+
+def test_laws_of_worlds_that_there_are_not(batch):
+    for ids in ([3], [-1], [0.5]):
+        with pytest.raises(OptionError, match=r"numbers of worlds from 0 to 2, got"):
+            batch.set_law(Moreau(0.1), ids)
+    batch.set_law([Moreau(0.1), Moreau(0.2)], [2, 0])
+    np.testing.assert_array_equal(batch.restitution, [0.2, 0.5, 0.1])
+
+
+def test_data_of_a_world_that_there_is_not(batch):
+    with pytest.raises(OptionError, match=r"numbers of worlds"):
+        batch.get_data(3)
+
+
+@pytest.mark.parametrize("count", [0, -1, 1.5, "a"])
+def test_numbers_of_steps_that_are_none(batch, count):
+    with pytest.raises(OptionError, match=r"nstep must be a whole number"):
+        batch.step(nstep=count)
+
+
+@pytest.mark.parametrize("keyframe", [5, -2, "start", [0, 0]], ids=str)
+def test_keyframes_that_there_are_not(batch, keyframe):
+    with pytest.raises(OptionError, match=r"keyframe is a number from -1, the start, to 0"):
+        batch.reset(keyframe=keyframe)
+
+
+@pytest.mark.parametrize("law", ["moreau", None, ["moreau"] * 3, [Moreau(0.5), None, Moreau(0.5)]], ids=str)
+def test_laws_that_are_none(batch, law):
+    with pytest.raises(UnknownNameError, match=r"a Law, see impactlaw.make_law"):
+        Batch(batch.model, law, 3, 1)
+    with pytest.raises(UnknownNameError, match=r"a Law, see impactlaw.make_law"):
+        batch.set_law(law)
+
+
+def test_another_number_of_laws(batch):
+    for laws in ([], [Moreau(0.5)] * 2):
+        with pytest.raises(SceneError, match=f"3 worlds need as many laws, got {len(laws)}"):
+            Batch(batch.model, laws, 3, 1)
+
+
+def test_fields_that_there_are_not(batch):
+    with pytest.raises(UnknownNameError, match=r"did you mean .*'xpos'"):
+        batch.bind("xposs")
+    with pytest.raises(UnknownNameError, match=r"did you mean .*'body_mass'"):
+        batch.expand("body_masses")

@@ -1,0 +1,51 @@
+"""What the admissible set refuses: points that are no velocities, counts that are none, sets too large to enumerate."""
+
+import numpy as np
+import pytest
+from problems import launched
+
+from impactlaw import AdmissibleSet, Collision, ImpactLawError, MaximalDissipation
+from impactlaw.errors import InvalidCollisionError, SolverError
+from impactlaw.mechanics.admissible.cone import EnumerationError
+
+
+@pytest.mark.parametrize("method", ["contains", "distance", "project", "support"])
+@pytest.mark.parametrize(
+    "value", [[1.0, 2.0], [[1.0, 2.0, 3.0]], [1.0, np.nan, 0.0], [np.inf, 0.0, 0.0], 1.0, "abc", [[1], [1, 2]]]
+)
+def test_not_a_velocity(method, value):
+    with pytest.raises(InvalidCollisionError, match="must be finite with shape"):
+        getattr(AdmissibleSet(launched(3, 1)), method)(value)
+
+
+def test_number_of_samples():
+    S = launched(3, 1).admissible_set
+    assert S.sample(0, 0).shape == (0, 3)
+    for n in (-1, 1.5, "a"):
+        with pytest.raises(InvalidCollisionError, match="0 or more"):
+            S.sample(n, 0)
+    np.testing.assert_array_equal(S.sample(2, 7), S.sample(2, np.random.default_rng(7)))
+
+
+def test_too_many_facets():
+    rng = np.random.default_rng(11)
+    c = Collision(np.eye(20), rng.normal(size=(60, 20)), rng.normal(size=20))
+    with pytest.raises(EnumerationError, match="60 contacts depend on each other with rank 20"):
+        c.admissible_set.project(np.zeros(20))
+    assert c.admissible_set.contains(MaximalDissipation().resolve(c).post_velocity)
+
+
+def test_too_many_faces():
+    """Fourteen contacts, some of them separating: only the largest intensity is refused."""
+    rng = np.random.default_rng(0)
+    S = Collision(np.eye(14), rng.normal(size=(14, 14)), rng.normal(size=14)).admissible_set
+    assert S.contains(S.project(np.ones(14)))
+    with pytest.raises(EnumerationError, match="faces"):
+        S.intensity_range()
+
+
+def test_gradients_that_depend_on_each_other_but_for_rounding():
+    c = Collision(np.eye(2), [[1, 3e-11], [-1, 3e-11]], [0.3, -1])
+    with pytest.raises(SolverError, match="lost to rounding"):
+        c.admissible_set.project([0, 0])
+    assert issubclass(SolverError, ImpactLawError)

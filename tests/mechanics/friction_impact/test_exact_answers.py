@@ -1,0 +1,180 @@
+"""Coulomb friction: exact answers of single bodies."""
+
+import numpy as np
+import pytest
+from mechanics.friction_impact.bodies import sphere
+
+from impactlaw import (
+    Collision,
+    Coulomb,
+    Friction,
+    MaximalDissipation,
+    Moreau,
+    Newton,
+)
+
+EXACT = {"rtol": 0, "atol": 1e-12}
+
+
+def test_sphere_slips():
+    """Friction is mu Lambda_n all the time: v_x loses mu (1 + e) v_z, and the spin gets what belongs to it."""
+    impact = Coulomb(Moreau(0.5)).resolve(sphere([3.0, 0.0, -2.0, 0, 0, 0], 0.1))
+    normal = 2.0 * 1.5 * 2.0
+    np.testing.assert_allclose(impact.impulse, [normal], **EXACT)
+    np.testing.assert_allclose(impact.friction_impulse, [-0.1 * normal, 0.0], **EXACT)
+    spin = 0.5 * 0.1 * normal / (0.4 * 2.0 * 0.25)
+    np.testing.assert_allclose(impact.post_velocity, [3.0 - 0.3, 0.0, 1.0, 0.0, spin, 0.0], **EXACT)
+    assert impact.post_sliding_velocity[0] > 0
+
+
+def test_sphere_sticks():
+    """The point of contact stops: v_x keeps 5/7, for Lambda_t = 2/7 m v_x < mu Lambda_n."""
+    impact = Coulomb(Moreau(0.5)).resolve(sphere([3.0, 0.0, -2.0, 0, 0, 0], 0.5))
+    np.testing.assert_allclose(impact.friction_impulse, [-2.0 * 3.0 * 2 / 7, 0.0], **EXACT)
+    np.testing.assert_allclose(impact.post_velocity, [15 / 7, 0.0, 1.0, 0.0, 15 / 7 / 0.5, 0.0], **EXACT)
+    np.testing.assert_allclose(impact.post_sliding_velocity, 0.0, **EXACT)
+
+
+def test_boundary_of_sticking():
+    """It sticks from mu = 2/7 v_x / ((1 + e) v_z) on, and not below."""
+    critical = 2 / 7 * 3.0 / (1.5 * 2.0)
+    for factor, sliding in ((0.999, True), (1.001, False)):
+        impact = Coulomb(Moreau(0.5)).resolve(sphere([3.0, 0.0, -2.0, 0, 0, 0], factor * critical))
+        assert bool(abs(impact.post_sliding_velocity[0]) > 1e-6) is sliding
+
+
+def test_superball_reverses():
+    """e = e_t = 1: the point of contact comes back with -v_x, v_x keeps 3/7, and the energy is the same."""
+    c = sphere([3.0, 0.0, -2.0, 0, 0, 0], 2.0)
+    impact = Coulomb(Moreau(1.0), tangential_restitution=1.0).resolve(c)
+    np.testing.assert_allclose(impact.post_velocity, [9 / 7, 0, 2.0, 0, 10 / 7 * 3.0 / 0.5, 0], **EXACT)
+    np.testing.assert_allclose(impact.post_sliding_velocity, [-3.0, 0.0], **EXACT)
+    assert abs(impact.energy_change) < 1e-12 * c.kinetic_energy
+    assert impact.restitution_scale == 1.0
+
+
+def test_tangential_restitution_within_the_cone():
+    """Lambda_t would be 2/7 (1 + e_t) m v_x; where that is more than mu Lambda_n it is mu Lambda_n."""
+    for e_t, mu, expected in ((0.5, 1.0, 2 / 7 * 1.5 * 2.0 * 3.0), (1.0, 0.3, 0.3 * 6.0)):
+        impact = Coulomb(Moreau(0.5), tangential_restitution=e_t).resolve(sphere([3.0, 0, -2.0, 0, 0, 0], mu))
+        np.testing.assert_allclose(impact.friction_impulse[0], -expected, **EXACT)
+
+
+def test_spinning_ball_is_driven():
+    """Top spin without speed: friction accelerates it to 2/7 r w, where it rolls."""
+    impact = Coulomb(MaximalDissipation()).resolve(sphere([0, 0, -2.0, 0, 30.0, 0], 3.0))
+    np.testing.assert_allclose(impact.post_velocity, [2 / 7 * 0.5 * 30, 0, 0, 0, 2 / 7 * 30.0, 0], **EXACT)
+
+
+@pytest.mark.parametrize(("torsion", "spin"), [(0.01, 5.0 - 0.01 * 4.0 / 0.2), (0.5, 0.0)])
+def test_torsion(torsion, spin):
+    """Spin about the normal loses mu_3 Lambda_n / I, or all of it; I = 2/5 m r^2 = 0.2, Lambda_n = 4."""
+    impact = Coulomb(MaximalDissipation()).resolve(sphere([0, 0, -2.0, 0, 0, 5.0], 1.0, torsion=torsion))
+    np.testing.assert_allclose(impact.post_velocity, [0, 0, 0, 0, 0, spin], **EXACT)
+
+
+def test_rolling_resistance():
+    """A rolling ball: the moment of resistance and the friction that keeps it rolling share the cone.
+
+    With ``v = r w``, Lambda_t = (f, tau): m dv = f, I dw = -r f + tau, and rolling on, dv = r dw, gives
+    ``tau = (I + m r^2) dv / r``, so that f/tau = m r / (I + m r^2).
+    """
+    m, r, mu, rolling = 2.0, 0.5, 1.0, 0.02
+    c = sphere([1.0, 0, -2.0, 0, 2.0, 0], mu, torsion=1e-3, rolling=rolling)
+    impact = Coulomb(MaximalDissipation()).resolve(c)
+    inertia = 0.4 * m * r**2
+    ratio = m * r / (inertia + m * r**2)
+    f, tau = impact.friction_impulse[0], impact.friction_impulse[4]
+    assert (f / mu) ** 2 + (tau / rolling) ** 2 == pytest.approx(impact.impulse[0] ** 2, rel=1e-12)
+    # sliding is opposed in the ratio of the cone: u_slip mu : u_roll rolling = f / mu : tau / rolling
+    slip, roll = impact.post_sliding_velocity[[0, 4]]
+    assert mu * slip * tau / rolling == pytest.approx(rolling * roll * f / mu, abs=1e-12)
+    assert abs(f) < abs(ratio * tau)  # it slips a little, since that dissipates more
+    strong = Coulomb(MaximalDissipation()).resolve(sphere([1.0, 0, -2.0, 0, 2.0, 0], mu, torsion=1.0, rolling=1.0))
+    np.testing.assert_allclose(strong.post_velocity, 0.0, **EXACT)
+    np.testing.assert_allclose(strong.friction_impulse[[0, 4]], [-2.0, -(inertia + m * r**2) / r], **EXACT)
+
+
+@pytest.mark.parametrize(("mu", "moves"), [(np.tan(0.3) * 0.99, True), (np.tan(0.3) * 1.01, False)])
+def test_block_on_an_incline(mu, moves):
+    """What gravity gives it in a time dt along a slope of angle 0.3 is taken by friction if mu >= tan 0.3."""
+    g = 9.81 * 0.01
+    v = [g * np.sin(0.3), 0.0, -g * np.cos(0.3)]
+    c = Collision(2.0 * np.eye(3), [[0, 0, 1.0]], v, friction=Friction(np.eye(3)[:2], [0, 0], [mu, mu]))
+    impact = Coulomb(MaximalDissipation()).resolve(c)
+    along = g * (np.sin(0.3) - mu * np.cos(0.3)) if moves else 0.0
+    np.testing.assert_allclose(impact.post_velocity, [along, 0.0, 0.0], **EXACT)
+
+
+@pytest.mark.parametrize("mu", [0.2, 4 / 3, 1.5, 2.5, 50.0])
+def test_rod_on_one_end(mu):
+    """Painlevé: a uniform rod, m = 1, length 2, at 60 degrees, slides on its lower end, which also approaches.
+
+    With the lower end at (-cos a, -sin a) from the middle: G_nn = 1 + 3 cos^2 a, G_tt = 1 + 3 sin^2 a, and
+    G_nt = -3 sin a cos a, so that friction against sliding presses the end down for mu > G_nn / |G_nt|, 1.347.
+    At the level of velocities there is a solution for every mu; where G_nn - mu |G_nt| <= 0 the end cannot go on
+    sliding: it sticks, with impulses G^-1 gamma-.
+    """
+    a = np.pi / 3
+    r = np.array([-np.cos(a), -np.sin(a)])
+    c = Collision(
+        np.diag([1.0, 1.0, 1.0 / 3.0]),
+        [[0.0, 1.0, r[0]]],
+        [-1.0, -0.1, 0.0],
+        friction=Friction([[1.0, 0.0, -r[1]]], [0], [mu]),
+    )
+    G = np.array(
+        [[1 + 3 * np.cos(a) ** 2, -3 * np.sin(a) * np.cos(a)], [-3 * np.sin(a) * np.cos(a), 1 + 3 * np.sin(a) ** 2]]
+    )
+    np.testing.assert_allclose(np.vstack([c.whitened_jacobian, c.whitened_friction]) @ c.whitened_jacobian.T, G[:, :1])
+    impact = Coulomb(MaximalDissipation()).resolve(c)
+    stuck = np.linalg.solve(G, [0.1, 1.0])
+    if abs(stuck[1]) <= mu * stuck[0]:
+        np.testing.assert_allclose([impact.impulse[0], impact.friction_impulse[0]], stuck, **EXACT)
+    else:  # slides on to the left: Lambda_t = mu Lambda_n
+        normal = 0.1 / (G[0, 0] + mu * G[0, 1])
+        np.testing.assert_allclose([impact.impulse[0], impact.friction_impulse[0]], [normal, mu * normal], **EXACT)
+        assert impact.post_sliding_velocity[0] < 0
+    assert impact.energy_change < 0
+    assert impact.residual < 1e-12
+
+
+def test_convex_relaxation_lifts_what_slides():
+    """Anitescu's relaxation: u_n = mu |u_t| where a contact slides."""
+    impact = Coulomb(MaximalDissipation(), cone="convex").resolve(sphere([3.0, 0, -2.0, 0, 0, 0], 0.1))
+    assert impact.post_contact_velocity[0] == pytest.approx(0.1 * np.linalg.norm(impact.post_sliding_velocity))
+    assert impact.post_contact_velocity[0] > 0.1
+    assert impact.violations.is_admissible()
+
+
+def test_moving_belt():
+    """A ball at rest is set down on a belt that runs at 1: it is taken along, and the belt does the work."""
+    c = sphere([0, 0, -1.0, 0, 0, 0], 2.0)
+    belt = Friction(c.friction.jacobian, [0, 0], [2.0, 2.0], [-1.0, 0.0])
+    c = Collision(c.mass_matrix, c.jacobian, c.pre_velocity, friction=belt)
+    impact = Coulomb(MaximalDissipation()).resolve(c)
+    np.testing.assert_allclose(impact.post_velocity[:3], [2 / 7, 0.0, 0.0], **EXACT)
+    np.testing.assert_allclose(impact.surface_work, impact.friction_impulse[0] * 1.0, **EXACT)
+    assert impact.work < 0
+    assert impact.violations.is_admissible()
+
+
+def kane() -> Collision:
+    """A rod meets the floor obliquely, sliding: Newton's restitution with friction creates energy (Kane 1984)."""
+    a = 0.9
+    r = np.array([-np.cos(a), -np.sin(a)])
+    friction = Friction([[1.0, 0.0, -r[1]]], [0], [0.7])
+    return Collision(np.diag([1.0, 1.0, 1.0 / 3.0]), [[0.0, 1.0, r[0]]], [1.0, -1.0, 0.0], friction=friction)
+
+
+def test_newton_with_friction_would_create_energy():
+    c = kane()
+    impact = Coulomb(Newton(1.0)).resolve(c)
+    assert 0.0 < impact.restitution_scale < 1.0
+    assert -1e-9 * c.kinetic_energy < impact.energy_change <= 1e-11 * c.kinetic_energy
+    np.testing.assert_allclose(
+        impact.post_contact_velocity, -impact.restitution_scale * c.pre_contact_velocity, rtol=0, atol=1e-10
+    )
+    more = Coulomb(Newton(min(1.0, 1.01 * impact.restitution_scale))).resolve(c)
+    assert more.restitution_scale < 1.0  # a little more would create some
+    assert Coulomb(Newton(0.99 * impact.restitution_scale)).resolve(c).restitution_scale == 1.0

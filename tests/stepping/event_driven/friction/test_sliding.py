@@ -1,0 +1,106 @@
+"""Sliding, sticking, rolling and bouncing in rigid stepping, against closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+from scenes import run
+from stepping.event_driven.friction.bodies import G, ball, box, compiled, floor, sloped
+
+from impactlaw import Coulomb, Newton, Stepper
+
+
+@pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicitfast", "discrete"])
+@pytest.mark.parametrize("friction", ["coulomb", "convex"])
+def test_a_box_sticks_to_an_incline_and_does_not_creep(integrator, friction):
+    """tan(0.45) = 0.483 < 0.5, for 10 s."""
+    model, data = compiled(floor() + box(), option=sloped(0.45, f'timestep="0.01" integrator="{integrator}"'))
+    stepper = Stepper(model, Newton(0.5), friction=friction)
+    assert run(stepper, data, 1000) == []
+    assert data.qpos[:3] == pytest.approx([0.0, 0.0, 0.1], abs=1e-9)
+    assert np.abs(data.qvel).max() < 1e-9
+
+
+@pytest.mark.parametrize(("integrator", "tolerance"), [("RK4", 1e-9), ("Euler", 5e-3)])
+def test_a_box_slides_down_an_incline(integrator, tolerance):
+    """tan(0.5) = 0.546 > 0.5: x = (sin - mu cos) g t^2 / 2; Euler is G h t / 2 off, as without friction."""
+    model, data = compiled(floor() + box(), option=sloped(0.5, f'timestep="0.005" integrator="{integrator}"'))
+    stepper = Stepper(model, Newton(0.5))
+    assert run(stepper, data, 200) == []
+    a = G * (math.sin(0.5) - 0.5 * math.cos(0.5))
+    assert data.qvel[0] == pytest.approx(a, abs=1e-9)
+    assert data.qpos[0] == pytest.approx(0.5 * a, abs=tolerance)
+    assert data.qpos[2] == pytest.approx(0.1, abs=1e-9)
+
+
+@pytest.mark.parametrize("timestep", [0.01, 0.005, 0.0025])
+def test_a_box_stops_at_the_right_distance(timestep):
+    """v^2 / (2 mu g): the step in which it stops is the only one with an error, at most mu g h^2 / 2."""
+    model, data = compiled(floor() + box(), option=f'timestep="{timestep}" integrator="RK4"')
+    data.qvel[:2] = 0.8, 0.6
+    stepper = Stepper(model, Newton(0.5))
+    run(stepper, data, round(0.5 / timestep))
+    distance = 1.0 / (2 * 0.5 * G)
+    assert data.qpos[:2] == pytest.approx([0.8 * distance, 0.6 * distance], abs=0.5 * 0.5 * G * timestep**2)
+    rest = data.qpos.copy()
+    run(stepper, data, 100)
+    assert data.qpos == pytest.approx(rest, abs=1e-12)
+
+
+def test_a_ball_slides_until_it_rolls():
+    """From v without spin, it rolls with 5 v / 7 after 2 v / (7 mu g)."""
+    mu, v = 0.2, 1.0
+    model, data = compiled(floor() + ball(mu=mu))
+    data.qvel[0] = v
+    stepper = Stepper(model, Newton(0.5))
+    start = 2 * v / (7 * mu * G)
+    run(stepper, data, 100)
+    assert data.time > start
+    assert data.qvel[0] == pytest.approx(5 * v / 7, abs=1e-6)
+    assert data.qvel[4] * 0.1 == pytest.approx(5 * v / 7, abs=1e-6)
+    slid = v * start - 0.5 * mu * G * start**2
+    assert data.qpos[0] == pytest.approx(slid + 5 * v / 7 * (data.time - start), abs=mu * G * 0.005**2)
+
+
+def test_rolling_resistance_stops_a_ball():
+    """A moment m_r N against rolling: (7/5) m a = -m_r N / R, with the coefficient m_r in meters.
+
+    In MuJoCo's elliptic cone rolling and sliding share N: the force F = m a slips, by m_r omega F / (mu^2 N).
+    """
+    model, data = compiled(floor(condim=6) + ball(mu=1.0, condim=6, more="0.001 0.002"))
+    data.qvel[0], data.qvel[4] = 1.0, 10.0
+    stepper = Stepper(model, Newton(0.5))
+    run(stepper, data, 200)
+    a = 5 / 7 * 0.002 / 0.1 * G
+    slip = 0.002 * 10 * a / G
+    assert data.qvel[0] == pytest.approx(1.0 - a * data.time, abs=slip)
+    assert data.qvel[0] - 0.1 * data.qvel[4] == pytest.approx(0.002 * data.qvel[4] * a / G, rel=0.01)
+
+
+def test_torsion_stops_a_spinning_ball():
+    """I alpha = -m_s N about the normal."""
+    model, data = compiled(floor(condim=4) + ball(mu=1.0, condim=4, more="0.01 0"))
+    data.qvel[5] = 20.0
+    stepper = Stepper(model, Newton(0.5))
+    inertia = 0.4 * 0.01
+    run(stepper, data, 100)
+    assert data.qvel[5] == pytest.approx(20.0 - 0.01 * G * data.time / inertia, abs=1e-6)
+    run(stepper, data, 100)
+    assert np.abs(data.qvel).max() < 1e-9
+
+
+@pytest.mark.parametrize(("mu", "slips"), [(0.03, True), (0.9, False)])
+@pytest.mark.parametrize("law", [Newton(0.6), Coulomb(Newton(0.6), tangential_restitution=0.4)])
+def test_an_oblique_bounce(law, mu, slips):
+    """Slip: Lambda_t = mu Lambda_n; stick: the contact point's velocity is -e_t times the one before."""
+    model, data = compiled(floor() + ball(height=0.5, mu=mu), option='timestep="0.01" gravity="0 0 0"')
+    data.qvel[:] = 1.0, 0.0, -2.0, 0.0, 5.0, 0.0
+    (event,) = run(Stepper(model, law), data, 40)
+    e_t = 0.4 if isinstance(law, Coulomb) else 0.0
+    sliding = 1.0 - 0.5  # v - omega R
+    impulse = -mu * 1.6 * 2.0 if slips else -(1 + e_t) * sliding * 2 / 7
+    assert abs(impulse) <= mu * 3.2 + 1e-12
+    assert data.qvel == pytest.approx([1.0 + impulse, 0.0, 1.2, 0.0, 5.0 - 0.1 * impulse / 0.004, 0.0], abs=1e-9)
+    assert event.impact.impulse == pytest.approx([3.2])
+    assert np.linalg.norm(event.impact.friction_impulse) == pytest.approx(abs(impulse), rel=1e-9)
+    assert event.impact.violations.is_admissible()

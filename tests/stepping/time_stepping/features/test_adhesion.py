@@ -1,0 +1,43 @@
+"""Adhesion under time stepping, by actuators and of geoms."""
+
+import pytest
+from scenes import compiled, run
+from stepping.time_stepping.stepped import stepping
+
+from impactlaw import Moreau
+
+
+@pytest.mark.parametrize(("force", "holds"), [(30.0, True), (15.0, False)])
+def test_an_adhesion_actuator_holds_a_box_on_a_ceiling(force, holds):
+    world = """<geom type="box" size="1 1 .1" pos="0 0 .1"/>
+        <body name="b" pos="0 0 -.1"><freejoint/><geom type="box" size=".1 .1 .1" mass="2"/></body>"""
+    model, data = compiled(world, f'<actuator><adhesion body="b" ctrlrange="0 1" gain="{force}"/></actuator>')
+    data.ctrl[0] = 1.0
+    stepper = stepping(model, Moreau(0))
+    run(stepper, data, 300)
+    if holds:
+        assert data.qpos[2] == pytest.approx(-0.1, abs=1e-6)
+        assert abs(data.qvel).max() < 1e-6
+    else:
+        assert data.qpos[2] < -0.2
+
+
+@pytest.mark.parametrize("away", [0.0, 0.002, 0.005])
+def test_adhesion_of_geoms_holds_and_pulls_within_its_range(away):
+    """Four contacts of 30 N against 19.6 N, in touch and across the range of 1 cm."""
+    world = f"""<geom type="box" size="1 1 .1" pos="0 0 .1"/><body pos="0 0 {-0.1 - away}"><freejoint/>
+        <geom type="box" size=".1 .1 .1" mass="2" adhesion="30" gap=".01"/></body>"""
+    model, data = compiled(world)
+    run(stepping(model, Moreau(0)), data, 300)
+    assert data.qpos[2] == pytest.approx(-0.1, abs=1e-6)
+
+
+def test_adhesion_presses_a_box_to_a_wall_by_friction():
+    world = """<geom type="box" size=".1 1 1" pos="-.2 0 0"/>
+        <body name="b"><freejoint/><geom type="box" size=".1 .1 .1" mass="1"/></body>"""
+    model, data = compiled(
+        world, '<actuator><adhesion body="b" ctrlrange="0 1" gain="30"/></actuator>', geom='friction=".5"'
+    )
+    data.ctrl[0] = 1.0
+    run(stepping(model, Moreau(0)), data, 300)
+    assert data.qpos[:3] == pytest.approx([0, 0, 0], abs=1e-6)

@@ -1,0 +1,101 @@
+"""Sensors, constraint forces, energy and frames after a time step."""
+
+import mujoco
+import numpy as np
+import pytest
+from scenes import compiled, run
+from stepping.time_stepping.stepped import FLOOR, stepping
+
+from impactlaw import Moreau
+
+G = 9.81
+
+
+def falling(z=1.1):
+    return f'<body pos="0 0 {z}"><joint type="slide" axis="0 0 1"/><geom name="ball" size=".1" mass="1"/></body>'
+
+
+SENSED = (
+    FLOOR
+    + """<body name="b" pos="0 0 .1"><freejoint/><geom name="box" type="box" size=".1 .1 .1" mass="3"/>
+    <site name="s" type="box" size=".11 .11 .11"/></body>"""
+)
+SENSORS = """<sensor><touch site="s"/><accelerometer site="s"/><velocimeter site="s"/><gyro site="s"/>
+    <framelinacc objtype="body" objname="b"/></sensor>"""
+
+
+@pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
+@pytest.mark.parametrize("jacobian", ["dense", "sparse"])
+@pytest.mark.parametrize("condim", [1, 3, 4, 6])
+def test_a_resting_box_feels_its_weight(cone, jacobian, condim):
+    option = f'cone="{cone}" jacobian="{jacobian}"'
+    model, data = compiled(SENSED, SENSORS, option=option, geom=f'condim="{condim}"')
+    run(stepping(model, Moreau(0.5)), data, 5)
+    touch, acceleration, velocity = data.sensordata[0], data.sensordata[1:4], data.sensordata[4:10]
+    assert touch == pytest.approx(3 * G, rel=1e-8)
+    assert acceleration == pytest.approx([0, 0, G], abs=1e-7)
+    assert velocity == pytest.approx(np.zeros(6), abs=1e-9)
+    mujoco.mj_rnePostConstraint(model, data)
+    assert data.cfrc_ext[1, 3:] == pytest.approx([0, 0, 3 * G], abs=1e-6)
+    assert data.qfrc_constraint[2] == pytest.approx(3 * G, rel=1e-8)
+    forces = np.zeros((data.ncon, 6))
+    for i in range(data.ncon):
+        mujoco.mj_contactForce(model, data, i, forces[i])
+    assert forces[:, 0].sum() == pytest.approx(3 * G, rel=1e-8)
+
+
+@pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
+def test_a_box_that_slides_feels_friction(cone):
+    model, data = compiled(SENSED, SENSORS, option=f'cone="{cone}"', geom='friction=".3"')
+    data.qvel[0] = 5.0
+    run(stepping(model, Moreau(0)), data, 20)
+    assert data.sensordata[1:4] == pytest.approx([-0.3 * G, 0, G], abs=1e-6)
+    assert data.sensordata[4] == pytest.approx(data.qvel[0], abs=0.3 * G * 0.002 + 1e-9)
+    mujoco.mj_rnePostConstraint(model, data)
+    assert data.cfrc_ext[1, 3:] == pytest.approx([-0.9 * G, 0, 3 * G], abs=1e-5)
+
+
+def test_force_and_torque_sensors_of_a_held_arm():
+    world = """<body name="base" pos="0 0 1"><body name="arm"><joint type="slide" axis="0 0 1" frictionloss="1e3"/>
+        <geom size=".1" pos=".5 0 0" mass="2"/><site name="s"/></body></body>"""
+    sensor = '<sensor><force site="s"/><torque site="s"/></sensor>'
+    model, data = compiled(world, sensor)
+    run(stepping(model, Moreau(0)), data, 3)
+    assert data.sensordata[:3] == pytest.approx([0, 0, 2 * G], abs=1e-6)
+    assert data.sensordata[4] == pytest.approx(-0.5 * 2 * G, abs=1e-6)
+
+
+def test_limits_and_dry_friction_tell_their_forces():
+    world = """<body><joint name="j" type="slide" axis="0 0 1" range="0 1"/><geom size=".1" mass="3"/></body>
+        <body pos="2 0 0"><joint name="k" type="slide" axis="0 0 1" frictionloss="1e3"/>
+        <geom size=".1" mass="3"/></body>"""
+    model, data = compiled(world, '<sensor><jointlimitfrc joint="j"/></sensor>')
+    run(stepping(model, Moreau(0)), data, 3)
+    assert data.sensordata == pytest.approx([3 * G], rel=1e-8)
+    assert data.qfrc_constraint == pytest.approx([3 * G, 3 * G], rel=1e-8)
+
+
+def test_the_energy_flag_is_respected():
+    model, data = compiled(FLOOR + falling(), geom='condim="1"')
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    stepper = stepping(model, Moreau(1))
+    for _ in range(300):
+        stepper.step(data)
+        assert data.energy == pytest.approx([G * (data.qpos[0] + 1.1), 0.5 * data.qvel[0] ** 2], abs=1e-9)
+
+
+def test_frames_are_current_after_a_step():
+    model, data = compiled(FLOOR + falling() + '<body name="m" mocap="true" pos="3 0 0"/>')
+    data.mocap_pos[0] = 3, 1, 2
+    run(stepping(model, Moreau(1)), data, 30)
+    assert data.body(1).xpos[2] == pytest.approx(data.qpos[0] + 1.1, abs=1e-12)
+    assert data.body("m").xpos == pytest.approx([3, 1, 2], abs=1e-12)
+
+
+def test_acceleration_is_the_change_of_velocity():
+    model, data = compiled(FLOOR + falling(0.12), geom='condim="1"')
+    stepper = stepping(model, Moreau(0.5))
+    for _ in range(50):
+        before = data.qvel.copy()
+        stepper.step(data)
+        assert data.qacc == pytest.approx((data.qvel - before) / model.opt.timestep, rel=1e-9, abs=1e-9)

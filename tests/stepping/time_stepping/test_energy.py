@@ -1,0 +1,215 @@
+"""Time stepping makes no energy from nowhere."""
+
+import mujoco
+import numpy as np
+import pytest
+from scenes import compiled
+from stepping.time_stepping.stepped import FLOOR, stepping
+
+from impactlaw import Coulomb, Fremond, LinearMap, MaximalDissipation, Moreau, Newton, Poisson
+from impactlaw.errors import InadmissibleImpactError
+from impactlaw.models import SCENES, load
+
+LAWS = {
+    "maximal dissipation": MaximalDissipation(),
+    "moreau .8": Moreau(0.8),
+    "moreau 1": Moreau(1.0),
+    "newton": Newton(1.0),
+    "poisson": Poisson(0.7),
+    "reversal": Fremond.reversal(0.9),
+}
+
+
+def energies(model, data, law, duration, **options):
+    """Energy at the start and after every step."""
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    mujoco.mj_forward(model, data)
+    stepper, seen = stepping(model, law, **options), [data.energy.sum()]
+    for _ in range(round(duration / model.opt.timestep)):
+        stepper.step(data)
+        seen.append(data.energy.sum())
+    return np.array(seen)
+
+
+def growth(seen, scale):
+    """Largest growth over the largest energy so far."""
+    return (seen[1:] - np.maximum.accumulate(seen)[:-1]).max() / scale
+
+
+def total_growth(seen, scale):
+    return (seen.max() - seen[0]) / scale
+
+
+PIVOTS = {"rocking_block": 5e-4, "rocking_platform": 2e-4}
+"""A body that turns about a held contact gains a little, of second order in the timestep (next test)."""
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_no_bundled_scene_gains_energy_under_any_law(scene):
+    """Compared with what the scene has above the lowest energy that it comes to without restitution."""
+    lowest = min(energies(*load(scene), MaximalDissipation(), 1.2))
+    for name, law in LAWS.items():
+        seen = energies(*load(scene), law, 1.2)
+        scale = seen[0] - lowest
+        assert total_growth(seen, scale) <= PIVOTS.get(scene, 1e-6), name
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_what_scenes_gain_is_of_second_order(scene):
+    gains = []
+    for divided in (1, 2, 4):
+        model, data = load(scene)
+        model.opt.timestep /= divided
+        seen = energies(model, data, Moreau(0.5), 0.3)
+        gains.append(max(seen.max() - seen[0], 1e-12))
+    assert gains[2] < 1e-11 or gains[0] / gains[2] > 8
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+@pytest.mark.parametrize("condim", [1, 3, 4, 6])
+def test_a_tumbling_box_that_falls_on_the_floor_gains_none(law, condim):
+    world = FLOOR + '<body pos="0 0 .4" euler="20 30 40"><freejoint/><geom type="box" size=".1 .2 .3"/></body>'
+    model, data = compiled(world, geom=f'condim="{condim}" friction=".4 .01 .001"', option='timestep="1e-3"')
+    data.qvel[:3] = 1.0, 0.5, -1.0
+    seen = energies(model, data, law, 0.6)
+    assert growth(seen, seen[0] - seen.min() + 0.1) <= 1e-6
+
+
+def test_tumbling_free_boxes_keep_energy_and_angular_momentum():
+    world = '<body><freejoint/><geom type="box" size=".1 .2 .3"/></body>'
+    model, data = compiled(world, option='gravity="0 0 0" timestep="2e-3"')
+    data.qvel[:] = 0.3, 0.2, 0.1, 1.0, 8.0, 1.0  # about the unstable axis
+    seen = energies(model, data, Moreau(0.5), 4.0)
+    assert abs(seen / seen[0] - 1).max() < 2e-3
+    halved = model
+    halved.opt.timestep = 1e-3
+    mujoco.mj_resetData(halved, data)
+    data.qvel[:] = 0.3, 0.2, 0.1, 1.0, 8.0, 1.0
+    finer = energies(halved, data, Moreau(0.5), 4.0)
+    assert abs(seen / seen[0] - 1).max() > 3 * abs(finer / finer[0] - 1).max()
+
+
+def test_elastic_boxes_tumble_against_each_other_without_gain():
+    rng = np.random.default_rng(3)
+    bodies = "".join(
+        f'<body pos="{0.6 * (i % 2)} {0.6 * (i // 2)} 0"><freejoint/><geom type="box" size=".1 .15 .2"/></body>'
+        for i in range(4)
+    )
+    walls = "".join(
+        f'<geom type="plane" size="9 9 1" zaxis="{z}" pos="{p}"/>'
+        for z, p in (
+            ("1 0 0", "-.5 0 0"), ("-1 0 0", "1.1 0 0"), ("0 1 0", "0 -.5 0"), ("0 -1 0", "0 1.1 0"),
+            ("0 0 1", "0 0 -.5"), ("0 0 -1", "0 0 .5"),
+        )
+    )  # fmt: skip
+    model, data = compiled(walls + bodies, option='gravity="0 0 0" timestep="1e-3"', geom='condim="1"')
+    data.qvel[:] = rng.normal(size=model.nv)
+    seen = energies(model, data, Moreau(1.0), 1.5)
+    assert growth(seen, seen[0]) <= 1e-6
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+def test_the_impact_of_a_box_that_spins_creates_no_energy(e):
+    """One elastic impact keeps the energy however the box turns, and the gyroscopic forces of that step."""
+    for tilt in (10, 30, 50, 70):
+        world = FLOOR + f'<body pos="0 0 .35" euler="{tilt} 20 0"><freejoint/><geom type="box" size=".1 .2 .3"/></body>'
+        model, data = compiled(world, option='gravity="0 0 0" timestep="2e-3"', geom='condim="1"')
+        data.qvel[:] = 0.0, 0.0, -3.0, 4.0, -3.0, 2.0
+        model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+        mujoco.mj_forward(model, data)
+        stepper, impacts = stepping(model, Newton(e)), 0
+        for _ in range(100):
+            before = data.energy[1]
+            stepper.step(data)
+            if stepper.events:
+                impacts += 1
+                assert data.energy[1] <= before * (1 + 1e-6)
+                if e == 1:
+                    assert data.energy[1] == pytest.approx(before, rel=1e-6)
+        assert impacts
+
+
+def test_a_limb_of_ball_joints_that_spins_fast_keeps_finite_energy():
+    """Half a radian in a step: too fast for the timestep, but it does not explode."""
+    world = """<body><joint type="ball" range="0 60"/><geom type="capsule" fromto="0 0 0 .1 0 0" size=".02" mass=".1"/>
+        <body pos=".1 0 0"><joint type="ball" range="0 60"/>
+        <geom type="box" size=".02 .05 .1" pos=".05 0 .05" mass="5"/>
+        <body pos=".1 0 0"><joint type="ball"/><geom type="box" size=".01 .05 .03" pos=".05 .02 0" mass=".01"/>
+        </body></body></body>"""
+    model, data = compiled(world, option='gravity="0 0 0" timestep="5e-3"', geom='contype="0"')
+    data.qvel[:] = 10.0, 20.0, -30.0, 15.0, -25.0, 20.0, 40.0, -60.0, 50.0
+    seen = energies(model, data, Newton(0.8), 1.0)
+    assert seen.max() < 2.5 * seen[0]
+
+
+def kane(law, **options):
+    """An oblique rod slides on its lower end as it hits the floor; energy before and after the impact."""
+    world = (
+        FLOOR
+        + """<body pos="0 0 1"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
+        <joint axis="0 1 0"/><inertial pos="0 0 0" mass="1" diaginertia=".3333 .3333 .3333"/>
+        <geom name="tip" size=".01" pos=".6 0 -.8" friction=".7"/></body>"""
+    )
+    model, data = compiled(world, option='gravity="0 0 0" timestep="1e-3"', geom='friction=".7"')
+    data.qpos[1] = -0.19 + 5e-4
+    data.qvel[:2] = -1.0, -1.0
+    stepper = stepping(model, law, **options)
+    before = 0.5 * data.qvel @ np.diag([1, 1, 0.3333]) @ data.qvel
+    for _ in range(3):
+        stepper.step(data)
+        if stepper.events:
+            return before, 0.5 * data.qvel @ np.diag([1, 1, 0.3333]) @ data.qvel, stepper
+    raise AssertionError("nothing collided")
+
+
+@pytest.mark.parametrize("e", [0.9, 1.0])
+def test_kanes_oblique_rod_gains_nothing_by_default_and_does_where_it_is_allowed(e):
+    before, after, _ = kane(Newton(e))
+    assert after <= before * (1 + 1e-9)
+    assert after > 0.95 * before
+    before, after, _ = kane(Newton(e), on_inadmissible="allow")
+    assert after > before * 1.001
+
+
+def test_the_event_of_a_scaled_impact_shows_what_happened():
+    before, after, stepper = kane(Newton(1.0))
+    (event,) = stepper.events
+    assert event.impact.energy_change == pytest.approx(after - before, abs=1e-6)
+    assert event.impact.violations.is_admissible()
+
+
+GAINING = {
+    "linear map": LinearMap(np.diag([1.0, 1.0, -3.0])),
+    "fremond": Fremond([[1.0, 1.5], [0.0, 1.0]]),
+}
+
+
+@pytest.mark.parametrize("law", GAINING.values(), ids=GAINING)
+def test_a_law_that_creates_energy_is_held_back_let_through_or_refused(law):
+    def struck(**options):
+        model, data = compiled(
+            "".join(
+                f'<body pos="{x} 0 0"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1"/></body>'
+                for x in (0, 0.2, 0.4)
+            ),
+            option='gravity="0 0 0" timestep="1e-3"',
+            geom='condim="1"',
+        )
+        data.qvel[:] = (1.0, 0.0, -1.0)
+        stepping(model, law, **options).step(data)
+        return 0.5 * data.qvel @ data.qvel
+
+    assert struck() <= 1.0 + 1e-9
+    assert struck(on_inadmissible="project") <= 1.0 + 1e-9
+    assert struck(on_inadmissible="allow") > 1.01
+    with pytest.raises(InadmissibleImpactError):
+        struck(on_inadmissible="raise")
+
+
+def test_restitution_along_the_tangent_creates_none():
+    ball = '<body pos="0 0 .3"><freejoint/><geom size=".1"/></body>'
+    model, data = compiled(FLOOR + ball, geom='friction="1"')
+    data.qvel[[0, 4]] = 2.0, -30.0
+    seen = energies(model, data, Coulomb(Newton(1.0), tangential_restitution=1.0), 2.0)
+    assert growth(seen, seen[0]) <= 1e-9
+    assert seen[-1] == pytest.approx(seen[0], rel=1e-3)
