@@ -115,7 +115,7 @@ def _step(w, law, memory, margins, cone, loaded):
         if w.surfaces != 0:
             aim_surfaces(w)
         update_frames(w)
-        if touched:
+        if touched and solved:  # what is squeezed cannot be opened
             look_again(w, rows)
         if cut or not solved:
             memory[MEMORY.short_steps] += 1.0
