@@ -20,15 +20,19 @@ from tqdm import tqdm
 
 from scripts import machine
 
-from . import chains, import_time, laws, omissions, steps, worlds, wrappers
+from . import chains, environments, import_time, laws, omissions, steps, worlds
 from .goals import as_table, goals
 
-Part = Literal["laws", "chains", "steps", "wrappers", "omissions", "imports", "worlds", "vector", "compiling"]
+Part = Literal[
+    "laws", "chains", "steps", "wrappers", "heaps", "tasks", "omissions", "imports", "worlds", "vector", "compiling"
+]  # fmt: skip
 _RUN: dict[Part, Callable[..., pd.DataFrame]] = {
     "laws": laws.run,
     "chains": chains.run,
     "steps": steps.run,
-    "wrappers": wrappers.run,
+    "wrappers": environments.run,
+    "heaps": environments.run_heaps,
+    "tasks": environments.run_tasks,
     "omissions": omissions.run,
     "imports": import_time.run,
     "worlds": worlds.run,
@@ -48,7 +52,9 @@ class Benchmark:
     laws: laws.LawCost = field(default_factory=laws.LawCost)
     chains: chains.ChainCost = field(default_factory=chains.ChainCost)
     steps: steps.StepCost = field(default_factory=steps.StepCost)
-    wrappers: wrappers.WrapperCost = field(default_factory=wrappers.WrapperCost)
+    wrappers: environments.WrapperCost = field(default_factory=environments.WrapperCost)
+    heaps: environments.HeapCost = field(default_factory=environments.HeapCost)
+    tasks: environments.TaskCost = field(default_factory=environments.TaskCost)
     omissions: omissions.Omissions = field(default_factory=omissions.Omissions)
     imports: import_time.ImportTime = field(default_factory=import_time.ImportTime)
     compiling: worlds.Compiling = field(default_factory=worlds.Compiling)
@@ -63,7 +69,9 @@ class Benchmark:
             laws=laws.LawCost(sizes=(1, 4, 16), problems=2, seconds=0.01),
             chains=chains.ChainCost(sizes=(100, 1000), seconds=0.1),
             steps=steps.StepCost(cradles=(5, 20), environments=_QUICK_ENVIRONMENTS, full=False, seconds=0.2),
-            wrappers=wrappers.WrapperCost(wrapped=_QUICK_ENVIRONMENTS, steps=50, repetitions=2),
+            wrappers=environments.WrapperCost(wrapped=_QUICK_ENVIRONMENTS, steps=50, repetitions=2),
+            heaps=environments.HeapCost(bodies=(10,), steps=100, repetitions=1),
+            tasks=environments.TaskCost(tasks=("Juggler",), actions=50, times=1),
             omissions=omissions.Omissions(scenes=("pendulum", "cradle 5"), steps=20, seconds=0.1),
             imports=import_time.ImportTime(processes=1),
             worlds=worlds.Worlds(tasks=_QUICK_ENVIRONMENTS, counts=(1, 64), threads=(1, 2), calls=3),

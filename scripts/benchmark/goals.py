@@ -14,7 +14,8 @@ from .steps import ALL, FINE, PLAIN
 
 LAW_RATIO, LAW_CONTACTS = 3.0, 16
 STEP_RATIO = 4.0
-WRAPPER_RATIO = 1.5
+WRAPPER_RATIO, HEAP_RATIO = 1.5, 3.0
+STEPS_PER_SECOND = {"Juggler": 4000, "RockingBlock": 1500, "Billiards": 3000}
 CHAIN, CHAIN_FASTER, CHAIN_GROWTH, CHAIN_RESIDUAL = 1000, 5.0, 15.0, 1e-10
 IMPORT_SECONDS = 0.3
 MANY, OF_SHIPPED, OF_EULER, SECOND_THREAD = 1024, 1.0, 0.4, 1.8
@@ -44,6 +45,8 @@ def goals(tables: dict[str, pd.DataFrame]) -> list[Goal]:
         "chains": _chain_goals,
         "steps": _step_goals,
         "wrappers": _wrapper_goals,
+        "heaps": _heap_goals,
+        "tasks": _task_goals,
         "omissions": _omission_goals,
         "imports": _import_goal,
         "worlds": _worlds_goals,
@@ -119,6 +122,21 @@ def _wrapper_goals(table: pd.DataFrame) -> Iterator[Goal]:
     for row in records(table):
         name = f"wrapper <= {WRAPPER_RATIO:g} x the plain environment, {row['environment']}"
         yield Goal(name, f"{row['ratio']:.2f}", row["ratio"] <= WRAPPER_RATIO)
+
+
+def _heap_goals(table: pd.DataFrame) -> Iterator[Goal]:
+    for row in records(table):
+        name = f"soft step <= {HEAP_RATIO:g} x mj_step, {row['bodies']} bodies in a heap"
+        yield Goal(name, f"{row['ratio']:.2f}", row["ratio"] <= HEAP_RATIO)
+
+
+def _task_goals(table: pd.DataFrame) -> Iterator[Goal]:
+    rows = records(table)
+    for task in _distinct(rows, "task"):
+        found = {row["scheme"]: row["steps_per_second"] for row in rows if row["task"] == task}
+        measured = ", ".join(f"{scheme} {speed:.0f}" for scheme, speed in found.items())
+        least = STEPS_PER_SECOND[task]
+        yield Goal(f"{task} >= {least} environment steps a second", measured, max(found.values()) >= least)
 
 
 def _soft_goals(table: pd.DataFrame) -> Iterator[Goal]:

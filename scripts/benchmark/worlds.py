@@ -26,7 +26,7 @@ import pandas as pd
 from impactlaw import Batch, Moreau
 from impactlaw.envs import ImpactLaw
 
-from .wrappers import ENVIRONMENTS
+from .environments import ENVIRONMENTS
 
 OURS, SHIPPED, EULER = "impactlaw", "mujoco", "mujoco, Euler"
 _TIMESTEPS = 5  # of a call

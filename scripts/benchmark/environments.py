@@ -1,0 +1,186 @@
+"""What environments cost: the wrapper `ImpactLaw` next to the plain environment, soft steps of a heap, our own tasks.
+
+What is compared takes the same steps again and again, in one process, in turns and in short pieces, and the fastest
+time of each piece counts: what other processes take from the machine is left out.
+"""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+import pandas as pd
+
+from impactlaw import Moreau, Stepper
+from impactlaw.envs import ImpactLaw
+
+from .timing import MICRO, no_collection
+
+ENVIRONMENTS = ("Hopper-v5", "Walker2d-v5", "HalfCheetah-v5", "Ant-v5", "Humanoid-v5")
+_PIECE = 10  # environment steps, or steps of a heap
+_SHAPES = ("box", "sphere", "capsule", "cylinder", "ellipsoid")
+
+
+@dataclass(frozen=True, kw_only=True)
+class WrapperCost:
+    """Which environments, for how long."""
+
+    wrapped: tuple[str, ...] = ENVIRONMENTS
+    """Ids of gymnasium's MuJoCo environments."""
+    restitution: float = 0.5
+    """Coefficient of Moreau's law."""
+    steps: int = 400
+    """Environment steps of the episode; what ends before is reset."""
+    repetitions: int = 15
+    """Times that it is taken."""
+
+
+def run(study: WrapperCost, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
+    """Return one row per environment: microseconds of a step, plain and wrapped, their ratio, collisions per step."""
+    rows = []
+    for name in study.wrapped:
+        envs: dict[str, Any] = {"plain": gymnasium.make(name)}
+        envs["wrapped"] = ImpactLaw(gymnasium.make(name), "moreau", study.restitution)
+        envs["plain"].action_space.seed(0)
+        actions = [envs["plain"].action_space.sample() for _ in range(study.steps)]
+        best = {kind: np.full(-(-study.steps // _PIECE), np.inf) for kind in envs}
+        collisions = 0
+        for repetition in range(study.repetitions):
+            for kind in list(envs)[:: 1 if repetition % 2 else -1]:
+                seconds, found = _episode(envs[kind], actions)
+                best[kind] = np.minimum(best[kind], seconds)
+                collisions = max(collisions, found)
+        cost = {kind: MICRO * float(pieces.sum()) / study.steps for kind, pieces in best.items()}
+        row: dict[str, object] = {"environment": name, "plain_us": cost["plain"], "wrapped_us": cost["wrapped"]}
+        rows.append(row | {"ratio": cost["wrapped"] / cost["plain"], "collisions": collisions / study.steps})
+        progress()
+    return pd.DataFrame(rows)
+
+
+def _episode(env: Any, actions: list[np.ndarray]) -> tuple[np.ndarray, int]:
+    """Return the seconds of each piece, and the number of collisions."""
+    env.reset(seed=0)
+    seconds, collisions = [], 0
+    bounds = [*range(0, len(actions), _PIECE), len(actions)]
+    for first, last in pairwise(bounds):
+        with no_collection():
+            start = time.perf_counter()
+            for number in range(first, last):
+                *_, terminated, truncated, info = env.step(actions[number])
+                collisions += info.get("impact/count", 0)
+                if terminated or truncated:
+                    env.reset(seed=number)
+            seconds.append(time.perf_counter() - start)
+    return np.array(seconds), collisions
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeapCost:
+    """A heap of bodies that falls, under MuJoCo's contacts and under the soft layer."""
+
+    bodies: tuple[int, ...] = (10, 30, 100)
+    """How many: boxes, balls, capsules, cylinders and ellipsoids in turn."""
+    restitution: float = 0.5
+    """Coefficient of Moreau's law."""
+    steps: int = 500
+    """Timesteps of 2 ms."""
+    repetitions: int = 5
+    """Times that they are taken."""
+
+
+def run_heaps(study: HeapCost, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
+    """Return one row per heap: microseconds of a step of MuJoCo and of the soft layer, and their ratio."""
+    rows = []
+    for bodies in study.bodies:
+        best = np.full((2, -(-study.steps // _PIECE)), np.inf)
+        for _ in range(study.repetitions):
+            best = np.minimum(best, _fall(heap(bodies), study))
+        plain, soft = MICRO * best.sum(axis=1) / study.steps
+        rows.append({"bodies": bodies, "mujoco_us": plain, "soft_us": soft, "ratio": soft / plain})
+        progress()
+    return pd.DataFrame(rows)
+
+
+def heap(bodies: int) -> mujoco.MjModel:
+    """Return a scene of bodies of five shapes above a floor, which fall onto each other."""
+    random = np.random.default_rng(0)
+    world = '<geom type="plane" size="2 2 1"/>'
+    for i in range(bodies):
+        x, y = random.uniform(-0.15, 0.15, 2)
+        kind = _SHAPES[i % len(_SHAPES)]
+        world += f'<body pos="{x} {y} {0.1 + 0.03 * i}"><freejoint/><geom type="{kind}" size=".05 .05 .05"/></body>'
+    return mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{world}</worldbody></mujoco>")
+
+
+def _fall(model: mujoco.MjModel, study: HeapCost) -> np.ndarray:
+    """Return the seconds of each piece, MuJoCo's and soft, (2, pieces); both begin where a soft piece has ended."""
+    stepper, data, seconds = Stepper(model, Moreau(study.restitution), contact_model="soft"), mujoco.MjData(model), []
+    ways: tuple[Callable[[mujoco.MjData], object], ...] = (lambda data: mujoco.mj_step(model, data), stepper.step)
+    for _ in range(0, study.steps, _PIECE):
+        first, spent = copy.copy(data), []
+        for where, step in zip((first, data), ways, strict=True):
+            with no_collection():
+                start = time.perf_counter()
+                for _ in range(_PIECE):
+                    step(where)
+                spent.append(time.perf_counter() - start)
+        seconds.append(spent)
+    return np.array(seconds).T
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskCost:
+    """How fast this package's own tasks are under random actions."""
+
+    tasks: tuple[str, ...] = ("Juggler", "RockingBlock", "Billiards")
+    """Names of `impactlaw/...-v0`."""
+    schemes: tuple[str, ...] = ("event-driven", "time-stepping")
+    """Ways to step."""
+    actions: int = 1000
+    """Environment steps."""
+    times: int = 3
+    """Times that they are taken."""
+    worlds: int = 256
+    """Of the tasks that can be stepped many at a time; all its threads."""
+
+
+def run_tasks(study: TaskCost, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
+    """Return one row per task and scheme: environment steps a second, resets included."""
+    rows = []
+    for name in study.tasks:
+        for scheme in study.schemes:
+            env = gymnasium.make(f"impactlaw/{name}-v0", scheme=scheme)
+            env.action_space.seed(0)
+            actions = [env.action_space.sample() for _ in range(study.actions)]
+            best = np.full(-(-study.actions // _PIECE), np.inf)
+            for _ in range(study.times):
+                best = np.minimum(best, _episode(env, actions)[0])
+            env.close()
+            rows.append({"task": name, "scheme": scheme, "steps_per_second": study.actions / float(best.sum())})
+        spec = gymnasium.spec(f"impactlaw/{name}-v0")
+        if spec.vector_entry_point is not None:
+            rows.append({"task": name, "scheme": f"{study.worlds} worlds", "steps_per_second": _of_worlds(name, study)})
+        progress()
+    return pd.DataFrame(rows)
+
+
+def _of_worlds(name: str, study: TaskCost) -> float:
+    """Return environment steps a second of many worlds."""
+    worlds = gymnasium.make_vec(f"impactlaw/{name}-v0", study.worlds, "vector_entry_point")
+    worlds.action_space.seed(0)
+    worlds.reset(seed=0)
+    calls, best = max(1, study.actions // _PIECE), np.inf
+    for _ in range(study.times):
+        start = time.perf_counter()
+        for _ in range(calls):
+            worlds.step(worlds.action_space.sample())
+        best = min(best, time.perf_counter() - start)
+    worlds.close()
+    return study.worlds * calls / best
