@@ -34,13 +34,11 @@ from mujoco import (
     mj_fwdVelocity,
     mj_integratePos,
     mj_kinematics,
-    mj_mulJacTVec,
 )
 
 from impactlaw.errors import DivergenceError
 from impactlaw.laws import Law
 from impactlaw.laws.fremond import Reversal
-from impactlaw.scene.contacts import Contacts
 from impactlaw.scene.moving_surfaces import LastMotion, Surfaces
 from impactlaw.stepping.compatibility import check_time_stepping
 from impactlaw.stepping.compiled.law_table import Coefficients
@@ -51,8 +49,9 @@ from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem, Known, Metric, StepImpulses
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, InertialForces
 from impactlaw.stepping.time_stepping.margins import body_sizes, set_margins
-from impactlaw.stepping.time_stepping.problem.dense import encode_pyramids, sparse_jacobian
-from impactlaw.stepping.time_stepping.problem.rows import Rows, near_rows, read_rows
+from impactlaw.stepping.time_stepping.problem.forces import sense, write_forces
+from impactlaw.stepping.time_stepping.problem.reader import RowReader
+from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.second_look import SecondLook
 from impactlaw.stepping.time_stepping.tolerances import (
     FEW_ROUNDS,
@@ -64,7 +63,7 @@ from impactlaw.stepping.time_stepping.tolerances import (
     SLOWEST,
 )
 
-_PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
+_ELLIPTIC = int(mujoco.mjtCone.mjCONE_ELLIPTIC)
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 _FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
 
@@ -97,6 +96,7 @@ class TimeStepping:
         )
         self._friction = plan.friction
         self._surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces and model.nmocap else None
+        self._reader = RowReader(model, self._surfaces, frictional=plan.friction)
         self._borrowed = BorrowedModel(model)
         self._sizes = body_sizes(model)
         self._inertial = InertialForces(model)
@@ -230,7 +230,7 @@ class TimeStepping:
             self._known = None
             data.qacc[:] = (data.qvel - self._velocity) / h
         if model.nsensordata:
-            self._sense(data)
+            sense(model, data, self._velocity)
         data.qpos[:] = self._middle
         mj_integratePos(model, data.qpos, data.qvel, 0.5 * h)
         if shift is not None:
@@ -325,12 +325,12 @@ class TimeStepping:
         more than contact has taken, they are corrected.
         """
         free = data.qvel.copy()
-        near, look, phases = self._near(data, self._velocity, free, 2.0 * h), 1, False
+        near, look, phases = self._reader.near(data, self._velocity, free, 2.0 * h), 1, False
         self._rounds = MANY_ROUNDS if self.solved else FEW_ROUNDS
         rows, shift = self._try(data, near, free, h)
         self._rounds = FEW_ROUNDS
         while look < LOOKS + PHASE_LOOKS:
-            found = self._near(data, data.qvel, data.qvel, h) & ~near
+            found = self._reader.near(data, data.qvel, data.qvel, h) & ~near
             if np.count_nonzero(found) and (look < LOOKS or phases):
                 near = near | found
             elif not phases and self._found is not None and self._found.later:
@@ -349,14 +349,17 @@ class TimeStepping:
                 if created > known[1]:
                     rows, shift = self._try(data, near, known[0], h, phases=phases)
                 break
-        self._write_forces(data, rows, h)
+        found = None if self._rows is None or self._known is None else (rows, self._known[3])
+        if self._rows is None:
+            self._known = None
+        write_forces(self._model, data, self._velocity, self._borrowed.cone, found)
         return shift
 
     def _try(
         self, data: mujoco.MjData, near: np.ndarray, free: np.ndarray, h: float, *, phases: bool = False
     ) -> tuple[Rows, np.ndarray | None]:
         """Solve the problem of the rows that are near; return them and the velocity that opens overlaps."""
-        rows = self._read_rows(data, near, free, h)
+        rows = self._reader.read(data, near, self._velocity, free, self._metric)
         if not len(rows.key):
             self._rows = self._found = None
             return rows, None
@@ -378,71 +381,6 @@ class TimeStepping:
             return 0.0
         work = found.work + self._inertial.work(self._velocity, data.qvel, h)
         return abs(work) if self._problem.targets.restitution == 1.0 else work
-
-    def _near(self, data: mujoco.MjData, one: np.ndarray, other: np.ndarray, reach: float) -> np.ndarray:
-        if self._surfaces is not None and self._surfaces.move:  # what comes near need not move itself
-            return np.ones(data.nefc, dtype=bool)
-        jacobian = sparse_jacobian(self._model, data)
-        return near_rows(data.efc_type, data.efc_pos, *jacobian, data.contact.efc_address, one, other, reach)
-
-    def _read_rows(self, data: mujoco.MjData, near: np.ndarray, free: np.ndarray, h: float) -> Rows:
-        model, contact = self._model, data.contact
-        rows = Rows(
-            *read_rows(
-                data.efc_type, data.efc_id, data.efc_pos, data.efc_vel, data.efc_aref, data.efc_R,
-                data.efc_frictionloss, *sparse_jacobian(model, data),
-                contact.efc_address, contact.dim, contact.geom, contact.friction,
-                model.M_rownnz, model.M_rowadr, model.M_colind, *self._metric,
-                model.dof_treeid, model.tree_dofadr, model.tree_dofnum,
-                self._velocity, free, near, h, self._friction,
-            )
-        )  # fmt: skip
-        if self._surfaces is not None and self._surfaces.move:
-            self._add_surfaces(data, rows, h)
-        return rows
-
-    def _add_surfaces(self, data: mujoco.MjData, rows: Rows, h: float) -> None:
-        """Add the velocities of mocap bodies to those of the rows of contacts."""
-        contact, surfaces = data.contact, self._surfaces
-        assert surfaces is not None
-        seen = Contacts((), contact.geom, contact.dist, contact.pos, contact.frame[:, :3])
-        end = data.time
-        data.time = end - 0.5 * h
-        velocity, spin, _ = surfaces.motion(data, seen)
-        data.time = end
-        for g in np.flatnonzero(rows.source >= 0):
-            i, first = rows.source[g], rows.first[g]
-            axes = contact.frame[i].reshape(3, 3)
-            moved = np.concatenate([axes @ velocity[i], axes @ spin[i]])
-            which = slice(first, first + rows.size[g])
-            drift = moved[rows.row[which] - contact.efc_address[i]]
-            rows.before[which] += drift
-            rows.free[which] += drift
-
-    def _write_forces(self, data: mujoco.MjData, rows: Rows, h: float) -> None:
-        """Let sensors and whoever reads ``efc_force`` and ``qfrc_constraint`` see the impulses of the step over h."""
-        force = np.zeros(data.nefc)
-        if self._rows is None:
-            self._known = None
-        elif self._known is not None:
-            force[rows.row] = rows.scale * self._known[3] / h
-        mj_mulJacTVec(self._model, data, data.qfrc_constraint, force)
-        data.qacc[:] = (data.qvel - self._velocity) / h
-        if self._borrowed.cone == _PYRAMIDAL and data.ncon:  # as whoever decodes forces takes them to be
-            self._model.opt.cone = _PYRAMIDAL
-            elliptic = data.contact.efc_address.copy()
-            mujoco.mj_makeConstraint(self._model, data)
-            contact = data.contact
-            encode_pyramids(force, elliptic, contact.efc_address, contact.dim, contact.friction, data.efc_force)
-        else:
-            data.efc_force[:] = force
-
-    def _sense(self, data: mujoco.MjData) -> None:
-        """Compute the sensors that depend on accelerations and forces, at the middle of the step."""
-        after = data.qvel.copy()
-        data.qvel[:] = self._velocity
-        mujoco.mj_sensorAcc(self._model, data)
-        data.qvel[:] = after
 
     def _finish(self, data: mujoco.MjData) -> None:
         """Leave what a step leaves beside the state."""

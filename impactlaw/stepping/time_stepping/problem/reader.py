@@ -1,0 +1,87 @@
+"""Reading the rows of a step from MuJoCo's arrays, with the velocities of moving surfaces."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from impactlaw.scene.contacts import Contacts
+from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.stepping.time_stepping.problem.dense import sparse_jacobian
+from impactlaw.stepping.time_stepping.problem.rows import Rows, near_rows, read_rows
+
+
+class RowReader:
+    """Reads the contacts and limits that MuJoCo has found in the middle of a step.
+
+    Args:
+        model: the scene.
+        surfaces: which move through the step; None where none do.
+        frictional: whether rows of friction take part.
+    """
+
+    def __init__(self, model: mujoco.MjModel, surfaces: Surfaces | None, *, frictional: bool):
+        self._model, self._surfaces, self._frictional = model, surfaces, frictional
+
+    def near(self, data: mujoco.MjData, one: np.ndarray, other: np.ndarray, reach: float) -> np.ndarray:
+        """Return which rows begin a contact or limit that is in touch, or would be soon, bool (nefc,).
+
+        Args:
+            data: contacts current.
+            one: a velocity, (nv,).
+            other: another one; what either of them closes is near.
+            reach: time within which, s.
+        """
+        if self._surfaces is not None and self._surfaces.move:  # what comes near need not move itself
+            return np.ones(data.nefc, dtype=bool)
+        jacobian = sparse_jacobian(self._model, data)
+        return near_rows(data.efc_type, data.efc_pos, *jacobian, data.contact.efc_address, one, other, reach)
+
+    def read(
+        self,
+        data: mujoco.MjData,
+        near: np.ndarray,
+        start: np.ndarray,
+        free: np.ndarray,
+        metric: tuple[np.ndarray, np.ndarray],
+    ) -> Rows:
+        """Return the rows of the groups that are near.
+
+        Args:
+            data: contacts current.
+            near: see `near`.
+            start: velocity at the start of the step, (nv,).
+            free: velocity without contact, (nv,).
+            metric: L and 1 / D of the step's mass matrix.
+        """
+        model, contact, h = self._model, data.contact, self._model.opt.timestep
+        rows = Rows(
+            *read_rows(
+                data.efc_type, data.efc_id, data.efc_pos, data.efc_vel, data.efc_aref, data.efc_R,
+                data.efc_frictionloss, *sparse_jacobian(model, data),
+                contact.efc_address, contact.dim, contact.geom, contact.friction,
+                model.M_rownnz, model.M_rowadr, model.M_colind, *metric,
+                model.dof_treeid, model.tree_dofadr, model.tree_dofnum,
+                start, free, near, h, self._frictional,
+            )
+        )  # fmt: skip
+        if self._surfaces is not None and self._surfaces.move:
+            self._add_surfaces(self._surfaces, data, rows, h)
+        return rows
+
+    def _add_surfaces(self, surfaces: Surfaces, data: mujoco.MjData, rows: Rows, h: float) -> None:
+        """Add the velocities of mocap bodies to those of the rows of contacts."""
+        contact = data.contact
+        seen = Contacts((), contact.geom, contact.dist, contact.pos, contact.frame[:, :3])
+        end = data.time
+        data.time = end - 0.5 * h
+        velocity, spin, _ = surfaces.motion(data, seen)
+        data.time = end
+        for g in np.flatnonzero(rows.source >= 0):
+            i, first = rows.source[g], rows.first[g]
+            axes = contact.frame[i].reshape(3, 3)
+            moved = np.concatenate([axes @ velocity[i], axes @ spin[i]])
+            which = slice(first, first + rows.size[g])
+            drift = moved[rows.row[which] - contact.efc_address[i]]
+            rows.before[which] += drift
+            rows.free[which] += drift
