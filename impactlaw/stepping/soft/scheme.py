@@ -2,8 +2,8 @@
 
 A collision is a contact that MuJoCo's solver acts on and that closes faster than ``rest_speed`` at the start of a
 step; limits of joints and tendons, at rad/s or m/s, are contacts too. The law then gives the velocity that MuJoCo
-integrates from; equality constraints keep their velocity. Contacts have the friction of the scene in a collision, unless
-the stepper was made with ``friction="ignore"``.
+integrates from; equality constraints keep their velocity. Contacts have the friction of the scene in a collision,
+unless the stepper was made with ``friction="ignore"``.
 
 A step without a collision is `mj_step`, bit for bit. What MuJoCo's contacts do between collisions is theirs, and a
 contact that first touches inside of a step is seen at its end, up to one step too deep.
