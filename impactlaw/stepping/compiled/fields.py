@@ -85,6 +85,7 @@ class _Model(NamedTuple):
     jnt_margin: int
     tendon_margin: int
     geom_bodyid: int
+    geom_type: int
     body_ipos: int
     body_parentid: int
     body_rootid: int

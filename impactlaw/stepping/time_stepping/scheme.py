@@ -241,7 +241,10 @@ class TimeStepping:
             self._surfaces.end(data)
         self._update_frames(data)
         model.opt.cone = _ELLIPTIC
-        if self._rows is not None and (shift := self._second_look.shift(data, self._rows, self._metric)) is not None:
+        shift = None
+        if self._rows is not None and self.solved:  # what is squeezed cannot be opened
+            shift = self._second_look.shift(data, self._rows, self._metric)
+        if shift is not None:
             mj_integratePos(model, data.qpos, shift, h)
             self._update_frames(data)
         self._finish(data)

@@ -23,6 +23,8 @@ SLOP = 1e-8
 """Depth, m or rad, that is left as it is."""
 BEYOND = 4.0
 """Times the depth: contacts up to there can be closed by what opens others."""
+_EDGES = tuple(int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("HFIELD", "CYLINDER", "BOX", "MESH"))
+"""Shapes with edges."""
 LAST_LOSS = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON)
 
 
@@ -47,14 +49,26 @@ def _acceleration(body, velocity, size, center, offset, parent):
     return most
 
 
+@plain
+def _sliding(one, other, velocity, size, rates, first, many):
+    """Return how fast two bodies move along each other at a contact, m/s."""
+    along = turning = 0.0
+    for k in range(first + 1, first + min(many, 3)):
+        along += rates[2, k] ** 2
+    for k in range(3):
+        turning += (velocity[one, k] - velocity[other, k]) ** 2
+    return np.sqrt(along) + np.sqrt(turning) * min(size[one], size[other])
+
+
 @compiled(
-    "(int32[:,::1],float64[:,::1],float64[:,::1],int32[:,:],int32[::1],float64[:,::1],float64[::1],"
+    "(int32[:,::1],float64[:,::1],float64[:,::1],int32[:,:],int32[::1],int32[::1],float64[:,::1],float64[::1],"
     "float64[:,::1],float64[:,::1],int32[::1],float64)"
 )
-def bend(groups, amounts, rates, geoms, body_of_geom, velocity, size, center, offset, parent, timestep):
+def bend(groups, amounts, rates, geoms, body_of_geom, shape, velocity, size, center, offset, parent, timestep):
     """Return how far contacts can be from where their gradients say at the end of a step, m; 0 if below `_SEEN`.
 
-    A point that accelerates at a while joints do not leaves its straight line by ``a (h / 2)^2 / 2``.
+    A point that accelerates at a while joints do not leaves its straight line by ``a (h / 2)^2 / 2``. Between two
+    shapes with edges a contact can also jump from one edge to another, as far as they move along each other.
 
     Args:
         groups: see `rows.Rows`, like the two that follow.
@@ -62,6 +76,7 @@ def bend(groups, amounts, rates, geoms, body_of_geom, velocity, size, center, of
         rates: ``J v_free`` third.
         geoms: of MuJoCo's contacts, (ncon, 2).
         body_of_geom: (ngeom,).
+        shape: of each geom, MuJoCo's geom_type, (ngeom,).
         velocity: MuJoCo's cvel at the end of the step, (nbody, 6).
         size: `margins.body_sizes`, (nbody,).
         center: centers of mass of bodies, (nbody, 3).
@@ -74,10 +89,12 @@ def bend(groups, amounts, rates, geoms, body_of_geom, velocity, size, center, of
         source = groups[3, g]
         if source < 0:
             continue
-        turn = 0.0
-        for side in range(2):
-            body = body_of_geom[geoms[source, side]]
+        one, other = geoms[source, 0], geoms[source, 1]
+        turn, bodies = 0.0, (body_of_geom[one], body_of_geom[other])
+        for body in bodies:
             turn += 0.125 * timestep**2 * _acceleration(body, velocity, size, center, offset, parent)
+        if shape[one] in _EDGES and shape[other] in _EDGES:
+            turn += 0.5 * timestep * _sliding(*bodies, velocity, size, rates, groups[0, g], groups[1, g])
         if turn > _SEEN and amounts[0, g] + timestep * min(rates[2, groups[0, g]], 0.0) < turn:
             most = max(most, turn)
     return most
@@ -135,8 +152,8 @@ class SecondLook:
         """
         model, h = self._model, self._model.opt.timestep
         depth = bend(
-            rows.groups, rows.amounts, rows.rates, data.contact.geom, model.geom_bodyid, data.cvel, self._size,
-            data.xipos, model.body_ipos, model.body_parentid, h,
+            rows.groups, rows.amounts, rows.rates, data.contact.geom, model.geom_bodyid, model.geom_type, data.cvel,
+            self._size, data.xipos, model.body_ipos, model.body_parentid, h,
         )  # fmt: skip
         if depth == 0.0:
             return None

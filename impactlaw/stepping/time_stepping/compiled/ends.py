@@ -155,9 +155,9 @@ def look_again(w, rows):
     nbody, ngeom, h = size(w, MODEL.nbody), size(w, MODEL.ngeom), w.timestep
     depth = bend(
         rows.groups, rows.amounts, rows.rates, contact_ints(w, CONTACT.geom, 2),
-        model_ints(w, MODEL.geom_bodyid, ngeom), rows_of(w, DATA.cvel, nbody, 6), floats(w.sizes, nbody),
-        rows_of(w, DATA.xipos, nbody, 3), model_floats(w, MODEL.body_ipos, 3 * nbody).reshape((nbody, 3)),
-        model_ints(w, MODEL.body_parentid, nbody), h,
+        model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.geom_type, ngeom), rows_of(w, DATA.cvel, nbody, 6),
+        floats(w.sizes, nbody), rows_of(w, DATA.xipos, nbody, 3),
+        model_floats(w, MODEL.body_ipos, 3 * nbody).reshape((nbody, 3)), model_ints(w, MODEL.body_parentid, nbody), h,
     )  # fmt: skip
     if depth == 0.0:
         return

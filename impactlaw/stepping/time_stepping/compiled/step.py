@@ -155,7 +155,7 @@ def _constrain(w, law, memory, counts, start, middle, bias, full, cone, jacobian
     met = solved.missed <= SHORTFALL_LIMIT * max(SLOWEST, solved.fastest) and not full
     counts[MEMORY.solved] = met
     status = _end(w, start, middle, answer.shift, solved.opens)
-    if status == FINE and touched:
+    if status == FINE and touched and met:  # what is squeezed cannot be opened
         look_again(w, rows)
     if status == FINE and (found.later or not met):
         memory[MEMORY.short_steps] += 1.0

@@ -1,0 +1,73 @@
+"""Bodies do not overlap at the end of a step, also where gradients of the middle do not tell of it."""
+
+from __future__ import annotations
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+
+from impactlaw import Moreau, Stepper
+
+_DEPTH = 1e-5  # m
+
+
+def _dropped(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Return a robot of gymnasium 5 cm above the ground."""
+    env = gymnasium.make(name).unwrapped
+    model = env.model  # type: ignore[attr-defined]
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = env.init_qpos, env.init_qvel  # type: ignore[attr-defined]
+    data.qpos[2] += 0.05
+    return model, data
+
+
+def _depths(model: mujoco.MjModel, data: mujoco.MjData, stepper: Stepper, controls: np.ndarray) -> np.ndarray:
+    """Return how deep bodies overlap at the end of each step, m."""
+    seen, depths = mujoco.MjData(model), np.zeros(len(controls))
+    for step, data.ctrl[:] in enumerate(controls):
+        stepper.step(data)
+        seen.qpos[:] = data.qpos
+        mujoco.mj_fwdPosition(model, seen)
+        depths[step] = -seen.contact.dist.min(initial=0.0)
+    return depths
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize(
+    ("name", "restitution", "random"),
+    [
+        ("Humanoid-v5", 0.5, False),
+        ("Ant-v5", 0.0, True),
+        ("HumanoidStandup-v5", 0.5, True),
+    ],
+)
+def test_robots_do_not_sink_in(name, restitution, random, compiled):
+    """After what overlaps at the start has been opened, nothing is deeper than 1e-5 m."""
+    model, data = _dropped(name)
+    stepper = Stepper(model, Moreau(restitution), scheme="time-stepping", compiled=compiled)
+    low, high = model.actuator_ctrlrange.T
+    blocks = np.random.default_rng(0).uniform(low, high, (100, model.nu)) * random
+    depths = _depths(model, data, stepper, np.repeat(blocks, 20, axis=0))
+    assert depths[100:].max() <= _DEPTH
+
+
+def _turning_leg() -> mujoco.MjModel:
+    """Return a foot at the end of a link that turns about a hip below a floor, and pulls the foot down by that."""
+    return mujoco.MjModel.from_xml_string(
+        """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody><geom type="plane" size="5 5 1"/>
+        <body pos="0 0 -.28"><joint type="slide" axis="0 0 1"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+          <body><joint axis="0 1 0"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+            <body pos=".3 0 .33"><joint axis="0 1 0"/><geom type="box" size=".1 .1 .05" condim="1"/></body>
+        </body></body></worldbody></mujoco>"""
+    )
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_link_that_turns_carries_a_foot_that_does_not(compiled):
+    """The foot keeps its orientation and slides on the floor, its path about the hip is bent."""
+    model = _turning_leg()
+    data = mujoco.MjData(model)
+    data.qvel[:] = 6.0, 20.0, -20.0
+    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled)
+    assert _depths(model, data, stepper, np.zeros((10, 0))).max() <= _DEPTH
