@@ -11,6 +11,7 @@ from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.compiled.access import data_floats, data_ints, layout_of, model_ints, number, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL, flags
 from impactlaw.stepping.time_stepping.compiled.law import ask_law, reverse
+from impactlaw.stepping.time_stepping.compiled.state.kinds import typeof
 from impactlaw.stepping.time_stepping.compiled.state.status import CREATES, FINE, NOT_FINITE
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.problem.phases import find_later
@@ -46,6 +47,7 @@ class Solved(NamedTuple):
 
 
 NO_ANSWER = Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, FINE)
+SOLVED = typeof(NO_ANSWER)
 
 
 @plain

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.compiled import compiled
+from impactlaw.linked import linked
+from impactlaw.solvers.cones.algebra.loops import once, plain
 from impactlaw.stepping.compiled.access import (
     contact_floats,
     contact_ints,
@@ -18,7 +20,19 @@ from impactlaw.stepping.compiled.access import (
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
 from impactlaw.stepping.time_stepping.compiled.answer import NO_ANSWER, Solved, goes_on, solve
-from impactlaw.stepping.time_stepping.compiled.phased import resolve_in_phases
+from impactlaw.stepping.time_stepping.compiled.phased import linked_phases
+from impactlaw.stepping.time_stepping.compiled.state.kinds import (
+    BOOLEAN,
+    INTEGER,
+    JACOBIAN,
+    KNOWN,
+    LAW,
+    MARKS,
+    NUMBERS,
+    ROOM,
+    WORLD,
+    typeof,
+)
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, rows_at, velocities_at
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, metric_of, setting
@@ -101,7 +115,7 @@ def read(w, jacobian, metric, velocity, start, free, chosen, frictional, mark, r
     )  # fmt: skip
 
 
-@plain
+@once
 def _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums):
     """Find the impulses of all contacts at once; return what `resolve_in_phases` returns."""
     answer.may[:] = True
@@ -119,7 +133,12 @@ def _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums):
     return solved, cut
 
 
-@plain
+@compiled(
+    typeof(Outcome(0, 0, NO_ANSWER, False))(
+        WORLD, JACOBIAN, MARKS, NUMBERS, NUMBERS, KNOWN, INTEGER, LAW, BOOLEAN, MARKS, ROOM, NUMBERS
+    ),
+    counts=False,
+)
 def attempt(w, jacobian, chosen, start, free, known, rounds, law, phases, mark, room, sums):
     """Solve the problem of the rows that are near, set the velocity after it, and return what contact does.
 
@@ -148,10 +167,14 @@ def attempt(w, jacobian, chosen, start, free, known, rounds, law, phases, mark, 
     if surfaces_move(w):
         add_surfaces(w, rows.groups, rows.sparse, rows.rates)
     if phases:
-        solved, cut = resolve_in_phases(w, rows, metric, start, free, known, rounds, law, answer, sums)
+        solved, cut = linked_phases(w, rows, metric, start, free, known, rounds, law, answer, sums)
     else:
         solved, cut = _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums)
     return Outcome(groups, many, solved, cut)
+
+
+linked_attempt = linked(attempt)
+"""What compiled functions call."""
 
 
 @plain

@@ -23,17 +23,7 @@ from impactlaw.stepping.compiled.access import (
     rows_of,
     size,
 )
-from impactlaw.stepping.compiled.fields import (
-    CONTACT,
-    DATA,
-    MODEL,
-    address_of,
-    flags,
-    floats,
-    keep,
-    put,
-    put_int,
-)
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, keep, put, put_int
 from impactlaw.stepping.compiled.whitening import unwhiten
 from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins
 from impactlaw.stepping.time_stepping.compiled.contact import count, count_entries, read
@@ -44,6 +34,7 @@ from impactlaw.stepping.time_stepping.problem.dense import encode_pyramids
 from impactlaw.stepping.time_stepping.second_look import BEYOND, LAST_LOSS, SLOP, bend, end_targets
 
 _PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
+_FRICTIONAL = np.bool_(False)  # a literal would have functions compiled once more
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 
@@ -130,10 +121,10 @@ def _move_apart(now, qpos, metric, rows, depth):
     if not _overlaps(now, depth, near):
         return False
     jacobian, still = nonzeros_of(now), zeros(nv)
-    entries, (groups, many) = count_entries(now, jacobian, mark), count(now, near, False)
+    entries, (groups, many) = count_entries(now, jacobian, mark), count(now, near, _FRICTIONAL)
     block = numbers(rows_size(groups, many, entries))
     seen = rows_at(address_of(block), groups, many, entries)
-    read(now, jacobian, metric, still[:0], still, still, near, False, mark, numbers(2 * nv), seen)
+    read(now, jacobian, metric, still[:0], still, still, near, _FRICTIONAL, mark, numbers(2 * nv), seen)
     before = numbers(len(rows.key))
     for g in range(len(before)):
         before[g] = rows.amounts[0, g] - 0.5 * h * rows.rates[1, rows.groups[0, g]]

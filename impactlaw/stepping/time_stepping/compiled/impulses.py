@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.solvers.cones.algebra.loops import once, plain
 from impactlaw.stepping.compiled.access import velocity_of
 from impactlaw.stepping.compiled.fields import floats, put
-from impactlaw.stepping.time_stepping.compiled.contact import attempt, near, sees_more, take_over
+from impactlaw.stepping.time_stepping.compiled.contact import linked_attempt, near, sees_more, take_over
 from impactlaw.stepping.time_stepping.compiled.forces import inertial_work, lead_to, mean_of
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, keep_known, known_at, rows_at, velocities_at
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE
@@ -26,10 +26,10 @@ def _again(w, law, start, free, jacobian, chosen, mark, room, found, phases):
     known, last = known_at(room.known, found.groups, found.rows), answer_at(room.answer, found.groups, found.rows, w.nv)
     keep_known(known, rows.groups, rows.key, rows.rates[0], last.x)
     sums = floats(room.sums, SUMS)
-    return attempt(w, jacobian, chosen, start, free, known, _FEW, law, phases, mark, room, sums)
+    return linked_attempt(w, jacobian, chosen, start, free, known, _FEW, law, phases, mark, room, sums)
 
 
-@plain
+@once
 def find_impulses(w, law, known, start, bias, rounds, jacobian, chosen, seen, mark, room):
     """Add what contact does to the velocity, and return it; see `scheme.TimeStepping`.
 
@@ -49,7 +49,7 @@ def find_impulses(w, law, known, start, bias, rounds, jacobian, chosen, seen, ma
     h, qvel, free, look, phases = w.timestep, velocity_of(w), velocities_at(room, 0, 1), 1, _AT_ONCE
     put(free, qvel)
     near(w, jacobian, start, free, 2.0 * h, chosen)
-    found = attempt(
+    found = linked_attempt(
         w, jacobian, chosen, start, free, known, rounds, law, phases, mark, room, floats(room.sums, SUMS)
     )  # fmt: skip
     while look < LOOKS + PHASE_LOOKS and found.rows > 0 and found.solved.status == FINE:
@@ -65,7 +65,7 @@ def find_impulses(w, law, known, start, bias, rounds, jacobian, chosen, seen, ma
     return _less_energy(w, law, start, bias, free, jacobian, chosen, mark, room, found, phases, look)
 
 
-@plain
+@once
 def _less_energy(w, law, start, bias, free, jacobian, chosen, mark, room, found, phases, look):
     """Let inertial forces be those of the mean velocity while a collision creates energy with them."""
     qvel, before, mean = velocity_of(w), velocities_at(room, 1, 1), velocities_at(room, 2, 1)

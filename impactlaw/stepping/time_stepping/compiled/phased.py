@@ -3,11 +3,25 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import types
 
-from impactlaw.solvers.cones.algebra.loops import kernel
+from impactlaw.compiled import compiled
+from impactlaw.linked import linked
+from impactlaw.solvers.cones.algebra.loops import kernel, once
 from impactlaw.stepping.compiled.access import model_ints, velocity_of
 from impactlaw.stepping.compiled.fields import MODEL, address_of, keep, put
-from impactlaw.stepping.time_stepping.compiled.answer import Solved, goes_on, solve
+from impactlaw.stepping.time_stepping.compiled.answer import SOLVED, Solved, goes_on, solve
+from impactlaw.stepping.time_stepping.compiled.state.kinds import (
+    ANSWER,
+    BOOLEAN,
+    INTEGER,
+    KNOWN,
+    LAW,
+    METRIC,
+    NUMBERS,
+    ROWS,
+    WORLD,
+)
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, answer_size
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
@@ -24,7 +38,7 @@ def _some(rows, rates, kept):
     return Rows(*chosen), place
 
 
-@kernel
+@once
 def _meet(w, rows, metric, before, known, rounds, law, may, left, block, sums):
     """Solve one phase: once, and again without the contacts that are hit only through others.
 
@@ -49,7 +63,7 @@ def _meet(w, rows, metric, before, known, rounds, law, may, left, block, sums):
     return solved, answer, place, later, left, waiting
 
 
-@kernel
+@compiled(types.Tuple((SOLVED, BOOLEAN))(WORLD, ROWS, METRIC, NUMBERS, NUMBERS, KNOWN, INTEGER, LAW, ANSWER, NUMBERS))
 def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, sums):
     """Find the impulses, phase by phase; see `contact_impulses.ContactProblem.find`.
 
@@ -88,3 +102,7 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
     keep(block)
     put(velocity_of(w), velocity)
     return Solved(collided, opens, missed, fastest, 1.0, created, work, rounding, FINE), cut
+
+
+linked_phases = linked(resolve_in_phases)
+"""What compiled functions call."""
