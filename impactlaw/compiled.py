@@ -86,8 +86,13 @@ def announce(module: str) -> None:
         _tell()
 
 
-def compiled(*signature: str) -> Callable[[Callable[..., Any]], Any]:
-    """Return a decorator that compiles a function when it is first called, or at once if its signature is given."""
+def compiled(*signature: Any, counts: bool = True) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator that compiles a function when it is first called, or at once if its signature is given.
+
+    Args:
+        signature: of the function, as text or as numba has it.
+        counts: whether it counts who holds arrays; a function that makes none need not, see `loops.plain`.
+    """
 
     def decorate(function: Callable[..., Any]) -> Any:
         folder, settings = cache_folder(_parts(function.__module__)), cast(Any, numba).config
@@ -95,9 +100,9 @@ def compiled(*signature: str) -> Callable[[Callable[..., Any]], Any]:
             announce(function.__module__)
         kept, settings.CACHE_DIR = settings.CACHE_DIR, "" if folder is None else str(folder)
         try:
-            return cast(Any, numba.njit)(*signature, cache=folder is not None, error_model="numpy", nogil=True)(
-                function
-            )
+            return cast(Any, numba.njit)(
+                *signature, cache=folder is not None, error_model="numpy", nogil=True, _nrt=counts
+            )(function)
         finally:
             settings.CACHE_DIR = kept
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import Array, filled, indices, numbers, once, zeros
-from impactlaw.solvers.cones.algebra.ordering import Blocks, lay_out, least_degree
+from impactlaw.solvers.cones.algebra.loops import Array, filled, indices, numbers, once, unsigned, zeros
+from impactlaw.solvers.cones.algebra.ordering import Blocks, lay_out, least_degree, one_block
 from impactlaw.solvers.cones.algebra.structure import Island
 
 _ONE_BLOCK = 48  # degrees of freedom up to which an island is one dense block
@@ -45,24 +45,20 @@ def _columns(
 
 @once
 def _blocks(tree: Array, dofs: Array, begin: Array, cols: Array) -> Blocks:
-    """Return the storage of the matrix: a block for each tree, or one for all; `cols` are renumbered."""
-    nv = len(dofs)
-    home, inside = np.zeros(nv, np.int64), np.arange(nv)
-    wide, nb = np.array([nv]), 1
-    if nv > _ONE_BLOCK:
-        wide, nb = np.zeros(nv, np.int64), 0
-        trees = 0
-        for d in dofs:
-            trees = max(trees, tree[d] + 1)
-        number = np.full(trees, -1, np.int64)
-        for k in range(nv):
-            t = tree[dofs[k]]
-            if number[t] < 0:
-                number[t] = nb
-                nb += 1
-            home[k] = number[t]
-            inside[k] = wide[home[k]]
-            wide[home[k]] += 1
+    """Return the storage of the matrix, a block for each tree; `cols` are renumbered."""
+    nv, trees, nb = len(dofs), 0, 0
+    home, inside, wide = np.empty(nv, np.int64), np.empty(nv, np.int64), np.zeros(nv, np.int64)
+    for d in dofs:
+        trees = max(trees, tree[d] + 1)
+    number = np.full(trees, -1, np.int64)
+    for k in range(nv):
+        t = tree[dofs[k]]
+        if number[t] < 0:
+            number[t] = nb
+            nb += 1
+        home[k] = number[t]
+        inside[k] = wide[home[k]]
+        wide[home[k]] += 1
     joined = np.zeros((nb, nb), np.bool_)
     if nb > 1:
         for g in range(len(begin) - 1):
@@ -113,12 +109,17 @@ def build(
     cols, dofs = indices(count), indices(min(count, len(tree)))
     nv, count = _columns(members, rownnz, rowadr, colind, value, first, size, number, seen, begin, cols, dofs)
     cols = cols[:count]
-    raw = cols.copy()
+    raw, columns = indices(count), unsigned(count)
+    for k in range(count):
+        raw[k] = cols[k]
     for j in range(groups):
         entry[j + 1] = entry[j] + (start[j + 1] - start[j]) * (begin[j + 1] - begin[j])
-    K = _blocks(tree, dofs[:nv], begin, cols)
+    if nv > _ONE_BLOCK:  # noqa: SIM108 - both are inlined
+        K = _blocks(tree, dofs[:nv], begin, cols)
+    else:
+        K = one_block(nv, begin, cols)
     for k in range(count):
-        number[dofs[raw[k]]] = cols[k]
+        number[dofs[raw[k]]] = columns[k] = cols[k]
     position = indices(nv)
     A, compliance, offset = zeros(entry[groups]), numbers(start[groups]), numbers(start[groups])
     for j in range(groups):
@@ -132,5 +133,4 @@ def build(
             for k in range(rowadr[i], rowadr[i] + rownnz[i]):
                 if value[k] != 0.0:
                     A[a + position[number[colind[k]]]] = value[k] * inverse
-    unsigned = cols.astype(np.uint64)
-    return Island(start, kinds, bounds, compliance, offset, begin, unsigned, entry, A, square, nv, exact), K
+    return Island(start, kinds, bounds, compliance, offset, begin, columns, entry, A, square, nv, exact), K

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import FIRST, Array, filled, kernel, numbers, plain
+from impactlaw.solvers.cones.algebra.loops import FIRST, Array, plain
 from impactlaw.solvers.cones.algebra.projection import group_residual
 
 _NOTHING = 1e-10  # rows shorter than this part of the longest do not move anything
@@ -38,7 +38,25 @@ def _root(parent: Array, i: int) -> int:
     return i
 
 
-@kernel
+@plain
+def trees_of(tree: Array) -> int:
+    """Return how many kinematic trees there are, those without degrees of freedom behind the last one left out."""
+    trees = 0
+    for t in tree:
+        trees = max(trees, t + 1)
+    return trees
+
+
+@plain
+def longest_group(size: Array) -> int:
+    """Return the largest number of rows of a group."""
+    most = 0
+    for g in range(len(size)):
+        most = max(most, size[g])
+    return most
+
+
+@plain
 def islands(
     rownnz: Array,
     rowadr: Array,
@@ -49,12 +67,15 @@ def islands(
     size: Array,
     length: Array,
     label: Array,
+    parent: Array,
+    number: Array,
 ) -> int:
-    """Write the island of each group, -1 for a group that cannot move; return the number of islands."""
-    trees = 0
-    for t in tree:
-        trees = max(trees, t + 1)
-    parent = np.arange(trees)
+    """Write the island of each group, -1 for a group that cannot move; return the number of islands.
+
+    ``parent`` and ``number`` are room, int64 (trees,) each.
+    """
+    for t in range(len(parent)):
+        parent[t], number[t] = t, -1
     for g in range(len(first)):
         label[g] = -1
         if length[g] > 0.0:
@@ -69,7 +90,6 @@ def islands(
                             root = _root(parent, label[g])
                             parent[t] = root
                             label[g] = root
-    number = filled(trees, -1)
     count = 0
     for g in range(len(first)):
         if length[g] > 0.0:
@@ -95,7 +115,7 @@ def impulse_jump(rownnz: Array, rowadr: Array, colind: Array, value: Array, x: A
                 z[colind[k]] += value[k] * x[i]
 
 
-@kernel
+@plain
 def certificate(
     rownnz: Array,
     rowadr: Array,
@@ -114,17 +134,16 @@ def certificate(
     label: Array,
     scale: Array,
     squares: Array,
+    room: Array,
 ) -> float:
     """Write scale and squared natural map of each island; return the largest ratio of the two.
 
     The scale is the largest ``|b| / length`` of the groups of the island, but at least 1e-3 of the largest of all.
+    There is room for twice the rows of a group.
     """
     scale[:] = 0.0
     squares[:] = 0.0
-    most = 0
-    for g in range(len(first)):
-        most = max(most, size[g])
-    xs, us = numbers(most), numbers(most)
+    xs, us = room[: len(room) // 2], room[len(room) // 2 :]
     largest = 0.0
     for g in range(len(first)):
         if label[g] < 0:

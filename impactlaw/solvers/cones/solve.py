@@ -8,10 +8,10 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import Array, filled, indices, numbers
+from impactlaw.solvers.cones.algebra.loops import Array, filled, indices, numbers, plain
 from impactlaw.solvers.cones.hybrid import solve_island
 from impactlaw.solvers.cones.islands import build
-from impactlaw.solvers.cones.rows import certificate, impulse_jump, islands, lengths
+from impactlaw.solvers.cones.rows import certificate, impulse_jump, islands, lengths, longest_group, trees_of
 
 
 @compiled(
@@ -41,6 +41,77 @@ def _solve_one(
 
 
 _linked_one = linked(_solve_one)
+
+
+@plain
+def _clean(first: Array, size: Array, label: Array, x: Array) -> None:
+    """Let impulses of groups that cannot move, and those that are no numbers, be 0."""
+    for g in range(len(first)):
+        if label[g] < 0:
+            for i in range(first[g], first[g] + size[g]):
+                x[i] = 0.0
+    for i in range(len(x)):
+        if not abs(x[i]) < 1e100:
+            x[i] = 0.0
+
+
+@plain
+def _sort(label: Array, begin: Array, at: Array, order: Array) -> None:
+    """Write the groups of the islands, one island after another, and where those of each begin, zeros before."""
+    for g in range(len(label)):
+        if label[g] >= 0:
+            begin[label[g] + 1] += 1
+    for i in range(len(at)):
+        begin[i + 1] += begin[i]
+        at[i] = begin[i]
+    for g in range(len(label)):
+        if label[g] >= 0:
+            order[at[label[g]]] = g
+            at[label[g]] += 1
+
+
+@compiled(
+    "Tuple((float64,int64))(int32[::1],int32[::1],int32[::1],float64[::1],int32[::1],int32[::1],int32[::1],int32[::1],"
+    "float64[::1],float64[::1],float64[::1],boolean,float64,int64,float64[::1],float64[::1])"
+)
+def improve(
+    rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, exact, tolerance, rounds, x, z
+):  # fmt: skip
+    """Overwrite a guess x by the solution, write z, and return what else `solve` returns; the arguments are its own."""
+    groups, trees = len(first), trees_of(tree)
+    length, label, parent, root = numbers(groups), indices(groups), indices(trees), indices(trees)
+    lengths(rownnz, rowadr, value, first, size, compliance, length)
+    count = islands(rownnz, rowadr, colind, value, tree, first, size, length, label, parent, root)
+    scale, squares, room = numbers(count), numbers(count), numbers(2 * longest_group(size))
+    _clean(first, size, label, x)
+    impulse_jump(rownnz, rowadr, colind, value, x, z)
+    worst = certificate(
+        rownnz, rowadr, colind, value, first, size, kind, bound, compliance, b, x, z, exact, length, label, scale,
+        squares, room,
+    )  # fmt: skip
+    total = 0
+    if worst <= tolerance:
+        return worst, total
+    begin, at, order = filled(count + 1, 0), indices(count), indices(groups)
+    _sort(label, begin, at, order)
+    number, seen = filled(len(tree), -1), filled(len(tree), -1)
+    for i in range(count):
+        if np.sqrt(squares[i]) <= tolerance * scale[i]:
+            continue
+        total += _linked_one(
+            order[begin[i] : begin[i + 1]], rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance,
+            b, length, exact, number, seen, x, scale[i], tolerance, rounds,
+        )  # fmt: skip
+    impulse_jump(rownnz, rowadr, colind, value, x, z)
+    worst = certificate(
+        rownnz, rowadr, colind, value, first, size, kind, bound, compliance, b, x, z, exact, length, label, scale,
+        squares, room,
+    )  # fmt: skip
+    return worst, total
+
+
+linked_improve = linked(improve)
+"""What compiled functions call."""
 
 
 @compiled(
@@ -85,58 +156,11 @@ def solve(
         tolerance: of the natural map, relative to the scale of each island.
         rounds: most rounds of what follows where Newton's method fails.
     """
-    groups, n = len(first), len(b)
     x, z = x0.copy(), np.zeros(nv)
-    length, label = numbers(groups), indices(groups)
-    lengths(rownnz, rowadr, value, first, size, compliance, length)
-    count = islands(rownnz, rowadr, colind, value, tree, first, size, length, label)
-    scale, squares = numbers(count), numbers(count)
-    for g in range(groups):
-        if label[g] < 0:
-            x[first[g] : first[g] + size[g]] = 0.0
-    for i in range(n):
-        if not abs(x[i]) < 1e100:
-            x[i] = 0.0
-    impulse_jump(rownnz, rowadr, colind, value, x, z)
-    worst = certificate(
-        rownnz, rowadr, colind, value, first, size, kind, bound, compliance, b, x, z, exact, length, label, scale,
-        squares,
-    )  # fmt: skip
-    total = 0
-    if worst <= tolerance:
-        return x, z, worst, total
-    begin, order = filled(count + 1, 0), indices(groups)
-    for g in range(groups):
-        if label[g] >= 0:
-            begin[label[g] + 1] += 1
-    for i in range(count):
-        begin[i + 1] += begin[i]
-    at = indices(count + 1)
-    at[:] = begin
-    for g in range(groups):
-        if label[g] >= 0:
-            order[at[label[g]]] = g
-            at[label[g]] += 1
-    number, seen = filled(nv, -1), filled(nv, -1)
-    for i in range(count):
-        if np.sqrt(squares[i]) <= tolerance * scale[i]:
-            continue
-        members = order[begin[i] : begin[i + 1]]
-        total += _linked_one(
-            members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length,
-            exact, number, seen,
-            x, scale[i], tolerance, rounds,
-        )  # fmt: skip
-    impulse_jump(rownnz, rowadr, colind, value, x, z)
-    worst = certificate(
-        rownnz, rowadr, colind, value, first, size, kind, bound, compliance, b, x, z, exact, length, label, scale,
-        squares,
-    )  # fmt: skip
+    worst, total = linked_improve(
+        rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, exact, tolerance, rounds, x, z
+    )
     return x, z, worst, total
-
-
-linked_solve = linked(solve)
-"""What compiled functions call."""
 
 
 @compiled()
@@ -158,26 +182,13 @@ def natural_map(
 ) -> float:
     """Return the largest relative natural map of all islands at x; the arguments are those of `solve`."""
     groups = len(first)
-    z, length, label = np.zeros(nv), np.empty(groups), np.empty(groups, np.int64)
+    z, length, label, trees = np.zeros(nv), np.empty(groups), np.empty(groups, np.int64), trees_of(tree)
     lengths(rownnz, rowadr, value, first, size, compliance, length)
-    count = islands(rownnz, rowadr, colind, value, tree, first, size, length, label)
+    count = islands(
+        rownnz, rowadr, colind, value, tree, first, size, length, label, indices(trees), indices(trees)
+    )  # fmt: skip
     impulse_jump(rownnz, rowadr, colind, value, x, z)
     return certificate(
-        rownnz,
-        rowadr,
-        colind,
-        value,
-        first,
-        size,
-        kind,
-        bound,
-        compliance,
-        b,
-        x,
-        z,
-        exact,
-        length,
-        label,
-        np.empty(count),
-        np.empty(count),
-    )
+        rownnz, rowadr, colind, value, first, size, kind, bound, compliance, b, x, z, exact, length, label,
+        np.empty(count), np.empty(count), np.empty(2 * longest_group(size)),
+    )  # fmt: skip

@@ -180,7 +180,9 @@ def _writer(kind: Any) -> Any:
     return write
 
 
-_double, _int, _long, _byte = (_pointer(kind) for kind in (types.float64, types.int32, types.int64, types.uint8))
+_double, _int, _long, _byte, _bool = (
+    _pointer(kind) for kind in (types.float64, types.int32, types.int64, types.uint8, types.boolean)
+)
 float_at, int_at, long_at = (_reader(kind) for kind in (types.float64, types.int32, types.int64))
 put_int, put_long = (_writer(kind) for kind in (types.int32, types.int64))
 
@@ -207,6 +209,12 @@ def longs(address, n):
 def flags(address, n):
     """Return n bytes at an address."""
     return carray(_byte(address), n)
+
+
+@kernel
+def bools(address, n):
+    """Return n marks at an address."""
+    return carray(_bool(address), n)
 
 
 @kernel

@@ -71,10 +71,9 @@ def unwhiten(z, factor, Mnnz, Madr, Mcol, root):
     return v
 
 
-@compiled()
-def solve_inertia(force, factor, Mnnz, Madr, Mcol, inverse):
-    """Return ``M_h^-1 f``, (nv,)."""
-    x = force.copy()
+@plain
+def apply_inverse(factor, Mnnz, Madr, Mcol, inverse, x):
+    """Overwrite a force, (nv,), by ``M_h^-1 f``."""
     for i in range(len(x) - 1, -1, -1):
         for a in range(Madr[i], Madr[i] + Mnnz[i] - 1):
             x[Mcol[a]] -= factor[a] * x[i]
@@ -82,6 +81,13 @@ def solve_inertia(force, factor, Mnnz, Madr, Mcol, inverse):
         x[i] *= inverse[i]
         for a in range(Madr[i], Madr[i] + Mnnz[i] - 1):
             x[i] -= factor[a] * x[Mcol[a]]
+
+
+@compiled()
+def solve_inertia(force, factor, Mnnz, Madr, Mcol, inverse):
+    """Return ``M_h^-1 f``, (nv,)."""
+    x = force.copy()
+    apply_inverse(factor, Mnnz, Madr, Mcol, inverse, x)
     return x
 
 

@@ -34,6 +34,32 @@ def _speed(velocity, arm, size):
     return np.sqrt(v0 * v0 + v1 * v1 + v2 * v2) + np.sqrt(w0 * w0 + w1 * w1 + w2 * w2) * size
 
 
+@plain
+def write_margins(
+    body_margin, geom_margin, geom_gap, pair_margin, pair_gap, joint_margin, tendon_margin, body_of_geom, root, size,
+    center, subtree, velocity, led_to, mocap, surface_speed, timestep, gravity,
+):  # fmt: skip
+    """Do what `set_margins` does."""
+    far = 0.0
+    for i in range(len(body_margin)):
+        about = subtree[root[i]]
+        arm = (center[i, 0] - about[0], center[i, 1] - about[1], center[i, 2] - about[2])
+        speed = max(_speed(velocity[i], arm, size[i]), _speed(led_to[i], arm, size[i]))
+        if mocap[root[i]] >= 0:
+            speed += surface_speed
+        reach = 0.0 if i == 0 else 2.0 * timestep * (speed + timestep * gravity) + _LEAST
+        body_margin[i] = reach
+        far = max(far, reach)
+    for i in range(len(geom_margin)):
+        geom_margin[i] = body_margin[body_of_geom[i]] + geom_gap[i]
+    for i in range(len(geom_margin)):
+        body_margin[body_of_geom[i]] = max(body_margin[body_of_geom[i]], geom_margin[i])
+    for i in range(len(pair_margin)):
+        pair_margin[i] = far + pair_gap[i]
+    joint_margin[:] = _ALWAYS
+    tendon_margin[:] = _ALWAYS
+
+
 @compiled()
 def set_margins(
     body_margin, geom_margin, geom_gap, pair_margin, pair_gap, joint_margin, tendon_margin, body_of_geom, root, size,
@@ -64,21 +90,7 @@ def set_margins(
         timestep: h, s.
         gravity: its magnitude, m/s^2.
     """
-    far, arm = 0.0, np.zeros(3)
-    for i in range(len(body_margin)):
-        for k in range(3):
-            arm[k] = center[i, k] - subtree[root[i], k]
-        speed = max(_speed(velocity[i], arm, size[i]), _speed(led_to[i], arm, size[i]))
-        if mocap[root[i]] >= 0:
-            speed += surface_speed
-        reach = 0.0 if i == 0 else 2.0 * timestep * (speed + timestep * gravity) + _LEAST
-        body_margin[i] = reach
-        far = max(far, reach)
-    for i in range(len(geom_margin)):
-        geom_margin[i] = body_margin[body_of_geom[i]] + geom_gap[i]
-    for i in range(len(geom_margin)):
-        body_margin[body_of_geom[i]] = max(body_margin[body_of_geom[i]], geom_margin[i])
-    for i in range(len(pair_margin)):
-        pair_margin[i] = far + pair_gap[i]
-    joint_margin[:] = _ALWAYS
-    tendon_margin[:] = _ALWAYS
+    write_margins(
+        body_margin, geom_margin, geom_gap, pair_margin, pair_gap, joint_margin, tendon_margin, body_of_geom, root,
+        size, center, subtree, velocity, led_to, mocap, surface_speed, timestep, gravity,
+    )  # fmt: skip

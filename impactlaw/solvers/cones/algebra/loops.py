@@ -72,6 +72,7 @@ def _room(kind: Any) -> Any:
 
 numbers, indices = _room(types.float64), _room(types.int64)
 integers, marks = _room(types.int32), _room(types.boolean)
+unsigned = _room(types.uint64)
 
 
 @once

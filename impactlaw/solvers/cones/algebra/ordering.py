@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import Array, kernel, plain
+from impactlaw.solvers.cones.algebra.loops import Array, filled, indices, kernel, once, plain, unsigned
 
 
 class Blocks(NamedTuple):
@@ -97,6 +97,31 @@ def _block(i: int, j: int, spot: Array, diagonal: Array, upper: Array, lower: Ar
     if i < j:
         return upper[i] + spot[i, j], span[i]
     return lower[j] + spot[j, i] * width[j], width[j]
+
+
+@plain
+def _fill_one(begin: Array, cols: Array, first: Array, many: Array, inner: Array) -> None:
+    """Write what of `Blocks` is of groups and columns, where there is one block."""
+    for g in range(len(many)):
+        many[g] = 1 if begin[g + 1] > begin[g] else 0
+        first[g + 1] = first[g] + many[g]
+    for j in range(len(cols)):
+        inner[j] = cols[j]
+
+
+@once
+def one_block(n: int, begin: Array, cols: Array) -> Blocks:
+    """Return the storage of a matrix that is one block, (n, n); it lives as long as the function that asks for it."""
+    groups, count = len(begin) - 1, len(cols)
+    first, many, place, pitch = filled(groups + 1, 0), indices(groups), filled(groups, 0), filled(groups, n)
+    few, slot, inner = filled(4, 0), filled(count, 0), unsigned(count)
+    few[0], few[1] = n, n * n
+    _fill_one(begin, cols, first, many, inner)
+    width, square, zero, zeros, none = few[:1], few[1:2], few[2:3], few[2:], few[:0]
+    return Blocks(
+        width, zero, zero, square, square, zero, zeros, none, zeros, none, none, first, many, slot, inner, place, pitch,
+        n * n, n * n * n / 1.5,
+    )  # fmt: skip
 
 
 @kernel

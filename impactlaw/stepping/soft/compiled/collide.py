@@ -7,7 +7,7 @@ import numpy as np
 from impactlaw.mechanics.tolerances import SIGNIFICANT
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import cleared, copied, indices, kernel, norm, numbers, once, plain, zeros
-from impactlaw.solvers.cones.solve import linked_solve
+from impactlaw.solvers.cones.solve import linked_improve
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     contact_ints,
@@ -77,10 +77,9 @@ def _solve(w, law, rows, members, b):
     if k == 1 and count <= 3 and (law.exact or count == 1):
         residual = 0.0 if solve_alone(rows, first, count, b, indices(3), numbers(24), x, z) else np.inf
     if residual != 0.0:
-        x, z, residual, _ = linked_solve(
-            rows.nnz, rows.adr, rows.col, rows.val, w.nv, model_ints(w, MODEL.dof_treeid, w.nv), rows.first[members],
-            rows.sizes[members], np.full(k, CONE, np.int32), zeros(k), zeros(n), b, zeros(n), law.exact, _TOLERANCE,
-            _ROUNDS,
+        residual, _ = linked_improve(
+            rows.nnz, rows.adr, rows.col, rows.val, model_ints(w, MODEL.dof_treeid, w.nv), rows.first[members],
+            rows.sizes[members], np.full(k, CONE, np.int32), zeros(k), zeros(n), b, law.exact, _TOLERANCE, _ROUNDS, x, z
         )  # fmt: skip
     return x, z, residual
 

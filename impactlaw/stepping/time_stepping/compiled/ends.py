@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import once, plain, zeros
+from impactlaw.solvers.cones.algebra.loops import cleared, integers, kernel, marks, numbers, plain, zeros
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     contact_floats,
@@ -23,26 +23,18 @@ from impactlaw.stepping.compiled.access import (
     rows_of,
     size,
 )
-from impactlaw.stepping.compiled.fields import (
-    CONTACT,
-    DATA,
-    MODEL,
-    address_of,
-    flags,
-    floats,
-    keep,
-    put,
-    put_int,
-)
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, keep, put, put_int
 from impactlaw.stepping.compiled.whitening import unwhiten
 from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins
-from impactlaw.stepping.time_stepping.compiled.contact import rows_of_step
+from impactlaw.stepping.time_stepping.compiled.contact import count, count_entries, read
+from impactlaw.stepping.time_stepping.compiled.state.room import rows_at, rows_size
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, metric_of, setting
 from impactlaw.stepping.time_stepping.problem.contact_problem import open_overlaps
 from impactlaw.stepping.time_stepping.problem.dense import encode_pyramids
 from impactlaw.stepping.time_stepping.second_look import BEYOND, LAST_LOSS, SLOP, bend, end_targets
 
 _PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
+_FRICTIONAL = np.bool_(False)  # a literal would have functions compiled once more
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 
@@ -54,31 +46,46 @@ def update_frames(w):
     mj.com_vel(w.model, w.data)
 
 
-@once
-def write_forces(w, found, start, cone):
-    """Let sensors and others see the impulses of the step over h, as forces of the cones of the user's choice."""
-    nv, n, h = w.nv, number(w, DATA.nefc), w.timestep
-    force, rows = zeros(n), found.rows
-    for r in range(len(found.x)):
-        force[rows.sparse[2, r]] = rows.rates[0, r] * found.x[r] / h
+@kernel
+def _write_pyramids(w, force):
+    """Write forces of rows with elliptic cones, (nefc,), as those that pyramidal ones have."""
+    put_int(w.model + offset(w, MODEL.opt_cone), np.int32(_PYRAMIDAL))
+    elliptic = integers(number(w, DATA.ncon))
+    put(elliptic, contact_ints(w, CONTACT.efc_address, 1)[:, 0])
+    mj.make_constraint(w.model, w.data)
+    encode_pyramids(
+        force, elliptic, contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_ints(w, CONTACT.dim, 1)[:, 0],
+        contact_floats(w, CONTACT.friction, 5), data_floats(w, DATA.efc_force, number(w, DATA.nefc)),
+    )  # fmt: skip
+
+
+@plain
+def write_forces(w, rows, x, start, cone, force):
+    """Let sensors and others see the impulses of the step over h, as forces of the cones of the user's choice.
+
+    There is room for the force of each of MuJoCo's rows, (nefc,).
+    """
+    h = w.timestep
+    force[:] = 0.0
+    for r in range(len(x)):
+        force[rows.sparse[2, r]] = rows.rates[0, r] * x[r] / h
     mj.mul_jac_t_vec(w.model, w.data, data_at(w, DATA.qfrc_constraint), address_of(force))
-    keep(force)
-    qacc, qvel = data_floats(w, DATA.qacc, nv), data_floats(w, DATA.qvel, nv)
-    for i in range(nv):
-        qacc[i] = (qvel[i] - start[i]) / h
+    write_acceleration(w, start)
     if cone == _PYRAMIDAL and number(w, DATA.ncon) > 0 and setting(w, SETTING.forces) != 0.0:
-        put_int(w.model + offset(w, MODEL.opt_cone), np.int32(_PYRAMIDAL))
-        elliptic = contact_ints(w, CONTACT.efc_address, 1)[:, 0].copy()
-        mj.make_constraint(w.model, w.data)
-        encode_pyramids(
-            force, elliptic, contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_ints(w, CONTACT.dim, 1)[:, 0],
-            contact_floats(w, CONTACT.friction, 5), data_floats(w, DATA.efc_force, number(w, DATA.nefc)),
-        )  # fmt: skip
+        _write_pyramids(w, force)
     else:
-        put(data_floats(w, DATA.efc_force, n), force)
+        put(data_floats(w, DATA.efc_force, len(force)), force)
 
 
-@once
+@plain
+def write_acceleration(w, start):
+    """Let sensors and others see the mean acceleration of the step."""
+    qacc, qvel = data_floats(w, DATA.qacc, w.nv), data_floats(w, DATA.qvel, w.nv)
+    for i in range(w.nv):
+        qacc[i] = (qvel[i] - start[i]) / w.timestep
+
+
+@plain
 def _find_contacts(w, now):
     """Let other data see the contacts of now."""
     nq, mocap, equalities = size(w, MODEL.nq), size(w, MODEL.nmocap), size(w, MODEL.neq)
@@ -95,35 +102,45 @@ def _find_contacts(w, now):
     mj.make_constraint(w.model, now.data)
 
 
-@once
-def _shift(now, metric, rows, depth):
-    """Return the velocity that opens the overlaps that other data shows, (nv,); (0,) if there are none."""
-    n, h, nothing = number(now, DATA.nefc), now.timestep, np.empty(0)
-    if number(now, DATA.ncon) == 0:
-        return nothing
+@plain
+def _overlaps(now, depth, near):
+    """Write which of MuJoCo's rows can be closed by what opens overlaps, and return whether there is an overlap."""
+    n, some = number(now, DATA.nefc), False
     kinds, position = data_ints(now, DATA.efc_type, n), data_floats(now, DATA.efc_pos, n)
-    near, some = np.empty(n, np.bool_), False
     for r in range(n):
         always = kinds[r] <= LAST_LOSS
         near[r] = always or position[r] < BEYOND * depth
         some = some or (not always and position[r] < -SLOP)
-    if not some:
-        return nothing
-    still = np.zeros(now.nv)
-    seen = rows_of_step(now, nonzeros_of(now), metric, nothing, still, still, near, False)
-    before = np.empty(len(rows.key))
+    return some and number(now, DATA.ncon) > 0
+
+
+@kernel
+def _move_apart(now, qpos, metric, rows, depth):
+    """Open the overlaps that other data shows, (nq,); return whether there are some."""
+    nv, h, near, mark = now.nv, now.timestep, marks(number(now, DATA.nefc)), cleared(size(now, MODEL.ntree))
+    if not _overlaps(now, depth, near):
+        return False
+    jacobian, still = nonzeros_of(now), zeros(nv)
+    entries, (groups, many) = count_entries(now, jacobian, mark), count(now, near, _FRICTIONAL)
+    block = numbers(rows_size(groups, many, entries))
+    seen = rows_at(address_of(block), groups, many, entries)
+    read(now, jacobian, metric, still[:0], still, still, near, _FRICTIONAL, mark, numbers(2 * nv), seen)
+    before = numbers(len(rows.key))
     for g in range(len(before)):
         before[g] = rows.amounts[0, g] - 0.5 * h * rows.rates[1, rows.groups[0, g]]
     need, found = end_targets(seen.groups, seen.key, seen.amounts, depth, rows.key, before, h)
-    if not found:
-        return nothing
-    w = open_overlaps(seen.sparse, seen.colind, seen.value, seen.groups, seen.rates, need, now.nv)
-    factor, inverse = metric
-    nnz, adr, col = layout_of(now)
-    return unwhiten(w, factor, nnz, adr, col, np.sqrt(inverse))
+    if found:
+        z = open_overlaps(seen.sparse, seen.colind, seen.value, seen.groups, seen.rates, need, nv)
+        factor, inverse = metric
+        nnz, adr, col = layout_of(now)
+        shift = unwhiten(z, factor, nnz, adr, col, np.sqrt(inverse))
+        mj.integrate_pos(now.model, address_of(qpos), address_of(shift), h)
+        keep(shift)
+    keep(block)
+    return found
 
 
-@once
+@plain
 def look_again(w, rows):
     """Move bodies out of overlaps at the end of a step that gradients of the middle have not told of."""
     nbody, ngeom, h = size(w, MODEL.nbody), size(w, MODEL.ngeom), w.timestep
@@ -140,16 +157,11 @@ def look_again(w, rows):
         limit_margins(w.model, w.table, BEYOND * depth)
     now = World(w.model, w.scratch, w.scratch, w.table, w.settings, w.sizes, w.bilateral, w.nv, h, w.damped, 0)
     _find_contacts(w, now)
-    metric = metric_of(w)
-    shift = _shift(now, metric, rows, depth)
-    if len(shift):
-        qpos = data_floats(w, DATA.qpos, size(w, MODEL.nq))
-        mj.integrate_pos(w.model, address_of(qpos), address_of(shift), h)
-        keep(shift)
+    if _move_apart(now, data_floats(w, DATA.qpos, size(w, MODEL.nq)), metric_of(w), rows, depth):
         update_frames(w)
 
 
-@once
+@plain
 def finish(w):
     """Leave what a step leaves beside the state."""
     if option(w, MODEL.opt_enableflags) & _ENERGY:

@@ -8,7 +8,7 @@ import numpy as np
 
 from impactlaw.laws.fremond import Reversal
 from impactlaw.laws.tolerances import INFLUENCE
-from impactlaw.solvers.cones.algebra.loops import kernel, once
+from impactlaw.solvers.cones.algebra.loops import kernel
 from impactlaw.stepping.compiled import law_table
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE, UNKNOWN
 from impactlaw.stepping.time_stepping.problem.targets import reached_groups
@@ -45,7 +45,7 @@ def ask_law(law, rows, tree, collides, target):
     return FINE
 
 
-@once
+@kernel
 def reverse(e, rows, tree, collides, target):
     """Write the targets of `laws.fremond.Reversal`; contacts that a collision reaches take part, and ``collides``."""
     none = np.zeros(len(collides), np.bool_)

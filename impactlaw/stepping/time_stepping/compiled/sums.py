@@ -11,7 +11,7 @@ import numpy as np
 from impactlaw.mechanics.tolerances import SIGNIFICANT
 from impactlaw.solvers.cones import BILATERAL, CONE
 from impactlaw.solvers.cones.algebra.loops import kernel, norm, numbers, once, zeros
-from impactlaw.solvers.cones.solve import linked_solve
+from impactlaw.solvers.cones.solve import linked_improve
 from impactlaw.stepping.compiled.access import layout_of, model_ints
 from impactlaw.stepping.compiled.fields import MODEL
 from impactlaw.stepping.compiled.whitening import whitened
@@ -45,27 +45,28 @@ def _aims(rows, members, v, speed, target, sliding, b):
 
 
 @kernel
-def add_collision(w, rows, met, metric, velocity, sums):
+def add_collision(w, rows, answer, share, metric, velocity, sums):
     """Add a collision of a phase to the sums, (4,); NaN where it needs its event.
 
     Args:
         w: the world.
         rows: of the phase.
-        met: what is answered, see `contact`.
+        answer: see `room.Answer`.
+        share: of restitution that there is.
         metric: L and 1 / D.
         velocity: v-, (nv,).
         sums: see `COUNT`, written.
     """
-    tree, (factor, inverse), n = model_ints(w, MODEL.dof_treeid, w.nv), metric, len(met.x)
+    tree, (factor, inverse), n = model_ints(w, MODEL.dof_treeid, w.nv), metric, len(answer.x)
     pushed = np.empty(len(rows.key), np.bool_)
     for g in range(len(pushed)):
-        pushed[g] = met.x[rows.groups[0, g]] > 0.0
+        pushed[g] = answer.x[rows.groups[0, g]] > 0.0
         if rows.groups[2, g] == BILATERAL:
             sums[COUNT] = np.nan
     members = np.flatnonzero(
-        reached_groups(rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, tree, met.collides, pushed)
+        reached_groups(rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, tree, answer.collides, pushed)
     )
-    target, sliding = np.where(met.collides, met.target, 0.0), met.share * met.sliding
+    target, sliding = np.where(answer.collides, answer.reached, 0.0), share * answer.sliding
     root, v = numbers(w.nv), numbers(w.nv)
     for i in range(w.nv):
         root[i] = np.sqrt(inverse[i])
@@ -75,10 +76,11 @@ def add_collision(w, rows, met, metric, velocity, sums):
     if not _aims(rows, members, v, norm(v), target, sliding, b):
         sums[COUNT] = np.nan
         return
-    x, z, residual, _ = linked_solve(
-        rows.sparse[0], rows.sparse[1], rows.colind, rows.value, w.nv, tree, rows.groups[0][members],
-        rows.groups[1][members], np.full(k, CONE, np.int32), zeros(k), zeros(n), b, zeros(n),
-        setting(w, SETTING.exact) != 0.0, _TOLERANCE, _ROUNDS,
+    x, z = zeros(n), numbers(w.nv)
+    residual, _ = linked_improve(
+        rows.sparse[0], rows.sparse[1], rows.colind, rows.value, tree, rows.groups[0][members],
+        rows.groups[1][members], np.full(k, CONE, np.int32), zeros(k), zeros(n), b,
+        setting(w, SETTING.exact) != 0.0, _TOLERANCE, _ROUNDS, x, z,
     )  # fmt: skip
     if not residual <= _ENOUGH:
         sums[COUNT] = np.nan

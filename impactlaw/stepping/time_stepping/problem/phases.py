@@ -11,8 +11,29 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import BILATERAL, BOX, CONE
+from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.time_stepping.problem.contact_problem import row_velocities
 from impactlaw.stepping.time_stepping.problem.rows import NEAR
+
+
+@plain
+def find_later(groups, sparse, colind, value, amounts, rates, z, x, collides, slowest, resolved, later):
+    """Write what `struck_later` returns, (g,), and return whether there is some such contact."""
+    some = False
+    for g in range(len(collides)):
+        later[g] = False
+        row = groups[0, g]
+        if groups[2, g] != CONE or collides[g] or not x[row] > 0.0:
+            continue
+        threshold = max(slowest, min(rates[1, row] - rates[2, row], resolved))
+        if amounts[0, g] <= NEAR and rates[1, row] <= threshold:
+            continue
+        velocity = rates[2, row]
+        for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
+            velocity += value[a] * (z[colind[a]] - value[a] * x[row])
+        later[g] = velocity < -threshold
+        some = some or later[g]
+    return some
 
 
 @compiled()
@@ -34,18 +55,8 @@ def struck_later(groups, sparse, colind, value, amounts, rates, z, x, collides, 
         slowest: see `targets.contact_targets`.
         resolved: see there.
     """
-    later = np.zeros(len(collides), np.bool_)
-    for g in range(len(collides)):
-        row = groups[0, g]
-        if groups[2, g] != CONE or collides[g] or not x[row] > 0.0:
-            continue
-        threshold = max(slowest, min(rates[1, row] - rates[2, row], resolved))
-        if amounts[0, g] <= NEAR and rates[1, row] <= threshold:
-            continue
-        velocity = rates[2, row]
-        for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
-            velocity += value[a] * (z[colind[a]] - value[a] * x[row])
-        later[g] = velocity < -threshold
+    later = np.empty(len(collides), np.bool_)
+    find_later(groups, sparse, colind, value, amounts, rates, z, x, collides, slowest, resolved, later)
     return later
 
 
@@ -55,7 +66,8 @@ def later_rates(groups, sparse, colind, value, rates, z):
 
     Forces have acted already, and what equality constraints do in a collision is to keep their velocity.
     """
-    after = row_velocities(sparse, colind, value, rates, z)
+    after = np.empty(rates.shape[1])
+    row_velocities(sparse, colind, value, rates, z, after)
     new = rates.copy()
     new[1], new[2] = after, after
     for g in range(groups.shape[1]):

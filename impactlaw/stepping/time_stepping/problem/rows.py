@@ -14,7 +14,7 @@ import numpy as np
 from impactlaw.compiled import compiled
 from impactlaw.scene.tolerances import NO_FRICTION
 from impactlaw.solvers.cones import BILATERAL, BOX, CONE
-from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.solvers.cones.algebra.loops import cleared, numbers, plain
 from impactlaw.stepping.compiled.whitening import whiten
 
 NEAR = 1e-5
@@ -99,7 +99,7 @@ class Rows(NamedTuple):
 
 
 @plain
-def _group(kinds, address, dim, friction, number, row, frictional):
+def _group(kinds, dim, friction, number, row, frictional):
     """Return the kind of the group that begins at a row, and its rows, those without friction left out."""
     kind = kinds[row]
     if kind == 0:
@@ -127,6 +127,18 @@ def _is_near(row, position, Jnnz, Jadr, Jcol, J, one, other, reach):
     return position[row] + reach * min(first, second) < 0.0
 
 
+@plain
+def find_near(kinds, position, Jnnz, Jadr, Jcol, J, address, one, other, reach, near):
+    """Write what `near_rows` returns, bool (nefc,)."""
+    for row in range(len(kinds)):
+        near[row] = kinds[row] <= 2
+        if kinds[row] == 3 or kinds[row] == 4:
+            near[row] = _is_near(row, position, Jnnz, Jadr, Jcol, J, one, other, reach)
+    for row in address:
+        if row >= 0:
+            near[row] = _is_near(row, position, Jnnz, Jadr, Jcol, J, one, other, reach)
+
+
 @compiled(
     "(int32[::1],float64[::1],int32[::1],int32[::1],int32[::1],float64[::1],int32[:],float64[::1],float64[::1],float64)"
 )
@@ -147,14 +159,110 @@ def near_rows(kinds, position, Jnnz, Jadr, Jcol, J, address, one, other, reach):
         other: another one, (nv,).
         reach: time, s.
     """
-    near = kinds <= 2
-    for row in range(len(kinds)):
-        if kinds[row] == 3 or kinds[row] == 4:
-            near[row] = _is_near(row, position, Jnnz, Jadr, Jcol, J, one, other, reach)
-    for row in address:
-        if row >= 0:
-            near[row] = _is_near(row, position, Jnnz, Jadr, Jcol, J, one, other, reach)
+    near = np.empty(len(kinds), np.bool_)
+    find_near(kinds, position, Jnnz, Jadr, Jcol, J, address, one, other, reach, near)
     return near
+
+
+@plain
+def count_groups(kinds, number, dim, friction, near, frictional):
+    """Return how many groups take part, and how many rows they have."""
+    groups, rows, row = 0, 0, 0
+    while row < len(kinds):
+        _, size, step = _group(kinds, dim, friction, number, row, frictional)
+        if near[row]:
+            groups += 1
+            rows += size
+        row += step
+    return groups, rows
+
+
+@plain
+def entries_of(Jnnz, Jadr, Jcol, J, tree, treenum, mark):
+    """Return how many entries all rows can have when they are whitened; there are marks of trees, False."""
+    entries = 0
+    for row in range(len(Jnnz)):
+        for k in range(Jadr[row], Jadr[row] + Jnnz[row]):
+            t = tree[Jcol[k]]
+            if J[k] != 0.0 and not mark[t]:
+                mark[t] = True
+                entries += treenum[t]
+        for k in range(Jadr[row], Jadr[row] + Jnnz[row]):
+            mark[tree[Jcol[k]]] = False
+    return entries
+
+
+@plain
+def _write_group(rows, g, r, row, size, kind, kinds, number, position, loss, geoms, timestep):
+    """Write all of a group, which begins at one of MuJoCo's rows, but its rows."""
+    rows.groups[0, g], rows.groups[1, g], rows.groups[2, g], rows.groups[3, g] = r, size, kind, -1
+    rows.key[g] = -1 - (np.int64(number[row]) * 8 + kinds[row])
+    rows.amounts[0, g] = position[row] if kind == CONE else 0.0
+    rows.amounts[1, g] = timestep * loss[row] if kind == BOX else 0.0
+    if kind == CONE and kinds[row] >= 5:
+        rows.groups[3, g] = number[row]
+        one, other = geoms[number[row], 0], geoms[number[row], 1]
+        rows.key[g] = (np.int64(min(one, other)) << 32) + max(one, other)
+    elif kind == CONE:
+        rows.groups[3, g] = -2 - row
+
+
+@plain
+def _write_rates(
+    rows, r, i, kind, scale, velocity, reference, regularizer, Jnnz, Jadr, Jcol, J, before, free, timestep
+):
+    """Write the rates of a row, which is one of MuJoCo's."""
+    was, led, some = 0.0, 0.0, len(velocity) > 0
+    for a in range(Jadr[i], Jadr[i] + Jnnz[i]):
+        was += J[a] * before[Jcol[a]]
+        led += J[a] * free[Jcol[a]]
+    if kind == CONE and some:  # MuJoCo's has the velocity of belts in it
+        led += velocity[i] - was
+        was = velocity[i]
+    rows.rates[0, r], rows.rates[1, r], rows.rates[2, r] = scale, was, led
+    rows.rates[3, r] = velocity[i] + timestep * reference[i] if kind == BILATERAL and some else 0.0
+    rows.rates[4, r] = regularizer[i] if kind == BILATERAL else 0.0
+
+
+@plain
+def write_rows(
+    kinds, number, position, velocity, reference, regularizer, loss, Jnnz, Jadr, Jcol, J, dim, geoms, friction,
+    Mnnz, Madr, Mcol, factor, inverse, tree, treeadr, treenum, before, free, near, timestep, frictional,
+    mark, room, rows,
+):  # fmt: skip
+    """Write what `read_rows` returns, and return the number of entries.
+
+    There are marks of trees, False, and room for (2 nv,).
+    """
+    root, work = room[: len(before)], room[len(before) : 2 * len(before)]
+    for i in range(len(before)):
+        root[i], work[i] = np.sqrt(inverse[i]), 0.0
+    row, g, r, end = 0, 0, 0, 0
+    while row < len(kinds):
+        kind, size, step = _group(kinds, dim, friction, number, row, frictional)
+        if not near[row]:
+            row += step
+            continue
+        _write_group(rows, g, r, row, size, kind, kinds, number, position, loss, geoms, timestep)
+        for k in range(step if frictional else 1):
+            i, scale = row + k, 1.0 if k == 0 else friction[number[row], k - 1]
+            if k > 0 and not scale > NO_FRICTION:
+                continue
+            _write_rates(
+                rows, r, i, kind, scale, velocity, reference, regularizer, Jnnz, Jadr, Jcol, J, before, free, timestep
+            )
+            many = whiten(
+                Jnnz[i], Jadr[i], Jcol, J, end, work, mark, factor, Mnnz, Madr, Mcol, root, tree, treeadr, treenum,
+                rows.value, rows.colind,
+            )  # fmt: skip
+            rows.sparse[0, r], rows.sparse[1, r], rows.sparse[2, r] = many, end, i
+            for a in range(end, end + many):
+                rows.value[a] *= scale
+            end += many
+            r += 1
+        row += step
+        g += 1
+    return end
 
 
 @compiled(
@@ -176,83 +284,16 @@ def read_rows(
     Only groups whose first row is ``near`` take part. Dense rows are given as sparse ones with all entries.
     Without velocities of rows, (0,), those of belts are left out.
     """
-    n, nv, ntree = len(kinds), len(before), len(treeadr)
-    groups, rows, entries = 0, 0, 0
-    row = 0
-    keep = np.zeros(n, np.bool_)
-    while row < n:
-        kind, size, step = _group(kinds, address, dim, friction, number, row, frictional)
-        if near[row]:
-            keep[row : row + step] = True
-            groups += 1
-            rows += size
-        row += step
-    mark = np.zeros(ntree, np.bool_)
-    for row in range(n):
-        if not keep[row]:
-            continue
-        for k in range(Jadr[row], Jadr[row] + Jnnz[row]):
-            t = tree[Jcol[k]]
-            if J[k] != 0.0 and not mark[t]:
-                mark[t] = True
-                entries += treenum[t]
-        for k in range(Jadr[row], Jadr[row] + Jnnz[row]):
-            mark[tree[Jcol[k]]] = False
-    sparse, table = np.empty((3, rows), np.int32), np.full((4, groups), -1, np.int32)
-    key, amounts, rates = np.empty(groups, np.int64), np.zeros((2, groups)), np.zeros((5, rows))
-    rownnz, rowadr, place = sparse[0], sparse[1], sparse[2]
-    gap, bound = amounts[0], amounts[1]
-    scale, was, is_free, rest, compliance = rates[0], rates[1], rates[2], rates[3], rates[4]
-    colind, value = np.empty(entries, np.int32), np.empty(entries)
-    root, work = np.sqrt(inverse), np.zeros(nv)
-    row, g, r, end = 0, 0, 0, 0
-    while row < n:
-        kind, size, step = _group(kinds, address, dim, friction, number, row, frictional)
-        if not keep[row]:
-            row += step
-            continue
-        table[0, g], table[1, g], table[2, g] = r, size, kind
-        key[g] = -1 - (np.int64(number[row]) * 8 + kinds[row])
-        if kind == BOX:
-            bound[g] = timestep * loss[row]
-        elif kind == CONE:
-            gap[g] = position[row]
-            if kinds[row] >= 5:
-                table[3, g] = number[row]
-                one, other = geoms[number[row], 0], geoms[number[row], 1]
-                key[g] = (np.int64(min(one, other)) << 32) + max(one, other)
-            else:
-                table[3, g] = -2 - row
-        for k in range(step):
-            if k > 0:
-                if not frictional:
-                    break
-                mu = friction[number[row], k - 1]
-                if not mu > NO_FRICTION:
-                    continue
-                scale[r] = mu
-            else:
-                scale[r] = 1.0
-            i = row + k
-            place[r] = i
-            if kind == BILATERAL:
-                rest[r] = velocity[i] + timestep * reference[i] if len(velocity) > 0 else 0.0
-                compliance[r] = regularizer[i]
-            rowadr[r] = end
-            for a in range(Jadr[i], Jadr[i] + Jnnz[i]):
-                was[r] += J[a] * before[Jcol[a]]
-                is_free[r] += J[a] * free[Jcol[a]]
-            rownnz[r] = whiten(
-                Jnnz[i], Jadr[i], Jcol, J, end, work, mark, factor, Mnnz, Madr, Mcol, root, tree, treeadr, treenum,
-                value, colind,
-            )  # fmt: skip
-            for a in range(end, end + rownnz[r]):
-                value[a] *= scale[r]
-            end += rownnz[r]
-            if kind == CONE and len(velocity) > 0:  # MuJoCo's has the velocity of belts in it
-                is_free[r] += velocity[i] - was[r]
-                was[r] = velocity[i]
-            r += 1
-        row += step
-        g += 1
-    return sparse, colind[:end], value[:end], table, key, amounts, rates
+    mark = cleared(len(treeadr))
+    groups, count = count_groups(kinds, number, dim, friction, near, frictional)
+    entries = entries_of(Jnnz, Jadr, Jcol, J, tree, treenum, mark)
+    rows = Rows(
+        np.empty((3, count), np.int32), np.empty(entries, np.int32), np.empty(entries), np.empty((4, groups), np.int32),
+        np.empty(groups, np.int64), np.empty((2, groups)), np.empty((5, count)),
+    )  # fmt: skip
+    end = write_rows(
+        kinds, number, position, velocity, reference, regularizer, loss, Jnnz, Jadr, Jcol, J, dim, geoms, friction,
+        Mnnz, Madr, Mcol, factor, inverse, tree, treeadr, treenum, before, free, near, timestep, frictional,
+        mark, numbers(2 * len(before)), rows,
+    )  # fmt: skip
+    return (rows.sparse, rows.colind[:end], rows.value[:end], rows.groups, rows.key, rows.amounts, rows.rates)

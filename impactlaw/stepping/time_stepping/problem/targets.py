@@ -6,10 +6,30 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
+from impactlaw.solvers.cones.algebra.loops import cleared, plain
+from impactlaw.solvers.cones.rows import trees_of
 from impactlaw.stepping.time_stepping.problem.rows import NEAR
 
 _RESTING = 1e-12
 """Part of the largest contact velocity up to which a contact in touch does not separate."""
+
+
+@plain
+def aim(groups, amounts, rates, timestep, restitution, slowest, resolved, may, target, collides):
+    """Write what `contact_targets` returns, (g,) each, and return whether some contact collides."""
+    some = False
+    for g in range(len(target)):
+        target[g], collides[g] = 0.0, False
+        if groups[2, g] != CONE:
+            continue
+        gap, gamma, led = amounts[0, g], rates[1, groups[0, g]], rates[2, groups[0, g]]
+        threshold = max(slowest, min(gamma - led, resolved))
+        if may[g] and gamma < -threshold and (gap <= 0.0 or gap + timestep * led < 0.0):
+            collides[g] = some = True
+            target[g] = -restitution * gamma
+        elif gap > 0.0:
+            target[g] = -gap / timestep
+    return some
 
 
 @compiled()
@@ -34,19 +54,22 @@ def contact_targets(groups, amounts, rates, timestep, restitution, slowest, reso
     Returns:
         ``gamma^h``, (g,), and whether each group collides, bool (g,).
     """
-    first, kind, gap, before, free = groups[0], groups[2], amounts[0], rates[1], rates[2]
-    target, collides = np.zeros(len(kind)), np.zeros(len(kind), np.bool_)
-    for g in range(len(kind)):
-        if kind[g] != CONE:
-            continue
-        gamma, led = before[first[g]], free[first[g]]
-        threshold = max(slowest, min(gamma - led, resolved))
-        if may[g] and gamma < -threshold and (gap[g] <= 0.0 or gap[g] + timestep * led < 0.0):
-            collides[g] = True
-            target[g] = -restitution * gamma
-        elif gap[g] > 0.0:
-            target[g] = -gap[g] / timestep
+    target, collides = np.empty(groups.shape[1]), np.empty(groups.shape[1], np.bool_)
+    aim(groups, amounts, rates, timestep, restitution, slowest, resolved, may, target, collides)
     return target, collides
+
+
+@plain
+def write_offsets(groups, rates, target, sliding, b):
+    """Write what `offsets` returns, (n,)."""
+    for g in range(groups.shape[1]):
+        f = groups[0, g]
+        if groups[2, g] == CONE:
+            b[f] = rates[2, f] - target[g]
+            for k in range(f + 1, f + groups[1, g]):
+                b[k] = rates[0, k] * (rates[2, k] - sliding[k])
+        else:
+            b[f] = rates[2, f] - rates[3, f]
 
 
 @compiled()
@@ -59,18 +82,34 @@ def offsets(groups, rates, target, sliding):
         target: ``gamma^h``, (g,).
         sliding: sliding velocities aimed at, (n,).
     """
-    first, size, kind = groups[0], groups[1], groups[2]
-    scale, free, rest = rates[0], rates[2], rates[3]
-    b = np.empty(len(free))
-    for g in range(len(kind)):
-        f = first[g]
-        if kind[g] == CONE:
-            b[f] = free[f] - target[g]
-            for k in range(f + 1, f + size[g]):
-                b[k] = scale[k] * (free[k] - sliding[k])
-        else:
-            b[f] = free[f] - rest[f]
+    b = np.empty(rates.shape[1])
+    write_offsets(groups, rates, target, sliding, b)
     return b
+
+
+@plain
+def reach(groups, sparse, colind, amounts, rates, tree, collides, pushed, mark, reached):
+    """Write what `reached_groups` returns to False, (g,); there are marks of trees, False."""
+    fastest = 0.0
+    for g in range(len(collides)):
+        fastest = max(fastest, abs(rates[1, groups[0, g]]))
+    more = True
+    while more:
+        more = False
+        for g in range(len(reached)):
+            row = groups[0, g]
+            touches = groups[2, g] == CONE and amounts[0, g] <= NEAR
+            touches = touches and (pushed[g] or rates[1, row] <= _RESTING * fastest)
+            if reached[g] or not (collides[g] or touches):
+                continue
+            begin, end = sparse[1, row], sparse[1, row] + sparse[0, row]
+            near = collides[g]
+            for a in range(begin, end):
+                near = near or mark[tree[colind[a]]]
+            if near:
+                reached[g] = more = True
+                for a in range(begin, end):
+                    mark[tree[colind[a]]] = True
 
 
 @compiled()
@@ -90,29 +129,25 @@ def reached_groups(groups, sparse, colind, amounts, rates, tree, collides, pushe
         collides: bool (g,).
         pushed: bool (g,).
     """
-    fastest = 0.0
-    for g in range(len(collides)):
-        fastest = max(fastest, abs(rates[1, groups[0, g]]))
-    mark = np.zeros(tree.max() + 1 if len(tree) else 0, np.bool_)
     reached = np.zeros(len(collides), np.bool_)
-    more = True
-    while more:
-        more = False
-        for g in range(len(reached)):
-            row = groups[0, g]
-            touches = groups[2, g] == CONE and amounts[0, g] <= NEAR
-            touches = touches and (pushed[g] or rates[1, row] <= _RESTING * fastest)
-            if reached[g] or not (collides[g] or touches):
-                continue
-            begin, end = sparse[1, row], sparse[1, row] + sparse[0, row]
-            near = collides[g]
-            for a in range(begin, end):
-                near = near or mark[tree[colind[a]]]
-            if near:
-                reached[g] = more = True
-                for a in range(begin, end):
-                    mark[tree[colind[a]]] = True
+    reach(groups, sparse, colind, amounts, rates, tree, collides, pushed, cleared(trees_of(tree)), reached)
     return reached
+
+
+@plain
+def _is_nearly_closed(groups, amounts, collides, target):
+    """Return whether some contact in touch has a gap, and does not collide."""
+    for g in range(len(target)):
+        if groups[2, g] == CONE and not collides[g] and target[g] < 0.0 and amounts[0, g] <= NEAR:
+            return True
+    return False
+
+
+@plain
+def _close(reached, collides, target):
+    for g in range(len(target)):
+        if reached[g] and not collides[g]:
+            target[g] = max(target[g], 0.0)
 
 
 @compiled()
@@ -121,13 +156,9 @@ def close_gaps(groups, sparse, colind, amounts, rates, tree, collides, target):
 
     ``target``, (g,), is written; for the others see `reached_groups`.
     """
-    some = False
-    for g in range(len(target)):
-        some = some or (groups[2, g] == CONE and not collides[g] and target[g] < 0.0 and amounts[0, g] <= NEAR)
-    if not some:
+    if not _is_nearly_closed(groups, amounts, collides, target):
         return
-    pushed = np.ones(len(collides), np.bool_)
-    reached = reached_groups(groups, sparse, colind, amounts, rates, tree, collides, pushed)
-    for g in range(len(target)):
-        if reached[g] and not collides[g]:
-            target[g] = max(target[g], 0.0)
+    pushed, reached = cleared(len(target)), cleared(len(target))
+    pushed[:] = True
+    reach(groups, sparse, colind, amounts, rates, tree, collides, pushed, cleared(trees_of(tree)), reached)
+    _close(reached, collides, target)

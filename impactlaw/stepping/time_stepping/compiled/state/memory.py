@@ -10,7 +10,7 @@ import numpy as np
 from numba import types
 
 from impactlaw.solvers.cones.algebra.loops import kernel, plain
-from impactlaw.stepping.compiled.fields import floats, longs, table_ints
+from impactlaw.stepping.time_stepping.compiled.state.room import keep_known, known_at
 from impactlaw.stepping.time_stepping.compiled.surfaces import forget_surfaces, surface_room
 
 
@@ -75,11 +75,7 @@ _realloc: Any = _external("realloc", types.int64, types.int64)
 @kernel
 def last_step(counts):
     """Return groups, keys, coefficients and impulses of the last step; see `contact_problem.recall`."""
-    g, n, block = counts[MEMORY.groups], counts[MEMORY.rows], counts[MEMORY.block]
-    keys = block
-    scale = keys + 8 * g
-    impulses = scale + 8 * n
-    return table_ints(impulses + 8 * n, 4, g), longs(keys, g), floats(scale, n), floats(impulses, n)
+    return known_at(counts[MEMORY.block], counts[MEMORY.groups], counts[MEMORY.rows])
 
 
 @plain
@@ -88,7 +84,7 @@ def forget(counts):
     counts[MEMORY.groups] = counts[MEMORY.rows] = 0
 
 
-@kernel
+@plain
 def remember(counts, groups, key, scale, impulses):
     """Keep groups, keys, coefficients and impulses of a step."""
     g, n = len(key), len(scale)
@@ -100,11 +96,7 @@ def remember(counts, groups, key, scale, impulses):
     counts[MEMORY.other], counts[MEMORY.other_capacity] = counts[MEMORY.block], counts[MEMORY.capacity]
     counts[MEMORY.block], counts[MEMORY.capacity] = block, capacity
     counts[MEMORY.groups], counts[MEMORY.rows] = g, n
-    to_groups, to_key, to_scale, to_impulses = last_step(counts)
-    to_groups[:] = groups
-    to_key[:] = key
-    to_scale[:] = scale
-    to_impulses[:] = impulses
+    keep_known(last_step(counts), groups, key, scale, impulses)
 
 
 @kernel

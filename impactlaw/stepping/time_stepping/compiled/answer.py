@@ -1,0 +1,122 @@
+"""What the contacts of one phase aim at in compiled code, and what `resolve_step` says."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from impactlaw.solvers.cones import BILATERAL
+from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.stepping.compiled.access import data_floats, data_ints, layout_of, model_ints, number, size
+from impactlaw.stepping.compiled.fields import DATA, MODEL, flags
+from impactlaw.stepping.time_stepping.compiled.law import ask_law, reverse
+from impactlaw.stepping.time_stepping.compiled.state.kinds import typeof
+from impactlaw.stepping.time_stepping.compiled.state.status import CREATES, FINE, NOT_FINITE
+from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
+from impactlaw.stepping.time_stepping.problem.phases import find_later
+from impactlaw.stepping.time_stepping.problem.resolve import linked_resolve
+from impactlaw.stepping.time_stepping.problem.targets import aim, close_gaps
+from impactlaw.stepping.time_stepping.tolerances import RESOLVED, STIFF
+
+
+class Solved(NamedTuple):
+    """What is known of a solution; see `resolve.resolve_step`.
+
+    Attributes:
+        collided: whether some contact collides.
+        opens: whether overlaps have to be opened.
+        missed: largest amount by which a contact velocity misses its target, m/s or rad/s.
+        fastest: largest velocity of a row, m/s or rad/s.
+        share: of restitution that there is.
+        created: energy that the law would create, J.
+        work: of contact, J.
+        rounding: what of it is rounding, J.
+        status: see `status`.
+    """
+
+    collided: bool
+    opens: bool
+    missed: float
+    fastest: float
+    share: float
+    created: float
+    work: float
+    rounding: float
+    status: int
+
+
+NO_ANSWER = Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, FINE)
+SOLVED = typeof(NO_ANSWER)
+
+
+@plain
+def _stiffen(w, rows):
+    """Let equality constraints keep their velocity in a collision."""
+    n = number(w, DATA.nefc)
+    number_of, compliance = data_ints(w, DATA.efc_id, n), data_floats(w, DATA.efc_R, n)
+    kept = flags(w.bilateral, size(w, MODEL.neq))
+    for g in range(len(rows.key)):
+        row = rows.groups[0, g]
+        place = rows.sparse[2, row]
+        if rows.groups[2, g] == BILATERAL and kept[number_of[place]]:
+            rows.rates[4, row] = STIFF * compliance[place]
+
+
+@plain
+def _collide(w, rows, tree, law, answer):
+    """Let contacts aim at what the law says, those in touch stay closed, and equality constraints keep their velocity.
+
+    Return `status.FINE`, or what has gone wrong.
+    """
+    status, reversal = FINE, setting(w, SETTING.reversal)
+    if not np.isnan(reversal):
+        reverse(reversal, rows, tree, answer.collides, answer.target)
+    elif np.isnan(setting(w, SETTING.restitution)):
+        status = ask_law(law, rows, tree, answer.collides, answer.target)
+    close_gaps(
+        rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, tree, answer.collides, answer.target
+    )  # fmt: skip
+    _stiffen(w, rows)
+    return status
+
+
+@plain
+def solve(w, rows, metric, known, rounds, law, answer):
+    """Solve the problem of these rows, in which those groups may collide that the answer says; write all else in it."""
+    tree, (factor, inverse), e = model_ints(w, MODEL.dof_treeid, w.nv), metric, setting(w, SETTING.restitution)
+    status, sliding = FINE, 0.0
+    collided = aim(
+        rows.groups, rows.amounts, rows.rates, w.timestep, 0.0 if np.isnan(e) else e, setting(w, SETTING.rest_speed),
+        RESOLVED, answer.may, answer.target, answer.collides,
+    )  # fmt: skip
+    if collided:
+        status, sliding = _collide(w, rows, tree, law, answer), setting(w, SETTING.sliding)
+    if status != FINE:
+        return Solved(collided, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, status)
+    for r in range(len(answer.sliding)):
+        answer.sliding[r] = -sliding * rows.rates[1, r] if sliding != 0.0 else 0.0
+    known_groups, known_key, known_scale, impulses = known
+    Mnnz, Madr, Mcol = layout_of(w)
+    opens, missed, fastest, share, created, work, rounding = linked_resolve(
+        rows.sparse, rows.colind, rows.value, rows.groups, rows.key, rows.amounts, rows.rates, answer.target,
+        answer.sliding, answer.collides, known_groups, known_key, known_scale, impulses, w.timestep,
+        setting(w, SETTING.exact) != 0.0, setting(w, SETTING.dissipative) > 0.0, rounds, tree, factor, inverse,
+        Mnnz, Madr, Mcol, answer.x, answer.change, answer.shift, answer.reached, answer.z,
+    )  # fmt: skip
+    if not np.isfinite(missed):
+        status = NOT_FINITE
+    elif created > 0.0 and setting(w, SETTING.dissipative) < 0.0:
+        status = CREATES
+    return Solved(collided, opens, missed, fastest, share, created, work, rounding, status)
+
+
+@plain
+def goes_on(w, rows, solved, answer):
+    """Write which contacts are hit only through others, and return whether there are some whose restitution is lost."""
+    if not solved.collided or setting(w, SETTING.restitution) == 0.0:
+        return False
+    return find_later(
+        rows.groups, rows.sparse, rows.colind, rows.value, rows.amounts, rows.rates, answer.z, answer.x,
+        answer.collides, setting(w, SETTING.rest_speed), RESOLVED, answer.later,
+    )  # fmt: skip

@@ -1,0 +1,154 @@
+"""The part of a compiled step before contact: bodies in the middle of the step, velocities where forces lead."""
+
+from __future__ import annotations
+
+import mujoco
+
+from impactlaw.solvers.cones.algebra.loops import norm, plain
+from impactlaw.stepping.compiled import libmujoco as mj
+from impactlaw.stepping.compiled.access import (
+    data_floats,
+    model_floats,
+    model_ints,
+    offset,
+    option,
+    rows_of,
+    size,
+    velocity_of,
+)
+from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, flags, floats, ints, put, table_floats
+from impactlaw.stepping.time_stepping.compiled.ends import update_frames
+from impactlaw.stepping.time_stepping.compiled.forces import settle
+from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, forget
+from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
+from impactlaw.stepping.time_stepping.compiled.surfaces import (
+    begin_surfaces,
+    place_surfaces,
+    speeds_of_middle,
+    surface_speed,
+)
+from impactlaw.stepping.time_stepping.margins import write_margins
+from impactlaw.stepping.time_stepping.tolerances import SHARES
+
+_EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
+_CONTACT_FULL, _ROWS_FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)
+
+
+@plain
+def to_middle(w, counts, left, gained, start, middle, bias, margins, work, loaded):
+    """Take a step without contact, bodies left in its middle; return whether MuJoCo had no room for all contacts."""
+    _begin(w, counts, left, gained, loaded)
+    _set_margins(w, gained, work)
+    put(start, velocity_of(w))
+    full = _to_midpoint(w, start, margins, middle)
+    _free_step(w, start, bias, gained, work)
+    if w.surfaces != 0:
+        speeds_of_middle(w)
+    return full
+
+
+@plain
+def _begin(w, counts, left, gained, loaded):
+    """Let data be current, and forget what is not of the last step."""
+    nq = size(w, MODEL.nq)
+    qpos, qvel = data_floats(w, DATA.qpos, nq), velocity_of(w)
+    same = counts[MEMORY.known] != 0 and _equal(left[:nq], qpos) and _equal(left[nq:], qvel)
+    if loaded or not same:
+        update_frames(w)
+    if not same:
+        forget(counts)
+        gained[:] = 0.0
+    if w.surfaces != 0:
+        begin_surfaces(w)
+
+
+@plain
+def _equal(one, other):
+    for i in range(len(one)):  # noqa: SIM110 - compiled
+        if one[i] != other[i]:
+            return False
+    return True
+
+
+@plain
+def _set_margins(w, gained, work):
+    """Let MuJoCo find the contacts that bodies can reach in this step; see `margins.set_margins`.
+
+    There is room for what is moved meanwhile, (6 nbody + nv,).
+    """
+    nbody = size(w, MODEL.nbody)
+    ngeom, npair, ntendon = size(w, MODEL.ngeom), size(w, MODEL.npair), size(w, MODEL.ntendon)
+    qvel, moving, kept = velocity_of(w), data_floats(w, DATA.cvel, 6 * nbody), work[6 * nbody :]
+    now = table_floats(address_of(work), nbody, 6)
+    put(work, moving)
+    put(kept, qvel)
+    for i in range(w.nv):
+        qvel[i] += gained[i]
+    mj.com_vel(w.model, w.data)
+    put(qvel, kept[: w.nv])
+    gravity = floats(w.model + offset(w, MODEL.opt_gravity), 3)
+    write_margins(
+        model_floats(w, MODEL.body_margin, nbody), model_floats(w, MODEL.geom_margin, ngeom),
+        model_floats(w, MODEL.geom_gap, ngeom), model_floats(w, MODEL.pair_margin, npair),
+        model_floats(w, MODEL.pair_gap, npair), model_floats(w, MODEL.jnt_margin, size(w, MODEL.njnt)),
+        model_floats(w, MODEL.tendon_margin, ntendon),
+        model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_rootid, nbody), floats(w.sizes, nbody),
+        rows_of(w, DATA.xipos, nbody, 3), rows_of(w, DATA.subtree_com, nbody, 3), now, rows_of(w, DATA.cvel, nbody, 6),
+        model_ints(w, MODEL.body_mocapid, nbody), surface_speed(w), w.timestep,
+        norm(gravity),
+    )  # fmt: skip
+
+
+@plain
+def _to_midpoint(w, start, margins, middle):
+    """Put bodies where they are in the middle of the step, and compute all forces but those of contact there.
+
+    Return whether MuJoCo had no room for all contacts.
+    """
+    if w.surfaces != 0:
+        place_surfaces(w)
+    qpos, sensors = data_floats(w, DATA.qpos, size(w, MODEL.nq)), size(w, MODEL.nsensordata) > 0
+    mj.integrate_pos(w.model, address_of(qpos), address_of(start), 0.5 * w.timestep)
+    put(middle, qpos)
+    full = _find_contacts(w, margins)
+    if sensors:
+        for field in (DATA.flg_subtreevel, DATA.flg_rnepost):  # what of the last step MuJoCo takes to be still right
+            flags(w.data + offset(w, field), 1)[0] = 0
+        mj.sensor_pos(w.model, w.data)
+    mj.fwd_velocity(w.model, w.data)
+    if sensors:
+        mj.sensor_vel(w.model, w.data)
+    mj.fwd_actuation(w.model, w.data)
+    mj.fwd_acceleration(w.model, w.data)
+    return full
+
+
+@plain
+def _find_contacts(w, margins):
+    warnings = ints(w.data + offset(w, DATA.warning), 2 * (max(_CONTACT_FULL, _ROWS_FULL) + 1))
+    for share in SHARES:
+        seen = warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1]
+        mj.fwd_position(w.model, w.data)
+        if warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1] == seen:
+            return False
+        for i in range(len(margins)):
+            margins[i] *= share
+    mj.fwd_position(w.model, w.data)
+    return True
+
+
+@plain
+def _free_step(w, start, bias, gained, work):
+    """Let MuJoCo's integrator advance velocity, activations and time without contact."""
+    nv = w.nv
+    put(data_floats(w, DATA.qacc, nv), data_floats(w, DATA.qacc_smooth, nv))
+    data_floats(w, DATA.qfrc_constraint, nv)[:] = 0.0
+    if option(w, MODEL.opt_integrator) == _EULER:
+        mj.euler(w.model, w.data)
+    else:
+        mj.implicit(w.model, w.data)
+    qvel = velocity_of(w)
+    if setting(w, SETTING.inertial) != 0.0:
+        settle(w, start, bias, work)
+    for i in range(nv):
+        gained[i] = qvel[i] - start[i]

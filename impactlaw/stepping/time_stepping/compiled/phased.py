@@ -1,0 +1,108 @@
+"""Collisions one after another within a step, in compiled code; see `problem.phases`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import types
+
+from impactlaw.compiled import compiled
+from impactlaw.linked import linked
+from impactlaw.solvers.cones.algebra.loops import kernel, once
+from impactlaw.stepping.compiled.access import model_ints, velocity_of
+from impactlaw.stepping.compiled.fields import MODEL, address_of, keep, put
+from impactlaw.stepping.time_stepping.compiled.answer import SOLVED, Solved, goes_on, solve
+from impactlaw.stepping.time_stepping.compiled.state.kinds import (
+    ANSWER,
+    BOOLEAN,
+    INTEGER,
+    KNOWN,
+    LAW,
+    METRIC,
+    NUMBERS,
+    ROWS,
+    WORLD,
+)
+from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, answer_size
+from impactlaw.stepping.time_stepping.compiled.state.status import FINE
+from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
+from impactlaw.stepping.time_stepping.compiled.sums import add_collision
+from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups
+from impactlaw.stepping.time_stepping.problem.rows import Rows
+from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASE_ROWS, PHASES
+
+
+@kernel
+def _some(rows, rates, kept):
+    """Return some groups, with other rates, and the places of their rows."""
+    chosen, place = some_groups(rows.sparse, rows.colind, rows.value, rows.groups, rows.key, rows.amounts, rates, kept)
+    return Rows(*chosen), place
+
+
+@once
+def _meet(w, rows, metric, before, known, rounds, law, may, left, block, sums):
+    """Solve one phase: once, and again without the contacts that are hit only through others.
+
+    Return what is known of the solution, the answer, the place of each of its rows, (n,), the groups that are left out,
+    bool (g,), how many rows may still be solved for such contacts, and whether some of them were not left out.
+    """
+    later, place = np.zeros(len(may), np.bool_), np.arange(len(rows.rates[0]))
+    part, allowed = rows, may
+    while True:
+        answer = answer_at(address_of(block), len(part.key), len(part.rates[0]), w.nv)
+        put(answer.may, allowed)
+        solved = solve(w, part, metric, known, rounds, law, answer)
+        waiting = solved.status == FINE and goes_on(w, part, solved, answer)
+        if left <= 0 or not waiting:
+            break
+        later[np.flatnonzero(~later)] |= answer.later
+        known, rounds = (part.groups, part.key, part.rates[0], answer.x.copy()), FEW_ROUNDS
+        part, place = _some(rows, rows.rates, ~later)
+        allowed, left = may[~later], left - len(place)
+    if solved.status == FINE and solved.collided and setting(w, SETTING.told) != 0.0:
+        add_collision(w, part, answer, solved.share, metric, before, sums)
+    return solved, answer, place, later, left, waiting
+
+
+@compiled(types.Tuple((SOLVED, BOOLEAN))(WORLD, ROWS, METRIC, NUMBERS, NUMBERS, KNOWN, INTEGER, LAW, ANSWER, NUMBERS))
+def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, sums):
+    """Find the impulses, phase by phase; see `contact_impulses.ContactProblem.find`.
+
+    Impulses and the velocity that opens overlaps are written to the answer, and the velocity after the step to data.
+    Return what is known of the solution, and whether contacts that are hit only through others were not left for a
+    phase of their own.
+    """
+    now, n = rows, len(rows.rates[0])
+    place, may, x, velocity = np.arange(n), np.ones(len(rows.key), np.bool_), np.zeros(n), free.copy()
+    missed, fastest, created, work, rounding, collided, opens = 0.0, 0.0, 0.0, 0.0, 0.0, False, False
+    left, cut, before = PHASE_ROWS, False, start
+    block = np.empty(answer_size(len(rows.key), n, w.nv))
+    sums[:] = 0.0
+    for phase in range(PHASES):
+        solved, met, where, later, left, waiting = _meet(
+            w, now, metric, before, known, rounds if phase == 0 else FEW_ROUNDS, law, may,
+            0 if phase == PHASES - 1 else left, block, sums,
+        )  # fmt: skip
+        left, cut = left - len(now.rates[0]), cut or waiting
+        collided, created, opens = collided or solved.collided, created + solved.created, solved.opens
+        if solved.status != FINE:
+            return Solved(collided, False, 0.0, 0.0, 1.0, created, 0.0, 0.0, solved.status), cut
+        for r in range(len(where)):
+            x[place[where[r]]] += met.x[r]
+        velocity += met.change
+        put(whole.shift, met.shift)
+        missed, fastest = max(missed, solved.missed), max(fastest, solved.fastest)
+        work, rounding = work + solved.work, rounding + solved.rounding
+        if not later.any():
+            break
+        reached = reached_by(now.groups, now.sparse, now.colind, model_ints(w, MODEL.dof_treeid, w.nv), later)
+        rates = later_rates(now.groups, now.sparse, now.colind, now.value, now.rates, met.z)
+        now, chosen = _some(now, rates, reached)
+        place, may, before = place[chosen], later[reached], velocity.copy()
+    put(whole.x, x)
+    keep(block)
+    put(velocity_of(w), velocity)
+    return Solved(collided, opens, missed, fastest, 1.0, created, work, rounding, FINE), cut
+
+
+linked_phases = linked(resolve_in_phases)
+"""What compiled functions call."""

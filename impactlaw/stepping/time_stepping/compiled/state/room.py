@@ -1,0 +1,148 @@
+"""Memory of the contact problem of a step: one piece, of which views are made where they are needed.
+
+Nobody counts who holds a view: the piece lives as long as the step.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from impactlaw.solvers.cones.algebra.loops import kernel, plain
+from impactlaw.stepping.compiled.fields import bools, floats, ints, longs, put, table_floats, table_ints
+from impactlaw.stepping.time_stepping.compiled.sums import SUMS
+from impactlaw.stepping.time_stepping.problem.rows import Rows
+
+Array = np.ndarray[Any, Any]
+
+
+class Room(NamedTuple):
+    """Addresses of what a step needs for its contacts, and how large that can be.
+
+    Attributes:
+        rows: of `Rows`.
+        answer: of `Answer`.
+        known: of groups, keys, coefficients and impulses that are known last.
+        velocities: of velocities, (`VELOCITIES`, nv).
+        sums: over the collisions, see `compiled.sums`.
+        entries: most entries of whitened rows.
+        nv: degrees of freedom.
+    """
+
+    rows: int
+    answer: int
+    known: int
+    velocities: int
+    sums: int
+    entries: int
+    nv: int
+
+
+class Answer(NamedTuple):
+    """What contacts aim at and do; see `resolve.resolve_step`.
+
+    Attributes:
+        x: impulses of rows, in units of the problem, (n,).
+        sliding: sliding velocities aimed at, (n,).
+        target: velocities aimed at with all restitution, (g,).
+        reached: those that were aimed at, (g,).
+        change: of velocity, (nv,).
+        shift: velocity that opens overlaps, (nv,), if some are to be opened.
+        z: whitened change of velocity, (nv,).
+        may: which groups may collide, bool (g,).
+        collides: which groups do, bool (g,).
+        later: which are hit only through others, bool (g,).
+    """
+
+    x: Array
+    sliding: Array
+    target: Array
+    reached: Array
+    change: Array
+    shift: Array
+    z: Array
+    may: Array
+    collides: Array
+    later: Array
+
+
+VELOCITIES = 4
+"""Velocities, (nv,) each, that there is room for."""
+
+
+@plain
+def rows_size(g, n, m):
+    """Return how many numbers of 64 bits the rows of g groups, n rows and m entries take."""
+    return m + 5 * n + 5 * g + (3 * n + 1) // 2 + (m + 1) // 2
+
+
+@plain
+def answer_size(g, n, nv):
+    """Return how many numbers of 64 bits an answer takes."""
+    return 2 * n + 2 * g + 3 * nv + (3 * g + 7) // 8
+
+
+@plain
+def lay_out(at, n, m, nv):
+    """Return `Room` for n rows and m entries at an address, and how many numbers of 64 bits it takes."""
+    answer = at + 8 * rows_size(n, n, m)
+    known = answer + 8 * answer_size(n, n, nv)
+    velocities = known + 8 * (3 * n + 2 * n)
+    sums = velocities + 8 * VELOCITIES * nv
+    return Room(at, answer, known, velocities, sums, m, nv), (sums - at) // 8 + SUMS
+
+
+@kernel
+def rows_at(at, g, n, m):
+    """Return `Rows` of g groups, n rows and room for m entries at an address."""
+    rates = at + 8 * m
+    amounts = rates + 40 * n
+    key = amounts + 16 * g
+    groups = key + 8 * g
+    sparse = groups + 16 * g
+    colind = sparse + 8 * ((3 * n + 1) // 2)
+    return Rows(
+        table_ints(sparse, 3, n), ints(colind, m), floats(at, m), table_ints(groups, 4, g), longs(key, g),
+        table_floats(amounts, 2, g), table_floats(rates, 5, n),
+    )  # fmt: skip
+
+
+@kernel
+def answer_at(at, g, n, nv):
+    """Return `Answer` at an address."""
+    sliding = at + 8 * n
+    target = sliding + 8 * n
+    reached = target + 8 * g
+    change = reached + 8 * g
+    shift = change + 8 * nv
+    z = shift + 8 * nv
+    may = z + 8 * nv
+    return Answer(
+        floats(at, n), floats(sliding, n), floats(target, g), floats(reached, g), floats(change, nv),
+        floats(shift, nv), floats(z, nv), bools(may, g), bools(may + g, g), bools(may + 2 * g, g),
+    )  # fmt: skip
+
+
+@kernel
+def velocities_at(room, first, many):
+    """Return some of the velocities that there is room for, (many nv,)."""
+    return floats(room.velocities + 8 * first * room.nv, many * room.nv)
+
+
+@kernel
+def known_at(at, g, n):
+    """Return groups, keys, coefficients and impulses of g groups and n rows at an address."""
+    scale = at + 8 * g
+    impulses = scale + 8 * n
+    return table_ints(impulses + 8 * n, 4, g), longs(at, g), floats(scale, n), floats(impulses, n)
+
+
+@plain
+def keep_known(known, groups, key, scale, impulses):
+    """Copy groups, keys, coefficients and impulses of a step to where they are known."""
+    for k in range(4):
+        put(known[0][k], groups[k])
+    put(known[1], key)
+    put(known[2], scale)
+    put(known[3], impulses)

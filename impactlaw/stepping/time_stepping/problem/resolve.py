@@ -1,0 +1,117 @@
+"""What the contacts of a step do: their problem solved from what is known, the velocity, and overlaps to be opened."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlaw.compiled import compiled
+from impactlaw.linked import linked
+from impactlaw.solvers.cones import CONE
+from impactlaw.solvers.cones.algebra.loops import numbers, plain
+from impactlaw.stepping.compiled.whitening import unwhitened
+from impactlaw.stepping.time_stepping.problem.contact_problem import (
+    CREATED,
+    contact_work,
+    guess,
+    move_apart,
+    overlap_targets,
+    solve_contacts,
+)
+
+_ARRAYS = (
+    "int32[:,::1],int32[::1],float64[::1],int32[:,::1],int64[::1],float64[:,::1],float64[:,::1],float64[::1],"
+    "float64[::1],boolean[::1],int32[:,::1],int64[::1],float64[::1],float64[::1],float64,boolean,boolean,int64,"
+    "int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1]"
+)
+_FOUND = "boolean,float64,float64,float64,float64,float64,float64"
+
+
+@plain
+def _missed(groups, rates, after, reached):
+    """Return the largest amount by which a contact velocity misses its target, and the largest velocity of a row."""
+    missed, fastest = 0.0, 0.0
+    for g in range(len(reached)):
+        if groups[2, g] == CONE:
+            row = groups[0, g]
+            missed = max(missed, reached[g] - after[row])
+            for k in range(row, row + groups[1, g]):
+                fastest = max(fastest, abs(rates[1, k]), abs(rates[2, k]))
+    return missed, fastest
+
+
+@plain
+def _resolve(
+    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
+    known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, tree,
+    factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z, room,
+):  # fmt: skip
+    """Do what `resolve` does with room for (3 n + 2 g + 2 nv,)."""
+    n, g, nv = len(x), len(target), len(z)
+    after, root, w = room[:n], room[n : n + nv], room[n + nv : n + 2 * nv]
+    need, push, rest = room[n + 2 * nv :][:g], room[n + 2 * nv + g :][:g], room[n + 2 * nv + 2 * g :]
+    guess(groups, key, rates[0], known_groups, known_key, known_scale, known, x)
+    share, created = solve_contacts(
+        sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, dissipative, rounds,
+        x, z, after, reached, rest,
+    )  # fmt: skip
+    for i in range(nv):
+        root[i] = np.sqrt(inverse[i])
+    unwhitened(z, factor, Mnnz, Madr, Mcol, root, change)
+    missed, fastest = _missed(groups, rates, after, reached)
+    overlaps = overlap_targets(groups, amounts, rates, after, timestep, need)
+    if overlaps:
+        move_apart(sparse, colind, value, groups, rates, need, push, w)
+        unwhitened(w, factor, Mnnz, Madr, Mcol, root, shift)
+    work, total = contact_work(groups, rates, after, x)
+    return overlaps, missed, fastest, share, created, work, CREATED * total
+
+
+@compiled(f"Tuple(({_FOUND}))({_ARRAYS},float64[::1],float64[::1],float64[::1],float64[::1],float64[::1])")
+def resolve(
+    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
+    known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, tree,
+    factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z,
+):  # fmt: skip
+    """Write what the contacts of a step do; see `resolve_step`.
+
+    Written are impulses, change of velocity, the velocity that opens overlaps if some has to be opened, targets, and
+    the whitened change of velocity. Return whether some overlap has to be opened, and the numbers of `resolve_step`.
+    """
+    room = numbers(3 * len(x) + 2 * len(target) + 2 * len(z))
+    return _resolve(
+        sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
+        known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, tree,
+        factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z, room,
+    )  # fmt: skip
+
+
+linked_resolve = linked(resolve)
+"""What compiled functions call."""
+
+
+@compiled(
+    "Tuple((float64[::1],float64[::1],float64[::1],float64[::1],float64,float64,float64,float64,float64,float64,"
+    f"float64[::1]))({_ARRAYS})"
+)
+def resolve_step(
+    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
+    known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, tree,
+    factor, inverse, Mnnz, Madr, Mcol,
+):  # fmt: skip
+    """Return what the contacts of a step do.
+
+    Returns:
+        Impulses (n,), in units of the problem; the change of velocity (nv,); the velocity that opens overlaps (nv,),
+        empty if none has to be; the targets reached for (g,); the largest amount by which a contact velocity misses its
+        target, and the largest velocity of a row, m/s or rad/s; the share s of restitution; the energy that the
+        collision would create without it, J; the work of contact, J, with what of it is rounding; and the whitened
+        change of velocity (nv,).
+    """
+    x, z = np.empty(rates.shape[1]), np.empty(len(tree))
+    change, shift, reached = np.empty(len(tree)), np.empty(len(tree)), np.empty(len(target))
+    overlaps, missed, fastest, s, created, work, rounding = linked_resolve(
+        sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
+        known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, tree,
+        factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z,
+    )  # fmt: skip
+    return x, change, shift if overlaps else shift[:0], reached, missed, fastest, s, created, work, rounding, z
