@@ -22,7 +22,15 @@ from impactlaw.stepping.time_stepping.problem.resolve import resolve_step
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
 from impactlaw.stepping.time_stepping.seen import Seen, in_order
-from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASE_ROWS, PHASES, RESOLVED, REST_SPEED, STIFF
+from impactlaw.stepping.time_stepping.tolerances import (
+    FEW_ROUNDS,
+    PHASE_ROWS,
+    PHASES,
+    RESOLVED,
+    REST_SPEED,
+    STIFF,
+    is_met,
+)
 
 Known = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """Groups, keys, coefficients of friction and impulses of a step."""
@@ -83,6 +91,11 @@ class _Phase:
     seen: Seen | None
     answer: tuple[Any, ...]
 
+    @property
+    def solved(self) -> bool:
+        """Whether the law is met."""
+        return is_met(self.answer[4], self.answer[5])
+
 
 class ContactProblem:
     """Finds the impulses of a step, under one law; see `scheme.TimeStepping`.
@@ -141,8 +154,8 @@ class ContactProblem:
         """Return what contact does in a step.
 
         In phases, contacts that are hit only through others, across a gap that is open, are left out first and collide
-        from the velocity to which that leads. There are at most `PHASES` of these, and as many as `PHASE_ROWS` allows;
-        in the last one such a contact just touches.
+        from the velocity to which that leads. There are at most `PHASES` of these, and as many as `PHASE_ROWS` allows,
+        none after one whose problem was not solved; in the last one such a contact just touches.
 
         Args:
             data: in the middle of the step, contacts current.
@@ -168,8 +181,10 @@ class ContactProblem:
         shift, cut = np.zeros(0), False
         for phase in range(PHASES):
             met = self._meet(data, now, before, metric, known, rounds, may, 0 if phase == PHASES - 1 else left)
-            cut = cut or (met.left <= 0 and self.targets.restitution != 0.0 and bool(self._later(met).any()))
-            left = met.left - len(now.scale)
+            cut = cut or (
+                (met.left <= 0 or not met.solved) and self.targets.restitution != 0.0 and bool(self._later(met).any())
+            )
+            left = met.left - len(now.scale) if met.solved else 0
             x, change, shift, _, miss, fast, _, _, done, part, z = met.answer
             impulse[place[met.place]] += x
             after = after + change
@@ -198,7 +213,7 @@ class ContactProblem:
         """Solve one phase: once, and again without the contacts that are hit only through others."""
         met = self._solve(data, rows, velocity, metric, known, rounds, may)
         later, keep = met.later, np.arange(len(may))
-        while left > 0 and np.count_nonzero(new := self._later(met)):
+        while left > 0 and met.solved and np.count_nonzero(new := self._later(met)):
             later[keep] |= new
             keep = np.flatnonzero(~later)
             part, place = some_groups(*rows, ~later)

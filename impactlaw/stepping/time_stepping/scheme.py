@@ -57,10 +57,10 @@ from impactlaw.stepping.time_stepping.tolerances import (
     FEW_ROUNDS,
     LOOKS,
     MANY_ROUNDS,
+    PHASE_LOOK_ROWS,
     PHASE_LOOKS,
     SHARES,
-    SHORTFALL_LIMIT,
-    SLOWEST,
+    is_met,
 )
 
 _ELLIPTIC = int(mujoco.mjtCone.mjCONE_ELLIPTIC)
@@ -224,7 +224,7 @@ class TimeStepping:
         if data.nefc:
             shift = self._contact(data, h)
             fastest = self._found.fastest if self._found else 0.0
-            self.solved = self.shortfall <= SHORTFALL_LIMIT * max(SLOWEST, fastest) and not self._overflown
+            self.solved = is_met(self.shortfall, fastest) and not self._overflown
             self.short_steps += not self.solved or (self._found is not None and self._found.later)
         else:
             self._known = None
@@ -331,9 +331,14 @@ class TimeStepping:
         self._rounds = FEW_ROUNDS
         while look < LOOKS + PHASE_LOOKS:
             found = self._reader.near(data, data.qvel, data.qvel, h) & ~near
-            if np.count_nonzero(found) and (look < LOOKS or phases):
+            if np.count_nonzero(found) and (len(rows.row) <= PHASE_LOOK_ROWS if phases else look < LOOKS):
                 near = near | found
-            elif not phases and self._found is not None and self._found.later:
+            elif (
+                not phases
+                and self._found is not None
+                and self._found.later
+                and is_met(self.shortfall, self._found.fastest)
+            ):
                 phases = True
             else:
                 break

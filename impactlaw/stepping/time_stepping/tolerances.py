@@ -21,6 +21,8 @@ LOOKS = 3
 """Looks at contacts at most, for those that the velocity after a collision closes."""
 PHASE_LOOKS = 3
 """Looks beyond these, where collisions are one after another."""
+PHASE_LOOK_ROWS = 50
+"""Rows of a contact problem up to which that is looked at again."""
 PHASES = 8
 """Collisions one after another within a step at most, where contacts are hit through others across open gaps."""
 PHASE_ROWS = 2000
@@ -33,3 +35,8 @@ SHARES = 0.2, 0.0
 """What is left of margins where there are too many contacts."""
 HUGE = mujoco.mjMAXVAL
 """MuJoCo takes larger numbers for a mistake."""
+
+
+def is_met(missed: float, fastest: float) -> bool:
+    """Return whether a step that misses its law by a velocity meets it, next to the largest contact velocity."""
+    return missed <= SHORTFALL_LIMIT * max(SLOWEST, fastest)

@@ -14,7 +14,8 @@ from impactlaw.stepping.time_stepping.compiled.state.status import FINE
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.compiled.sums import SUMS
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS
-from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LOOKS, PHASE_LOOKS
+from impactlaw.stepping.time_stepping.problem.resolve import is_met
+from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LOOKS, PHASE_LOOK_ROWS, PHASE_LOOKS
 
 _FEW, _AT_ONCE = np.int64(FEW_ROUNDS), np.bool_(False)  # literals would have functions compiled for each of them
 
@@ -54,9 +55,10 @@ def find_impulses(w, law, known, start, bias, rounds, jacobian, chosen, seen, ma
     )  # fmt: skip
     while look < LOOKS + PHASE_LOOKS and found.rows > 0 and found.solved.status == FINE:
         near(w, jacobian, qvel, qvel, h, seen)
-        if sees_more(chosen, seen) and (look < LOOKS or phases):
+        allowed = found.rows <= PHASE_LOOK_ROWS if phases else look < LOOKS
+        if sees_more(chosen, seen) and allowed:
             take_over(chosen, seen)
-        elif found.later and not phases:
+        elif found.later and not phases and is_met(found.solved.missed, found.solved.fastest):
             phases = found.later
         else:
             break

@@ -27,6 +27,7 @@ from impactlaw.stepping.time_stepping.compiled.state.status import FINE
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.compiled.sums import add_collision
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups
+from impactlaw.stepping.time_stepping.problem.resolve import is_met
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASE_ROWS, PHASES
 
@@ -52,7 +53,7 @@ def _meet(w, rows, metric, before, known, rounds, law, may, left, block, sums):
         put(answer.may, allowed)
         solved = solve(w, part, metric, known, rounds, law, answer)
         waiting = solved.status == FINE and goes_on(w, part, solved, answer)
-        if left <= 0 or not waiting:
+        if left <= 0 or not waiting or not is_met(solved.missed, solved.fastest):
             break
         later[np.flatnonzero(~later)] |= answer.later
         known, rounds = (part.groups, part.key, part.rates[0], answer.x.copy()), FEW_ROUNDS
@@ -82,7 +83,7 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
             w, now, metric, before, known, rounds if phase == 0 else FEW_ROUNDS, law, may,
             0 if phase == PHASES - 1 else left, block, sums,
         )  # fmt: skip
-        left, cut = left - len(now.rates[0]), cut or waiting
+        left, cut = left - len(now.rates[0]) if is_met(solved.missed, solved.fastest) else 0, cut or waiting
         collided, created, opens = collided or solved.collided, created + solved.created, solved.opens
         if solved.status != FINE:
             return Solved(collided, False, 0.0, 0.0, 1.0, created, 0.0, 0.0, solved.status), cut

@@ -40,7 +40,8 @@ from impactlaw.stepping.time_stepping.compiled.state.status import FINE, HUGE_IN
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, setting
 from impactlaw.stepping.time_stepping.compiled.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.surfaces import aim_surfaces, end_surfaces
-from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, HUGE, MANY_ROUNDS, SHORTFALL_LIMIT, SLOWEST
+from impactlaw.stepping.time_stepping.problem.resolve import is_met
+from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, HUGE, MANY_ROUNDS
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
@@ -97,7 +98,7 @@ def _constrain(w, law, memory, counts, start, middle, bias, full, cone, jacobian
         remember(counts, rows.groups, rows.key, rows.rates[0], answer.x)
     else:
         forget(counts)
-    met = solved.missed <= SHORTFALL_LIMIT * max(SLOWEST, solved.fastest) and not full
+    met = is_met(solved.missed, solved.fastest) and not full
     counts[MEMORY.solved] = met
     status = _end(w, start, middle, answer.shift, solved.opens)
     if status == FINE and touched and met:  # what is squeezed cannot be opened

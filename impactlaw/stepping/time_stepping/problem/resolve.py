@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from impactlaw.compiled import compiled
@@ -9,6 +11,7 @@ from impactlaw.linked import linked
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import numbers, plain
 from impactlaw.stepping.compiled.whitening import unwhitened
+from impactlaw.stepping.time_stepping import tolerances
 from impactlaw.stepping.time_stepping.problem.contact_problem import (
     CREATED,
     contact_work,
@@ -39,6 +42,36 @@ def _missed(groups, rates, after, reached):
     return missed, fastest
 
 
+is_met: Any = plain(tolerances.is_met)
+
+
+@plain
+def _lossy_share(rates, after, x):
+    """Return the largest share of impulses, at most 1, with which they do not add kinetic energy to the free motion.
+
+    The share s of x changes it by ``s x^T J v_free + s^2 x^T (J v+ - J v_free) / 2``.
+    """
+    linear, square, total = 0.0, 0.0, 0.0
+    for r in range(len(x)):
+        impulse = x[r] * rates[0, r]
+        linear += impulse * rates[2, r]
+        square += 0.5 * impulse * (after[r] - rates[2, r])
+        total += abs(impulse) * (abs(rates[2, r]) + abs(after[r]))
+    if linear + square <= CREATED * total:
+        return 1.0
+    return max(0.0, -linear / square) if square > 0.0 else 0.0
+
+
+@plain
+def _take_share(s, rates, after, x, z):
+    """Scale impulses, and what they change."""
+    for r in range(len(x)):
+        x[r] *= s
+        after[r] = rates[2, r] + s * (after[r] - rates[2, r])
+    for i in range(len(z)):
+        z[i] *= s
+
+
 @plain
 def _resolve(
     sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
@@ -54,10 +87,15 @@ def _resolve(
         sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, dissipative, rounds,
         x, z, after, reached, rest,
     )  # fmt: skip
+    missed, fastest = _missed(groups, rates, after, reached)
+    if not is_met(missed, fastest):  # what does not meet the law can be anything
+        part = _lossy_share(rates, after, x)
+        if part < 1.0:
+            _take_share(part, rates, after, x, z)
+            missed, fastest = _missed(groups, rates, after, reached)
     for i in range(nv):
         root[i] = np.sqrt(inverse[i])
     unwhitened(z, factor, Mnnz, Madr, Mcol, root, change)
-    missed, fastest = _missed(groups, rates, after, reached)
     overlaps = overlap_targets(groups, amounts, rates, after, timestep, need)
     if overlaps:
         move_apart(sparse, colind, value, groups, rates, need, push, w)
