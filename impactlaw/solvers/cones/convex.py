@@ -153,7 +153,7 @@ def _accelerated(S: Array, F: Array, count: int, new: Array) -> None:
         new[k] = max(s, 0.0)
 
 
-@once
+@kernel
 def corrected(P: Island, K: Blocks, x: Array, tolerance: float, sweeps: int, outer: int) -> int:
     """Overwrite x by the best of `sweeps` convex problems, each with a new correction; return Newton steps."""
     n, groups = len(x), len(P.kind)

@@ -14,11 +14,13 @@ from impactlaw.solvers.cones.algebra.ordering import Blocks, lay_out
 from impactlaw.solvers.cones.algebra.projection import norm_of
 from impactlaw.solvers.cones.algebra.structure import Island, delassus
 from impactlaw.solvers.cones.convex import corrected
+from impactlaw.solvers.cones.large import solve_large
 from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, newton
 
 _FIRST_STEPS = np.array([8, 30, 12, 30])  # Newton steps with two maps from the guess, and from rest
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
 _PATIENCE, _ENDLESS = np.int64(8), np.int64(1000)
+_PROXIMAL = np.int64(8)  # proximal steps of a convex problem
 _BRIEF, _HASTE = np.int64(10), np.int64(4)  # the same in large islands
 _KINDS = np.array([DE_SAXCE, DE_SAXCE, ALART_CURNIER, DE_SAXCE, ALART_CURNIER, DE_SAXCE, DE_SAXCE, ALART_CURNIER])
 _FACTORS = np.array([1.0, 1.0, 1.0, 1.0, 0.1, 0.1, 0.3, 1.0])
@@ -71,6 +73,9 @@ def solve_island(P: Island, K: Blocks, x: Array, scale: float, tolerance: float,
     `scale` is that of the velocities, `tolerance` the natural map that is small enough.
     """
     n = len(x)
+    large = n >= _LARGE and len(K.width) > 1
+    if large and not P.exact:
+        return solve_large(P, K, x, tolerance)
     few = n <= max(P.nv, 6) and float(n) ** 3 <= 1.5 * K.flops + 1e3
     G = numbers(n * n if few else 0)
     if few:
@@ -92,7 +97,7 @@ def solve_island(P: Island, K: Blocks, x: Array, scale: float, tolerance: float,
         if r < least:
             least = r
             x[:] = point
-        if least <= tolerance:
+        if least <= (_NEAR * tolerance if large else tolerance):
             return total, least
     if few and n < P.nv:
         P, K = compressed(P)
@@ -133,7 +138,7 @@ def _rounds(
             taken = 0
             point[:] = x
         else:
-            taken = corrected(P, K, convex, 1e2 * tolerance, 3 if k < _LATE else 6, 8)
+            taken = corrected(P, K, convex, 1e2 * tolerance, 3 if k < _LATE else 6, _PROXIMAL)
             work += taken * cost
             point[:] = convex
         total += taken

@@ -1,0 +1,37 @@
+"""Large islands without friction, or with friction held: Newton's method, and once more from what is safe.
+
+Such problems are convex. Newton's method mostly solves them in a few steps; where it does not, augmented Lagrangians
+come near enough from anywhere.
+"""
+
+import numpy as np
+
+from impactlaw.solvers.cones.algebra.loops import Array, copied, kernel, numbers
+from impactlaw.solvers.cones.algebra.ordering import Blocks
+from impactlaw.solvers.cones.algebra.structure import Island
+from impactlaw.solvers.cones.convex import corrected
+from impactlaw.solvers.cones.newton import CONVEX, newton
+
+_STEPS, _PATIENCE = np.int64(10), np.int64(4)  # of Newton's method
+_ONE, _PROXIMAL = np.int64(1), np.int64(8)  # convex problem, and its proximal steps
+_DELTA = 1e-9  # least regularization
+_NEAR = 1e2  # tolerances that will do
+
+
+@kernel
+def solve_large(P: Island, K: Blocks, x: Array, tolerance: float) -> tuple[int, float]:
+    """Overwrite the guess x by the best point found; return steps taken and its natural map.
+
+    `tolerance` is the natural map that is small enough.
+    """
+    dense, one, none = numbers(0), 1.0, 0.0
+    total, least = newton(P, K, dense, x, tolerance, _STEPS, CONVEX, one, _DELTA, none, _PATIENCE)
+    if least <= _NEAR * tolerance:
+        return total, least
+    point = copied(x)
+    total += corrected(P, K, point, _NEAR * tolerance, _ONE, _PROXIMAL)
+    taken, r = newton(P, K, dense, point, tolerance, _STEPS, CONVEX, one, _DELTA, none, _PATIENCE)
+    if r < least:
+        least = r
+        x[:] = point
+    return total + taken, least
