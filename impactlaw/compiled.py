@@ -25,6 +25,7 @@ _PARTS = (
     "stepping/time_stepping/problem",
     "stepping/time_stepping",
     "stepping/time_stepping/compiled/state",
+    "stepping/time_stepping/compiled/impulses",
     "stepping/time_stepping/compiled",
     "stepping/soft/compiled",
 )

@@ -22,8 +22,8 @@ from impactlaw.stepping.time_stepping.compiled.borrow import room
 from impactlaw.stepping.time_stepping.compiled.entry import WORLDS, many
 from impactlaw.stepping.time_stepping.compiled.state import memory, status
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY
+from impactlaw.stepping.time_stepping.compiled.state.surfaces import forget_surfaces
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
-from impactlaw.stepping.time_stepping.compiled.surfaces import forget_surfaces
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 _WHY = {

@@ -9,7 +9,7 @@ import numpy as np
 from impactlaw.errors import RestitutionError, SceneError
 from impactlaw.laws import Law
 from impactlaw.stepping.compiled.law_table import Coefficients
-from impactlaw.stepping.time_stepping.compiled.law import reason
+from impactlaw.stepping.time_stepping.compiled.state.law import reason
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 

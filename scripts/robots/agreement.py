@@ -20,8 +20,8 @@ from tqdm import tqdm
 
 from impactlaw import Law, Moreau, Stepper
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, raw, recollect
+from impactlaw.stepping.time_stepping.compiled.state.surfaces import last_motion
 from impactlaw.stepping.time_stepping.compiled.stepping import CompiledStepping
-from impactlaw.stepping.time_stepping.compiled.surfaces import last_motion
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 from . import scenes

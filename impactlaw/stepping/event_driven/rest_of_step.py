@@ -78,9 +78,9 @@ class RestOfStep:
             DivergenceError: position or velocity is not finite.
         """
         stepping, option = self._made(), self._model.opt
-        if surfaces is not None and stepping._surfaces is not None:
+        if surfaces is not None:
             surfaces.place(data)
-            stepping._surfaces = surfaces.from_here(data)
+            stepping.take_surfaces(surfaces.from_here(data))
             surfaces.aim(data)
         timestep = option.timestep
         option.timestep = remaining

@@ -148,6 +148,12 @@ class TimeStepping:
         if self._surfaces is not None and motion is not None:
             self._surfaces.go_on(motion)
 
+    def take_surfaces(self, surfaces: Surfaces) -> None:
+        """Let mocap bodies go on as these surfaces do, if they move any."""
+        if self._surfaces is not None:
+            self._surfaces = surfaces
+            self._reader = RowReader(self._model, surfaces, frictional=self._friction)
+
     @property
     def law(self) -> Law:
         """The law."""

@@ -18,15 +18,15 @@ from impactlaw.stepping.compiled.access import (
 )
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, flags, floats, ints, put, table_floats
 from impactlaw.stepping.time_stepping.compiled.ends import update_frames
-from impactlaw.stepping.time_stepping.compiled.forces import settle
+from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, forget
-from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.compiled.surfaces import (
+from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
     begin_surfaces,
     place_surfaces,
     speeds_of_middle,
     surface_speed,
 )
+from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.margins import write_margins
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 

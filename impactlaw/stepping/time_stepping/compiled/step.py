@@ -23,7 +23,6 @@ from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, nonzeros_of, number, size, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, floats, keep, long_at, put
 from impactlaw.stepping.time_stepping.compiled.borrow import borrow, is_damped
-from impactlaw.stepping.time_stepping.compiled.contact import count_entries
 from impactlaw.stepping.time_stepping.compiled.ends import (
     finish,
     look_again,
@@ -31,15 +30,16 @@ from impactlaw.stepping.time_stepping.compiled.ends import (
     write_acceleration,
     write_forces,
 )
-from impactlaw.stepping.time_stepping.compiled.impulses import find_impulses
-from impactlaw.stepping.time_stepping.compiled.law import LawTable
+from impactlaw.stepping.time_stepping.compiled.impulses.contact import count_entries
+from impactlaw.stepping.time_stepping.compiled.impulses.looks import find_impulses
 from impactlaw.stepping.time_stepping.compiled.middle import to_middle
+from impactlaw.stepping.time_stepping.compiled.state.law import LawTable
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, forget, last_step, remember
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, lay_out, rows_at
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE, HUGE_INPUT, HUGE_OUTPUT, TIMESTEP
+from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
+from impactlaw.stepping.time_stepping.compiled.state.surfaces import aim_surfaces, end_surfaces
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, setting
-from impactlaw.stepping.time_stepping.compiled.sums import SUMS
-from impactlaw.stepping.time_stepping.compiled.surfaces import aim_surfaces, end_surfaces
 from impactlaw.stepping.time_stepping.problem.resolve import is_met
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, HUGE, MANY_ROUNDS
 

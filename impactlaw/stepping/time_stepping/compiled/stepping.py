@@ -21,11 +21,11 @@ from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_input, check_timestep, empty_state, restore_state
 from impactlaw.stepping.time_stepping.compiled.borrow import room
 from impactlaw.stepping.time_stepping.compiled.entry import CONTEXT, single
-from impactlaw.stepping.time_stepping.compiled.law import reason
 from impactlaw.stepping.time_stepping.compiled.state import memory, status
+from impactlaw.stepping.time_stepping.compiled.state.law import reason
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY
+from impactlaw.stepping.time_stepping.compiled.state.surfaces import last_motion, put_motion
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
-from impactlaw.stepping.time_stepping.compiled.surfaces import last_motion, put_motion
 from impactlaw.stepping.time_stepping.compiled.told import Teller
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 

@@ -16,9 +16,9 @@ from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums
 from impactlaw.stepping.integration import restore_state
 from impactlaw.stepping.time_stepping.compiled.state import memory
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY
+from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
+from impactlaw.stepping.time_stepping.compiled.state.surfaces import last_motion
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
-from impactlaw.stepping.time_stepping.compiled.sums import SUMS
-from impactlaw.stepping.time_stepping.compiled.surfaces import last_motion
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 

@@ -31,15 +31,19 @@ _FOUND = "boolean,float64,float64,float64,float64,float64,float64"
 
 @plain
 def _missed(groups, rates, after, reached):
-    """Return the largest amount by which a contact velocity misses its target, and the largest velocity of a row."""
-    missed, fastest = 0.0, 0.0
+    """Return the largest amount by which a contact velocity misses its target, and the largest velocity of a row.
+
+    Both are NaN where a velocity is.
+    """
+    missed, fastest, total = 0.0, 0.0, 0.0
     for g in range(len(reached)):
         if groups[2, g] == CONE:
             row = groups[0, g]
             missed = max(missed, reached[g] - after[row])
             for k in range(row, row + groups[1, g]):
                 fastest = max(fastest, abs(rates[1, k]), abs(rates[2, k]))
-    return missed, fastest
+                total += rates[1, k] + after[k]
+    return (missed, fastest) if np.isfinite(total) else (np.nan, np.nan)
 
 
 is_met: Any = plain(tolerances.is_met)

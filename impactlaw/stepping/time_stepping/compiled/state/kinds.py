@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numba import types
 
-from impactlaw.stepping.time_stepping.compiled.law import LawTable
+from impactlaw.stepping.time_stepping.compiled.state.law import LawTable
 from impactlaw.stepping.time_stepping.compiled.state.room import Answer, Room
 from impactlaw.stepping.time_stepping.compiled.state.world import World
 from impactlaw.stepping.time_stepping.problem.rows import Rows
@@ -21,7 +21,7 @@ _MARKS, _KEYS = np.zeros(0, np.bool_), np.zeros(0, np.int64)
 WORLD = typeof(World(0, 0, 0, 0, 0, 0, 0, 0, 0.0, False, 0))
 ROWS = typeof(Rows(_INT_TABLE, np.zeros(0, np.int32), _FEW, _INT_TABLE, _KEYS, _TABLE, _TABLE))
 ANSWER = typeof(Answer(*([_FEW] * 7), *([_MARKS] * 3)))
-ROOM = typeof(Room(*([0] * len(Room._fields))))
+ROOM = typeof(Room(*([0] * len(Room.__annotations__))))
 LAW = typeof(LawTable(_KEYS, _FEW, _KEYS))
 KNOWN = types.Tuple((types.int32[:, ::1], types.int64[::1], NUMBERS, NUMBERS))
 METRIC = types.Tuple((NUMBERS, NUMBERS))

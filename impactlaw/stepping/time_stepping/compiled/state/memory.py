@@ -11,7 +11,7 @@ from numba import types
 
 from impactlaw.solvers.cones.algebra.loops import kernel, plain
 from impactlaw.stepping.time_stepping.compiled.state.room import keep_known, known_at
-from impactlaw.stepping.time_stepping.compiled.surfaces import forget_surfaces, surface_room
+from impactlaw.stepping.time_stepping.compiled.state.surfaces import forget_surfaces, surface_room
 
 
 class Memory(NamedTuple):
@@ -33,7 +33,7 @@ class Memory(NamedTuple):
         shortfall: largest amount by which a contact velocity of the last step misses its law, m/s or rad/s.
         worst: the largest of these so far.
         created: energy that the law would have created in the last step, J.
-        sums: over the collisions of the last step, see `compiled.sums`, if they are asked for, four numbers.
+        sums: over the collisions of the last step, see `sums`, if they are asked for, four numbers.
         left: nothing but the number of places: here qpos and qvel begin that the last step has left, and after them
             the velocity that forces have led to without contact in the last step, and what is known of mocap bodies,
             see `surfaces`.

@@ -11,7 +11,7 @@ import numpy as np
 
 from impactlaw.solvers.cones.algebra.loops import kernel, plain
 from impactlaw.stepping.compiled.fields import bools, floats, ints, longs, put, table_floats, table_ints
-from impactlaw.stepping.time_stepping.compiled.sums import SUMS
+from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 
 Array = np.ndarray[Any, Any]
@@ -25,7 +25,7 @@ class Room(NamedTuple):
         answer: of `Answer`.
         known: of groups, keys, coefficients and impulses that are known last.
         velocities: of velocities, (`VELOCITIES`, nv).
-        sums: over the collisions, see `compiled.sums`.
+        sums: over the collisions, see `sums`.
         entries: most entries of whitened rows.
         nv: degrees of freedom.
     """

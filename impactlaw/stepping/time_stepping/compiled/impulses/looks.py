@@ -7,12 +7,12 @@ import numpy as np
 from impactlaw.solvers.cones.algebra.loops import once, plain
 from impactlaw.stepping.compiled.access import velocity_of
 from impactlaw.stepping.compiled.fields import floats, put
-from impactlaw.stepping.time_stepping.compiled.contact import linked_attempt, near, sees_more, take_over
-from impactlaw.stepping.time_stepping.compiled.forces import inertial_work, lead_to, mean_of
+from impactlaw.stepping.time_stepping.compiled.impulses.contact import linked_attempt, near, sees_more, take_over
+from impactlaw.stepping.time_stepping.compiled.impulses.forces import inertial_work, lead_to, mean_of
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, keep_known, known_at, rows_at, velocities_at
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE
+from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.compiled.sums import SUMS
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS
 from impactlaw.stepping.time_stepping.problem.resolve import is_met
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LOOKS, PHASE_LOOK_ROWS, PHASE_LOOKS

@@ -10,7 +10,7 @@ from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import kernel, once
 from impactlaw.stepping.compiled.access import model_ints, velocity_of
 from impactlaw.stepping.compiled.fields import MODEL, address_of, keep, put
-from impactlaw.stepping.time_stepping.compiled.answer import SOLVED, Solved, goes_on, solve
+from impactlaw.stepping.time_stepping.compiled.impulses.answer import SOLVED, Solved, goes_on, solve
 from impactlaw.stepping.time_stepping.compiled.state.kinds import (
     ANSWER,
     BOOLEAN,
@@ -24,8 +24,8 @@ from impactlaw.stepping.time_stepping.compiled.state.kinds import (
 )
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, answer_size
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE
+from impactlaw.stepping.time_stepping.compiled.state.sums import add_collision
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.compiled.sums import add_collision
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups
 from impactlaw.stepping.time_stepping.problem.resolve import is_met
 from impactlaw.stepping.time_stepping.problem.rows import Rows

@@ -19,8 +19,8 @@ from impactlaw.stepping.compiled.access import (
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
-from impactlaw.stepping.time_stepping.compiled.answer import NO_ANSWER, Solved, goes_on, solve
-from impactlaw.stepping.time_stepping.compiled.phased import linked_phases
+from impactlaw.stepping.time_stepping.compiled.impulses.answer import NO_ANSWER, Solved, goes_on, solve
+from impactlaw.stepping.time_stepping.compiled.impulses.phased import linked_phases
 from impactlaw.stepping.time_stepping.compiled.state.kinds import (
     BOOLEAN,
     INTEGER,
@@ -35,9 +35,9 @@ from impactlaw.stepping.time_stepping.compiled.state.kinds import (
 )
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, rows_at, velocities_at
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE
+from impactlaw.stepping.time_stepping.compiled.state.sums import add_collision
+from impactlaw.stepping.time_stepping.compiled.state.surfaces import add_surfaces, surfaces_move
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, metric_of, setting
-from impactlaw.stepping.time_stepping.compiled.sums import add_collision
-from impactlaw.stepping.time_stepping.compiled.surfaces import add_surfaces, surfaces_move
 from impactlaw.stepping.time_stepping.problem.rows import count_groups, entries_of, find_near, write_rows
 
 

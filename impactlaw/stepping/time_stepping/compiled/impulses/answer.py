@@ -10,8 +10,8 @@ from impactlaw.solvers.cones import BILATERAL
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.compiled.access import data_floats, data_ints, layout_of, model_ints, number, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL, flags
-from impactlaw.stepping.time_stepping.compiled.law import ask_law, reverse
 from impactlaw.stepping.time_stepping.compiled.state.kinds import typeof
+from impactlaw.stepping.time_stepping.compiled.state.law import ask_law, reverse
 from impactlaw.stepping.time_stepping.compiled.state.status import CREATES, FINE, NOT_FINITE
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.problem.phases import find_later
