@@ -176,6 +176,8 @@ def _worlds_goals(table: pd.DataFrame) -> Iterator[Goal]:
         if row["threads"] == most:
             for column, least in (("to_shipped", OF_SHIPPED), ("to_euler", OF_EULER)):
                 name = f"{MANY} worlds of {row['task']}: >= {least:g} of mujoco.batch, {column[3:]}"
+                if np.isnan(row[column]):
+                    continue
                 yield Goal(name, f"{row[column]:.2f}", row[column] >= least)
     for row in rows:
         alone = [one for one in rows if one["task"] == row["task"] and one["threads"] == 1]
