@@ -1,0 +1,40 @@
+"""What a step does whose law cannot be met, and one with velocities that are not finite."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlaw.solvers.cones import CONE
+from impactlaw.stepping.time_stepping.problem.resolve import resolve_step
+
+
+def _resolved(direction: list[float], free: list[float], target: list[float]) -> tuple[np.ndarray, float]:
+    """Return the change of velocity of a mass of 1 kg on a rail under these contacts, and by what it misses, m/s."""
+    n = len(free)
+    rows, no = np.arange(n, dtype=np.int32), np.zeros(0)
+    sparse = np.ascontiguousarray([np.ones(n), rows, rows], dtype=np.int32)
+    groups = np.ascontiguousarray([rows, np.ones(n), np.full(n, CONE), rows], dtype=np.int32)
+    rates = np.ascontiguousarray([np.ones(n), free, free, np.zeros(n), np.zeros(n)])
+    one, first = np.ones(1), np.zeros(1, np.int32)
+    answer = resolve_step(
+        sparse, np.zeros(n, np.int32), np.array(direction), groups, np.arange(n), np.zeros((2, n)), rates,
+        np.array(target), np.zeros(n), np.zeros(n, dtype=bool), np.zeros((4, 0), np.int32), np.zeros(0, np.int64), no,
+        no, 0.002, True, True, 1, first, one, one, np.ones(1, np.int32), first, first,
+    )  # fmt: skip
+    return answer[1], answer[4]
+
+
+def test_a_law_that_can_be_met_is():
+    change, missed = _resolved([1.0], [-2.0], [1.0])
+    assert missed < 1e-9
+    np.testing.assert_allclose(change, 3.0, atol=1e-9)
+
+
+def test_contradictory_targets_add_no_energy():
+    change, missed = _resolved([1.0, -1.0], [0.0, 0.0], [1.0, 3.0])
+    assert missed > 0.5
+    np.testing.assert_allclose(change, 0.0, atol=1e-12)
+
+
+def test_velocities_that_are_not_finite_are_not_taken_for_zero():
+    assert np.isnan(_resolved([1.0], [np.nan], [0.0])[1])
