@@ -6,12 +6,28 @@ velocity. De Saxcé's correction is taken from the w of the step before. The mat
 """
 
 import numpy as np
+from numba import types
 
+from impactlaw.compiled import compiled
+from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.blocks import assemble, factor, room, solve
-from impactlaw.solvers.cones.algebra.loops import FIRST, Array, once, plain
-from impactlaw.solvers.cones.algebra.ordering import Blocks
+from impactlaw.solvers.cones.algebra.loops import (
+    FIRST,
+    FLOATS,
+    Array,
+    clear,
+    copied,
+    fill,
+    indices,
+    numbers,
+    once,
+    plain,
+    put,
+    zeros,
+)
+from impactlaw.solvers.cones.algebra.ordering import BLOCKS, Blocks
 from impactlaw.solvers.cones.algebra.projection import norm_of, project, residual
-from impactlaw.solvers.cones.algebra.structure import CONE, Island, jump, rows_times, velocity
+from impactlaw.solvers.cones.algebra.structure import CONE, ISLAND, Island, jump, rows_times, velocity
 
 _PROXIMAL = 1e-8
 _LEAST = 1e-6  # what stands for the least eigenvalue of G
@@ -24,8 +40,9 @@ _FACTORIZATIONS = 25
 def largest_eigenvalue(P: Island) -> float:
     """Return about the largest eigenvalue of ``A A^T + c``, from 15 steps of the power method."""
     n = len(P.b)
-    v, w, z = np.ones(n) / np.sqrt(n), np.empty(n), np.empty(P.nv)
-    zero, L = np.zeros(n), 0.0
+    v, w, z = numbers(n), numbers(n), numbers(P.nv)
+    zero, L = zeros(n), 0.0
+    fill(v, FIRST, n, 1.0 / np.sqrt(n))
     for _ in range(15):
         velocity(P, zero, v, z, w)
         L = norm_of(w, FIRST, n)
@@ -39,7 +56,7 @@ def largest_eigenvalue(P: Island) -> float:
 @plain
 def _prepare(P: Island, K: Blocks, rho: float, W: Array, H: Array, pivot: Array, left: Array, row: Array) -> None:
     """Factor ``I + A^T T A``."""
-    W[:] = 0.0
+    clear(W)
     for g in range(len(P.kind)):
         m = P.start[g + 1] - P.start[g]
         for k in range(m):
@@ -48,18 +65,27 @@ def _prepare(P: Island, K: Blocks, rho: float, W: Array, H: Array, pivot: Array,
     factor(K, H, pivot, row)
 
 
-@once
+@plain
+def _shift(P: Island, u: Array, v: Array, sign: float) -> None:
+    """Add ``sign |u_t|`` to the normal entries of v, where friction is exact."""
+    if P.exact:
+        for g in range(len(P.kind)):
+            if P.kind[g] == CONE:
+                v[P.start[g]] += sign * norm_of(u, P.start[g] + 1, P.start[g + 1])
+
+
+@compiled(types.int64(ISLAND, BLOCKS, types.float64, FLOATS, types.float64, types.int64))
 def admm(P: Island, K: Blocks, L: float, x: Array, tolerance: float, most: int) -> int:
     """Overwrite x by what at most `most` steps from it lead to; return steps taken.
 
     `L` is the largest eigenvalue of ``A A^T + c``.
     """
     n, groups = len(x), len(P.kind)
-    W, H, pivot = np.empty(P.square[groups]), np.empty(K.size), np.empty(max(n, P.nv), np.int64)
-    left, row = np.empty(room(P)), np.empty(max(P.nv, 1))
-    y, w, p, t, z, u = x.copy(), np.empty(n), np.empty(n), np.empty(n), np.empty(P.nv), np.empty(n)
-    g = np.empty(n)
-    point = x.copy()
+    W, H, pivot = numbers(P.square[groups]), numbers(K.size), indices(max(n, P.nv))
+    left, row = numbers(room(P)), numbers(max(P.nv, 1))
+    y, w, p, t, z, u = copied(x), numbers(n), numbers(n), numbers(n), numbers(P.nv), numbers(n)
+    g = numbers(n)
+    point = copied(x)
     velocity(P, P.b, x, z, u)
     _shift(P, u, u, 1.0)
     project(P, u, w)
@@ -92,7 +118,7 @@ def admm(P: Island, K: Blocks, L: float, x: Array, tolerance: float, most: int) 
         if k % 5 == 4:
             velocity(P, P.b, y, z, u)
             if residual(P, y, u, P.exact) <= tolerance:
-                x[:] = y
+                put(x, y)
                 return k + 1
             if k - last >= 10 and count < _FACTORIZATIONS and (primal > 10.0 * dual or dual > 10.0 * primal):
                 power += _MOVE if primal > 10.0 * dual else -_MOVE
@@ -100,14 +126,9 @@ def admm(P: Island, K: Blocks, L: float, x: Array, tolerance: float, most: int) 
                 _prepare(P, K, rho + _PROXIMAL, W, H, pivot, left, row)
                 count += 1
                 last = k
-    x[:] = y
+    put(x, y)
     return most
 
 
-@plain
-def _shift(P: Island, u: Array, v: Array, sign: float) -> None:
-    """Add ``sign |u_t|`` to the normal entries of v, where friction is exact."""
-    if P.exact:
-        for g in range(len(P.kind)):
-            if P.kind[g] == CONE:
-                v[P.start[g]] += sign * norm_of(u, P.start[g] + 1, P.start[g + 1])
+linked_admm = linked(admm)
+"""What compiled functions call."""

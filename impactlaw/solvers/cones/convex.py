@@ -9,13 +9,27 @@ Acary & Cadoux 2013 for the fixed point; Walker & Ni 2011).
 """
 
 import numpy as np
+from numba import types
 
+from impactlaw.compiled import compiled
+from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.blocks import assemble, factor, room, solve
 from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve
-from impactlaw.solvers.cones.algebra.loops import FIRST, Array, kernel, once, plain
-from impactlaw.solvers.cones.algebra.ordering import Blocks
+from impactlaw.solvers.cones.algebra.loops import (
+    FIRST,
+    FLOATS,
+    Array,
+    copied,
+    indices,
+    kernel,
+    numbers,
+    plain,
+    put,
+    zeros,
+)
+from impactlaw.solvers.cones.algebra.ordering import BLOCKS, Blocks
 from impactlaw.solvers.cones.algebra.projection import norm_of, project, projection_derivative, residual, slips
-from impactlaw.solvers.cones.algebra.structure import Island, jump, rows_times, velocity
+from impactlaw.solvers.cones.algebra.structure import ISLAND, Island, jump, rows_times, velocity
 
 _START, _END = 1e-1, 1e-6  # compliance of the first and of the last proximal step
 _STEPS = 50  # of Newton's method for one proximal step
@@ -42,10 +56,10 @@ def proximal_step(
 ) -> int:
     """Overwrite x by the next proximal point, with at least the compliance `least`, from z; return Newton steps."""
     n, groups, nv = len(x), len(P.kind), P.nv
-    kappa, most_rows = np.empty(groups), 1
-    y, p, yt, pt, w = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    gradient, step, zt, gt = np.empty(nv), np.empty(nv), np.empty(nv), np.empty(nv)
-    pivot, left, row = np.empty(max(n, nv), np.int64), np.empty(room(P)), np.empty(max(nv, 1))
+    kappa, most_rows = numbers(groups), 1
+    y, p, yt, pt, w = numbers(n), numbers(n), numbers(n), numbers(n), numbers(n)
+    gradient, step, zt, gt = numbers(nv), numbers(nv), numbers(nv), numbers(nv)
+    pivot, left, row = indices(max(n, nv)), numbers(room(P)), numbers(max(nv, 1))
     rows_times(P, z, w)
     for g in range(groups):
         kappa[g] = 0.0
@@ -55,7 +69,7 @@ def proximal_step(
         for i in range(P.start[g], P.start[g + 1]):
             y[i] = ((kappa[g] - P.c[i]) * x[i] - w[i] - b[i]) / kappa[g]
         most_rows = max(most_rows, P.start[g + 1] - P.start[g])
-    D = np.empty((most_rows, most_rows))
+    D = numbers(most_rows**2).reshape((most_rows, most_rows))
     value = 0.5 * norm_of(z, FIRST, nv) ** 2 + _envelope(P, y, p, kappa)
     taken = 0
     while taken < _STEPS:
@@ -100,16 +114,19 @@ def proximal_step(
             f *= 0.5
         if not ok:
             break
-        z[:], y[:], p[:], value = zt, yt, pt, new
-    x[:] = p
+        put(z, zt)
+        put(y, yt)
+        put(p, pt)
+        value = new
+    put(x, p)
     return taken
 
 
-@once
+@kernel
 def held(P: Island, K: Blocks, b: Array, x: Array, tolerance: float, outer: int, W: Array, H: Array) -> int:
     """Overwrite x by the solution of the convex problem with the offset b, the best of `outer` proximal steps."""
     n = len(x)
-    point, z, u, size = x.copy(), np.empty(P.nv), np.empty(n), 0.0
+    point, z, u, size = copied(x), numbers(P.nv), numbers(n), 0.0
     for i in range(n):
         size = max(size, abs(b[i]))
     jump(P, x, z)
@@ -120,7 +137,7 @@ def held(P: Island, K: Blocks, b: Array, x: Array, tolerance: float, outer: int,
         r = residual(P, point, u, _EXACT)
         if r < low:
             low, bad = r, 0
-            x[:] = point
+            put(x, point)
         else:
             bad += 1
         if r <= tolerance or bad >= 2:
@@ -133,7 +150,7 @@ def held(P: Island, K: Blocks, b: Array, x: Array, tolerance: float, outer: int,
 def _accelerated(S: Array, F: Array, count: int, new: Array) -> None:
     """Write Anderson's next point from the last `count` points S and the steps F there."""
     q, h = count - 1, len(new)
-    N, right, pivot = np.zeros(q * q), np.zeros(q), np.empty(q, np.int64)
+    N, right, pivot = zeros(q * q), zeros(q), indices(q)
     trace = 0.0
     for i in range(q):
         for k in range(h):
@@ -153,14 +170,16 @@ def _accelerated(S: Array, F: Array, count: int, new: Array) -> None:
         new[k] = max(s, 0.0)
 
 
-@kernel
+@compiled(types.int64(ISLAND, BLOCKS, FLOATS, types.float64, types.int64, types.int64))
 def corrected(P: Island, K: Blocks, x: Array, tolerance: float, sweeps: int, outer: int) -> int:
     """Overwrite x by the best of `sweeps` convex problems, each with a new correction; return Newton steps."""
     n, groups = len(x), len(P.kind)
-    s, new, b, u, z = np.zeros(groups), np.empty(groups), np.empty(n), np.empty(n), np.empty(P.nv)
-    S, F, count = np.zeros((_MEMORY + 1, groups)), np.zeros((_MEMORY + 1, groups)), 0
-    W, H = np.empty(P.square[groups]), np.empty(K.size)
-    best, least, taken = x.copy(), np.inf, 0
+    s, new, b, u, z = zeros(groups), numbers(groups), numbers(n), numbers(n), numbers(P.nv)
+    points = _MEMORY + 1
+    S, F = zeros(points * groups).reshape((points, groups)), zeros(points * groups).reshape((points, groups))
+    count = 0
+    W, H = numbers(P.square[groups]), numbers(K.size)
+    best, least, taken = copied(x), np.inf, 0
     velocity(P, P.b, x, z, u)
     if P.exact and norm_of(x, FIRST, n) > 0.0:
         slips(P, u, s)
@@ -174,19 +193,24 @@ def corrected(P: Island, K: Blocks, x: Array, tolerance: float, sweeps: int, out
         r = residual(P, x, u, P.exact)
         if r < least:
             least = r
-            best[:] = x
+            put(best, x)
         if r <= tolerance or not P.exact:
             break
         slips(P, u, new)
         if count > _MEMORY:
             for j in range(_MEMORY):
-                S[j], F[j] = S[j + 1], F[j + 1]
+                put(S[j], S[j + 1])
+                put(F[j], F[j + 1])
             count = _MEMORY
         for g in range(groups):
             S[count, g], F[count, g] = s[g], new[g] - s[g]
         count += 1
         if count > 1:
             _accelerated(S, F, count, new)
-        s[:] = new
-    x[:] = best
+        put(s, new)
+    put(x, best)
     return taken
+
+
+linked_corrected = linked(corrected)
+"""What compiled functions call."""

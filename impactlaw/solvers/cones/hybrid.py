@@ -6,16 +6,28 @@ each is followed by Newton's method with another map, step and regularization. T
 
 import numpy as np
 
-from impactlaw.solvers.cones.admm import admm, largest_eigenvalue
+from impactlaw.solvers.cones.admm import largest_eigenvalue, linked_admm
 from impactlaw.solvers.cones.algebra.blocks import flops
 from impactlaw.solvers.cones.algebra.linear import triangular_rows
-from impactlaw.solvers.cones.algebra.loops import FIRST, Array, copied, numbers, once
-from impactlaw.solvers.cones.algebra.ordering import Blocks, lay_out
+from impactlaw.solvers.cones.algebra.loops import (
+    FIRST,
+    Array,
+    clear,
+    copied,
+    counts,
+    indices,
+    numbers,
+    once,
+    put,
+    unsigned,
+    zeros,
+)
+from impactlaw.solvers.cones.algebra.ordering import Blocks, one_block
 from impactlaw.solvers.cones.algebra.projection import norm_of
 from impactlaw.solvers.cones.algebra.structure import Island, delassus
-from impactlaw.solvers.cones.convex import corrected
+from impactlaw.solvers.cones.convex import linked_corrected
 from impactlaw.solvers.cones.large import solve_large
-from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, newton
+from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, linked_newton
 
 _FIRST_STEPS = np.array([8, 30, 12, 30])  # Newton steps with two maps from the guess, and from rest
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
@@ -41,7 +53,7 @@ _SHORT = 0.25  # what is not long, as a part of the work allowed
 def compressed(P: Island) -> tuple[Island, Blocks]:
     """Return the same problem with at most as many degrees of freedom as rows: ``A Q`` with orthogonal Q."""
     n, groups = len(P.b), len(P.kind)
-    Y = np.zeros((n, P.nv))
+    Y = zeros(n * P.nv).reshape((n, P.nv))
     for g in range(groups):
         begin, a = P.begin[g], P.entry[g]
         for i in range(P.start[g], P.start[g + 1]):
@@ -49,21 +61,20 @@ def compressed(P: Island) -> tuple[Island, Blocks]:
                 Y[i, P.cols[begin + j]] = P.A[a + j]
             a += P.begin[g + 1] - begin
     triangular_rows(Y)
-    begin, entry = np.zeros(groups + 1, np.int64), np.zeros(groups + 1, np.int64)
+    begin, entry = counts(groups + 1), counts(groups + 1)
     for g in range(groups):  # the rows up to e have e columns
         e = P.start[g + 1]
         begin[g + 1] = begin[g] + e
         entry[g + 1] = entry[g] + (e - P.start[g]) * e
-    cols, A = np.empty(begin[groups], np.int64), np.empty(entry[groups])
+    cols, columns, A = indices(begin[groups]), unsigned(begin[groups]), numbers(entry[groups])
     for g in range(groups):
         o, e = P.start[g], P.start[g + 1]
         for j in range(e):
-            cols[begin[g] + j] = j
+            cols[begin[g] + j] = columns[begin[g] + j] = j
             for i in range(o, e):
                 A[entry[g] + (i - o) * e + j] = Y[i, j]
-    one = np.zeros(1, np.int64)
-    K = lay_out(np.zeros((1, 1), np.bool_), one, np.array([n]), begin, cols, np.zeros(n, np.int64), np.arange(n))
-    return Island(P.start, P.kind, P.bound, P.c, P.b, begin, cols.astype(np.uint64), entry, A, P.square, n, P.exact), K
+    K = one_block(n, begin, cols)
+    return Island(P.start, P.kind, P.bound, P.c, P.b, begin, columns, entry, A, P.square, n, P.exact), K
 
 
 @once
@@ -87,16 +98,16 @@ def solve_island(P: Island, K: Blocks, x: Array, scale: float, tolerance: float,
     for k in range(4):
         if (k < 2) != warm and (k < 3 or rounds < 2):
             continue
-        point[:] = start
+        put(point, start)
         if k > 1:
-            point[:] = 0.0
+            clear(point)
         kind = CONVEX if not P.exact else ALART_CURNIER if k % 2 == 0 else DE_SAXCE
         ease = 0.0 if k % 2 == 0 else _EASE[0] / scale
-        taken, r = newton(P, K, G, point, tolerance, _FIRST_STEPS[k], kind, 1.0, delta, ease, patience)
+        taken, r = linked_newton(P, K, G, point, tolerance, _FIRST_STEPS[k], kind, 1.0, delta, ease, patience)
         total += taken
         if r < least:
             least = r
-            x[:] = point
+            put(x, point)
         if least <= (_NEAR * tolerance if large else tolerance):
             return total, least
     if few and n < P.nv:
@@ -120,7 +131,7 @@ def _rounds(
 ) -> tuple[int, float]:
     """Go on from `start` in rounds, x is the best point; return steps taken and its natural map."""
     L = largest_eigenvalue(P)
-    alternating, convex, point = start.copy(), start, np.empty(len(x))
+    alternating, convex, point = copied(start), start, numbers(len(x))
     cost, many = flops(P, K), len(K.width) > 1
     apart = 4.0 * len(P.A) + 10.0 * len(x) + 4.0 * K.size  # of a step of alternating directions
     step = cost if not few else float(len(x)) ** 3 + 20.0 * len(x) ** 2
@@ -131,26 +142,26 @@ def _rounds(
         after, patience = _BRIEF, _HASTE
     for k in range(rounds):
         if k % 2 == 0:
-            taken = admm(P, K, L, alternating, tolerance, 50 if k < _LATE else 150)
+            taken = linked_admm(P, K, L, alternating, tolerance, 50 if k < _LATE else 150)
             work += taken * apart + 3.0 * cost
-            point[:] = alternating
+            put(point, alternating)
         elif many and k < _LATE:  # convex problems cost more than Newton steps from the best point
             taken = 0
-            point[:] = x
+            put(point, x)
         else:
-            taken = corrected(P, K, convex, 1e2 * tolerance, 3 if k < _LATE else 6, _PROXIMAL)
+            taken = linked_corrected(P, K, convex, 1e2 * tolerance, 3 if k < _LATE else 6, _PROXIMAL)
             work += taken * cost
-            point[:] = convex
+            put(point, convex)
         total += taken
         v = k % len(_EASE)
         kind = CONVEX if not P.exact else _KINDS[v]
         delta = _DENSE if few else _REDUCED
-        taken, r = newton(P, K, G, point, tolerance, after, kind, _FACTORS[v], delta, _EASE[v] / scale, patience)
+        taken, r = linked_newton(P, K, G, point, tolerance, after, kind, _FACTORS[v], delta, _EASE[v] / scale, patience)
         total += taken
         work += taken * step
         if r < least:
             least = r
-            x[:] = point
+            put(x, point)
         if least <= tolerance or work > limit or (k >= _ENOUGH and least <= _NEAR * tolerance):
             break
         stagnant = 0 if least < 0.9 * before else stagnant + 1

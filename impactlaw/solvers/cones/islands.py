@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import Array, filled, indices, numbers, once, unsigned, zeros
+from impactlaw.solvers.cones.algebra.loops import Array, counts, indices, numbers, once, unsigned, zeros
 from impactlaw.solvers.cones.algebra.ordering import Blocks, lay_out, least_degree, one_block
 from impactlaw.solvers.cones.algebra.structure import Island
 
@@ -95,8 +95,8 @@ def build(
     `number` and `seen` (nv,) are room filled with -1, which all islands may share.
     """
     groups = len(members)
-    start, begin = filled(groups + 1, 0), filled(groups + 1, 0)
-    entry, square = filled(groups + 1, 0), filled(groups + 1, 0)
+    start, begin = counts(groups + 1), counts(groups + 1)
+    entry, square = counts(groups + 1), counts(groups + 1)
     kinds, bounds = indices(groups), numbers(groups)
     count = 0
     for j in range(groups):

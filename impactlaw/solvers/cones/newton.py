@@ -10,25 +10,30 @@ degrees of freedom, dx is eliminated group by group: with ``B = I - D + E (c + d
 """
 
 import numpy as np
+from numba import types
 
+from impactlaw.compiled import compiled
+from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.blocks import assemble, factor, room, solve
 from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve, lu_solve_rows
 from impactlaw.solvers.cones.algebra.loops import (
     FIRST,
+    FLOATS,
     Array,
+    clear,
     copied,
     fill,
     indices,
-    kernel,
     numbers,
     once,
     plain,
+    put,
     scatter_add,
     subtract,
 )
-from impactlaw.solvers.cones.algebra.ordering import Blocks
+from impactlaw.solvers.cones.algebra.ordering import BLOCKS, Blocks
 from impactlaw.solvers.cones.algebra.projection import norm_of, project, projection_derivative, residual
-from impactlaw.solvers.cones.algebra.structure import CONE, Island, rows_times, velocity
+from impactlaw.solvers.cones.algebra.structure import CONE, ISLAND, Island, rows_times, velocity
 
 ALART_CURNIER, DE_SAXCE, CONVEX = 0, 1, 2
 """Maps: on disk and half line; on the cone with de Saxcé's correction; on the cone without it."""
@@ -182,7 +187,7 @@ def reduced_step(
         lu_solve(B, at, m, pivot, FIRST, step, o)
     assemble(P, K, E, H, left, row)
     factor(K, H, pivot, row)
-    z[:] = 0.0
+    clear(z)
     for g in range(len(P.kind)):
         begin, a = P.begin[g], P.entry[g]
         for i in range(P.start[g], P.start[g + 1]):
@@ -198,7 +203,12 @@ def reduced_step(
                 step[o + k] -= E[at + k * m + j] * w[o + j]
 
 
-@kernel
+@compiled(
+    types.Tuple((types.int64, types.float64))(
+        ISLAND, BLOCKS, FLOATS, FLOATS, types.float64, types.int64, types.int64, types.float64, types.float64,
+        types.float64, types.int64,
+    )
+)  # fmt: skip
 def newton(
     P: Island,
     K: Blocks,
@@ -250,7 +260,7 @@ def newton(
         if fruitless == patience:
             break
         derivatives(P, y, u, kind, rn, rt, max(delta, min(share * r, _MOST)), not dense, B, E, D)
-        direction[:] = F
+        put(direction, F)
         if dense:
             dense_step(P, G, B, E, H, pivot, direction)
         else:
@@ -268,7 +278,7 @@ def newton(
                 break
             f *= 0.5
         merit = new
-        point[:] = trial
+        put(point, trial)
         if not merit < 1e100:
             break
         r = residual(P, point, u, exact)
@@ -276,5 +286,9 @@ def newton(
         if r < least:
             fruitless = 0 if r < _BETTER * least else fruitless
             least = r
-            x[:] = point
+            put(x, point)
     return taken, least
+
+
+linked_newton = linked(newton)
+"""What compiled functions call."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import FIRST, Array, plain
+from impactlaw.solvers.cones.algebra.loops import FIRST, Array, clear, plain
 from impactlaw.solvers.cones.algebra.projection import group_residual
 
 _NOTHING = 1e-10  # rows shorter than this part of the longest do not move anything
@@ -108,7 +108,7 @@ def islands(
 @plain
 def impulse_jump(rownnz: Array, rowadr: Array, colind: Array, value: Array, x: Array, z: Array) -> None:
     """Write ``z = Y^T x``."""
-    z[:] = 0.0
+    clear(z)
     for i in range(len(x)):
         if x[i] != 0.0:
             for k in range(rowadr[i], rowadr[i] + rownnz[i]):
@@ -141,8 +141,8 @@ def certificate(
     The scale is the largest ``|b| / length`` of the groups of the island, but at least 1e-3 of the largest of all.
     There is room for twice the rows of a group.
     """
-    scale[:] = 0.0
-    squares[:] = 0.0
+    clear(scale)
+    clear(squares)
     xs, us = room[: len(room) // 2], room[len(room) // 2 :]
     largest = 0.0
     for g in range(len(first)):

@@ -8,7 +8,7 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import Array, filled, indices, numbers, plain
+from impactlaw.solvers.cones.algebra.loops import Array, counts, indices, numbers, plain, unset
 from impactlaw.solvers.cones.hybrid import solve_island
 from impactlaw.solvers.cones.islands import build
 from impactlaw.solvers.cones.rows import certificate, impulse_jump, islands, lengths, longest_group, trees_of
@@ -92,9 +92,9 @@ def improve(
     total = 0
     if worst <= tolerance:
         return worst, total
-    begin, at, order = filled(count + 1, 0), indices(count), indices(groups)
+    begin, at, order = counts(count + 1), indices(count), indices(groups)
     _sort(label, begin, at, order)
-    number, seen = filled(len(tree), -1), filled(len(tree), -1)
+    number, seen = unset(len(tree)), unset(len(tree))
     for i in range(count):
         if np.sqrt(squares[i]) <= tolerance * scale[i]:
             continue

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, cast
 import numba
 from numba import extending, types
 
-from impactlaw.solvers.cones.algebra.loops import kernel, plain
+from impactlaw.solvers.cones.algebra.loops import kernel
 
 _intrinsic: Any = extending.intrinsic
 carray: Any = cast(Any, numba).carray
@@ -249,13 +249,6 @@ def claim(typingctx: Any, address: Any, value: Any) -> Any:
         return builder.extract_value(builder.cmpxchg(place, nothing, values[1], "seq_cst", "seq_cst"), 0)
 
     return types.int64(types.int64, types.int64), generate
-
-
-@plain
-def put(to, source):
-    """Write the numbers of one array to another."""
-    for i in range(len(source)):
-        to[i] = source[i]
 
 
 @_intrinsic

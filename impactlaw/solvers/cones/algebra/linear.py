@@ -5,7 +5,7 @@ Loops run along rows, so that they become vector instructions without any reorde
 
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import Array, dot, kernel, plain, subtract
+from impactlaw.solvers.cones.algebra.loops import Array, dot, kernel, numbers, plain, subtract
 
 _LIFT = 1e-14  # smallest pivot, relative to the largest entry
 
@@ -86,7 +86,7 @@ def lu_solve_rows(H: Array, base: int, n: int, pivot: Array, at: int, V: Array, 
 def triangular_rows(Y: Array) -> None:
     """Turn the columns of Y (n, nv), n <= nv, by Householder reflections so that Y becomes lower triangular."""
     n, nv = Y.shape
-    v = np.empty(nv)
+    v = numbers(nv)
     for i in range(n):
         s = 0.0
         for j in range(i, nv):

@@ -15,54 +15,92 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
 Array = np.ndarray[Any, Any]
+FLOATS: Any = types.Array(types.float64, 1, "C")
+INTEGERS: Any = types.Array(types.int64, 1, "C")
+UNSIGNED: Any = types.Array(types.uint64, 1, "C")
+"""Types of arrays in compiled code."""
 _INNER: Any = {"error_model": "numpy", "nogil": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-kernel: Any = njit(**_INNER | {"_nrt": True})
+
+
+def _inner(**options: Any) -> Any:
+    """Return a decorator for functions that only compiled functions call.
+
+    Numba would compile such a function once more for each literal that it is called with; here a literal is a number
+    like others.
+    """
+
+    def decorate(function: Any) -> Any:
+        made = njit(**_INNER, **options)(function)
+        template = made.get_call_template
+
+        def any_number(args: Any, kws: Any) -> Any:
+            return template(
+                tuple(types.unliteral(kind) for kind in args), {name: types.unliteral(kws[name]) for name in kws}
+            )
+
+        made.get_call_template = any_number
+        return made
+
+    return decorate
+
+
+kernel: Any = _inner(_nrt=True)
 """Compile a function that only compiled functions call.
 
 `solve` is stored on disk with all that it calls, and numba looks at the text of solve.py alone to see whether that
 is still valid: delete `__pycache__/*.nb*` after a change of other files.
 """
-plain: Any = njit(**_INNER | {"_nrt": False})
+plain: Any = _inner(_nrt=False)
 """The same for a function that makes no arrays: it does not count who holds those that it is given."""
 once: Any = njit(**_INNER, inline="always")
 """The same for a function that is called from one place: it becomes a part of its caller, which halves compile time."""
-sums: Any = njit(**_INNER | {"_nrt": False, "fastmath": {"reassoc", "contract"}})
+sums: Any = _inner(_nrt=False, fastmath={"reassoc", "contract"})
 """The same for sums that may be reassociated."""
 FIRST: Any = np.int64(0)
-"""The first index; numba would compile functions once more for a literal 0."""
+"""The first index."""
 
 
 _SMALL = 2048  # numbers, 16 kB
 
 
-def _room(kind: Any) -> Any:
+def _made(context: Any, builder: Any, kind: Any, many: Any) -> tuple[Any, Any, Any]:
+    """Build an array of so many numbers; return it, the address of its numbers and their size in bytes."""
+    item = context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(kind)))
+    size = builder.mul(many, item)
+    place = cgutils.alloca_once(builder, cgutils.voidptr_t)
+    owner = cgutils.alloca_once(builder, cgutils.voidptr_t)
+    small = builder.icmp_signed("<=", many, context.get_constant(types.intp, _SMALL))
+    with builder.if_else(small) as (then, otherwise):
+        with then:
+            builder.store(builder.alloca(ir.IntType(8), size), place)
+            builder.store(cgutils.get_null_value(cgutils.voidptr_t), owner)
+        with otherwise:
+            held = context.nrt.meminfo_alloc(builder, size)
+            builder.store(context.nrt.meminfo_data(builder, held), place)
+            builder.store(held, owner)
+    made, address = context.make_array(types.Array(kind, 1, "C"))(context, builder), builder.load(place)
+    data = builder.bitcast(address, context.get_data_type(kind).as_pointer())
+    populate_array(made, data=data, shape=[many], strides=[item], itemsize=item, meminfo=builder.load(owner))
+    return made, address, size
+
+
+def _room(kind: Any, byte: int | None = None) -> Any:
     """Return a compiled function that makes an array, (n,), that lives as long as the function that asks for it.
 
     Small ones are on the stack, which takes no time, and nobody counts who holds them: they must not be returned.
+
+    Args:
+        kind: of its numbers.
+        byte: what each byte is; None for what happens to be there.
     """
     array = types.Array(kind, 1, "C")
 
     @intrinsic
     def make(typingctx: Any, many: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            item = context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(kind)))
-            size = builder.mul(values[0], item)
-            place = cgutils.alloca_once(builder, cgutils.voidptr_t)
-            owner = cgutils.alloca_once(builder, cgutils.voidptr_t)
-            small = builder.icmp_signed("<=", values[0], context.get_constant(types.intp, _SMALL))
-            with builder.if_else(small) as (then, otherwise):
-                with then:
-                    builder.store(builder.alloca(ir.IntType(8), size), place)
-                    builder.store(cgutils.get_null_value(cgutils.voidptr_t), owner)
-                with otherwise:
-                    held = context.nrt.meminfo_alloc(builder, size)
-                    builder.store(context.nrt.meminfo_data(builder, held), place)
-                    builder.store(held, owner)
-            made = context.make_array(array)(context, builder)
-            data = builder.bitcast(builder.load(place), context.get_data_type(kind).as_pointer())
-            populate_array(
-                made, data=data, shape=[values[0]], strides=[item], itemsize=item, meminfo=builder.load(owner)
-            )
+            made, address, size = _made(context, builder, kind, values[0])
+            if byte is not None:
+                cgutils.memset(builder, address, size, byte)
             return impl_ret_new_ref(context, builder, signature.return_type, made._getvalue())
 
         return array(types.intp), generate
@@ -73,42 +111,22 @@ def _room(kind: Any) -> Any:
 numbers, indices = _room(types.float64), _room(types.int64)
 integers, marks = _room(types.int32), _room(types.boolean)
 unsigned = _room(types.uint64)
+zeros, cleared, counts = _room(types.float64, 0), _room(types.boolean, 0), _room(types.int64, 0)
+unset = _room(types.int64, 255)
+"""Integers that are -1."""
 
 
-@once
-def zeros(n: int) -> Array:
-    """Return n zeros; see `_room`."""
-    made = numbers(n)
-    for i in range(n):
-        made[i] = 0.0
-    return made
+@intrinsic
+def copied(typingctx: Any, source: Any) -> Any:
+    """Return a copy of some numbers, contiguous ones; see `_room`."""
 
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        given = context.make_array(FLOATS)(context, builder, values[0])
+        made, address, size = _made(context, builder, types.float64, cgutils.unpack_tuple(builder, given.shape)[0])
+        cgutils.raw_memcpy(builder, address, builder.bitcast(given.data, cgutils.voidptr_t), size, 1)
+        return impl_ret_new_ref(context, builder, signature.return_type, made._getvalue())
 
-@once
-def filled(n: int, value: int) -> Array:
-    """Return n integers of one value; see `_room`."""
-    made = indices(n)
-    for i in range(n):
-        made[i] = value
-    return made
-
-
-@once
-def cleared(n: int) -> Array:
-    """Return n marks that are False; see `_room`."""
-    made = marks(n)
-    for i in range(n):
-        made[i] = False
-    return made
-
-
-@once
-def copied(source: Array) -> Array:
-    """Return a copy of some numbers; see `_room`."""
-    made = numbers(len(source))
-    for i in range(len(source)):
-        made[i] = source[i]
-    return made
+    return (FLOATS(FLOATS), generate) if source == FLOATS else None
 
 
 @sums
@@ -152,6 +170,20 @@ def norm(v: Array) -> float:
     for i in range(len(v)):
         s += v[i] * v[i]
     return np.sqrt(s)
+
+
+@plain
+def put(to: Array, source: Array) -> None:
+    """Write the numbers of one array to another."""
+    for i in range(len(source)):
+        to[i] = source[i]
+
+
+@plain
+def clear(v: Array) -> None:
+    """Let the numbers of an array be 0."""
+    for i in range(len(v)):
+        v[i] = 0.0
 
 
 @plain

@@ -4,11 +4,22 @@ The matrix ``H = I + A^T W A`` couples two trees only where a group of rows touc
 order of least degree; the blocks that fill in are found once and used by all factorizations of the solve.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import types
 
-from impactlaw.solvers.cones.algebra.loops import Array, filled, indices, kernel, once, plain, unsigned
+from impactlaw.solvers.cones.algebra.loops import (
+    INTEGERS,
+    UNSIGNED,
+    Array,
+    counts,
+    indices,
+    kernel,
+    once,
+    plain,
+    unsigned,
+)
 
 
 class Blocks(NamedTuple):
@@ -57,6 +68,13 @@ class Blocks(NamedTuple):
     flops: float
 
 
+BLOCKS: Any = types.NamedTuple(
+    [INTEGERS] * 14 + [UNSIGNED, INTEGERS, INTEGERS, types.int64, types.float64],
+    Blocks,
+)
+"""The type of `Blocks` in compiled code."""
+
+
 @kernel
 def least_degree(joined: Array, width: Array, order: Array) -> None:
     """Write an order of elimination by least degree; `joined` (nb, nb) is overwritten by the graph with its fill."""
@@ -100,11 +118,12 @@ def _block(i: int, j: int, spot: Array, diagonal: Array, upper: Array, lower: Ar
 
 
 @plain
-def _fill_one(begin: Array, cols: Array, first: Array, many: Array, inner: Array) -> None:
+def _fill_one(n: int, begin: Array, cols: Array, first: Array, many: Array, pitch: Array, inner: Array) -> None:
     """Write what of `Blocks` is of groups and columns, where there is one block."""
     for g in range(len(many)):
         many[g] = 1 if begin[g + 1] > begin[g] else 0
         first[g + 1] = first[g] + many[g]
+        pitch[g] = n
     for j in range(len(cols)):
         inner[j] = cols[j]
 
@@ -113,10 +132,10 @@ def _fill_one(begin: Array, cols: Array, first: Array, many: Array, inner: Array
 def one_block(n: int, begin: Array, cols: Array) -> Blocks:
     """Return the storage of a matrix that is one block, (n, n); it lives as long as the function that asks for it."""
     groups, count = len(begin) - 1, len(cols)
-    first, many, place, pitch = filled(groups + 1, 0), indices(groups), filled(groups, 0), filled(groups, n)
-    few, slot, inner = filled(4, 0), filled(count, 0), unsigned(count)
+    first, many, place, pitch = counts(groups + 1), indices(groups), counts(groups), indices(groups)
+    few, slot, inner = counts(4), counts(count), unsigned(count)
     few[0], few[1] = n, n * n
-    _fill_one(begin, cols, first, many, inner)
+    _fill_one(n, begin, cols, first, many, pitch, inner)
     width, square, zero, zeros, none = few[:1], few[1:2], few[2:3], few[2:], few[:0]
     return Blocks(
         width, zero, zero, square, square, zero, zeros, none, zeros, none, none, first, many, slot, inner, place, pitch,

@@ -5,11 +5,22 @@ Groups of rows (contacts, or single bilateral and box rows) are divided by their
 The columns of a group are stored once, for all its rows.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import numpy as np
+from numba import types
 
-from impactlaw.solvers.cones.algebra.loops import Array, gather_dot, kernel, plain, scatter_add
+from impactlaw.solvers.cones.algebra.loops import (
+    FLOATS,
+    INTEGERS,
+    UNSIGNED,
+    Array,
+    clear,
+    gather_dot,
+    kernel,
+    plain,
+    scatter_add,
+    zeros,
+)
 
 BILATERAL, BOX, CONE = 0, 1, 2
 """Kinds of groups: ``u = 0``; ``x`` in an interval; ``x`` in the cone ``K = {(a, y) : |y| <= a}``."""
@@ -47,10 +58,30 @@ class Island(NamedTuple):
     exact: bool
 
 
+ISLAND: Any = types.NamedTuple(
+    [
+        INTEGERS,
+        INTEGERS,
+        FLOATS,
+        FLOATS,
+        FLOATS,
+        INTEGERS,
+        UNSIGNED,
+        INTEGERS,
+        FLOATS,
+        INTEGERS,
+        types.int64,
+        types.boolean,
+    ],
+    Island,
+)
+"""The type of an `Island` in compiled code."""
+
+
 @plain
 def jump(P: Island, x: Array, z: Array) -> None:
     """Write ``z = A^T x``."""
-    z[:] = 0.0
+    clear(z)
     for g in range(len(P.kind)):
         begin, a = P.begin[g], P.entry[g]
         width = P.begin[g + 1] - begin
@@ -84,7 +115,7 @@ def velocity(P: Island, b: Array, x: Array, z: Array, u: Array) -> None:
 @kernel
 def delassus(P: Island, G: Array) -> None:
     """Write the dense matrix ``G = A A^T`` with the compliance on its diagonal, row by row."""
-    row, n, groups = np.zeros(P.nv), len(P.b), len(P.kind)
+    row, n, groups = zeros(P.nv), len(P.b), len(P.kind)
     for g in range(groups):
         begin, width = P.begin[g], P.begin[g + 1] - P.begin[g]
         for i in range(P.start[g], P.start[g + 1]):

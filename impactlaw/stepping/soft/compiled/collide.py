@@ -6,7 +6,18 @@ import numpy as np
 
 from impactlaw.mechanics.tolerances import SIGNIFICANT
 from impactlaw.solvers.cones import CONE
-from impactlaw.solvers.cones.algebra.loops import cleared, copied, indices, kernel, norm, numbers, once, plain, zeros
+from impactlaw.solvers.cones.algebra.loops import (
+    cleared,
+    copied,
+    indices,
+    kernel,
+    norm,
+    numbers,
+    once,
+    plain,
+    put,
+    zeros,
+)
 from impactlaw.solvers.cones.solve import linked_improve
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
@@ -20,7 +31,7 @@ from impactlaw.stepping.compiled.access import (
     size,
     velocity_of,
 )
-from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, keep, put
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, keep
 from impactlaw.stepping.compiled.whitening import unwhitened, whitened
 from impactlaw.stepping.soft.compiled.alone import solve_alone
 from impactlaw.stepping.soft.compiled.found import find, normal_velocities, within_reach

@@ -9,6 +9,7 @@ from numba import types
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
+from impactlaw.solvers.cones.algebra.loops import clear
 from impactlaw.stepping.compiled.fields import floats, longs
 from impactlaw.stepping.compiled.libmujoco import is_watched
 from impactlaw.stepping.soft.compiled.step import linked_advance
@@ -84,7 +85,7 @@ def steps(context):
         c[CONTEXT.status] = CALLBACK
         return
     numbers, width = floats(c[CONTEXT.numbers], TOTAL + SUMS), c[CONTEXT.state_size]
-    numbers[TOTAL:] = 0.0
+    clear(numbers[TOTAL:])
     outcomes = floats(c[CONTEXT.outcomes], c[CONTEXT.outcome_count])
     while c[CONTEXT.taken] < c[CONTEXT.steps]:
         i = c[CONTEXT.taken]

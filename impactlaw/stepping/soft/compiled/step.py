@@ -7,7 +7,7 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import kernel, numbers, once, plain, zeros
+from impactlaw.solvers.cones.algebra.loops import clear, kernel, numbers, once, plain, zeros
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, number, offset, option, size, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, ints, keep, long_at
@@ -160,8 +160,8 @@ def advance(
     timestep = float_at(model + offset(w, MODEL.opt_timestep))
     if integrator == _DISCRETE or not 0.0 < timestep < np.inf:
         return PYTHON
-    sums[:] = 0.0
-    outcomes[:1] = 0.0
+    clear(sums)
+    clear(outcomes[:1])
     bad = _bad_states(w)
     mj.get_state(model, data, address_of(state), STATE)
     status = FINE

@@ -8,7 +8,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.solvers.cones.algebra.loops import plain, put
 from impactlaw.stepping.compiled.fields import (
     MODEL,
     SIZE,
@@ -18,7 +18,6 @@ from impactlaw.stepping.compiled.fields import (
     ints,
     long_at,
     longs,
-    put,
     put_int,
     put_long,
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import cleared, integers, kernel, marks, numbers, plain, zeros
+from impactlaw.solvers.cones.algebra.loops import clear, cleared, integers, kernel, marks, numbers, plain, put, zeros
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     contact_floats,
@@ -23,7 +23,7 @@ from impactlaw.stepping.compiled.access import (
     rows_of,
     size,
 )
-from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, keep, put, put_int
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, keep, put_int
 from impactlaw.stepping.compiled.whitening import unwhiten
 from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins
 from impactlaw.stepping.time_stepping.compiled.impulses.contact import count, count_entries, read
@@ -66,7 +66,7 @@ def write_forces(w, rows, x, start, cone, force):
     There is room for the force of each of MuJoCo's rows, (nefc,).
     """
     h = w.timestep
-    force[:] = 0.0
+    clear(force)
     for r in range(len(x)):
         force[rows.sparse[2, r]] = rows.rates[0, r] * x[r] / h
     mj.mul_jac_t_vec(w.model, w.data, data_at(w, DATA.qfrc_constraint), address_of(force))

@@ -9,19 +9,9 @@ from numba import types
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import copied, indices, numbers, plain
+from impactlaw.solvers.cones.algebra.loops import copied, indices, numbers, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
-from impactlaw.stepping.compiled.fields import (
-    SIZE,
-    address_of,
-    claim,
-    flags,
-    floats,
-    keep,
-    long_at,
-    longs,
-    put,
-)
+from impactlaw.stepping.compiled.fields import SIZE, address_of, claim, flags, floats, keep, long_at, longs
 from impactlaw.stepping.time_stepping.compiled.state.memory import go_back
 from impactlaw.stepping.time_stepping.compiled.state.status import CALLBACK, FINE
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mujoco
 
-from impactlaw.solvers.cones.algebra.loops import norm, plain
+from impactlaw.solvers.cones.algebra.loops import clear, norm, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     data_floats,
@@ -16,7 +16,7 @@ from impactlaw.stepping.compiled.access import (
     size,
     velocity_of,
 )
-from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, flags, floats, ints, put, table_floats
+from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, flags, floats, ints, table_floats
 from impactlaw.stepping.time_stepping.compiled.ends import update_frames
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, forget
@@ -57,7 +57,7 @@ def _begin(w, counts, left, gained, loaded):
         update_frames(w)
     if not same:
         forget(counts)
-        gained[:] = 0.0
+        clear(gained)
     if w.surfaces != 0:
         begin_surfaces(w)
 
@@ -142,7 +142,7 @@ def _free_step(w, start, bias, gained, work):
     """Let MuJoCo's integrator advance velocity, activations and time without contact."""
     nv = w.nv
     put(data_floats(w, DATA.qacc, nv), data_floats(w, DATA.qacc_smooth, nv))
-    data_floats(w, DATA.qfrc_constraint, nv)[:] = 0.0
+    clear(data_floats(w, DATA.qfrc_constraint, nv))
     if option(w, MODEL.opt_integrator) == _EULER:
         mj.euler(w.model, w.data)
     else:

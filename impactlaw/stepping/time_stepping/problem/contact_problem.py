@@ -6,9 +6,8 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import BILATERAL, CONE
-from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
+from impactlaw.solvers.cones.algebra.loops import clear, copied, integers, kernel, numbers, plain, put, zeros
 from impactlaw.solvers.cones.solve import linked_improve
-from impactlaw.stepping.compiled.fields import put
 from impactlaw.stepping.time_stepping.problem.targets import write_offsets
 
 TOLERANCE = 1e-10
@@ -30,7 +29,7 @@ _OPENING_TIME = 0.1  # s in which most of a deep one is
 @plain
 def guess(groups, key, scale, known_groups, known_key, known_scale, known, x):
     """Write what `recall` returns, (n,)."""
-    x[:] = 0.0
+    clear(x)
     m, at = len(known_key), 0
     for g in range(len(key)):
         for step in range(m):
@@ -103,7 +102,7 @@ def correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, roun
 
     It is what makes problems hard: what is left, ``0 <= Lambda_n  ⊥  u_n >= 0``, is convex.
     """
-    x, offset, friction = solution.copy(), b.copy(), np.zeros(len(tree))
+    x, offset, friction = copied(solution), copied(b), zeros(len(tree))
     for g in range(groups.shape[1]):
         if groups[2, g] != CONE:
             continue
@@ -119,20 +118,22 @@ def correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, roun
     for r in range(len(b)):
         for a in range(sparse[1, r], sparse[1, r] + sparse[0, r]):
             offset[r] += value[a] * friction[colind[a]]
-    start, size = x.copy(), np.ones_like(groups[1])
+    start, one = copied(x), integers(groups.shape[1])
     for g in range(groups.shape[1]):
         for k in range(groups[0, g] + 1, groups[0, g] + groups[1, g]):
             start[k] = 0.0
-    z = np.empty(len(tree))
+        one[g] = 1
+    z = numbers(len(tree))
     left, _ = linked_improve(
-        sparse[0], sparse[1], colind, value, tree, groups[0], size, groups[2], amounts[1], rates[4], offset, _CONVEX,
+        sparse[0], sparse[1], colind, value, tree, groups[0], one, groups[2], amounts[1], rates[4], offset, _CONVEX,
         TOLERANCE, rounds, start, z,
     )  # fmt: skip
     if not left > _UNSOLVED:
         for g in range(groups.shape[1]):
             x[groups[0, g]] = start[groups[0, g]]
         put(solution, x)
-        put(jump, z + friction)
+        for i in range(len(z)):
+            jump[i] = z[i] + friction[i]
     return left
 
 
@@ -168,9 +169,17 @@ def largest_share(
     The collision by itself starts from v- and knows no forces; its contacts do ``Lambda^T (gamma- + gamma+) / 2``. With
     friction, or a matrix E, that can be positive (T. R. Kane, *A dynamics puzzle*, 1984); with s = 0 it is not.
     """
-    alone, x, z, after, scaled = rates.copy(), known.copy(), np.empty(len(tree)), np.empty(len(known)), target.copy()
-    room = np.empty(2 * len(x))
-    alone[2] = rates[1]
+    n = rates.shape[1]
+    alone, x, z, after, scaled = (
+        numbers(5 * n).reshape((5, n)),
+        copied(known),
+        numbers(len(tree)),
+        numbers(n),
+        copied(target),
+    )
+    room = numbers(2 * n)
+    for i in range(5):
+        put(alone[i], rates[1 if i == 2 else i])
     for g in range(len(target)):
         if groups[2, g] == BILATERAL:
             alone[3, groups[0, g]] = rates[1, groups[0, g]]
@@ -249,8 +258,8 @@ def overlap_targets(groups, amounts, rates, after, timestep, need):
 @plain
 def move_apart(sparse, colind, value, groups, rates, need, x, z):
     """Write what `open_overlaps` returns, (nv,); there is room for x, (g,)."""
-    z[:] = 0.0
-    x[:] = 0.0
+    clear(z)
+    clear(x)
     largest = 0.0
     for g in range(len(need)):
         if groups[2, g] == CONE:

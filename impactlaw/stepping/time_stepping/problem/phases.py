@@ -11,7 +11,8 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import BILATERAL, BOX, CONE
-from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.solvers.cones.algebra.loops import cleared, plain, put
+from impactlaw.solvers.cones.rows import trees_of
 from impactlaw.stepping.time_stepping.problem.contact_problem import row_velocities
 from impactlaw.stepping.time_stepping.problem.rows import NEAR
 
@@ -69,7 +70,8 @@ def later_rates(groups, sparse, colind, value, rates, z):
     after = np.empty(rates.shape[1])
     row_velocities(sparse, colind, value, rates, z, after)
     new = rates.copy()
-    new[1], new[2] = after, after
+    put(new[1], after)
+    put(new[2], after)
     for g in range(groups.shape[1]):
         if groups[2, g] == BILATERAL:
             new[3, groups[0, g]] = after[groups[0, g]]
@@ -86,7 +88,7 @@ def some_groups(sparse, colind, value, groups, key, amounts, rates, keep):
             many += groups[1, g]
             for r in range(groups[0, g], groups[0, g] + groups[1, g]):
                 entries += sparse[0, r]
-    place, chosen = np.empty(many, np.int64), np.empty(count, np.int64)
+    place, keys = np.empty(many, np.int64), np.empty(count, np.int64)
     table, new = np.empty((3, many), np.int32), np.empty((5, many))
     columns, values = np.empty(entries, np.int32), np.empty(entries)
     kinds, gaps = np.empty((4, count), np.int32), np.empty((2, count))
@@ -94,19 +96,24 @@ def some_groups(sparse, colind, value, groups, key, amounts, rates, keep):
     for g in range(len(keep)):
         if not keep[g]:
             continue
-        chosen[i] = g
-        kinds[:, i], gaps[:, i] = groups[:, g], amounts[:, g]
+        keys[i] = key[g]
+        for k in range(4):
+            kinds[k, i] = groups[k, g]
+        for k in range(2):
+            gaps[k, i] = amounts[k, g]
         kinds[0, i] = r
         for old in range(groups[0, g], groups[0, g] + groups[1, g]):
             place[r] = old
-            table[:, r], new[:, r] = sparse[:, old], rates[:, old]
+            table[0, r], table[2, r] = sparse[0, old], sparse[2, old]
+            for k in range(5):
+                new[k, r] = rates[k, old]
             table[1, r] = end
             for a in range(sparse[1, old], sparse[1, old] + sparse[0, old]):
                 columns[end], values[end] = colind[a], value[a]
                 end += 1
             r += 1
         i += 1
-    return (table, columns, values, kinds, key[chosen], gaps, new), place
+    return (table, columns, values, kinds, keys, gaps, new), place
 
 
 @compiled()
@@ -122,7 +129,7 @@ def reached_by(groups, sparse, colind, tree, later):
         tree: of each degree of freedom, (nv,).
         later: contacts that are hit in the next phase, bool (g,).
     """
-    mark, reached, more = np.zeros(tree.max() + 1, np.bool_), np.zeros(len(later), np.bool_), True
+    mark, reached, more = cleared(trees_of(tree)), np.zeros(len(later), np.bool_), True
     while more:
         more = False
         for g in range(len(later)):

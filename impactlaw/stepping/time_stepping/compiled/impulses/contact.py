@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import once, plain
+from impactlaw.solvers.cones.algebra.loops import clear, once, plain
 from impactlaw.stepping.compiled.access import (
     contact_floats,
     contact_ints,
@@ -124,7 +124,7 @@ def _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums):
         return solved, False
     cut = goes_on(w, rows, solved, answer)
     if setting(w, SETTING.told) != 0.0:
-        sums[:] = 0.0
+        clear(sums)
         if solved.collided:
             add_collision(w, rows, answer, solved.share, metric, start, sums)
     velocity = velocity_of(w)

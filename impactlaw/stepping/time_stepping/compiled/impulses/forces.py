@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.solvers.cones.algebra.loops import plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, layout_of, velocity_of
-from impactlaw.stepping.compiled.fields import DATA, address_of, put
+from impactlaw.stepping.compiled.fields import DATA, address_of
 from impactlaw.stepping.compiled.whitening import apply_inverse
 from impactlaw.stepping.time_stepping.compiled.state.world import metric_of
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SETTLED

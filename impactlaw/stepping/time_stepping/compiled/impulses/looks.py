@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import once, plain
+from impactlaw.solvers.cones.algebra.loops import once, plain, put
 from impactlaw.stepping.compiled.access import velocity_of
-from impactlaw.stepping.compiled.fields import floats, put
+from impactlaw.stepping.compiled.fields import floats
 from impactlaw.stepping.time_stepping.compiled.impulses.contact import linked_attempt, near, sees_more, take_over
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import inertial_work, lead_to, mean_of
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, keep_known, known_at, rows_at, velocities_at

@@ -7,9 +7,9 @@ from numba import types
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import kernel, once
+from impactlaw.solvers.cones.algebra.loops import clear, copied, kernel, once, put, zeros
 from impactlaw.stepping.compiled.access import model_ints, velocity_of
-from impactlaw.stepping.compiled.fields import MODEL, address_of, keep, put
+from impactlaw.stepping.compiled.fields import MODEL, address_of, keep
 from impactlaw.stepping.time_stepping.compiled.impulses.answer import SOLVED, Solved, goes_on, solve
 from impactlaw.stepping.time_stepping.compiled.state.kinds import (
     ANSWER,
@@ -73,11 +73,11 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
     phase of their own.
     """
     now, n = rows, len(rows.rates[0])
-    place, may, x, velocity = np.arange(n), np.ones(len(rows.key), np.bool_), np.zeros(n), free.copy()
+    place, may, x, velocity = np.arange(n), np.ones(len(rows.key), np.bool_), zeros(n), copied(free)
     missed, fastest, created, work, rounding, collided, opens = 0.0, 0.0, 0.0, 0.0, 0.0, False, False
     left, cut, before = PHASE_ROWS, False, start
     block = np.empty(answer_size(len(rows.key), n, w.nv))
-    sums[:] = 0.0
+    clear(sums)
     for phase in range(PHASES):
         solved, met, where, later, left, waiting = _meet(
             w, now, metric, before, known, rounds if phase == 0 else FEW_ROUNDS, law, may,
@@ -89,7 +89,8 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
             return Solved(collided, False, 0.0, 0.0, 1.0, created, 0.0, 0.0, solved.status), cut
         for r in range(len(where)):
             x[place[where[r]]] += met.x[r]
-        velocity += met.change
+        for i in range(w.nv):
+            velocity[i] += met.change[i]
         put(whole.shift, met.shift)
         missed, fastest = max(missed, solved.missed), max(fastest, solved.fastest)
         work, rounding = work + solved.work, rounding + solved.rounding

@@ -8,7 +8,7 @@ import numpy as np
 
 from impactlaw.laws.fremond import Reversal
 from impactlaw.laws.tolerances import INFLUENCE
-from impactlaw.solvers.cones.algebra.loops import kernel
+from impactlaw.solvers.cones.algebra.loops import cleared, kernel, zeros
 from impactlaw.stepping.compiled import law_table
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE, UNKNOWN
 from impactlaw.stepping.time_stepping.problem.targets import reached_groups
@@ -48,7 +48,7 @@ def ask_law(law, rows, tree, collides, target):
 @kernel
 def reverse(e, rows, tree, collides, target):
     """Write the targets of `laws.fremond.Reversal`; contacts that a collision reaches take part, and ``collides``."""
-    none = np.zeros(len(collides), np.bool_)
+    none = cleared(len(collides))
     reached = reached_groups(
         rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, tree, collides, none
     )  # fmt: skip
@@ -92,7 +92,7 @@ def _in_order(rows, chosen):
 def _blocks(rows, order, nv):
     """Return a number for each contact, the same for those that influence each other, int64 (h,)."""
     h = len(order)
-    label, row, norm = np.arange(h), np.zeros(nv), np.zeros(h)
+    label, row, norm = np.arange(h), zeros(nv), zeros(h)
     sparse, colind, value = rows.sparse, rows.colind, rows.value
     for i in range(h):
         r = rows.groups[0, order[i]]

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import kernel, plain
-from impactlaw.stepping.compiled.fields import bools, floats, ints, longs, put, table_floats, table_ints
+from impactlaw.solvers.cones.algebra.loops import kernel, plain, put
+from impactlaw.stepping.compiled.fields import bools, floats, ints, longs, table_floats, table_ints
 from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 

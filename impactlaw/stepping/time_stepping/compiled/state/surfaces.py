@@ -14,7 +14,7 @@ import numpy as np
 
 from impactlaw.scene.moving_surfaces import LastMotion
 from impactlaw.scene.tolerances import BLOW
-from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
+from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     contact_floats,
@@ -24,7 +24,7 @@ from impactlaw.stepping.compiled.access import (
     offset,
     size,
 )
-from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, float_at, floats, put, table_floats
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, float_at, floats, table_floats
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 
 _MEETS = 2.0
