@@ -134,7 +134,8 @@ class Stepper:
         )
         options.check()
         check_model(model)
-        load_solvers()
+        if options.way != "time-stepping":  # that has solvers of its own
+            load_solvers()
         for name, value in options._asdict().items():
             setattr(self, name, value)
         self.model = self._model = model

@@ -159,10 +159,13 @@ class SecondLook:
             return None
         self._borrowed.tighten_margins(BEYOND * depth)
         now, nothing = self._look(data), np.zeros(model.nv)
-        always = now.efc_type <= LAST_LOSS
-        if not now.ncon or not np.count_nonzero((now.efc_pos < -SLOP) & ~always):
+        if not np.any(now.contact.dist < -SLOP):
             return None
-        near = always | (now.efc_pos < BEYOND * depth)
+        mujoco.mj_comPos(model, now)
+        if model.ntendon:
+            mujoco.mj_tendon(model, now)
+        mujoco.mj_makeConstraint(model, now)
+        near = (now.efc_type <= LAST_LOSS) | (now.efc_pos < BEYOND * depth)
         found, factor, inverse = now.contact, *metric
         layout = model.M_rownnz, model.M_rowadr, model.M_colind
         seen = Rows(
@@ -189,9 +192,5 @@ class SecondLook:
         now.qpos[:], now.eq_active[:] = data.qpos, data.eq_active
         now.mocap_pos[:], now.mocap_quat[:] = data.mocap_pos, data.mocap_quat
         mujoco.mj_kinematics(model, now)
-        mujoco.mj_comPos(model, now)
-        if model.ntendon:
-            mujoco.mj_tendon(model, now)
         mujoco.mj_collision(model, now)
-        mujoco.mj_makeConstraint(model, now)
         return now

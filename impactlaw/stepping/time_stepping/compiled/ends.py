@@ -95,31 +95,36 @@ def _find_contacts(w, now):
     seen = flags(data_at(now, DATA.eq_active), equalities)
     put(seen, flags(data_at(w, DATA.eq_active), equalities))
     mj.kinematics(w.model, now.data)
-    mj.com_pos(w.model, now.data)
-    if size(w, MODEL.ntendon) > 0:
-        mj.tendon(w.model, now.data)
     mj.collision(w.model, now.data)
-    mj.make_constraint(w.model, now.data)
 
 
 @plain
-def _overlaps(now, depth, near):
-    """Write which of MuJoCo's rows can be closed by what opens overlaps, and return whether there is an overlap."""
-    n, some = number(now, DATA.nefc), False
+def _overlap(now):
+    """Return whether some bodies overlap."""
+    distance, some = contact_floats(now, CONTACT.dist, 1), False
+    for i in range(len(distance)):
+        some = some or distance[i, 0] < -SLOP
+    return some
+
+
+@plain
+def _find_near(now, depth, near):
+    """Write which of MuJoCo's rows can be closed by what opens overlaps."""
+    n = number(now, DATA.nefc)
     kinds, position = data_ints(now, DATA.efc_type, n), data_floats(now, DATA.efc_pos, n)
     for r in range(n):
-        always = kinds[r] <= LAST_LOSS
-        near[r] = always or position[r] < BEYOND * depth
-        some = some or (not always and position[r] < -SLOP)
-    return some and number(now, DATA.ncon) > 0
+        near[r] = kinds[r] <= LAST_LOSS or position[r] < BEYOND * depth
 
 
 @kernel
 def _move_apart(now, qpos, metric, rows, depth):
     """Open the overlaps that other data shows, (nq,); return whether there are some."""
+    mj.com_pos(now.model, now.data)
+    if size(now, MODEL.ntendon) > 0:
+        mj.tendon(now.model, now.data)
+    mj.make_constraint(now.model, now.data)
     nv, h, near, mark = now.nv, now.timestep, marks(number(now, DATA.nefc)), cleared(size(now, MODEL.ntree))
-    if not _overlaps(now, depth, near):
-        return False
+    _find_near(now, depth, near)
     jacobian, still = nonzeros_of(now), zeros(nv)
     entries, (groups, many) = count_entries(now, jacobian, mark), count(now, near, _FRICTIONAL)
     block = numbers(rows_size(groups, many, entries))
@@ -157,7 +162,7 @@ def look_again(w, rows):
         limit_margins(w.model, w.table, BEYOND * depth)
     now = World(w.model, w.scratch, w.scratch, w.table, w.settings, w.sizes, w.bilateral, w.nv, h, w.damped, 0)
     _find_contacts(w, now)
-    if _move_apart(now, data_floats(w, DATA.qpos, size(w, MODEL.nq)), metric_of(w), rows, depth):
+    if _overlap(now) and _move_apart(now, data_floats(w, DATA.qpos, size(w, MODEL.nq)), metric_of(w), rows, depth):
         update_frames(w)
 
 
