@@ -116,7 +116,10 @@ unset = _room(types.int64, 255)
 """Integers that are -1."""
 
 
-@intrinsic
+_intrinsic: Any = intrinsic
+
+
+@_intrinsic
 def copied(typingctx: Any, source: Any) -> Any:
     """Return a copy of some numbers, contiguous ones; see `_room`."""
 
