@@ -226,7 +226,7 @@ class Batch:
 
     def _call(self, worlds: np.ndarray | None) -> set[int]:
         """Let the pool step, and return the worlds of which MuJoCo has raised an error."""
-        if not self._pool.apply(many.address, self._context.ctypes.data, save=True, worlds=worlds):
+        if not self._pool.apply(many.address, self._context.ctypes.data, worlds):
             return set()
         raised = (ctypes.c_int * self.nsim).from_address(self._functions.mjb_status(self._pool.handle))
         return {i for i, status in enumerate(raised) if status}

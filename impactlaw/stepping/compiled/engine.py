@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import mujoco
@@ -63,11 +65,22 @@ class Pool:
             raise mujoco.FatalError(message.value.decode())
         self._call = self._functions.mjb_apply
 
-    def apply(self, function: int, argument: int, *, save: bool, worlds: Any = None) -> int:
-        """Call a C function of all worlds, or some, int32; return for how many MuJoCo has raised an error."""
+    def apply(self, function: int, argument: int, worlds: Any) -> int:
+        """Call a C function of all worlds (None), or some, int32, and keep the states that it leaves.
+
+        Return for how many MuJoCo has raised an error.
+        """
         if worlds is None:
-            return self._call(self.handle, None, self.worlds, function, argument, save)
-        return self._call(self.handle, worlds.ctypes.data, len(worlds), function, argument, save)
+            return self._call(self.handle, None, self.worlds, function, argument, True)
+        return self._call(self.handle, worlds.ctypes.data, len(worlds), function, argument, True)
+
+    def caller(self, function: int, argument: int) -> Callable[[], int]:
+        """Return what calls a C function of all worlds, states left alone, and returns how many raised errors."""
+        address = ctypes.c_void_p
+        return partial(
+            self._call, address(self.handle), None, ctypes.c_int(self.worlds), address(function), address(argument),
+            ctypes.c_int(0),
+        )  # fmt: skip
 
     def error(self, world: int) -> str:
         """Return what MuJoCo has said of a world in the last call."""

@@ -99,6 +99,11 @@ class _Model(NamedTuple):
     dof_damping: int
     dof_dampingpoly: int
     jnt_actuatorid: int
+    jnt_type: int
+    jnt_limited: int
+    jnt_qposadr: int
+    jnt_dofadr: int
+    jnt_range: int
     opt_timestep: int
     opt_gravity: int
     opt_integrator: int

@@ -8,9 +8,10 @@ import numpy as np
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones.algebra.loops import plain
 
-_LEAST = 1e-5
+LEAST = 1e-5
 """Reach at rest, m or rad: contacts that are held are to be found."""
-_ALWAYS = 1e6
+ALWAYS = 1e6
+"""Reach, m or rad, within which all limits are."""
 _PLANE, _FIELD = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)
 
 
@@ -47,7 +48,7 @@ def write_margins(
         speed = max(_speed(velocity[i], arm, size[i]), _speed(led_to[i], arm, size[i]))
         if mocap[root[i]] >= 0:
             speed += surface_speed
-        reach = 0.0 if i == 0 else 2.0 * timestep * (speed + timestep * gravity) + _LEAST
+        reach = 0.0 if i == 0 else 2.0 * timestep * (speed + timestep * gravity) + LEAST
         body_margin[i] = reach
         far = max(far, reach)
     for i in range(len(geom_margin)):
@@ -56,8 +57,8 @@ def write_margins(
         body_margin[body_of_geom[i]] = max(body_margin[body_of_geom[i]], geom_margin[i])
     for i in range(len(pair_margin)):
         pair_margin[i] = far + pair_gap[i]
-    joint_margin[:] = _ALWAYS
-    tendon_margin[:] = _ALWAYS
+    joint_margin[:] = ALWAYS
+    tendon_margin[:] = ALWAYS
 
 
 @compiled()

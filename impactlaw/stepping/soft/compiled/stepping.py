@@ -106,6 +106,7 @@ class CompiledSoftStepping:
                 self._go_on(world.CALLBACK, data, steps, parts)
                 return together(parts)
             self._pool = Pool(mujoco.MjModel.from_xml_string(_EMPTY), 1, 1, persistent=True)
+            self._take = self._pool.caller(entry.address, self._at)
         if steps > self._steps:
             self._steps, self._states = steps, np.zeros((steps, self._room + EXTRA))
             self._write_context()
@@ -113,7 +114,7 @@ class CompiledSoftStepping:
         fields[_DATA] = simulation._address  # pyright: ignore[reportAttributeAccessIssue]
         while steps:
             fields[_STEPS] = steps
-            if self._pool.apply(entry.address, self._at, save=False):
+            if self._take():
                 self._fail(data, self._pool.error(0))
             taken, how = fields[_TAKEN], fields[_STATUS]
             steps -= taken

@@ -19,6 +19,7 @@ from impactlaw.stepping.compiled.access import (
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, flags, floats, ints, table_floats
 from impactlaw.stepping.time_stepping.compiled.ends import update_frames
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle
+from impactlaw.stepping.time_stepping.compiled.limits import narrow_limits
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, forget
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
     begin_surfaces,
@@ -35,10 +36,15 @@ _CONTACT_FULL, _ROWS_FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoc
 
 
 @plain
-def to_middle(w, counts, left, gained, start, middle, bias, margins, work, loaded):
-    """Take a step without contact, bodies left in its middle; return whether MuJoCo had no room for all contacts."""
+def to_middle(w, counts, left, gained, start, middle, bias, margins, work, loaded, narrow):
+    """Take a step without contact, bodies left in its middle; return whether MuJoCo had no room for all contacts.
+
+    If `narrow`, limits are found that joints can reach, else all of them.
+    """
     _begin(w, counts, left, gained, loaded)
     _set_margins(w, gained, work)
+    if narrow:
+        narrow_limits(w, gained)
     put(start, velocity_of(w))
     full = _to_midpoint(w, start, margins, middle)
     _free_step(w, start, bias, gained, work)

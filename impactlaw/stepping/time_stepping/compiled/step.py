@@ -33,11 +33,12 @@ from impactlaw.stepping.time_stepping.compiled.ends import (
 )
 from impactlaw.stepping.time_stepping.compiled.impulses.contact import count_entries
 from impactlaw.stepping.time_stepping.compiled.impulses.looks import find_impulses
+from impactlaw.stepping.time_stepping.compiled.limits import passes_limit
 from impactlaw.stepping.time_stepping.compiled.middle import to_middle
 from impactlaw.stepping.time_stepping.compiled.state.law import LawTable
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, forget, last_step, remember
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, lay_out, rows_at
-from impactlaw.stepping.time_stepping.compiled.state.status import FINE, HUGE_INPUT, HUGE_OUTPUT, TIMESTEP
+from impactlaw.stepping.time_stepping.compiled.state.status import FINE, HUGE_INPUT, HUGE_OUTPUT, TIMESTEP, UNSEEN
 from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import aim_surfaces, end_surfaces
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, setting
@@ -79,7 +80,9 @@ def _finish(w, memory, counts, left, collided, missed):
 
 
 @plain
-def _constrain(w, law, memory, counts, start, middle, bias, full, cone, jacobian, chosen, seen, mark, force, room):
+def _constrain(
+    w, law, memory, counts, start, middle, bias, full, cone, jacobian, chosen, seen, mark, force, room, narrow
+):  # fmt: skip
     """Take the rest of a step that has constraints, from its middle.
 
     Return how it has ended, whether some contact collides, and by how much contact velocities miss the law.
@@ -87,6 +90,8 @@ def _constrain(w, law, memory, counts, start, middle, bias, full, cone, jacobian
     rounds = MANY_ROUNDS if counts[MEMORY.solved] != 0 else FEW_ROUNDS
     found = find_impulses(w, law, last_step(counts), start, bias, rounds, jacobian, chosen, seen, mark, room)
     solved = found.solved
+    if solved.status == FINE and narrow and passes_limit(w):
+        return UNSEEN, False, 0.0
     if solved.status != FINE:
         memory[MEMORY.created] = solved.created
         return solved.status, False, 0.0
@@ -110,13 +115,13 @@ def _constrain(w, law, memory, counts, start, middle, bias, full, cone, jacobian
 
 
 @once
-def _step(w, law, memory, margins, cone, loaded):
+def _step(w, law, memory, margins, cone, loaded, narrow):
     nq, nv = size(w, MODEL.nq), w.nv
     counts, at = memory.view(np.int64), MEMORY.left + nq
     left, gained = memory[MEMORY.left : at + nv], memory[at + nv : at + 2 * nv]
     start, middle, bias = numbers(nv), numbers(nq), zeros(nv)
     work = numbers(max(6 * size(w, MODEL.nbody) + nv, 3 * nv))
-    full = to_middle(w, counts, left, gained, start, middle, bias, margins, work, loaded)
+    full = to_middle(w, counts, left, gained, start, middle, bias, margins, work, loaded, narrow)
     n, status, collided, missed = number(w, DATA.nefc), FINE, False, 0.0
     if n > 0:
         jacobian, chosen, seen, mark = nonzeros_of(w), marks(n), marks(n), cleared(size(w, MODEL.ntree))
@@ -124,9 +129,26 @@ def _step(w, law, memory, margins, cone, loaded):
         block, force = numbers(lay_out(FIRST, n, entries, nv)[1]), numbers(n)
         room = lay_out(address_of(block), n, entries, nv)[0]
         status, collided, missed = _constrain(
-            w, law, memory, counts, start, middle, bias, full, cone, jacobian, chosen, seen, mark, force, room
+            w,
+            law,
+            memory,
+            counts,
+            start,
+            middle,
+            bias,
+            full,
+            cone,
+            jacobian,
+            chosen,
+            seen,
+            mark,
+            force,
+            room,
+            narrow,
         )
         keep(block)
+    elif narrow and passes_limit(w):
+        status = UNSEEN
     else:
         forget(counts)
         write_acceleration(w, start)
@@ -199,7 +221,12 @@ def advance(
     if float_at(settings + 8 * SETTING.surfaces) != 0.0:
         surfaces = address_of(memory) + 8 * (MEMORY.left + long_at(model + long_at(table + 8 * MODEL.nq)) + 2 * nv)
     w = World(model, data, scratch, table, settings, sizes, bilateral, nv, h, is_damped(model, table), surfaces)
-    status = _step(w, LawTable(keys, values, asked), memory, margins, cone, loaded)
+    status, narrow = UNSEEN, surfaces == 0
+    while status == UNSEEN:
+        status = _step(w, LawTable(keys, values, asked), memory, margins, cone, loaded, narrow)
+        if status == UNSEEN:
+            mj.set_state(user, data, address_of(state), STATE)
+            loaded, narrow = True, False
     if status != FINE:
         mj.set_state(user, data, address_of(state), STATE)
         mj.fwd_position(user, data)

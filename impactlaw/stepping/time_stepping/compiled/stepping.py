@@ -127,10 +127,11 @@ class CompiledStepping:
             if any(ctypes.c_size_t.from_address(place).value for place in self._callbacks.tolist()):
                 return self._in_python(data)
             self._pool = Pool(mujoco.MjModel.from_xml_string(_EMPTY), 1, 1, persistent=True)
+            self._take = self._pool.caller(single.address, self._at)
         fields, world = self._fields, data
         fields[_DATA] = world._address  # pyright: ignore[reportAttributeAccessIssue]
         while True:
-            if self._pool.apply(single.address, self._at, save=False):
+            if self._take():
                 self._fail(data, self._pool.error(0))
             how = fields[_STATUS]
             if how == status.FINE:

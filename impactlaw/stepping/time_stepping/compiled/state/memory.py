@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import struct
 from typing import Any, NamedTuple
 
 import mujoco
@@ -59,6 +60,7 @@ class Memory(NamedTuple):
 
 
 MEMORY = Memory()
+_BLOCK = struct.Struct("=4q")  # of its first numbers
 
 
 def _external(name: str, *arguments: object) -> object:
@@ -146,7 +148,7 @@ class Known(NamedTuple):
 
 def raw(numbers: np.ndarray) -> bytes:
     """Return a copy of the impulses that the numbers of a world tell of; its block must not have been written since."""
-    block, _, g, n = numbers[: MEMORY.rows + 1].view(np.int64).tolist()
+    block, _, g, n = _BLOCK.unpack_from(numbers)
     return ctypes.string_at(block, 24 * g + 16 * n) if g else b""
 
 

@@ -15,3 +15,5 @@ TIMESTEP = 6
 """It is not positive, or not finite."""
 CALLBACK = 7
 """A callback of MuJoCo is set."""
+UNSEEN = 8
+"""A limit of a joint was left out that the step would pass."""

@@ -1,0 +1,45 @@
+"""Limits of joints in a compiled step: rows for those that joints can reach, and for all where that was too few.
+
+MuJoCo computes a row for each limit within the joint's margin, and most are far away. A limit that was left out and
+would be passed after all, for contact can throw a link, has the step taken once more with all of them.
+"""
+
+from __future__ import annotations
+
+import mujoco
+
+from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.stepping.compiled.access import data_floats, model_at, model_floats, model_ints, size, velocity_of
+from impactlaw.stepping.compiled.fields import DATA, MODEL, flags
+from impactlaw.stepping.time_stepping.margins import LEAST
+
+_SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
+
+
+@plain
+def narrow_limits(w, gained):
+    """Let limits be found that joints can reach in two steps: with their velocities, or with what forces add, (nv,)."""
+    joints, qvel = size(w, MODEL.njnt), velocity_of(w)
+    kind, dof = model_ints(w, MODEL.jnt_type, joints), model_ints(w, MODEL.jnt_dofadr, joints)
+    margin = model_floats(w, MODEL.jnt_margin, joints)
+    for j in range(joints):
+        if kind[j] == _SLIDE or kind[j] == _HINGE:
+            speed = qvel[dof[j]]
+            margin[j] = 2.0 * w.timestep * max(abs(speed), abs(speed + gained[dof[j]])) + LEAST
+
+
+@plain
+def passes_limit(w):
+    """Return whether velocities lead, within one step, past a limit that was not found."""
+    joints, qvel, qpos = size(w, MODEL.njnt), velocity_of(w), data_floats(w, DATA.qpos, size(w, MODEL.nq))
+    kind, dof = model_ints(w, MODEL.jnt_type, joints), model_ints(w, MODEL.jnt_dofadr, joints)
+    place, margin = model_ints(w, MODEL.jnt_qposadr, joints), model_floats(w, MODEL.jnt_margin, joints)
+    limited, ends = flags(model_at(w, MODEL.jnt_limited), joints), model_floats(w, MODEL.jnt_range, 2 * joints)
+    for j in range(joints):
+        if limited[j] == 0 or (kind[j] != _SLIDE and kind[j] != _HINGE):
+            continue
+        now, moved = qpos[place[j]], w.timestep * qvel[dof[j]]
+        lower, upper = now - ends[2 * j], ends[2 * j + 1] - now
+        if (lower >= margin[j] and lower + moved < 0.0) or (upper >= margin[j] and upper - moved < 0.0):
+            return True
+    return False

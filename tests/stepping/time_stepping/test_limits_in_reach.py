@@ -1,0 +1,42 @@
+"""Compiled steps compute the limits that joints can reach; one that contact throws a link into is not passed."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from impactlaw import Batch, Moreau, Stepper
+
+_SCENE = """<mujoco><compiler angle="radian"/><option timestep="0.01" gravity="0 0 0"/><worldbody>
+  <body><joint name="paddle" type="hinge" axis="0 1 0" range="-0.004 0.004" limited="true"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -1" size=".02" mass="0.01"/></body>
+  <body pos="-0.13 0 -0.9"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="10"/></body></worldbody></mujoco>"""
+
+
+def _struck() -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Return a light paddle at rest that a heavy ball is about to strike, and throw against its limit at once."""
+    model = mujoco.MjModel.from_xml_string(_SCENE)
+    data = mujoco.MjData(model)
+    data.qvel[1] = 2.0
+    return model, data
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_compiled_steps_and_those_in_python_agree_when_a_limit_was_left_out(restitution):
+    model, one = _struck()
+    _, other = _struck()
+    fast, plain = (Stepper(model, Moreau(restitution), scheme="time-stepping", compiled=c) for c in ("auto", "never"))
+    for _ in range(20):
+        fast.step(one)
+        plain.step(other)
+        np.testing.assert_allclose(one.qpos, other.qpos, atol=1e-10)
+        np.testing.assert_allclose(one.qvel, other.qvel, atol=1e-9)
+
+
+def test_link_that_contact_throws_comes_to_rest_at_its_limit_in_many_worlds_too():
+    model, data = _struck()
+    batch = Batch(model, Moreau(0.0), nsim=3)
+    batch.bind("qvel")[:] = data.qvel
+    for _ in range(10):
+        batch.step()
+        assert np.abs(batch.bind("qpos")[:, 0]).max() < 0.004 + 2e-6
+    assert np.abs(batch.bind("qvel")).max() < 1e-9
