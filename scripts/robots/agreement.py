@@ -35,7 +35,6 @@ DERIVED = (
     "qvel",
     "qacc",
     "sensordata",
-    "efc_force",
     "qfrc_constraint",
     "act",
     "xpos",
@@ -66,10 +65,20 @@ def begin_alike(ours: Stepper, python: Stepper, one: mujoco.MjData, other: mujoc
         scheme.resume(other, recollect(numbers, raw(numbers)), gained, motion, solved=compiled.solved)
 
 
-def difference(one: mujoco.MjData, other: mujoco.MjData, *, leave_out: str = "") -> float:
-    """Return by how much the two differ, relative to the size of each field."""
+_LIMIT = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT)
+
+
+def _forces(data: mujoco.MjData) -> np.ndarray:
+    """Return the forces of all rows but limits of joints: compiled code leaves out those that are far away."""
+    return data.efc_force[data.efc_type != _LIMIT]
+
+
+def difference(one: mujoco.MjData, other: mujoco.MjData, *, forces: bool = True) -> float:
+    """Return by how much the two differ, relative to the size of each field; forces of rows can be left out."""
     assert one.time == other.time
-    pairs = [(getattr(one, name), getattr(other, name)) for name in DERIVED if name != leave_out]
+    pairs = [(getattr(one, name), getattr(other, name)) for name in DERIVED]
+    if forces:
+        pairs.append((_forces(one), _forces(other)))
     return max(float(np.abs(a - b).max(initial=0.0)) / max(1.0, float(np.abs(b).max(initial=0.0))) for a, b in pairs)
 
 

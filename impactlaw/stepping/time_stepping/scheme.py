@@ -363,6 +363,7 @@ class TimeStepping:
         found = None if self._rows is None or self._known is None else (rows, self._known[3])
         if self._rows is None:
             self._known = None
+        data.qpos[:] = self._middle  # which the integrator has left: limits are counted there
         write_forces(self._model, data, self._velocity, self._borrowed.cone, found)
         return shift
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import mujoco
 
 from impactlaw.solvers.cones.algebra.loops import plain
-from impactlaw.stepping.compiled.access import data_floats, model_at, model_floats, model_ints, size, velocity_of
-from impactlaw.stepping.compiled.fields import DATA, MODEL, flags
+from impactlaw.stepping.compiled.access import model_at, model_floats, model_ints, size, velocity_of
+from impactlaw.stepping.compiled.fields import MODEL, flags
 from impactlaw.stepping.time_stepping.margins import LEAST
 
 _SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
@@ -29,16 +29,16 @@ def narrow_limits(w, gained):
 
 
 @plain
-def passes_limit(w):
-    """Return whether velocities lead, within one step, past a limit that was not found."""
-    joints, qvel, qpos = size(w, MODEL.njnt), velocity_of(w), data_floats(w, DATA.qpos, size(w, MODEL.nq))
+def passes_limit(w, middle, reach):
+    """Return whether velocities lead in a time, s, past a limit that was not found, from the middle, (nq,)."""
+    joints, qvel = size(w, MODEL.njnt), velocity_of(w)
     kind, dof = model_ints(w, MODEL.jnt_type, joints), model_ints(w, MODEL.jnt_dofadr, joints)
     place, margin = model_ints(w, MODEL.jnt_qposadr, joints), model_floats(w, MODEL.jnt_margin, joints)
     limited, ends = flags(model_at(w, MODEL.jnt_limited), joints), model_floats(w, MODEL.jnt_range, 2 * joints)
     for j in range(joints):
         if limited[j] == 0 or (kind[j] != _SLIDE and kind[j] != _HINGE):
             continue
-        now, moved = qpos[place[j]], w.timestep * qvel[dof[j]]
+        now, moved = middle[place[j]], reach * qvel[dof[j]]
         lower, upper = now - ends[2 * j], ends[2 * j + 1] - now
         if (lower >= margin[j] and lower + moved < 0.0) or (upper >= margin[j] and upper - moved < 0.0):
             return True

@@ -88,15 +88,16 @@ def _constrain(
     Return how it has ended, whether some contact collides, and by how much contact velocities miss the law.
     """
     rounds = MANY_ROUNDS if counts[MEMORY.solved] != 0 else FEW_ROUNDS
-    found = find_impulses(w, law, last_step(counts), start, bias, rounds, jacobian, chosen, seen, mark, room)
+    found = find_impulses(
+        w, law, last_step(counts), start, middle, bias, rounds, jacobian, chosen, seen, mark, room, narrow
+    )  # fmt: skip
     solved = found.solved
-    if solved.status == FINE and narrow and passes_limit(w):
-        return UNSEEN, False, 0.0
     if solved.status != FINE:
         memory[MEMORY.created] = solved.created
         return solved.status, False, 0.0
     rows = rows_at(room.rows, found.groups, found.rows, room.entries)
     answer, touched = answer_at(room.answer, found.groups, found.rows, w.nv), found.rows > 0
+    put(data_floats(w, DATA.qpos, len(middle)), middle)  # which the integrator has left: limits are counted there
     write_forces(w, rows, answer.x, start, cone, force)
     if touched:
         if setting(w, SETTING.told) != 0.0:
@@ -119,11 +120,13 @@ def _step(w, law, memory, margins, cone, loaded, narrow):
     nq, nv = size(w, MODEL.nq), w.nv
     counts, at = memory.view(np.int64), MEMORY.left + nq
     left, gained = memory[MEMORY.left : at + nv], memory[at + nv : at + 2 * nv]
-    start, middle, bias = numbers(nv), numbers(nq), zeros(nv)
+    start, middle, bias, known = numbers(nv), numbers(nq), zeros(nv), copied(gained)
     work = numbers(max(6 * size(w, MODEL.nbody) + nv, 3 * nv))
     full = to_middle(w, counts, left, gained, start, middle, bias, margins, work, loaded, narrow)
     n, status, collided, missed = number(w, DATA.nefc), FINE, False, 0.0
-    if n > 0:
+    if narrow and passes_limit(w, middle, 2.0 * w.timestep):
+        status = UNSEEN
+    elif n > 0:
         jacobian, chosen, seen, mark = nonzeros_of(w), marks(n), marks(n), cleared(size(w, MODEL.ntree))
         entries = count_entries(w, jacobian, mark)
         block, force = numbers(lay_out(FIRST, n, entries, nv)[1]), numbers(n)
@@ -147,14 +150,14 @@ def _step(w, law, memory, margins, cone, loaded, narrow):
             narrow,
         )
         keep(block)
-    elif narrow and passes_limit(w):
-        status = UNSEEN
     else:
         forget(counts)
         write_acceleration(w, start)
         status = _end(w, start, middle, bias, False)
     if status == FINE:
         _finish(w, memory, counts, left, collided, missed)
+    if status == UNSEEN:
+        put(gained, known)
     return status
 
 

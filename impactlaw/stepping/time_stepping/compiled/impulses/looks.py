@@ -7,17 +7,25 @@ import numpy as np
 from impactlaw.solvers.cones.algebra.loops import once, plain, put
 from impactlaw.stepping.compiled.access import velocity_of
 from impactlaw.stepping.compiled.fields import floats
-from impactlaw.stepping.time_stepping.compiled.impulses.contact import linked_attempt, near, sees_more, take_over
+from impactlaw.stepping.time_stepping.compiled.impulses.answer import Solved
+from impactlaw.stepping.time_stepping.compiled.impulses.contact import (
+    Outcome,
+    linked_attempt,
+    near,
+    sees_more,
+    take_over,
+)
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import inertial_work, lead_to, mean_of
+from impactlaw.stepping.time_stepping.compiled.limits import passes_limit
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, keep_known, known_at, rows_at, velocities_at
-from impactlaw.stepping.time_stepping.compiled.state.status import FINE
+from impactlaw.stepping.time_stepping.compiled.state.status import FINE, UNSEEN
 from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS
 from impactlaw.stepping.time_stepping.problem.resolve import is_met
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LOOKS, PHASE_LOOK_ROWS, PHASE_LOOKS
 
-_FEW, _AT_ONCE = np.int64(FEW_ROUNDS), np.bool_(False)  # literals would have functions compiled for each of them
+_FEW, _AT_ONCE = np.int64(FEW_ROUNDS), np.bool_(False)
 
 
 @plain
@@ -31,7 +39,7 @@ def _again(w, law, start, free, jacobian, chosen, mark, room, found, phases):
 
 
 @once
-def find_impulses(w, law, known, start, bias, rounds, jacobian, chosen, seen, mark, room):
+def find_impulses(w, law, known, start, middle, bias, rounds, jacobian, chosen, seen, mark, room, narrow):
     """Add what contact does to the velocity, and return it; see `scheme.TimeStepping`.
 
     Args:
@@ -39,6 +47,7 @@ def find_impulses(w, law, known, start, bias, rounds, jacobian, chosen, seen, ma
         law: see `law`.
         known: groups, keys, coefficients and impulses of the last step.
         start: velocity at the start, (nv,).
+        middle: position in the middle of the step, (nq,).
         bias: inertial forces, (nv,), to be written.
         rounds: of the slower solvers.
         jacobian: `access.nonzeros_of`.
@@ -46,6 +55,7 @@ def find_impulses(w, law, known, start, bias, rounds, jacobian, chosen, seen, ma
         seen: the same once more.
         mark: marks of trees, False.
         room: see `state.room`.
+        narrow: whether limits of joints were left out; the status is `UNSEEN` if one of them would be passed.
     """
     h, qvel, free, look, phases = w.timestep, velocity_of(w), velocities_at(room, 0, 1), 1, _AT_ONCE
     put(free, qvel)
@@ -54,6 +64,8 @@ def find_impulses(w, law, known, start, bias, rounds, jacobian, chosen, seen, ma
         w, jacobian, chosen, start, free, known, rounds, law, phases, mark, room, floats(room.sums, SUMS)
     )  # fmt: skip
     while look < LOOKS + PHASE_LOOKS and found.rows > 0 and found.solved.status == FINE:
+        if narrow and passes_limit(w, middle, h):
+            return Outcome(0, 0, Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, UNSEEN), False)
         near(w, jacobian, qvel, qvel, h, seen)
         allowed = found.rows <= PHASE_LOOK_ROWS if phases else look < LOOKS
         if sees_more(chosen, seen) and allowed:

@@ -148,7 +148,7 @@ class Known(NamedTuple):
 
 def raw(numbers: np.ndarray) -> bytes:
     """Return a copy of the impulses that the numbers of a world tell of; its block must not have been written since."""
-    block, _, g, n = _BLOCK.unpack_from(numbers)
+    block, _, g, n = _BLOCK.unpack_from(numbers.data)
     return ctypes.string_at(block, 24 * g + 16 * n) if g else b""
 
 
