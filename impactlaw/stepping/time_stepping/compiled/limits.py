@@ -18,14 +18,14 @@ _SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HIN
 
 @plain
 def narrow_limits(w, gained):
-    """Let limits be found that joints can reach in two steps: with their velocities, or with what forces add, (nv,)."""
+    """Let limits be found that joints can reach in two steps, where forces may add twice what they have added, (nv,)."""
     joints, qvel = size(w, MODEL.njnt), velocity_of(w)
     kind, dof = model_ints(w, MODEL.jnt_type, joints), model_ints(w, MODEL.jnt_dofadr, joints)
     margin = model_floats(w, MODEL.jnt_margin, joints)
     for j in range(joints):
         if kind[j] == _SLIDE or kind[j] == _HINGE:
-            speed = qvel[dof[j]]
-            margin[j] = 2.0 * w.timestep * max(abs(speed), abs(speed + gained[dof[j]])) + LEAST
+            speed, more = qvel[dof[j]], gained[dof[j]]
+            margin[j] = 2.0 * w.timestep * (max(abs(speed), abs(speed + more)) + abs(more)) + LEAST
 
 
 @plain
