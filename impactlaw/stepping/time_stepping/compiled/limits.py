@@ -18,7 +18,7 @@ _SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HIN
 
 @plain
 def narrow_limits(w, gained):
-    """Let limits be found that joints can reach in two steps, where forces may add twice what they have added, (nv,)."""
+    """Let limits be found that joints can reach in two steps; forces may add twice what they have added, (nv,)."""
     joints, qvel = size(w, MODEL.njnt), velocity_of(w)
     kind, dof = model_ints(w, MODEL.jnt_type, joints), model_ints(w, MODEL.jnt_dofadr, joints)
     margin = model_floats(w, MODEL.jnt_margin, joints)
