@@ -24,13 +24,15 @@ from . import chains, environments, import_time, laws, omissions, steps, worlds
 from .goals import as_table, goals
 
 Part = Literal[
-    "laws", "chains", "steps", "wrappers", "heaps", "tasks", "omissions", "imports", "worlds", "vector", "compiling"
+    "laws", "chains", "steps", "wrappers", "robots", "heaps", "tasks", "omissions", "imports", "worlds", "vector",
+    "compiling",
 ]  # fmt: skip
 _RUN: dict[Part, Callable[..., pd.DataFrame]] = {
     "laws": laws.run,
     "chains": chains.run,
     "steps": steps.run,
     "wrappers": environments.run,
+    "robots": environments.run_robots,
     "heaps": environments.run_heaps,
     "tasks": environments.run_tasks,
     "omissions": omissions.run,
@@ -53,6 +55,7 @@ class Benchmark:
     chains: chains.ChainCost = field(default_factory=chains.ChainCost)
     steps: steps.StepCost = field(default_factory=steps.StepCost)
     wrappers: environments.WrapperCost = field(default_factory=environments.WrapperCost)
+    robots: environments.RobotCost = field(default_factory=environments.RobotCost)
     heaps: environments.HeapCost = field(default_factory=environments.HeapCost)
     tasks: environments.TaskCost = field(default_factory=environments.TaskCost)
     omissions: omissions.Omissions = field(default_factory=omissions.Omissions)
@@ -70,6 +73,7 @@ class Benchmark:
             chains=chains.ChainCost(sizes=(100, 1000), seconds=0.1),
             steps=steps.StepCost(cradles=(5, 20), environments=_QUICK_ENVIRONMENTS, full=False, seconds=0.2),
             wrappers=environments.WrapperCost(wrapped=_QUICK_ENVIRONMENTS, steps=50, repetitions=2),
+            robots=environments.RobotCost(robots=_QUICK_ENVIRONMENTS, steps=100, repetitions=1),
             heaps=environments.HeapCost(bodies=(10,), steps=100, repetitions=1),
             tasks=environments.TaskCost(tasks=("Juggler",), actions=50, times=1),
             omissions=omissions.Omissions(scenes=("pendulum", "cradle 5"), steps=20, seconds=0.1),

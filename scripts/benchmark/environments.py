@@ -1,4 +1,4 @@
-"""What environments cost: the wrapper `ImpactLaw` next to the plain environment, soft steps of a heap, our own tasks.
+"""What environments cost: the wrapper `ImpactLaw`, single steps of robots, soft steps of a heap, our own tasks.
 
 What is compared takes the same steps again and again, in one process, in turns and in short pieces, and the fastest
 time of each piece counts: what other processes take from the machine is left out.
@@ -10,6 +10,7 @@ import copy
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -79,6 +80,71 @@ def _episode(env: Any, actions: list[np.ndarray]) -> tuple[np.ndarray, int]:
                     env.reset(seed=number)
             seconds.append(time.perf_counter() - start)
     return np.array(seconds), collisions
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotCost:
+    """Single steps of robots under random controls, next to `mj_step`."""
+
+    robots: tuple[str, ...] = (*ENVIRONMENTS, "dm/quadruped")
+    """Ids of gymnasium's MuJoCo environments, or dm_control's quadruped."""
+    steps: int = 2000
+    """Timesteps; the controls change every `_HELD`."""
+    repetitions: int = 8
+    """Times that they are taken, from the start."""
+
+
+_HELD = 5
+
+
+def run_robots(study: RobotCost, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
+    """Return one row per robot and integrator: microseconds of a step of MuJoCo, of time stepping, and soft.
+
+    The law is Moreau's with e = 0, friction is exact. The integrator is as shipped, and Euler.
+    """
+    rows = []
+    for name in study.robots:
+        shipped = _robot(name).opt.integrator
+        for integrator in dict.fromkeys((shipped, int(mujoco.mjtIntegrator.mjINT_EULER))):
+            model = _robot(name)
+            model.opt.integrator = integrator
+            ways: dict[str, Callable[[mujoco.MjData], object]] = {
+                "mujoco_us": partial(mujoco.mj_step, model),
+                "time_stepping_us": Stepper(model, Moreau(0.0), scheme="time-stepping").step,
+                "soft_us": Stepper(model, Moreau(0.0), contact_model="soft").step,
+            }
+            best = dict.fromkeys(ways, np.inf)
+            for _ in range(study.repetitions):
+                for way, step in ways.items():
+                    best[way] = min(best[way], _drive(model, step, study.steps))
+            row: dict[str, object] = {"robot": name, "integrator": mujoco.mjtIntegrator(integrator).name[6:], **best}
+            ratios = {f"{way}_ratio": best[f"{way}_us"] / best["mujoco_us"] for way in ("time_stepping", "soft")}
+            rows.append(row | ratios | {"shipped": integrator == shipped})
+            progress()
+    return pd.DataFrame(rows)
+
+
+def _robot(name: str) -> mujoco.MjModel:
+    if name == "dm/quadruped":
+        from dm_control import suite
+
+        return suite.load("quadruped", "walk").physics.model.ptr
+    env: Any = gymnasium.make(name).unwrapped
+    return env.model
+
+
+def _drive(model: mujoco.MjModel, step: Callable[[mujoco.MjData], object], steps: int) -> float:
+    """Return the microseconds of a step; controls are random in their range, and the same each time."""
+    data, limited = mujoco.MjData(model), model.actuator_ctrllimited.astype(bool)
+    low, high = np.where(limited, model.actuator_ctrlrange.T, [[-1.0], [1.0]])
+    controls = np.random.default_rng(0).uniform(low, high, (-(-steps // _HELD), model.nu))
+    with no_collection():
+        start = time.perf_counter()
+        for control in controls:
+            data.ctrl[:] = control
+            for _ in range(_HELD):
+                step(data)
+        return MICRO * (time.perf_counter() - start) / (len(controls) * _HELD)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,6 +15,7 @@ from .steps import ALL, FINE, PLAIN
 LAW_RATIO, LAW_CONTACTS = 3.0, 16
 STEP_RATIO = 4.0
 WRAPPER_RATIO, HEAP_RATIO = 1.5, 3.0
+SHIPPED_RATIO, EULER_RATIO, SOFT_RATIO = 1.0, 2.5, 1.1
 STEPS_PER_SECOND = {"Juggler": 4000, "RockingBlock": 1500, "Billiards": 3000}
 CHAIN, CHAIN_FASTER, CHAIN_GROWTH, CHAIN_RESIDUAL = 1000, 5.0, 15.0, 1e-10
 IMPORT_SECONDS = 0.3
@@ -45,6 +46,7 @@ def goals(tables: dict[str, pd.DataFrame]) -> list[Goal]:
         "chains": _chain_goals,
         "steps": _step_goals,
         "wrappers": _wrapper_goals,
+        "robots": _robot_goals,
         "heaps": _heap_goals,
         "tasks": _task_goals,
         "omissions": _omission_goals,
@@ -122,6 +124,17 @@ def _wrapper_goals(table: pd.DataFrame) -> Iterator[Goal]:
     for row in records(table):
         name = f"wrapper <= {WRAPPER_RATIO:g} x the plain environment, {row['environment']}"
         yield Goal(name, f"{row['ratio']:.2f}", row["ratio"] <= WRAPPER_RATIO)
+
+
+def _robot_goals(table: pd.DataFrame) -> Iterator[Goal]:
+    for row in records(table):
+        most = EULER_RATIO if row["integrator"] == "EULER" else SHIPPED_RATIO
+        what = f"mj_step, {row['integrator']}, {row['robot']}"
+        measured = row["time_stepping_ratio"]
+        yield Goal(f"time stepping <= {most:g} x {what}", f"{measured:.2f}", measured <= most)
+        if row["shipped"]:
+            soft = row["soft_ratio"]
+            yield Goal(f"soft step <= {SOFT_RATIO:g} x {what}", f"{soft:.2f}", soft <= SOFT_RATIO)
 
 
 def _heap_goals(table: pd.DataFrame) -> Iterator[Goal]:
