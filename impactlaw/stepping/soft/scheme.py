@@ -125,12 +125,15 @@ class SoftStepping:
         return self._names, self._limits
 
     @property
+    def bilateral(self) -> np.ndarray:
+        """Which equality constraints collisions keep, bool (neq,)."""
+        return self._bilateral
+
+    @property
     def only_in_python(self) -> str | None:
         """Why compiled code does not take these steps, whatever the law is; None if it does."""
         if self._surfaces is not None:
             return "mocap bodies that touch others move as surfaces, or belts run"
-        if self._bilateral.any():
-            return "there are equality constraints"
         if self._model.nflex:
             return "there is a flex"
         if self._chosen is not None:

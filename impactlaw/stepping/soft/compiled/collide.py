@@ -34,6 +34,7 @@ from impactlaw.stepping.compiled.access import (
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, keep
 from impactlaw.stepping.compiled.whitening import unwhitened, whitened
 from impactlaw.stepping.soft.compiled.alone import solve_alone
+from impactlaw.stepping.soft.compiled.equalities import projected, span
 from impactlaw.stepping.soft.compiled.found import find, normal_velocities, within_reach
 from impactlaw.stepping.soft.compiled.rows import reached_by, read
 from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, UNKNOWN
@@ -127,13 +128,26 @@ def _resolve(w, law, found, gamma, rounding, velocity, sums):
     for i in range(w.nv):
         root[i] = np.sqrt(inverse[i])
     jacobian = jacobian_of(w)
+    basis = numbers((number(w, DATA.ne) + 1) * w.nv if len(law.bilateral) > 0 else 0)
+    kept = span(w, law.bilateral, jacobian, root, basis) if len(basis) > 0 else 0
+    if kept < 0:
+        return PYTHON
     reached = cleared(len(gamma))
-    within_reach(w, found, jacobian, gamma, law.rest_speed, rounding, cleared(size(w, MODEL.ntree)), reached)
+    if kept > 0:  # constraints join trees
+        for i in range(len(gamma)):
+            reached[i] = not gamma[i] > rounding
+    else:
+        within_reach(w, found, jacobian, gamma, law.rest_speed, rounding, cleared(size(w, MODEL.ntree)), reached)
     rows = read(w, found, jacobian, reached, root, law.frictional)
+    free, moves = rows, True
+    if kept > 0:
+        rows, moves = projected(free, w.nv, basis, kept)
+    if not moves:
+        return PYTHON
     members, n = reached_by(rows, gamma, law.rest_speed, w.nv), len(rows.nnz)
     v, before, b = numbers(w.nv), zeros(n), zeros(n)
     whitened(velocity, factor, Mnnz, Madr, Mcol, root, v)
-    if not _offsets(w, law, found, rows, members, v, before, b):
+    if not _offsets(w, law, found, free, members, v, before, b):
         return UNKNOWN
     x, z, residual = _solve(w, law, rows, members, b)
     if not residual <= _ENOUGH:

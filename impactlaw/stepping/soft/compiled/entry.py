@@ -10,7 +10,7 @@ from numba import types
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import clear
-from impactlaw.stepping.compiled.fields import floats, longs
+from impactlaw.stepping.compiled.fields import flags, floats, longs
 from impactlaw.stepping.compiled.libmujoco import is_watched
 from impactlaw.stepping.soft.compiled.step import linked_advance
 from impactlaw.stepping.soft.compiled.world import CALLBACK, FINE
@@ -47,6 +47,7 @@ class Context(NamedTuple):
         taken: steps that are over, written.
         asked: key of a contact that is not known, written.
         outcomes: room for outcomes, see `world.Law`, and how many numbers.
+        bilateral: which equality constraints collisions keep, and how many there are; 0 if they keep none.
     """
 
     model: int = 0
@@ -71,6 +72,8 @@ class Context(NamedTuple):
     asked: int = 19
     outcomes: int = 20
     outcome_count: int = 21
+    bilateral: int = 22
+    constraints: int = 23
 
 
 CONTEXT = Context()
@@ -95,7 +98,8 @@ def steps(context):
             c[CONTEXT.model], c[CONTEXT.data], c[CONTEXT.trial], c[CONTEXT.table],
             numbers[0], numbers[1], c[CONTEXT.exact] != 0, c[CONTEXT.frictional] != 0, numbers[2], c[CONTEXT.most],
             longs(c[CONTEXT.keys], c[CONTEXT.known]), floats(c[CONTEXT.values], c[CONTEXT.known]),
-            c[CONTEXT.asked : CONTEXT.asked + 1], outcomes, numbers[LEFT:TOTAL],
+            c[CONTEXT.asked : CONTEXT.asked + 1], outcomes,
+            flags(c[CONTEXT.bilateral], c[CONTEXT.constraints]), numbers[LEFT:TOTAL],
             floats(state, width), sums,
             c[CONTEXT.collides] != 0,
         )  # fmt: skip

@@ -123,11 +123,11 @@ def _from_start(w, law, trial, integrator, state, sums):
 
 @compiled(
     "int64(int64,int64,int64,int64,float64,float64,boolean,boolean,float64,int64,int64[::1],float64[::1],int64[::1],"
-    "float64[::1],float64[::1],float64[::1],float64[::1],boolean)"
+    "float64[::1],uint8[::1],float64[::1],float64[::1],float64[::1],boolean)"
 )
 def advance(
     model, data, trial, table, restitution, sliding, exact, frictional, rest_speed, most, keys, values, asked,
-    outcomes, left, state, sums, collides,
+    outcomes, bilateral, left, state, sums, collides,
 ):  # fmt: skip
     """Take one step and return how it has ended; see `world`.
 
@@ -136,7 +136,7 @@ def advance(
         data: address of its data.
         trial: address of other data.
         table: offsets of fields, see `compiled.fields`.
-        restitution: see `world.Law`, like the nine that follow.
+        restitution: see `world.Law`, like the ten that follow.
         sliding: see there.
         exact: see there.
         frictional: see there.
@@ -146,6 +146,7 @@ def advance(
         values: see there.
         asked: see there.
         outcomes: see there.
+        bilateral: see there.
         left: time at which the last step has ended, s, (2,), written; and the same for the scheme in Python, which
             has not looked yet: NaN where something touches at the start of the step.
         state: room for the state, where that of the start is in the end.
@@ -154,7 +155,7 @@ def advance(
     """
     nv = long_at(model + long_at(table + 8 * MODEL.nv))
     w = World(model, data, table, nv)
-    law = Law(restitution, sliding, exact, frictional, rest_speed, most, keys, values, asked, outcomes)
+    law = Law(restitution, sliding, exact, frictional, rest_speed, most, keys, values, asked, outcomes, bilateral)
     time_at = data + offset(w, DATA.time)
     time, integrator = float_at(time_at), option(w, MODEL.opt_integrator)
     timestep = float_at(model + offset(w, MODEL.opt_timestep))

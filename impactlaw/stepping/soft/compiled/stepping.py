@@ -46,6 +46,8 @@ class CompiledSoftStepping:
         self._context = np.zeros(len(CONTEXT), np.int64)
         self._at, self._pool = self._context.ctypes.data, None
         self._fields, self._total = memoryview(self._context.data), memoryview(self._numbers.data)[TOTAL:]
+        kept = scheme.bilateral
+        self._bilateral = kept.astype(np.uint8) if kept.any() else np.zeros(0, np.uint8)
         self._take_over()
 
     def _take_over(self) -> None:
@@ -72,12 +74,13 @@ class CompiledSoftStepping:
         arrays = {
             "table": self._table, "numbers": self._numbers, "keys": self._coefficients.key,
             "values": self._coefficients.value, "callbacks": self._callbacks, "states": self._states,
+            "bilateral": self._bilateral,
         }  # fmt: skip
         numbers = {
             "model": self._model._address, "trial": trial._address, "exact": self._exact,
             "frictional": self._scheme.friction, "most": self._scheme.collider.most,
             "collides": self._scheme.collides, "known": len(self._coefficients.key),
-            "callback_count": len(self._callbacks), "state_size": self._room,
+            "callback_count": len(self._callbacks), "state_size": self._room, "constraints": len(self._bilateral),
         }  # fmt: skip
         fill_context(self._context, CONTEXT, arrays, numbers)
 

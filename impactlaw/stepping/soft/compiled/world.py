@@ -33,6 +33,7 @@ class Law(NamedTuple):
         value: e of each, (k,).
         asked: key of the contact that is not among them, int64 (1,), written.
         outcomes: their number, and the velocity after each collision, (1 + k nv,), written; (0,) to write none.
+        bilateral: which equality constraints collisions keep, uint8 (neq,); (0,) if none.
     """
 
     restitution: float
@@ -45,6 +46,7 @@ class Law(NamedTuple):
     value: Array
     asked: Array
     outcomes: Array
+    bilateral: Array
 
 
 class World(NamedTuple):

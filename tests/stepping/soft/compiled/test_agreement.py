@@ -144,7 +144,6 @@ def test_events_are_those_of_the_steps_and_sums_those_of_the_events():
 @pytest.mark.parametrize(
     ("world", "rest", "law", "why"),
     [
-        (HEAP, '<equality><joint joint1="arm"/></equality>', Moreau(0.5), "equality constraints"),
         (HEAP, "", Fremond.reversal(), "all contacts of a collision at once"),
         (HEAP, "", Coulomb(Poisson(0.5)), "all contacts of a collision at once"),
         (HEAP, "", Newton(lambda speed: 0.5), "a function of speed"),
