@@ -38,3 +38,16 @@ def test_contradictory_targets_add_no_energy():
 
 def test_velocities_that_are_not_finite_are_not_taken_for_zero():
     assert np.isnan(_resolved([1.0], [np.nan], [0.0])[1])
+
+
+def test_an_overlap_whose_gradient_nearly_vanishes_moves_a_joint_by_little():
+    gap, timestep = -0.1, 0.002
+    one, first, no = np.ones(1), np.zeros(1, np.int32), np.zeros(0)
+    groups = np.array([[0], [1], [CONE], [0]], np.int32)
+    amounts, rates = np.array([[gap], [0.0]]), np.array([[1.0], [0.0], [0.0], [0.0], [0.0]])
+    shift = resolve_step(
+        np.array([[1], [0], [0]], np.int32), first, np.array([1e-9]), groups, np.zeros(1, np.int64), amounts, rates,
+        np.zeros(1), np.zeros(1), np.zeros(1, dtype=bool), np.zeros((4, 0), np.int32), np.zeros(0, np.int64), no, no,
+        timestep, True, True, 1, first, one, one, np.ones(1, np.int32), first, first,
+    )[2]  # fmt: skip
+    np.testing.assert_allclose(timestep * shift, 0.1, rtol=1e-12)  # m; it would have been 2e6

@@ -21,6 +21,7 @@ from impactlaw.stepping.time_stepping.problem.contact_problem import (
     solve_contacts,
 )
 
+_FARTHEST = 0.1  # m or rad in one step, by which overlaps are opened at most
 _ARRAYS = (
     "int32[:,::1],int32[::1],float64[::1],int32[:,::1],int64[::1],float64[:,::1],float64[:,::1],float64[::1],"
     "float64[::1],boolean[::1],int32[:,::1],int64[::1],float64[::1],float64[::1],float64,boolean,boolean,int64,"
@@ -78,6 +79,17 @@ def _take_share(s, rates, after, x, z):
 
 
 @plain
+def _bound(shift, timestep):
+    """Let no joint be moved apart by more than `_FARTHEST` in a step: a gradient that nearly vanishes asks for any."""
+    most = 0.0
+    for speed in shift:
+        most = max(most, timestep * abs(speed))
+    if most > _FARTHEST:
+        for i in range(len(shift)):
+            shift[i] *= _FARTHEST / most
+
+
+@plain
 def _resolve(
     sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
     known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, tree,
@@ -105,6 +117,7 @@ def _resolve(
     if overlaps:
         move_apart(sparse, colind, value, groups, rates, need, push, w)
         unwhitened(w, factor, Mnnz, Madr, Mcol, root, shift)
+        _bound(shift, timestep)
     work, total = contact_work(groups, rates, after, x)
     return overlaps, missed, fastest, share, created, work, CREATED * total
 
