@@ -45,11 +45,7 @@ def _inner(**options: Any) -> Any:
 
 
 kernel: Any = _inner(_nrt=True)
-"""Compile a function that only compiled functions call.
-
-`solve` is stored on disk with all that it calls, and numba looks at the text of solve.py alone to see whether that
-is still valid: delete `__pycache__/*.nb*` after a change of other files.
-"""
+"""Compile a function that only compiled functions call; on disk it is kept with those, see `impactlaw.compiled`."""
 plain: Any = _inner(_nrt=False)
 """The same for a function that makes no arrays: it does not count who holds those that it is given."""
 once: Any = njit(**_INNER, inline="always")

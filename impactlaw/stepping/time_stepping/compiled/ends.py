@@ -34,7 +34,7 @@ from impactlaw.stepping.time_stepping.problem.dense import encode_pyramids
 from impactlaw.stepping.time_stepping.second_look import BEYOND, LAST_LOSS, SLOP, bend, end_targets
 
 _PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
-_FRICTIONAL = np.bool_(False)  # a literal would have functions compiled once more
+_FRICTIONAL = np.bool_(False)
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 

@@ -132,23 +132,8 @@ def _step(w, law, memory, margins, cone, loaded, narrow):
         block, force = numbers(lay_out(FIRST, n, entries, nv)[1]), numbers(n)
         room = lay_out(address_of(block), n, entries, nv)[0]
         status, collided, missed = _constrain(
-            w,
-            law,
-            memory,
-            counts,
-            start,
-            middle,
-            bias,
-            full,
-            cone,
-            jacobian,
-            chosen,
-            seen,
-            mark,
-            force,
-            room,
-            narrow,
-        )
+            w, law, memory, counts, start, middle, bias, full, cone, jacobian, chosen, seen, mark, force, room, narrow
+        )  # fmt: skip
         keep(block)
     else:
         forget(counts)
@@ -224,7 +209,7 @@ def advance(
     if float_at(settings + 8 * SETTING.surfaces) != 0.0:
         surfaces = address_of(memory) + 8 * (MEMORY.left + long_at(model + long_at(table + 8 * MODEL.nq)) + 2 * nv)
     w = World(model, data, scratch, table, settings, sizes, bilateral, nv, h, is_damped(model, table), surfaces)
-    status, narrow = UNSEEN, surfaces == 0
+    status, narrow = UNSEEN, surfaces == 0  # moving surfaces have begun their step already
     while status == UNSEEN:
         status = _step(w, LawTable(keys, values, asked), memory, margins, cone, loaded, narrow)
         if status == UNSEEN:

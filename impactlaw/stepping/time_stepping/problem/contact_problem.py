@@ -15,7 +15,7 @@ TOLERANCE = 1e-10
 
 _UNSOLVED = 1e-8  # natural map above which normal velocities are corrected ...
 _CORRECTIONS = 2  # ... so many times
-_CONVEX = np.bool_(False)  # numba would compile the solver once more for a literal
+_CONVEX = np.bool_(False)
 _FEW = 0  # rounds of slower methods in a search
 _SEARCHES = 12  # of the share of restitution that creates no energy
 CREATED = 1e-9  # part of the largest energy of a contact, up to which its creation is rounding
