@@ -18,6 +18,7 @@ from impactlaw.solvers.cones.algebra.loops import (
     indices,
     numbers,
     once,
+    plain,
     put,
     unsigned,
     zeros,
@@ -42,11 +43,25 @@ _LATE = 8  # round from which more is done
 _WORK = 1.5e7  # operations after which no further round begins ...
 _FACTORIZATIONS = 150.0  # ... or so many factorizations of one block, whatever is more ...
 _OF_MANY = 30.0  # ... or of many blocks ...
-_OF_LARGE = 8.0  # ... or in an island of so many rows, where Newton's method soon gets no further
+_OF_LARGE = 4.0  # ... or in an island of so many rows, where Newton's method soon gets no further
 _LARGE = 300
+_ALLOWED, _STEPS_ALLOWED = 1e8, 200.0  # operations of one time step, or Newton steps if these are more
+_SET_UP = 2  # Newton steps that it takes to set up a problem
 _ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances will do: such problems are degenerate
 _STAGNANT, _HOPELESS = 4, 8  # rounds without 10 % less after which to stop if they were long, and in any case
 _SHORT = 0.25  # what is not long, as a part of the work allowed
+
+
+@plain
+def spend(left: Array, operations: float, step: float) -> None:
+    """Take operations from the part of the work allowed in a time step that is left, (1,).
+
+    Args:
+        left: 1 at the start of the step.
+        operations: that were done.
+        step: operations of one Newton step of this problem.
+    """
+    left[0] -= operations / max(_ALLOWED, _STEPS_ALLOWED * step)
 
 
 @once
@@ -78,16 +93,23 @@ def compressed(P: Island) -> tuple[Island, Blocks]:
 
 
 @once
-def solve_island(P: Island, K: Blocks, x: Array, scale: float, tolerance: float, rounds: int) -> tuple[int, float]:
+def solve_island(
+    P: Island, K: Blocks, x: Array, scale: float, tolerance: float, rounds: int, left: Array
+) -> tuple[int, float]:
     """Overwrite the guess x by the best point found; return steps taken and its natural map.
 
-    `scale` is that of the velocities, `tolerance` the natural map that is small enough.
+    `scale` is that of the velocities, `tolerance` the natural map that is small enough, `left` (1,) the part of the
+    work allowed that is left.
     """
-    n = len(x)
+    n, cost = len(x), flops(P, K)
     large = n >= _LARGE and len(K.width) > 1
     if large and not P.exact:
-        return solve_large(P, K, x, tolerance)
+        total, least = solve_large(P, K, x, tolerance)
+        spend(left, (total + _SET_UP) * cost, cost)
+        return total, least
     few = n <= max(P.nv, 6) and float(n) ** 3 <= 1.5 * K.flops + 1e3
+    step = cost if not few else float(n) ** 3 + 20.0 * n**2
+    spend(left, _SET_UP * step, step)
     G = numbers(n * n if few else 0)
     if few:
         delassus(P, G)
@@ -105,14 +127,15 @@ def solve_island(P: Island, K: Blocks, x: Array, scale: float, tolerance: float,
         ease = 0.0 if k % 2 == 0 else _EASE[0] / scale
         taken, r = linked_newton(P, K, G, point, tolerance, _FIRST_STEPS[k], kind, 1.0, delta, ease, patience)
         total += taken
+        spend(left, taken * step, step)
         if r < least:
             least = r
             put(x, point)
-        if least <= (_NEAR * tolerance if large else tolerance):
+        if least <= (_NEAR * tolerance if large else tolerance) or left[0] <= 0.0:
             return total, least
     if few and n < P.nv:
         P, K = compressed(P)
-    taken, least = _rounds(P, K, G, x, start, least, scale, tolerance, rounds, few)
+    taken, least = _rounds(P, K, G, x, start, least, scale, tolerance, rounds, few, left)
     return total + taken, least
 
 
@@ -128,6 +151,7 @@ def _rounds(
     tolerance: float,
     rounds: int,
     few: bool,
+    left: Array,
 ) -> tuple[int, float]:
     """Go on from `start` in rounds, x is the best point; return steps taken and its natural map."""
     L = largest_eigenvalue(P)
@@ -141,6 +165,7 @@ def _rounds(
     if many and len(x) >= _LARGE:
         after, patience = _BRIEF, _HASTE
     for k in range(rounds):
+        done = work
         if k % 2 == 0:
             taken = linked_admm(P, K, L, alternating, tolerance, 50 if k < _LATE else 150)
             work += taken * apart + 3.0 * cost
@@ -159,10 +184,11 @@ def _rounds(
         taken, r = linked_newton(P, K, G, point, tolerance, after, kind, _FACTORS[v], delta, _EASE[v] / scale, patience)
         total += taken
         work += taken * step
+        spend(left, work - done, step)
         if r < least:
             least = r
             put(x, point)
-        if least <= tolerance or work > limit or (k >= _ENOUGH and least <= _NEAR * tolerance):
+        if least <= tolerance or work > limit or left[0] <= 0.0 or (k >= _ENOUGH and least <= _NEAR * tolerance):
             break
         stagnant = 0 if least < 0.9 * before else stagnant + 1
         before = min(before, least) if stagnant == 0 else before

@@ -16,11 +16,11 @@ from impactlaw.solvers.cones.rows import certificate, impulse_jump, islands, len
 
 @compiled(
     "int64(int64[::1],int32[::1],int32[::1],int32[::1],float64[::1],int32[::1],int32[::1],int32[::1],int32[::1],"
-    "float64[::1],float64[::1],float64[::1],float64[::1],boolean,int64[::1],int64[::1],float64[::1],float64,float64,int64)"
+    "float64[::1],float64[::1],float64[::1],float64[::1],boolean,int64[::1],int64[::1],float64[::1],float64,float64,int64,float64[::1])"
 )
 def _solve_one(
     members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, exact, number, seen,
-    x, scale, tolerance, rounds,
+    x, scale, tolerance, rounds, left,
 ):  # fmt: skip
     """Overwrite the impulses of the groups of one island and return the steps taken."""
     P, K = build(
@@ -32,7 +32,7 @@ def _solve_one(
         g = members[j]
         for k in range(size[g]):
             point[P.start[j] + k] = x[first[g] + k] * length[g]
-    taken, _ = solve_island(P, K, point, scale, tolerance * scale, rounds)
+    taken, _ = solve_island(P, K, point, scale, tolerance * scale, rounds, left)
     for j in range(len(members)):
         g = members[j]
         for k in range(size[g]):
@@ -72,12 +72,16 @@ def _sort(label: Array, begin: Array, at: Array, order: Array) -> None:
 
 @compiled(
     "Tuple((float64,int64))(int32[::1],int32[::1],int32[::1],float64[::1],int32[::1],int32[::1],int32[::1],int32[::1],"
-    "float64[::1],float64[::1],float64[::1],boolean,float64,int64,float64[::1],float64[::1])"
+    "float64[::1],float64[::1],float64[::1],boolean,float64,int64,float64[::1],float64[::1],float64[::1])"
 )
 def improve(
-    rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, exact, tolerance, rounds, x, z
+    rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, exact, tolerance, rounds, left, x, z
 ):  # fmt: skip
-    """Overwrite a guess x by the solution, write z, and return what else `solve` returns; the arguments are its own."""
+    """Overwrite a guess x by the solution, write z, and return what else `solve` returns; the arguments are its own.
+
+    `left` (1,) is the part of the work allowed that is left, see `hybrid.spend`: what is done is taken from it, and
+    where nothing is left, only the first attempt is made.
+    """
     groups, trees = len(first), trees_of(tree)
     length, label, parent, root = numbers(groups), indices(groups), indices(trees), indices(trees)
     lengths(rownnz, rowadr, value, first, size, compliance, length)
@@ -100,7 +104,7 @@ def improve(
             continue
         total += _linked_one(
             order[begin[i] : begin[i + 1]], rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance,
-            b, length, exact, number, seen, x, scale[i], tolerance, rounds,
+            b, length, exact, number, seen, x, scale[i], tolerance, rounds, left,
         )  # fmt: skip
     impulse_jump(rownnz, rowadr, colind, value, x, z)
     worst = certificate(
@@ -156,9 +160,25 @@ def solve(
         tolerance: of the natural map, relative to the scale of each island.
         rounds: most rounds of what follows where Newton's method fails.
     """
-    x, z = x0.copy(), np.zeros(nv)
+    x, z, left = x0.copy(), np.zeros(nv), np.full(1, np.inf)
     worst, total = linked_improve(
-        rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, exact, tolerance, rounds, x, z
+        rownnz,
+        rowadr,
+        colind,
+        value,
+        tree,
+        first,
+        size,
+        kind,
+        bound,
+        compliance,
+        b,
+        exact,
+        tolerance,
+        rounds,
+        left,
+        x,
+        z,
     )
     return x, z, worst, total
 

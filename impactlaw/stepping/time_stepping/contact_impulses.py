@@ -24,7 +24,6 @@ from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact
 from impactlaw.stepping.time_stepping.seen import Seen, in_order
 from impactlaw.stepping.time_stepping.tolerances import (
     FEW_ROUNDS,
-    PHASE_ROWS,
     PHASES,
     RESOLVED,
     REST_SPEED,
@@ -51,7 +50,8 @@ class StepImpulses:
         work: of contact, J.
         rounding: what of it is rounding, J.
         collisions: of the step, one after another.
-        later: whether contacts that are hit only through others were not left for a phase of their own.
+        later: whether restitution is lost: contacts that are hit only through others were not left for a phase of their
+            own, bodies jam, or there was no work left to find how much of it creates no energy.
     """
 
     impulse: np.ndarray
@@ -73,7 +73,7 @@ class _Phase:
         rows: that take part.
         place: of each of their rows in those that were given, int (n,).
         later: the groups given that are left out because they are hit only through others, bool (g,).
-        left: rows that may still be solved for such contacts.
+        cut: whether some such contacts are not left out.
         target: ``gamma^h`` of groups that take part.
         sliding: sliding velocities aimed at.
         collides: the groups that do.
@@ -84,12 +84,17 @@ class _Phase:
     rows: Rows
     place: np.ndarray
     later: np.ndarray
-    left: int
+    cut: bool
     target: np.ndarray
     sliding: np.ndarray
     collides: np.ndarray
     seen: Seen | None
     answer: tuple[Any, ...]
+
+    def gives_up(self, left: np.ndarray) -> bool:
+        """Whether restitution is given up: bodies jam, or no work was left to find how much creates no energy."""
+        share, created = self.answer[6:8]
+        return created > 0.0 >= left[0] or (share < 1.0 and created == 0.0)
 
     @property
     def solved(self) -> bool:
@@ -148,13 +153,14 @@ class ContactProblem:
         metric: Metric,
         known: Known | None,
         rounds: int,
+        left: np.ndarray,
         *,
         phases: bool,
     ) -> StepImpulses:
         """Return what contact does in a step.
 
         In phases, contacts that are hit only through others, across a gap that is open, are left out first and collide
-        from the velocity to which that leads. There are at most `PHASES` of these, and as many as `PHASE_ROWS` allows,
+        from the velocity to which that leads. There are at most `PHASES` of these, while work is left,
         none after one whose problem was not solved; in the last one such a contact just touches.
 
         Args:
@@ -166,6 +172,7 @@ class ContactProblem:
             metric: the inertia of the step.
             known: impulses of the step before, a guess.
             rounds: of the slower solvers.
+            left: part of the work allowed in the step that is left, (1,), see `solvers.cones.hybrid.spend`.
             phases: whether collisions may be one after another.
 
         Raises:
@@ -177,14 +184,11 @@ class ContactProblem:
         known = known or (rows.groups, rows.key, rows.scale, impulse)
         missed = fastest = work = rounding = 0.0
         records: tuple[CollisionRecord, ...] = ()
-        left = PHASE_ROWS if phases else 0
-        shift, cut = np.zeros(0), False
+        shift, cut, more = np.zeros(0), False, phases
         for phase in range(PHASES):
-            met = self._meet(data, now, before, metric, known, rounds, may, 0 if phase == PHASES - 1 else left)
-            cut = cut or (
-                (met.left <= 0 or not met.solved) and self.targets.restitution != 0.0 and bool(self._later(met).any())
-            )
-            left = met.left - len(now.scale) if met.solved else 0
+            met = self._meet(data, now, before, metric, known, rounds, left, may, more and phase < PHASES - 1)
+            cut = cut or met.cut or met.gives_up(left)
+            more = more and met.solved
             x, change, shift, _, miss, fast, _, _, done, part, z = met.answer
             impulse[place[met.place]] += x
             after = after + change
@@ -207,27 +211,29 @@ class ContactProblem:
         metric: Metric,
         known: Known,
         rounds: int,
+        left: np.ndarray,
         may: np.ndarray,
-        left: int,
+        more: bool,
     ) -> _Phase:
-        """Solve one phase: once, and again without the contacts that are hit only through others."""
-        met = self._solve(data, rows, velocity, metric, known, rounds, may)
+        """Solve one phase: once, and if there may be `more`, again without what is hit only through others."""
+        met = self._solve(data, rows, velocity, metric, known, rounds, left, may)
         later, keep = met.later, np.arange(len(may))
-        while left > 0 and met.solved and np.count_nonzero(new := self._later(met)):
+        while np.count_nonzero(new := self._later(met)):
+            if not more or not met.solved or left[0] <= 0.0:
+                return replace(met, cut=True)
             later[keep] |= new
             keep = np.flatnonzero(~later)
             part, place = some_groups(*rows, ~later)
             known = met.rows.groups, met.rows.key, met.rows.scale, met.answer[0]
-            met = self._solve(data, Rows(*part), velocity, metric, known, FEW_ROUNDS, may[keep])
-            left -= len(place)
+            met = self._solve(data, Rows(*part), velocity, metric, known, FEW_ROUNDS, left, may[keep])
             met = replace(met, place=place, later=later)
-        return replace(met, left=left)
+        return met
 
     def _later(self, met: _Phase) -> np.ndarray:
         """Return which contacts are hit only through the collision of others, bool (g,)."""
         rows = met.rows
-        if not np.count_nonzero(met.collides):
-            return met.collides
+        if not np.count_nonzero(met.collides) or self.targets.restitution == 0.0:
+            return np.zeros_like(met.collides)
         return struck_later(
             rows.groups, rows.sparse, rows.colind, rows.value, rows.amounts, rows.rates, met.answer[10], met.answer[0],
             met.collides, self._rest_speed, RESOLVED,
@@ -241,6 +247,7 @@ class ContactProblem:
         metric: Metric,
         known: Known,
         rounds: int,
+        left: np.ndarray,
         may: np.ndarray,
     ) -> _Phase:
         """Solve the problem of these rows; see `find`."""
@@ -255,7 +262,7 @@ class ContactProblem:
         if some:
             seen = self._collide(data, rows, velocity, metric, target, sliding, collides)
         answer = resolve_step(
-            *rows, target, sliding, collides, *known, h, self._exact, self._on_inadmissible == "project", rounds,
+            *rows, target, sliding, collides, *known, h, self._exact, self._on_inadmissible == "project", rounds, left,
             model.dof_treeid, factor, inverse, model.M_rownnz, model.M_rowadr, model.M_colind,
         )  # fmt: skip
         missed, created = answer[4], answer[7]
@@ -267,7 +274,7 @@ class ContactProblem:
                 'on_inadmissible="project" or "allow"'
             )
         none = np.zeros(len(rows.key), dtype=bool)
-        return _Phase(rows, np.arange(n), none, 0, target, sliding, collides, seen, answer)
+        return _Phase(rows, np.arange(n), none, False, target, sliding, collides, seen, answer)
 
     def _collide(
         self,

@@ -109,7 +109,7 @@ class TimeStepping:
         self._metric: Metric = np.zeros(0), np.zeros(0)
         self._middle, self._velocity = np.zeros(0), np.zeros(0)
         self._gained = np.zeros(model.nv)  # velocity by the forces of the last step, without contact
-        self.shortfall, self._rounds = 0.0, MANY_ROUNDS
+        self.shortfall, self._rounds, self._work = 0.0, MANY_ROUNDS, np.ones(1)
         self.short_steps = self.unlocated = 0
         self.solved, self._overflown = True, False
 
@@ -332,7 +332,7 @@ class TimeStepping:
         """
         free = data.qvel.copy()
         near, look, phases = self._reader.near(data, self._velocity, free, 2.0 * h), 1, False
-        self._rounds = MANY_ROUNDS if self.solved else FEW_ROUNDS
+        self._rounds, self._work[0] = MANY_ROUNDS if self.solved else FEW_ROUNDS, 1.0
         rows, shift = self._try(data, near, free, h)
         self._rounds = FEW_ROUNDS
         while look < LOOKS + PHASE_LOOKS:
@@ -343,6 +343,7 @@ class TimeStepping:
                 not phases
                 and self._found is not None
                 and self._found.later
+                and self._work[0] > 0.0
                 and is_met(self.shortfall, self._found.fastest)
             ):
                 phases = True
@@ -376,7 +377,16 @@ class TimeStepping:
             self._rows = self._found = None
             return rows, None
         found = self._problem.find(
-            data, rows, self._velocity, free, self._middle, self._metric, self._known, self._rounds, phases=phases
+            data,
+            rows,
+            self._velocity,
+            free,
+            self._middle,
+            self._metric,
+            self._known,
+            self._rounds,
+            self._work,
+            phases=phases,
         )
         self._rows, self._found, self._known = rows, found, (rows.groups, rows.key, rows.scale, found.impulse)
         self.shortfall = found.shortfall

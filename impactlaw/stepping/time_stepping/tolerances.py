@@ -25,8 +25,6 @@ PHASE_LOOK_ROWS = 50
 """Rows of a contact problem up to which that is looked at again."""
 PHASES = 8
 """Collisions one after another within a step at most, where contacts are hit through others across open gaps."""
-PHASE_ROWS = 1000
-"""Rows of contact problems solved for these after which the rest of a step has one phase."""
 STIFF = 1e-6
 """Part of their compliance that equality constraints keep in a collision."""
 SLOWEST = 1e-2

@@ -89,9 +89,12 @@ def _solve(w, law, rows, members, b):
     if k == 1 and count <= 3 and (law.exact or count == 1):
         residual = 0.0 if solve_alone(rows, first, count, b, indices(3), numbers(24), x, z) else np.inf
     if residual != 0.0:
+        left = numbers(1)
+        left[0] = 1.0
         residual, _ = linked_improve(
             rows.nnz, rows.adr, rows.col, rows.val, model_ints(w, MODEL.dof_treeid, w.nv), rows.first[members],
-            rows.sizes[members], np.full(k, CONE, np.int32), zeros(k), zeros(n), b, law.exact, _TOLERANCE, _ROUNDS, x, z
+            rows.sizes[members], np.full(k, CONE, np.int32), zeros(k), zeros(n), b, law.exact, _TOLERANCE, _ROUNDS,
+            left, x, z,
         )  # fmt: skip
     return x, z, residual
 

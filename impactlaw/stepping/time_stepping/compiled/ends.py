@@ -160,7 +160,7 @@ def look_again(w, rows):
     put_int(w.model + offset(w, MODEL.opt_cone), np.int32(_ELLIPTIC))
     if setting(w, SETTING.sticks) == 0.0:
         limit_margins(w.model, w.table, BEYOND * depth)
-    now = World(w.model, w.scratch, w.scratch, w.table, w.settings, w.sizes, w.bilateral, w.nv, h, w.damped, 0)
+    now = World(w.model, w.scratch, w.scratch, w.table, w.settings, w.sizes, w.bilateral, w.nv, h, w.damped, 0, 0)
     _find_contacts(w, now)
     if _overlap(now) and _move_apart(now, data_floats(w, DATA.qpos, size(w, MODEL.nq)), metric_of(w), rows, depth):
         update_frames(w)

@@ -42,7 +42,7 @@ from impactlaw.stepping.time_stepping.compiled.state.status import FINE, HUGE_IN
 from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import aim_surfaces, end_surfaces
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, setting
-from impactlaw.stepping.time_stepping.problem.resolve import is_met
+from impactlaw.stepping.time_stepping.problem.contact_problem import is_met
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, HUGE, MANY_ROUNDS
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -208,9 +208,11 @@ def advance(
     surfaces = 0
     if float_at(settings + 8 * SETTING.surfaces) != 0.0:
         surfaces = address_of(memory) + 8 * (MEMORY.left + long_at(model + long_at(table + 8 * MODEL.nq)) + 2 * nv)
-    w = World(model, data, scratch, table, settings, sizes, bilateral, nv, h, is_damped(model, table), surfaces)
+    work = address_of(memory) + 8 * MEMORY.work
+    w = World(model, data, scratch, table, settings, sizes, bilateral, nv, h, is_damped(model, table), surfaces, work)
     status, narrow = UNSEEN, surfaces == 0  # moving surfaces have begun their step already
     while status == UNSEEN:
+        memory[MEMORY.work] = 1.0
         status = _step(w, LawTable(keys, values, asked), memory, margins, cone, loaded, narrow)
         if status == UNSEEN:
             mj.set_state(user, data, address_of(state), STATE)

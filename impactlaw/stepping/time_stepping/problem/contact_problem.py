@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import BILATERAL, CONE
 from impactlaw.solvers.cones.algebra.loops import clear, copied, integers, kernel, numbers, plain, put, zeros
 from impactlaw.solvers.cones.solve import linked_improve
+from impactlaw.stepping.time_stepping import tolerances
 from impactlaw.stepping.time_stepping.problem.targets import write_offsets
 
 TOLERANCE = 1e-10
 """Natural map, relative to the largest velocity of the problem, that solvers aim at."""
 
 _UNSOLVED = 1e-8  # natural map above which normal velocities are corrected ...
-_CORRECTIONS = 2  # ... so many times
+_CORRECTIONS = 2  # ... so many times, in one round at most, ...
+_CORRECTED = 1e-9  # ... up to this one
+_ONE = np.int64(1)
 _CONVEX = np.bool_(False)
 _FEW = 0  # rounds of slower methods in a search
-_SEARCHES = 12  # of the share of restitution that creates no energy
+_SEARCHES = 12  # of the share of restitution that creates no energy, while work is left
 CREATED = 1e-9  # part of the largest energy of a contact, up to which its creation is rounding
 _SLOP = 1e-8  # m or rad: overlaps up to this are left to the velocities
 _SWEEPS = 40  # over contacts that overlap
@@ -79,21 +84,41 @@ def contact_work(groups, rates, after, x):
 
 
 @plain
-def solve_rows(sparse, colind, value, groups, amounts, rates, b, tree, exact, rounds, x, z):
+def shortfall(groups, rates, after, reached):
+    """Return the largest amount by which a contact velocity misses its target, and the largest velocity of a row.
+
+    Both are NaN where a velocity is.
+    """
+    missed, fastest, total = 0.0, 0.0, 0.0
+    for g in range(len(reached)):
+        if groups[2, g] == CONE:
+            row = groups[0, g]
+            missed = max(missed, reached[g] - after[row])
+            for k in range(row, row + groups[1, g]):
+                fastest = max(fastest, abs(rates[1, k]), abs(rates[2, k]))
+                total += rates[1, k] + after[k]
+    return (missed, fastest) if np.isfinite(total) else (np.nan, np.nan)
+
+
+is_met: Any = plain(tolerances.is_met)
+
+
+@plain
+def solve_rows(sparse, colind, value, groups, amounts, rates, b, tree, exact, rounds, left, x, z):
     """Overwrite a guess x, (n,), by the solution with the offset b, and write z; see `solvers.cones.solve`."""
     residual, _ = linked_improve(
         sparse[0], sparse[1], colind, value, tree, groups[0], groups[1], groups[2], amounts[1], rates[4], b, exact,
-        TOLERANCE, rounds, x, z,
+        TOLERANCE, rounds, left, x, z,
     )  # fmt: skip
     if residual > _UNSOLVED:
         for _ in range(_CORRECTIONS):
-            left = correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, x, z)
-            if left > _UNSOLVED:  # normal velocities contradict each other
+            reached = correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, x, z)
+            if reached > _UNSOLVED:  # normal velocities contradict each other
                 break
 
 
 @kernel
-def correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, solution, jump):
+def correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, solution, jump):
     """Make normal velocities of a solution and its z exact, and return the natural map of what was solved for that.
 
     Where that is more than `_UNSOLVED`, nothing is changed.
@@ -124,22 +149,22 @@ def correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, roun
             start[k] = 0.0
         one[g] = 1
     z = numbers(len(tree))
-    left, _ = linked_improve(
+    reached, _ = linked_improve(
         sparse[0], sparse[1], colind, value, tree, groups[0], one, groups[2], amounts[1], rates[4], offset, _CONVEX,
-        TOLERANCE, rounds, start, z,
+        _CORRECTED, min(rounds, _ONE), left, start, z,
     )  # fmt: skip
-    if not left > _UNSOLVED:
+    if not reached > _UNSOLVED:
         for g in range(groups.shape[1]):
             x[groups[0, g]] = start[groups[0, g]]
         put(solution, x)
         for i in range(len(z)):
             jump[i] = z[i] + friction[i]
-    return left
+    return reached
 
 
 @plain
 def solve_scaled(
-    sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds,
+    sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds, left,
     x, z, after, scaled, room,
 ):  # fmt: skip
     """Solve the problem of a step with all restitution of contacts that collide scaled by s.
@@ -156,13 +181,13 @@ def solve_scaled(
             for k in range(groups[0, g] + 1, groups[0, g] + groups[1, g]):
                 aimed[k] = s * sliding[k]
     write_offsets(groups, rates, scaled, aimed, b)
-    solve_rows(sparse, colind, value, groups, amounts, rates, b, tree, exact, rounds, x, z)
+    solve_rows(sparse, colind, value, groups, amounts, rates, b, tree, exact, rounds, left, x, z)
     row_velocities(sparse, colind, value, rates, z, after)
 
 
 @kernel
 def largest_share(
-    sparse, colind, value, groups, amounts, rates, target, sliding, collides, known, tree, exact, rounds
+    sparse, colind, value, groups, amounts, rates, target, sliding, collides, known, tree, exact, rounds, left
 ):  # fmt: skip
     """Return the largest s found with which the collision by itself creates no energy, and what it creates with 1, J.
 
@@ -186,7 +211,7 @@ def largest_share(
     low, high, s, gained = 0.0, 1.0, 1.0, 0.0
     for search in range(_SEARCHES):
         solve_scaled(
-            sparse, colind, value, groups, amounts, alone, target, sliding, collides, s, tree, exact, rounds,
+            sparse, colind, value, groups, amounts, alone, target, sliding, collides, s, tree, exact, rounds, left,
             x, z, after, scaled, room,
         )  # fmt: skip
         work, total = contact_work(groups, alone, after, x)
@@ -197,39 +222,45 @@ def largest_share(
         else:
             high = s
             gained = work if search == 0 else gained
+        if left[0] <= 0.0:
+            break
         s = 0.5 * (low + high)
     return low, gained
 
 
 @plain
 def solve_contacts(
-    sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, dissipative, rounds,
+    sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, dissipative, rounds, left,
     x, z, after, scaled, room,
 ):  # fmt: skip
     """Solve the problem of a step, with all restitution scaled so that collisions create no energy.
 
     ``0 <= Lambda  ⊥  J v+ - s gamma^h >= 0`` where contacts collide, with friction in its cones. What is written is
-    what `solve_scaled` writes. Return s, and the energy that the collision would create with s = 1, J.
+    what `solve_scaled` writes. Return s, and the energy that the collision would create with s = 1, J. With friction
+    there may be no solution where bodies that collide jam: then s = 0, with which there is one.
     """
     s, created, some = 1.0, 0.0, False
     solve_scaled(
-        sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds,
+        sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds, left,
         x, z, after, scaled, room,
     )  # fmt: skip
     for g in range(len(collides)):
         some = some or collides[g]
-    if some:
+    if some and not is_met(*shortfall(groups, rates, after, scaled)):
+        s = 0.0
+        clear(x)
+    elif some:
         work, total = contact_work(groups, rates, after, x)
         if work > CREATED * total:
             s, created = largest_share(
                 sparse, colind, value, groups, amounts, rates, target, sliding, collides, x, tree, exact,
-                min(rounds, _FEW),
+                min(rounds, _FEW), left,
             )  # fmt: skip
             if not dissipative:
                 s = 1.0
     if s < 1.0:
         solve_scaled(
-            sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds,
+            sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds, left,
             x, z, after, scaled, room,
         )  # fmt: skip
     return s, created

@@ -2,53 +2,33 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import numbers, plain
 from impactlaw.stepping.compiled.whitening import unwhitened
-from impactlaw.stepping.time_stepping import tolerances
 from impactlaw.stepping.time_stepping.problem.contact_problem import (
     CREATED,
     contact_work,
     guess,
+    is_met,
     move_apart,
     overlap_targets,
+    shortfall,
     solve_contacts,
 )
 
 _FARTHEST = 0.1  # m or rad in one step, by which overlaps are opened at most
 _ARRAYS = (
     "int32[:,::1],int32[::1],float64[::1],int32[:,::1],int64[::1],float64[:,::1],float64[:,::1],float64[::1],"
-    "float64[::1],boolean[::1],int32[:,::1],int64[::1],float64[::1],float64[::1],float64,boolean,boolean,int64,"
+    "float64[::1],boolean[::1],int32[:,::1],int64[::1],float64[::1],float64[::1],float64,boolean,boolean,int64,float64[::1],"
     "int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1]"
 )
 _FOUND = "boolean,float64,float64,float64,float64,float64,float64"
 
 
-@plain
-def _missed(groups, rates, after, reached):
-    """Return the largest amount by which a contact velocity misses its target, and the largest velocity of a row.
-
-    Both are NaN where a velocity is.
-    """
-    missed, fastest, total = 0.0, 0.0, 0.0
-    for g in range(len(reached)):
-        if groups[2, g] == CONE:
-            row = groups[0, g]
-            missed = max(missed, reached[g] - after[row])
-            for k in range(row, row + groups[1, g]):
-                fastest = max(fastest, abs(rates[1, k]), abs(rates[2, k]))
-                total += rates[1, k] + after[k]
-    return (missed, fastest) if np.isfinite(total) else (np.nan, np.nan)
-
-
 _ROUNDING = 1e-14  # part of a sum of energies
-is_met: Any = plain(tolerances.is_met)
 
 
 @plain
@@ -92,7 +72,7 @@ def _bound(shift, timestep):
 @plain
 def _resolve(
     sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
-    known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, tree,
+    known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, left, tree,
     factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z, room,
 ):  # fmt: skip
     """Do what `resolve` does with room for (3 n + 2 g + 2 nv,)."""
@@ -102,14 +82,14 @@ def _resolve(
     guess(groups, key, rates[0], known_groups, known_key, known_scale, known, x)
     share, created = solve_contacts(
         sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, dissipative, rounds,
-        x, z, after, reached, rest,
+        left, x, z, after, reached, rest,
     )  # fmt: skip
-    missed, fastest = _missed(groups, rates, after, reached)
+    missed, fastest = shortfall(groups, rates, after, reached)
     if not is_met(missed, fastest):  # what does not meet the law can be anything
         part = _lossy_share(rates, after, x)
         if part < 1.0:
             _take_share(part, rates, after, x, z)
-            missed, fastest = _missed(groups, rates, after, reached)
+            missed, fastest = shortfall(groups, rates, after, reached)
     for i in range(nv):
         root[i] = np.sqrt(inverse[i])
     unwhitened(z, factor, Mnnz, Madr, Mcol, root, change)
@@ -125,7 +105,7 @@ def _resolve(
 @compiled(f"Tuple(({_FOUND}))({_ARRAYS},float64[::1],float64[::1],float64[::1],float64[::1],float64[::1])")
 def resolve(
     sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
-    known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, tree,
+    known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, left, tree,
     factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z,
 ):  # fmt: skip
     """Write what the contacts of a step do; see `resolve_step`.
@@ -136,7 +116,7 @@ def resolve(
     room = numbers(3 * len(x) + 2 * len(target) + 2 * len(z))
     return _resolve(
         sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
-        known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, tree,
+        known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, left, tree,
         factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z, room,
     )  # fmt: skip
 
@@ -151,10 +131,12 @@ linked_resolve = linked(resolve)
 )
 def resolve_step(
     sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
-    known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, tree,
+    known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, left, tree,
     factor, inverse, Mnnz, Madr, Mcol,
 ):  # fmt: skip
     """Return what the contacts of a step do.
+
+    What solvers do is taken from `left` (1,), the part of the work allowed in the step, see `solvers.cones.hybrid`.
 
     Returns:
         Impulses (n,), in units of the problem; the change of velocity (nv,); the velocity that opens overlaps (nv,),
@@ -167,7 +149,7 @@ def resolve_step(
     change, shift, reached = np.empty(len(tree)), np.empty(len(tree)), np.empty(len(target))
     overlaps, missed, fastest, s, created, work, rounding = linked_resolve(
         sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
-        known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, tree,
+        known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, left, tree,
         factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z,
     )  # fmt: skip
     return x, change, shift if overlaps else shift[:0], reached, missed, fastest, s, created, work, rounding, z

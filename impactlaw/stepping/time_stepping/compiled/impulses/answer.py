@@ -9,7 +9,7 @@ import numpy as np
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.compiled.access import data_floats, data_ints, layout_of, model_ints, number, size
-from impactlaw.stepping.compiled.fields import DATA, MODEL, flags
+from impactlaw.stepping.compiled.fields import DATA, MODEL, flags, floats
 from impactlaw.stepping.time_stepping.compiled.state.kinds import typeof
 from impactlaw.stepping.time_stepping.compiled.state.law import ask_law, reverse
 from impactlaw.stepping.time_stepping.compiled.state.status import CREATES, FINE, NOT_FINITE
@@ -101,8 +101,8 @@ def solve(w, rows, metric, known, rounds, law, answer):
     opens, missed, fastest, share, created, work, rounding = linked_resolve(
         rows.sparse, rows.colind, rows.value, rows.groups, rows.key, rows.amounts, rows.rates, answer.target,
         answer.sliding, answer.collides, known_groups, known_key, known_scale, impulses, w.timestep,
-        setting(w, SETTING.exact) != 0.0, setting(w, SETTING.dissipative) > 0.0, rounds, tree, factor, inverse,
-        Mnnz, Madr, Mcol, answer.x, answer.change, answer.shift, answer.reached, answer.z,
+        setting(w, SETTING.exact) != 0.0, setting(w, SETTING.dissipative) > 0.0, rounds, floats(w.work, 1),
+        tree, factor, inverse, Mnnz, Madr, Mcol, answer.x, answer.change, answer.shift, answer.reached, answer.z,
     )  # fmt: skip
     if not np.isfinite(missed):
         status = NOT_FINITE
@@ -120,3 +120,15 @@ def goes_on(w, rows, solved, answer):
         rows.groups, rows.sparse, rows.colind, rows.value, rows.amounts, rows.rates, answer.z, answer.x,
         answer.collides, setting(w, SETTING.rest_speed), RESOLVED, answer.later,
     )  # fmt: skip
+
+
+@plain
+def work_left(w):
+    """Return whether something of the work allowed in a step is left."""
+    return floats(w.work, 1)[0] > 0.0
+
+
+@plain
+def lost(w, solved):
+    """Return whether restitution is given up: bodies jam, or no work was left to find what share creates no energy."""
+    return (solved.created > 0.0 and not work_left(w)) or (solved.created == 0.0 and solved.share < 1.0)

@@ -19,7 +19,7 @@ from impactlaw.stepping.compiled.access import (
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
-from impactlaw.stepping.time_stepping.compiled.impulses.answer import NO_ANSWER, Solved, goes_on, solve
+from impactlaw.stepping.time_stepping.compiled.impulses.answer import NO_ANSWER, Solved, goes_on, lost, solve
 from impactlaw.stepping.time_stepping.compiled.impulses.phased import linked_phases
 from impactlaw.stepping.time_stepping.compiled.state.kinds import (
     BOOLEAN,
@@ -48,7 +48,8 @@ class Outcome(NamedTuple):
         groups: that take part.
         rows: of these.
         solved: what is known of the solution.
-        later: whether contacts that are hit only through others were not left for a phase of their own.
+        later: whether restitution is lost: contacts that are hit only through others were not left for a phase of their
+            own, bodies jam, or there was no work left to find how much of it creates no energy.
     """
 
     groups: int
@@ -122,7 +123,7 @@ def _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums):
     solved = solve(w, rows, metric, known, rounds, law, answer)
     if solved.status != FINE:
         return solved, False
-    cut = goes_on(w, rows, solved, answer)
+    cut = goes_on(w, rows, solved, answer) or lost(w, solved)
     if setting(w, SETTING.told) != 0.0:
         clear(sums)
         if solved.collided:

@@ -7,7 +7,7 @@ import numpy as np
 from impactlaw.solvers.cones.algebra.loops import once, plain, put
 from impactlaw.stepping.compiled.access import velocity_of
 from impactlaw.stepping.compiled.fields import floats
-from impactlaw.stepping.time_stepping.compiled.impulses.answer import Solved
+from impactlaw.stepping.time_stepping.compiled.impulses.answer import Solved, work_left
 from impactlaw.stepping.time_stepping.compiled.impulses.contact import (
     Outcome,
     linked_attempt,
@@ -22,7 +22,7 @@ from impactlaw.stepping.time_stepping.compiled.state.status import FINE, UNSEEN
 from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS
-from impactlaw.stepping.time_stepping.problem.resolve import is_met
+from impactlaw.stepping.time_stepping.problem.contact_problem import is_met
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LOOKS, PHASE_LOOK_ROWS, PHASE_LOOKS
 
 _FEW, _AT_ONCE = np.int64(FEW_ROUNDS), np.bool_(False)
@@ -70,7 +70,7 @@ def find_impulses(w, law, known, start, middle, bias, rounds, jacobian, chosen, 
         allowed = found.rows <= PHASE_LOOK_ROWS if phases else look < LOOKS
         if sees_more(chosen, seen) and allowed:
             take_over(chosen, seen)
-        elif found.later and not phases and is_met(found.solved.missed, found.solved.fastest):
+        elif found.later and not phases and work_left(w) and is_met(found.solved.missed, found.solved.fastest):
             phases = found.later
         else:
             break

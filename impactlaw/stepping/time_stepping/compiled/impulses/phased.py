@@ -10,7 +10,7 @@ from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import clear, copied, kernel, once, put, zeros
 from impactlaw.stepping.compiled.access import model_ints, velocity_of
 from impactlaw.stepping.compiled.fields import MODEL, address_of, keep
-from impactlaw.stepping.time_stepping.compiled.impulses.answer import SOLVED, Solved, goes_on, solve
+from impactlaw.stepping.time_stepping.compiled.impulses.answer import SOLVED, Solved, goes_on, lost, solve, work_left
 from impactlaw.stepping.time_stepping.compiled.state.kinds import (
     ANSWER,
     BOOLEAN,
@@ -26,10 +26,10 @@ from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, answ
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE
 from impactlaw.stepping.time_stepping.compiled.state.sums import add_collision
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
+from impactlaw.stepping.time_stepping.problem.contact_problem import is_met
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups
-from impactlaw.stepping.time_stepping.problem.resolve import is_met
 from impactlaw.stepping.time_stepping.problem.rows import Rows
-from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASE_ROWS, PHASES
+from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASES
 
 
 @kernel
@@ -40,11 +40,13 @@ def _some(rows, rates, kept):
 
 
 @once
-def _meet(w, rows, metric, before, known, rounds, law, may, left, block, sums):
+def _meet(w, rows, metric, before, known, rounds, law, may, more, block, sums):
     """Solve one phase: once, and again without the contacts that are hit only through others.
 
     Return what is known of the solution, the answer, the place of each of its rows, (n,), the groups that are left out,
-    bool (g,), how many rows may still be solved for such contacts, and whether some of them were not left out.
+    bool (g,), and whether some such contacts were not left out.
+
+    `more` says whether contacts may be left out.
     """
     later, place = np.zeros(len(may), np.bool_), np.arange(len(rows.rates[0]))
     part, allowed = rows, may
@@ -53,15 +55,15 @@ def _meet(w, rows, metric, before, known, rounds, law, may, left, block, sums):
         put(answer.may, allowed)
         solved = solve(w, part, metric, known, rounds, law, answer)
         waiting = solved.status == FINE and goes_on(w, part, solved, answer)
-        if left <= 0 or not waiting or not is_met(solved.missed, solved.fastest):
+        if not more or not work_left(w) or not waiting or not is_met(solved.missed, solved.fastest):
             break
         later[np.flatnonzero(~later)] |= answer.later
         known, rounds = (part.groups, part.key, part.rates[0], answer.x.copy()), FEW_ROUNDS
         part, place = _some(rows, rows.rates, ~later)
-        allowed, left = may[~later], left - len(place)
+        allowed = may[~later]
     if solved.status == FINE and solved.collided and setting(w, SETTING.told) != 0.0:
         add_collision(w, part, answer, solved.share, metric, before, sums)
-    return solved, answer, place, later, left, waiting
+    return solved, answer, place, later, waiting
 
 
 @compiled(types.Tuple((SOLVED, BOOLEAN))(WORLD, ROWS, METRIC, NUMBERS, NUMBERS, KNOWN, INTEGER, LAW, ANSWER, NUMBERS))
@@ -75,15 +77,15 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
     now, n = rows, len(rows.rates[0])
     place, may, x, velocity = np.arange(n), np.ones(len(rows.key), np.bool_), zeros(n), copied(free)
     missed, fastest, created, work, rounding, collided, opens = 0.0, 0.0, 0.0, 0.0, 0.0, False, False
-    left, cut, before = PHASE_ROWS, False, start
+    more, cut, before = True, False, start
     block = np.empty(answer_size(len(rows.key), n, w.nv))
     clear(sums)
     for phase in range(PHASES):
-        solved, met, where, later, left, waiting = _meet(
+        solved, met, where, later, waiting = _meet(
             w, now, metric, before, known, rounds if phase == 0 else FEW_ROUNDS, law, may,
-            0 if phase == PHASES - 1 else left, block, sums,
+            more and phase < PHASES - 1, block, sums,
         )  # fmt: skip
-        left, cut = left - len(now.rates[0]) if is_met(solved.missed, solved.fastest) else 0, cut or waiting
+        more, cut = more and is_met(solved.missed, solved.fastest), cut or waiting or lost(w, solved)
         collided, created, opens = collided or solved.collided, created + solved.created, solved.opens
         if solved.status != FINE:
             return Solved(collided, False, 0.0, 0.0, 1.0, created, 0.0, 0.0, solved.status), cut

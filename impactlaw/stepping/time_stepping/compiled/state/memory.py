@@ -34,6 +34,7 @@ class Memory(NamedTuple):
         shortfall: largest amount by which a contact velocity of the last step misses its law, m/s or rad/s.
         worst: the largest of these so far.
         created: energy that the law would have created in the last step, J.
+        work: part of the work allowed in a step that is left in this one, see `solvers.cones.hybrid`.
         sums: over the collisions of the last step, see `sums`, if they are asked for, four numbers.
         left: nothing but the number of places: here qpos and qvel begin that the last step has left, and after them
             the velocity that forces have led to without contact in the last step, and what is known of mocap bodies,
@@ -55,8 +56,9 @@ class Memory(NamedTuple):
     shortfall: int = 12
     worst: int = 13
     created: int = 14
-    sums: int = 15
-    left: int = 19
+    work: int = 15
+    sums: int = 16
+    left: int = 20
 
 
 MEMORY = Memory()

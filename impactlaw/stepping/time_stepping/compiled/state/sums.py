@@ -76,11 +76,12 @@ def add_collision(w, rows, answer, share, metric, velocity, sums):
     if not _aims(rows, members, v, norm(v), target, sliding, b):
         sums[COUNT] = np.nan
         return
-    x, z = zeros(n), numbers(w.nv)
+    x, z, left = zeros(n), numbers(w.nv), zeros(1)
+    left[0] = 1.0
     residual, _ = linked_improve(
         rows.sparse[0], rows.sparse[1], rows.colind, rows.value, tree, rows.groups[0][members],
         rows.groups[1][members], np.full(k, CONE, np.int32), zeros(k), zeros(n), b,
-        setting(w, SETTING.exact) != 0.0, _TOLERANCE, _ROUNDS, x, z,
+        setting(w, SETTING.exact) != 0.0, _TOLERANCE, _ROUNDS, left, x, z,
     )  # fmt: skip
     if not residual <= _ENOUGH:
         sums[COUNT] = np.nan

@@ -63,6 +63,7 @@ class World(NamedTuple):
         timestep: h, s.
         damped: whether the integrator damps implicitly.
         surfaces: address of what is known of mocap bodies, see `surfaces`; 0 if they do not move through a step.
+        work: address of the part of the work allowed in the step that is left, see `solvers.cones.hybrid.spend`.
     """
 
     model: int
@@ -76,6 +77,7 @@ class World(NamedTuple):
     timestep: float
     damped: bool
     surfaces: int
+    work: int
 
 
 @plain
