@@ -45,8 +45,8 @@ _FACTORIZATIONS = 150.0  # ... or so many factorizations of one block, whatever 
 _OF_MANY = 30.0  # ... or of many blocks ...
 _OF_LARGE = 4.0  # ... or in an island of so many rows, where Newton's method soon gets no further
 _LARGE = 300
-_ALLOWED, _STEPS_ALLOWED = 1e8, 200.0  # operations of one time step, or Newton steps if these are more
-_SET_UP = 2  # Newton steps that it takes to set up a problem
+_ALLOWED, _STEPS_ALLOWED = 5e7, 200.0  # operations of one time step, or Newton steps if these are more
+_SET_UP = 4  # Newton steps that it takes to set up a problem
 _ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances will do: such problems are degenerate
 _STAGNANT, _HOPELESS = 4, 8  # rounds without 10 % less after which to stop if they were long, and in any case
 _SHORT = 0.25  # what is not long, as a part of the work allowed
@@ -131,7 +131,7 @@ def solve_island(
         if r < least:
             least = r
             put(x, point)
-        if least <= (_NEAR * tolerance if large else tolerance) or left[0] <= 0.0:
+        if least <= (_NEAR * tolerance if large else tolerance) or (P.exact and left[0] <= 0.0):
             return total, least
     if few and n < P.nv:
         P, K = compressed(P)

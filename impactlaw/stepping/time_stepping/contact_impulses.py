@@ -94,7 +94,7 @@ class _Phase:
     def gives_up(self, left: np.ndarray) -> bool:
         """Whether restitution is given up: bodies jam, or no work was left to find how much creates no energy."""
         share, created = self.answer[6:8]
-        return created > 0.0 >= left[0] or (share < 1.0 and created == 0.0)
+        return bool(share == 0.0 or created > 0.0 >= left[0])
 
     @property
     def solved(self) -> bool:

@@ -23,6 +23,8 @@ _ONE = np.int64(1)
 _CONVEX = np.bool_(False)
 _FEW = 0  # rounds of slower methods in a search
 _SEARCHES = 12  # of the share of restitution that creates no energy, while work is left
+_RESERVE = 0.2  # part of the work allowed that is there for a step without restitution in any case
+_SAFE = np.int64(8)  # rounds of slower methods that it has
 CREATED = 1e-9  # part of the largest energy of a contact, up to which its creation is rounding
 _SLOP = 1e-8  # m or rad: overlaps up to this are left to the velocities
 _SWEEPS = 40  # over contacts that overlap
@@ -162,6 +164,18 @@ def correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, roun
     return reached
 
 
+@kernel
+def without_friction(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, solution, jump):
+    """Overwrite a solution and its z by those without friction, and return whether normal velocities are met then."""
+    x, z = zeros(len(b)), zeros(len(tree))
+    reached = correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, x, z)
+    if reached > _UNSOLVED:
+        return False
+    put(solution, x)
+    put(jump, z)
+    return True
+
+
 @plain
 def solve_scaled(
     sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds, left,
@@ -236,8 +250,9 @@ def solve_contacts(
     """Solve the problem of a step, with all restitution scaled so that collisions create no energy.
 
     ``0 <= Lambda  ⊥  J v+ - s gamma^h >= 0`` where contacts collide, with friction in its cones. What is written is
-    what `solve_scaled` writes. Return s, and the energy that the collision would create with s = 1, J. With friction
-    there may be no solution where bodies that collide jam: then s = 0, with which there is one.
+    what `solve_scaled` writes. Return s, and the energy that the collision would create with s = 1, J.
+
+    With friction there may be no solution where bodies jam. Then s = 0, which mostly has one, or there is no friction.
     """
     s, created, some = 1.0, 0.0, False
     solve_scaled(
@@ -246,23 +261,32 @@ def solve_contacts(
     )  # fmt: skip
     for g in range(len(collides)):
         some = some or collides[g]
-    if some and not is_met(*shortfall(groups, rates, after, scaled)):
-        s = 0.0
-        clear(x)
-    elif some:
-        work, total = contact_work(groups, rates, after, x)
-        if work > CREATED * total:
-            s, created = largest_share(
-                sparse, colind, value, groups, amounts, rates, target, sliding, collides, x, tree, exact,
-                min(rounds, _FEW), left,
-            )  # fmt: skip
-            if not dissipative:
-                s = 1.0
-    if s < 1.0:
+    met = is_met(*shortfall(groups, rates, after, scaled))
+    work, total = contact_work(groups, rates, after, x)
+    if some and met and work > CREATED * total:
+        s, created = largest_share(
+            sparse, colind, value, groups, amounts, rates, target, sliding, collides, x, tree, exact,
+            min(rounds, _FEW), left,
+        )  # fmt: skip
+        s = s if dissipative else 1.0
+    jammed = some and not met
+    while s < 1.0 or jammed:
+        if jammed:
+            s, left[0], rounds = 0.0, max(left[0], _RESERVE), max(rounds, _SAFE)
+            clear(x)
         solve_scaled(
             sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds, left,
             x, z, after, scaled, room,
         )  # fmt: skip
+        met = is_met(*shortfall(groups, rates, after, scaled))
+        jammed = not met and s > 0.0
+        if not jammed:
+            break
+    if not met and without_friction(
+        sparse, colind, value, groups, amounts, rates, room[len(x) : 2 * len(x)], tree, rounds, left, x, z
+    ):  # fmt: skip
+        row_velocities(sparse, colind, value, rates, z, after)
+        s = 0.0
     return s, created
 
 

@@ -131,4 +131,4 @@ def work_left(w):
 @plain
 def lost(w, solved):
     """Return whether restitution is given up: bodies jam, or no work was left to find what share creates no energy."""
-    return (solved.created > 0.0 and not work_left(w)) or (solved.created == 0.0 and solved.share < 1.0)
+    return solved.share == 0.0 or (solved.created > 0.0 and not work_left(w))
