@@ -43,9 +43,13 @@ _LATE = 8  # round from which more is done
 _WORK = 1.5e7  # operations after which no further round begins ...
 _FACTORIZATIONS = 150.0  # ... or so many factorizations of one block, whatever is more ...
 _OF_MANY = 30.0  # ... or of many blocks ...
-_OF_LARGE = 4.0  # ... or in an island of so many rows, where Newton's method soon gets no further
+_OF_LARGE = 1.0  # ... or in an island of so many rows, where Newton's method soon gets no further
 _LARGE = 300
-_ALLOWED, _STEPS_ALLOWED = 5e7, 200.0  # operations of one time step, or Newton steps if these are more
+_ALLOWED, _STEPS_ALLOWED, _STEPS_OF_LARGE = (
+    5e7,
+    200.0,
+    60.0,
+)  # operations of one time step, or Newton steps if these are more
 _SET_UP = 4  # Newton steps that it takes to set up a problem
 _ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances will do: such problems are degenerate
 _STAGNANT, _HOPELESS = 4, 8  # rounds without 10 % less after which to stop if they were long, and in any case
@@ -53,15 +57,16 @@ _SHORT = 0.25  # what is not long, as a part of the work allowed
 
 
 @plain
-def spend(left: Array, operations: float, step: float) -> None:
+def spend(left: Array, operations: float, step: float, rows: int) -> None:
     """Take operations from the part of the work allowed in a time step that is left, (1,).
 
     Args:
         left: 1 at the start of the step.
         operations: that were done.
         step: operations of one Newton step of this problem.
+        rows: of it.
     """
-    left[0] -= operations / max(_ALLOWED, _STEPS_ALLOWED * step)
+    left[0] -= operations / max(_ALLOWED, (_STEPS_OF_LARGE if rows >= _LARGE else _STEPS_ALLOWED) * step)
 
 
 @once
@@ -105,11 +110,11 @@ def solve_island(
     large = n >= _LARGE and len(K.width) > 1
     if large and not P.exact:
         total, least = solve_large(P, K, x, tolerance)
-        spend(left, (total + _SET_UP) * cost, cost)
+        spend(left, (total + _SET_UP) * cost, cost, n)
         return total, least
     few = n <= max(P.nv, 6) and float(n) ** 3 <= 1.5 * K.flops + 1e3
     step = cost if not few else float(n) ** 3 + 20.0 * n**2
-    spend(left, _SET_UP * step, step)
+    spend(left, _SET_UP * step, step, n)
     G = numbers(n * n if few else 0)
     if few:
         delassus(P, G)
@@ -127,7 +132,7 @@ def solve_island(
         ease = 0.0 if k % 2 == 0 else _EASE[0] / scale
         taken, r = linked_newton(P, K, G, point, tolerance, _FIRST_STEPS[k], kind, 1.0, delta, ease, patience)
         total += taken
-        spend(left, taken * step, step)
+        spend(left, taken * step, step, n)
         if r < least:
             least = r
             put(x, point)
@@ -184,7 +189,7 @@ def _rounds(
         taken, r = linked_newton(P, K, G, point, tolerance, after, kind, _FACTORS[v], delta, _EASE[v] / scale, patience)
         total += taken
         work += taken * step
-        spend(left, work - done, step)
+        spend(left, work - done, step, len(x))
         if r < least:
             least = r
             put(x, point)

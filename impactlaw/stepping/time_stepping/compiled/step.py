@@ -36,7 +36,13 @@ from impactlaw.stepping.time_stepping.compiled.impulses.looks import find_impuls
 from impactlaw.stepping.time_stepping.compiled.limits import passes_limit
 from impactlaw.stepping.time_stepping.compiled.middle import to_middle
 from impactlaw.stepping.time_stepping.compiled.state.law import LawTable
-from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, forget, last_step, remember
+from impactlaw.stepping.time_stepping.compiled.state.memory import (
+    MEMORY,
+    forget,
+    found_so_far,
+    remember,
+    remember_so_far,
+)
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, lay_out, rows_at
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE, HUGE_INPUT, HUGE_OUTPUT, TIMESTEP, UNSEEN
 from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
@@ -89,13 +95,15 @@ def _constrain(
     """
     rounds = MANY_ROUNDS if counts[MEMORY.solved] != 0 else FEW_ROUNDS
     found = find_impulses(
-        w, law, last_step(counts), start, middle, bias, rounds, jacobian, chosen, seen, mark, room, narrow
+        w, law, found_so_far(counts), start, middle, bias, rounds, jacobian, chosen, seen, mark, room, narrow
     )  # fmt: skip
-    solved = found.solved
+    solved, rows = found.solved, rows_at(room.rows, found.groups, found.rows, room.entries)
+    if solved.status == UNSEEN:
+        last = answer_at(room.answer, found.groups, found.rows, w.nv)
+        remember_so_far(counts, rows.groups, rows.key, rows.rates[0], last.x)
     if solved.status != FINE:
         memory[MEMORY.created] = solved.created
         return solved.status, False, 0.0
-    rows = rows_at(room.rows, found.groups, found.rows, room.entries)
     answer, touched = answer_at(room.answer, found.groups, found.rows, w.nv), found.rows > 0
     put(data_floats(w, DATA.qpos, len(middle)), middle)  # which the integrator has left: limits are counted there
     write_forces(w, rows, answer.x, start, cone, force)
@@ -211,8 +219,8 @@ def advance(
     work = address_of(memory) + 8 * MEMORY.work
     w = World(model, data, scratch, table, settings, sizes, bilateral, nv, h, is_damped(model, table), surfaces, work)
     status, narrow = UNSEEN, surfaces == 0  # moving surfaces have begun their step already
+    memory[MEMORY.work], memory.view(np.int64)[MEMORY.found_rows] = 1.0, 0
     while status == UNSEEN:
-        memory[MEMORY.work] = 1.0
         status = _step(w, LawTable(keys, values, asked), memory, margins, cone, loaded, narrow)
         if status == UNSEEN:
             mj.set_state(user, data, address_of(state), STATE)

@@ -17,12 +17,12 @@ TOLERANCE = 1e-10
 """Natural map, relative to the largest velocity of the problem, that solvers aim at."""
 
 _UNSOLVED = 1e-8  # natural map above which normal velocities are corrected ...
-_CORRECTIONS = 2  # ... so many times, in one round at most, ...
-_CORRECTED = 1e-9  # ... up to this one
-_ONE = np.int64(1)
+_CORRECTED, _NEAR = 1e-9, 1e-8  # ... up to the first, or at least the second one ...
+_ONE = np.int64(1)  # ... in so many rounds of slower methods
 _CONVEX = np.bool_(False)
 _FEW = 0  # rounds of slower methods in a search
 _SEARCHES = 12  # of the share of restitution that creates no energy, while work is left
+_JAMMED = 1e-3  # part of the largest contact velocity by which a law is missed where bodies jam
 _RESERVE = 0.2  # part of the work allowed that is there for a step without restitution in any case
 _SAFE = np.int64(8)  # rounds of slower methods that it has
 CREATED = 1e-9  # part of the largest energy of a contact, up to which its creation is rounding
@@ -60,6 +60,9 @@ def recall(groups, key, scale, known_groups, known_key, known_scale, known):
     x = np.empty(len(scale))
     guess(groups, key, scale, known_groups, known_key, known_scale, known, x)
     return x
+
+
+is_met: Any = plain(tolerances.is_met)
 
 
 @plain
@@ -102,28 +105,11 @@ def shortfall(groups, rates, after, reached):
     return (missed, fastest) if np.isfinite(total) else (np.nan, np.nan)
 
 
-is_met: Any = plain(tolerances.is_met)
-
-
-@plain
-def solve_rows(sparse, colind, value, groups, amounts, rates, b, tree, exact, rounds, left, x, z):
-    """Overwrite a guess x, (n,), by the solution with the offset b, and write z; see `solvers.cones.solve`."""
-    residual, _ = linked_improve(
-        sparse[0], sparse[1], colind, value, tree, groups[0], groups[1], groups[2], amounts[1], rates[4], b, exact,
-        TOLERANCE, rounds, left, x, z,
-    )  # fmt: skip
-    if residual > _UNSOLVED:
-        for _ in range(_CORRECTIONS):
-            reached = correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, x, z)
-            if reached > _UNSOLVED:  # normal velocities contradict each other
-                break
-
-
 @kernel
 def correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, solution, jump):
     """Make normal velocities of a solution and its z exact, and return the natural map of what was solved for that.
 
-    Where that is more than `_UNSOLVED`, nothing is changed.
+    Where that is more than `_NEAR`, nothing is changed.
 
     Friction is held: cut to its cone, and the same in a solution.
 
@@ -155,7 +141,7 @@ def correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, roun
         sparse[0], sparse[1], colind, value, tree, groups[0], one, groups[2], amounts[1], rates[4], offset, _CONVEX,
         _CORRECTED, min(rounds, _ONE), left, start, z,
     )  # fmt: skip
-    if not reached > _UNSOLVED:
+    if not reached > _NEAR:
         for g in range(groups.shape[1]):
             x[groups[0, g]] = start[groups[0, g]]
         put(solution, x)
@@ -169,7 +155,7 @@ def without_friction(sparse, colind, value, groups, amounts, rates, b, tree, rou
     """Overwrite a solution and its z by those without friction, and return whether normal velocities are met then."""
     x, z = zeros(len(b)), zeros(len(tree))
     reached = correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, x, z)
-    if reached > _UNSOLVED:
+    if reached > _NEAR:
         return False
     put(solution, x)
     put(jump, z)
@@ -195,8 +181,14 @@ def solve_scaled(
             for k in range(groups[0, g] + 1, groups[0, g] + groups[1, g]):
                 aimed[k] = s * sliding[k]
     write_offsets(groups, rates, scaled, aimed, b)
-    solve_rows(sparse, colind, value, groups, amounts, rates, b, tree, exact, rounds, left, x, z)
+    residual, _ = linked_improve(
+        sparse[0], sparse[1], colind, value, tree, groups[0], groups[1], groups[2], amounts[1], rates[4], b, exact,
+        TOLERANCE, rounds, left, x, z,
+    )  # fmt: skip
     row_velocities(sparse, colind, value, rates, z, after)
+    if residual > _UNSOLVED or not is_met(*shortfall(groups, rates, after, scaled)):
+        correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, x, z)
+        row_velocities(sparse, colind, value, rates, z, after)
 
 
 @kernel
@@ -261,16 +253,16 @@ def solve_contacts(
     )  # fmt: skip
     for g in range(len(collides)):
         some = some or collides[g]
-    met = is_met(*shortfall(groups, rates, after, scaled))
+    missed, fastest = shortfall(groups, rates, after, scaled)
     work, total = contact_work(groups, rates, after, x)
-    if some and met and work > CREATED * total:
+    jammed = missed > _JAMMED * fastest
+    if some and not jammed and work > CREATED * total:
         s, created = largest_share(
             sparse, colind, value, groups, amounts, rates, target, sliding, collides, x, tree, exact,
             min(rounds, _FEW), left,
         )  # fmt: skip
         s = s if dissipative else 1.0
-    jammed = some and not met
-    while s < 1.0 or jammed:
+    while s < 1.0 or (jammed and some):
         if jammed:
             s, left[0], rounds = 0.0, max(left[0], _RESERVE), max(rounds, _SAFE)
             clear(x)
@@ -278,11 +270,11 @@ def solve_contacts(
             sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds, left,
             x, z, after, scaled, room,
         )  # fmt: skip
-        met = is_met(*shortfall(groups, rates, after, scaled))
-        jammed = not met and s > 0.0
-        if not jammed:
+        missed, fastest = shortfall(groups, rates, after, scaled)
+        jammed = missed > _JAMMED * fastest
+        if not jammed or s == 0.0:
             break
-    if not met and without_friction(
+    if jammed and without_friction(
         sparse, colind, value, groups, amounts, rates, room[len(x) : 2 * len(x)], tree, rounds, left, x, z
     ):  # fmt: skip
         row_velocities(sparse, colind, value, rates, z, after)

@@ -25,6 +25,7 @@ from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS
 from impactlaw.stepping.time_stepping.problem.contact_problem import is_met
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LOOKS, PHASE_LOOK_ROWS, PHASE_LOOKS
 
+_UNSEEN = Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, UNSEEN)
 _FEW, _AT_ONCE = np.int64(FEW_ROUNDS), np.bool_(False)
 
 
@@ -65,7 +66,7 @@ def find_impulses(w, law, known, start, middle, bias, rounds, jacobian, chosen, 
     )  # fmt: skip
     while look < LOOKS + PHASE_LOOKS and found.rows > 0 and found.solved.status == FINE:
         if narrow and passes_limit(w, middle, h):
-            return Outcome(0, 0, Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, UNSEEN), False)
+            return Outcome(found.groups, found.rows, _UNSEEN, False)
         near(w, jacobian, qvel, qvel, h, seen)
         allowed = found.rows <= PHASE_LOOK_ROWS if phases else look < LOOKS
         if sees_more(chosen, seen) and allowed:

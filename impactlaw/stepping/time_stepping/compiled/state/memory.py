@@ -35,6 +35,8 @@ class Memory(NamedTuple):
         worst: the largest of these so far.
         created: energy that the law would have created in the last step, J.
         work: part of the work allowed in a step that is left in this one, see `solvers.cones.hybrid`.
+        found_groups: of the impulses found so far in a step that is taken again, an int64.
+        found_rows: the same of their rows, 0 if there are none, an int64.
         sums: over the collisions of the last step, see `sums`, if they are asked for, four numbers.
         left: nothing but the number of places: here qpos and qvel begin that the last step has left, and after them
             the velocity that forces have led to without contact in the last step, and what is known of mocap bodies,
@@ -57,8 +59,10 @@ class Memory(NamedTuple):
     worst: int = 13
     created: int = 14
     work: int = 15
-    sums: int = 16
-    left: int = 20
+    found_groups: int = 16
+    found_rows: int = 17
+    sums: int = 18
+    left: int = 22
 
 
 MEMORY = Memory()
@@ -82,6 +86,14 @@ def last_step(counts):
     return known_at(counts[MEMORY.block], counts[MEMORY.groups], counts[MEMORY.rows])
 
 
+@kernel
+def found_so_far(counts):
+    """Return the same of what a step has found that is taken again, or of the last step if it has found nothing."""
+    if counts[MEMORY.found_rows] == 0:
+        return last_step(counts)
+    return known_at(counts[MEMORY.other], counts[MEMORY.found_groups], counts[MEMORY.found_rows])
+
+
 @plain
 def forget(counts):
     """Forget the impulses of the last step."""
@@ -89,18 +101,24 @@ def forget(counts):
 
 
 @plain
-def remember(counts, groups, key, scale, impulses):
-    """Keep groups, keys, coefficients and impulses of a step."""
+def remember_so_far(counts, groups, key, scale, impulses):
+    """Keep groups, keys, coefficients and impulses of a step that is taken again."""
     g, n = len(key), len(scale)
     needed = 8 * g + 16 * n + 16 * g
-    block, capacity = counts[MEMORY.other], counts[MEMORY.other_capacity]
-    if capacity < needed:
-        capacity = 2 * needed
-        block = _realloc(block, capacity)
-    counts[MEMORY.other], counts[MEMORY.other_capacity] = counts[MEMORY.block], counts[MEMORY.capacity]
-    counts[MEMORY.block], counts[MEMORY.capacity] = block, capacity
-    counts[MEMORY.groups], counts[MEMORY.rows] = g, n
-    keep_known(last_step(counts), groups, key, scale, impulses)
+    if counts[MEMORY.other_capacity] < needed:
+        counts[MEMORY.other_capacity] = 2 * needed
+        counts[MEMORY.other] = _realloc(counts[MEMORY.other], 2 * needed)
+    counts[MEMORY.found_groups], counts[MEMORY.found_rows] = g, n
+    keep_known(known_at(counts[MEMORY.other], g, n), groups, key, scale, impulses)
+
+
+@plain
+def remember(counts, groups, key, scale, impulses):
+    """Keep groups, keys, coefficients and impulses of a step."""
+    remember_so_far(counts, groups, key, scale, impulses)
+    for one, other in ((MEMORY.block, MEMORY.other), (MEMORY.capacity, MEMORY.other_capacity)):
+        counts[one], counts[other] = counts[other], counts[one]
+    counts[MEMORY.groups], counts[MEMORY.rows] = counts[MEMORY.found_groups], counts[MEMORY.found_rows]
 
 
 @kernel
