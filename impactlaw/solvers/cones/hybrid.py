@@ -50,6 +50,7 @@ _ALLOWED, _STEPS_ALLOWED, _STEPS_OF_LARGE = (
     200.0,
     60.0,
 )  # operations of one time step, or Newton steps if these are more
+_OF_ROW = 800.0  # operations of a Newton step in each row, most of them in the line search
 _SET_UP = 4  # Newton steps that it takes to set up a problem
 _ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances will do: such problems are degenerate
 _STAGNANT, _HOPELESS = 4, 8  # rounds without 10 % less after which to stop if they were long, and in any case
@@ -63,10 +64,11 @@ def spend(left: Array, operations: float, step: float, rows: int) -> None:
     Args:
         left: 1 at the start of the step.
         operations: that were done.
-        step: operations of one Newton step of this problem.
+        step: operations of one Newton step of this problem, without those that are few in each row.
         rows: of it.
     """
-    left[0] -= operations / max(_ALLOWED, (_STEPS_OF_LARGE if rows >= _LARGE else _STEPS_ALLOWED) * step)
+    steps, whole = operations / step, step + _OF_ROW * rows
+    left[0] -= steps * whole / max(_ALLOWED, (_STEPS_OF_LARGE if rows >= _LARGE else _STEPS_ALLOWED) * whole)
 
 
 @once

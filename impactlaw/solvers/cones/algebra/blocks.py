@@ -109,5 +109,5 @@ def flops(P: Island, K: Blocks) -> float:
     s = K.flops + 4.0 * K.size
     for g in range(len(P.kind)):
         k = P.begin[g + 1] - P.begin[g]
-        s += 2.0 * (P.entry[g + 1] - P.entry[g]) * (k + 16) + 400.0 * (P.start[g + 1] - P.start[g])
+        s += 2.0 * (P.entry[g + 1] - P.entry[g]) * (k + 8)
     return s + 100.0

@@ -98,7 +98,7 @@ def _constrain(
         w, law, found_so_far(counts), start, middle, bias, rounds, jacobian, chosen, seen, mark, room, narrow
     )  # fmt: skip
     solved, rows = found.solved, rows_at(room.rows, found.groups, found.rows, room.entries)
-    if solved.status == UNSEEN:
+    if solved.status == UNSEEN and found.rows > 0:
         last = answer_at(room.answer, found.groups, found.rows, w.nv)
         remember_so_far(counts, rows.groups, rows.key, rows.rates[0], last.x)
     if solved.status != FINE:
@@ -219,8 +219,11 @@ def advance(
     work = address_of(memory) + 8 * MEMORY.work
     w = World(model, data, scratch, table, settings, sizes, bilateral, nv, h, is_damped(model, table), surfaces, work)
     status, narrow = UNSEEN, surfaces == 0  # moving surfaces have begun their step already
-    memory[MEMORY.work], memory.view(np.int64)[MEMORY.found_rows] = 1.0, 0
+    counts = memory.view(np.int64)
+    counts[MEMORY.found_rows] = 0
     while status == UNSEEN:
+        if counts[MEMORY.found_rows] == 0:
+            memory[MEMORY.work] = 1.0
         status = _step(w, LawTable(keys, values, asked), memory, margins, cone, loaded, narrow)
         if status == UNSEEN:
             mj.set_state(user, data, address_of(state), STATE)

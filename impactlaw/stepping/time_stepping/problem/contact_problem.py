@@ -170,7 +170,8 @@ def solve_scaled(
     """Solve the problem of a step with all restitution of contacts that collide scaled by s.
 
     Written are impulses (n,), in units of the problem, which are a guess before; whitened jump of velocities (nv,);
-    velocities of rows afterwards (n,); the targets with s, (g,). There is room for (2 n,).
+    velocities of rows afterwards (n,); the targets with s, (g,). There is room for (2 n,). Return whether the solution
+    is as good as `TOLERANCE`.
     """
     aimed, b = room[: len(x)], room[len(x) : 2 * len(x)]
     put(scaled, target)
@@ -189,6 +190,7 @@ def solve_scaled(
     if residual > _UNSOLVED or not is_met(*shortfall(groups, rates, after, scaled)):
         correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, x, z)
         row_velocities(sparse, colind, value, rates, z, after)
+    return residual <= TOLERANCE
 
 
 @kernel
@@ -242,12 +244,13 @@ def solve_contacts(
     """Solve the problem of a step, with all restitution scaled so that collisions create no energy.
 
     ``0 <= Lambda  ⊥  J v+ - s gamma^h >= 0`` where contacts collide, with friction in its cones. What is written is
-    what `solve_scaled` writes. Return s, and the energy that the collision would create with s = 1, J.
+    what `solve_scaled` writes. Return s, the energy that the collision would create with s = 1, J, and whether s is 1
+    and the solution as good as `TOLERANCE`.
 
     With friction there may be no solution where bodies jam. Then s = 0, which mostly has one, or there is no friction.
     """
     s, created, some = 1.0, 0.0, False
-    solve_scaled(
+    sharp = solve_scaled(
         sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds, left,
         x, z, after, scaled, room,
     )  # fmt: skip
@@ -279,7 +282,7 @@ def solve_contacts(
     ):  # fmt: skip
         row_velocities(sparse, colind, value, rates, z, after)
         s = 0.0
-    return s, created
+    return s, created, sharp and s == 1.0
 
 
 @plain

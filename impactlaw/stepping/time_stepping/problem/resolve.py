@@ -25,7 +25,7 @@ _ARRAYS = (
     "float64[::1],boolean[::1],int32[:,::1],int64[::1],float64[::1],float64[::1],float64,boolean,boolean,int64,float64[::1],"
     "int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1]"
 )
-_FOUND = "boolean,float64,float64,float64,float64,float64,float64"
+_FOUND = "boolean,float64,float64,float64,float64,float64,float64,boolean"
 
 
 _ROUNDING = 1e-14  # part of a sum of energies
@@ -80,7 +80,7 @@ def _resolve(
     after, root, w = room[:n], room[n : n + nv], room[n + nv : n + 2 * nv]
     need, push, rest = room[n + 2 * nv :][:g], room[n + 2 * nv + g :][:g], room[n + 2 * nv + 2 * g :]
     guess(groups, key, rates[0], known_groups, known_key, known_scale, known, x)
-    share, created = solve_contacts(
+    share, created, sharp = solve_contacts(
         sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, dissipative, rounds,
         left, x, z, after, reached, rest,
     )  # fmt: skip
@@ -99,7 +99,7 @@ def _resolve(
         unwhitened(w, factor, Mnnz, Madr, Mcol, root, shift)
         _bound(shift, timestep)
     work, total = contact_work(groups, rates, after, x)
-    return overlaps, missed, fastest, share, created, work, CREATED * total
+    return overlaps, missed, fastest, share, created, work, CREATED * total, sharp
 
 
 @compiled(f"Tuple(({_FOUND}))({_ARRAYS},float64[::1],float64[::1],float64[::1],float64[::1],float64[::1])")
@@ -111,7 +111,8 @@ def resolve(
     """Write what the contacts of a step do; see `resolve_step`.
 
     Written are impulses, change of velocity, the velocity that opens overlaps if some has to be opened, targets, and
-    the whitened change of velocity. Return whether some overlap has to be opened, and the numbers of `resolve_step`.
+    the whitened change of velocity. Return whether some overlap has to be opened, the numbers of `resolve_step`,
+    and whether the impulses solve the problem as it was given, as well as solvers can.
     """
     room = numbers(3 * len(x) + 2 * len(target) + 2 * len(z))
     return _resolve(
@@ -147,7 +148,7 @@ def resolve_step(
     """
     x, z = np.empty(rates.shape[1]), np.empty(len(tree))
     change, shift, reached = np.empty(len(tree)), np.empty(len(tree)), np.empty(len(target))
-    overlaps, missed, fastest, s, created, work, rounding = linked_resolve(
+    overlaps, missed, fastest, s, created, work, rounding, _ = linked_resolve(
         sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
         known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, left, tree,
         factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z,

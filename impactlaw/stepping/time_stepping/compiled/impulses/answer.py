@@ -33,6 +33,7 @@ class Solved(NamedTuple):
         work: of contact, J.
         rounding: what of it is rounding, J.
         status: see `status`.
+        sharp: whether the impulses solve the problem as it was given, as well as solvers can.
     """
 
     collided: bool
@@ -44,9 +45,10 @@ class Solved(NamedTuple):
     work: float
     rounding: float
     status: int
+    sharp: bool
 
 
-NO_ANSWER = Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, FINE)
+NO_ANSWER = Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, FINE, False)
 SOLVED = typeof(NO_ANSWER)
 
 
@@ -93,12 +95,12 @@ def solve(w, rows, metric, known, rounds, law, answer):
     if collided:
         status, sliding = _collide(w, rows, tree, law, answer), setting(w, SETTING.sliding)
     if status != FINE:
-        return Solved(collided, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, status)
+        return Solved(collided, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, status, False)
     for r in range(len(answer.sliding)):
         answer.sliding[r] = -sliding * rows.rates[1, r] if sliding != 0.0 else 0.0
     known_groups, known_key, known_scale, impulses = known
     Mnnz, Madr, Mcol = layout_of(w)
-    opens, missed, fastest, share, created, work, rounding = linked_resolve(
+    opens, missed, fastest, share, created, work, rounding, sharp = linked_resolve(
         rows.sparse, rows.colind, rows.value, rows.groups, rows.key, rows.amounts, rows.rates, answer.target,
         answer.sliding, answer.collides, known_groups, known_key, known_scale, impulses, w.timestep,
         setting(w, SETTING.exact) != 0.0, setting(w, SETTING.dissipative) > 0.0, rounds, floats(w.work, 1),
@@ -108,7 +110,7 @@ def solve(w, rows, metric, known, rounds, law, answer):
         status = NOT_FINITE
     elif created > 0.0 and setting(w, SETTING.dissipative) < 0.0:
         status = CREATES
-    return Solved(collided, opens, missed, fastest, share, created, work, rounding, status)
+    return Solved(collided, opens, missed, fastest, share, created, work, rounding, status, sharp)
 
 
 @plain

@@ -25,7 +25,7 @@ from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS
 from impactlaw.stepping.time_stepping.problem.contact_problem import is_met
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LOOKS, PHASE_LOOK_ROWS, PHASE_LOOKS
 
-_UNSEEN = Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, UNSEEN)
+_UNSEEN = Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, UNSEEN, True)
 _FEW, _AT_ONCE = np.int64(FEW_ROUNDS), np.bool_(False)
 
 
@@ -66,7 +66,8 @@ def find_impulses(w, law, known, start, middle, bias, rounds, jacobian, chosen, 
     )  # fmt: skip
     while look < LOOKS + PHASE_LOOKS and found.rows > 0 and found.solved.status == FINE:
         if narrow and passes_limit(w, middle, h):
-            return Outcome(found.groups, found.rows, _UNSEEN, False)
+            known_now = look == 1 and found.solved.sharp  # the step that is taken again finds the same
+            return Outcome(found.groups if known_now else 0, found.rows if known_now else 0, _UNSEEN, False)
         near(w, jacobian, qvel, qvel, h, seen)
         allowed = found.rows <= PHASE_LOOK_ROWS if phases else look < LOOKS
         if sees_more(chosen, seen) and allowed:

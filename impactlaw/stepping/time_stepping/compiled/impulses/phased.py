@@ -88,7 +88,7 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
         more, cut = more and is_met(solved.missed, solved.fastest), cut or waiting or lost(w, solved)
         collided, created, opens = collided or solved.collided, created + solved.created, solved.opens
         if solved.status != FINE:
-            return Solved(collided, False, 0.0, 0.0, 1.0, created, 0.0, 0.0, solved.status), cut
+            return Solved(collided, False, 0.0, 0.0, 1.0, created, 0.0, 0.0, solved.status, False), cut
         for r in range(len(where)):
             x[place[where[r]]] += met.x[r]
         for i in range(w.nv):
@@ -105,7 +105,7 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
     put(whole.x, x)
     keep(block)
     put(velocity_of(w), velocity)
-    return Solved(collided, opens, missed, fastest, 1.0, created, work, rounding, FINE), cut
+    return Solved(collided, opens, missed, fastest, 1.0, created, work, rounding, FINE, False), cut
 
 
 linked_phases = linked(resolve_in_phases)
