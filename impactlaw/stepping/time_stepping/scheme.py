@@ -226,12 +226,13 @@ class TimeStepping:
         self._velocity = data.qvel.copy()
         self._to_midpoint(data, h)
         self._free_step(data)
-        shift = None
+        shift, met = None, True
         if data.nefc:
             shift = self._contact(data, h)
             fastest = self._found.fastest if self._found else 0.0
-            self.solved = is_met(self.shortfall, fastest) and not self._overflown
-            self.short_steps += not self.solved or (self._found is not None and self._found.later)
+            met = is_met(self.shortfall, fastest) and not self._overflown
+            self.solved = met and not (self._found is not None and self._found.later)
+            self.short_steps += not self.solved
         else:
             self._known = None
             data.qacc[:] = (data.qvel - self._velocity) / h
@@ -248,7 +249,7 @@ class TimeStepping:
         self._update_frames(data)
         model.opt.cone = _ELLIPTIC
         shift = None
-        if self._rows is not None and self.solved:  # what is squeezed cannot be opened
+        if self._rows is not None and met:  # what is squeezed cannot be opened
             shift = self._second_look.shift(data, self._rows, self._metric)
         if shift is not None:
             mj_integratePos(model, data.qpos, shift, h)

@@ -114,11 +114,11 @@ def _constrain(
     else:
         forget(counts)
     met = is_met(solved.missed, solved.fastest) and not full
-    counts[MEMORY.solved] = met
+    counts[MEMORY.solved] = met and not found.later
     status = _end(w, start, middle, answer.shift, solved.opens)
     if status == FINE and touched and met:  # what is squeezed cannot be opened
         look_again(w, rows)
-    if status == FINE and (found.later or not met):
+    if status == FINE and counts[MEMORY.solved] == 0:
         memory[MEMORY.short_steps] += 1.0
     return status, solved.collided, solved.missed
 

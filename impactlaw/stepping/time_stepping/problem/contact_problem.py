@@ -22,7 +22,7 @@ _ONE = np.int64(1)  # ... in so many rounds of slower methods
 _CONVEX = np.bool_(False)
 _FEW = 0  # rounds of slower methods in a search
 _SEARCHES = 12  # of the share of restitution that creates no energy, while work is left
-_JAMMED = 1e-3  # part of the largest contact velocity by which a law is missed where bodies jam
+_JAMMED = 1e-3  # natural map, or part of the largest contact velocity by which a law is missed, where bodies jam
 _RESERVE = 0.2  # part of the work allowed that is there for a step without restitution in any case
 _SAFE = np.int64(8)  # rounds of slower methods that it has
 CREATED = 1e-9  # part of the largest energy of a contact, up to which its creation is rounding
@@ -170,8 +170,8 @@ def solve_scaled(
     """Solve the problem of a step with all restitution of contacts that collide scaled by s.
 
     Written are impulses (n,), in units of the problem, which are a guess before; whitened jump of velocities (nv,);
-    velocities of rows afterwards (n,); the targets with s, (g,). There is room for (2 n,). Return whether the solution
-    is as good as `TOLERANCE`.
+    velocities of rows afterwards (n,); the targets with s, (g,). There is room for (2 n,). Return the natural map that
+    is left, relative to the largest velocity.
     """
     aimed, b = room[: len(x)], room[len(x) : 2 * len(x)]
     put(scaled, target)
@@ -190,7 +190,7 @@ def solve_scaled(
     if residual > _UNSOLVED or not is_met(*shortfall(groups, rates, after, scaled)):
         correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, x, z)
         row_velocities(sparse, colind, value, rates, z, after)
-    return residual <= TOLERANCE
+    return residual
 
 
 @kernel
@@ -250,15 +250,18 @@ def solve_contacts(
     With friction there may be no solution where bodies jam. Then s = 0, which mostly has one, or there is no friction.
     """
     s, created, some = 1.0, 0.0, False
-    sharp = solve_scaled(
+    residual = solve_scaled(
         sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds, left,
         x, z, after, scaled, room,
     )  # fmt: skip
     for g in range(len(collides)):
-        some = some or collides[g]
+        if collides[g]:
+            some = some or target[g] > 0.0
+            for k in range(groups[0, g] + 1, groups[0, g] + groups[1, g]):
+                some = some or sliding[k] != 0.0
     missed, fastest = shortfall(groups, rates, after, scaled)
     work, total = contact_work(groups, rates, after, x)
-    jammed = missed > _JAMMED * fastest
+    sharp, jammed = residual <= TOLERANCE, residual > _JAMMED or missed > _JAMMED * fastest
     if some and not jammed and work > CREATED * total:
         s, created = largest_share(
             sparse, colind, value, groups, amounts, rates, target, sliding, collides, x, tree, exact,
@@ -269,15 +272,15 @@ def solve_contacts(
         if jammed:
             s, left[0], rounds = 0.0, max(left[0], _RESERVE), max(rounds, _SAFE)
             clear(x)
-        solve_scaled(
+        residual = solve_scaled(
             sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds, left,
             x, z, after, scaled, room,
         )  # fmt: skip
         missed, fastest = shortfall(groups, rates, after, scaled)
-        jammed = missed > _JAMMED * fastest
+        jammed = residual > _JAMMED or missed > _JAMMED * fastest
         if not jammed or s == 0.0:
             break
-    if jammed and without_friction(
+    if missed > _JAMMED * fastest and without_friction(
         sparse, colind, value, groups, amounts, rates, room[len(x) : 2 * len(x)], tree, rounds, left, x, z
     ):  # fmt: skip
         row_velocities(sparse, colind, value, rates, z, after)

@@ -1,0 +1,50 @@
+"""Bodies that jam: with friction no impulse separates them, whatever the law asks for."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from impactlaw import Moreau, Newton, Stepper
+
+_ON_A_RAIL = """<mujoco>
+  <option timestep="0.002" gravity="0 0 0"/>
+  <worldbody>
+    <geom type="plane" size="5 5 1" friction="{friction}"/>
+    <body pos="0 0 0.101">
+      <joint type="slide" axis="1 0 -0.5"/>
+      <geom size="0.1" friction="{friction}"/>
+    </body>
+  </worldbody>
+</mujoco>"""
+
+
+def _stepped(friction, *, law=None, compiled="auto", steps=5):
+    model = mujoco.MjModel.from_xml_string(_ON_A_RAIL.format(friction=friction))
+    data, stepper = mujoco.MjData(model), Stepper(model, law or Moreau(0.5), scheme="time-stepping", compiled=compiled)
+    data.qvel[0] = 2.0
+    for _ in range(steps):
+        stepper.step(data)
+    return data, stepper
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_a_mass_on_a_rail_rebounds_while_friction_lets_it(compiled):
+    data, stepper = _stepped(0.4, compiled=compiled)
+    np.testing.assert_allclose(data.qvel[0], -1.0, atol=1e-9)
+    assert stepper.short_steps == 0
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("friction", [0.6, 1.0, 3.0])
+def test_it_stays_where_friction_holds_it_and_that_is_counted(friction, compiled):
+    """Friction against a slip backwards would press it on: only without restitution there is a solution."""
+    data, stepper = _stepped(friction, compiled=compiled)
+    np.testing.assert_allclose(data.qvel[0], 0.0, atol=1e-9)
+    assert stepper.short_steps == 1
+    assert stepper.shortfall < 1e-9
+
+
+def test_what_jams_under_a_law_by_pair_does_so_too():
+    data, stepper = _stepped(1.0, law=Newton(0.5), compiled="never")
+    np.testing.assert_allclose(data.qvel[0], 0.0, atol=1e-9)
+    assert stepper.short_steps == 1
