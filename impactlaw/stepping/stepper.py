@@ -81,8 +81,7 @@ class Stepper:
         plan: what a step does in this scene and what it leaves out (`impactlaw.stepping.plan`).
         unlocated: steps so far that had more than max_events collisions, or were time stepped in part or as a whole.
         shortfall: by how much a contact velocity of the last step missed its law (time stepping).
-        short_steps: steps so far in which that was too much, or a contact hit through others lost its restitution
-            (time stepping).
+        short_steps: steps so far in which that was too much, or contacts lost their restitution (time stepping).
 
     Raises:
         SceneError: the scene holds something rigid stepping does not cover, or an option means nothing to this way to
@@ -203,8 +202,8 @@ class Stepper:
     def short_steps(self) -> int:
         """Steps so far that did not meet their law (time stepping).
 
-        Their shortfall was above 1e-6 of the largest contact velocity, or 1e-8 m/s; or contacts that are hit through
-        others, one after another, were too many for a step, and lost their restitution.
+        Their shortfall was above 1e-6 of the largest contact velocity, or 1e-8 m/s; or contacts lost their restitution:
+        those that are hit through others, one after another, were too many for a step, or friction jams bodies.
         """
         return getattr(self._stepping, "short_steps", 0)
 

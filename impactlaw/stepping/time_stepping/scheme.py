@@ -74,7 +74,8 @@ class TimeStepping:
     Attributes:
         shortfall: largest amount by which a contact velocity of the last step misses its law, m/s or rad/s.
         short_steps: steps so far in which that is above `SHORTFALL_LIMIT` of the largest contact velocity, or for which
-            MuJoCo had no room for all contacts, or in which contacts hit through others have lost their restitution.
+            MuJoCo had no room for all contacts, or in which contacts have lost their restitution: those hit through
+            others, and bodies that jam.
         solved: whether the last step with contact was none of them.
         unlocated: always 0: no collision is located.
     """

@@ -28,7 +28,7 @@ class Memory(NamedTuple):
         known: whether there was a last step, and the state that it left is the one of now if it looks the same, int64.
         solved: whether the last step with contact has met its law, an int64.
         steps: taken so far.
-        short_steps: of these, steps that have missed it.
+        short_steps: of these, steps that have missed it; see `scheme.TimeStepping`.
         impacts: steps so far with a collision.
         collided: 1 if the last step had one.
         shortfall: largest amount by which a contact velocity of the last step misses its law, m/s or rad/s.
