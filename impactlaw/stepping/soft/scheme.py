@@ -40,32 +40,18 @@ from mujoco import (
 from impactlaw.errors import DivergenceError
 from impactlaw.laws import Law
 from impactlaw.laws.restitution.on_contacts import Chosen
-from impactlaw.mechanics.friction import Friction
-from impactlaw.scene.contacts import (
-    Contacts,
-    active_contacts,
-    closes,
-    gap_gradients,
-    geom_names,
-    row_velocities,
-)
-from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows
-from impactlaw.scene.friction_rows import active_friction
-from impactlaw.scene.joint_limits import Limits, joined
-from impactlaw.scene.moving_surfaces import Surfaces
-from impactlaw.stepping.collisions import Closed, Collider, kinetic_metric
+from impactlaw.scene.contacts import closes, row_velocities
+from impactlaw.stepping.collisions import Collider
 from impactlaw.stepping.impact_event import ImpactEvent
-from impactlaw.stepping.integration import check_timestep, is_huge
+from impactlaw.stepping.integration import check_timestep
 from impactlaw.stepping.plan import Plan
-from impactlaw.stepping.soft.tolerances import ROUNDING
+from impactlaw.stepping.soft.collisions import NOTHING, VELOCITY, Collisions
 
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
-_POSITION, _VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
 _ENERGY, _COMPARE = int(mujoco.mjtEnableBit.mjENBL_ENERGY), int(mujoco.mjtEnableBit.mjENBL_FWDINV)
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _NO_RESET = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
 _NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
-_NOTHING: tuple[tuple[ImpactEvent, ...], int] = (), _VELOCITY
 _BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")]
 
 
@@ -73,11 +59,8 @@ class SoftStepping:
     """The algorithm behind ``Stepper(contact_model="soft")``; see there for the options.
 
     Attributes:
-        collider: resolves the collisions.
-        rest_speed: closing speed above which a contact collides, m/s or rad/s.
-        friction: whether contacts have friction in collisions.
+        collisions: resolves them.
         collides: whether anything can collide.
-        unlocated: steps so far with more collisions than the collider may take.
     """
 
     def __init__(
@@ -89,21 +72,13 @@ class SoftStepping:
         rest_speed: float,
         chosen: Chosen | None = None,
     ):
-        self._chosen = chosen
-        self._model = model
-        self._options = model.opt
-        self.collider = collider
-        self.rest_speed = rest_speed
-        self.friction, self.collides = plan.friction, bool(plan.detection or plan.limits)
-        self._names = geom_names(model)
-        self._limits = Limits(model)
-        self._surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
-        self._bilateral = bilateral_constraints(model)
+        self._model, self._options = model, model.opt
+        self.collisions = Collisions(model, collider, plan, rest_speed=rest_speed, chosen=chosen)
+        self.collides, self._surfaces = bool(plan.detection or plan.limits), self.collisions.surfaces
         self._before = np.empty(mujoco.mj_stateSize(model, _STATE))
         self._velocity_before = self._before[1 + model.nq :][: model.nv]
         self._trial: mujoco.MjData | None = None
         self._left_at = np.nan
-        self.unlocated = 0
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the options, which are part of the model."""
@@ -120,14 +95,9 @@ class SoftStepping:
         return self._model
 
     @property
-    def labels(self) -> tuple[tuple[str, ...], Limits]:
-        """Names of geoms, and the limits."""
-        return self._names, self._limits
-
-    @property
-    def bilateral(self) -> np.ndarray:
-        """Which equality constraints collisions keep, bool (neq,)."""
-        return self._bilateral
+    def unlocated(self) -> int:
+        """Steps so far with more collisions than the collider may take."""
+        return self.collisions.unlocated
 
     @property
     def only_in_python(self) -> str | None:
@@ -136,17 +106,17 @@ class SoftStepping:
             return "mocap bodies that touch others move as surfaces, or belts run"
         if self._model.nflex:
             return "there is a flex"
-        if self._chosen is not None:
+        if self.collisions.chosen is not None:
             return "the law is for some contacts only"
-        return None if self.collider.solver == "auto" else "a solver was chosen"
+        return None if self.collisions.collider.solver == "auto" else "a solver was chosen"
 
     def resume(self, left: float, collider: Collider) -> None:
         """Go on as if the last step had ended at a time, s, and with another collider; NaN if something touched."""
-        self._left_at, self.collider = left, collider
+        self._left_at, self.collisions.collider = left, collider
 
     def set_law(self, law: Law) -> None:
         """Let the collisions of the next steps be by another law."""
-        self.collider = replace(self.collider, law=law)
+        self.collisions.collider = replace(self.collisions.collider, law=law)
 
     def step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
         """Advance by one timestep and return the collisions.
@@ -199,7 +169,7 @@ class SoftStepping:
         time, count = data.time, _bad_states(data)
         if self._surfaces is not None:
             self._surfaces.begin(data, self._options.timestep)
-        events, stage = self._collide(data) if data.ncon or data.nl else _NOTHING
+        events, stage = self.collisions.resolve(data) if data.ncon or data.nl else NOTHING
         self._finish_step(data, stage)
         _refuse_reset(data, time, count)
         if self._surfaces is not None:
@@ -214,7 +184,7 @@ class SoftStepping:
         else:
             self._look(data)
         contacts = data.ncon + data.nl
-        events, stage = self._collide(data) if contacts else _NOTHING
+        events, stage = self.collisions.resolve(data) if contacts else NOTHING
         if integrator == _DISCRETE:  # has no function of its own but mj_step2, which calls no control callback
             self._finish_step(data, stage)
             return events
@@ -235,7 +205,7 @@ class SoftStepping:
 
     def _finish_step(self, data: mujoco.MjData, stage: int) -> None:
         """Do what follows the velocity stage, which is brought up to date if it is not among those that are."""
-        if stage != _VELOCITY:
+        if stage != VELOCITY:
             self._update_velocity(data)
         mujoco.mj_step2(self._model, data)
 
@@ -260,49 +230,11 @@ class SoftStepping:
         if model.opt.enableflags & _ENERGY and not data.flg_energyvel:
             mujoco.mj_energyVel(model, data)
 
-    def _collide(self, data: mujoco.MjData) -> tuple[tuple[ImpactEvent, ...], int]:
-        """Resolve the collisions of now; return them and the last stage that is still current."""
-        rows, speed, surfaces = data.efc_vel, self.rest_speed, self._surfaces
-        still = surfaces is None or surfaces.still
-        if still and (
-            not len(rows) or not rows.item(rows.argmin()) < -speed or not closes(self._model, data, rows, speed)
-        ):
-            return _NOTHING
-        if is_huge(data):  # MuJoCo says so itself when it next looks
-            return _NOTHING
-        contacts, jacobian = self.active(data)
-        friction = self._friction_of(data, contacts) if self.friction and data.ncon else None
-        drift = None if surfaces is None else surfaces.drift(data, contacts)
-        gamma = jacobian.dot(data.qvel) if drift is None else jacobian.dot(data.qvel) + drift
-        if not still and not np.count_nonzero(gamma < -speed):
-            return _NOTHING
-        bilateral = bilateral_rows(self._model, data, self._bilateral) if data.ne else None
-        closed = Closed(contacts, jacobian, bilateral, drift, friction=friction)
-        if self._chosen is not None:
-            closed = closed.select(np.flatnonzero(self._chosen.mask(contacts.labels)))
-        h = len(closed.contacts)
-        events: list[ImpactEvent] = []
-        velocity = self.collider.collide(
-            kinetic_metric(self._model, data),
-            closed,
-            data.qvel.copy(),
-            approach=np.full(h, self.rest_speed),
-            rounding=np.full(h, ROUNDING * np.abs(gamma).max()),
-            time=data.time,
-            qpos=data.qpos,
-            events=events,
-        )
-        self.unlocated += len(events) > self.collider.most
-        if np.array_equal(velocity, data.qvel):
-            return tuple(events), _VELOCITY
-        data.qvel[:] = velocity
-        return tuple(events), _POSITION
-
     def _collide_at_end(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
         """Take an RK4 step again without its looking ahead, if that ends in a collision that the law changes."""
         model = self._model
         if self._surfaces is None and not closes(
-            model, data, row_velocities(model, data, self._velocity_before), self.rest_speed
+            model, data, row_velocities(model, data, self._velocity_before), self.collisions.rest_speed
         ):
             return ()
         if self._trial is None:
@@ -313,31 +245,13 @@ class SoftStepping:
         mj_Euler(model, trial)
         mujoco.mj_fwdPosition(model, trial)
         mujoco.mj_fwdVelocity(model, trial)
-        events, stage = self._collide(trial) if trial.ncon or trial.nl else _NOTHING
-        if stage == _VELOCITY:
+        events, stage = self.collisions.resolve(trial) if trial.ncon or trial.nl else NOTHING
+        if stage == VELOCITY:
             return ()
         mj_getState(model, trial, self._before, _STATE)
         mujoco.mj_setState(model, data, self._before, _STATE)
         _update(model, data)  # as after mj_step, which leaves what its last stage has met at the end of the step
         return events
-
-    def active(self, data: mujoco.MjData) -> tuple[Contacts, np.ndarray]:
-        """Return the contacts and limits that MuJoCo's solver acts on now, and their gradients, (h, nv)."""
-        rows = self._limits.read(data) if data.nl else None
-        limits = None if rows is None else self._limits.contacts(data, rows)
-        if rows is not None and limits is not None and data.ncon == 0:
-            return limits, rows.jacobian
-        contacts = active_contacts(self._model, data, self._names)
-        jacobian = gap_gradients(self._model, data, contacts)
-        if rows is None or limits is None:
-            return contacts, jacobian
-        return joined(contacts, limits), np.vstack([jacobian, rows.jacobian])
-
-    def _friction_of(self, data: mujoco.MjData, contacts: Contacts) -> Friction | None:
-        between = contacts.geoms[:, 0] >= 0
-        surfaces = self._surfaces
-        found = active_friction(self._model, data, contacts.select(between), surfaces)
-        return None if found is None else Friction(*found)
 
 
 def _update(model: mujoco.MjModel, data: mujoco.MjData) -> None:

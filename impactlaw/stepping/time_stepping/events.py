@@ -16,7 +16,7 @@ from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers import solve_with_jump
 from impactlaw.solvers.friction.solve import solve_cones
 from impactlaw.stepping.impact_event import ImpactEvent
-from impactlaw.stepping.time_stepping.seen import Seen, in_order
+from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
 
 
 @dataclass(frozen=True, eq=False)

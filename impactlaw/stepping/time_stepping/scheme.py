@@ -47,21 +47,14 @@ from impactlaw.stepping.integration import check_input, empty_state, is_huge, re
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem, Known, Metric, StepImpulses
-from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, InertialForces
+from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
+from impactlaw.stepping.time_stepping.looks import Looks
 from impactlaw.stepping.time_stepping.margins import body_sizes, set_margins
 from impactlaw.stepping.time_stepping.problem.forces import sense, write_forces
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.second_look import SecondLook
-from impactlaw.stepping.time_stepping.tolerances import (
-    FEW_ROUNDS,
-    LOOKS,
-    MANY_ROUNDS,
-    PHASE_LOOK_ROWS,
-    PHASE_LOOKS,
-    SHARES,
-    is_met,
-)
+from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, MANY_ROUNDS, SHARES
 
 _ELLIPTIC = int(mujoco.mjtCone.mjCONE_ELLIPTIC)
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
@@ -110,8 +103,7 @@ class TimeStepping:
         self._metric: Metric = np.zeros(0), np.zeros(0)
         self._middle, self._velocity = np.zeros(0), np.zeros(0)
         self._gained = np.zeros(model.nv)  # velocity by the forces of the last step, without contact
-        self.shortfall, self._rounds, self._work = 0.0, MANY_ROUNDS, np.ones(1)
-        self.short_steps = self.unlocated = 0
+        self.shortfall, self.short_steps, self.unlocated = 0.0, 0, 0
         self.solved, self._overflown = True, False
 
     def set_law(self, law: Law) -> None:
@@ -229,11 +221,7 @@ class TimeStepping:
         self._free_step(data)
         shift, met = None, True
         if data.nefc:
-            shift = self._contact(data, h)
-            fastest = self._found.fastest if self._found else 0.0
-            met = is_met(self.shortfall, fastest) and not self._overflown
-            self.solved = met and not (self._found is not None and self._found.later)
-            self.short_steps += not self.solved
+            shift, met = self._contact(data)
         else:
             self._known = None
             data.qacc[:] = (data.qvel - self._velocity) / h
@@ -324,87 +312,27 @@ class TimeStepping:
             data.qvel[:] = self._inertial.settle(data, self._velocity, self._metric, h)
         self._gained = data.qvel - self._velocity
 
-    def _contact(self, data: mujoco.MjData, h: float) -> np.ndarray | None:
-        """Add what contact does to the velocity, and return the velocity that opens overlaps, if any has to be.
+    def _contact(self, data: mujoco.MjData) -> tuple[np.ndarray | None, bool]:
+        """Add what contact does to the velocity.
 
-        Contacts that are far from closing are left out. If the velocity found would close one of them, it takes part.
-        Where contacts are hit only through others, these collide first, which may close further ones.
-        A collision changes the mean velocity, in which Coriolis and gyroscopic forces do no work: where they have done
-        more than contact has taken, they are corrected.
+        Return the velocity that opens overlaps, if any has to be, and whether the law is met.
         """
-        free = data.qvel.copy()
-        near, look, phases = self._reader.near(data, self._velocity, free, 2.0 * h), 1, False
-        self._rounds, self._work[0] = MANY_ROUNDS if self.solved else FEW_ROUNDS, 1.0
-        rows, shift = self._try(data, near, free, h)
-        self._rounds = FEW_ROUNDS
-        while look < LOOKS + PHASE_LOOKS:
-            found = self._reader.near(data, data.qvel, data.qvel, h) & ~near
-            if np.count_nonzero(found) and (len(rows.row) <= PHASE_LOOK_ROWS if phases else look < LOOKS):
-                near = near | found
-            elif (
-                not phases
-                and self._found is not None
-                and self._found.later
-                and self._work[0] > 0.0
-                and is_met(self.shortfall, self._found.fastest)
-            ):
-                phases = True
-            else:
-                break
-            look += 1
-            rows, shift = self._try(data, near, free, h, phases=phases)
-        created = self._created(data, h)
-        while look < LOOKS + PHASE_LOOKS + ROUNDS and self._found is not None and created > self._found.rounding:
-            known, mean, look = (free, created), 0.5 * (self._velocity + data.qvel), look + 1
-            free = self._inertial.lead_to(data, self._velocity, mean, self._metric, h)
-            rows, shift = self._try(data, near, free, h, phases=phases)
-            created = self._created(data, h)
-            if not created < 0.5 * known[1]:  # they turn too fast for that
-                if created > known[1]:
-                    rows, shift = self._try(data, near, known[0], h, phases=phases)
-                break
-        found = None if self._rows is None or self._known is None else (rows, self._known[3])
-        if self._rows is None:
-            self._known = None
+        looks = Looks(
+            self._model, self._problem, self._reader, self._inertial, self._velocity, self._middle, self._metric,
+            np.ones(1), MANY_ROUNDS if self.solved else FEW_ROUNDS,
+        )  # fmt: skip
+        look = looks.find(data, self._known)
+        self._found = found = look.impulses
         data.qpos[:] = self._middle  # which the integrator has left: limits are counted there
-        write_forces(self._model, data, self._velocity, self._borrowed.cone, found)
-        return shift
-
-    def _try(
-        self, data: mujoco.MjData, near: np.ndarray, free: np.ndarray, h: float, *, phases: bool = False
-    ) -> tuple[Rows, np.ndarray | None]:
-        """Solve the problem of the rows that are near; return them and the velocity that opens overlaps."""
-        rows = self._reader.read(data, near, self._velocity, free, self._metric)
-        if not len(rows.key):
-            self._rows = self._found = None
-            return rows, None
-        found = self._problem.find(
-            data,
-            rows,
-            self._velocity,
-            free,
-            self._middle,
-            self._metric,
-            self._known,
-            self._rounds,
-            self._work,
-            phases=phases,
+        write_forces(
+            self._model, data, self._velocity, self._borrowed.cone, (look.rows, found.impulse) if found else None
         )
-        self._rows, self._found, self._known = rows, found, (rows.groups, rows.key, rows.scale, found.impulse)
-        self.shortfall = found.shortfall
-        data.qvel[:] = found.velocity
-        return rows, found.shift if len(found.shift) else None
-
-    def _created(self, data: mujoco.MjData, h: float) -> float:
-        """Return the work of contact in a collision and of Coriolis and gyroscopic forces, J; 0 where there is none.
-
-        Where nothing is to be lost either, its size.
-        """
-        found = self._found
-        if found is None or not found.collisions or not self._inertial.act:
-            return 0.0
-        work = found.work + self._inertial.work(self._velocity, data.qvel, h)
-        return abs(work) if self._problem.targets.restitution == 1.0 else work
+        met = look.met and not self._overflown
+        self.solved = met and not look.loses
+        self.short_steps += not self.solved
+        self._rows, self._known = (look.rows, look.known) if found else (None, None)
+        self.shortfall = found.shortfall if found else 0.0
+        return (found.shift if found and len(found.shift) else None), met
 
     def _finish(self, data: mujoco.MjData) -> None:
         """Leave what a step leaves beside the state."""

@@ -126,7 +126,7 @@ def test_closing_is_told_from_constraint_rows(cone, jacobian):
     for i in range(150):
         drive(model, data, lambda: mujoco.mj_step(model, data), i)
         mujoco.mj_forward(model, data)
-        _, J = stepping.active(data)
+        _, J = stepping.collisions.active(data)
         if len(J) == 0:
             assert not closes(model, data, data.efc_vel, -1e9)
             continue

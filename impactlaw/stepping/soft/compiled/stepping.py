@@ -42,19 +42,19 @@ class CompiledSoftStepping:
         self._model, self._trial, self._table, self._callbacks = model, mujoco.MjData(model), table(), callbacks()
         self._room, self._steps = len(empty_state(model)), 1
         self._states = np.zeros((1, self._room + EXTRA))
-        self._numbers = np.array([np.nan, 0.0, scheme.rest_speed, np.nan, np.nan, *np.zeros(SUMS)])
+        self._numbers = np.array([np.nan, 0.0, scheme.collisions.rest_speed, np.nan, np.nan, *np.zeros(SUMS)])
         self._context = np.zeros(len(CONTEXT), np.int64)
         self._at, self._pool = self._context.ctypes.data, None
         self._fields, self._total = memoryview(self._context.data), memoryview(self._numbers.data)[TOTAL:]
-        kept = scheme.bilateral
+        kept = scheme.collisions.bilateral
         self._bilateral = kept.astype(np.uint8) if kept.any() else np.zeros(0, np.uint8)
         self._take_over()
 
     def _take_over(self) -> None:
         """Take over the law of the scheme."""
-        scheme, law = self._scheme, self._scheme.collider.law
+        scheme, law = self._scheme, self._scheme.collisions.collider.law
         targets = LawTargets(law)
-        self._coefficients = Coefficients(targets, *scheme.labels, self._model.njnt)
+        self._coefficients = Coefficients(targets, scheme.collisions.names, scheme.collisions.limits, self._model.njnt)
         self._reason = scheme.only_in_python or reason(targets)
         self._numbers[0] = np.nan if targets.restitution is None else targets.restitution
         self._numbers[1] = law.tangential_restitution if isinstance(law, Coulomb) else 0.0
@@ -78,7 +78,7 @@ class CompiledSoftStepping:
         }  # fmt: skip
         numbers = {
             "model": self._model._address, "trial": trial._address, "exact": self._exact,
-            "frictional": self._scheme.friction, "most": self._scheme.collider.most,
+            "frictional": self._scheme.collisions.friction, "most": self._scheme.collisions.collider.most,
             "collides": self._scheme.collides, "known": len(self._coefficients.key),
             "callback_count": len(self._callbacks), "state_size": self._room, "constraints": len(self._bilateral),
         }  # fmt: skip
@@ -151,7 +151,7 @@ class CompiledSoftStepping:
 
     def outcomes(self, row: np.ndarray) -> np.ndarray:
         """Take a step once more from what is kept of it, and return the velocities after its collisions, (k, nv)."""
-        nv, most = self._model.nv, int(row[-EXTRA]) + self._scheme.collider.most
+        nv, most = self._model.nv, int(row[-EXTRA]) + self._scheme.collisions.collider.most
         found, data = np.zeros(1 + most * nv), mujoco.MjData(self._model)
         restore_state(self._model, data, row[:-EXTRA])
         self._numbers[LEFT] = row[-1]

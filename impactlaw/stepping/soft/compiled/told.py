@@ -63,7 +63,7 @@ class Replay:
     """
 
     def __init__(self, scheme: SoftStepping, rows: np.ndarray, total: memoryview, compile: Callable[..., Any]):
-        self._scheme, self._collider, self._rows, self._compile = scheme, scheme.collider, rows, compile
+        self._scheme, self._collider, self._rows, self._compile = scheme, scheme.collisions.collider, rows, compile
         count, energy, intensity, distant = total
         self.sums = ImpactSums(int(count), energy, 0.0, intensity, int(distant), 0)
 

@@ -1,0 +1,105 @@
+"""The collisions of soft stepping: which contacts close too fast, and the velocity that the law gives them."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from impactlaw.laws.restitution.on_contacts import Chosen
+from impactlaw.mechanics.friction import Friction
+from impactlaw.scene.contacts import Contacts, active_contacts, closes, gap_gradients, geom_names
+from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows
+from impactlaw.scene.friction_rows import active_friction
+from impactlaw.scene.joint_limits import Limits, joined
+from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.stepping.collisions import Closed, Collider, kinetic_metric
+from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.integration import is_huge
+from impactlaw.stepping.plan import Plan
+from impactlaw.stepping.soft.tolerances import ROUNDING
+
+POSITION, VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
+"""MuJoCo's stages."""
+NOTHING: tuple[tuple[ImpactEvent, ...], int] = (), VELOCITY
+"""What `Collisions.resolve` returns where nothing collides."""
+
+
+class Collisions:
+    """Resolves the contacts and limits that MuJoCo's solver acts on and that close faster than `rest_speed`.
+
+    Attributes:
+        collider: resolves them.
+        rest_speed: m/s or rad/s.
+        friction: whether contacts have friction in collisions.
+        chosen: the contacts that the law is for; None for all.
+        surfaces: moving mocap bodies and belts; None if there are none.
+        names: of geoms.
+        limits: of joints and tendons.
+        bilateral: which equality constraints collisions keep, bool (neq,).
+        unlocated: times so far that there were more collisions one after another than the collider may take.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, collider: Collider, plan: Plan, *, rest_speed: float, chosen: Chosen | None
+    ):
+        self._model = model
+        self.collider, self.rest_speed, self.friction, self.chosen = collider, rest_speed, plan.friction, chosen
+        self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
+        self.names, self.limits, self.bilateral = geom_names(model), Limits(model), bilateral_constraints(model)
+        self.unlocated = 0
+
+    def resolve(self, data: mujoco.MjData) -> tuple[tuple[ImpactEvent, ...], int]:
+        """Let the law change the velocity; return the collisions and the last stage that is still current."""
+        rows, speed, surfaces = data.efc_vel, self.rest_speed, self.surfaces
+        still = surfaces is None or surfaces.still
+        if still and (
+            not len(rows) or not rows.item(rows.argmin()) < -speed or not closes(self._model, data, rows, speed)
+        ):
+            return NOTHING
+        if is_huge(data):  # MuJoCo says so itself when it next looks
+            return NOTHING
+        contacts, jacobian = self.active(data)
+        friction = self._friction_of(data, contacts) if self.friction and data.ncon else None
+        drift = None if surfaces is None else surfaces.drift(data, contacts)
+        gamma = jacobian.dot(data.qvel) if drift is None else jacobian.dot(data.qvel) + drift
+        if not still and not np.count_nonzero(gamma < -speed):
+            return NOTHING
+        bilateral = bilateral_rows(self._model, data, self.bilateral) if data.ne else None
+        closed = Closed(contacts, jacobian, bilateral, drift, friction=friction)
+        if self.chosen is not None:
+            closed = closed.select(np.flatnonzero(self.chosen.mask(contacts.labels)))
+        h = len(closed.contacts)
+        events: list[ImpactEvent] = []
+        velocity = self.collider.collide(
+            kinetic_metric(self._model, data),
+            closed,
+            data.qvel.copy(),
+            approach=np.full(h, self.rest_speed),
+            rounding=np.full(h, ROUNDING * np.abs(gamma).max()),
+            time=data.time,
+            qpos=data.qpos,
+            events=events,
+        )
+        self.unlocated += len(events) > self.collider.most
+        if np.array_equal(velocity, data.qvel):
+            return tuple(events), VELOCITY
+        data.qvel[:] = velocity
+        return tuple(events), POSITION
+
+    def active(self, data: mujoco.MjData) -> tuple[Contacts, np.ndarray]:
+        """Return the contacts and limits that MuJoCo's solver acts on now, and their gradients, (h, nv)."""
+        rows = self.limits.read(data) if data.nl else None
+        limits = None if rows is None else self.limits.contacts(data, rows)
+        if rows is not None and limits is not None and data.ncon == 0:
+            return limits, rows.jacobian
+        contacts = active_contacts(self._model, data, self.names)
+        jacobian = gap_gradients(self._model, data, contacts)
+        if rows is None or limits is None:
+            return contacts, jacobian
+        return joined(contacts, limits), np.vstack([jacobian, rows.jacobian])
+
+    def _friction_of(self, data: mujoco.MjData, contacts: Contacts) -> Friction | None:
+        between = contacts.geoms[:, 0] >= 0
+        surfaces = self.surfaces
+        found = active_friction(self._model, data, contacts.select(between), surfaces)
+        return None if found is None else Friction(*found)
