@@ -1,0 +1,46 @@
+"""The budget of work that the problems of a time step share."""
+
+import numpy as np
+import pytest
+from solvers.cones.problems import CONE, problem, solvable
+
+from impactlaw.solvers.cones.solve import improve
+
+TOLERANCE = 1e-10
+
+
+def run(args, work, rounds=24):
+    rownnz, rowadr, colind, value, nv, tree, *rest, b = args
+    x, z, left = np.zeros(len(b)), np.zeros(nv), np.array([work])
+    residual, steps = improve(rownnz, rowadr, colind, value, tree, *rest, b, True, TOLERANCE, rounds, left, x, z)
+    return residual, steps, work - left[0]
+
+
+def without_solution(contacts):
+    """Masses on rails that walls are to throw back, which friction presses on, mixed to one island."""
+    mix = np.linalg.qr(np.random.default_rng(0).standard_normal((contacts, contacts)))[0]
+    Y = np.kron(np.eye(contacts), [[0.5], [1.0]]) @ mix
+    return problem(Y, [2] * contacts, CONE, np.tile([-1.0, -1.0], contacts))
+
+
+def test_what_is_easy_takes_little_of_it():
+    residual, steps, spent = run(solvable(np.random.default_rng(0), 4, 6)[0], 1.0)
+    assert residual <= TOLERANCE
+    assert 0 < steps < 50
+    assert 0.0 < spent < 0.01
+
+
+@pytest.mark.parametrize("contacts", [2, 20, 60])
+def test_what_has_no_solution_takes_little_more_than_all_of_it(contacts):
+    residual, _, spent = run(without_solution(contacts), 1.0, rounds=1000)
+    assert residual > 1e-3
+    assert spent < 1.7
+
+
+@pytest.mark.parametrize("contacts", [2, 20, 60])
+def test_where_nothing_is_left_one_attempt_is_made(contacts):
+    _, some, spent = run(without_solution(contacts), 0.0)
+    _, many, _ = run(without_solution(contacts), 1.0)
+    assert some <= 60
+    assert spent < 0.3
+    assert many > 2 * some
