@@ -22,7 +22,7 @@ _ONE = np.int64(1)  # ... in so many rounds of slower methods
 _CONVEX = np.bool_(False)
 _FEW = 0  # rounds of slower methods in a search
 _SEARCHES = 12  # of the share of restitution that creates no energy, while work is left
-_JAMMED = 1e-3  # natural map, or part of the largest contact velocity by which a law is missed, where bodies jam
+_JAMMED = 1e-3  # part of the largest contact velocity by which a law is missed, or natural map, where bodies jam
 _RESERVE = 0.2  # part of the work allowed that is there for a step without restitution in any case
 _SAFE = np.int64(8)  # rounds of slower methods that it has
 CREATED = 1e-9  # part of the largest energy of a contact, up to which its creation is rounding
@@ -260,14 +260,16 @@ def solve_contacts(
             for k in range(groups[0, g] + 1, groups[0, g] + groups[1, g]):
                 some = some or sliding[k] != 0.0
     missed, fastest = shortfall(groups, rates, after, scaled)
-    work, total = contact_work(groups, rates, after, x)
-    sharp, jammed = residual <= TOLERANCE, residual > _JAMMED or missed > _JAMMED * fastest
-    if some and not jammed and work > CREATED * total:
-        s, created = largest_share(
-            sparse, colind, value, groups, amounts, rates, target, sliding, collides, x, tree, exact,
-            min(rounds, _FEW), left,
-        )  # fmt: skip
-        s = s if dissipative else 1.0
+    sharp = residual <= TOLERANCE
+    jammed = missed > _JAMMED * fastest or (residual > _JAMMED and left[0] > 0.0)
+    if some and not jammed:
+        work, total = contact_work(groups, rates, after, x)
+        if work > CREATED * total:
+            s, created = largest_share(
+                sparse, colind, value, groups, amounts, rates, target, sliding, collides, x, tree, exact,
+                min(rounds, _FEW), left,
+            )  # fmt: skip
+            s = s if dissipative else 1.0
     while s < 1.0 or (jammed and some):
         if jammed:
             s, left[0], rounds = 0.0, max(left[0], _RESERVE), max(rounds, _SAFE)
