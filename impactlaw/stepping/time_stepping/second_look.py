@@ -10,8 +10,8 @@ from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.compiled.whitening import unwhiten
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
-from impactlaw.stepping.time_stepping.problem.contact_problem import open_overlaps
 from impactlaw.stepping.time_stepping.problem.dense import sparse_jacobian
+from impactlaw.stepping.time_stepping.problem.overlaps import open_overlaps
 from impactlaw.stepping.time_stepping.problem.rows import Rows, read_rows
 
 _SEEN = 3e-6

@@ -17,7 +17,7 @@ TOLERANCE = 1e-10
 """Natural map, relative to the largest velocity of the problem, that solvers aim at."""
 
 _UNSOLVED = 1e-8  # natural map above which normal velocities are corrected ...
-_CORRECTED, _NEAR = 1e-9, 1e-8  # ... up to the first, or at least the second one ...
+_CORRECTED = 1e-9  # ... up to this one ...
 _ONE = np.int64(1)  # ... in so many rounds of slower methods
 _CONVEX = np.bool_(False)
 _FEW = 0  # rounds of slower methods in a search
@@ -26,11 +26,6 @@ _JAMMED = 1e-3  # part of the largest contact velocity by which a law is missed,
 _RESERVE = 0.2  # part of the work allowed that is there for a step without restitution in any case
 _SAFE = np.int64(8)  # rounds of slower methods that it has
 CREATED = 1e-9  # part of the largest energy of a contact, up to which its creation is rounding
-_SLOP = 1e-8  # m or rad: overlaps up to this are left to the velocities
-_SWEEPS = 40  # over contacts that overlap
-_SETTLED = 1e-4  # part of the velocity needed that is no change any more
-_OPENING = 0.2  # m/s or rad/s at which overlaps of the start are opened at least
-_OPENING_TIME = 0.1  # s in which most of a deep one is
 
 
 @plain
@@ -109,7 +104,7 @@ def shortfall(groups, rates, after, reached):
 def correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, solution, jump):
     """Make normal velocities of a solution and its z exact, and return the natural map of what was solved for that.
 
-    Where that is more than `_NEAR`, nothing is changed.
+    Where that is more than `_UNSOLVED`, nothing is changed.
 
     Friction is held: cut to its cone, and the same in a solution.
 
@@ -141,7 +136,7 @@ def correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, roun
         sparse[0], sparse[1], colind, value, tree, groups[0], one, groups[2], amounts[1], rates[4], offset, _CONVEX,
         _CORRECTED, min(rounds, _ONE), left, start, z,
     )  # fmt: skip
-    if not reached > _NEAR:
+    if not reached > _UNSOLVED:
         for g in range(groups.shape[1]):
             x[groups[0, g]] = start[groups[0, g]]
         put(solution, x)
@@ -155,7 +150,7 @@ def without_friction(sparse, colind, value, groups, amounts, rates, b, tree, rou
     """Overwrite a solution and its z by those without friction, and return whether normal velocities are met then."""
     x, z = zeros(len(b)), zeros(len(tree))
     reached = correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, x, z)
-    if reached > _NEAR:
+    if reached > _UNSOLVED:
         return False
     put(solution, x)
     put(jump, z)
@@ -288,67 +283,3 @@ def solve_contacts(
         row_velocities(sparse, colind, value, rates, z, after)
         s = 0.0
     return s, created, sharp and s == 1.0
-
-
-@plain
-def overlap_targets(groups, amounts, rates, after, timestep, need):
-    """Write how fast positions beside the velocities are to open overlaps, m/s, (g,), and return whether any has to.
-
-    What the velocities do until the middle of the next step counts, and between bodies until the end of this one.
-    Overlaps that came about in the step before are opened at once, those of the start
-    at a limited speed.
-    """
-    some = False
-    for g in range(len(need)):
-        need[g] = 0.0
-        if groups[2, g] == CONE:
-            row, gap = groups[0, g], amounts[0, g]
-            aim = min(0.0, gap + timestep * (_OPENING + abs(rates[1, row]) - min(gap, 0.0) / _OPENING_TIME))
-            opened = after[row] * (0.5 if after[row] > 0.0 and groups[3, g] >= 0 else 1.0)
-            need[g] = (aim - gap) / timestep - opened
-            some = some or (gap < 0.0 and need[g] > _SLOP / timestep)
-    return some
-
-
-@plain
-def move_apart(sparse, colind, value, groups, rates, need, x, z):
-    """Write what `open_overlaps` returns, (nv,); there is room for x, (g,)."""
-    clear(z)
-    clear(x)
-    largest = 0.0
-    for g in range(len(need)):
-        if groups[2, g] == CONE:
-            largest = max(largest, need[g])
-    for _ in range(_SWEEPS):
-        change = 0.0
-        for g in range(len(need)):
-            if groups[2, g] != CONE and groups[2, g] != BILATERAL:
-                continue
-            row = groups[0, g]
-            begin, end = sparse[1, row], sparse[1, row] + sparse[0, row]
-            soft = rates[4, row] if groups[2, g] == BILATERAL else 0.0
-            velocity, G = soft * x[g], soft
-            for a in range(begin, end):
-                velocity += value[a] * z[colind[a]]
-                G += value[a] * value[a]
-            if G == 0.0:
-                continue
-            new = x[g] - velocity / G if groups[2, g] == BILATERAL else max(0.0, x[g] + (need[g] - velocity) / G)
-            step = new - x[g]
-            x[g] = new
-            change = max(change, abs(step) * G)
-            for a in range(begin, end):
-                z[colind[a]] += step * value[a]
-        if change <= _SETTLED * largest:
-            break
-
-
-@compiled()
-def open_overlaps(sparse, colind, value, groups, rates, need, nv):
-    """Return a small whitened velocity, (nv,), that moves positions as is needed: ``J w >= need``, no friction.
-
-    By projected Gauss-Seidel, whose error the next step corrects.
-    """
-    z = np.empty(nv)
-    move_apart(sparse, colind, value, groups, rates, need, numbers(len(need)), z)
-    return z

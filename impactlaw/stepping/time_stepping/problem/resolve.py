@@ -13,11 +13,10 @@ from impactlaw.stepping.time_stepping.problem.contact_problem import (
     contact_work,
     guess,
     is_met,
-    move_apart,
-    overlap_targets,
     shortfall,
     solve_contacts,
 )
+from impactlaw.stepping.time_stepping.problem.overlaps import move_apart, overlap_targets
 
 _FARTHEST = 0.1  # m or rad in one step, by which overlaps are opened at most
 _ARRAYS = (

@@ -1,0 +1,79 @@
+"""Overlaps of bodies, and the velocity beside the velocities that opens them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlaw.compiled import compiled
+from impactlaw.solvers.cones import BILATERAL, CONE
+from impactlaw.solvers.cones.algebra.loops import clear, numbers, plain
+
+_SLOP = 1e-8  # m or rad: overlaps up to this are left to the velocities
+_SWEEPS = 40  # over contacts that overlap
+_SETTLED = 1e-4  # part of the velocity needed that is no change any more
+_OPENING = 0.2  # m/s or rad/s at which overlaps of the start are opened at least
+_OPENING_TIME = 0.1  # s in which most of a deep one is
+
+
+@plain
+def overlap_targets(groups, amounts, rates, after, timestep, need):
+    """Write how fast positions beside the velocities are to open overlaps, m/s, (g,), and return whether any has to.
+
+    What the velocities do until the middle of the next step counts, and between bodies until the end of this one.
+    Overlaps that came about in the step before are opened at once, those of the start
+    at a limited speed.
+    """
+    some = False
+    for g in range(len(need)):
+        need[g] = 0.0
+        if groups[2, g] == CONE:
+            row, gap = groups[0, g], amounts[0, g]
+            aim = min(0.0, gap + timestep * (_OPENING + abs(rates[1, row]) - min(gap, 0.0) / _OPENING_TIME))
+            opened = after[row] * (0.5 if after[row] > 0.0 and groups[3, g] >= 0 else 1.0)
+            need[g] = (aim - gap) / timestep - opened
+            some = some or (gap < 0.0 and need[g] > _SLOP / timestep)
+    return some
+
+
+@plain
+def move_apart(sparse, colind, value, groups, rates, need, x, z):
+    """Write what `open_overlaps` returns, (nv,); there is room for x, (g,)."""
+    clear(z)
+    clear(x)
+    largest = 0.0
+    for g in range(len(need)):
+        if groups[2, g] == CONE:
+            largest = max(largest, need[g])
+    for _ in range(_SWEEPS):
+        change = 0.0
+        for g in range(len(need)):
+            if groups[2, g] != CONE and groups[2, g] != BILATERAL:
+                continue
+            row = groups[0, g]
+            begin, end = sparse[1, row], sparse[1, row] + sparse[0, row]
+            soft = rates[4, row] if groups[2, g] == BILATERAL else 0.0
+            velocity, G = soft * x[g], soft
+            for a in range(begin, end):
+                velocity += value[a] * z[colind[a]]
+                G += value[a] * value[a]
+            if G == 0.0:
+                continue
+            new = x[g] - velocity / G if groups[2, g] == BILATERAL else max(0.0, x[g] + (need[g] - velocity) / G)
+            step = new - x[g]
+            x[g] = new
+            change = max(change, abs(step) * G)
+            for a in range(begin, end):
+                z[colind[a]] += step * value[a]
+        if change <= _SETTLED * largest:
+            break
+
+
+@compiled()
+def open_overlaps(sparse, colind, value, groups, rates, need, nv):
+    """Return a small whitened velocity, (nv,), that moves positions as is needed: ``J w >= need``, no friction.
+
+    By projected Gauss-Seidel, whose error the next step corrects.
+    """
+    z = np.empty(nv)
+    move_apart(sparse, colind, value, groups, rates, need, numbers(len(need)), z)
+    return z
