@@ -45,11 +45,8 @@ _FACTORIZATIONS = 150.0  # ... or so many factorizations of one block, whatever 
 _OF_MANY = 30.0  # ... or of many blocks ...
 _OF_LARGE = 1.0  # ... or in an island of so many rows, where Newton's method soon gets no further
 _LARGE = 300
-_ALLOWED, _STEPS_ALLOWED, _STEPS_OF_LARGE = (
-    5e7,
-    200.0,
-    60.0,
-)  # operations of one time step, or Newton steps if these are more
+_ALLOWED = 5e7  # operations of one time step ...
+_STEPS_ALLOWED, _STEPS_OF_LARGE = 200.0, 60.0  # ... or Newton steps if these are more, the second in large islands
 _OF_ROW = 800.0  # operations of a Newton step in each row, most of them in the line search
 _SET_UP = 4  # Newton steps that it takes to set up a problem
 _ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances will do: such problems are degenerate

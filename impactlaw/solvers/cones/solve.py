@@ -162,24 +162,9 @@ def solve(
     """
     x, z, left = x0.copy(), np.zeros(nv), np.full(1, np.inf)
     worst, total = linked_improve(
-        rownnz,
-        rowadr,
-        colind,
-        value,
-        tree,
-        first,
-        size,
-        kind,
-        bound,
-        compliance,
-        b,
-        exact,
-        tolerance,
-        rounds,
-        left,
-        x,
-        z,
-    )
+        rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, exact, tolerance, rounds, left,
+        x, z,
+    )  # fmt: skip
     return x, z, worst, total
 
 
