@@ -123,8 +123,11 @@ def proximal_step(
 
 
 @kernel
-def held(P: Island, K: Blocks, b: Array, x: Array, tolerance: float, outer: int, W: Array, H: Array) -> int:
-    """Overwrite x by the solution of the convex problem with the offset b, the best of `outer` proximal steps."""
+def held(P: Island, K: Blocks, b: Array, x: Array, tolerance: float, outer: int, most: int, W: Array, H: Array) -> int:
+    """Overwrite x by the solution of the convex problem with the offset b, the best of `outer` proximal steps.
+
+    None of them begins after `most` Newton steps.
+    """
     n = len(x)
     point, z, u, size = copied(x), numbers(P.nv), numbers(n), 0.0
     for i in range(n):
@@ -132,6 +135,8 @@ def held(P: Island, K: Blocks, b: Array, x: Array, tolerance: float, outer: int,
     jump(P, x, z)
     taken, bad, low, least = 0, 0, np.inf, _START
     for _ in range(outer):
+        if taken >= most:
+            break
         taken += proximal_step(P, K, b, point, z, least, max(0.1 * tolerance, 3e-15 * size / least), W, H)
         velocity(P, b, point, z, u)
         r = residual(P, point, u, _EXACT)
@@ -170,9 +175,12 @@ def _accelerated(S: Array, F: Array, count: int, new: Array) -> None:
         new[k] = max(s, 0.0)
 
 
-@compiled(types.int64(ISLAND, BLOCKS, FLOATS, types.float64, types.int64, types.int64))
-def corrected(P: Island, K: Blocks, x: Array, tolerance: float, sweeps: int, outer: int) -> int:
-    """Overwrite x by the best of `sweeps` convex problems, each with a new correction; return Newton steps."""
+@compiled(types.int64(ISLAND, BLOCKS, FLOATS, types.float64, types.int64, types.int64, types.int64))
+def corrected(P: Island, K: Blocks, x: Array, tolerance: float, sweeps: int, outer: int, most: int) -> int:
+    """Overwrite x by the best of `sweeps` convex problems, each with a new correction; return Newton steps.
+
+    Each has at most `outer` proximal steps, of which none begins after `most` Newton steps in all.
+    """
     n, groups = len(x), len(P.kind)
     s, new, b, u, z = zeros(groups), numbers(groups), numbers(n), numbers(n), numbers(P.nv)
     points = _MEMORY + 1
@@ -188,13 +196,13 @@ def corrected(P: Island, K: Blocks, x: Array, tolerance: float, sweeps: int, out
             b[i] = P.b[i]
         for g in range(groups):
             b[P.start[g]] += s[g]
-        taken += held(P, K, b, x, 0.1 * tolerance, outer, W, H)
+        taken += held(P, K, b, x, 0.1 * tolerance, outer, most - taken, W, H)
         velocity(P, P.b, x, z, u)
         r = residual(P, x, u, P.exact)
         if r < least:
             least = r
             put(best, x)
-        if r <= tolerance or not P.exact:
+        if r <= tolerance or not P.exact or taken >= most:
             break
         slips(P, u, new)
         if count > _MEMORY:

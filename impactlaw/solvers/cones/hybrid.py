@@ -30,7 +30,7 @@ from impactlaw.solvers.cones.convex import linked_corrected
 from impactlaw.solvers.cones.large import solve_large
 from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, linked_newton
 
-_FIRST_STEPS = np.array([8, 30, 12, 30])  # Newton steps with two maps from the guess, and from rest
+_FIRST_STEPS = np.array([4, 30, 12, 30])  # Newton steps with two maps from the guess, and from rest
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
 _PATIENCE, _ENDLESS = np.int64(8), np.int64(1000)
 _PROXIMAL = np.int64(8)  # proximal steps of a convex problem
@@ -47,11 +47,19 @@ _OF_LARGE = 1.0  # ... or in an island of so many rows, where Newton's method so
 _LARGE = 300
 _ALLOWED = 5e7  # operations of one time step ...
 _STEPS_ALLOWED, _STEPS_OF_LARGE = 200.0, 60.0  # ... or Newton steps if these are more, the second in large islands
+_MANY = 1e9  # Newton steps, where nothing limits them
 _OF_ROW = 800.0  # operations of a Newton step in each row, most of them in the line search
 _SET_UP = 4  # Newton steps that it takes to set up a problem
 _ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances will do: such problems are degenerate
 _STAGNANT, _HOPELESS = 4, 8  # rounds without 10 % less after which to stop if they were long, and in any case
 _SHORT = 0.25  # what is not long, as a part of the work allowed
+
+
+@plain
+def _worth(step: float, rows: int) -> float:
+    """Return how many Newton steps are allowed in a time step; see `spend`."""
+    whole = step + _OF_ROW * rows
+    return max(_ALLOWED / whole, _STEPS_OF_LARGE if rows >= _LARGE else _STEPS_ALLOWED)
 
 
 @plain
@@ -64,8 +72,13 @@ def spend(left: Array, operations: float, step: float, rows: int) -> None:
         step: operations of one Newton step of this problem, without those that are few in each row.
         rows: of it.
     """
-    steps, whole = operations / step, step + _OF_ROW * rows
-    left[0] -= steps * whole / max(_ALLOWED, (_STEPS_OF_LARGE if rows >= _LARGE else _STEPS_ALLOWED) * whole)
+    left[0] -= operations / (step * _worth(step, rows))
+
+
+@plain
+def _affordable(left: Array, step: float, rows: int) -> int:
+    """Return how many Newton steps can be taken with what is left."""
+    return np.int64(min(max(0.0, left[0]) * _worth(step, rows), _MANY))
 
 
 @once
@@ -108,7 +121,7 @@ def solve_island(
     n, cost = len(x), flops(P, K)
     large = n >= _LARGE and len(K.width) > 1
     if large and not P.exact:
-        total, least = solve_large(P, K, x, tolerance)
+        total, least = solve_large(P, K, x, tolerance, _affordable(left, cost, n))
         spend(left, (total + _SET_UP) * cost, cost, n)
         return total, least
     few = n <= max(P.nv, 6) and float(n) ** 3 <= 1.5 * K.flops + 1e3
@@ -178,7 +191,8 @@ def _rounds(
             taken = 0
             put(point, x)
         else:
-            taken = linked_corrected(P, K, convex, 1e2 * tolerance, 3 if k < _LATE else 6, _PROXIMAL)
+            most = _affordable(left, cost, len(x))
+            taken = linked_corrected(P, K, convex, 1e2 * tolerance, 3 if k < _LATE else 6, _PROXIMAL, most)
             work += taken * cost
             put(point, convex)
         total += taken

@@ -19,17 +19,17 @@ _NEAR = 1e2  # tolerances that will do
 
 
 @kernel
-def solve_large(P: Island, K: Blocks, x: Array, tolerance: float) -> tuple[int, float]:
+def solve_large(P: Island, K: Blocks, x: Array, tolerance: float, most: int) -> tuple[int, float]:
     """Overwrite the guess x by the best point found; return steps taken and its natural map.
 
-    `tolerance` is the natural map that is small enough.
+    `tolerance` is the natural map that is small enough; what is safe begins no proximal step after `most` Newton steps.
     """
     dense, one, none = numbers(0), 1.0, 0.0
     total, least = linked_newton(P, K, dense, x, tolerance, _STEPS, CONVEX, one, _DELTA, none, _PATIENCE)
-    if least <= _NEAR * tolerance:
+    if least <= _NEAR * tolerance or most <= total:
         return total, least
     point = copied(x)
-    total += linked_corrected(P, K, point, _NEAR * tolerance, _ONE, _PROXIMAL)
+    total += linked_corrected(P, K, point, _NEAR * tolerance, _ONE, _PROXIMAL, most - total)
     taken, r = linked_newton(P, K, dense, point, tolerance, _STEPS, CONVEX, one, _DELTA, none, _PATIENCE)
     if r < least:
         least = r

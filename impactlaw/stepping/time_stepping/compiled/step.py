@@ -41,14 +41,13 @@ from impactlaw.stepping.time_stepping.compiled.state.memory import (
     forget,
     found_so_far,
     remember,
-    remember_so_far,
 )
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, lay_out, rows_at
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE, HUGE_INPUT, HUGE_OUTPUT, TIMESTEP, UNSEEN
 from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import aim_surfaces, end_surfaces
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, setting
-from impactlaw.stepping.time_stepping.problem.contact_problem import is_met
+from impactlaw.stepping.time_stepping.problem.energy import is_met
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, HUGE, MANY_ROUNDS
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -95,12 +94,9 @@ def _constrain(
     """
     rounds = MANY_ROUNDS if counts[MEMORY.solved] != 0 else FEW_ROUNDS
     found = find_impulses(
-        w, law, found_so_far(counts), start, middle, bias, rounds, jacobian, chosen, seen, mark, room, narrow
+        w, law, memory, found_so_far(counts), start, middle, bias, rounds, jacobian, chosen, seen, mark, room, narrow
     )  # fmt: skip
     solved, rows = found.solved, rows_at(room.rows, found.groups, found.rows, room.entries)
-    if solved.status == UNSEEN and found.rows > 0:
-        last = answer_at(room.answer, found.groups, found.rows, w.nv)
-        remember_so_far(counts, rows.groups, rows.key, rows.rates[0], last.x)
     if solved.status != FINE:
         memory[MEMORY.created] = solved.created
         return solved.status, False, 0.0
@@ -222,8 +218,7 @@ def advance(
     counts = memory.view(np.int64)
     counts[MEMORY.found_rows] = 0
     while status == UNSEEN:
-        if counts[MEMORY.found_rows] == 0:
-            memory[MEMORY.work] = 1.0
+        memory[MEMORY.work] = 1.0 if counts[MEMORY.found_rows] == 0 else memory[MEMORY.found_work]
         status = _step(w, LawTable(keys, values, asked), memory, margins, cone, loaded, narrow)
         if status == UNSEEN:
             mj.set_state(user, data, address_of(state), STATE)

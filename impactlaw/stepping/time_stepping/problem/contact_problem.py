@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import BILATERAL, CONE
 from impactlaw.solvers.cones.algebra.loops import clear, copied, integers, kernel, numbers, plain, put, zeros
 from impactlaw.solvers.cones.solve import linked_improve
-from impactlaw.stepping.time_stepping import tolerances
+from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, creates, is_met, row_velocities
 from impactlaw.stepping.time_stepping.problem.targets import write_offsets
 
 TOLERANCE = 1e-10
@@ -25,7 +23,6 @@ _SEARCHES = 12  # of the share of restitution that creates no energy, while work
 _JAMMED = 1e-3  # part of the largest contact velocity by which a law is missed, or natural map, where bodies jam
 _RESERVE = 0.2  # part of the work allowed that is there for a step without restitution in any case
 _SAFE = np.int64(8)  # rounds of slower methods that it has
-CREATED = 1e-9  # part of the largest energy of a contact, up to which its creation is rounding
 
 
 @plain
@@ -55,32 +52,6 @@ def recall(groups, key, scale, known_groups, known_key, known_scale, known):
     x = np.empty(len(scale))
     guess(groups, key, scale, known_groups, known_key, known_scale, known, x)
     return x
-
-
-is_met: Any = plain(tolerances.is_met)
-
-
-@plain
-def row_velocities(sparse, colind, value, rates, z, after):
-    """Write the velocity of each row after impulses that change the whitened velocity by z, (n,)."""
-    for r in range(len(after)):
-        s = 0.0
-        for a in range(sparse[1, r], sparse[1, r] + sparse[0, r]):
-            s += value[a] * z[colind[a]]
-        after[r] = rates[2, r] + s / rates[0, r]
-
-
-@plain
-def contact_work(groups, rates, after, x):
-    """Return ``Lambda^T (gamma- + gamma+) / 2`` of all contacts, J, and the sum of the sizes of its terms."""
-    work, total = 0.0, 0.0
-    for g in range(groups.shape[1]):
-        if groups[2, g] == CONE:
-            for k in range(groups[0, g], groups[0, g] + groups[1, g]):
-                impulse = 0.5 * x[k] * rates[0, k]
-                work += impulse * (rates[1, k] + after[k])
-                total += abs(impulse) * (abs(rates[1, k]) + abs(after[k]))
-    return work, total
 
 
 @plain
@@ -239,10 +210,11 @@ def solve_contacts(
     """Solve the problem of a step, with all restitution scaled so that collisions create no energy.
 
     ``0 <= Lambda  ⊥  J v+ - s gamma^h >= 0`` where contacts collide, with friction in its cones. What is written is
-    what `solve_scaled` writes. Return s, the energy that the collision would create with s = 1, J, and whether s is 1
-    and the solution as good as `TOLERANCE`.
+    what `solve_scaled` writes. Return s, the energy that the collision would create with s = 1, J, whether that or less
+    is solved, and whether s is 1 and the solution as good as `TOLERANCE`.
 
     With friction there may be no solution where bodies jam. Then s = 0, which mostly has one, or there is no friction.
+    The same holds where what was found creates energy.
     """
     s, created, some = 1.0, 0.0, False
     residual = solve_scaled(
@@ -256,7 +228,8 @@ def solve_contacts(
                 some = some or sliding[k] != 0.0
     missed, fastest = shortfall(groups, rates, after, scaled)
     sharp = residual <= TOLERANCE
-    jammed = missed > _JAMMED * fastest or (residual > _JAMMED and left[0] > 0.0)
+    failed = missed > _JAMMED * fastest or (residual > _UNSOLVED and creates(groups, rates, after, x))
+    jammed = failed or (residual > _JAMMED and left[0] > 0.0)
     if some and not jammed:
         work, total = contact_work(groups, rates, after, x)
         if work > CREATED * total:
@@ -274,12 +247,13 @@ def solve_contacts(
             x, z, after, scaled, room,
         )  # fmt: skip
         missed, fastest = shortfall(groups, rates, after, scaled)
-        jammed = residual > _JAMMED or missed > _JAMMED * fastest
+        failed = missed > _JAMMED * fastest or (residual > _UNSOLVED and creates(groups, rates, after, x))
+        jammed = failed or residual > _JAMMED
         if not jammed or s == 0.0:
             break
-    if missed > _JAMMED * fastest and without_friction(
+    if failed and without_friction(
         sparse, colind, value, groups, amounts, rates, room[len(x) : 2 * len(x)], tree, rounds, left, x, z
     ):  # fmt: skip
         row_velocities(sparse, colind, value, rates, z, after)
-        s = 0.0
-    return s, created, sharp and s == 1.0
+        s, residual = 0.0, 0.0
+    return s, created, residual <= _UNSOLVED, sharp and s == 1.0

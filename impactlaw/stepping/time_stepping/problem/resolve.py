@@ -8,14 +8,8 @@ from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import numbers, plain
 from impactlaw.stepping.compiled.whitening import unwhitened
-from impactlaw.stepping.time_stepping.problem.contact_problem import (
-    CREATED,
-    contact_work,
-    guess,
-    is_met,
-    shortfall,
-    solve_contacts,
-)
+from impactlaw.stepping.time_stepping.problem.contact_problem import guess, shortfall, solve_contacts
+from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, is_met, lose_energy
 from impactlaw.stepping.time_stepping.problem.overlaps import move_apart, overlap_targets
 
 _FARTHEST = 0.1  # m or rad in one step, by which overlaps are opened at most
@@ -25,36 +19,6 @@ _ARRAYS = (
     "int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1]"
 )
 _FOUND = "boolean,float64,float64,float64,float64,float64,float64,boolean"
-
-
-_ROUNDING = 1e-14  # part of a sum of energies
-
-
-@plain
-def _lossy_share(rates, after, x):
-    """Return the largest share of impulses, at most 1, with which they do not add kinetic energy to the free motion.
-
-    The share s of x changes it by ``s x^T J v_free + s^2 x^T (J v+ - J v_free) / 2``.
-    """
-    linear, square, total = 0.0, 0.0, 0.0
-    for r in range(len(x)):
-        impulse = x[r] * rates[0, r]
-        linear += impulse * rates[2, r]
-        square += 0.5 * impulse * (after[r] - rates[2, r])
-        total += abs(impulse) * (abs(rates[2, r]) + abs(after[r]))
-    if linear + square <= CREATED * square + _ROUNDING * total:  # impulses that cancel can be huge
-        return 1.0
-    return max(0.0, -linear / square) if square > 0.0 else 0.0
-
-
-@plain
-def _take_share(s, rates, after, x, z):
-    """Scale impulses, and what they change."""
-    for r in range(len(x)):
-        x[r] *= s
-        after[r] = rates[2, r] + s * (after[r] - rates[2, r])
-    for i in range(len(z)):
-        z[i] *= s
 
 
 @plain
@@ -79,16 +43,14 @@ def _resolve(
     after, root, w = room[:n], room[n : n + nv], room[n + nv : n + 2 * nv]
     need, push, rest = room[n + 2 * nv :][:g], room[n + 2 * nv + g :][:g], room[n + 2 * nv + 2 * g :]
     guess(groups, key, rates[0], known_groups, known_key, known_scale, known, x)
-    share, created, sharp = solve_contacts(
+    share, created, solved, sharp = solve_contacts(
         sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, dissipative, rounds,
         left, x, z, after, reached, rest,
     )  # fmt: skip
     missed, fastest = shortfall(groups, rates, after, reached)
-    if not is_met(missed, fastest):  # what does not meet the law can be anything
-        part = _lossy_share(rates, after, x)
-        if part < 1.0:
-            _take_share(part, rates, after, x, z)
-            missed, fastest = shortfall(groups, rates, after, reached)
+    if not solved or not is_met(missed, fastest):
+        lose_energy(sparse, colind, value, groups, rates, reached, tree, dissipative and not solved, x, z, after)
+        missed, fastest = shortfall(groups, rates, after, reached)
     for i in range(nv):
         root[i] = np.sqrt(inverse[i])
     unwhitened(z, factor, Mnnz, Madr, Mcol, root, change)

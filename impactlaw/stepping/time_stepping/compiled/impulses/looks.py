@@ -17,12 +17,13 @@ from impactlaw.stepping.time_stepping.compiled.impulses.contact import (
 )
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import inertial_work, lead_to, mean_of
 from impactlaw.stepping.time_stepping.compiled.limits import passes_limit
+from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, remember_so_far
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, keep_known, known_at, rows_at, velocities_at
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE, UNSEEN
 from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS
-from impactlaw.stepping.time_stepping.problem.contact_problem import is_met
+from impactlaw.stepping.time_stepping.problem.energy import is_met
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LOOKS, PHASE_LOOK_ROWS, PHASE_LOOKS
 
 _UNSEEN = Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, UNSEEN, True)
@@ -39,13 +40,24 @@ def _again(w, law, start, free, jacobian, chosen, mark, room, found, phases):
     return linked_attempt(w, jacobian, chosen, start, free, known, _FEW, law, phases, mark, room, sums)
 
 
+@plain
+def _keep(w, memory, room, found):
+    """Keep what the first look has found: what is taken again for a limit goes on from there."""
+    if found.solved.sharp:
+        rows = rows_at(room.rows, found.groups, found.rows, room.entries)
+        last = answer_at(room.answer, found.groups, found.rows, w.nv)
+        remember_so_far(memory.view(np.int64), rows.groups, rows.key, rows.rates[0], last.x)
+        memory[MEMORY.found_work] = floats(w.work, 1)[0]
+
+
 @once
-def find_impulses(w, law, known, start, middle, bias, rounds, jacobian, chosen, seen, mark, room, narrow):
+def find_impulses(w, law, memory, known, start, middle, bias, rounds, jacobian, chosen, seen, mark, room, narrow):
     """Add what contact does to the velocity, and return it; see `scheme.TimeStepping`.
 
     Args:
         w: the world in the middle of the step.
         law: see `law`.
+        memory: of the world, see `memory.Memory`.
         known: groups, keys, coefficients and impulses of the last step.
         start: velocity at the start, (nv,).
         middle: position in the middle of the step, (nq,).
@@ -66,8 +78,9 @@ def find_impulses(w, law, known, start, middle, bias, rounds, jacobian, chosen, 
     )  # fmt: skip
     while look < LOOKS + PHASE_LOOKS and found.rows > 0 and found.solved.status == FINE:
         if narrow and passes_limit(w, middle, h):
-            known_now = look == 1 and found.solved.sharp  # the step that is taken again finds the same
-            return Outcome(found.groups if known_now else 0, found.rows if known_now else 0, _UNSEEN, False)
+            if look == 1:
+                _keep(w, memory, room, found)
+            return Outcome(0, 0, _UNSEEN, False)
         near(w, jacobian, qvel, qvel, h, seen)
         allowed = found.rows <= PHASE_LOOK_ROWS if phases else look < LOOKS
         if sees_more(chosen, seen) and allowed:
@@ -76,6 +89,8 @@ def find_impulses(w, law, known, start, middle, bias, rounds, jacobian, chosen, 
             phases = found.later
         else:
             break
+        if look == 1:
+            _keep(w, memory, room, found)
         look += 1
         found = _again(w, law, start, free, jacobian, chosen, mark, room, found, phases)
     return _less_energy(w, law, start, bias, free, jacobian, chosen, mark, room, found, phases, look)

@@ -26,7 +26,7 @@ from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, answ
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE
 from impactlaw.stepping.time_stepping.compiled.state.sums import add_collision
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.problem.contact_problem import is_met
+from impactlaw.stepping.time_stepping.problem.energy import is_met
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASES

@@ -1,0 +1,120 @@
+"""What impulses of a step do to the energy, and the part of them that adds none."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from impactlaw.solvers.cones import CONE
+from impactlaw.solvers.cones.algebra.loops import indices, kernel, numbers, plain, zeros
+from impactlaw.solvers.cones.rows import impulse_jump, islands, lengths, trees_of
+from impactlaw.stepping.time_stepping import tolerances
+
+CREATED = 1e-9  # part of the largest energy of a contact, up to which its creation is rounding
+_ROUNDING = 1e-14  # part of a sum of energies
+
+
+is_met: Any = plain(tolerances.is_met)
+
+
+@plain
+def row_velocities(sparse, colind, value, rates, z, after):
+    """Write the velocity of each row after impulses that change the whitened velocity by z, (n,)."""
+    for r in range(len(after)):
+        s = 0.0
+        for a in range(sparse[1, r], sparse[1, r] + sparse[0, r]):
+            s += value[a] * z[colind[a]]
+        after[r] = rates[2, r] + s / rates[0, r]
+
+
+@plain
+def _work_since(groups, base, after, x, scale):
+    """Return ``Lambda^T (gamma + gamma+) / 2`` of all contacts from velocities gamma, and the sum of sizes of terms."""
+    work, total = 0.0, 0.0
+    for g in range(groups.shape[1]):
+        if groups[2, g] == CONE:
+            for k in range(groups[0, g], groups[0, g] + groups[1, g]):
+                impulse = 0.5 * x[k] * scale[k]
+                work += impulse * (base[k] + after[k])
+                total += abs(impulse) * (abs(base[k]) + abs(after[k]))
+    return work, total
+
+
+@plain
+def contact_work(groups, rates, after, x):
+    """Return ``Lambda^T (gamma- + gamma+) / 2`` of all contacts, J, and the sum of the sizes of its terms."""
+    return _work_since(groups, rates[1], after, x, rates[0])
+
+
+@plain
+def creates(groups, rates, after, x):
+    """Return whether contacts add energy to the motion before, and to the one without contact: no law of friction does.
+
+    Either alone may be: friction that turns a body around, and restitution where forces push bodies apart.
+    """
+    work, total = contact_work(groups, rates, after, x)
+    if work <= CREATED * total:
+        return False
+    work, total = _work_since(groups, rates[2], after, x, rates[0])
+    return work > CREATED * total
+
+
+@plain
+def _add_sums(groups, rates, after, reached, x, label, sums):
+    """Add what `_shares` looks at, island by island, (6, islands)."""
+    for g in range(groups.shape[1]):
+        if label[g] < 0:
+            continue
+        island, row = label[g], groups[0, g]
+        cone = groups[2, g] == CONE
+        if cone:
+            sums[4, island] = max(sums[4, island], reached[g] - after[row])
+        for k in range(row, row + groups[1, g]):
+            impulse = x[k] * rates[0, k]
+            sums[0, island] += impulse * rates[2, k]
+            sums[1, island] += 0.5 * impulse * (after[k] - rates[2, k])
+            sums[2, island] += abs(impulse) * (abs(rates[2, k]) + abs(after[k]))
+            if cone:
+                sums[3, island] += 0.5 * impulse * (rates[1, k] + after[k])
+                sums[5, island] = max(sums[5, island], abs(rates[1, k]), abs(rates[2, k]))
+
+
+@plain
+def _shares(sums, unsolved, share):
+    """Write the share of the impulses of each island, at most 1, with which it does not gain from its free motion.
+
+    The share s of x changes its kinetic energy by ``s x^T J v_free + s^2 x^T (J v+ - J v_free) / 2``. Islands keep all
+    that meet the law, if they are not unsolved and have energy from contact. Return whether some share is less than 1.
+    """
+    some = False
+    for i in range(len(share)):
+        linear, square, total, work, missed, fastest = sums[:, i]
+        share[i] = 1.0
+        gains = linear + square > CREATED * square + _ROUNDING * total  # impulses that cancel can be huge
+        if gains and (not is_met(missed, fastest) or (unsolved and work > CREATED * total)):
+            share[i] = max(0.0, -linear / square) if square > 0.0 else 0.0
+            some = True
+    return some
+
+
+@kernel
+def lose_energy(sparse, colind, value, groups, rates, reached, tree, unsolved, x, z, after):
+    """Take away impulses of islands that do not solve their problem and gain energy: such impulses can be anything.
+
+    Impulses x, whitened jump z and velocities of rows after it are written. What is `unsolved` must have no energy from
+    contact; what is solved can have it, together with other forces.
+    """
+    many, trees = groups.shape[1], trees_of(tree)
+    length, label, parent, number = numbers(many), indices(many), indices(trees), indices(trees)
+    lengths(sparse[0], sparse[1], value, groups[0], groups[1], rates[4], length)
+    count = islands(
+        sparse[0], sparse[1], colind, value, tree, groups[0], groups[1], length, label, parent, number
+    )  # fmt: skip
+    sums, share = zeros(6 * count).reshape((6, count)), numbers(count)
+    _add_sums(groups, rates, after, reached, x, label, sums)
+    if not _shares(sums, unsolved, share):
+        return
+    for g in range(many):
+        for k in range(groups[0, g], groups[0, g] + groups[1, g]):
+            x[k] *= share[label[g]] if label[g] >= 0 else 1.0
+    impulse_jump(sparse[0], sparse[1], colind, value, x, z)
+    row_velocities(sparse, colind, value, rates, z, after)
