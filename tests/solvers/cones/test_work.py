@@ -9,10 +9,10 @@ from impactlaw.solvers.cones.solve import improve
 TOLERANCE = 1e-10
 
 
-def run(args, work, rounds=24):
+def run(args, work, rounds=24, *, exact=True):
     rownnz, rowadr, colind, value, nv, tree, *rest, b = args
     x, z, left = np.zeros(len(b)), np.zeros(nv), np.array([work])
-    residual, steps = improve(rownnz, rowadr, colind, value, tree, *rest, b, True, TOLERANCE, rounds, left, x, z)
+    residual, steps = improve(rownnz, rowadr, colind, value, tree, *rest, b, exact, TOLERANCE, rounds, left, x, z)
     return residual, steps, work - left[0]
 
 
@@ -44,3 +44,27 @@ def test_where_nothing_is_left_one_attempt_is_made(contacts):
     assert some <= 60
     assert spent < 0.3
     assert many > 2 * some
+
+
+@pytest.mark.parametrize("contacts", [2, 20, 60])
+def test_what_little_is_left_is_not_passed_by_far(contacts):
+    _, _, spent = run(without_solution(contacts), 0.1, rounds=1000)
+    assert spent < 0.3
+
+
+def squeezed(masses):
+    """A row of masses that push each other, each of them between two walls that move towards each other."""
+    chain = np.eye(masses) - np.eye(masses, k=1)
+    Y = np.concatenate([np.eye(masses), -np.eye(masses), chain[:-1]])
+    b = np.concatenate([np.full(2 * masses, -1.0), np.full(masses - 1, -0.1)])
+    return problem(Y, np.ones(len(Y), int), CONE, b, tree=np.arange(masses))
+
+
+def test_large_convex_problems_keep_to_it_too():
+    _, all_steps, spent = run(squeezed(200), 1.0, exact=False)
+    _, some_steps, less = run(squeezed(200), 0.1, exact=False)
+    _, none_left, _ = run(squeezed(200), 0.0, exact=False)
+    assert none_left <= 20
+    assert some_steps < 0.6 * all_steps
+    assert less < 0.7  # one proximal step may be begun
+    assert spent < 1.2

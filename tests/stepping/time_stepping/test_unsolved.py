@@ -4,8 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
+from impactlaw.stepping.time_stepping.problem import energy
 from impactlaw.stepping.time_stepping.problem.resolve import resolve_step
+
+
+@compiled()
+def _lose_energy(sparse, colind, value, groups, rates, reached, tree, unsolved, x, z, after):
+    energy.lose_energy(sparse, colind, value, groups, rates, reached, tree, unsolved, x, z, after)
 
 
 def _resolved(direction: list[float], free: list[float], target: list[float]) -> tuple[np.ndarray, float]:
@@ -51,3 +58,48 @@ def test_an_overlap_whose_gradient_nearly_vanishes_moves_a_joint_by_little():
         timestep, True, True, 1, np.ones(1), first, one, one, np.ones(1, np.int32), first, first,
     )[2]  # fmt: skip
     np.testing.assert_allclose(timestep * shift, 0.1, rtol=1e-12)  # m; it would have been 2e6
+
+
+def _two_pucks(impulse: np.ndarray, *, unsolved: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return what is left of impulses of two pucks of 1 kg that hit a floor at 1 m/s, and velocities after them."""
+    one = np.ones(4, np.int32)
+    sparse = np.ascontiguousarray([one, np.arange(4), np.arange(4)], dtype=np.int32)
+    groups = np.array([[0, 2], [2, 2], [CONE, CONE], [0, 1]], np.int32)
+    velocity = np.array([-1.0, 0.0, -1.0, 0.0])
+    rates = np.ascontiguousarray([np.ones(4), velocity, velocity, np.zeros(4), np.zeros(4)])
+    x, z, after = impulse.copy(), impulse.copy(), velocity + impulse
+    _lose_energy(
+        sparse, np.arange(4, dtype=np.int32), np.ones(4), groups, rates, np.zeros(2), np.array([0, 0, 1, 1], np.int32),
+        unsolved, x, z, after,
+    )  # fmt: skip
+    np.testing.assert_allclose(z, x, atol=1e-15)
+    np.testing.assert_allclose(after, velocity + x, atol=1e-15)
+    return x, after
+
+
+def test_friction_that_throws_a_body_loses_its_energy_and_others_keep_what_they_have():
+    x, after = _two_pucks(np.array([1.0, 0.0, 1.0, 5.0]), unsolved=True)
+    np.testing.assert_array_equal(x[:2], [1.0, 0.0])
+    np.testing.assert_allclose(x[2:], np.array([1.0, 5.0]) / 13.0)
+    np.testing.assert_allclose(after[2:] @ after[2:], 1.0)  # twice the energy before
+
+
+def test_what_is_solved_keeps_its_impulses():
+    impulse = np.array([1.0, 0.0, 1.0, 5.0])
+    np.testing.assert_array_equal(_two_pucks(impulse, unsolved=False)[0], impulse)
+
+
+def test_a_body_that_cannot_meet_its_law_takes_nothing_from_another():
+    """Two masses on rails: walls throw back the first from both sides, the second rebounds."""
+    rows, one, first, no = np.arange(3, dtype=np.int32), np.ones(3), np.zeros(2, np.int32), np.zeros(0)
+    free = np.array([0.0, 0.0, -2.0])
+    answer = resolve_step(
+        np.ascontiguousarray([one, rows, rows], dtype=np.int32), np.array([0, 0, 1], np.int32),
+        np.array([1.0, -1.0, 1.0]), np.ascontiguousarray([rows, one, np.full(3, CONE), rows], dtype=np.int32),
+        np.arange(3), np.zeros((2, 3)), np.ascontiguousarray([one, free, free, np.zeros(3), np.zeros(3)]),
+        np.array([1.0, 3.0, 1.0]), np.zeros(3), np.zeros(3, dtype=bool), np.zeros((4, 0), np.int32),
+        np.zeros(0, np.int64), no, no, 0.002, True, True, 1, np.ones(1), np.array([0, 1], np.int32),
+        one[:2], one[:2], np.ones(2, np.int32), np.array([0, 1], np.int32), first,
+    )  # fmt: skip
+    assert answer[4] > 0.5
+    np.testing.assert_allclose(answer[1], [0.0, 3.0], atol=1e-9)
