@@ -80,7 +80,11 @@ class Compliant(Law):
 
     @classmethod
     def of(cls, restitution: Any) -> Compliant:
-        """Return the law of equal springs with the restitution that `make_law` was given, 1 if None."""
+        """Return the law of equal springs with the restitution that `make_law` was given, 1 if None.
+
+        Raises:
+            RestitutionError: the restitution is not in [0, 1].
+        """
         return cls(1.0) if restitution is None else cls(1.0, restitution=restitution)
 
     @property

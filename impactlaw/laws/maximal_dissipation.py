@@ -25,7 +25,11 @@ class MaximalDissipation(RestitutionLaw):
 
     @classmethod
     def of(cls, restitution: Any) -> MaximalDissipation:
-        """Return the law; the only restitution that it can be given is 0."""
+        """Return the law; the only restitution that it can be given is 0.
+
+        Raises:
+            RestitutionError: it is given another one.
+        """
         if restitution is not None and restitution != 0:
             raise RestitutionError(f"law {cls.name!r} has restitution 0, got {restitution!r}; leave it out")
         return cls()

@@ -55,7 +55,11 @@ class AnyOutcome(Law):
 
     @classmethod
     def of(cls, restitution: Any) -> AnyOutcome:
-        """Return the law, which takes no restitution."""
+        """Return the law, which takes no restitution.
+
+        Raises:
+            RestitutionError: it is given one.
+        """
         if restitution is not None:
             raise RestitutionError(f"law {cls.name!r} draws its outcomes and takes no restitution; leave it out")
         return cls()

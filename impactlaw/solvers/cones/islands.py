@@ -114,7 +114,7 @@ def build(
         raw[k] = cols[k]
     for j in range(groups):
         entry[j + 1] = entry[j] + (start[j + 1] - start[j]) * (begin[j + 1] - begin[j])
-    if nv > _ONE_BLOCK:  # noqa: SIM108 - both are inlined
+    if nv > _ONE_BLOCK:
         K = _blocks(tree, dofs[:nv], begin, cols)
     else:
         K = one_block(nv, begin, cols)

@@ -5,29 +5,38 @@ import numpy as np
 from impactlaw.solvers.cones.algebra.loops import FIRST, Array, clear, plain
 from impactlaw.solvers.cones.algebra.projection import group_residual
 
-_NOTHING = 1e-10  # rows shorter than this part of the longest do not move anything
+_NOTHING = 1e-10  # normal rows shorter than this part of the longest do not move anything
 _SHARE = 1e-3  # least scale of an island, as a part of the largest
 
 
 @plain
 def lengths(rownnz: Array, rowadr: Array, value: Array, first: Array, size: Array, c: Array, length: Array) -> None:
-    """Write the length of each group: of its longest row, else the root of its compliance, else 0 (it cannot move)."""
+    """Write the length of each group: of its longest row, else the root of its compliance, else 0 (it cannot move).
+
+    A contact whose normal gradient is rounding cannot move either: any normal force would do, and any friction with it.
+    """
     longest = 0.0
     for g in range(len(first)):
         most = 0.0
         for i in range(first[g], first[g] + size[g]):
-            s = 0.0
-            for k in range(rowadr[i], rowadr[i] + rownnz[i]):
-                s += value[k] * value[k]
-            most = max(most, s)
+            most = max(most, _square(rownnz, rowadr, value, i))
         length[g] = np.sqrt(most)
         longest = max(longest, length[g])
     for g in range(len(first)):
-        if length[g] <= _NOTHING * longest:
+        if np.sqrt(_square(rownnz, rowadr, value, first[g])) <= _NOTHING * longest:
             most = 0.0
             for i in range(first[g], first[g] + size[g]):
                 most = max(most, c[i])
             length[g] = np.sqrt(most)
+
+
+@plain
+def _square(rownnz: Array, rowadr: Array, value: Array, row: int) -> float:
+    """Return the square of the length of a row."""
+    s = 0.0
+    for k in range(rowadr[row], rowadr[row] + rownnz[row]):
+        s += value[k] * value[k]
+    return s
 
 
 @plain

@@ -1,6 +1,5 @@
 """Fields of MuJoCo's structures in compiled code: at an address and an offset that are numbers, int64."""
 
-# ruff: noqa: N815 - names are MuJoCo's
 from __future__ import annotations
 
 from typing import Any, NamedTuple, cast

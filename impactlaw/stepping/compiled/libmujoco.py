@@ -106,7 +106,7 @@ def callbacks() -> np.ndarray:
 @plain
 def is_watched(places):
     """Return whether a callback of MuJoCo is set, which may be in Python; see `callbacks`."""
-    for i in range(len(places)):  # noqa: SIM110 - compiled
+    for i in range(len(places)):
         if long_at(places[i]) != 0:
             return True
     return False

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones.algebra.loops import plain
+
+_ROUNDING = 1e-12  # of entries of J, m or m/rad: limbs that overlap where their joint is cannot be moved apart
 
 
 @plain
 def whiten(nnz, adr, col, val, start, work, mark, factor, Mnnz, Madr, Mcol, root, tree, treeadr, treenum, out, colout):
     """Write one row of ``Y = J L^-1 D^-1/2`` to the end of what is known of Y and return the number of its entries.
+
+    Entries of J that are rounding are 0: a row of such entries would let huge impulses through.
 
     Args:
         nnz: entries of the row of J.
@@ -32,7 +34,7 @@ def whiten(nnz, adr, col, val, start, work, mark, factor, Mnnz, Madr, Mcol, root
         colout: their degrees of freedom.
     """
     for k in range(adr, adr + nnz):
-        if val[k] != 0.0:
+        if abs(val[k]) > _ROUNDING:
             work[col[k]] = val[k]
             mark[tree[col[k]]] = True
     count = start
@@ -61,14 +63,6 @@ def unwhitened(z, factor, Mnnz, Madr, Mcol, root, v):
         for a in range(Madr[i], Madr[i] + Mnnz[i] - 1):
             s -= factor[a] * v[Mcol[a]]
         v[i] = s
-
-
-@compiled()
-def unwhiten(z, factor, Mnnz, Madr, Mcol, root):
-    """Return what `unwhitened` writes, (nv,)."""
-    v = np.empty_like(z)
-    unwhitened(z, factor, Mnnz, Madr, Mcol, root, v)
-    return v
 
 
 @plain

@@ -8,7 +8,6 @@ import numpy as np
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import plain
-from impactlaw.stepping.compiled.whitening import unwhiten
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.problem.dense import sparse_jacobian
 from impactlaw.stepping.time_stepping.problem.overlaps import open_overlaps
@@ -180,8 +179,9 @@ class SecondLook:
         need, some = end_targets(seen.groups, seen.key, seen.amounts, depth, rows.key, started, h)
         if not some:
             return None
-        w = open_overlaps(seen.sparse, seen.colind, seen.value, seen.groups, seen.rates, need, model.nv)
-        return unwhiten(w, factor, *layout, np.sqrt(inverse))
+        return open_overlaps(
+            seen.sparse, seen.colind, seen.value, seen.groups, seen.rates, need, h, factor, inverse, *layout
+        )
 
     def _look(self, data: mujoco.MjData) -> mujoco.MjData:
         """Return the contacts of now."""

@@ -179,7 +179,7 @@ def _tell(outcomes, velocity):
 
 @plain
 def _same(one, other):
-    for i in range(len(one)):  # noqa: SIM110 - compiled
+    for i in range(len(one)):
         if one[i] != other[i]:
             return False
     return True

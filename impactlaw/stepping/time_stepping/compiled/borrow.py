@@ -79,7 +79,7 @@ def borrow(user, model, margins, table, sticks):
     put_int(model + _at(table, MODEL.opt_noslip_iterations), np.int32(0))
     integrator = model + _at(table, MODEL.opt_integrator)
     kind = int_at(integrator)
-    put_int(integrator, np.int32(_EULER if kind == _EULER or kind == _RK4 else _FAST))  # noqa: SIM109
+    put_int(integrator, np.int32(_EULER if kind == _EULER or kind == _RK4 else _FAST))
     return chosen
 
 
@@ -100,7 +100,7 @@ def is_damped(model, table):
         if more[i] != 0.0:
             return True
     actuator = ints(long_at(model + _at(table, MODEL.jnt_actuatorid)), joints)
-    for i in range(joints):  # noqa: SIM110 - compiled
+    for i in range(joints):
         if actuator[i] != -1:
             return True
     return False

@@ -24,7 +24,6 @@ from impactlaw.stepping.compiled.access import (
     size,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, keep, put_int
-from impactlaw.stepping.compiled.whitening import unwhiten
 from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins
 from impactlaw.stepping.time_stepping.compiled.impulses.contact import count, count_entries, read
 from impactlaw.stepping.time_stepping.compiled.state.room import rows_at, rows_size
@@ -135,10 +134,11 @@ def _move_apart(now, qpos, metric, rows, depth):
         before[g] = rows.amounts[0, g] - 0.5 * h * rows.rates[1, rows.groups[0, g]]
     need, found = end_targets(seen.groups, seen.key, seen.amounts, depth, rows.key, before, h)
     if found:
-        z = open_overlaps(seen.sparse, seen.colind, seen.value, seen.groups, seen.rates, need, nv)
         factor, inverse = metric
         nnz, adr, col = layout_of(now)
-        shift = unwhiten(z, factor, nnz, adr, col, np.sqrt(inverse))
+        shift = open_overlaps(
+            seen.sparse, seen.colind, seen.value, seen.groups, seen.rates, need, h, factor, inverse, nnz, adr, col
+        )
         mj.integrate_pos(now.model, address_of(qpos), address_of(shift), h)
         keep(shift)
     keep(block)

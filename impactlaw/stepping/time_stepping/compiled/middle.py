@@ -70,7 +70,7 @@ def _begin(w, counts, left, gained, loaded):
 
 @plain
 def _equal(one, other):
-    for i in range(len(one)):  # noqa: SIM110 - compiled
+    for i in range(len(one)):
         if one[i] != other[i]:
             return False
     return True

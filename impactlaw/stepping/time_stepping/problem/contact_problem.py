@@ -10,6 +10,7 @@ from impactlaw.solvers.cones.algebra.loops import clear, copied, integers, kerne
 from impactlaw.solvers.cones.solve import linked_improve
 from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, creates, is_met, row_velocities
 from impactlaw.stepping.time_stepping.problem.targets import write_offsets
+from impactlaw.stepping.time_stepping.tolerances import SLOWEST
 
 TOLERANCE = 1e-10
 """Natural map, relative to the largest velocity of the problem, that solvers aim at."""
@@ -203,6 +204,13 @@ def largest_share(
 
 
 @plain
+def _fails(groups, rates, after, reached, x, residual):
+    """Return whether impulses miss the law by far, or are not solved and create energy."""
+    missed, fastest = shortfall(groups, rates, after, reached)
+    return missed > _JAMMED * max(SLOWEST, fastest) or (residual > _UNSOLVED and creates(groups, rates, after, x))
+
+
+@plain
 def solve_contacts(
     sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, dissipative, rounds, left,
     x, z, after, scaled, room,
@@ -226,9 +234,7 @@ def solve_contacts(
             some = some or target[g] > 0.0
             for k in range(groups[0, g] + 1, groups[0, g] + groups[1, g]):
                 some = some or sliding[k] != 0.0
-    missed, fastest = shortfall(groups, rates, after, scaled)
-    sharp = residual <= TOLERANCE
-    failed = missed > _JAMMED * fastest or (residual > _UNSOLVED and creates(groups, rates, after, x))
+    sharp, failed = residual <= TOLERANCE, _fails(groups, rates, after, scaled, x, residual)
     jammed = failed or (residual > _JAMMED and left[0] > 0.0)
     if some and not jammed:
         work, total = contact_work(groups, rates, after, x)
@@ -246,8 +252,7 @@ def solve_contacts(
             sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds, left,
             x, z, after, scaled, room,
         )  # fmt: skip
-        missed, fastest = shortfall(groups, rates, after, scaled)
-        failed = missed > _JAMMED * fastest or (residual > _UNSOLVED and creates(groups, rates, after, x))
+        failed = _fails(groups, rates, after, scaled, x, residual)
         jammed = failed or residual > _JAMMED
         if not jammed or s == 0.0:
             break

@@ -7,12 +7,14 @@ import numpy as np
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import BILATERAL, CONE
 from impactlaw.solvers.cones.algebra.loops import clear, numbers, plain
+from impactlaw.stepping.compiled.whitening import unwhitened
 
 _SLOP = 1e-8  # m or rad: overlaps up to this are left to the velocities
 _SWEEPS = 40  # over contacts that overlap
 _SETTLED = 1e-4  # part of the velocity needed that is no change any more
 _OPENING = 0.2  # m/s or rad/s at which overlaps of the start are opened at least
 _OPENING_TIME = 0.1  # s in which most of a deep one is
+_FARTHEST = 0.1  # m or rad in one step, by which overlaps are opened at most
 
 
 @plain
@@ -36,8 +38,11 @@ def overlap_targets(groups, amounts, rates, after, timestep, need):
 
 
 @plain
-def move_apart(sparse, colind, value, groups, rates, need, x, z):
-    """Write what `open_overlaps` returns, (nv,); there is room for x, (g,)."""
+def _move_apart(sparse, colind, value, groups, rates, need, x, z):
+    """Write a small whitened velocity, (nv,), with ``J w >= need``; there is room for x, (g,).
+
+    By projected Gauss-Seidel, whose error the next step corrects.
+    """
     clear(z)
     clear(x)
     largest = 0.0
@@ -68,12 +73,30 @@ def move_apart(sparse, colind, value, groups, rates, need, x, z):
             break
 
 
-@compiled()
-def open_overlaps(sparse, colind, value, groups, rates, need, nv):
-    """Return a small whitened velocity, (nv,), that moves positions as is needed: ``J w >= need``, no friction.
+@plain
+def move_apart(
+    sparse, colind, value, groups, rates, need, timestep, factor, root, Mnnz, Madr, Mcol, x, z, shift
+):  # fmt: skip
+    """Write what `open_overlaps` returns, (nv,); there is room for x, (g,), and z, (nv,); root is ``D^-1/2``."""
+    _move_apart(sparse, colind, value, groups, rates, need, x, z)
+    unwhitened(z, factor, Mnnz, Madr, Mcol, root, shift)
+    most = 0.0
+    for speed in shift:
+        most = max(most, timestep * abs(speed))
+    if most > _FARTHEST:
+        for i in range(len(shift)):
+            shift[i] *= _FARTHEST / most
 
-    By projected Gauss-Seidel, whose error the next step corrects.
+
+@compiled()
+def open_overlaps(sparse, colind, value, groups, rates, need, timestep, factor, inverse, Mnnz, Madr, Mcol):
+    """Return a velocity, (nv,), that moves positions as is needed: ``J w >= need``, no friction.
+
+    No joint moves by more than `_FARTHEST` in a step: a gradient that nearly vanishes asks for any.
     """
-    z = np.empty(nv)
-    move_apart(sparse, colind, value, groups, rates, need, numbers(len(need)), z)
-    return z
+    shift = np.empty(len(inverse))
+    move_apart(
+        sparse, colind, value, groups, rates, need, timestep, factor, np.sqrt(inverse), Mnnz, Madr, Mcol,
+        numbers(len(need)), numbers(len(inverse)), shift,
+    )  # fmt: skip
+    return shift

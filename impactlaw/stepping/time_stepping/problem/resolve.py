@@ -12,24 +12,12 @@ from impactlaw.stepping.time_stepping.problem.contact_problem import guess, shor
 from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, is_met, lose_energy
 from impactlaw.stepping.time_stepping.problem.overlaps import move_apart, overlap_targets
 
-_FARTHEST = 0.1  # m or rad in one step, by which overlaps are opened at most
 _ARRAYS = (
     "int32[:,::1],int32[::1],float64[::1],int32[:,::1],int64[::1],float64[:,::1],float64[:,::1],float64[::1],"
     "float64[::1],boolean[::1],int32[:,::1],int64[::1],float64[::1],float64[::1],float64,boolean,boolean,int64,float64[::1],"
     "int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1]"
 )
 _FOUND = "boolean,float64,float64,float64,float64,float64,float64,boolean"
-
-
-@plain
-def _bound(shift, timestep):
-    """Let no joint be moved apart by more than `_FARTHEST` in a step: a gradient that nearly vanishes asks for any."""
-    most = 0.0
-    for speed in shift:
-        most = max(most, timestep * abs(speed))
-    if most > _FARTHEST:
-        for i in range(len(shift)):
-            shift[i] *= _FARTHEST / most
 
 
 @plain
@@ -56,9 +44,7 @@ def _resolve(
     unwhitened(z, factor, Mnnz, Madr, Mcol, root, change)
     overlaps = overlap_targets(groups, amounts, rates, after, timestep, need)
     if overlaps:
-        move_apart(sparse, colind, value, groups, rates, need, push, w)
-        unwhitened(w, factor, Mnnz, Madr, Mcol, root, shift)
-        _bound(shift, timestep)
+        move_apart(sparse, colind, value, groups, rates, need, timestep, factor, root, Mnnz, Madr, Mcol, push, w, shift)
     work, total = contact_work(groups, rates, after, x)
     return overlaps, missed, fastest, share, created, work, CREATED * total, sharp
 

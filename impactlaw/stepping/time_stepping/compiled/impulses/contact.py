@@ -188,7 +188,7 @@ def take_over(chosen, seen):
 @plain
 def sees_more(chosen, seen):
     """Return whether rows are seen that are not chosen yet."""
-    for i in range(len(seen)):  # noqa: SIM110 - compiled
+    for i in range(len(seen)):
         if seen[i] and not chosen[i]:
             return True
     return False

@@ -83,7 +83,7 @@ def _is_settled(before, free):
     size = 0.0
     for i in range(len(free)):
         size = max(size, abs(free[i]))
-    for i in range(len(free)):  # noqa: SIM110 - compiled
+    for i in range(len(free)):
         if not abs(free[i] - before[i]) <= SETTLED * size:
             return False
     return True
