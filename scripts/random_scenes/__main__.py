@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 from impactlaw import Stepper
 from impactlaw.errors import ManyCollisionsWarning
-from impactlaw.stepping.time_stepping.warm_up import warm_up
+from impactlaw.stepping.time_stepping.make import warm_up
 
 from . import making
 

@@ -96,7 +96,7 @@ def _prepare() -> int:
     With one thread for BLAS: several cost 100 times as much on a busy machine. Returns the process.
     """
     from impactlaw.solvers import load_solvers
-    from impactlaw.stepping.time_stepping.warm_up import warm_up
+    from impactlaw.stepping.time_stepping.make import warm_up
 
     load_solvers()
     warm_up()

@@ -78,7 +78,7 @@ def spend(left: Array, operations: float, step: float, rows: int) -> None:
 @plain
 def _affordable(left: Array, step: float, rows: int) -> int:
     """Return how many Newton steps can be taken with what is left."""
-    return np.int64(min(max(0.0, left[0]) * _worth(step, rows), _MANY))
+    return int(min(max(0.0, left[0]) * _worth(step, rows), _MANY))
 
 
 @once

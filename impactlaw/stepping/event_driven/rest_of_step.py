@@ -93,8 +93,8 @@ class RestOfStep:
     def _made(self) -> TimeStepping:
         """Return the stepper; what it compiles once on every machine is loaded when it is first needed."""
         if self._stepping is None:
+            from impactlaw.stepping.time_stepping.make import warm_up
             from impactlaw.stepping.time_stepping.scheme import TimeStepping
-            from impactlaw.stepping.time_stepping.warm_up import warm_up
 
             warm_up()
             self._stepping = TimeStepping(

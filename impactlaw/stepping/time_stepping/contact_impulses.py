@@ -16,7 +16,7 @@ from impactlaw.scene.equality_constraints import bilateral_constraints
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.stepping.law_targets import LawTargets
-from impactlaw.stepping.time_stepping.events import CollisionRecord
+from impactlaw.stepping.time_stepping.events import CollisionRecord, Known, Metric, StepImpulses
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups, struck_later
 from impactlaw.stepping.time_stepping.problem.resolve import resolve_step
 from impactlaw.stepping.time_stepping.problem.rows import Rows
@@ -30,39 +30,6 @@ from impactlaw.stepping.time_stepping.tolerances import (
     STIFF,
     is_met,
 )
-
-Known = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Groups, keys, coefficients of friction and impulses of a step."""
-Metric = tuple[np.ndarray, np.ndarray]
-"""L and ``1 / D`` of the mass matrix of a step, ``M_h = L^T D L``."""
-
-
-@dataclass(frozen=True, eq=False)
-class StepImpulses:
-    """What contact does in a step.
-
-    Attributes:
-        impulse: of all rows, in units of the problem, (n,).
-        velocity: after it, (nv,).
-        shift: velocity that opens overlaps beside it, (nv,), or (0,).
-        shortfall: largest amount by which a contact velocity misses its target, m/s or rad/s.
-        fastest: largest velocity of a row, m/s or rad/s.
-        work: of contact, J.
-        rounding: what of it is rounding, J.
-        collisions: of the step, one after another.
-        later: whether restitution is lost: contacts that are hit only through others were not left for a phase of their
-            own, bodies jam, or there was no work left to find how much of it creates no energy.
-    """
-
-    impulse: np.ndarray
-    velocity: np.ndarray
-    shift: np.ndarray
-    shortfall: float
-    fastest: float
-    work: float
-    rounding: float
-    collisions: tuple[CollisionRecord, ...]
-    later: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,7 +256,7 @@ class ContactProblem:
         """Ask the law, and let equality constraints keep their velocity in the collision."""
         seen = None
         if self.targets.restitution is None:
-            seen = self._seen(data, rows, metric)
+            seen = Seen.of(self._model, data, rows, self.names, self.limits, metric)
             self._ask_law(seen, velocity, target, sliding, collides)
         close_gaps(
             rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, self._model.dof_treeid, collides, target
@@ -320,10 +287,6 @@ class ContactProblem:
         else:
             target[groups], sliding[seen.tangential(groups)[0]] = ended
 
-    def _seen(self, data: mujoco.MjData, rows: Rows, metric: Metric) -> Seen:
-        """Copy what is known of contacts and limits."""
-        return Seen.of(self._model, data, rows, self.names, self.limits, metric)
-
     def _record(
         self,
         data: mujoco.MjData,
@@ -336,7 +299,8 @@ class ContactProblem:
         """Keep a collision as it was met."""
         rows, (x, _, _, reached, _, _, share, *_) = met.rows, met.answer
         return CollisionRecord(
-            met.seen or self._seen(data, rows, metric), met.collides, x[rows.first] > 0.0,
+            met.seen or Seen.of(self._model, data, rows, self.names, self.limits, metric), met.collides,
+            x[rows.first] > 0.0,
             data.time - 0.5 * self._model.opt.timestep, middle, before, after.copy(), reached, share * met.sliding,
             self._exact, float(share),
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The collision of a step, kept as it was met, and resolved as an event when somebody asks for it."""
+"""What the contacts of a step have done: impulses, and collisions as they were met, resolved when asked for."""
 
 from __future__ import annotations
 
@@ -17,6 +17,11 @@ from impactlaw.solvers import solve_with_jump
 from impactlaw.solvers.friction.solve import solve_cones
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
+
+Known = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Groups, keys, coefficients of friction and impulses of a step."""
+Metric = tuple[np.ndarray, np.ndarray]
+"""L and ``1 / D`` of the mass matrix of a step, ``M_h = L^T D L``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,3 +83,31 @@ class CollisionRecord:
         return FrictionImpact.of_cones(
             collision, answer.impulse, answer.jump, targets, scale=self.share, exact=self.exact, problem=problem
         )
+
+
+@dataclass(frozen=True, eq=False)
+class StepImpulses:
+    """What contact does in a step.
+
+    Attributes:
+        impulse: of all rows, in units of the problem, (n,).
+        velocity: after it, (nv,).
+        shift: velocity that opens overlaps beside it, (nv,), or (0,).
+        shortfall: largest amount by which a contact velocity misses its target, m/s or rad/s.
+        fastest: largest velocity of a row, m/s or rad/s.
+        work: of contact, J.
+        rounding: what of it is rounding, J.
+        collisions: of the step, one after another.
+        later: whether restitution is lost: contacts that are hit only through others were not left for a phase of their
+            own, bodies jam, or there was no work left to find how much of it creates no energy.
+    """
+
+    impulse: np.ndarray
+    velocity: np.ndarray
+    shift: np.ndarray
+    shortfall: float
+    fastest: float
+    work: float
+    rounding: float
+    collisions: tuple[CollisionRecord, ...]
+    later: bool

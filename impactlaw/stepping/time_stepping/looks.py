@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem, Known, Metric, StepImpulses
+from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem
+from impactlaw.stepping.time_stepping.events import Known, Metric, StepImpulses
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, InertialForces
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Rows

@@ -3,17 +3,40 @@
 from __future__ import annotations
 
 import warnings
+from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
 import mujoco
 
+from impactlaw.compiled import announce
 from impactlaw.errors import UncompiledWarning
-from impactlaw.laws import Law
-from impactlaw.stepping.plan import Plan
+from impactlaw.laws import Law, Moreau
+from impactlaw.stepping.plan import Plan, make_plan
 
 if TYPE_CHECKING:
     from impactlaw.stepping.time_stepping.compiled.stepping import CompiledStepping
     from impactlaw.stepping.time_stepping.scheme import TimeStepping
+
+
+_SCENE = """<mujoco><option timestep="0.01"/><worldbody><geom type="plane" size="1 1 1"/>
+  <body pos="0 0 .09"><freejoint/><geom type="box" size=".1 .1 .1"/></body></worldbody></mujoco>"""
+
+
+@cache
+def warm_up() -> None:
+    """Compile what a step needs, once on every machine; later processes load it from numba's cache on disk.
+
+    Two steps of a spinning box that overlaps a floor call all of it.
+    """
+    announce("impactlaw.stepping.time_stepping")
+    from impactlaw.stepping.time_stepping.scheme import TimeStepping
+
+    model = mujoco.MjModel.from_xml_string(_SCENE)
+    data, plan = mujoco.MjData(model), make_plan(model, scheme="time-stepping")
+    data.qvel[:] = 0.0, 0.0, -1.0, 9.0, 9.0, 9.0
+    stepping = TimeStepping(model, Moreau(0.5), plan, friction="coulomb", on_inadmissible="project", rest_speed=None)
+    stepping.step(data)
+    stepping.step(data)
 
 
 def make_time_stepping(
@@ -33,8 +56,6 @@ def make_time_stepping(
         compiled: None for compiled code where it can be had, "auto" to warn where not, "never" for Python.
         options: of `scheme.TimeStepping`.
     """
-    from impactlaw.stepping.time_stepping.warm_up import warm_up
-
     warm_up()
     from impactlaw.stepping.time_stepping.scheme import TimeStepping
 

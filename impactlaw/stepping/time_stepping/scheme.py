@@ -25,16 +25,7 @@ from typing import Literal
 
 import mujoco
 import numpy as np
-from mujoco import (
-    mj_comPos,
-    mj_comVel,
-    mj_fwdAcceleration,
-    mj_fwdActuation,
-    mj_fwdPosition,
-    mj_fwdVelocity,
-    mj_integratePos,
-    mj_kinematics,
-)
+from mujoco import mj_integratePos
 
 from impactlaw.errors import DivergenceError
 from impactlaw.laws import Law
@@ -46,19 +37,20 @@ from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_input, empty_state, is_huge, restore_state, save_state
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
-from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem, Known, Metric, StepImpulses
+from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem
+from impactlaw.stepping.time_stepping.events import Known, Metric, StepImpulses
+from impactlaw.stepping.time_stepping.free_motion import free_step, reach, to_midpoint, update_frames
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
 from impactlaw.stepping.time_stepping.looks import Looks
-from impactlaw.stepping.time_stepping.margins import body_sizes, set_margins
+from impactlaw.stepping.time_stepping.margins import body_sizes
 from impactlaw.stepping.time_stepping.problem.forces import sense, write_forces
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.second_look import SecondLook
-from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, MANY_ROUNDS, SHARES
+from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, MANY_ROUNDS
 
 _ELLIPTIC = int(mujoco.mjtCone.mjCONE_ELLIPTIC)
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
-_FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
 
 
 class TimeStepping:
@@ -165,7 +157,7 @@ class TimeStepping:
             solved: whether that step has met the law.
         """
         with self._borrowed:
-            self._update_frames(data)
+            update_frames(self._model, data)
         self._left = data.qpos.tobytes(), data.qvel.tobytes()
         self._known, self._gained, self.solved = known if len(known[1]) else None, gained.copy(), solved
         self.move_on(motion)
@@ -211,14 +203,16 @@ class TimeStepping:
         self._found = self._rows = None
         self.shortfall = 0.0
         if (data.qpos.tobytes(), data.qvel.tobytes()) != self._left:
-            self._update_frames(data)
+            update_frames(model, data)
             self._known, self._gained = None, np.zeros(model.nv)
         if self._surfaces is not None:
             self._surfaces.begin(data, h)
-        self._set_margins(data, h)
+        meet = 0.0 if self._surfaces is None else self._surfaces.speed
+        reach(model, data, self._gained, self._sizes, meet)
         self._velocity = data.qvel.copy()
-        self._to_midpoint(data, h)
-        self._free_step(data)
+        self._middle, self._overflown = to_midpoint(model, data, self._surfaces, self._borrowed)
+        self._metric = free_step(model, data, self._borrowed, self._inertial, self._velocity)
+        self._gained = data.qvel - self._velocity
         shift, met = None, True
         if data.nefc:
             shift, met = self._contact(data)
@@ -235,82 +229,15 @@ class TimeStepping:
             raise DivergenceError(f"position or velocity is not finite, or huge, at t = {data.time:.6g} s")
         if self._surfaces is not None:
             self._surfaces.end(data)
-        self._update_frames(data)
+        update_frames(model, data)
         model.opt.cone = _ELLIPTIC
         shift = None
         if self._rows is not None and met:  # what is squeezed cannot be opened
             shift = self._second_look.shift(data, self._rows, self._metric)
         if shift is not None:
             mj_integratePos(model, data.qpos, shift, h)
-            self._update_frames(data)
+            update_frames(model, data)
         self._finish(data)
-
-    def _update_frames(self, data: mujoco.MjData) -> None:
-        """Bring frames and velocities of bodies up to the state."""
-        mj_kinematics(self._model, data)
-        mj_comPos(self._model, data)
-        mj_comVel(self._model, data)
-
-    def _set_margins(self, data: mujoco.MjData, h: float) -> None:
-        model, velocity, now = self._model, data.qvel.copy(), data.cvel.copy()
-        gravity = model.opt.gravity
-        data.qvel += self._gained
-        mj_comVel(model, data)
-        data.qvel[:] = velocity
-        set_margins(
-            model.body_margin, model.geom_margin, model.geom_gap, model.pair_margin, model.pair_gap,
-            model.jnt_margin, model.tendon_margin,
-            model.geom_bodyid, model.body_rootid, self._sizes, data.xipos, data.subtree_com, now, data.cvel,
-            model.body_mocapid, 0.0 if self._surfaces is None else self._surfaces.speed,
-            h,
-            float(np.sqrt(gravity.dot(gravity))),
-        )  # fmt: skip
-
-    def _to_midpoint(self, data: mujoco.MjData, h: float) -> None:
-        """Put bodies where they are in the middle of the step, and compute all forces but those of contact there."""
-        model, surfaces = self._model, self._surfaces
-        if surfaces is not None:
-            now = data.time
-            data.time = now + 0.5 * h
-            surfaces.place(data)
-            data.time = now
-        mj_integratePos(model, data.qpos, self._velocity, 0.5 * h)
-        self._middle = data.qpos.copy()
-        self._find_contacts(data)
-        if model.nsensordata:
-            data.flg_subtreevel = data.flg_rnepost = False  # what of the last step MuJoCo takes to be still right
-            mujoco.mj_sensorPos(model, data)
-        mj_fwdVelocity(model, data)
-        if model.nsensordata:
-            mujoco.mj_sensorVel(model, data)
-        control = mujoco.get_mjcb_control()
-        if control is not None:
-            control(model, data)
-        mj_fwdActuation(model, data)
-        mj_fwdAcceleration(model, data)
-
-    def _find_contacts(self, data: mujoco.MjData) -> None:
-        """Compute all that depends on positions; where MuJoCo has no room for all contacts, with smaller margins."""
-        self._overflown = False
-        for share in SHARES:
-            seen = data.warning.number[_FULL].sum()
-            mj_fwdPosition(self._model, data)
-            if data.warning.number[_FULL].sum() == seen:
-                return
-            self._borrowed.scale_margins(share)
-        mj_fwdPosition(self._model, data)
-        self._overflown = True
-
-    def _free_step(self, data: mujoco.MjData) -> None:
-        """Let MuJoCo's integrator advance velocity, activations and time without contact."""
-        model, h = self._model, self._model.opt.timestep
-        data.qacc[:] = data.qacc_smooth
-        data.qfrc_constraint[:] = 0.0
-        self._borrowed.integrator(model, data)
-        self._metric = (data.qH, data.qHDiagInv) if self._borrowed.damped else (data.qLD, data.qLDiagInv)
-        if self._inertial.act:
-            data.qvel[:] = self._inertial.settle(data, self._velocity, self._metric, h)
-        self._gained = data.qvel - self._velocity
 
     def _contact(self, data: mujoco.MjData) -> tuple[np.ndarray | None, bool]:
         """Add what contact does to the velocity.

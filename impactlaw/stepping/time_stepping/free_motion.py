@@ -1,0 +1,118 @@
+"""The part of a step before contact: bodies in the middle of the step, velocities where forces lead."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from mujoco import (
+    mj_comPos,
+    mj_comVel,
+    mj_fwdAcceleration,
+    mj_fwdActuation,
+    mj_fwdPosition,
+    mj_fwdVelocity,
+    mj_integratePos,
+    mj_kinematics,
+)
+
+from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
+from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
+from impactlaw.stepping.time_stepping.margins import set_margins
+from impactlaw.stepping.time_stepping.tolerances import SHARES
+
+_FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
+
+
+def update_frames(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Bring frames and velocities of bodies up to the state."""
+    mj_kinematics(model, data)
+    mj_comPos(model, data)
+    mj_comVel(model, data)
+
+
+def reach(model: mujoco.MjModel, data: mujoco.MjData, gained: np.ndarray, sizes: np.ndarray, surface: float) -> None:
+    """Let MuJoCo find the contacts that bodies can reach in this step.
+
+    Args:
+        model: whose margins are written, see `margins.set_margins`.
+        data: at the start of the step, frames and velocities of bodies current.
+        gained: velocity that forces add in a step, (nv,).
+        sizes: `margins.body_sizes`.
+        surface: speed of moving surfaces, m/s.
+    """
+    velocity, now, gravity = data.qvel.copy(), data.cvel.copy(), model.opt.gravity
+    data.qvel += gained
+    mj_comVel(model, data)
+    data.qvel[:] = velocity
+    set_margins(
+        model.body_margin, model.geom_margin, model.geom_gap, model.pair_margin, model.pair_gap,
+        model.jnt_margin, model.tendon_margin,
+        model.geom_bodyid, model.body_rootid, sizes, data.xipos, data.subtree_com, now, data.cvel,
+        model.body_mocapid, surface, model.opt.timestep, float(np.sqrt(gravity.dot(gravity))),
+    )  # fmt: skip
+
+
+def to_midpoint(
+    model: mujoco.MjModel, data: mujoco.MjData, surfaces: Surfaces | None, borrowed: BorrowedModel
+) -> tuple[np.ndarray, bool]:
+    """Put bodies where they are in the middle of the step, and compute all forces but those of contact there.
+
+    Return the configuration, (nq,), and whether MuJoCo had no room for all contacts.
+    """
+    h = model.opt.timestep
+    if surfaces is not None:
+        now = data.time
+        data.time = now + 0.5 * h
+        surfaces.place(data)
+        data.time = now
+    mj_integratePos(model, data.qpos, data.qvel, 0.5 * h)
+    middle = data.qpos.copy()
+    overflown = _find_contacts(model, data, borrowed)
+    if model.nsensordata:
+        data.flg_subtreevel = data.flg_rnepost = False  # what of the last step MuJoCo takes to be still right
+        mujoco.mj_sensorPos(model, data)
+    mj_fwdVelocity(model, data)
+    if model.nsensordata:
+        mujoco.mj_sensorVel(model, data)
+    control = mujoco.get_mjcb_control()
+    if control is not None:
+        control(model, data)
+    mj_fwdActuation(model, data)
+    mj_fwdAcceleration(model, data)
+    return middle, overflown
+
+
+def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData, borrowed: BorrowedModel) -> bool:
+    """Compute all that depends on positions; where MuJoCo has no room for all contacts, with smaller margins."""
+    for share in SHARES:
+        seen = data.warning.number[_FULL].sum()
+        mj_fwdPosition(model, data)
+        if data.warning.number[_FULL].sum() == seen:
+            return False
+        borrowed.scale_margins(share)
+    mj_fwdPosition(model, data)
+    return True
+
+
+def free_step(
+    model: mujoco.MjModel, data: mujoco.MjData, borrowed: BorrowedModel, inertial: InertialForces, start: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Let MuJoCo's integrator advance velocity, activations and time without contact.
+
+    Return L and 1 / D of the mass matrix of the step, ``M_h = L^T D L``.
+
+    Args:
+        model: the scene.
+        data: in the middle of the step.
+        borrowed: which integrator it is.
+        inertial: Coriolis and gyroscopic forces.
+        start: velocity at the start of the step, (nv,).
+    """
+    data.qacc[:] = data.qacc_smooth
+    data.qfrc_constraint[:] = 0.0
+    borrowed.integrator(model, data)
+    metric = (data.qH, data.qHDiagInv) if borrowed.damped else (data.qLD, data.qLDiagInv)
+    if inertial.act:
+        data.qvel[:] = inertial.settle(data, start, metric, model.opt.timestep)
+    return metric
