@@ -5,6 +5,8 @@ the pose that the last step has left to the one that is set now, and a contact s
 velocities u of this step and u' of the one before, its velocity is at first that at the end of the last step, in the
 end ``(3 u - u') / 2``, and a parabola in between: continuous, and right up to the square of the timestep. Where u and
 u' differ by more than `BLOW`, the body was struck: it moves at constant velocity u, and ``w- != w+`` at the start.
+A body that would move farther in a step than it is large, and faster than `PUT`, does not move: it is put where it is
+to be, and stands there.
 
 A geom's ``surfacevel`` moves its surface within itself. As in MuJoCo, it counts in the tangent plane of a contact only:
 it takes along by friction, and never pushes.
@@ -20,7 +22,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.contacts import Contacts
-from impactlaw.scene.tolerances import BLOW
+from impactlaw.scene.tolerances import BLOW, PUT
 
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]  # of the axes x, y, z
 
@@ -111,7 +113,8 @@ class Surfaces:
         self._time, self._duration = data.time, duration
         if going_on and self.still and np.array_equal(target, self._target):
             return
-        start = self._target if going_on else target
+        put = ~self._can_go(target, duration) if going_on else np.ones(len(target), dtype=bool)
+        start = np.where(put[:, None], target, self._target)
         mean = np.zeros_like(self._mean)
         mean[:, :3] = (target[:, :3] - start[:, :3]) / duration
         turned = target[:, 3:] != start[:, 3:]
@@ -119,9 +122,9 @@ class Surfaces:
             turn = np.zeros(3)
             mujoco.mju_subQuat(turn, target[i, 3:], start[i, 3:])
             mujoco.mju_rotVecQuat(mean[i, 3:], turn / duration, start[i, 3:])
-        known = self._mean if going_on else mean
+        known = np.where(put[:, None], mean, self._mean)
         struck = np.array(self._speeds(mean - known)) > BLOW
-        self._before = self._first = self._last if going_on else mean
+        self._before = self._first = np.where(put[:, None], mean, self._last)
         self._last = 1.5 * mean - 0.5 * known
         if np.count_nonzero(struck):
             self.goes_on = False
@@ -129,6 +132,11 @@ class Surfaces:
             self._last = np.where(struck[:, None], mean, self._last)
         self._start, self._target, self._mean = start, target, mean
         self.still = not any(map(np.count_nonzero, (self._before, self._first, self._last, mean)))
+
+    def _can_go(self, target: np.ndarray, duration: float) -> np.ndarray:
+        """Return which bodies can go to poses (nmocap, 7) in a step of this duration, s, and are not put there."""
+        far = np.linalg.norm(target[:, :3] - self._target[:, :3], axis=1)
+        return far <= np.maximum(2.0 * self.arm, PUT * duration)
 
     def _speeds(self, velocity: np.ndarray) -> list[float]:
         """Return how fast a point of each body can be at velocities (nmocap, 6), m/s; they are few, mostly one."""

@@ -10,6 +10,8 @@ CCD_TOLERANCE = 1e-12  # m, of that collider: MuJoCo's default of 1e-6 makes gap
 PARALLEL = 0.99  # cosine of the angle within which MuJoCo takes two faces for parallel
 MIN_FRICTION = 1e-10  # coefficient up to which there is no friction
 NO_FRICTION = 1.0000001e-5  # the same of MuJoCo's contacts, whose smallest coefficient is 1e-5 and stands for none
+PUT = 20.0
+"""Speed, m/s, above which a mocap body that moves farther in a step than it is large has been put somewhere else."""
 BLOW = 0.1  # m/s: change of a surface's mean velocity from step to step above which it jumps, which is a collision
 
 # --- Equality constraints, which are soft in MuJoCo: their rows are right up to what they have given way. -------------

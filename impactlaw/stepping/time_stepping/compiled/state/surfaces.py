@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.moving_surfaces import LastMotion
-from impactlaw.scene.tolerances import BLOW
+from impactlaw.scene.tolerances import BLOW, PUT
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
@@ -142,6 +142,10 @@ def _speed(row, at, arm):
 def _begin(w, row, goes_on, arm):
     """Find how a body moves in a step; return how fast a point of it is at most, m/s, and whether it moves at all."""
     h, turn, change = w.timestep, numbers(3), numbers(6)
+    far = 0.0
+    for k in range(3):
+        far += (row[ROW.to + k] - row[ROW.target + k]) ** 2
+    goes_on = goes_on and np.sqrt(far) <= max(2.0 * arm, PUT * h)
     put(row[ROW.start : ROW.to], row[ROW.target : ROW.mean] if goes_on else row[ROW.to : ROW.through])
     row[ROW.through : ROW.first] = 0.0
     turned = False
