@@ -5,7 +5,7 @@ import numpy as np
 from impactlaw.solvers.cones.algebra.loops import FIRST, Array, clear, plain
 from impactlaw.solvers.cones.algebra.projection import group_residual
 
-_NOTHING = 1e-10  # normal rows shorter than this part of the longest do not move anything
+_NOTHING = 1e-10  # rows shorter than this part of the longest do not move anything
 _SHARE = 1e-3  # least scale of an island, as a part of the largest
 
 
@@ -17,26 +17,22 @@ def lengths(rownnz: Array, rowadr: Array, value: Array, first: Array, size: Arra
     """
     longest = 0.0
     for g in range(len(first)):
-        most = 0.0
+        normal, most = 0.0, 0.0
         for i in range(first[g], first[g] + size[g]):
-            most = max(most, _square(rownnz, rowadr, value, i))
-        length[g] = np.sqrt(most)
+            s = 0.0
+            for k in range(rowadr[i], rowadr[i] + rownnz[i]):
+                s += value[k] * value[k]
+            if i == first[g]:
+                normal = s
+            most = max(most, s)
+        length[g] = np.sqrt(most) if normal > _NOTHING**2 * most else 0.0
         longest = max(longest, length[g])
     for g in range(len(first)):
-        if np.sqrt(_square(rownnz, rowadr, value, first[g])) <= _NOTHING * longest:
+        if length[g] <= _NOTHING * longest:
             most = 0.0
             for i in range(first[g], first[g] + size[g]):
                 most = max(most, c[i])
             length[g] = np.sqrt(most)
-
-
-@plain
-def _square(rownnz: Array, rowadr: Array, value: Array, row: int) -> float:
-    """Return the square of the length of a row."""
-    s = 0.0
-    for k in range(rowadr[row], rowadr[row] + rownnz[row]):
-        s += value[k] * value[k]
-    return s
 
 
 @plain
