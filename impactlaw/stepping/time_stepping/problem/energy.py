@@ -82,8 +82,9 @@ def _add_sums(groups, rates, after, reached, x, label, sums):
 def _shares(sums, unsolved, share):
     """Write the share of the impulses of each island, at most 1, with which it does not gain from its free motion.
 
-    The share s of x changes its kinetic energy by ``s x^T J v_free + s^2 x^T (J v+ - J v_free) / 2``. Islands keep all
-    that meet the law, if they are not unsolved and have energy from contact. Return whether some share is less than 1.
+    The share s of x changes its kinetic energy by ``s x^T J v_free + s^2 x^T (J v+ - J v_free) / 2``. An island
+    that meets the law keeps all, unless what is given is unsolved and contact adds energy to it. Return whether some
+    share is less than 1.
     """
     some = False
     for i in range(len(share)):
