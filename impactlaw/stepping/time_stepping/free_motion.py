@@ -116,3 +116,42 @@ def free_step(
     if inertial.act:
         data.qvel[:] = inertial.settle(data, start, metric, model.opt.timestep)
     return metric
+
+
+def limit_energy(
+    model: mujoco.MjModel, data: mujoco.MjData, inertial: InertialForces, start: np.ndarray, velocity: np.ndarray
+) -> None:
+    """Scale velocities down until no tree of bodies has gained more kinetic energy than the work of forces and contact.
+
+    Args:
+        model: the scene.
+        data: at the end of the step, frames current.
+        inertial: Coriolis and gyroscopic forces.
+        start: configuration at its start, (nq,).
+        velocity: at its start, (nv,).
+    """
+    end, gravity = data.qpos.copy(), inertial.at(data, np.zeros_like(velocity))
+    forces = data.qfrc_smooth + data.qfrc_bias - gravity + data.qfrc_constraint
+    work = _of_trees(model, forces, model.opt.timestep * (velocity + data.qvel))
+    data.qpos[:] = start
+    update_frames(model, data)
+    allowed = _of_trees(model, _momentum(model, data, velocity), velocity) + np.maximum(work, 0.0)
+    data.qpos[:] = end
+    update_frames(model, data)
+    found = _of_trees(model, _momentum(model, data, data.qvel), data.qvel)
+    share = np.sqrt(np.divide(allowed, found, out=np.ones_like(found), where=found > allowed))
+    data.qvel *= share[model.dof_treeid]
+    mj_comVel(model, data)
+
+
+def _momentum(model: mujoco.MjModel, data: mujoco.MjData, velocity: np.ndarray) -> np.ndarray:
+    """Return ``M v`` of now, (nv,)."""
+    momentum = np.empty(model.nv)
+    mujoco.mj_makeM(model, data)
+    mujoco.mj_mulM(model, data, momentum, velocity.copy())
+    return momentum
+
+
+def _of_trees(model: mujoco.MjModel, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return the inner product of the parts of two vectors that belong to each tree of bodies, (ntree,)."""
+    return np.bincount(model.dof_treeid, one * other, model.ntree)

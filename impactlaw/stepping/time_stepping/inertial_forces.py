@@ -1,6 +1,15 @@
-"""Coriolis and gyroscopic forces at the mean velocity of a step, in which they do no work.
+"""Coriolis and gyroscopic forces c, such that no energy of first order in the timestep h comes of them.
 
-MuJoCo's integrators evaluate them at the velocity of the start, which makes energy of first order in the timestep.
+MuJoCo's integrators evaluate them at the velocity of the start, which makes such energy. Here they are those of the
+mean velocity of the step. Where the velocity jumps in the step, that makes energy again if the mass matrix depends on
+the configuration, ``v^T c(v) = v^T (dM/dt) v / 2``. Then a collision is between two half steps, each with its own mean:
+
+    v~- = v- - (h / 2) M^-1 c((v- + v~-) / 2)
+    v~+ = v~- + M_h^-1 (h f + J^T Lambda)
+    v+  = v~+ - (h / 2) M^-1 c((v~+ + v+) / 2)
+
+(G. Strang, *On the construction and comparison of difference schemes*, SIAM J. Numer. Anal. 5, 1968.) The law
+is asked for a jump from ``v~- + (v+ - v~+)`` to v+, in which contact does the same work as from v~- to v~+.
 """
 
 from __future__ import annotations
@@ -15,6 +24,11 @@ ROUNDS = 6
 """Fixed point iterations at most, for bodies that turn fast."""
 
 SETTLED = 1e-2  # part of the velocity by which a round may change it and be the last one
+
+HALF_ROUNDS = 12
+"""The same for the forces of half a step, of which the energy of a collision depends."""
+
+HALF_SETTLED = 1e-10  # part of these forces
 _TURNING = [int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)]
 _ROUND = 1e-9  # relative difference of moments of inertia that is rounding
 
@@ -28,6 +42,8 @@ class InertialForces:
     Attributes:
         act: whether there are any: the mass matrix depends on the configuration, or a body turns whose moments of
             inertia differ.
+        used: those of the last `settle`, with gravity, (nv,).
+        settled: whether bodies turn slowly enough for the timestep; else the last step did without these forces.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -35,7 +51,7 @@ class InertialForces:
         uneven = len(inertia) > 0 and bool((np.ptp(inertia, axis=1) > _ROUND * inertia.max(axis=1)).any())
         self.act = uneven or not has_constant_inertia(model)
         self._model = model
-        self._bias = np.zeros(model.nv)
+        self.used, self.settled = np.zeros(model.nv), True
 
     def settle(
         self, data: mujoco.MjData, start: np.ndarray, metric: tuple[np.ndarray, np.ndarray], h: float
@@ -48,43 +64,62 @@ class InertialForces:
             metric: L and 1 / D of the mass matrix of the step.
             h: timestep, s.
         """
-        free = data.qvel.copy()
+        free, self.settled = data.qvel.copy(), True
         for _ in range(ROUNDS):
-            before, free = free, self.lead_to(data, start, 0.5 * (start + free), metric, h)
+            before, self.used = free, self.at(data, 0.5 * (start + free))
+            free = self.lead_to(data, start, self.used, metric, h)
             if np.abs(free - before).max() <= SETTLED * np.abs(free).max():
                 return free
-        free = start + h * self._accelerate(data.qfrc_smooth, metric)  # they turn too fast for the timestep:
-        return free * min(1.0, np.sqrt(self._allowed(data, start, free, h)))  # at least no energy comes of it
+        self.settled, self.used = False, self.at(data, np.zeros_like(start))
+        return self.lead_to(data, start, self.used, metric, h)
 
-    def lead_to(
+    def at(self, data: mujoco.MjData, velocity: np.ndarray) -> np.ndarray:
+        """Return those at a velocity, with gravity, (nv,) each."""
+        kept, bias = data.qvel.copy(), np.empty(self._model.nv)
+        data.qvel[:] = velocity
+        mujoco.mj_comVel(self._model, data)
+        mujoco.mj_rne(self._model, data, 0, bias)
+        data.qvel[:] = kept
+        return bias
+
+    def half(
         self,
         data: mujoco.MjData,
-        start: np.ndarray,
-        mean: np.ndarray,
+        velocity: np.ndarray,
+        gravity: np.ndarray,
         metric: tuple[np.ndarray, np.ndarray],
         h: float,
     ) -> np.ndarray:
-        """Return where forces lead without contact if these are those of a mean velocity, (nv,); see `settle`."""
-        kept = data.qvel.copy()
-        data.qvel[:] = mean
-        mujoco.mj_comVel(self._model, data)
-        mujoco.mj_rne(self._model, data, 0, self._bias)
-        data.qvel[:] = kept
-        return start + h * self._accelerate(data.qfrc_smooth + data.qfrc_bias - self._bias, metric)
+        """Return those of half a step that ends at a velocity, or with h < 0 begins there, without gravity, (nv,)."""
+        force = self.at(data, velocity) - gravity
+        for _ in range(HALF_ROUNDS):
+            before, force = force, self.at(data, self.kick(velocity, force, metric, 0.25 * h)) - gravity
+            if np.abs(force - before).max() <= HALF_SETTLED * np.abs(force).max():
+                return force
+        self.settled = False
+        return force
 
-    def work(self, start: np.ndarray, after: np.ndarray, h: float) -> float:
-        """Return the work that those of the last `lead_to` do from one velocity to another, (nv,) each, J."""
-        return -0.5 * h * float(self._bias @ (start + after))
+    def lead_to(
+        self, data: mujoco.MjData, start: np.ndarray, bias: np.ndarray, metric: tuple[np.ndarray, np.ndarray], h: float
+    ) -> np.ndarray:
+        """Return where forces lead without contact, (nv,), these being a bias, with gravity, (nv,); see `settle`."""
+        return self.kick(start, data.qfrc_smooth + data.qfrc_bias - bias, metric, h)
+
+    def kick(
+        self, velocity: np.ndarray, force: np.ndarray, metric: tuple[np.ndarray, np.ndarray], h: float
+    ) -> np.ndarray:
+        """Return the velocity to which a force leads in a time h, (nv,)."""
+        return velocity + h * self._accelerate(force, metric)
+
+    def created(self, data: mujoco.MjData, start: np.ndarray, h: float) -> float:
+        """Return the kinetic energy beside that of other forces in a step from a velocity to that of data, J.
+
+        It is of first order in h, and of those of the last `settle`.
+        """
+        after = data.qvel
+        own = after @ self.at(data, after) + start @ data.qfrc_bias
+        return 0.5 * h * float(own - (start + after) @ self.used)
 
     def _accelerate(self, force: np.ndarray, metric: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         model = self._model
         return solve_inertia(force, metric[0], model.M_rownnz, model.M_rowadr, model.M_colind, metric[1])
-
-    def _allowed(self, data: mujoco.MjData, start: np.ndarray, free: np.ndarray, h: float) -> float:
-        """Return ``v^T M v`` of the start, with twice the work of other forces, relative to ``v^T M v`` of the end."""
-        momentum = np.empty(self._model.nv)
-        mujoco.mj_mulM(self._model, data, momentum, free)
-        after = float(momentum @ free)
-        mujoco.mj_mulM(self._model, data, momentum, start)
-        work = h * float((data.qfrc_smooth + data.qfrc_bias) @ (start + free))
-        return (float(momentum @ start) + max(0.0, work)) / after if after > 0.0 else 1.0

@@ -55,6 +55,7 @@ class Looks:
         work: part of the work allowed in the step that is left, (1,), see `solvers.cones.hybrid.spend`.
         rounds: of the slower solvers.
         phases: whether collisions may be one after another.
+        moved: what is added to the velocity before a collision, (nv,), see `inertial_forces`.
     """
 
     model: mujoco.MjModel
@@ -67,14 +68,14 @@ class Looks:
     work: np.ndarray
     rounds: int
     phases: bool = False
+    moved: np.ndarray | None = None
 
     def find(self, data: mujoco.MjData, known: Known | None) -> Look:
         """Add what contact does to the velocity of data, and return what the last look has found.
 
         Contacts that are far from closing are left out. If the velocity found would close one of them, it takes part.
         Where contacts are hit only through others, these collide first, which may close further ones.
-        A collision changes the mean velocity, in which Coriolis and gyroscopic forces do no work: where they have done
-        more than contact has taken, they are corrected.
+        Where Coriolis and gyroscopic forces create energy because of a collision, it is between two half steps.
 
         Args:
             data: in the middle of the step, contacts current, its velocity the one without contact.
@@ -94,41 +95,51 @@ class Looks:
                 break
             look += 1
             found = looks._try(data, near, free, found.known)
-        return looks._lose_energy(data, near, free, found, look)
+        return looks._lose_energy(data, near, free, found)
 
-    def _lose_energy(self, data: mujoco.MjData, near: np.ndarray, free: np.ndarray, found: Look, look: int) -> Look:
-        """Let inertial forces be those of the mean velocity while a collision creates energy with them."""
-        created = self._created(data, found)
-        while look < LOOKS + PHASE_LOOKS + ROUNDS and found.impulses and created > found.impulses.rounding:
-            before, mean, look = (free, created), 0.5 * (self.velocity + data.qvel), look + 1
-            free = self.inertial.lead_to(data, self.velocity, mean, self.metric, self.model.opt.timestep)
-            found = self._try(data, near, free, found.known)
-            created = self._created(data, found)
-            if not created < 0.5 * before[1]:  # they turn too fast for that
-                if created > before[1]:
-                    found = self._try(data, near, before[0], found.known)
+    def _lose_energy(self, data: mujoco.MjData, near: np.ndarray, free: np.ndarray, found: Look) -> Look:
+        """Let a collision be between two half steps if it creates energy together with inertial forces."""
+        forces, metric, v, h = self.inertial, self.metric, self.velocity, self.model.opt.timestep
+        if found.impulses is None or not found.impulses.collisions or not forces.act:
+            return found
+        created = self._size(found.impulses.work + forces.created(data, v, h))
+        if not created > found.impulses.rounding:
+            return found
+        best, was, gravity = (self, free, created), np.inf, forces.at(data, np.zeros_like(v))
+        begin, end = forces.half(data, v, gravity, metric, -h), forces.half(data, data.qvel, gravity, metric, h)
+        for _ in range(ROUNDS if forces.settled else 0):
+            looks = replace(self, moved=forces.kick(np.zeros_like(v), end - begin, metric, 0.5 * h))
+            free = forces.lead_to(data, v, gravity + 0.5 * (begin + end), metric, h)
+            found = looks._try(data, near, free, found.known)
+            used, end = end, forces.half(data, data.qvel, gravity, metric, h)
+            mean = forces.kick(data.qvel, end, metric, 0.25 * h)
+            work, rounding = (found.impulses.work, found.impulses.rounding) if found.impulses else (0.0, 0.0)
+            created = self._size(work + 0.5 * h * float(mean @ (end - used)))
+            if created < best[2]:
+                best = looks, free, created
+            if not rounding < created < 0.5 * was:
                 break
+            was = created
+        if created > best[2]:
+            found = best[0]._try(data, near, best[1], found.known)
         return found
+
+    def _size(self, work: float) -> float:
+        """Return energy that a collision creates, or where nothing is to be lost either, its size."""
+        return abs(work) if self.problem.targets.restitution == 1.0 else work
 
     def _try(self, data: mujoco.MjData, near: np.ndarray, free: np.ndarray, known: Known | None) -> Look:
         """Solve the problem of the rows that are near."""
         rows = self.reader.read(data, near, self.velocity, free, self.metric)
         if not len(rows.key):
             return Look(rows, None, known)
+        before = self.velocity
+        if self.moved is not None:
+            before, change = before + self.moved, np.empty(data.nefc)
+            mujoco.mj_mulJacVec(self.model, data, change, self.moved)
+            rows.before[:] += change[rows.row]
         found = self.problem.find(
-            data, rows, self.velocity, free, self.middle, self.metric, known, self.rounds, self.work,
-            phases=self.phases,
-        )  # fmt: skip
+            data, rows, before, free, self.middle, self.metric, known, self.rounds, self.work, phases=self.phases
+        )
         data.qvel[:] = found.velocity
         return Look(rows, found, (rows.groups, rows.key, rows.scale, found.impulse))
-
-    def _created(self, data: mujoco.MjData, look: Look) -> float:
-        """Return the work of contact in a collision and of Coriolis and gyroscopic forces, J; 0 where there is none.
-
-        Where nothing is to be lost either, its size.
-        """
-        found = look.impulses
-        if found is None or not found.collisions or not self.inertial.act:
-            return 0.0
-        work = found.work + self.inertial.work(self.velocity, data.qvel, self.model.opt.timestep)
-        return abs(work) if self.problem.targets.restitution == 1.0 else work

@@ -39,7 +39,7 @@ from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem
 from impactlaw.stepping.time_stepping.events import Known, Metric, StepImpulses
-from impactlaw.stepping.time_stepping.free_motion import free_step, reach, to_midpoint, update_frames
+from impactlaw.stepping.time_stepping.free_motion import free_step, limit_energy, reach, to_midpoint, update_frames
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
 from impactlaw.stepping.time_stepping.looks import Looks
 from impactlaw.stepping.time_stepping.margins import body_sizes
@@ -209,7 +209,7 @@ class TimeStepping:
             self._surfaces.begin(data, h)
         meet = 0.0 if self._surfaces is None else self._surfaces.speed
         reach(model, data, self._gained, self._sizes, meet)
-        self._velocity = data.qvel.copy()
+        self._velocity, start = data.qvel.copy(), data.qpos.copy()
         self._middle, self._overflown = to_midpoint(model, data, self._surfaces, self._borrowed)
         self._metric = free_step(model, data, self._borrowed, self._inertial, self._velocity)
         self._gained = data.qvel - self._velocity
@@ -237,6 +237,8 @@ class TimeStepping:
         if shift is not None:
             mj_integratePos(model, data.qpos, shift, h)
             update_frames(model, data)
+        if not self._inertial.settled:
+            limit_energy(model, data, self._inertial, start, self._velocity)
         self._finish(data)
 
     def _contact(self, data: mujoco.MjData) -> tuple[np.ndarray | None, bool]:

@@ -5,7 +5,18 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import clear, cleared, integers, kernel, marks, numbers, plain, put, zeros
+from impactlaw.solvers.cones.algebra.loops import (
+    clear,
+    cleared,
+    copied,
+    integers,
+    kernel,
+    marks,
+    numbers,
+    plain,
+    put,
+    zeros,
+)
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     contact_floats,
@@ -22,10 +33,12 @@ from impactlaw.stepping.compiled.access import (
     option,
     rows_of,
     size,
+    velocity_of,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, keep, put_int
 from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins
 from impactlaw.stepping.time_stepping.compiled.impulses.contact import count, count_entries, read
+from impactlaw.stepping.time_stepping.compiled.impulses.forces import forces_at
 from impactlaw.stepping.time_stepping.compiled.state.room import rows_at, rows_size
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, metric_of, setting
 from impactlaw.stepping.time_stepping.problem.dense import encode_pyramids
@@ -174,3 +187,49 @@ def finish(w):
         mj.energy_pos(w.model, w.data)
         mj.energy_vel(w.model, w.data)
     put(data_floats(w, DATA.qacc_warmstart, w.nv), data_floats(w, DATA.qacc, w.nv))
+
+
+@plain
+def _add_products(w, one, other, factor, sums):
+    """Add the inner product of the parts of two vectors that belong to each tree of bodies, (ntree,)."""
+    tree = model_ints(w, MODEL.dof_treeid, w.nv)
+    for i in range(w.nv):
+        sums[tree[i]] += factor * one[i] * other[i]
+
+
+@kernel
+def _add_energies(w, velocity, sums):
+    """Add ``v^T M v`` of now of each tree, (ntree,)."""
+    momentum = numbers(w.nv)
+    mj.make_m(w.model, w.data)
+    mj.mul_m(w.model, w.data, address_of(momentum), address_of(velocity))
+    _add_products(w, momentum, velocity, 1.0, sums)
+    keep(momentum)
+
+
+@kernel
+def limit_energy(w, start, velocity):
+    """Scale velocities down to the kinetic energy that forces allow; see `free_motion.limit_energy`."""
+    qpos, after, still, now = data_floats(w, DATA.qpos, len(start)), velocity_of(w), zeros(w.nv), copied(start)
+    tree, trees, force = model_ints(w, MODEL.dof_treeid, w.nv), size(w, MODEL.ntree), numbers(w.nv)
+    allowed, found = zeros(trees), zeros(trees)
+    smooth, bias = data_floats(w, DATA.qfrc_smooth, w.nv), data_floats(w, DATA.qfrc_bias, w.nv)
+    constraint = data_floats(w, DATA.qfrc_constraint, w.nv)
+    forces_at(w, still, force)
+    for i in range(w.nv):
+        force[i] = smooth[i] + bias[i] - force[i] + constraint[i]
+    _add_products(w, force, velocity, w.timestep, allowed)
+    _add_products(w, force, after, w.timestep, allowed)
+    for t in range(trees):
+        allowed[t] = max(0.0, allowed[t])
+    put(now, qpos)
+    put(qpos, start)
+    update_frames(w)
+    _add_energies(w, velocity, allowed)
+    put(qpos, now)
+    update_frames(w)
+    _add_energies(w, after, found)
+    for i in range(w.nv):
+        if found[tree[i]] > allowed[tree[i]]:
+            after[i] *= np.sqrt(allowed[tree[i]] / found[tree[i]])
+    mj.com_vel(w.model, w.data)

@@ -47,7 +47,7 @@ def to_middle(w, counts, left, gained, start, middle, bias, margins, work, loade
         narrow_limits(w, gained)
     put(start, velocity_of(w))
     full = _to_midpoint(w, start, margins, middle)
-    _free_step(w, start, bias, gained, work)
+    _free_step(w, counts, start, bias, gained, work)
     if w.surfaces != 0:
         speeds_of_middle(w)
     return full
@@ -144,7 +144,7 @@ def _find_contacts(w, margins):
 
 
 @plain
-def _free_step(w, start, bias, gained, work):
+def _free_step(w, counts, start, bias, gained, work):
     """Let MuJoCo's integrator advance velocity, activations and time without contact."""
     nv = w.nv
     put(data_floats(w, DATA.qacc, nv), data_floats(w, DATA.qacc_smooth, nv))
@@ -154,7 +154,6 @@ def _free_step(w, start, bias, gained, work):
     else:
         mj.implicit(w.model, w.data)
     qvel = velocity_of(w)
-    if setting(w, SETTING.inertial) != 0.0:
-        settle(w, start, bias, work)
+    counts[MEMORY.settled] = setting(w, SETTING.inertial) == 0.0 or settle(w, start, bias, work)
     for i in range(nv):
         gained[i] = qvel[i] - start[i]

@@ -26,6 +26,7 @@ from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at
 from impactlaw.stepping.time_stepping.compiled.borrow import borrow, is_damped
 from impactlaw.stepping.time_stepping.compiled.ends import (
     finish,
+    limit_energy,
     look_again,
     update_frames,
     write_acceleration,
@@ -125,6 +126,7 @@ def _step(w, law, memory, margins, cone, loaded, narrow):
     counts, at = memory.view(np.int64), MEMORY.left + nq
     left, gained = memory[MEMORY.left : at + nv], memory[at + nv : at + 2 * nv]
     start, middle, bias, known = numbers(nv), numbers(nq), zeros(nv), copied(gained)
+    begun = copied(data_floats(w, DATA.qpos, nq))
     work = numbers(max(6 * size(w, MODEL.nbody) + nv, 3 * nv))
     full = to_middle(w, counts, left, gained, start, middle, bias, margins, work, loaded, narrow)
     n, status, collided, missed = number(w, DATA.nefc), FINE, False, 0.0
@@ -144,6 +146,8 @@ def _step(w, law, memory, margins, cone, loaded, narrow):
         write_acceleration(w, start)
         status = _end(w, start, middle, bias, False)
     if status == FINE:
+        if counts[MEMORY.settled] == 0:
+            limit_energy(w, begun, start)
         _finish(w, memory, counts, left, collided, missed)
     if status == UNSEEN:
         put(gained, known)

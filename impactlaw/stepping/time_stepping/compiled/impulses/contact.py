@@ -116,6 +116,18 @@ def read(w, jacobian, metric, velocity, start, free, chosen, frictional, mark, r
     )  # fmt: skip
 
 
+@plain
+def _move(rows, jacobian, start, moved, before):
+    """Add to the velocity before a collision, (nv,), and to those of rows."""
+    nnz, adr, col, J = jacobian
+    for i in range(len(before)):
+        before[i] = start[i] + moved[i]
+    for r in range(len(rows.rates[0])):
+        row = rows.sparse[2, r]
+        for a in range(adr[row], adr[row] + nnz[row]):
+            rows.rates[1, r] += J[a] * moved[col[a]]
+
+
 @once
 def _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums):
     """Find the impulses of all contacts at once; return what `resolve_in_phases` returns."""
@@ -136,11 +148,11 @@ def _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums):
 
 @compiled(
     typeof(Outcome(0, 0, NO_ANSWER, False))(
-        WORLD, JACOBIAN, MARKS, NUMBERS, NUMBERS, KNOWN, INTEGER, LAW, BOOLEAN, MARKS, ROOM, NUMBERS
+        WORLD, JACOBIAN, MARKS, NUMBERS, NUMBERS, NUMBERS, KNOWN, INTEGER, LAW, BOOLEAN, MARKS, ROOM, NUMBERS
     ),
     counts=False,
 )
-def attempt(w, jacobian, chosen, start, free, known, rounds, law, phases, mark, room, sums):
+def attempt(w, jacobian, chosen, start, moved, free, known, rounds, law, phases, mark, room, sums):
     """Solve the problem of the rows that are near, set the velocity after it, and return what contact does.
 
     Args:
@@ -148,6 +160,7 @@ def attempt(w, jacobian, chosen, start, free, known, rounds, law, phases, mark, 
         jacobian: `access.nonzeros_of`.
         chosen: the rows, bool (nefc,).
         start: velocity at the start, (nv,).
+        moved: what is added to it before a collision, (nv,), see `inertial_forces`; (0,) where it is nothing.
         free: velocity without contact, (nv,).
         known: groups, keys, coefficients and impulses of the last step.
         rounds: of the slower solvers.
@@ -167,10 +180,14 @@ def attempt(w, jacobian, chosen, start, free, known, rounds, law, phases, mark, 
     read(w, jacobian, metric, velocity, start, free, chosen, frictional, mark, work, rows)
     if surfaces_move(w):
         add_surfaces(w, rows.groups, rows.sparse, rows.rates)
+    before = start
+    if len(moved) > 0:
+        before = velocities_at(room, 12, 1)
+        _move(rows, jacobian, start, moved, before)
     if phases:
-        solved, cut = linked_phases(w, rows, metric, start, free, known, rounds, law, answer, sums)
+        solved, cut = linked_phases(w, rows, metric, before, free, known, rounds, law, answer, sums)
     else:
-        solved, cut = _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums)
+        solved, cut = _resolve(w, rows, metric, before, free, known, rounds, law, answer, sums)
     return Outcome(groups, many, solved, cut)
 
 

@@ -1,48 +1,33 @@
-"""Coriolis and gyroscopic forces at the mean velocity of a step, as in `inertial_forces`."""
+"""Coriolis and gyroscopic forces of which no energy comes, as in `inertial_forces`."""
 
 from __future__ import annotations
 
-import numpy as np
-
-from impactlaw.solvers.cones.algebra.loops import plain, put
+from impactlaw.solvers.cones.algebra.loops import clear, kernel, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, layout_of, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, address_of
 from impactlaw.stepping.compiled.whitening import apply_inverse
 from impactlaw.stepping.time_stepping.compiled.state.world import metric_of
-from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SETTLED
+from impactlaw.stepping.time_stepping.inertial_forces import HALF_ROUNDS, HALF_SETTLED, ROUNDS, SETTLED
 
 
-@plain
-def _allowed(w, start, free, momentum):
-    """Return ``v^T M v`` of the start, with twice the work of other forces, relative to ``v^T M v`` of the end.
-
-    There is room for a momentum, (nv,).
-    """
-    mj.mul_m(w.model, w.data, address_of(momentum), address_of(free))
-    after, before, work = 0.0, 0.0, 0.0
-    for i in range(w.nv):
-        after += momentum[i] * free[i]
-    mj.mul_m(w.model, w.data, address_of(momentum), address_of(start))
-    force, bias = data_floats(w, DATA.qfrc_smooth, w.nv), data_floats(w, DATA.qfrc_bias, w.nv)
-    for i in range(w.nv):
-        before += momentum[i] * start[i]
-        work += w.timestep * (force[i] + bias[i]) * (start[i] + free[i])
-    return (before + max(0.0, work)) / after if after > 0.0 else 1.0
-
-
-@plain
-def lead_to(w, start, mean, bias, free):
-    """Write where forces lead without contact if these are those of a mean velocity, (nv,) each; see `settle`."""
-    velocity = velocity_of(w)
-    _swap(velocity, mean)
+@kernel
+def forces_at(w, velocity, bias):
+    """Write those at a velocity, with gravity, (nv,) each; the velocity of data is left as it was."""
+    now = velocity_of(w)
+    _swap(now, velocity)
     mj.com_vel(w.model, w.data)
     mj.rne(w.model, w.data, 0, address_of(bias))
-    _swap(velocity, mean)
+    _swap(now, velocity)
+
+
+@kernel
+def lead_to(w, start, bias, free):
+    """Write where forces lead without contact, these being a bias, with gravity, (nv,) each; see `settle`."""
     forces, old = data_floats(w, DATA.qfrc_smooth, w.nv), data_floats(w, DATA.qfrc_bias, w.nv)
     for i in range(w.nv):
         free[i] = forces[i] + old[i] - bias[i]
-    _move(w, start, free)
+    kick(w, start, w.timestep, free)
 
 
 @plain
@@ -51,30 +36,49 @@ def _swap(one, other):
         one[i], other[i] = other[i], one[i]
 
 
-@plain
-def _move(w, start, force):
-    """Overwrite a force by the velocity to which it leads, (nv,)."""
+@kernel
+def kick(w, velocity, h, force):
+    """Overwrite a force by the velocity to which it leads in a time h, (nv,) each."""
     factor, inverse = metric_of(w)
     nnz, adr, col = layout_of(w)
     apply_inverse(factor, nnz, adr, col, inverse, force)
     for i in range(w.nv):
-        force[i] = start[i] + w.timestep * force[i]
+        force[i] = velocity[i] + h * force[i]
+
+
+@kernel
+def half(w, velocity, gravity, h, mean, before, force):
+    """Write those of half a step that ends at a velocity, or with h < 0 begins there, without gravity.
+
+    Mean and before are room; all are (nv,). Return whether they are settled.
+    """
+    forces_at(w, velocity, force)
+    for k in range(HALF_ROUNDS + 1):
+        size, change = 0.0, 0.0
+        for i in range(w.nv):
+            force[i] -= gravity[i]
+            size, change = max(size, abs(force[i])), max(change, abs(force[i] - before[i]))
+        if k > 0 and change <= HALF_SETTLED * size:
+            return True
+        if k < HALF_ROUNDS:
+            put(before, force)
+            put(mean, force)
+            kick(w, velocity, 0.25 * h, mean)
+            forces_at(w, mean, force)
+    return False
 
 
 @plain
-def mean_of(one, other, mean):
-    """Write the mean of two velocities, (nv,)."""
-    for i in range(len(one)):
-        mean[i] = 0.5 * (one[i] + other[i])
+def created(w, start, used, bias):
+    """Return the kinetic energy beside that of other forces in a step from a velocity to that of data, J.
 
-
-@plain
-def inertial_work(w, start, after, bias):
-    """Return the work that these forces do from one velocity to another, (nv,) each, J."""
-    work = 0.0
+    Those that have led there are `used`, with gravity; there is room for a bias. All are (nv,).
+    """
+    after, begin, energy = velocity_of(w), data_floats(w, DATA.qfrc_bias, w.nv), 0.0
+    forces_at(w, after, bias)
     for i in range(w.nv):
-        work += bias[i] * (start[i] + after[i])
-    return -0.5 * w.timestep * work
+        energy += after[i] * bias[i] + start[i] * begin[i] - (start[i] + after[i]) * used[i]
+    return 0.5 * w.timestep * energy
 
 
 @plain
@@ -91,7 +95,7 @@ def _is_settled(before, free):
 
 @plain
 def settle(w, start, bias, room):
-    """Let qvel be where forces lead without contact.
+    """Let qvel be where forces lead without contact; return whether bodies turn slowly enough for the timestep.
 
     Args:
         w: the world in the middle of the step; qvel is where they lead with these forces as at the start.
@@ -103,14 +107,14 @@ def settle(w, start, bias, room):
     free, before, mean = room[:nv], room[nv : 2 * nv], room[2 * nv : 3 * nv]
     put(free, velocity)
     for _ in range(ROUNDS):
-        put(before, free)
-        mean_of(start, before, mean)
-        lead_to(w, start, mean, bias, free)
+        for i in range(nv):
+            before[i], mean[i] = free[i], 0.5 * (start[i] + free[i])
+        forces_at(w, mean, bias)
+        lead_to(w, start, bias, free)
         if _is_settled(before, free):
             put(velocity, free)
-            return
-    put(free, data_floats(w, DATA.qfrc_smooth, nv))
-    _move(w, start, free)
-    share = min(1.0, np.sqrt(_allowed(w, start, free, mean)))
-    for i in range(nv):
-        velocity[i] = share * free[i]
+            return True
+    clear(mean)
+    forces_at(w, mean, bias)
+    lead_to(w, start, bias, velocity)
+    return False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import once, plain, put
+from impactlaw.solvers.cones.algebra.loops import clear, once, plain, put
 from impactlaw.stepping.compiled.access import velocity_of
 from impactlaw.stepping.compiled.fields import floats
 from impactlaw.stepping.time_stepping.compiled.impulses.answer import Solved, work_left
@@ -15,7 +15,7 @@ from impactlaw.stepping.time_stepping.compiled.impulses.contact import (
     sees_more,
     take_over,
 )
-from impactlaw.stepping.time_stepping.compiled.impulses.forces import inertial_work, lead_to, mean_of
+from impactlaw.stepping.time_stepping.compiled.impulses.forces import created, forces_at, half, kick, lead_to
 from impactlaw.stepping.time_stepping.compiled.limits import passes_limit
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, remember_so_far
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, keep_known, known_at, rows_at, velocities_at
@@ -31,13 +31,13 @@ _FEW, _AT_ONCE = np.int64(FEW_ROUNDS), np.bool_(False)
 
 
 @plain
-def _again(w, law, start, free, jacobian, chosen, mark, room, found, phases):
+def _again(w, law, start, moved, free, jacobian, chosen, mark, room, found, phases):
     """Solve the problem once more, from what is found."""
     rows = rows_at(room.rows, found.groups, found.rows, room.entries)
     known, last = known_at(room.known, found.groups, found.rows), answer_at(room.answer, found.groups, found.rows, w.nv)
     keep_known(known, rows.groups, rows.key, rows.rates[0], last.x)
     sums = floats(room.sums, SUMS)
-    return linked_attempt(w, jacobian, chosen, start, free, known, _FEW, law, phases, mark, room, sums)
+    return linked_attempt(w, jacobian, chosen, start, moved, free, known, _FEW, law, phases, mark, room, sums)
 
 
 @plain
@@ -61,7 +61,7 @@ def find_impulses(w, law, memory, known, start, middle, bias, rounds, jacobian, 
         known: groups, keys, coefficients and impulses of the last step.
         start: velocity at the start, (nv,).
         middle: position in the middle of the step, (nq,).
-        bias: inertial forces, (nv,), to be written.
+        bias: inertial forces that have led to the velocity without contact, with gravity, (nv,).
         rounds: of the slower solvers.
         jacobian: `access.nonzeros_of`.
         chosen: room for marks of MuJoCo's rows, (nefc,).
@@ -71,10 +71,11 @@ def find_impulses(w, law, memory, known, start, middle, bias, rounds, jacobian, 
         narrow: whether limits of joints were left out; the status is `UNSEEN` if one of them would be passed.
     """
     h, qvel, free, look, phases = w.timestep, velocity_of(w), velocities_at(room, 0, 1), 1, _AT_ONCE
+    still = free[:0]
     put(free, qvel)
     near(w, jacobian, start, free, 2.0 * h, chosen)
     found = linked_attempt(
-        w, jacobian, chosen, start, free, known, rounds, law, phases, mark, room, floats(room.sums, SUMS)
+        w, jacobian, chosen, start, still, free, known, rounds, law, phases, mark, room, floats(room.sums, SUMS)
     )  # fmt: skip
     while look < LOOKS + PHASE_LOOKS and found.rows > 0 and found.solved.status == FINE:
         if narrow and passes_limit(w, middle, h):
@@ -92,33 +93,75 @@ def find_impulses(w, law, memory, known, start, middle, bias, rounds, jacobian, 
         if look == 1:
             _keep(w, memory, room, found)
         look += 1
-        found = _again(w, law, start, free, jacobian, chosen, mark, room, found, phases)
-    return _less_energy(w, law, start, bias, free, jacobian, chosen, mark, room, found, phases, look)
+        found = _again(w, law, start, still, free, jacobian, chosen, mark, room, found, phases)
+    counts = memory.view(np.int64)
+    return _less_energy(w, law, counts, start, bias, free, jacobian, chosen, mark, room, found, phases)
 
 
 @once
-def _less_energy(w, law, start, bias, free, jacobian, chosen, mark, room, found, phases, look):
-    """Let inertial forces be those of the mean velocity while a collision creates energy with them."""
-    qvel, before, mean = velocity_of(w), velocities_at(room, 1, 1), velocities_at(room, 2, 1)
-    created = _created(w, found, start, bias)
-    while look < LOOKS + PHASE_LOOKS + ROUNDS and created > found.solved.rounding and found.solved.status == FINE:
-        was, look = created, look + 1
-        put(before, free)
-        mean_of(start, qvel, mean)
-        lead_to(w, start, mean, bias, free)
-        found = _again(w, law, start, free, jacobian, chosen, mark, room, found, phases)
-        created = _created(w, found, start, bias)
-        if not created < 0.5 * was:  # they turn too fast for that
-            if created > was:
-                found = _again(w, law, start, before, jacobian, chosen, mark, room, found, phases)
+def _less_energy(w, law, counts, start, bias, free, jacobian, chosen, mark, room, found, phases):
+    """Let a collision be between two half steps if it creates energy together with inertial forces."""
+    if not found.solved.collided or setting(w, SETTING.inertial) == 0.0:
+        return found
+    gains = _size(w, found.solved.work + created(w, start, bias, velocities_at(room, 1, 1)))
+    if not gains > found.solved.rounding:
+        return found
+    h, after, mean, last = w.timestep, velocity_of(w), velocities_at(room, 1, 1), velocities_at(room, 4, 1)
+    gravity, begin, end = velocities_at(room, 5, 1), velocities_at(room, 6, 1), velocities_at(room, 7, 1)
+    used, moved, best = velocities_at(room, 8, 1), velocities_at(room, 9, 1), velocities_at(room, 10, 2)
+    clear(mean)
+    forces_at(w, mean, gravity)
+    settled = half(w, start, gravity, -h, mean, last, begin) and half(w, after, gravity, h, mean, last, end)
+    counts[MEMORY.settled] = settled and counts[MEMORY.settled] != 0
+    put(best, free)
+    clear(best[w.nv :])
+    least, was, rounds = gains, np.inf, ROUNDS if counts[MEMORY.settled] != 0 else 0
+    for _ in range(rounds):
+        put(used, end)
+        _split(w, start, gravity, begin, used, mean, moved, free)
+        found = _again(w, law, start, moved, free, jacobian, chosen, mark, room, found, phases)
+        if found.solved.status != FINE:
+            return found
+        counts[MEMORY.settled] = half(w, after, gravity, h, mean, last, end) and counts[MEMORY.settled] != 0
+        gains = _size(w, found.solved.work + _stale(w, after, end, used, mean))
+        if gains < least:
+            least = gains
+            put(best, free)
+            put(best[w.nv :], moved)
+        if not found.solved.rounding < gains < 0.5 * was:
             break
+        was = gains
+    if gains > least:
+        found = _again(w, law, start, best[w.nv :], best[: w.nv], jacobian, chosen, mark, room, found, phases)
     return found
 
 
 @plain
-def _created(w, found, start, bias):
-    """Return the work of contact in a collision and of Coriolis and gyroscopic forces, J; 0 where there is none."""
-    if not found.solved.collided or setting(w, SETTING.inertial) == 0.0:
-        return 0.0
-    work = found.solved.work + inertial_work(w, start, velocity_of(w), bias)
+def _split(w, start, gravity, begin, end, bias, moved, free):
+    """Write what is added to the velocity before a collision between two half steps, and where forces lead.
+
+    There is room for a bias; all are (nv,).
+    """
+    for i in range(w.nv):
+        moved[i], bias[i] = end[i] - begin[i], 0.0
+    kick(w, bias, 0.5 * w.timestep, moved)
+    for i in range(w.nv):
+        bias[i] = gravity[i] + 0.5 * (begin[i] + end[i])
+    lead_to(w, start, bias, free)
+
+
+@plain
+def _stale(w, after, end, used, mean):
+    """Return the energy that comes of a half step with other forces than its own, J; there is room for a velocity."""
+    put(mean, end)
+    kick(w, after, 0.25 * w.timestep, mean)
+    energy = 0.0
+    for i in range(w.nv):
+        energy += mean[i] * (end[i] - used[i])
+    return 0.5 * w.timestep * energy
+
+
+@plain
+def _size(w, work):
+    """Return energy that a collision creates, or where nothing is to be lost either, its size."""
     return abs(work) if setting(w, SETTING.restitution) == 1.0 else work

@@ -38,6 +38,7 @@ class Memory(NamedTuple):
         found_groups: of the impulses found so far in a step that is taken again, an int64.
         found_rows: the same of their rows, 0 if there are none, an int64.
         found_work: what was left of the work allowed when they were found.
+        settled: whether bodies turn slowly enough for the timestep, see `inertial_forces`, an int64.
         sums: over the collisions of the last step, see `sums`, if they are asked for, four numbers.
         left: nothing but the number of places: here qpos and qvel begin that the last step has left, and after them
             the velocity that forces have led to without contact in the last step, and what is known of mocap bodies,
@@ -63,8 +64,9 @@ class Memory(NamedTuple):
     found_groups: int = 16
     found_rows: int = 17
     found_work: int = 18
-    sums: int = 19
-    left: int = 23
+    settled: int = 19
+    sums: int = 20
+    left: int = 24
 
 
 MEMORY = Memory()

@@ -67,7 +67,7 @@ class Answer(NamedTuple):
     later: Array
 
 
-VELOCITIES = 4
+VELOCITIES = 13
 """Velocities, (nv,) each, that there is room for."""
 
 
