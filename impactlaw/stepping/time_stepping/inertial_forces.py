@@ -29,6 +29,9 @@ HALF_ROUNDS = 12
 """The same for the forces of half a step, of which the energy of a collision depends."""
 
 HALF_SETTLED = 1e-10  # part of these forces
+
+SMALL_PART = 1e-2
+"""Part of the energy of a collision below which that of these forces is left: then others push bodies apart."""
 _TURNING = [int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)]
 _ROUND = 1e-9  # relative difference of moments of inertia that is rounding
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem
 from impactlaw.stepping.time_stepping.events import Known, Metric, StepImpulses
-from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, InertialForces
+from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SMALL_PART, InertialForces
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LOOKS, PHASE_LOOK_ROWS, PHASE_LOOKS, is_met
@@ -102,8 +102,9 @@ class Looks:
         forces, metric, v, h = self.inertial, self.metric, self.velocity, self.model.opt.timestep
         if found.impulses is None or not found.impulses.collisions or not forces.act:
             return found
-        created = self._size(found.impulses.work + forces.created(data, v, h))
-        if not created > found.impulses.rounding:
+        own = forces.created(data, v, h)
+        created = self._size(found.impulses.work + own)
+        if not created > found.impulses.rounding or self._size(own) < SMALL_PART * created:
             return found
         best, was, gravity = (self, free, created), np.inf, forces.at(data, np.zeros_like(v))
         begin, end = forces.half(data, v, gravity, metric, -h), forces.half(data, data.qvel, gravity, metric, h)

@@ -22,7 +22,7 @@ from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, keep
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE, UNSEEN
 from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS
+from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SMALL_PART
 from impactlaw.stepping.time_stepping.problem.energy import is_met
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LOOKS, PHASE_LOOK_ROWS, PHASE_LOOKS
 
@@ -103,8 +103,9 @@ def _less_energy(w, law, counts, start, bias, free, jacobian, chosen, mark, room
     """Let a collision be between two half steps if it creates energy together with inertial forces."""
     if not found.solved.collided or setting(w, SETTING.inertial) == 0.0:
         return found
-    gains = _size(w, found.solved.work + created(w, start, bias, velocities_at(room, 1, 1)))
-    if not gains > found.solved.rounding:
+    own = created(w, start, bias, velocities_at(room, 1, 1))
+    gains = _size(w, found.solved.work + own)
+    if not gains > found.solved.rounding or _size(w, own) < SMALL_PART * gains:
         return found
     h, after, mean, last = w.timestep, velocity_of(w), velocities_at(room, 1, 1), velocities_at(room, 4, 1)
     gravity, begin, end = velocities_at(room, 5, 1), velocities_at(room, 6, 1), velocities_at(room, 7, 1)
