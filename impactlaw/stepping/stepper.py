@@ -81,7 +81,8 @@ class Stepper:
         plan: what a step does in this scene and what it leaves out (`impactlaw.stepping.plan`).
         unlocated: steps so far that had more than max_events collisions, or were time stepped in part or as a whole.
         shortfall: by how much a contact velocity of the last step missed its law (time stepping).
-        short_steps: steps so far in which that was too much, or contacts lost their restitution (time stepping).
+        short_steps: steps so far in which that was too much, or contacts lost their restitution (time stepping); or in
+            which no impulses met law and friction, and MuJoCo's contacts were left alone (soft).
 
     Raises:
         SceneError: the scene holds something rigid stepping does not cover, or an option means nothing to this way to
@@ -200,10 +201,11 @@ class Stepper:
 
     @property
     def short_steps(self) -> int:
-        """Steps so far that did not meet their law (time stepping).
+        """Steps so far that did not meet their law.
 
-        Their shortfall was above 1e-6 of the largest contact velocity, or 1e-8 m/s; or contacts lost their restitution:
-        those that are hit through others, one after another, were too many for a step, or friction jams bodies.
+        Time stepping: their shortfall was above 1e-6 of the largest contact velocity, or 1e-8 m/s; or contacts lost
+        their restitution: those that are hit through others, one after another, were too many for a step, or friction
+        jams bodies. Soft: no impulses met law and friction, so that MuJoCo's contacts were left alone.
         """
         return getattr(self._stepping, "short_steps", 0)
 
@@ -223,7 +225,8 @@ class Stepper:
             InadmissibleImpactError: the law would create energy and on_inadmissible is "raise".
             RestitutionError: the law's coefficients do not fit the contacts that collide.
             UnsolvableLawError: the law has no solution for the contacts that collide, and on_unsolved is "raise".
-            SolverError: no solver's answer for these contacts passed its certificate, and on_unsolved is "raise".
+            SolverError: no solver's answer for these contacts passed its certificate, and on_unsolved is "raise"
+                (event-driven).
             UnfinishedStepError: the step takes too much work, or contact is not held, and on_unsolved is "raise".
             DivergenceError: position or velocity is not finite.
             SceneError: data is of a model with other bodies, joints or geoms.

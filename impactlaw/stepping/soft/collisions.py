@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from impactlaw.errors import SolverError
 from impactlaw.laws.restitution.on_contacts import Chosen
 from impactlaw.mechanics.friction import Friction
 from impactlaw.scene.contacts import Contacts, active_contacts, closes, gap_gradients, geom_names
@@ -37,6 +38,7 @@ class Collisions:
         limits: of joints and tendons.
         bilateral: which equality constraints collisions keep, bool (neq,).
         unlocated: times so far that there were more collisions one after another than the collider may take.
+        short_steps: times so far that no impulses met the law and friction: MuJoCo's contacts were left alone.
     """
 
     def __init__(
@@ -46,7 +48,7 @@ class Collisions:
         self.collider, self.rest_speed, self.friction, self.chosen = collider, rest_speed, plan.friction, chosen
         self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
         self.names, self.limits, self.bilateral = geom_names(model), Limits(model), bilateral_constraints(model)
-        self.unlocated = 0
+        self.unlocated = self.short_steps = 0
 
     def resolve(self, data: mujoco.MjData) -> tuple[tuple[ImpactEvent, ...], int]:
         """Let the law change the velocity; return the collisions and the last stage that is still current."""
@@ -70,16 +72,20 @@ class Collisions:
             closed = closed.select(np.flatnonzero(self.chosen.mask(contacts.labels)))
         h = len(closed.contacts)
         events: list[ImpactEvent] = []
-        velocity = self.collider.collide(
-            kinetic_metric(self._model, data),
-            closed,
-            data.qvel.copy(),
-            approach=np.full(h, self.rest_speed),
-            rounding=np.full(h, ROUNDING * np.abs(gamma).max()),
-            time=data.time,
-            qpos=data.qpos,
-            events=events,
-        )
+        try:
+            velocity = self.collider.collide(
+                kinetic_metric(self._model, data),
+                closed,
+                data.qvel.copy(),
+                approach=np.full(h, self.rest_speed),
+                rounding=np.full(h, ROUNDING * np.abs(gamma).max()),
+                time=data.time,
+                qpos=data.qpos,
+                events=events,
+            )
+        except SolverError:  # bodies jam: with friction a law can have no solution
+            self.short_steps += 1
+            return NOTHING
         self.unlocated += len(events) > self.collider.most
         if np.array_equal(velocity, data.qvel):
             return tuple(events), VELOCITY

@@ -100,6 +100,11 @@ class SoftStepping:
         return self.collisions.unlocated
 
     @property
+    def short_steps(self) -> int:
+        """Steps so far in which no impulses met the law and friction."""
+        return self.collisions.short_steps
+
+    @property
     def only_in_python(self) -> str | None:
         """Why compiled code does not take these steps, whatever the law is; None if it does."""
         if self._surfaces is not None:

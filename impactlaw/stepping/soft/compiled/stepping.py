@@ -86,8 +86,13 @@ class CompiledSoftStepping:
 
     @property
     def unlocated(self) -> int:
-        """See `scheme.SoftStepping`."""
+        """See `scheme.SoftStepping`, like the one that follows."""
         return self._scheme.unlocated
+
+    @property
+    def short_steps(self) -> int:
+        """Of both, compiled code and the scheme in Python."""
+        return self._scheme.short_steps
 
     def set_law(self, law: Law) -> None:
         """Let the collisions of the next steps be by another law."""
