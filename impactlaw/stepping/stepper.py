@@ -82,7 +82,7 @@ class Stepper:
         unlocated: steps so far that had more than max_events collisions, or were time stepped in part or as a whole.
         shortfall: by how much a contact velocity of the last step missed its law (time stepping).
         short_steps: steps so far in which that was too much, or contacts lost their restitution (time stepping); or in
-            which no impulses met law and friction, and MuJoCo's contacts were left alone (soft).
+            which bodies jammed, and MuJoCo's contacts were left alone (soft).
 
     Raises:
         SceneError: the scene holds something rigid stepping does not cover, or an option means nothing to this way to
@@ -205,7 +205,8 @@ class Stepper:
 
         Time stepping: their shortfall was above 1e-6 of the largest contact velocity, or 1e-8 m/s; or contacts lost
         their restitution: those that are hit through others, one after another, were too many for a step, or friction
-        jams bodies. Soft: no impulses met law and friction, so that MuJoCo's contacts were left alone.
+        jams bodies. Soft: friction or constraints jam bodies, no matter what the law is, and MuJoCo's contacts were
+        left alone.
         """
         return getattr(self._stepping, "short_steps", 0)
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 
-from impactlaw.errors import SolverError
+from impactlaw.errors import SolverError, UnsolvableLawError
 from impactlaw.laws.restitution.on_contacts import Chosen
 from impactlaw.mechanics.friction import Friction
 from impactlaw.scene.contacts import Contacts, active_contacts, closes, gap_gradients, geom_names
@@ -38,7 +40,7 @@ class Collisions:
         limits: of joints and tendons.
         bilateral: which equality constraints collisions keep, bool (neq,).
         unlocated: times so far that there were more collisions one after another than the collider may take.
-        short_steps: times so far that no impulses met the law and friction: MuJoCo's contacts were left alone.
+        short_steps: times so far that bodies were jammed: MuJoCo's contacts were left alone.
     """
 
     def __init__(
@@ -70,20 +72,12 @@ class Collisions:
         closed = Closed(contacts, jacobian, bilateral, drift, friction=friction)
         if self.chosen is not None:
             closed = closed.select(np.flatnonzero(self.chosen.mask(contacts.labels)))
-        h = len(closed.contacts)
         events: list[ImpactEvent] = []
         try:
-            velocity = self.collider.collide(
-                kinetic_metric(self._model, data),
-                closed,
-                data.qvel.copy(),
-                approach=np.full(h, self.rest_speed),
-                rounding=np.full(h, ROUNDING * np.abs(gamma).max()),
-                time=data.time,
-                qpos=data.qpos,
-                events=events,
-            )
-        except SolverError:  # bodies jam: with friction a law can have no solution
+            velocity = self._collide(self.collider, data, closed, gamma, events)
+        except (SolverError, UnsolvableLawError):
+            if not self._jammed(data, closed, gamma):
+                raise
             self.short_steps += 1
             return NOTHING
         self.unlocated += len(events) > self.collider.most
@@ -91,6 +85,30 @@ class Collisions:
             return tuple(events), VELOCITY
         data.qvel[:] = velocity
         return tuple(events), POSITION
+
+    def _collide(
+        self, collider: Collider, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, events: list[ImpactEvent]
+    ) -> np.ndarray:
+        """Return the velocity after all collisions, (nv,), and append these."""
+        h = len(closed.contacts)
+        return collider.collide(
+            kinetic_metric(self._model, data),
+            closed,
+            data.qvel.copy(),
+            approach=np.full(h, self.rest_speed),
+            rounding=np.full(h, ROUNDING * np.abs(gamma).max()),
+            time=data.time,
+            qpos=data.qpos,
+            events=events,
+        )
+
+    def _jammed(self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray) -> bool:
+        """Return whether the contacts have no outcome even without restitution: friction or constraints lock bodies."""
+        try:
+            self._collide(replace(self.collider, law=self.collider.last_law), data, closed, gamma, [])
+        except (SolverError, UnsolvableLawError):
+            return True
+        return False
 
     def active(self, data: mujoco.MjData) -> tuple[Contacts, np.ndarray]:
         """Return the contacts and limits that MuJoCo's solver acts on now, and their gradients, (h, nv)."""

@@ -101,7 +101,7 @@ class SoftStepping:
 
     @property
     def short_steps(self) -> int:
-        """Steps so far in which no impulses met the law and friction."""
+        """Steps so far in which bodies were jammed, see `Collisions`."""
         return self.collisions.short_steps
 
     @property

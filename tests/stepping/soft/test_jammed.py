@@ -1,10 +1,12 @@
-"""Bodies that jam, so that no impulses meet law and friction, do not end a run under soft steps."""
+"""Bodies that jam do not end a run under soft steps; a law that does not fit its contacts does."""
 
 import gymnasium as gym
 import mujoco
 import pytest
+from scenes import compiled as compile_scene
 
-from impactlaw import Moreau, Stepper
+from impactlaw import Fremond, Moreau, Stepper
+from impactlaw.errors import UnsolvableLawError
 
 QPOS = (-8.756441491107173, -0.5294397993016361, 3.446350937151604, 0.4032184000507698, -0.3269331208193089,
         -0.008362221697740022, 0.27571687676287643, 0.36444716320914206, 0.09693485059105762)  # fmt: skip
@@ -34,3 +36,33 @@ def test_mujoco_takes_such_a_step(compiled):
     assert (data.qvel == bare.qvel).all()
     stepper.step(data)
     assert stepper.short_steps == 1
+
+
+COUPLED = """<body><joint name="knob" axis="0 0 1" range="0 60"/><geom size=".1"/></body>
+    <body pos="1 0 0"><joint name="slide" type="slide" range="-1 0"/><geom size=".1"/></body>"""
+COUPLING = '<equality><joint joint1="knob" joint2="slide" polycoef="0 1 0 0 0"/></equality>'
+"""A knob that turns a slide: their limits close against each other."""
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5])
+def test_constraints_that_lock_limits_leave_them_to_mujoco(e):
+    model, data = compile_scene(COUPLED, COUPLING, option='gravity="0 0 0"')
+    data.qpos[:], data.qvel[:] = (-1e-3, 1e-3), (-1.0, 1.0)  # which the coupling does not have
+    stepper = Stepper(model, Moreau(e), contact_model="soft")
+    stepper.step(data)
+    assert stepper.short_steps == 1
+    assert abs(data.qvel).max() < 2.0
+
+
+def test_a_law_that_does_not_fit_is_still_told():
+    """The law lifts a block on which a ball falls; a rope would push what hangs on its other end into the floor."""
+    world = """<geom name="floor" type="plane" size="9 9 1"/>
+        <body pos="0 0 .1"><joint name="a" type="slide" axis="0 0 1"/><geom name="block" size=".1"/></body>
+        <body pos="1 0 .1"><joint name="b" type="slide" axis="0 0 1"/><geom name="other" size=".1"/></body>
+        <body pos="0 0 .3"><joint type="slide" axis="0 0 1"/><geom name="ball" size=".1"/></body>"""
+    rope = '<equality><joint joint1="a" joint2="b" polycoef="0 -1 0 0 0"/></equality>'
+    model, data = compile_scene(world, rope, geom='condim="1"')
+    data.qpos[:], data.qvel[:] = (-1e-4, -1e-4, -4e-4), (0.0, 0.0, -1.0)
+    law = Fremond({("floor/block", "block/ball"): 1.0})
+    with pytest.raises(UnsolvableLawError, match="floor/block"):
+        Stepper(model, law, contact_model="soft").step(data)
