@@ -49,7 +49,8 @@ def draw(runs: Sequence[Run], path: Path, title: str, names: Sequence[str]) -> N
     if shared is not None:
         shared.set_xlabel("time, s")
         if len(lines) > 1:
-            figure.axes[0].legend(loc="upper right", ncols=3, fontsize=9)
+            handles = shared.get_legend_handles_labels()
+            figure.legend(*handles, loc="outside lower center", ncols=6, fontsize=9)
     if planar and first is not None:
         draw_admissible_set(figure.add_subplot(grid[:, 1]), first.collision, runs)
     figure.savefig(path, dpi=110)
