@@ -11,6 +11,7 @@ import mujoco
 from impactlaw.compiled import announce
 from impactlaw.errors import UncompiledWarning
 from impactlaw.laws import Law, Moreau
+from impactlaw.solvers import load_solvers
 from impactlaw.stepping.plan import Plan, make_plan
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ def make_time_stepping(
 
     scheme = TimeStepping(model, law, plan, **options)
     if compiled == "never":
+        load_solvers()
         return scheme
     from impactlaw.stepping.compiled.layout import LayoutError
     from impactlaw.stepping.time_stepping.compiled.stepping import CompiledStepping

@@ -13,6 +13,7 @@ import numpy as np
 
 from impactlaw.errors import DivergenceError, InadmissibleImpactError, UncompiledWarning
 from impactlaw.laws import Law
+from impactlaw.solvers import load_solvers
 from impactlaw.stepping.compiled.engine import Pool, fill_context
 from impactlaw.stepping.compiled.fields import DATA, SIZE
 from impactlaw.stepping.compiled.layout import table
@@ -75,6 +76,7 @@ class CompiledStepping:
         self._teller = Teller(self._scheme, _with_sums, self._settings)
         self._write_context()
         if self._reason is not None:
+            load_solvers()
             self._tell(self._reason)
 
     def _tell(self, why: str) -> None:
