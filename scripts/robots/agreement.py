@@ -61,7 +61,7 @@ def begin_alike(ours: Stepper, python: Stepper, one: mujoco.MjData, other: mujoc
     mujoco.mj_setState(model, other, state, kind)
     if numbers[MEMORY.steps]:
         begin = MEMORY.left + model.nq + model.nv
-        gained, motion = numbers[begin : begin + model.nv], last_motion(numbers, model)
+        gained, motion = numbers[begin : begin + 2 * model.nv].reshape(2, model.nv), last_motion(numbers, model)
         scheme.resume(other, recollect(numbers, raw(numbers)), gained, motion, solved=compiled.solved)
 
 

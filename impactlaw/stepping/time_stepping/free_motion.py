@@ -96,7 +96,12 @@ def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData, borrowed: Borrowe
 
 
 def free_step(
-    model: mujoco.MjModel, data: mujoco.MjData, borrowed: BorrowedModel, inertial: InertialForces, start: np.ndarray
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    borrowed: BorrowedModel,
+    inertial: InertialForces,
+    start: np.ndarray,
+    held: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Let MuJoCo's integrator advance velocity, activations and time without contact.
 
@@ -108,20 +113,21 @@ def free_step(
         borrowed: which integrator it is.
         inertial: Coriolis and gyroscopic forces.
         start: velocity at the start of the step, (nv,).
+        held: see `InertialForces.settle`.
     """
     data.qacc[:] = data.qacc_smooth
     data.qfrc_constraint[:] = 0.0
     borrowed.integrator(model, data)
     metric = (data.qH, data.qHDiagInv) if borrowed.damped else (data.qLD, data.qLDiagInv)
     if inertial.act:
-        data.qvel[:] = inertial.settle(data, start, metric, model.opt.timestep)
+        data.qvel[:] = inertial.settle(data, start, held, metric, model.opt.timestep)
     return metric
 
 
 def limit_energy(
     model: mujoco.MjModel, data: mujoco.MjData, inertial: InertialForces, start: np.ndarray, velocity: np.ndarray
 ) -> None:
-    """Scale velocities down until no tree of bodies has gained more kinetic energy than the work of forces and contact.
+    """Scale velocities down until no tree that turns fast has gained more kinetic energy than forces and contact gave.
 
     Args:
         model: the scene.
@@ -130,16 +136,15 @@ def limit_energy(
         start: configuration at its start, (nq,).
         velocity: at its start, (nv,).
     """
-    end, gravity = data.qpos.copy(), inertial.at(data, np.zeros_like(velocity))
-    forces = data.qfrc_smooth + data.qfrc_bias - gravity + data.qfrc_constraint
+    end, forces = data.qpos.copy(), data.qfrc_smooth + data.qfrc_bias - inertial.gravity + data.qfrc_constraint
     work = _of_trees(model, forces, model.opt.timestep * (velocity + data.qvel))
     data.qpos[:] = start
     update_frames(model, data)
-    allowed = _of_trees(model, _momentum(model, data, velocity), velocity) + np.maximum(work, 0.0)
+    allowed = np.maximum(0.0, _of_trees(model, _momentum(model, data, velocity), velocity) + work)
     data.qpos[:] = end
     update_frames(model, data)
     found = _of_trees(model, _momentum(model, data, data.qvel), data.qvel)
-    share = np.sqrt(np.divide(allowed, found, out=np.ones_like(found), where=found > allowed))
+    share = np.sqrt(np.divide(allowed, found, out=np.ones_like(found), where=inertial.turning & (found > allowed)))
     data.qvel *= share[model.dof_treeid]
     mj_comVel(model, data)
 

@@ -9,7 +9,7 @@ the configuration, ``v^T c(v) = v^T (dM/dt) v / 2``. Then a collision is between
     v+  = v~+ - (h / 2) M^-1 c((v~+ + v+) / 2)
 
 (G. Strang, *On the construction and comparison of difference schemes*, SIAM J. Numer. Anal. 5, 1968.) The law
-is asked for a jump from ``v~- + (v+ - v~+)`` to v+, in which contact does the same work as from v~- to v~+.
+is asked for a jump from ``v~- + (v~+ - v+)`` to v+, in which contact does the same work as from v~- to v~+.
 """
 
 from __future__ import annotations
@@ -24,6 +24,10 @@ ROUNDS = 6
 """Fixed point iterations at most, for bodies that turn fast."""
 
 SETTLED = 1e-2  # part of the velocity by which a round may change it and be the last one
+STILL = 1e-9  # m/s or rad/s by which it may anyway
+
+FAST = 0.5
+"""Way in a timestep, m or rad, of a velocity above which energy is watched."""
 
 HALF_ROUNDS = 12
 """The same for the forces of half a step, of which the energy of a collision depends."""
@@ -46,7 +50,9 @@ class InertialForces:
         act: whether there are any: the mass matrix depends on the configuration, or a body turns whose moments of
             inertia differ.
         used: those of the last `settle`, with gravity, (nv,).
-        settled: whether bodies turn slowly enough for the timestep; else the last step did without these forces.
+        turning: trees of bodies that turn too fast for the timestep, or nearly so, bool (ntree,); where no mean
+            velocity was found, the last step did without these forces.
+        gravity: at the middle of the step, (nv,), if there are such trees.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -54,27 +60,52 @@ class InertialForces:
         uneven = len(inertia) > 0 and bool((np.ptp(inertia, axis=1) > _ROUND * inertia.max(axis=1)).any())
         self.act = uneven or not has_constant_inertia(model)
         self._model = model
-        self.used, self.settled = np.zeros(model.nv), True
+        self.used = self.gravity = np.zeros(model.nv)
+        self.turning = np.zeros(model.ntree, dtype=bool)
 
     def settle(
-        self, data: mujoco.MjData, start: np.ndarray, metric: tuple[np.ndarray, np.ndarray], h: float
+        self,
+        data: mujoco.MjData,
+        start: np.ndarray,
+        held: np.ndarray,
+        metric: tuple[np.ndarray, np.ndarray],
+        h: float,
     ) -> np.ndarray:
         """Return where forces lead without contact, (nv,).
 
         Args:
             data: in the middle of the step; qvel is where they lead with these forces as at the start.
             start: velocity at the start, (nv,).
+            held: what contact is expected to add to the velocity: what it added in the last step, if nothing collided.
             metric: L and 1 / D of the mass matrix of the step.
             h: timestep, s.
         """
-        free, self.settled = data.qvel.copy(), True
+        free = data.qvel.copy()
+        self.turning = h * self._largest(start) > FAST
         for _ in range(ROUNDS):
-            before, self.used = free, self.at(data, 0.5 * (start + free))
+            before, self.used = free, self.at(data, 0.5 * (start + free + held))
             free = self.lead_to(data, start, self.used, metric, h)
-            if np.abs(free - before).max() <= SETTLED * np.abs(free).max():
-                return free
-        self.settled, self.used = False, self.at(data, np.zeros_like(start))
-        return self.lead_to(data, start, self.used, metric, h)
+            loose = self._largest(free - before) > SETTLED * self._largest(free) + STILL
+            if not np.count_nonzero(loose):
+                break
+        else:
+            self._give_up(data, loose)
+            self.used = np.where(loose[self._model.dof_treeid], self.gravity, self.used)
+            free = self.lead_to(data, start, self.used, metric, h)
+        if np.count_nonzero(self.turning):
+            self.gravity = self.at(data, np.zeros_like(start))
+        return free
+
+    def _largest(self, vector: np.ndarray) -> np.ndarray:
+        """Return the largest size in each tree of bodies, (ntree,)."""
+        largest = np.zeros(self._model.ntree)
+        np.maximum.at(largest, self._model.dof_treeid, np.abs(vector))
+        return largest
+
+    def _give_up(self, data: mujoco.MjData, loose: np.ndarray) -> None:
+        """Let trees be some that turn too fast."""
+        self.turning = self.turning | loose
+        self.gravity = self.at(data, np.zeros(self._model.nv))
 
     def at(self, data: mujoco.MjData, velocity: np.ndarray) -> np.ndarray:
         """Return those at a velocity, with gravity, (nv,) each."""
@@ -92,15 +123,18 @@ class InertialForces:
         gravity: np.ndarray,
         metric: tuple[np.ndarray, np.ndarray],
         h: float,
-    ) -> np.ndarray:
-        """Return those of half a step that ends at a velocity, or with h < 0 begins there, without gravity, (nv,)."""
+    ) -> tuple[np.ndarray, bool]:
+        """Return those of half a step that ends at a velocity, or with h < 0 begins there, without gravity, (nv,).
+
+        And whether they are settled.
+        """
         force = self.at(data, velocity) - gravity
         for _ in range(HALF_ROUNDS):
             before, force = force, self.at(data, self.kick(velocity, force, metric, 0.25 * h)) - gravity
             if np.abs(force - before).max() <= HALF_SETTLED * np.abs(force).max():
-                return force
-        self.settled = False
-        return force
+                return force, True
+        self._give_up(data, self._largest(force - before) > HALF_SETTLED * np.abs(force).max())
+        return force, False
 
     def lead_to(
         self, data: mujoco.MjData, start: np.ndarray, bias: np.ndarray, metric: tuple[np.ndarray, np.ndarray], h: float

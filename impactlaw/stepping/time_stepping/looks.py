@@ -107,12 +107,13 @@ class Looks:
         if not created > found.impulses.rounding or self._size(own) < SMALL_PART * created:
             return found
         best, was, gravity = (self, free, created), np.inf, forces.at(data, np.zeros_like(v))
-        begin, end = forces.half(data, v, gravity, metric, -h), forces.half(data, data.qvel, gravity, metric, h)
-        for _ in range(ROUNDS if forces.settled else 0):
+        begin, begins = forces.half(data, v, gravity, metric, -h)
+        end, ends = forces.half(data, data.qvel, gravity, metric, h)
+        for _ in range(ROUNDS if begins and ends else 0):
             looks = replace(self, moved=forces.kick(np.zeros_like(v), end - begin, metric, 0.5 * h))
             free = forces.lead_to(data, v, gravity + 0.5 * (begin + end), metric, h)
             found = looks._try(data, near, free, found.known)
-            used, end = end, forces.half(data, data.qvel, gravity, metric, h)
+            used, (end, _) = end, forces.half(data, data.qvel, gravity, metric, h)
             mean = forces.kick(data.qvel, end, metric, 0.25 * h)
             work, rounding = (found.impulses.work, found.impulses.rounding) if found.impulses else (0.0, 0.0)
             created = self._size(work + 0.5 * h * float(mean @ (end - used)))
@@ -127,7 +128,7 @@ class Looks:
 
     def _size(self, work: float) -> float:
         """Return energy that a collision creates, or where nothing is to be lost either, its size."""
-        return abs(work) if self.problem.targets.restitution == 1.0 else work
+        return abs(work) if self.problem.targets.restitution == 1.0 and not self.reader.frictional else work
 
     def _try(self, data: mujoco.MjData, near: np.ndarray, free: np.ndarray, known: Known | None) -> Look:
         """Solve the problem of the rows that are near."""

@@ -95,6 +95,7 @@ class TimeStepping:
         self._metric: Metric = np.zeros(0), np.zeros(0)
         self._middle, self._velocity = np.zeros(0), np.zeros(0)
         self._gained = np.zeros(model.nv)  # velocity by the forces of the last step, without contact
+        self._held = np.zeros(model.nv)  # what contact has added to it, if nothing collided
         self.shortfall, self.short_steps, self.unlocated = 0.0, 0, 0
         self.solved, self._overflown = True, False
 
@@ -152,14 +153,15 @@ class TimeStepping:
         Args:
             data: where that step ended; its frames become current.
             known: groups, keys, coefficients of friction and impulses of that step.
-            gained: velocity to which forces led without contact in that step, (nv,).
+            gained: velocity that forces added without contact in that step, and contact if nothing collided, (2, nv).
             motion: of mocap bodies in that step.
             solved: whether that step has met the law.
         """
         with self._borrowed:
             update_frames(self._model, data)
         self._left = data.qpos.tobytes(), data.qvel.tobytes()
-        self._known, self._gained, self.solved = known if len(known[1]) else None, gained.copy(), solved
+        self._known, self._gained, self.solved = known if len(known[1]) else None, gained[0].copy(), solved
+        self._held = gained[1].copy()
         self.move_on(motion)
 
     def settings(self) -> tuple[float, ...]:
@@ -204,21 +206,24 @@ class TimeStepping:
         self.shortfall = 0.0
         if (data.qpos.tobytes(), data.qvel.tobytes()) != self._left:
             update_frames(model, data)
-            self._known, self._gained = None, np.zeros(model.nv)
+            self._known, self._gained, self._held = None, np.zeros(model.nv), np.zeros(model.nv)
         if self._surfaces is not None:
             self._surfaces.begin(data, h)
         meet = 0.0 if self._surfaces is None else self._surfaces.speed
         reach(model, data, self._gained, self._sizes, meet)
         self._velocity, start = data.qvel.copy(), data.qpos.copy()
         self._middle, self._overflown = to_midpoint(model, data, self._surfaces, self._borrowed)
-        self._metric = free_step(model, data, self._borrowed, self._inertial, self._velocity)
-        self._gained = data.qvel - self._velocity
+        self._metric = free_step(model, data, self._borrowed, self._inertial, self._velocity, self._held)
+        self._gained, free = data.qvel - self._velocity, data.qvel.copy()
         shift, met = None, True
         if data.nefc:
             shift, met = self._contact(data)
         else:
             self._known = None
             data.qacc[:] = (data.qvel - self._velocity) / h
+        self._held = np.zeros(model.nv)
+        if self._found is not None and not self._found.collisions:
+            self._held = data.qvel - free
         if model.nsensordata:
             sense(model, data, self._velocity)
         data.qpos[:] = self._middle
@@ -237,7 +242,7 @@ class TimeStepping:
         if shift is not None:
             mj_integratePos(model, data.qpos, shift, h)
             update_frames(model, data)
-        if not self._inertial.settled:
+        if self._inertial.act and np.count_nonzero(self._inertial.turning):
             limit_energy(model, data, self._inertial, start, self._velocity)
         self._finish(data)
 

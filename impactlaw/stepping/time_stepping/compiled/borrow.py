@@ -117,3 +117,10 @@ def limit_margins(model, table, reach):
         n = long_at(model + _at(table, many))
         margin = floats(long_at(model + _at(table, field)), n)
         np.minimum(margin, reach, margin)
+
+
+@plain
+def widen_limits(model, table, reach):
+    """Let limits of joints be found up to a reach, m or rad, at least."""
+    margin = floats(long_at(model + _at(table, MODEL.jnt_margin)), long_at(model + _at(table, MODEL.njnt)))
+    np.maximum(margin, reach, margin)

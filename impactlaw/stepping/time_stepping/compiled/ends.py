@@ -36,9 +36,8 @@ from impactlaw.stepping.compiled.access import (
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, keep, put_int
-from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins
+from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins, widen_limits
 from impactlaw.stepping.time_stepping.compiled.impulses.contact import count, count_entries, read
-from impactlaw.stepping.time_stepping.compiled.impulses.forces import forces_at
 from impactlaw.stepping.time_stepping.compiled.state.room import rows_at, rows_size
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, metric_of, setting
 from impactlaw.stepping.time_stepping.problem.dense import encode_pyramids
@@ -173,6 +172,7 @@ def look_again(w, rows):
     put_int(w.model + offset(w, MODEL.opt_cone), np.int32(_ELLIPTIC))
     if setting(w, SETTING.sticks) == 0.0:
         limit_margins(w.model, w.table, BEYOND * depth)
+    widen_limits(w.model, w.table, BEYOND * depth)
     now = World(w.model, w.scratch, w.scratch, w.table, w.settings, w.sizes, w.bilateral, w.nv, h, w.damped, 0, 0)
     _find_contacts(w, now)
     if _overlap(now) and _move_apart(now, data_floats(w, DATA.qpos, size(w, MODEL.nq)), metric_of(w), rows, depth):
@@ -208,20 +208,17 @@ def _add_energies(w, velocity, sums):
 
 
 @kernel
-def limit_energy(w, start, velocity):
+def limit_energy(w, start, velocity, turning, gravity):
     """Scale velocities down to the kinetic energy that forces allow; see `free_motion.limit_energy`."""
-    qpos, after, still, now = data_floats(w, DATA.qpos, len(start)), velocity_of(w), zeros(w.nv), copied(start)
+    qpos, after, now = data_floats(w, DATA.qpos, len(start)), velocity_of(w), copied(start)
     tree, trees, force = model_ints(w, MODEL.dof_treeid, w.nv), size(w, MODEL.ntree), numbers(w.nv)
     allowed, found = zeros(trees), zeros(trees)
     smooth, bias = data_floats(w, DATA.qfrc_smooth, w.nv), data_floats(w, DATA.qfrc_bias, w.nv)
     constraint = data_floats(w, DATA.qfrc_constraint, w.nv)
-    forces_at(w, still, force)
     for i in range(w.nv):
-        force[i] = smooth[i] + bias[i] - force[i] + constraint[i]
+        force[i] = smooth[i] + bias[i] - gravity[i] + constraint[i]
     _add_products(w, force, velocity, w.timestep, allowed)
     _add_products(w, force, after, w.timestep, allowed)
-    for t in range(trees):
-        allowed[t] = max(0.0, allowed[t])
     put(now, qpos)
     put(qpos, start)
     update_frames(w)
@@ -230,6 +227,7 @@ def limit_energy(w, start, velocity):
     update_frames(w)
     _add_energies(w, after, found)
     for i in range(w.nv):
-        if found[tree[i]] > allowed[tree[i]]:
-            after[i] *= np.sqrt(allowed[tree[i]] / found[tree[i]])
+        t = tree[i]
+        if turning[t] and found[t] > max(0.0, allowed[t]):
+            after[i] *= np.sqrt(max(0.0, allowed[t]) / found[t])
     mj.com_vel(w.model, w.data)

@@ -36,25 +36,27 @@ _CONTACT_FULL, _ROWS_FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoc
 
 
 @plain
-def to_middle(w, counts, left, gained, start, middle, bias, margins, work, loaded, narrow):
+def to_middle(
+    w, counts, left, gained, held, start, middle, bias, turning, gravity, margins, work, loaded, narrow
+):  # fmt: skip
     """Take a step without contact, bodies left in its middle; return whether MuJoCo had no room for all contacts.
 
     If `narrow`, limits are found that joints can reach, else all of them.
     """
-    _begin(w, counts, left, gained, loaded)
+    _begin(w, counts, left, gained, held, loaded)
     _set_margins(w, gained, work)
     if narrow:
         narrow_limits(w, gained)
     put(start, velocity_of(w))
     full = _to_midpoint(w, start, margins, middle)
-    _free_step(w, counts, start, bias, gained, work)
+    _free_step(w, start, held, bias, turning, gravity, gained, work)
     if w.surfaces != 0:
         speeds_of_middle(w)
     return full
 
 
 @plain
-def _begin(w, counts, left, gained, loaded):
+def _begin(w, counts, left, gained, held, loaded):
     """Let data be current, and forget what is not of the last step."""
     nq = size(w, MODEL.nq)
     qpos, qvel = data_floats(w, DATA.qpos, nq), velocity_of(w)
@@ -64,6 +66,7 @@ def _begin(w, counts, left, gained, loaded):
     if not same:
         forget(counts)
         clear(gained)
+        clear(held)
     if w.surfaces != 0:
         begin_surfaces(w)
 
@@ -144,7 +147,7 @@ def _find_contacts(w, margins):
 
 
 @plain
-def _free_step(w, counts, start, bias, gained, work):
+def _free_step(w, start, held, bias, turning, gravity, gained, work):
     """Let MuJoCo's integrator advance velocity, activations and time without contact."""
     nv = w.nv
     put(data_floats(w, DATA.qacc, nv), data_floats(w, DATA.qacc_smooth, nv))
@@ -154,6 +157,7 @@ def _free_step(w, counts, start, bias, gained, work):
     else:
         mj.implicit(w.model, w.data)
     qvel = velocity_of(w)
-    counts[MEMORY.settled] = setting(w, SETTING.inertial) == 0.0 or settle(w, start, bias, work)
+    if setting(w, SETTING.inertial) != 0.0:
+        settle(w, start, held, bias, turning, gravity, work)
     for i in range(nv):
         gained[i] = qvel[i] - start[i]

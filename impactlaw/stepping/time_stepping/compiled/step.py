@@ -9,6 +9,7 @@ from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import (
     FIRST,
+    clear,
     cleared,
     copied,
     kernel,
@@ -43,7 +44,7 @@ from impactlaw.stepping.time_stepping.compiled.state.memory import (
     found_so_far,
     remember,
 )
-from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, lay_out, rows_at
+from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, lay_out, rows_at, velocities_at
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE, HUGE_INPUT, HUGE_OUTPUT, TIMESTEP, UNSEEN
 from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import aim_surfaces, end_surfaces
@@ -87,7 +88,8 @@ def _finish(w, memory, counts, left, collided, missed):
 
 @plain
 def _constrain(
-    w, law, memory, counts, start, middle, bias, full, cone, jacobian, chosen, seen, mark, force, room, narrow
+    w, law, memory, counts, held, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen, mark,
+    force, room, narrow,
 ):  # fmt: skip
     """Take the rest of a step that has constraints, from its middle.
 
@@ -95,13 +97,19 @@ def _constrain(
     """
     rounds = MANY_ROUNDS if counts[MEMORY.solved] != 0 else FEW_ROUNDS
     found = find_impulses(
-        w, law, memory, found_so_far(counts), start, middle, bias, rounds, jacobian, chosen, seen, mark, room, narrow
+        w, law, memory, found_so_far(counts), start, middle, bias, turning, gravity, rounds, jacobian, chosen, seen,
+        mark, room, narrow,
     )  # fmt: skip
     solved, rows = found.solved, rows_at(room.rows, found.groups, found.rows, room.entries)
     if solved.status != FINE:
         memory[MEMORY.created] = solved.created
         return solved.status, False, 0.0
     answer, touched = answer_at(room.answer, found.groups, found.rows, w.nv), found.rows > 0
+    clear(held)
+    if touched and not solved.collided:
+        free, after = velocities_at(room, 0, 1), velocity_of(w)
+        for i in range(w.nv):
+            held[i] = after[i] - free[i]
     put(data_floats(w, DATA.qpos, len(middle)), middle)  # which the integrator has left: limits are counted there
     write_forces(w, rows, answer.x, start, cone, force)
     if touched:
@@ -125,10 +133,13 @@ def _step(w, law, memory, margins, cone, loaded, narrow):
     nq, nv = size(w, MODEL.nq), w.nv
     counts, at = memory.view(np.int64), MEMORY.left + nq
     left, gained = memory[MEMORY.left : at + nv], memory[at + nv : at + 2 * nv]
+    held, turning, gravity = memory[at + 2 * nv : at + 3 * nv], cleared(size(w, MODEL.ntree)), numbers(nv)
     start, middle, bias, known = numbers(nv), numbers(nq), zeros(nv), copied(gained)
     begun = copied(data_floats(w, DATA.qpos, nq))
     work = numbers(max(6 * size(w, MODEL.nbody) + nv, 3 * nv))
-    full = to_middle(w, counts, left, gained, start, middle, bias, margins, work, loaded, narrow)
+    full = to_middle(
+        w, counts, left, gained, held, start, middle, bias, turning, gravity, margins, work, loaded, narrow
+    )  # fmt: skip
     n, status, collided, missed = number(w, DATA.nefc), FINE, False, 0.0
     if narrow and passes_limit(w, middle, 2.0 * w.timestep):
         status = UNSEEN
@@ -138,16 +149,18 @@ def _step(w, law, memory, margins, cone, loaded, narrow):
         block, force = numbers(lay_out(FIRST, n, entries, nv)[1]), numbers(n)
         room = lay_out(address_of(block), n, entries, nv)[0]
         status, collided, missed = _constrain(
-            w, law, memory, counts, start, middle, bias, full, cone, jacobian, chosen, seen, mark, force, room, narrow
+            w, law, memory, counts, held, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen,
+            mark, force, room, narrow,
         )  # fmt: skip
         keep(block)
     else:
         forget(counts)
+        clear(held)
         write_acceleration(w, start)
         status = _end(w, start, middle, bias, False)
     if status == FINE:
-        if counts[MEMORY.settled] == 0:
-            limit_energy(w, begun, start)
+        if setting(w, SETTING.inertial) != 0.0 and turning.any():
+            limit_energy(w, begun, start, turning, gravity)
         _finish(w, memory, counts, left, collided, missed)
     if status == UNSEEN:
         put(gained, known)
@@ -215,7 +228,7 @@ def advance(
     nv = long_at(model + long_at(table + 8 * MODEL.nv))
     surfaces = 0
     if float_at(settings + 8 * SETTING.surfaces) != 0.0:
-        surfaces = address_of(memory) + 8 * (MEMORY.left + long_at(model + long_at(table + 8 * MODEL.nq)) + 2 * nv)
+        surfaces = address_of(memory) + 8 * (MEMORY.left + long_at(model + long_at(table + 8 * MODEL.nq)) + 3 * nv)
     work = address_of(memory) + 8 * MEMORY.work
     w = World(model, data, scratch, table, settings, sizes, bilateral, nv, h, is_damped(model, table), surfaces, work)
     status, narrow = UNSEEN, surfaces == 0  # moving surfaces have begun their step already

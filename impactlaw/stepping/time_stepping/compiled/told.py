@@ -92,7 +92,8 @@ class Replay:
         restore_state(model, data, self._state)
         counts = self._numbers.view(np.int64)
         begin = MEMORY.left + model.nq + model.nv
-        gained, motion = self._numbers[begin : begin + model.nv], last_motion(self._numbers, model)
+        gained = self._numbers[begin : begin + 2 * model.nv].reshape(2, model.nv)
+        motion = last_motion(self._numbers, model)
         known = memory.recollect(self._numbers, self._impulses)
         scheme.resume(data, known, gained, motion, solved=bool(counts[MEMORY.solved]))
         told = scheme.step(data)

@@ -21,7 +21,7 @@ class RowReader:
     """
 
     def __init__(self, model: mujoco.MjModel, surfaces: Surfaces | None, *, frictional: bool):
-        self._model, self._surfaces, self._frictional = model, surfaces, frictional
+        self._model, self._surfaces, self.frictional = model, surfaces, frictional
 
     def near(self, data: mujoco.MjData, one: np.ndarray, other: np.ndarray, reach: float) -> np.ndarray:
         """Return which rows begin a contact or limit that is in touch, or would be soon, bool (nefc,).
@@ -62,7 +62,7 @@ class RowReader:
                 contact.efc_address, contact.dim, contact.geom, contact.friction,
                 model.M_rownnz, model.M_rowadr, model.M_colind, *metric,
                 model.dof_treeid, model.tree_dofadr, model.tree_dofnum,
-                start, free, near, h, self._frictional,
+                start, free, near, h, self.frictional,
             )
         )  # fmt: skip
         if self._surfaces is not None and self._surfaces.move:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from impactlaw.solvers.cones.algebra.loops import clear, kernel, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
-from impactlaw.stepping.compiled.access import data_floats, layout_of, velocity_of
-from impactlaw.stepping.compiled.fields import DATA, address_of
+from impactlaw.stepping.compiled.access import data_floats, layout_of, model_ints, size, velocity_of
+from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of
 from impactlaw.stepping.compiled.whitening import apply_inverse
 from impactlaw.stepping.time_stepping.compiled.state.world import metric_of
-from impactlaw.stepping.time_stepping.inertial_forces import HALF_ROUNDS, HALF_SETTLED, ROUNDS, SETTLED
+from impactlaw.stepping.time_stepping.inertial_forces import FAST, HALF_ROUNDS, HALF_SETTLED, ROUNDS, SETTLED, STILL
 
 
 @kernel
@@ -47,10 +47,10 @@ def kick(w, velocity, h, force):
 
 
 @kernel
-def half(w, velocity, gravity, h, mean, before, force):
+def half(w, velocity, gravity, h, turning, mean, before, force):
     """Write those of half a step that ends at a velocity, or with h < 0 begins there, without gravity.
 
-    Mean and before are room; all are (nv,). Return whether they are settled.
+    Mean and before are room; all are (nv,). Return whether they are settled; trees that are not turn too fast.
     """
     forces_at(w, velocity, force)
     for k in range(HALF_ROUNDS + 1):
@@ -65,6 +65,9 @@ def half(w, velocity, gravity, h, mean, before, force):
             put(mean, force)
             kick(w, velocity, 0.25 * h, mean)
             forces_at(w, mean, force)
+    tree = model_ints(w, MODEL.dof_treeid, w.nv)
+    for i in range(w.nv):
+        turning[tree[i]] = turning[tree[i]] or abs(force[i] - before[i]) > HALF_SETTLED * size
     return False
 
 
@@ -82,39 +85,59 @@ def created(w, start, used, bias):
 
 
 @plain
-def _is_settled(before, free):
-    """Return whether a round has hardly changed the velocity, (nv,)."""
-    size = 0.0
-    for i in range(len(free)):
-        size = max(size, abs(free[i]))
-    for i in range(len(free)):
-        if not abs(free[i] - before[i]) <= SETTLED * size:
+def _is_loose(w, before, free, t):
+    """Return whether a round has changed the velocity of a tree of bodies by much, (nv,) each."""
+    largest, change = 0.0, 0.0
+    first = model_ints(w, MODEL.tree_dofadr, size(w, MODEL.ntree))[t]
+    for i in range(first, first + model_ints(w, MODEL.tree_dofnum, size(w, MODEL.ntree))[t]):
+        largest, change = max(largest, abs(free[i])), max(change, abs(free[i] - before[i]))
+    return change > SETTLED * largest + STILL
+
+
+@plain
+def _is_settled(w, before, free):
+    """Return whether a round has hardly changed the velocity of each tree of bodies, (nv,) each."""
+    for t in range(size(w, MODEL.ntree)):
+        if _is_loose(w, before, free, t):
             return False
     return True
 
 
-@plain
-def settle(w, start, bias, room):
-    """Let qvel be where forces lead without contact; return whether bodies turn slowly enough for the timestep.
+@kernel
+def settle(w, start, held, bias, turning, gravity, room):
+    """Let qvel be where forces lead without contact; mark which trees of bodies turn too fast for the timestep.
 
     Args:
         w: the world in the middle of the step; qvel is where they lead with these forces as at the start.
         start: velocity at the start, (nv,).
+        held: what contact is expected to add to the velocity, (nv,).
         bias: these forces as they are last, (nv,), to be written.
+        turning: bool (ntree,), to be written.
+        gravity: in the middle of the step, (nv,), to be written where there are such trees.
         room: for three velocities, (3 nv,).
     """
-    velocity, nv = velocity_of(w), w.nv
+    velocity, nv, tree, settled = velocity_of(w), w.nv, model_ints(w, MODEL.dof_treeid, w.nv), False
     free, before, mean = room[:nv], room[nv : 2 * nv], room[2 * nv : 3 * nv]
     put(free, velocity)
+    some = False
+    for i in range(nv):
+        if w.timestep * abs(start[i]) > FAST:
+            turning[tree[i]] = some = True
     for _ in range(ROUNDS):
         for i in range(nv):
-            before[i], mean[i] = free[i], 0.5 * (start[i] + free[i])
+            before[i], mean[i] = free[i], 0.5 * (start[i] + free[i] + held[i])
         forces_at(w, mean, bias)
         lead_to(w, start, bias, free)
-        if _is_settled(before, free):
-            put(velocity, free)
-            return True
-    clear(mean)
-    forces_at(w, mean, bias)
-    lead_to(w, start, bias, velocity)
-    return False
+        settled = _is_settled(w, before, free)
+        if settled:
+            break
+    if some or not settled:
+        clear(mean)
+        forces_at(w, mean, gravity)
+    if not settled:
+        for i in range(nv):
+            if _is_loose(w, before, free, tree[i]):
+                turning[tree[i]] = True
+                bias[i] = gravity[i]
+        lead_to(w, start, bias, free)
+    put(velocity, free)

@@ -51,7 +51,9 @@ def _keep(w, memory, room, found):
 
 
 @once
-def find_impulses(w, law, memory, known, start, middle, bias, rounds, jacobian, chosen, seen, mark, room, narrow):
+def find_impulses(
+    w, law, memory, known, start, middle, bias, turning, gravity, rounds, jacobian, chosen, seen, mark, room, narrow
+):  # fmt: skip
     """Add what contact does to the velocity, and return it; see `scheme.TimeStepping`.
 
     Args:
@@ -61,6 +63,8 @@ def find_impulses(w, law, memory, known, start, middle, bias, rounds, jacobian, 
         known: groups, keys, coefficients and impulses of the last step.
         start: velocity at the start, (nv,).
         middle: position in the middle of the step, (nq,).
+        turning: trees of bodies that turn too fast, bool (ntree,); more are marked here.
+        gravity: room for it, (nv,), where there are some.
         bias: inertial forces that have led to the velocity without contact, with gravity, (nv,).
         rounds: of the slower solvers.
         jacobian: `access.nonzeros_of`.
@@ -94,12 +98,13 @@ def find_impulses(w, law, memory, known, start, middle, bias, rounds, jacobian, 
             _keep(w, memory, room, found)
         look += 1
         found = _again(w, law, start, still, free, jacobian, chosen, mark, room, found, phases)
-    counts = memory.view(np.int64)
-    return _less_energy(w, law, counts, start, bias, free, jacobian, chosen, mark, room, found, phases)
+    return _less_energy(
+        w, law, start, bias, turning, gravity, free, jacobian, chosen, mark, room, found, phases
+    )  # fmt: skip
 
 
 @once
-def _less_energy(w, law, counts, start, bias, free, jacobian, chosen, mark, room, found, phases):
+def _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, mark, room, found, phases):
     """Let a collision be between two half steps if it creates energy together with inertial forces."""
     if not found.solved.collided or setting(w, SETTING.inertial) == 0.0:
         return found
@@ -108,22 +113,22 @@ def _less_energy(w, law, counts, start, bias, free, jacobian, chosen, mark, room
     if not gains > found.solved.rounding or _size(w, own) < SMALL_PART * gains:
         return found
     h, after, mean, last = w.timestep, velocity_of(w), velocities_at(room, 1, 1), velocities_at(room, 4, 1)
-    gravity, begin, end = velocities_at(room, 5, 1), velocities_at(room, 6, 1), velocities_at(room, 7, 1)
+    begin, end = velocities_at(room, 6, 1), velocities_at(room, 7, 1)
     used, moved, best = velocities_at(room, 8, 1), velocities_at(room, 9, 1), velocities_at(room, 10, 2)
     clear(mean)
     forces_at(w, mean, gravity)
-    settled = half(w, start, gravity, -h, mean, last, begin) and half(w, after, gravity, h, mean, last, end)
-    counts[MEMORY.settled] = settled and counts[MEMORY.settled] != 0
+    settled = half(w, start, gravity, -h, turning, mean, last, begin)
+    settled = half(w, after, gravity, h, turning, mean, last, end) and settled
     put(best, free)
     clear(best[w.nv :])
-    least, was, rounds = gains, np.inf, ROUNDS if counts[MEMORY.settled] != 0 else 0
+    least, was, rounds = gains, np.inf, ROUNDS if settled else 0
     for _ in range(rounds):
         put(used, end)
         _split(w, start, gravity, begin, used, mean, moved, free)
         found = _again(w, law, start, moved, free, jacobian, chosen, mark, room, found, phases)
         if found.solved.status != FINE:
             return found
-        counts[MEMORY.settled] = half(w, after, gravity, h, mean, last, end) and counts[MEMORY.settled] != 0
+        half(w, after, gravity, h, turning, mean, last, end)
         gains = _size(w, found.solved.work + _stale(w, after, end, used, mean))
         if gains < least:
             least = gains
@@ -165,4 +170,5 @@ def _stale(w, after, end, used, mean):
 @plain
 def _size(w, work):
     """Return energy that a collision creates, or where nothing is to be lost either, its size."""
-    return abs(work) if setting(w, SETTING.restitution) == 1.0 else work
+    elastic = setting(w, SETTING.restitution) == 1.0 and setting(w, SETTING.frictional) == 0.0
+    return abs(work) if elastic else work

@@ -38,11 +38,10 @@ class Memory(NamedTuple):
         found_groups: of the impulses found so far in a step that is taken again, an int64.
         found_rows: the same of their rows, 0 if there are none, an int64.
         found_work: what was left of the work allowed when they were found.
-        settled: whether bodies turn slowly enough for the timestep, see `inertial_forces`, an int64.
         sums: over the collisions of the last step, see `sums`, if they are asked for, four numbers.
         left: nothing but the number of places: here qpos and qvel begin that the last step has left, and after them
-            the velocity that forces have led to without contact in the last step, and what is known of mocap bodies,
-            see `surfaces`.
+            the velocity that forces have added without contact in the last step, what contact has added to that if
+            nothing collided, and what is known of mocap bodies, see `surfaces`.
     """
 
     block: int = 0
@@ -64,9 +63,8 @@ class Memory(NamedTuple):
     found_groups: int = 16
     found_rows: int = 17
     found_work: int = 18
-    settled: int = 19
-    sums: int = 20
-    left: int = 24
+    sums: int = 19
+    left: int = 23
 
 
 MEMORY = Memory()
@@ -139,7 +137,7 @@ def go_back(memory, before):
 
 def make_memory(model: mujoco.MjModel, worlds: int) -> np.ndarray:
     """Return the memory of some worlds that have nothing to remember, (worlds, n)."""
-    memory = np.zeros((worlds, MEMORY.left + model.nq + 2 * model.nv + surface_room(model)))
+    memory = np.zeros((worlds, MEMORY.left + model.nq + 3 * model.nv + surface_room(model)))
     begin(memory, slice(None), model)
     return memory
 
