@@ -10,6 +10,8 @@ import numpy as np
 from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem
 from impactlaw.stepping.time_stepping.events import Known, Metric, StepImpulses
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SMALL_PART, InertialForces
+from impactlaw.stepping.time_stepping.problem.dense import sparse_jacobian
+from impactlaw.stepping.time_stepping.problem.energy import move_rows
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LOOKS, PHASE_LOOK_ROWS, PHASE_LOOKS, is_met
@@ -137,9 +139,8 @@ class Looks:
             return Look(rows, None, known)
         before = self.velocity
         if self.moved is not None:
-            before, change = before + self.moved, np.empty(data.nefc)
-            mujoco.mj_mulJacVec(self.model, data, change, self.moved)
-            rows.before[:] += change[rows.row]
+            before = before + self.moved
+            move_rows(rows.sparse, rows.rates, *sparse_jacobian(self.model, data), self.moved)
         found = self.problem.find(
             data, rows, before, free, self.middle, self.metric, known, self.rounds, self.work, phases=self.phases
         )

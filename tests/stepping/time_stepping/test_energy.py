@@ -199,6 +199,71 @@ def test_what_turns_too_fast_for_the_timestep_still_falls(compiled_steps):
     assert data.xipos[2, 2] == pytest.approx(5 - 0.5 * 9.81 * 0.25, abs=0.01)
 
 
+BEAD = """<body><joint axis="0 0 1" armature="1e-4"/><geom size=".02" mass=".001"/>
+    <body pos=".1 0 0"><joint type="slide" axis="1 0 0" range="0 .1" stiffness="10" springref="-1"/>
+    <geom size=".02" mass="1"/></body></body>"""
+"""A spring holds a bead at the inner stop of an arm that turns: nothing changes."""
+
+ELBOW = """<body><joint axis="0 0 1"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".03" mass="1"/>
+    <body pos=".3 0 0"><joint axis="0 0 1" range="0 57.3"/>
+    <geom type="capsule" fromto="0 0 0 .1 .2 0" size=".03" mass="1"/></body></body>"""
+"""Its turning holds an elbow at its limit."""
+
+
+@pytest.mark.parametrize("compiled_steps", ["auto", "never"])
+@pytest.mark.parametrize(("world", "speed", "part"), [(BEAD, 1.0, 5e-5), (ELBOW, 30.0, 0.02)])
+def test_contact_that_is_held_in_a_turning_frame_does_no_work(world, speed, part, compiled_steps):
+    errors = []
+    for timestep in (4e-3, 2e-3, 1e-3):
+        option = f'gravity="0 0 0" timestep="{timestep}"'
+        model, data = compiled(world, option=option, geom='contype="0" conaffinity="0"')
+        data.qvel[0] = speed
+        seen = energies(model, data, Moreau(0.0), 0.5, compiled=compiled_steps)
+        errors.append(abs(seen[-1] / seen[0] - 1))
+    assert errors[0] < part
+    assert errors[0] / errors[2] > 8
+
+
+def test_two_elastic_balls_that_fall_one_on_the_other_keep_their_energy():
+    """The upper one is hit in the step in which the lower one hits the floor; gravity acts in that step, too."""
+    world = (
+        FLOOR
+        + """<body pos="0 0 .6"><joint type="slide" axis="0 0 1"/><geom size=".1" mass="1"/></body>
+        <body pos="0 0 .8005"><joint type="slide" axis="0 0 1"/><geom size=".1" mass="1"/></body>"""
+    )
+    for timestep in (4e-3, 1e-3):
+        model, data = compiled(world, option=f'timestep="{timestep}"')
+        seen = energies(model, data, Moreau(1.0), 0.6)
+        assert abs(seen / seen[0] - 1).max() < 1e-10
+
+
+def test_links_that_turn_by_a_radian_in_a_step_gain_no_energy():
+    world = """<body><joint axis="0 0 1"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".03" mass="1"/>
+        <body pos=".3 0 0"><joint axis="0 0 1"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".03" mass=".1"/>
+        </body></body>"""
+    model, data = compiled(world, option='gravity="0 0 0" timestep="4e-3"', geom='contype="0" conaffinity="0"')
+    data.qpos[:], data.qvel[:] = (0.0, 0.5), (300.0, -100.0)
+    seen = energies(model, data, Moreau(0.0), 0.5)
+    assert growth(seen, seen[0]) <= 1e-9
+
+
+@pytest.mark.parametrize("compiled_steps", ["auto", "never"])
+def test_what_turns_too_fast_leaves_others_alone(compiled_steps):
+    link = '<joint axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .5 0 0" size=".03"/>'
+    pendulum = f'<body pos="0 0 2">{link}<body pos=".5 0 0">{link}</body></body>'
+    spinning = '<body pos="50 0 5"><freejoint/><geom type="box" size=".1 .2 .05"/></body>'
+    found = []
+    for world in (pendulum, pendulum + spinning):
+        model, data = compiled(world, option='timestep="2e-3"', geom='contype="0" conaffinity="0"')
+        if model.nv > 2:
+            data.qvel[-3:] = 600.0, 60.0, 120.0
+        stepper = stepping(model, Moreau(0.0), compiled=compiled_steps)
+        for _ in range(250):
+            stepper.step(data)
+        found.append(data.qpos[:2].copy())
+    np.testing.assert_allclose(found[1], found[0], atol=1e-4)
+
+
 def kane(law, **options):
     """An oblique rod slides on its lower end as it hits the floor; energy before and after the impact."""
     world = (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import indices, kernel, numbers, plain, zeros
 from impactlaw.solvers.cones.rows import impulse_jump, islands, lengths, trees_of
@@ -24,6 +25,21 @@ def row_velocities(sparse, colind, value, rates, z, after):
         for a in range(sparse[1, r], sparse[1, r] + sparse[0, r]):
             s += value[a] * z[colind[a]]
         after[r] = rates[2, r] + s / rates[0, r]
+
+
+@plain
+def add_before(sparse, rates, Jnnz, Jadr, Jcol, J, moved):
+    """Add what is added to the velocity before a collision, (nv,), to that of each row; see `inertial_forces`."""
+    for r in range(rates.shape[1]):
+        row = sparse[2, r]
+        for a in range(Jadr[row], Jadr[row] + Jnnz[row]):
+            rates[1, r] += J[a] * moved[Jcol[a]]
+
+
+@compiled()
+def move_rows(sparse, rates, Jnnz, Jadr, Jcol, J, moved):
+    """Do what `add_before` does."""
+    add_before(sparse, rates, Jnnz, Jadr, Jcol, J, moved)
 
 
 @plain

@@ -38,6 +38,7 @@ from impactlaw.stepping.time_stepping.compiled.state.status import FINE
 from impactlaw.stepping.time_stepping.compiled.state.sums import add_collision
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import add_surfaces, surfaces_move
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, metric_of, setting
+from impactlaw.stepping.time_stepping.problem.energy import add_before
 from impactlaw.stepping.time_stepping.problem.rows import count_groups, entries_of, find_near, write_rows
 
 
@@ -116,18 +117,6 @@ def read(w, jacobian, metric, velocity, start, free, chosen, frictional, mark, r
     )  # fmt: skip
 
 
-@plain
-def _move(rows, jacobian, start, moved, before):
-    """Add to the velocity before a collision, (nv,), and to those of rows."""
-    nnz, adr, col, J = jacobian
-    for i in range(len(before)):
-        before[i] = start[i] + moved[i]
-    for r in range(len(rows.rates[0])):
-        row = rows.sparse[2, r]
-        for a in range(adr[row], adr[row] + nnz[row]):
-            rows.rates[1, r] += J[a] * moved[col[a]]
-
-
 @once
 def _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums):
     """Find the impulses of all contacts at once; return what `resolve_in_phases` returns."""
@@ -182,8 +171,10 @@ def attempt(w, jacobian, chosen, start, moved, free, known, rounds, law, phases,
         add_surfaces(w, rows.groups, rows.sparse, rows.rates)
     before = start
     if len(moved) > 0:
-        before = velocities_at(room, 12, 1)
-        _move(rows, jacobian, start, moved, before)
+        before, (nnz, adr, col, J) = velocities_at(room, 12, 1), jacobian
+        for i in range(w.nv):
+            before[i] = start[i] + moved[i]
+        add_before(rows.sparse, rows.rates, nnz, adr, col, J, moved)
     if phases:
         solved, cut = linked_phases(w, rows, metric, before, free, known, rounds, law, answer, sums)
     else:
