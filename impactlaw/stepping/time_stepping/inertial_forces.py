@@ -80,7 +80,7 @@ class InertialForces:
             metric: L and 1 / D of the mass matrix of the step.
             h: timestep, s.
         """
-        free = data.qvel.copy()
+        free, loose = data.qvel.copy(), np.ones(self._model.ntree, dtype=bool)
         self.turning = h * self._largest(start) > FAST
         for _ in range(ROUNDS):
             before, self.used = free, self.at(data, 0.5 * (start + free + held))
@@ -88,12 +88,10 @@ class InertialForces:
             loose = self._largest(free - before) > SETTLED * self._largest(free) + STILL
             if not np.count_nonzero(loose):
                 break
-        else:
-            self._give_up(data, loose)
+        self._watch(data, loose)
+        if np.count_nonzero(loose):
             self.used = np.where(loose[self._model.dof_treeid], self.gravity, self.used)
             free = self.lead_to(data, start, self.used, metric, h)
-        if np.count_nonzero(self.turning):
-            self.gravity = self.at(data, np.zeros_like(start))
         return free
 
     def _largest(self, vector: np.ndarray) -> np.ndarray:
@@ -102,10 +100,11 @@ class InertialForces:
         np.maximum.at(largest, self._model.dof_treeid, np.abs(vector))
         return largest
 
-    def _give_up(self, data: mujoco.MjData, loose: np.ndarray) -> None:
-        """Let trees be some that turn too fast."""
+    def _watch(self, data: mujoco.MjData, loose: np.ndarray) -> None:
+        """Let further trees be some that turn too fast."""
         self.turning = self.turning | loose
-        self.gravity = self.at(data, np.zeros(self._model.nv))
+        if np.count_nonzero(self.turning):
+            self.gravity = self.at(data, np.zeros(self._model.nv))
 
     def at(self, data: mujoco.MjData, velocity: np.ndarray) -> np.ndarray:
         """Return those at a velocity, with gravity, (nv,) each."""
@@ -128,12 +127,12 @@ class InertialForces:
 
         And whether they are settled.
         """
-        force = self.at(data, velocity) - gravity
+        before = force = self.at(data, velocity) - gravity
         for _ in range(HALF_ROUNDS):
             before, force = force, self.at(data, self.kick(velocity, force, metric, 0.25 * h)) - gravity
             if np.abs(force - before).max() <= HALF_SETTLED * np.abs(force).max():
                 return force, True
-        self._give_up(data, self._largest(force - before) > HALF_SETTLED * np.abs(force).max())
+        self._watch(data, self._largest(force - before) > HALF_SETTLED * np.abs(force).max())
         return force, False
 
     def lead_to(

@@ -52,13 +52,14 @@ def half(w, velocity, gravity, h, turning, mean, before, force):
 
     Mean and before are room; all are (nv,). Return whether they are settled; trees that are not turn too fast.
     """
+    largest = 0.0
     forces_at(w, velocity, force)
     for k in range(HALF_ROUNDS + 1):
-        size, change = 0.0, 0.0
+        largest, change = 0.0, 0.0
         for i in range(w.nv):
             force[i] -= gravity[i]
-            size, change = max(size, abs(force[i])), max(change, abs(force[i] - before[i]))
-        if k > 0 and change <= HALF_SETTLED * size:
+            largest, change = max(largest, abs(force[i])), max(change, abs(force[i] - before[i]))
+        if k > 0 and change <= HALF_SETTLED * largest:
             return True
         if k < HALF_ROUNDS:
             put(before, force)
@@ -67,7 +68,7 @@ def half(w, velocity, gravity, h, turning, mean, before, force):
             forces_at(w, mean, force)
     tree = model_ints(w, MODEL.dof_treeid, w.nv)
     for i in range(w.nv):
-        turning[tree[i]] = turning[tree[i]] or abs(force[i] - before[i]) > HALF_SETTLED * size
+        turning[tree[i]] = turning[tree[i]] or abs(force[i] - before[i]) > HALF_SETTLED * largest
     return False
 
 
