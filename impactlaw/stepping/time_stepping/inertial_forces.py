@@ -1,8 +1,9 @@
 """Coriolis and gyroscopic forces c, such that no energy of first order in the timestep h comes of them.
 
 MuJoCo's integrators evaluate them at the velocity of the start, which makes such energy. Here they are those of the
-mean velocity of the step. Where the velocity jumps in the step, that makes energy again if the mass matrix depends on
-the configuration, ``v^T c(v) = v^T (dM/dt) v / 2``. Then a collision is between two half steps, each with its own mean:
+mean velocity of the step, in which contact is expected to do what it did in the step before. Where a collision makes
+the velocity jump, that makes energy again if the mass matrix depends on the configuration, for
+``v^T c(v) = v^T (dM/dt) v / 2``. Then the collision is between two half steps, each with its own mean:
 
     v~- = v- - (h / 2) M^-1 c((v- + v~-) / 2)
     v~+ = v~- + M_h^-1 (h f + J^T Lambda)
