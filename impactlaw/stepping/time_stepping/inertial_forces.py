@@ -28,7 +28,7 @@ SETTLED = 1e-2  # part of the velocity by which a round may change it and be the
 STILL = 1e-9  # m/s or rad/s by which it may anyway
 
 FAST = 0.5
-"""Way in a timestep, m or rad, of a velocity above which energy is watched."""
+"""Angle in a timestep, rad, of an angular velocity above which energy is watched."""
 
 HALF_ROUNDS = 12
 """The same for the forces of half a step, of which the energy of a collision depends."""
@@ -37,7 +37,8 @@ HALF_SETTLED = 1e-10  # part of these forces
 
 SMALL_PART = 1e-2
 """Part of the energy of a collision below which that of these forces is left: then others push bodies apart."""
-_TURNING = [int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)]
+_FREE, _BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
+_HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 _ROUND = 1e-9  # relative difference of moments of inertia that is rounding
 
 
@@ -57,12 +58,14 @@ class InertialForces:
     """
 
     def __init__(self, model: mujoco.MjModel):
-        inertia = model.body_inertia[model.jnt_bodyid[np.isin(model.jnt_type, _TURNING)]]
+        inertia = model.body_inertia[model.jnt_bodyid[np.isin(model.jnt_type, [_FREE, _BALL])]]
         uneven = len(inertia) > 0 and bool((np.ptp(inertia, axis=1) > _ROUND * inertia.max(axis=1)).any())
         self.act = uneven or not has_constant_inertia(model)
         self._model = model
         self.used = self.gravity = np.zeros(model.nv)
         self.turning = np.zeros(model.ntree, dtype=bool)
+        kind, place = model.jnt_type[model.dof_jntid], np.arange(model.nv) - model.jnt_dofadr[model.dof_jntid]
+        self._rotates = np.isin(kind, [_BALL, _HINGE]) | ((kind == _FREE) & (place >= 3))
 
     def settle(
         self,
@@ -82,7 +85,7 @@ class InertialForces:
             h: timestep, s.
         """
         free, loose = data.qvel.copy(), np.ones(self._model.ntree, dtype=bool)
-        self.turning = h * self._largest(start) > FAST
+        self.turning = h * self._largest(np.where(self._rotates, start, 0.0)) > FAST
         for _ in range(ROUNDS):
             before, self.used = free, self.at(data, 0.5 * (start + free + held))
             free = self.lead_to(data, start, self.used, metric, h)
@@ -98,7 +101,8 @@ class InertialForces:
     def _largest(self, vector: np.ndarray) -> np.ndarray:
         """Return the largest size in each tree of bodies, (ntree,)."""
         largest = np.zeros(self._model.ntree)
-        np.maximum.at(largest, self._model.dof_treeid, np.abs(vector))
+        with np.errstate(invalid="ignore"):  # what is not finite is found at the end of the step
+            np.maximum.at(largest, self._model.dof_treeid, np.abs(vector))
         return largest
 
     def _watch(self, data: mujoco.MjData, loose: np.ndarray) -> None:

@@ -65,15 +65,13 @@ def struck_later(groups, sparse, colind, value, amounts, rates, z, x, collides, 
 def later_rates(groups, sparse, colind, value, rates, z):
     """Return the rates of rows in the next phase, (5, n): it starts from the velocity that this one leads to.
 
-    Half of what forces do in the step is before all its phases and half is after them, so that a phase changes the
-    velocities before and without contact alike. What equality constraints do in a collision is to keep their velocity.
+    Forces have acted already, and what equality constraints do in a collision is to keep their velocity.
     """
     after = np.empty(rates.shape[1])
     row_velocities(sparse, colind, value, rates, z, after)
     new = rates.copy()
+    put(new[1], after)
     put(new[2], after)
-    for r in range(len(after)):
-        new[1, r] += after[r] - rates[2, r]
     for g in range(groups.shape[1]):
         if groups[2, g] == BILATERAL:
             new[3, groups[0, g]] = after[groups[0, g]]

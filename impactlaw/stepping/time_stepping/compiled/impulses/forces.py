@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import mujoco
+
 from impactlaw.solvers.cones.algebra.loops import clear, kernel, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, layout_of, model_ints, size, velocity_of
@@ -9,6 +11,9 @@ from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of
 from impactlaw.stepping.compiled.whitening import apply_inverse
 from impactlaw.stepping.time_stepping.compiled.state.world import metric_of
 from impactlaw.stepping.time_stepping.inertial_forces import FAST, HALF_ROUNDS, HALF_SETTLED, ROUNDS, SETTLED, STILL
+
+_FREE, _SLIDE = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+_HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 
 
 @kernel
@@ -86,6 +91,21 @@ def created(w, start, used, bias):
 
 
 @plain
+def _find_fast(w, velocity, turning):
+    """Mark the trees of bodies that turn by a large angle in a timestep; return whether there are some."""
+    joints, tree, some = size(w, MODEL.njnt), model_ints(w, MODEL.dof_treeid, w.nv), False
+    kind, first = model_ints(w, MODEL.jnt_type, joints), model_ints(w, MODEL.jnt_dofadr, joints)
+    for j in range(joints):
+        if kind[j] == _SLIDE:
+            continue
+        begin = first[j] + (3 if kind[j] == _FREE else 0)
+        for i in range(begin, begin + (1 if kind[j] == _HINGE else 3)):
+            if w.timestep * abs(velocity[i]) > FAST:
+                turning[tree[i]] = some = True
+    return some
+
+
+@plain
 def _is_loose(w, before, free, t):
     """Return whether a round has changed the velocity of a tree of bodies by much, (nv,) each."""
     largest, change = 0.0, 0.0
@@ -120,10 +140,7 @@ def settle(w, start, held, bias, turning, gravity, room):
     velocity, nv, tree, settled = velocity_of(w), w.nv, model_ints(w, MODEL.dof_treeid, w.nv), False
     free, before, mean = room[:nv], room[nv : 2 * nv], room[2 * nv : 3 * nv]
     put(free, velocity)
-    some = False
-    for i in range(nv):
-        if w.timestep * abs(start[i]) > FAST:
-            turning[tree[i]] = some = True
+    some = _find_fast(w, start, turning)
     for _ in range(ROUNDS):
         for i in range(nv):
             before[i], mean[i] = free[i], 0.5 * (start[i] + free[i] + held[i])
