@@ -167,7 +167,8 @@ class ContactProblem:
             keep = reached_by(now.groups, now.sparse, now.colind, self._model.dof_treeid, met.later)
             rates = later_rates(now.groups, now.sparse, now.colind, now.value, now.rates, z)
             chosen, where = some_groups(*now[:6], rates, keep)
-            now, place, may, before, rounds = Rows(*chosen), place[where], met.later[keep], after, FEW_ROUNDS
+            now, place, may, rounds = Rows(*chosen), place[where], met.later[keep], FEW_ROUNDS
+            before = velocity + (after - free)
         return StepImpulses(impulse, after, shift, missed, fastest, work, rounding, records, cut)
 
     def _meet(

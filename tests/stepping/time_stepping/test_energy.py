@@ -224,6 +224,19 @@ def test_contact_that_is_held_in_a_turning_frame_does_no_work(world, speed, part
     assert errors[0] / errors[2] > 8
 
 
+def test_two_elastic_balls_that_fall_one_on_the_other_keep_their_energy():
+    """The upper one is hit in the step in which the lower one hits the floor; gravity acts in that step, too."""
+    world = (
+        FLOOR
+        + """<body pos="0 0 .6"><joint type="slide" axis="0 0 1"/><geom size=".1" mass="1"/></body>
+        <body pos="0 0 .8005"><joint type="slide" axis="0 0 1"/><geom size=".1" mass="1"/></body>"""
+    )
+    for timestep in (4e-3, 1e-3):
+        model, data = compiled(world, option=f'timestep="{timestep}"')
+        seen = energies(model, data, Moreau(1.0), 0.6)
+        assert abs(seen / seen[0] - 1).max() < 1e-10
+
+
 def test_links_that_turn_by_a_radian_in_a_step_gain_no_energy():
     world = """<body><joint axis="0 0 1"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".03" mass="1"/>
         <body pos=".3 0 0"><joint axis="0 0 1"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".03" mass=".1"/>

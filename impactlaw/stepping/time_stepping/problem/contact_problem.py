@@ -160,39 +160,25 @@ def solve_scaled(
     return residual
 
 
-@kernel
-def largest_share(
-    sparse, colind, value, groups, amounts, rates, target, sliding, collides, known, tree, exact, rounds, left
+@plain
+def _largest(
+    sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, allowed, tree, exact, rounds, left,
+    x, z, after, scaled, room,
 ):  # fmt: skip
-    """Return the largest s found with which the collision by itself creates no energy, and what it creates with 1, J.
+    """Return the largest share up to s found with which contact creates no more energy than is allowed, J.
 
-    The collision by itself starts from v- and knows no forces; its contacts do ``Lambda^T (gamma- + gamma+) / 2``. With
-    friction, or a matrix E, that can be positive (T. R. Kane, *A dynamics puzzle*, 1984); with s = 0 it is not.
+    And what it creates with s, J, if that is more. For what is written see `solve_scaled`.
     """
-    n = rates.shape[1]
-    alone, x, z, after, scaled = (
-        numbers(5 * n).reshape((5, n)),
-        copied(known),
-        numbers(len(tree)),
-        numbers(n),
-        copied(target),
-    )
-    room = numbers(2 * n)
-    for i in range(5):
-        put(alone[i], rates[1 if i == 2 else i])
-    for g in range(len(target)):
-        if groups[2, g] == BILATERAL:
-            alone[3, groups[0, g]] = rates[1, groups[0, g]]
-    low, high, s, gained = 0.0, 1.0, 1.0, 0.0
+    low, high, most, gained = 0.0, s, s, 0.0
     for search in range(_SEARCHES):
         solve_scaled(
-            sparse, colind, value, groups, amounts, alone, target, sliding, collides, s, tree, exact, rounds, left,
+            sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds, left,
             x, z, after, scaled, room,
         )  # fmt: skip
-        work, total = contact_work(groups, alone, after, x)
-        if work <= CREATED * total:
+        work, total = contact_work(groups, rates, after, x)
+        if work <= allowed + CREATED * total:
             low = s
-            if s == 1.0:
+            if s == most:
                 break
         else:
             high = s
@@ -201,6 +187,43 @@ def largest_share(
             break
         s = 0.5 * (low + high)
     return low, gained
+
+
+@kernel
+def largest_share(
+    sparse, colind, value, groups, amounts, rates, target, sliding, collides, known, tree, exact, rounds, left
+):  # fmt: skip
+    """Return the largest s found with which a collision creates no energy, and what it creates by itself with 1, J.
+
+    The collision by itself starts from v- and knows no forces; its contacts do ``Lambda^T (gamma- + gamma+) / 2``. With
+    friction, or a matrix E, that can be positive (T. R. Kane, *A dynamics puzzle*, 1984); with s = 0 it is not. Where it
+    is, s is such that the collision creates none with forces either, or no more than with s = 0.
+    """
+    n = rates.shape[1]
+    alone, x, z = numbers(5 * n).reshape((5, n)), copied(known), numbers(len(tree))
+    after, scaled, room = numbers(n), copied(target), numbers(2 * n)
+    for i in range(5):
+        put(alone[i], rates[1 if i == 2 else i])
+    for g in range(len(target)):
+        if groups[2, g] == BILATERAL:
+            alone[3, groups[0, g]] = rates[1, groups[0, g]]
+    s, gained = _largest(
+        sparse, colind, value, groups, amounts, alone, target, sliding, collides, 1.0, 0.0, tree, exact, rounds, left,
+        x, z, after, scaled, room,
+    )  # fmt: skip
+    if s == 1.0 or s == 0.0 or left[0] <= 0.0:
+        return s, gained
+    put(x, known)
+    solve_scaled(
+        sparse, colind, value, groups, amounts, rates, target, sliding, collides, 0.0, tree, exact, rounds, left,
+        x, z, after, scaled, room,
+    )  # fmt: skip
+    allowed = max(0.0, contact_work(groups, rates, after, x)[0])
+    s, _ = _largest(
+        sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, allowed, tree, exact, rounds, left,
+        x, z, after, scaled, room,
+    )  # fmt: skip
+    return s, gained
 
 
 @plain

@@ -29,7 +29,7 @@ def find_later(groups, sparse, colind, value, amounts, rates, z, x, collides, sl
         threshold = max(slowest, min(rates[1, row] - rates[2, row], resolved))
         if amounts[0, g] <= NEAR and rates[1, row] <= threshold:
             continue
-        velocity = rates[2, row]
+        velocity = rates[1, row]
         for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
             velocity += value[a] * (z[colind[a]] - value[a] * x[row])
         later[g] = velocity < -threshold
@@ -65,13 +65,15 @@ def struck_later(groups, sparse, colind, value, amounts, rates, z, x, collides, 
 def later_rates(groups, sparse, colind, value, rates, z):
     """Return the rates of rows in the next phase, (5, n): it starts from the velocity that this one leads to.
 
-    Forces have acted already, and what equality constraints do in a collision is to keep their velocity.
+    Half of what forces do in the step is before all its phases and half is after them, so that a phase changes the
+    velocities before and without contact alike. What equality constraints do in a collision is to keep their velocity.
     """
     after = np.empty(rates.shape[1])
     row_velocities(sparse, colind, value, rates, z, after)
     new = rates.copy()
-    put(new[1], after)
     put(new[2], after)
+    for r in range(len(after)):
+        new[1, r] += after[r] - rates[2, r]
     for g in range(groups.shape[1]):
         if groups[2, g] == BILATERAL:
             new[3, groups[0, g]] = after[groups[0, g]]

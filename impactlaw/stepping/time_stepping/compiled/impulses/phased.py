@@ -101,7 +101,7 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
         reached = reached_by(now.groups, now.sparse, now.colind, model_ints(w, MODEL.dof_treeid, w.nv), later)
         rates = later_rates(now.groups, now.sparse, now.colind, now.value, now.rates, met.z)
         now, chosen = _some(now, rates, reached)
-        place, may, before = place[chosen], later[reached], velocity.copy()
+        place, may, before = place[chosen], later[reached], start + (velocity - free)
     put(whole.x, x)
     keep(block)
     put(velocity_of(w), velocity)
