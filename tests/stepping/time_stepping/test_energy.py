@@ -237,6 +237,27 @@ def test_two_elastic_balls_that_fall_one_on_the_other_keep_their_energy():
         assert abs(seen / seen[0] - 1).max() < 1e-10
 
 
+@pytest.mark.parametrize("e", [0.9, 1.0])
+def test_restitution_that_friction_scales_gains_to_second_order(e):
+    """The corner of a box that spins about a point off its centre of mass hits the floor, from twenty heights."""
+    world = """<geom type="plane" size="9 9 1" friction=".5"/><body><freejoint/>
+        <geom type="box" size=".05 .1 .03" pos=".1 .05 .03" mass="1" friction=".5"/></body>"""
+    pose = np.array([-0.14, 0.105, 0.21532, 0.13043774, -0.86355383, -0.20028846, 0.44401049])
+    velocity = [-1.182, 0.5488, -3.80616, 11.137, -2.00946, -5.8443]
+    gains = []
+    for timestep in (1e-3, 5e-4, 2.5e-4):
+        model, data = compiled(world, option=f'timestep="{timestep}"')
+        gain = 0.0
+        for height in 2e-4 * np.arange(20):
+            mujoco.mj_resetData(model, data)
+            data.qpos[:], data.qvel[:] = pose, velocity
+            data.qpos[2] += height
+            gain = max(gain, growth(energies(model, data, Moreau(e), 0.012), 9.0))
+        gains.append(gain)
+    assert gains[0] < 3e-4
+    assert gains[2] < 3e-5
+
+
 def test_links_that_turn_by_a_radian_in_a_step_gain_no_energy():
     world = """<body><joint axis="0 0 1"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".03" mass="1"/>
         <body pos=".3 0 0"><joint axis="0 0 1"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".03" mass=".1"/>
