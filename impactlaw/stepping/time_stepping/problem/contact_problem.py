@@ -196,8 +196,8 @@ def largest_share(
     """Return the largest s found with which a collision creates no energy, and what it creates by itself with 1, J.
 
     The collision by itself starts from v- and knows no forces; its contacts do ``Lambda^T (gamma- + gamma+) / 2``. With
-    friction, or a matrix E, that can be positive (T. R. Kane, *A dynamics puzzle*, 1984); with s = 0 it is not. Where it
-    is, s is such that the collision creates none with forces either, or no more than with s = 0.
+    friction, or a matrix E, that can be positive (T. R. Kane, *A dynamics puzzle*, 1984); with s = 0 it is not. Where
+    it is, s is such that the collision creates none with forces either, or no more than with s = 0.
     """
     n = rates.shape[1]
     alone, x, z = numbers(5 * n).reshape((5, n)), copied(known), numbers(len(tree))
