@@ -19,7 +19,7 @@ from gymnasium.spaces import Box
 
 from impactlaw.envs.episode_log import episode_log
 from impactlaw.envs.episode_seeds import OUTCOMES, EpisodeSeeds
-from impactlaw.envs.info import impact_info
+from impactlaw.envs.info import impact_info, steps_short
 from impactlaw.envs.law_in_force import LawInForce
 from impactlaw.envs.law_options import LawOptions, check_reset, describe_law, portable_options
 from impactlaw.envs.rendering import Pictures, has_display
@@ -236,6 +236,7 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
             raise ResetNeeded("an episode begins with reset(); call it before step()")
         self.act(self._within_space(action))
         sums, before, driven = NOTHING, save_state(self.model, self.data), self.driven
+        short = steps_short(self.stepper)
         try:
             for _ in range(self.frame_skip):
                 more = self._timestep()
@@ -253,7 +254,7 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
             self._log.end_step(action, reward, bool(terminated), diverged)
         if self.render_mode == "human" and not diverged:
             self.render()
-        info = impact_info(sums, diverged=diverged) | self._named
+        info = impact_info(sums, short=steps_short(self.stepper) - short, diverged=diverged) | self._named
         return self._observation(), float(reward), bool(terminated), diverged, info
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 from impactlaw.stepping.impact_event import ImpactSums
+from impactlaw.stepping.stepper import Stepper
 
 
-def impact_info(sums: ImpactSums, *, diverged: bool = False) -> dict[str, int | float]:
+def steps_short(stepper: Stepper) -> int:
+    """Return how many steps so far a stepper has not taken as its law and scheme ask."""
+    return stepper.short_steps + stepper.unlocated
+
+
+def impact_info(sums: ImpactSums, *, short: int = 0, diverged: bool = False) -> dict[str, int | float]:
     r"""Return the entries of ``info``.
 
     | key | meaning | type, unit |
@@ -16,6 +22,7 @@ def impact_info(sums: ImpactSums, *, diverged: bool = False) -> dict[str, int | 
     | ``impact/intensity`` | sum of \|v+ - v-\| in the kinetic metric | float, sqrt(J) |
     | ``impact/distant`` | collisions with a distant effect (an antidissipative contact) | int |
     | ``impact/inadmissible`` | collisions whose outcome by the law left S(v-) and was projected or let through | int |
+    | ``impact/short`` | timesteps that did not meet the law, or did not locate each collision (event-driven) | int |
     | ``impact/diverged`` | 1 if the simulation left the finite numbers, which ends the episode | int |
 
     Environments add ``impact/law``, the law in force as text, and ``impact/restitution``, its coefficient, NaN where it
@@ -26,6 +33,7 @@ def impact_info(sums: ImpactSums, *, diverged: bool = False) -> dict[str, int | 
 
     Args:
         sums: over the collisions of the step.
+        short: how many of its timesteps `Stepper.short_steps` and `Stepper.unlocated` have counted.
         diverged: whether the simulation has left the finite numbers.
     """
     count, energy_change, surface_work, intensity, distant, inadmissible = sums
@@ -36,5 +44,6 @@ def impact_info(sums: ImpactSums, *, diverged: bool = False) -> dict[str, int | 
         "impact/intensity": intensity,
         "impact/distant": distant,
         "impact/inadmissible": inadmissible,
+        "impact/short": short,
         "impact/diverged": int(diverged),
     }

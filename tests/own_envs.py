@@ -15,6 +15,7 @@ INFO = {
     "impact/intensity": float,
     "impact/distant": int,
     "impact/inadmissible": int,
+    "impact/short": int,
     "impact/diverged": int,
     "impact/law": str,
     "impact/restitution": float,

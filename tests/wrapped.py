@@ -14,7 +14,7 @@ from impactlaw.envs import ImpactLaw
 
 V5 = ("Ant-v5", "Humanoid-v5", "Hopper-v5", "Walker2d-v5", "HalfCheetah-v5", "Pusher-v5")
 SUITE = (("hopper", "hop"), ("cheetah", "run"), ("ball_in_cup", "catch"), ("walker", "walk"))
-INFO = ("count", "energy_change", "surface_work", "intensity", "distant", "inadmissible", "diverged")
+INFO = ("count", "energy_change", "surface_work", "intensity", "distant", "inadmissible", "short", "diverged")
 FLOATS = ("impact/energy_change", "impact/surface_work", "impact/intensity")
 NOTHING_HAPPENED = {f"impact/{name}": 0 for name in INFO}
 BALL = """<mujoco><option timestep="0.002"/><worldbody><geom name="floor" type="plane" size="2 2 .1"/>

@@ -10,7 +10,7 @@ import mujoco
 
 from impactlaw.envs.episode_log import EpisodeLog
 from impactlaw.envs.episode_seeds import EpisodeSeeds
-from impactlaw.envs.info import impact_info
+from impactlaw.envs.info import impact_info, steps_short
 from impactlaw.envs.law_in_force import LawInForce
 from impactlaw.envs.law_options import LawOptions, describe_law
 from impactlaw.envs.placing.contact_forces import ContactForces
@@ -49,11 +49,11 @@ class PlacedLaw(LawInForce, ABC):
         """Return what `impact_info` says of the last environment step, and the law and restitution in force."""
         if self._named[0] is not self.law:
             self._named = self.law, describe_law(self.law)
-        return {**impact_info(self._sums, diverged=self.diverged), **self._named[1]}
+        return {**impact_info(self._sums, short=self._short, diverged=self.diverged), **self._named[1]}
 
     def clear(self) -> None:
         """Forget the last environment step."""
-        self._met, self._sums = [], NOTHING
+        self._met, self._sums, self._short = [], NOTHING, 0
         self.diverged = False
         if self._forces is not None:
             self._forces.clear()
@@ -142,7 +142,7 @@ class PlacedLaw(LawInForce, ABC):
         if self._log is not None:
             self._log.watch(stepper, data, self._in_force)
         while steps:
-            some = 1 if half or self._watched else steps
+            some, short = 1 if half or self._watched else steps, steps_short(stepper)
             try:
                 if half:
                     stepper.finish_step(data)
@@ -151,7 +151,7 @@ class PlacedLaw(LawInForce, ABC):
             except DivergenceError:
                 self.diverged = True
                 raise
-            steps, half = steps - some, False
+            steps, half, self._short = steps - some, False, self._short + steps_short(stepper) - short
             told = stepper.told
             if told:
                 self._met.append(told)

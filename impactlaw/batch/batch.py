@@ -151,6 +151,11 @@ class Batch:
         return self._memory[:, MEMORY.impacts].astype(int)
 
     @property
+    def short_steps(self) -> np.ndarray:
+        """Steps of each world so far that did not meet their law, (nsim,); see `Stepper.short_steps`."""
+        return self._memory[:, MEMORY.short_steps].astype(int)
+
+    @property
     def shortfall(self) -> np.ndarray:
         """Largest amount by which each world has missed its law so far, m/s or rad/s, (nsim,)."""
         return self._memory[:, MEMORY.worst].copy()

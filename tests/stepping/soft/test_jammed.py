@@ -2,10 +2,12 @@
 
 import gymnasium as gym
 import mujoco
+import numpy as np
 import pytest
 from scenes import compiled as compile_scene
 
 from impactlaw import Fremond, Moreau, Stepper
+from impactlaw.envs import ImpactLaw
 from impactlaw.errors import UnsolvableLawError
 
 QPOS = (-8.756441491107173, -0.5294397993016361, 3.446350937151604, 0.4032184000507698, -0.3269331208193089,
@@ -36,6 +38,15 @@ def test_mujoco_takes_such_a_step(compiled):
     assert (data.qvel == bare.qvel).all()
     stepper.step(data)
     assert stepper.short_steps == 1
+
+
+def test_an_environment_tells_such_steps():
+    env = ImpactLaw(gym.make("HalfCheetah-v5"), law="moreau", restitution=0.0)
+    assert env.reset(seed=0)[1]["impact/short"] == 0
+    env.unwrapped.set_state(np.array(QPOS), np.array(QVEL))
+    still = np.zeros(env.action_space.shape)
+    assert env.step(still)[4]["impact/short"] == env.stepper.short_steps == 1
+    assert env.step(still)[4]["impact/short"] == 0
 
 
 COUPLED = """<body><joint name="knob" axis="0 0 1" range="0 60"/><geom size=".1"/></body>

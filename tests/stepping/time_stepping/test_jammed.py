@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from impactlaw import Moreau, Newton, Stepper
+from impactlaw import Batch, Moreau, Newton, Stepper
 
 _ON_A_RAIL = """<mujoco>
   <option timestep="0.002" gravity="0 0 0"/>
@@ -42,6 +42,13 @@ def test_it_stays_where_friction_holds_it_and_that_is_counted(friction, compiled
     np.testing.assert_allclose(data.qvel[0], 0.0, atol=1e-9)
     assert stepper.short_steps == 1
     assert stepper.shortfall < 1e-9
+
+
+def test_many_worlds_count_it_each_by_itself():
+    batch = Batch(mujoco.MjModel.from_xml_string(_ON_A_RAIL.format(friction=1.0)), Moreau(0.5), 3, 2)
+    batch.bind("qvel")[:, 0] = 0.0, 2.0, 0.0
+    batch.step(nstep=5)
+    assert batch.short_steps.tolist() == [0, 1, 0]
 
 
 def test_what_jams_under_a_law_by_pair_does_so_too():
