@@ -135,7 +135,7 @@ def solve_island(
     patience = _ENDLESS if len(K.width) == 1 else _PATIENCE if n < _LARGE else _HASTE
     warm = norm_of(x, FIRST, n) > 0.0
     for k in range(4):
-        if (k < 2) != warm and (k < 3 or rounds < 2):
+        if (k < 2) != warm and (k < 3 or rounds < 2 or large):
             continue
         put(point, start)
         if k > 1:
