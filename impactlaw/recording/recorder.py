@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -13,6 +14,7 @@ from impactlaw.errors import RecordingError
 from impactlaw.recording import layout, viewer
 from impactlaw.recording.collisions import CollisionLog
 from impactlaw.recording.episodes import EpisodeMarks
+from impactlaw.recording.file import RecordingFile
 from impactlaw.recording.frames import Frames
 from impactlaw.recording.geometry import Group, body_names, read_geometry
 from impactlaw.recording.layout import EPISODE_COLUMNS, Column
@@ -32,9 +34,11 @@ class Recorder:
     """Records a run: geometry once, then state, poses, energies, closed contacts and collisions of every step.
 
     The file is a rerun recording (``rerun run.rrd`` shows it, `read_log` reads it) on the timeline ``sim_time``.
-    Steps are flushed every `BATCH` of them; a run that is killed leaves all up to the last flush. Where nobody calls
-    `begin_episode`, a step whose time is not later than that of the step before begins a new episode; ``sim_time`` goes
-    on from where it was.
+    Steps are flushed every `BATCH` of them; a run that is killed leaves all up to the last flush. `close` ends the
+    file; where nobody calls it, that is done when the recorder is no longer used, or the interpreter ends.
+
+    Where nobody calls `begin_episode`, a step whose time is not later than that of the step before begins a new
+    episode; ``sim_time`` goes on from where it was.
 
     Poses and energies are computed on a private copy from the positions and velocities handed over, whatever state
     the derived quantities in ``data`` are in; ``data`` is only read.
@@ -64,12 +68,11 @@ class Recorder:
         view: bool = False,
     ):
         self.path = Path(path)
-        self._step, self._episode = 0, -1
+        self._episode = -1
         self._coming: dict[str, Any] | None = None
         self._told = False  # whether episodes are begun by `begin_episode`
-        self._time, self._clock, self._offset = -np.inf, 0.0, 0.0
+        self._time, self._offset = -np.inf, 0.0
         self._sizes = model.nq, model.nv
-        self._stream: Any = None  # set when all is well
         properties = run_properties(model, law=law, restitution=restitution, scene=scene, seed=seed)
         groups = read_geometry(model)
         self._frames = Frames(model, groups, BATCH)
@@ -78,8 +81,9 @@ class Recorder:
         self._collisions = CollisionLog(model, properties["law"] or "", arrow_scale)
         stream = _new_stream()
         self._log_once(stream, groups, body_names(model), properties)
-        self._open(stream, model, view)  # last: until here rerun holds everything in memory
-        self._stream = stream
+        self._file = RecordingFile(self.path, stream, self._frames, self._marks, self._collisions)
+        self._file.open(model, view=view)  # last: until here rerun holds everything in memory
+        self._end = self._file.end_with(self)
 
     def __enter__(self) -> Self:
         return self
@@ -126,9 +130,10 @@ class Recorder:
         Raises:
             RecordingError: no frame has been recorded.
         """
-        if not self._step:
+        file = self._file
+        if not file.step:
             raise RecordingError(f"an environment step ends with a frame, but {self.path} has none yet")
-        self._marks.end_step(self._clock, self._step - 1, action, reward, (terminated, truncated))
+        self._marks.end_step(file.clock, file.step - 1, action, reward, (terminated, truncated))
 
     def step(self, data: mujoco.MjData, events: Iterable[ImpactEvent] = (), contacts: Contacts | None = None) -> None:
         """Record the state after a simulation step.
@@ -141,15 +146,16 @@ class Recorder:
         Raises:
             RecordingError: the recorder is closed, the data are of another model, or the file can no longer be written.
         """
-        if self._stream is None:
+        file = self._file
+        if not file.is_open:
             raise RecordingError(f"the recording {self.path} is closed")
         if (data.qpos.size, data.qvel.size) != self._sizes:
             raise RecordingError(f"the data are not of the model that {self.path} records; a new model needs a new one")
         self._advance(data.time)
         for event in events:
-            self._collisions.add(event, event.time + self._offset, episode=self._episode, step=self._step)
-        self._frames.add(data, self._clock, contacts)
-        self._step += 1
+            self._collisions.add(event, event.time + self._offset, episode=self._episode, step=file.step)
+        self._frames.add(data, file.clock, contacts)
+        file.step += 1
         if self._frames.is_full:
             self.flush()
 
@@ -159,13 +165,7 @@ class Recorder:
         Raises:
             RecordingError: the file can no longer be written.
         """
-        if self._stream is None:
-            return
-        first = self._step - len(self._frames)
-        self._collisions.send(self._stream, self._clock)
-        self._marks.send(self._stream)
-        self._frames.send(self._stream, first)
-        self._sync(self._stream)
+        self._file.flush()
 
     def close(self) -> None:
         """Write what is left and end the file; a second call does nothing.
@@ -173,28 +173,22 @@ class Recorder:
         Raises:
             RecordingError: the file can no longer be written.
         """
-        try:
-            self.flush()
-        finally:
-            self._disconnect()
+        atexit.unregister(self._end)
+        self._end.detach()
+        self._file.close()
 
     def _advance(self, time: float) -> None:
-        again = time <= self._time
+        file, again = self._file, time <= self._time
         if again:
-            self._offset = self._clock
+            self._offset = file.clock
         self._time = time
-        self._clock = self._offset + time
-        if self._coming is None and (not self._step or (again and not self._told)):
+        file.clock = self._offset + time
+        if self._coming is None and (not file.step or (again and not self._told)):
             self._coming = dict.fromkeys(EPISODE_COLUMNS) | {"number": self._episode + 1}
         if self._coming is not None:
             self._episode = self._coming["number"]
-            self._marks.begin(self._clock, self._step, {**self._coming, "law": self.law})
+            self._marks.begin(file.clock, file.step, {**self._coming, "law": self.law})
             self._coming = None
-
-    def _disconnect(self) -> None:
-        if self._stream is not None:
-            self._stream.disconnect()
-            self._stream = None
 
     def _log_once(self, stream: Any, groups: list[Group], bodies: list[str], properties: dict[str, Any]) -> None:
         import rerun as rr
@@ -208,28 +202,6 @@ class Recorder:
         viewer.log_styles(stream)
         texts = {name: encode(value) for name, value in properties.items()}
         stream.send_property(layout.PROPERTIES, rr.AnyValues(drop_untyped_nones=True, **texts))
-
-    def _open(self, stream: Any, model: mujoco.MjModel, view: bool) -> None:
-        import rerun as rr
-
-        sinks = [viewer.spawn_viewer()] if view else []
-        try:
-            stream.set_sinks(rr.FileSink(self.path), *sinks, default_blueprint=viewer.blueprint(model))
-        except RuntimeError as error:
-            raise self._cannot_write(error) from None
-        self._sync(stream)
-
-    def _sync(self, stream: Any) -> None:
-        try:
-            stream.flush()
-        except RuntimeError as error:
-            if "gRPC" not in str(error):  # a viewer that was closed is no loss to the file
-                self._disconnect()
-                raise self._cannot_write(error) from None
-
-    def _cannot_write(self, error: RuntimeError) -> RecordingError:
-        reason = str(error).removeprefix("Failed to create file: ").partition(", path")[0]
-        return RecordingError(f"cannot write the recording {self.path}: {reason}")
 
 
 def _new_stream() -> Any:

@@ -219,3 +219,28 @@ def test_importing_is_light():
     heavy = "{'rerun', 'pandas', 'pyarrow', 'gymnasium'}"
     code = f"import impactlaw.recording, sys; assert not {heavy} & sys.modules.keys(), {heavy} & sys.modules.keys()"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+LEFT_OPEN = """
+import sys, gymnasium, impactlaw.envs
+env = gymnasium.make("impactlaw/Juggler-v0", log=sys.argv[1])
+env.reset(seed=0)
+for _ in range(200):
+    env.step([0.1])
+"""
+
+
+def test_a_run_that_nobody_closes_is_whole(tmp_path):
+    """The last environment step ends with a frame that is flushed with the next ones."""
+    command = [sys.executable, "-c", LEFT_OPEN, str(tmp_path / "run.rrd")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    assert "Traceback" not in done.stderr
+    (episode,) = read_log(tmp_path / "run.rrd").episodes
+    assert len(episode.actions) == 200
+    assert len(episode.time) == 1001
+
+
+def test_a_recorder_that_is_gone_has_written_its_file(tmp_path, scene):
+    model, data = scene
+    Recorder(model, tmp_path / "run.rrd").step(data)
+    assert len(read_log(tmp_path / "run.rrd").episode(0).time) == 1

@@ -1,0 +1,118 @@
+"""The file of a recorder, and what is on its way there."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import weakref
+from pathlib import Path
+from typing import Any
+
+import mujoco
+
+from impactlaw.errors import RecordingError
+from impactlaw.recording import viewer
+from impactlaw.recording.collisions import CollisionLog
+from impactlaw.recording.episodes import EpisodeMarks
+from impactlaw.recording.frames import Frames
+
+
+class RecordingFile:
+    """What has been written, and what has not yet.
+
+    It does not know who fills it, so that it can be ended when that one is gone: `end_with`.
+
+    Args:
+        path: of the file.
+        stream: of rerun, without a place to write to.
+        frames: the frames.
+        marks: starts of episodes and environment steps.
+        collisions: the collisions.
+
+    Attributes:
+        step: number of frames so far.
+        clock: place of the last one on the timeline, s.
+    """
+
+    def __init__(self, path: Path, stream: Any, frames: Frames, marks: EpisodeMarks, collisions: CollisionLog):
+        self.path, self.step, self.clock = path, 0, 0.0
+        self.frames, self.marks, self.collisions = frames, marks, collisions
+        self._stream = stream
+        self._process = os.getpid()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it can be written to."""
+        return self._stream is not None
+
+    def open(self, model: mujoco.MjModel, *, view: bool) -> None:
+        """Begin to write.
+
+        Raises:
+            RecordingError: the file cannot be written, or there is no display to view on.
+        """
+        import rerun as rr
+
+        sinks = [viewer.spawn_viewer()] if view else []
+        try:
+            self._stream.set_sinks(rr.FileSink(self.path), *sinks, default_blueprint=viewer.blueprint(model))
+        except RuntimeError as error:
+            raise self._cannot_write(error) from None
+        self._sync()
+
+    def flush(self) -> None:
+        """Write all so far; after `close` this does nothing.
+
+        Raises:
+            RecordingError: the file can no longer be written.
+        """
+        if self._stream is None:
+            return
+        first = self.step - len(self.frames)
+        self.collisions.send(self._stream, self.clock)
+        self.marks.send(self._stream)
+        self.frames.send(self._stream, first)
+        self._sync()
+
+    def close(self) -> None:
+        """Write what is left and end the file; a second call does nothing.
+
+        Raises:
+            RecordingError: the file can no longer be written.
+        """
+        try:
+            self.flush()
+        finally:
+            self._disconnect()
+
+    def end_with(self, owner: Any) -> weakref.finalize:
+        """Close when the owner is gone, or the interpreter ends; return what does it, and does nothing twice.
+
+        The interpreter ends in the order of ``atexit``, last registered first, so that rerun, which is imported by
+        now, still works. A process that was forked leaves the file to its parent.
+        """
+        end = weakref.finalize(owner, self._close_here)
+        end.atexit = False
+        atexit.register(end)
+        return end
+
+    def _close_here(self) -> None:
+        if os.getpid() == self._process:
+            self.close()
+
+    def _disconnect(self) -> None:
+        if self._stream is not None:
+            self._stream.disconnect()
+            self._stream = None
+
+    def _sync(self) -> None:
+        try:
+            self._stream.flush()
+        except RuntimeError as error:
+            if "gRPC" not in str(error):  # a viewer that was closed is no loss to the file
+                self._disconnect()
+                raise self._cannot_write(error) from None
+
+    def _cannot_write(self, error: RuntimeError) -> RecordingError:
+        reason = str(error).removeprefix("Failed to create file: ").partition(", path")[0]
+        return RecordingError(f"cannot write the recording {self.path}: {reason}")
