@@ -218,7 +218,8 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
         self._begun = True
         mujoco.mj_forward(self.model, self.data)
         if self._log is not None:
-            self._log.name_run(self.spec.id if self.spec is not None else self.SCENE, self.np_random_seed)
+            name = self.SCENE if self.spec is None else self.spec.id
+            self._log.name_run(name, self.np_random_seed, self.frame_skip)
             self._log.begin(self.stepper, self.data, self._in_force, seed=seed, generator=generator)
         if self.render_mode == "human":
             self.render()

@@ -9,8 +9,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from impactlaw.envs.law_options import LawOptions, check_log_every
+from impactlaw.envs.how_made import how_made
+from impactlaw.envs.law_options import LawOptions, as_plain, check_log_every
 from impactlaw.errors import OptionError, RecordingError
+from impactlaw.laws import Law
 from impactlaw.recording import Recorder
 from impactlaw.stepping.compatibility import check_count
 from impactlaw.stepping.impact_event import ImpactEvent
@@ -42,6 +44,7 @@ class EpisodeLog:
         self._every = every
         self._scene: str | None = None
         self._seed: int | None = None
+        self._timesteps: int | None = None
         self._env: int | None = None
         self._episode, self._models = -1, 1
         self._on = self._told = False
@@ -60,9 +63,9 @@ class EpisodeLog:
         """Record nothing until the next episode begins: a reset is on its way."""
         self._on, self._told = False, True
 
-    def name_run(self, scene: str | None, seed: int | None) -> None:
-        """Tell what files that begin from now on say of the run: name of the environment, and its seed."""
-        self._scene, self._seed = scene, seed
+    def name_run(self, scene: str | None, seed: int | None, timesteps: int | None) -> None:
+        """Tell what files that begin from now on say of the run: its environment, its seed, timesteps of a step."""
+        self._scene, self._seed, self._timesteps = scene, seed, timesteps
 
     def begin(
         self,
@@ -91,8 +94,8 @@ class EpisodeLog:
         self._open(stepper)
         assert self._recorder is not None
         self._law = self._recorder.law = stepper.law
-        settings = options.settings(stepper.law)
-        self._recorder.begin_episode(self._episode, seed=seed, generator=generator, settings=settings)
+        settings, made = options.settings(stepper.law), how_made(options, stepper.model, self._timesteps)
+        self._recorder.begin_episode(self._episode, seed=seed, generator=generator, settings=settings, made=made)
         self._recorder.step(data)
 
     def watch(self, stepper: Stepper, data: mujoco.MjData, options: LawOptions) -> None:
@@ -109,7 +112,7 @@ class EpisodeLog:
             self._open(stepper)
         assert self._recorder is not None
         if stepper.law is not self._law:
-            self._law = self._recorder.law = stepper.law
+            self._change_law(self._recorder, stepper.law)
         self._recorder.step(data, events)
 
     def end_step(self, action: Any, reward: Any, terminated: bool, truncated: bool) -> None:
@@ -122,6 +125,13 @@ class EpisodeLog:
         if self._recorder is not None:
             self._recorder.close()
             self._recorder = None
+
+    def _change_law(self, recorder: Recorder, law: Law) -> None:
+        """Record another law from the next frame on; the same one made anew is none."""
+        before, after = as_plain(self._law), as_plain(law)
+        self._law = law
+        if after is None or after != before:
+            recorder.change_law(law, after)
 
     def _open(self, stepper: Stepper) -> None:
         """Begin a file, unless the one of now is of the same model."""

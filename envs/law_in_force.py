@@ -41,6 +41,11 @@ class LawInForce:
     def restitution(self, restitution: Any) -> None:
         self._set(restitution=restitution)
 
+    @property
+    def in_force(self) -> LawOptions:
+        """What the episode of now is stepped by."""
+        return self._in_force
+
     def use(self, options: LawOptions) -> None:
         """Let these be in force."""
         self._stepper = options.changed_stepper(self._stepper, self._in_force)

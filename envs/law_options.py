@@ -48,6 +48,11 @@ class LawOptions:
     impulse_in_cfrc_ext: bool = False
     seed: int | None = None
 
+    @property
+    def scheme_in_force(self) -> str | None:
+        """Of rigid contact; soft contact has none."""
+        return (self.scheme or self.usual_scheme) if self.contact_model == "rigid" else self.scheme
+
     def law_for(self, model: mujoco.MjModel) -> Law:
         """Return the law, for a model."""
         law = choose_law(model, self.law, self.restitution)
@@ -70,12 +75,12 @@ class LawOptions:
             OptionError: impulse_in_cfrc_ext is neither True nor False.
         """
         rigid = self.contact_model == "rigid"
-        self._check_forces(rigid)
+        self._check_forces()
         return Stepper(
             model,
             self.law_for(model),
             contact_model=self.contact_model,
-            scheme=(self.scheme or self.usual_scheme) if rigid else self.scheme,
+            scheme=self.scheme_in_force,
             friction=self.friction,
             overlap=self.overlap if rigid else None,
             contacts=self.contacts,
@@ -84,10 +89,10 @@ class LawOptions:
             on_inadmissible=self.on_inadmissible,
         )
 
-    def _check_forces(self, rigid: bool) -> None:
+    def _check_forces(self) -> None:
         if not isinstance(self.impulse_in_cfrc_ext, bool):
             raise OptionError(f"impulse_in_cfrc_ext is True or False, got {self.impulse_in_cfrc_ext!r}")
-        if self.impulse_in_cfrc_ext and rigid and (self.scheme or self.usual_scheme) == "event-driven":
+        if self.impulse_in_cfrc_ext and self.contact_model == "rigid" and self.scheme_in_force == "event-driven":
             raise SceneError(
                 "impulse_in_cfrc_ext means nothing to event-driven steps, which leave no forces of contact; use "
                 'scheme="time-stepping" or contact_model="soft"'
@@ -117,12 +122,20 @@ class LawOptions:
 
     def settings(self, law: Law) -> dict[str, Any] | None:
         """Return reset options that make the same, and the contact model, as plain values; None for a law without."""
-        try:
-            given = {"law": portable(law), "friction": self.friction, "scheme": self.scheme}
-            given["contact_model"] = self.contact_model
-        except RestitutionError:
+        plain = as_plain(law)
+        if plain is None:
             return None
+        given = {"law": plain, "friction": self.friction, "scheme": self.scheme_in_force}
+        given["contact_model"] = self.contact_model
         return {name: value for name, value in given.items() if value is not None}
+
+
+def as_plain(law: Law) -> Any:
+    """Return a law as plain values; None if that cannot be."""
+    try:
+        return portable(law)
+    except RestitutionError:
+        return None
 
 
 def check_reset(options: Mapping[str, Any] | None) -> None:

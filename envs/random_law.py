@@ -10,7 +10,7 @@ from gymnasium.utils import RecordConstructorArgs
 
 from impactlaw.envs.episode_seeds import LAWS, EpisodeSeeds
 from impactlaw.envs.law_distribution import LawDistribution
-from impactlaw.envs.wrapper import law_holder
+from impactlaw.envs.law_holder import law_holder
 from impactlaw.errors import OptionError, SettledError
 from impactlaw.laws import Law
 from impactlaw.settled import Settled

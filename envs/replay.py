@@ -2,27 +2,39 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import gymnasium
+import mujoco
+import numpy as np
 
-from impactlaw.envs.wrapper import law_holder
+from impactlaw.envs.base import ImpactEnv
+from impactlaw.envs.how_made import how_made
+from impactlaw.envs.law_holder import law_holder
+from impactlaw.envs.wrapper import ImpactLaw
 from impactlaw.errors import RecordingError
 from impactlaw.recording import Episode
+from impactlaw.recording.properties import law_name
 
 
-def restart(env: gymnasium.Env, episode: Episode) -> tuple[Any, dict[str, Any]]:
+def restart(env: gymnasium.Env, episode: Episode, *, allow_law_changes: bool = False) -> tuple[Any, dict[str, Any]]:
     """Reset an environment to the start of a recorded episode, as `reset` does, under the law that it began with.
 
-    ``for action in episode.actions: env.step(action)`` then leads through the same states again, to the last bit, if
-    the environment is made as the recorded one was.
+    ``for action in episode.actions: env.step(action)`` then leads through the same states again, to the last bit.
+
+    An environment that was made otherwise than the recorded one, as far as the recording tells, is refused. So is an
+    episode in which the law was set, since its actions alone do not lead through its states.
 
     Args:
         env: the environment, one of this package or with an `ImpactLaw` on it.
         episode: from ``impactlaw.recording.read_log(path).episode(number)``.
+        allow_law_changes: whether to go on where the law was set during the episode: whoever steps then sets the law
+            to the `value` of each of ``episode.law_changes`` before its `step`.
 
     Raises:
-        RecordingError: the recording does not say what the episode was drawn from, or is of another environment.
+        RecordingError: the recording does not say what the episode was drawn from, or is of an environment that was
+            made otherwise, or the law was set during the episode.
         WrapperError: the environment has no impact law.
     """
     if episode.seed is None and episode.generator is None:
@@ -30,20 +42,26 @@ def restart(env: gymnasium.Env, episode: Episode) -> tuple[Any, dict[str, Any]]:
             f"episode {episode.number} was recorded without a seed and without the state of a random generator; "
             "set qpos and qvel of its first frame instead"
         )
-    _check_same(env, episode)
+    holder = law_holder(env)
+    _check_same(env, holder, episode)
+    if not allow_law_changes:
+        _check_law_stays(episode)
     if episode.seed is None and episode.generator is not None:
         env.unwrapped.np_random.bit_generator.state = episode.generator
-    return env.reset(seed=episode.seed, options=dict(episode.settings) or None)
+    found = env.reset(seed=episode.seed, options=dict(episode.settings) or None)
+    _check_made(holder, episode)
+    _check_law(holder, episode)
+    _check_start(holder, episode)
+    return found
 
 
-def _check_same(env: gymnasium.Env, episode: Episode) -> None:
-    """Refuse an environment in which the episode cannot have been recorded, as far as the recording tells.
+def _check_same(env: gymnasium.Env, holder: ImpactLaw | ImpactEnv, episode: Episode) -> None:
+    """Refuse an environment in which the episode cannot have been recorded, which a reset would not tell so well.
 
     Raises:
         RecordingError: it has another name, scene or contact model.
-        WrapperError: it has no impact law.
     """
-    holder, spec = law_holder(env), env.unwrapped.spec
+    spec = env.unwrapped.spec
     if holder.stepper is not None and episode.qpos.size:
         model = holder.stepper.model
         size, recorded = (model.nq, model.nv), (episode.qpos.shape[1], episode.qvel.shape[1])
@@ -53,6 +71,71 @@ def _check_same(env: gymnasium.Env, episode: Episode) -> None:
         raise _other(episode, f"{episode.scene}", f"{spec.id}")
     if episode.contact_model not in (None, holder.contact_model):
         raise _other(episode, f"contact_model={episode.contact_model!r}", f"contact_model={holder.contact_model!r}")
+
+
+def _check_law_stays(episode: Episode) -> None:
+    """Refuse an episode in which the law was set.
+
+    Raises:
+        RecordingError: it was.
+    """
+    if not episode.law_changes:
+        return
+    first = episode.law_changes[0]
+    raise RecordingError(
+        f"the law was set during episode {episode.number}: before step {first.step} to {first.law:.200}; pass "
+        "allow_law_changes=True, and set the law of the environment to the value of each of episode.law_changes "
+        "before its step"
+    )
+
+
+def _check_made(holder: ImpactLaw | ImpactEnv, episode: Episode) -> None:
+    """Refuse an environment that steps otherwise than the recorded one.
+
+    Raises:
+        RecordingError: it does.
+    """
+    inside = holder if isinstance(holder, ImpactEnv) else holder.placed
+    mine = how_made(inside.in_force, _simulation(holder)[0], inside.frame_skip)
+    other = [name for name, value in episode.made.items() if name in mine and value != mine[name]]
+    if other:
+        recorded, given = (", ".join(f"{name}={made[name]!r}" for name in other) for made in (episode.made, mine))
+        raise _other(episode, recorded, f"one with {given}")
+
+
+def _check_law(holder: ImpactLaw | ImpactEnv, episode: Episode) -> None:
+    """Refuse another law, where the recorded one could not be written down so that a reset takes it.
+
+    Raises:
+        RecordingError: it is another one.
+    """
+    law = law_name(holder.law) or ""
+    if not episode.settings and episode.law is not None and _no_places(law) != _no_places(episode.law):
+        raise _other(episode, f"law {episode.law:.200}", f"one with {law:.200}")
+
+
+def _no_places(law: str) -> str:
+    """Return the text of a law without the addresses of functions in it, which are others in every process."""
+    return re.sub(r" at 0x[0-9a-fA-F]+", "", law)
+
+
+def _check_start(holder: ImpactLaw | ImpactEnv, episode: Episode) -> None:
+    """Refuse an environment that starts elsewhere.
+
+    Raises:
+        RecordingError: it does.
+    """
+    data = _simulation(holder)[1]
+    for name, mine, recorded in (("qpos", data.qpos, episode.qpos), ("qvel", data.qvel, episode.qvel)):
+        if not len(recorded) or np.array_equal(mine, recorded[0], equal_nan=True):
+            continue
+        i = int(np.flatnonzero(mine != recorded[0])[0])
+        why = f"a start with {name}[{i}] = {recorded[0][i]:.9g}"
+        raise _other(episode, why, f"one with {mine[i]:.9g}, as by other noise at resets")
+
+
+def _simulation(holder: ImpactLaw | ImpactEnv) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    return (holder.model, holder.data) if isinstance(holder, ImpactEnv) else holder.placed.simulation()
 
 
 def _other(episode: Episode, recorded: str, given: str) -> RecordingError:

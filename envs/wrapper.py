@@ -11,7 +11,6 @@ import gymnasium
 import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 
-from impactlaw.envs.base import ImpactEnv
 from impactlaw.envs.episode_log import episode_log
 from impactlaw.envs.episode_seeds import OUTCOMES, EpisodeSeeds
 from impactlaw.envs.law_options import RESET, LawOptions, check_reset, portable_options
@@ -167,6 +166,15 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         """What steps the episode, with its plan and its options; None before the first reset and after `remove`."""
         return None if self._placed is None else self._placed.stepper
 
+    @property
+    def placed(self) -> PlacedLaw:
+        """The law in its place in the environment, as `put_law` returns it.
+
+        Raises:
+            WrapperError: it was removed.
+        """
+        return self._present()
+
     def remove(self) -> gymnasium.Env:
         """Take the law off again and return the environment inside, which steps as it did before."""
         if self._placed is not None:
@@ -267,25 +275,6 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
             standing, in_force = options
             self._placed = place(self.env, standing, None, replace=True)
             self._placed.use(in_force)
-
-
-def law_holder(env: gymnasium.Env) -> ImpactLaw | ImpactEnv:
-    """Return the `ImpactLaw` around an environment, or the environment, if it is one of this package.
-
-    Raises:
-        WrapperError: it has no impact law, or that was removed.
-    """
-    while isinstance(env, gymnasium.Wrapper):
-        if isinstance(env, ImpactLaw):
-            if env.law is None:
-                raise WrapperError("the law was removed from the ImpactLaw inside: put another one on the environment")
-            return env
-        env = env.env
-    if not isinstance(env, ImpactEnv):
-        raise WrapperError(
-            f'{type(env).__name__} has no impact law; put one on it first: ImpactLaw(env, "moreau", 0.5)'
-        )
-    return env
 
 
 def _is_bad(action: Any) -> bool:

@@ -53,7 +53,8 @@ class OnPhysics(PlacedLaw):
     def _target(self) -> Any:
         return self._physics
 
-    def _simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    def simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        """Return model and data of now."""
         return self._physics.model.ptr, self._physics.data.ptr
 
     def _simulate(self, nstep: int = 1) -> None:
@@ -99,6 +100,7 @@ class OnDmControl(OnPhysics):
         if physics.__class__.step is not Physics.step:
             raise WrapperError(f"{physics.__class__.__name__} steps MuJoCo in a way of its own (step is overridden)")
         super().__init__(physics, options, log)
+        self._env: Any = env
         self._removed = False
         self._told: Any = None
         self._composer = hasattr(env, "add_extra_hook")
@@ -106,6 +108,11 @@ class OnDmControl(OnPhysics):
             composed: Any = env
             composed.add_extra_hook("after_compile", self._after_compile)
             composed.add_extra_hook("before_step", self._before_step)
+
+    @property
+    def frame_skip(self) -> int | None:
+        """Timesteps per environment step."""
+        return round(self._env.control_timestep() / self._physics.timestep())
 
     def record_steps(self, env: Any) -> None:
         """Record actions and rewards of an environment's own steps, too, if anything is recorded: physics has none."""

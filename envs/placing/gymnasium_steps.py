@@ -27,7 +27,8 @@ class _OnEnv(PlacedLaw):
     def _target(self) -> Any:
         return self._env
 
-    def _simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    def simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        """Return model and data of now."""
         return self._env.model, self._env.data
 
 
@@ -35,6 +36,11 @@ class OnGymnasium(_OnEnv):
     """Gymnasium's MujocoEnv."""
 
     method = "_step_mujoco_simulation"
+
+    @property
+    def frame_skip(self) -> int | None:
+        """Timesteps per environment step."""
+        return self._env.frame_skip
 
     def _simulate(self, ctrl: np.ndarray, n_frames: int) -> None:
         env = self._env
@@ -51,6 +57,11 @@ class OnRobotics(_OnEnv):
     """The robot environments of gymnasium-robotics."""
 
     method = "_mujoco_step"
+
+    @property
+    def frame_skip(self) -> int | None:
+        """Timesteps per environment step."""
+        return self._env.n_substeps
 
     def _simulate(self, action: np.ndarray) -> None:
         env = self._env

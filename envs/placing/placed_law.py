@@ -67,8 +67,8 @@ class PlacedLaw(LawInForce, ABC):
     def begin_episode(self, scene: str | None, seed: int | None, generator: Any) -> None:
         """Record the start of an episode, as the reset has left it."""
         if self._log is not None:
-            model, data = self._simulation()
-            self._log.name_run(scene, seed)
+            model, data = self.simulation()
+            self._log.name_run(scene, seed, self.frame_skip)
             stepper = self._stepper_for(model)
             self._log.begin(stepper, data, self._in_force, seed=seed, generator=generator)
 
@@ -99,8 +99,13 @@ class PlacedLaw(LawInForce, ABC):
         """What was asked for, and what is in force in this episode."""
         return self._options, self._in_force
 
+    @property
+    def frame_skip(self) -> int | None:
+        """Timesteps per environment step; None if that is not known."""
+        return None
+
     @abstractmethod
-    def _simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    def simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
         """Return model and data of now."""
 
     @abstractmethod

@@ -1,8 +1,8 @@
 """Recordings of runs: `Recorder` writes a rerun file, `read_log` reads it back; the only part that knows rerun."""
 
-from impactlaw.recording.episodes import Episode
+from impactlaw.recording.episodes import Episode, LawChange
 from impactlaw.recording.reader import Recording, WorstViolation, read_log
 from impactlaw.recording.recorder import Recorder
 from impactlaw.recording.report import describe
 
-__all__ = ["Episode", "Recorder", "Recording", "WorstViolation", "describe", "read_log"]
+__all__ = ["Episode", "LawChange", "Recorder", "Recording", "WorstViolation", "describe", "read_log"]

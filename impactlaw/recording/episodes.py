@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from impactlaw.recording.layout import (
+    CHANGE,
+    CHANGE_COLUMNS,
+    CHANGES,
     EPISODE,
     EPISODE_COLUMNS,
     EPISODES,
@@ -35,10 +38,15 @@ class EpisodeMarks:
     def __init__(self) -> None:
         self._starts: list[tuple[float, int, dict[str, Any]]] = []
         self._steps: list[tuple[float, int, dict[str, Any]]] = []
+        self._changes: list[tuple[float, int, dict[str, Any]]] = []
 
     def begin(self, clock: float, frame: int, start: dict[str, Any]) -> None:
         """Take up how the episode begins whose first frame this is; ``clock`` is its place on the timeline, s."""
         self._starts.append((clock, frame, start))
+
+    def change_law(self, clock: float, frame: int, change: dict[str, Any]) -> None:
+        """Take up another law, under which this frame is the first one."""
+        self._changes.append((clock, frame, change))
 
     def end_step(self, clock: float, frame: int, action: Any, reward: Any, ended: tuple[bool, bool]) -> None:
         """Take up an environment step that ends with this frame."""
@@ -58,12 +66,30 @@ class EpisodeMarks:
         for path, kind, names, rows in (
             (EPISODES, EPISODE, EPISODE_COLUMNS, self._starts),
             (STEPS, TAKEN, STEP_COLUMNS, self._steps),
+            (CHANGES, CHANGE, CHANGE_COLUMNS, self._changes),
         ):
             if rows:
                 clocks, frames, cells = zip(*rows, strict=True)
                 columns = [Column(f"{kind}:{name}", what, [c[name] for c in cells]) for name, what in names.items()]
                 stream.send_columns(path, time_columns(clocks, frames), columns, strict=True)
-        self._starts, self._steps = [], []
+        self._starts, self._steps, self._changes = [], [], []
+
+
+@dataclass(frozen=True, eq=False)
+class LawChange:
+    """A law that was set within an episode.
+
+    Attributes:
+        step: environment steps of the episode before it: it is in force from the step of this number on, from 0.
+        frame: the first frame of the episode under it.
+        law: as text.
+        value: plain values, which ``env.law`` takes; None if it could not be written down so.
+    """
+
+    step: int
+    frame: int
+    law: str
+    value: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +111,8 @@ class Episode:
         ended: "terminated", "truncated", or "" where it was given up, or ended by what is around the environment.
         scene: name of the environment, or of the scene; None if not known.
         contact_model: "rigid" or "soft"; None if not known.
+        made: how the environment was made, by names of options; empty if not known.
+        law_changes: laws that were set within the episode, in order.
     """
 
     number: int
@@ -101,6 +129,8 @@ class Episode:
     ended: str = field(default="")
     scene: str | None = None
     contact_model: str | None = None
+    made: dict[str, Any] = field(default_factory=dict)
+    law_changes: tuple[LawChange, ...] = ()
 
 
 def read_episodes(entities: dict[str, Entity], time: np.ndarray, scene: str | None) -> tuple[Episode, ...]:
@@ -118,7 +148,8 @@ def read_episodes(entities: dict[str, Entity], time: np.ndarray, scene: str | No
     else:
         first = entity.step
         cells = {name: entity.cells(f"{EPISODE}:{name}") for name in EPISODE_COLUMNS}
-        starts = [{name: row[i][0] if row[i] else None for name, row in cells.items()} for i in range(len(first))]
+        known = {name: row for name, row in cells.items() if row}  # files of older versions have less
+        starts = [{name: row[i][0] if row[i] else None for name, row in known.items()} for i in range(len(first))]
     ends = np.append(first[1:], n)
     return tuple(
         _episode(entities, time, start | {"scene": scene}, int(begin), int(end))
@@ -159,7 +190,22 @@ def _episode(entities: dict[str, Entity], time: np.ndarray, start: dict[str, Any
         ended=last[0] if last else "",
         scene=start["scene"],
         contact_model=settings.get("contact_model"),
+        made=json.loads(start.get("made") or "{}"),
+        law_changes=_law_changes(entities.get(CHANGES), begin, part.stop, frame),
     )
+
+
+def _law_changes(entity: Entity | None, begin: int, end: int, frame: np.ndarray) -> tuple[LawChange, ...]:
+    """Return the changes between two frames of a recording, in an episode whose environment steps end with frames."""
+    if entity is None:
+        return ()
+    laws, values = (entity.cells(f"{CHANGE}:{name}") for name in CHANGE_COLUMNS)
+    found = []
+    for i in np.flatnonzero((entity.step >= begin) & (entity.step < end)):
+        first = int(entity.step[i]) - begin
+        value = json.loads(values[i][0]) if values[i] else None
+        found.append(LawChange(int(np.searchsorted(frame, first)), first, laws[i][0], value))
+    return tuple(found)
 
 
 def _actions(rows: list[list[float]], kinds: list[str]) -> np.ndarray:

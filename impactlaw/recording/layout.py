@@ -30,8 +30,11 @@ EPISODE, TAKEN = "impactlaw.Episode", "impactlaw.Step"
 STEP_COLUMNS = {"action": "floats", "kind": "text", "reward": "float", "terminated": "bool", "truncated": "bool"}
 """What an environment step was told and gave, at the frame that it ends with; ``kind`` is type and shape of the action,
 as JSON."""
-EPISODE_COLUMNS = {"number": "int", "seed": "int", "law": "text", "generator": "text", "settings": "text"}
-"""How an episode began, at its first frame; the last two are JSON, and empty cells are what is not known."""
+EPISODE_COLUMNS = {"number": "int", "seed": "int"} | dict.fromkeys(("law", "generator", "settings", "made"), "text")
+"""How an episode began, at its first frame; the last three are JSON, and empty cells are what is not known."""
+CHANGES, CHANGE = "episodes/laws", "impactlaw.LawChange"
+CHANGE_COLUMNS = {"law": "text", "value": "text"}
+"""A law that was set within an episode, at the first frame under it; ``value`` is JSON."""
 GEOMETRY_BODIES = "impactlaw.Geometry:bodies"
 COLLISION = "impactlaw.Collision"
 COLLISION_COLUMNS = {

@@ -70,6 +70,7 @@ class Recorder:
         self.path = Path(path)
         self._episode = -1
         self._coming: dict[str, Any] | None = None
+        self._changed: dict[str, Any] | None = None
         self._told = False  # whether episodes are begun by `begin_episode`
         self._time, self._offset = -np.inf, 0.0
         self._sizes = model.nq, model.nv
@@ -107,6 +108,7 @@ class Recorder:
         seed: int | None = None,
         generator: Mapping[str, Any] | None = None,
         settings: Mapping[str, Any] | None = None,
+        made: Mapping[str, Any] | None = None,
     ) -> None:
         """Let the next frame be the start of an episode.
 
@@ -115,6 +117,7 @@ class Recorder:
             seed: that it was reset with.
             generator: state of the random generator that it was drawn with, plain values.
             settings: how it is stepped, plain values.
+            made: how the environment was made, plain values.
         """
         self._told = True
         self._coming = {
@@ -122,7 +125,18 @@ class Recorder:
             "seed": None if seed is None else int(seed),
             "generator": None if generator is None else encode(dict(generator)),
             "settings": None if settings is None else encode(dict(settings)),
+            "made": None if made is None else encode(dict(made)),
         }
+
+    def change_law(self, law: Any, value: Any = None) -> None:
+        """Let the law be another one from the next frame on, within the episode.
+
+        Args:
+            law: a `Law`, or its name.
+            value: the law as plain values.
+        """
+        self.law = law
+        self._changed = {"law": self.law, "value": None if value is None else encode(value)}
 
     def end_step(self, action: Any, reward: Any, *, terminated: bool = False, truncated: bool = False) -> None:
         """Record an environment step, which ends with the last frame: what it was told, and what it gave.
@@ -189,6 +203,9 @@ class Recorder:
             self._episode = self._coming["number"]
             self._marks.begin(file.clock, file.step, {**self._coming, "law": self.law})
             self._coming = None
+        if self._changed is not None:
+            self._marks.change_law(file.clock, file.step, self._changed)
+            self._changed = None
 
     def _log_once(self, stream: Any, groups: list[Group], bodies: list[str], properties: dict[str, Any]) -> None:
         import rerun as rr

@@ -1,0 +1,28 @@
+"""Where the law of an environment is, among the wrappers around it."""
+
+from __future__ import annotations
+
+import gymnasium
+
+from impactlaw.envs.base import ImpactEnv
+from impactlaw.envs.wrapper import ImpactLaw
+from impactlaw.errors import WrapperError
+
+
+def law_holder(env: gymnasium.Env) -> ImpactLaw | ImpactEnv:
+    """Return the `ImpactLaw` around an environment, or the environment, if it is one of this package.
+
+    Raises:
+        WrapperError: it has no impact law, or that was removed.
+    """
+    while isinstance(env, gymnasium.Wrapper):
+        if isinstance(env, ImpactLaw):
+            if env.law is None:
+                raise WrapperError("the law was removed from the ImpactLaw inside: put another one on the environment")
+            return env
+        env = env.env
+    if not isinstance(env, ImpactEnv):
+        raise WrapperError(
+            f'{type(env).__name__} has no impact law; put one on it first: ImpactLaw(env, "moreau", 0.5)'
+        )
+    return env

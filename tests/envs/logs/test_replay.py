@@ -1,0 +1,225 @@
+"""Replays of recorded episodes: what a recording tells of its environment, and what is refused."""
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+from own_envs import bare
+from recorded_envs import JUGGLER, every_maker, makers, play
+from wrapped import hopper, shimmy, theirs
+
+from impactlaw import AnyOutcome, Moreau, Newton
+from impactlaw.envs import ImpactLaw, RandomLaw, restart
+from impactlaw.envs.law_holder import law_holder
+from impactlaw.errors import RecordingError
+from impactlaw.recording import read_log
+
+pytestmark = theirs
+
+
+def assert_same_states(env, episode, laws=()):
+    """Step through an episode, and set laws on the way."""
+    data, holder = env.unwrapped.data, law_holder(env)
+    for i, (action, frame) in enumerate(zip(episode.actions, episode.frame, strict=True)):
+        for change in laws:
+            if change.step == i:
+                holder.law = change.value
+        env.step(action)
+        np.testing.assert_array_equal(data.qpos, episode.qpos[frame])
+        np.testing.assert_array_equal(data.qvel, episode.qvel[frame])
+
+
+# Laws that are set within an episode
+
+
+@every_maker
+def test_an_episode_in_which_the_law_was_set_is_not_taken_for_another(name, tmp_path):
+    env = makers(log=tmp_path / "run.rrd")[name]()
+    env.reset(seed=5)
+    for step in range(60):
+        if step == 20:
+            env.law = Moreau(0.125)
+        if step == 35:
+            env.law = Newton(0.75)
+        env.step(env.action_space.sample())
+    env.reset(seed=6)
+    env.step(env.action_space.sample())
+    env.close()
+    episode, after = read_log(tmp_path / "run.rrd").episodes
+    assert after.law_changes == ()
+    first = episode.law_changes[0]
+    assert (first.step, first.frame, first.law) == (20, 20 * env.unwrapped.frame_skip + 1, repr(Moreau(0.125)))
+    again = makers()[name]()
+    with pytest.raises(RecordingError, match=r"set during episode 0: before step 20 to Moreau\(restitution=0.125\)"):
+        restart(again, episode)
+    restart(again, episode, allow_law_changes=True)
+    assert_same_states(again, episode, episode.law_changes)
+
+
+def test_a_law_that_cannot_be_written_down_is_named(tmp_path):
+    env = bare(JUGGLER, log=tmp_path / "run.rrd")
+    env.reset(seed=5)
+    env.step([0.0])
+    env.law = Newton(lambda speed: 0.5)
+    env.step([0.0])
+    env.close()
+    (change,) = read_log(tmp_path / "run.rrd").episode(0).law_changes
+    assert (change.step, change.value) == (1, None)
+    assert "lambda" in change.law
+
+
+def test_the_same_law_that_is_set_again_is_no_change(tmp_path):
+    env = bare(JUGGLER, log=tmp_path / "run.rrd")
+    env.reset(seed=5)
+    env.law = Newton(0.8)
+    env.step([0.0])
+    env.close()
+    episode = read_log(tmp_path / "run.rrd").episode(0)
+    assert episode.law_changes == ()
+    restart(bare(JUGGLER), episode)
+
+
+def test_a_law_at_the_start_that_cannot_be_written_down_is_compared_by_its_text(tmp_path):
+    env = bare(JUGGLER, law=Newton(lambda speed: 0.5), log=tmp_path / "run.rrd")
+    env.reset(seed=5)
+    env.close()
+    episode = read_log(tmp_path / "run.rrd").episode(0)
+    assert episode.settings == {}
+    restart(env, episode)
+    with pytest.raises(RecordingError, match=r"lambda.*but this is one with Newton\(restitution=0.8"):
+        restart(bare(JUGGLER), episode)
+
+
+# Environments that are made otherwise
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"frame_skip": 2}, "frame_skip=5, but this is one with frame_skip=2"),
+        ({"friction": "ignore"}, "friction='coulomb', but this is one with friction='ignore'"),
+        ({"contact_model": "soft"}, "contact_model='rigid', but"),
+        ({"frame_skip": 2, "friction": "convex"}, "frame_skip=5, friction='coulomb', but"),
+    ],
+    ids=str,
+)
+def test_another_own_environment_is_refused(options, message, tmp_path):
+    env = bare(JUGGLER, log=tmp_path / "run.rrd")
+    play(env, 1, 3)
+    env.close()
+    with pytest.raises(RecordingError, match=message):
+        restart(bare(JUGGLER, **options), read_log(tmp_path / "run.rrd").episode(0))
+
+
+@pytest.mark.parametrize(
+    ("recorded", "options", "message"),
+    [
+        ({}, {"limits": False}, "limits=True, but this is one with limits=False"),
+        ({}, {"rest_speed": 0.5}, "rest_speed=None, but this is one with rest_speed=0.5"),
+        ({}, {"contacts": "*foot*"}, "contacts=None, but"),
+        ({}, {"on_inadmissible": "allow"}, "on_inadmissible='project', but"),
+        ({}, {"impulse_in_cfrc_ext": True}, "impulse_in_cfrc_ext=False, but"),
+        ({"contacts": ["*foot*"]}, {"contacts": ["*foot*/*floor*"]}, "contacts="),
+    ],
+    ids=str,
+)
+def test_another_wrapper_is_refused(recorded, options, message, tmp_path):
+    env = hopper(log=tmp_path / "run.rrd", **recorded)
+    play(env, 1, 3)
+    env.close()
+    episode = read_log(tmp_path / "run.rrd").episode(0)
+    with pytest.raises(RecordingError, match=message):
+        restart(hopper(**options), episode)
+    restart(hopper(**recorded), episode)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"frame_skip": 5}, "frame_skip=4, but"),
+        ({"reset_noise_scale": 0.1}, r"a start with qpos\[0\] = .*, but this is one with .*, as by other noise"),
+    ],
+    ids=str,
+)
+def test_another_environment_of_gymnasium_is_refused(options, message, tmp_path):
+    env = hopper(log=tmp_path / "run.rrd")
+    play(env, 1, 3)
+    env.close()
+    other = ImpactLaw(gymnasium.make("Hopper-v5", **options), "moreau", 0.5)
+    with pytest.raises(RecordingError, match=message):
+        restart(other, read_log(tmp_path / "run.rrd").episode(0))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda model: setattr(model.opt, "timestep", 0.001), "timestep=0.002, but this is one with timestep=0.001"),
+        (lambda model: setattr(model.opt, "integrator", mujoco.mjtIntegrator.mjINT_EULER), "integrator='RK4', but"),
+        (lambda model: model.body_mass.__imul__(2.0), "parameters of the model="),
+        (lambda model: model.opt.gravity.__imul__(0.5), "parameters of the model="),
+    ],
+    ids=["timestep", "integrator", "mass", "gravity"],
+)
+def test_another_model_is_refused(change, message, tmp_path):
+    env = hopper(log=tmp_path / "run.rrd")
+    play(env, 1, 3)
+    env.close()
+    other = hopper()
+    change(other.unwrapped.model)
+    with pytest.raises(RecordingError, match=message):
+        restart(other, read_log(tmp_path / "run.rrd").episode(0))
+
+
+def test_another_control_timestep_of_dm_control_is_refused(tmp_path):
+    from dm_control import suite
+
+    def make(substeps=4, **options):
+        task = suite.load("hopper", "hop")
+        task._n_sub_steps = substeps
+        return ImpactLaw(shimmy().DmControlCompatibilityV0(task), "moreau", 0.5, **options)
+
+    recorded = make(log=tmp_path / "run.rrd")
+    recorded.reset(seed=3)
+    recorded.step(np.zeros(4))
+    recorded.close()
+    episode = read_log(tmp_path / "run.rrd").episode(0)
+    restart(make(), episode)
+    with pytest.raises(RecordingError, match="frame_skip=4, but this is one with frame_skip=2"):
+        restart(make(2), episode)
+
+
+@pytest.mark.parametrize(("mine", "theirs"), [("time-stepping", None), (None, "time-stepping")])
+def test_the_scheme_is_the_recorded_one(mine, theirs, tmp_path):
+    env = bare(JUGGLER, scheme=mine, log=tmp_path / "run.rrd")
+    play(env, 1, 60)
+    env.close()
+    episode = read_log(tmp_path / "run.rrd").episode(0)
+    again = bare(JUGGLER, scheme=theirs)
+    restart(again, episode)
+    assert_same_states(again, episode)
+
+
+def test_a_random_law_around_makes_no_difference(tmp_path):
+    env = RandomLaw(hopper(log=tmp_path / "run.rrd"), ("moreau", AnyOutcome(seed=3)))
+    env.reset(seed=2)
+    for _ in range(40):
+        env.step(env.action_space.sample())
+    env.close()
+    episode = read_log(tmp_path / "run.rrd").episode(0)
+    again = RandomLaw(hopper(), ("newton",))
+    restart(again, episode)
+    assert_same_states(again, episode)
+
+
+def test_a_recording_of_before_tells_less_and_is_read(tmp_path, monkeypatch):
+    from impactlaw.recording import episodes
+
+    less = {name: kind for name, kind in episodes.EPISODE_COLUMNS.items() if name != "made"}
+    env = bare(JUGGLER, log=tmp_path / "run.rrd")
+    with monkeypatch.context() as patch:
+        patch.setattr(episodes, "EPISODE_COLUMNS", less)
+        play(env, 1, 3)
+        env.close()
+    episode = read_log(tmp_path / "run.rrd").episode(0)
+    assert (episode.made, episode.law_changes, episode.seed) == ({}, (), 5)
+    restart(bare(JUGGLER), episode)
