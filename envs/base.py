@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import numbers
 from abc import abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,13 +16,14 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 
+from impactlaw.envs.arguments import box, check_arguments
 from impactlaw.envs.episode_log import episode_log
 from impactlaw.envs.episode_seeds import OUTCOMES, EpisodeSeeds
 from impactlaw.envs.info import impact_info, steps_short
 from impactlaw.envs.law_in_force import LawInForce
 from impactlaw.envs.law_options import LawOptions, check_reset, describe_law, portable_options
 from impactlaw.envs.rendering import Pictures, has_display
-from impactlaw.errors import ActionError, DivergenceError, RenderError, SceneError, UnknownNameError
+from impactlaw.errors import ActionError, DivergenceError
 from impactlaw.laws import Law
 from impactlaw.models import START, scene_path
 from impactlaw.settled import Settled
@@ -113,7 +113,7 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
         height: int = 480,
     ):
         self.frame_skip = self.FRAME_SKIP if frame_skip is None else frame_skip
-        _check(self.frame_skip, render_mode)
+        check_arguments(self.frame_skip, render_mode, self.metadata["render_modes"])
         for name, pixels in (("width", width), ("height", height)):
             check_count(name, pixels)
         self.contact_model, self.scheme, self.friction = contact_model, scheme, friction
@@ -136,8 +136,8 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
         self._stepper = self._options.stepper(self.model)
         self._named = describe_law(self.law)
         self.render_mode = render_mode
-        self.observation_space = _box(self.OBSERVATION)
-        self.action_space = _box(self.ACTION)
+        self.observation_space = box(self.OBSERVATION)
+        self.action_space = box(self.ACTION)
         self.metadata = copy.deepcopy(self.metadata) | {"render_fps": max(1, round(1.0 / self.dt))}
         if not has_display():
             self.metadata["render_modes"].remove("human")
@@ -310,18 +310,3 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
         if action.shape != space.shape or not np.isfinite(action).all():
             raise ActionError(f"an action is {space.shape[0]} finite number(s), got {action}")
         return np.clip(action, space.low, space.high)
-
-
-def _check(frame_skip: int, render_mode: str | None) -> None:
-    if not isinstance(frame_skip, numbers.Integral) or frame_skip < 1:
-        raise SceneError(f"frame_skip is a whole number of timesteps, 1 or more, got {frame_skip!r}")
-    if render_mode not in (None, *ImpactEnv.metadata["render_modes"]):
-        raise UnknownNameError("render mode", render_mode, ImpactEnv.metadata["render_modes"])
-    if render_mode == "human" and not has_display():
-        raise RenderError('there is no display for render_mode="human"; use "rgb_array", or log="run.rrd"')
-
-
-def _box(groups: tuple[tuple[int, float, float], ...]) -> Box:
-    low = np.concatenate([np.full(count, low) for count, low, _ in groups])
-    high = np.concatenate([np.full(count, high) for count, _, high in groups])
-    return Box(low, high, dtype=np.float64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import string
 from pathlib import Path
 from typing import Any
@@ -33,15 +34,21 @@ class EpisodeLog:
         path: of the file, with these fields in it.
         every: record the episodes 0, ``every``, 2 ``every`` and so on.
 
+    Attributes:
+        path: as given.
+        every: as given.
+
     Raises:
-        OptionError: the path has other fields, or ``every`` is not a whole number of 1 or more.
+        OptionError: it is no path, or has other fields, or ``every`` is not a whole number of 1 or more.
         RecordingError: there is no such folder; or the path has no fields, and there is such a file.
     """
 
     def __init__(self, path: str | Path, *, every: int = 1):
         check_count("log_every", every)
+        if not isinstance(path, str | os.PathLike):
+            raise OptionError(f'log is the path of a file, such as "run.rrd", got {path!r}')
+        self.path, self.every = path, every
         self._path, self._fields = str(path), _fields(str(path))
-        self._every = every
         self._scene: str | None = None
         self._seed: int | None = None
         self._timesteps: int | None = None
@@ -86,7 +93,7 @@ class EpisodeLog:
             generator: state of the random generator that it was drawn with.
         """
         self._episode += 1
-        self._on = self._episode % self._every == 0
+        self._on = self._episode % self.every == 0
         if "episode" in self._fields:
             self.finish()
         if not self._on:

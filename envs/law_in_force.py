@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
 from impactlaw.envs.law_options import LawOptions
-from impactlaw.laws import Law
+from impactlaw.errors import RestitutionError
+from impactlaw.laws import LAWS, Law, takes_restitution
 from impactlaw.stepping.stepper import Stepper
 
 
@@ -30,7 +32,9 @@ class LawInForce:
 
     @law.setter
     def law(self, law: str | Law | Mapping[str, Any]) -> None:
-        self._set(law=law, restitution=None)
+        needs = isinstance(law, str) and law in LAWS and takes_restitution(law)
+        with _way_out(needs):
+            self._set(law=law, restitution=None)
 
     @property
     def restitution(self) -> Any:
@@ -39,7 +43,9 @@ class LawInForce:
 
     @restitution.setter
     def restitution(self, restitution: Any) -> None:
-        self._set(restitution=restitution)
+        law = self._options.law
+        with _way_out(not (isinstance(law, str) and law in LAWS and takes_restitution(law))):
+            self._set(restitution=restitution)
 
     @property
     def in_force(self) -> LawOptions:
@@ -61,3 +67,14 @@ class LawInForce:
             in_force = replace(self._in_force, **changes)
         self.use(in_force)
         self._options = standing
+
+
+@contextmanager
+def _way_out(is_needed: bool) -> Iterator[None]:
+    """Let an error say, too, how a law and its restitution are set together."""
+    try:
+        yield
+    except RestitutionError as error:
+        if not is_needed:
+            raise
+        raise RestitutionError(f"{error}; set a law with its restitution, such as env.law = Newton(0.7)") from None

@@ -11,6 +11,7 @@ from typing import Any, Literal
 import mujoco
 
 from impactlaw.envs.episode_seeds import EpisodeSeeds
+from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.errors import OptionError, RestitutionError, SceneError, UnknownNameError
 from impactlaw.laws import Law, MaximalDissipation, make_law, portable
 from impactlaw.laws.restitution.from_scene import scene_law, scene_number
@@ -173,8 +174,14 @@ def choose_law(model: mujoco.MjModel, law: str | Law | Mapping[str, Any], restit
 
     Raises:
         UnknownNameError: no such law.
+        OptionError: it is a distribution of laws.
         RestitutionError: the restitution does not fit the law, or is missing in the scene too.
     """
+    if isinstance(law, LawDistribution):
+        raise OptionError(
+            "a LawDistribution is not a law: RandomLaw(env, laws, restitution) draws from one, around each single "
+            "environment; compiled worlds take one when they are made, as law=... of make_vec"
+        )
     if isinstance(law, str) and law == "scene":
         if restitution is not None:
             raise RestitutionError(f"law 'scene' takes its restitution from the scene, got {restitution!r} too")

@@ -101,7 +101,6 @@ class OnDmControl(OnPhysics):
             raise WrapperError(f"{physics.__class__.__name__} steps MuJoCo in a way of its own (step is overridden)")
         super().__init__(physics, options, log)
         self._env: Any = env
-        self._removed = False
         self._told: Any = None
         self._composer = hasattr(env, "add_extra_hook")
         if self._composer:
@@ -131,7 +130,6 @@ class OnDmControl(OnPhysics):
     def remove(self) -> None:
         """Let the environment step as it did before, and end the recording."""
         super().remove()
-        self._removed = True
         if self._told is not None and vars(self._told).get("step") == self._told_step:
             del self._told.step
 

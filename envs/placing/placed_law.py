@@ -16,9 +16,15 @@ from impactlaw.envs.law_options import LawOptions, describe_law
 from impactlaw.envs.placing.contact_forces import ContactForces
 from impactlaw.errors import DivergenceError, WrapperError
 from impactlaw.laws import Law
+from impactlaw.settled import Settled
 from impactlaw.stepping.impact_event import NOTHING, ImpactEvent, Told
 from impactlaw.stepping.integration import is_huge
 from impactlaw.stepping.stepper import Stepper
+
+_ANEW = "put the law on anew, after remove()"
+_OPTIONS = (
+    "contact_model", "scheme", "friction", "rest_speed", "on_inadmissible", "contacts", "limits", "impulse_in_cfrc_ext",
+)  # fmt: skip
 
 
 class PlacedLaw(LawInForce, ABC):
@@ -31,8 +37,15 @@ class PlacedLaw(LawInForce, ABC):
     method: str
     """What is replaced on the instance that steps."""
 
+    contact_model, scheme, friction, contacts = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
+    rest_speed, on_inadmissible, limits = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
+    impulse_in_cfrc_ext, log, log_every = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
+
     def __init__(self, options: LawOptions, log: EpisodeLog | None):
-        self.diverged = False
+        for name in _OPTIONS:
+            setattr(self, name, getattr(options, name))
+        self.log, self.log_every = (None, 1) if log is None else (log.path, log.every)
+        self.diverged = self._removed = False
         self._met: list[Told]
         self._options = self._in_force = options
         self._log = log
@@ -85,10 +98,23 @@ class PlacedLaw(LawInForce, ABC):
 
     def remove(self) -> None:
         """Let the environment step as it did before, and end the recording."""
+        self._removed = True
         self.close()
         target = self._target()
         if vars(target).get(self.method) == self._simulate:
             delattr(target, self.method)
+
+    def _set(self, **changes: Any) -> None:
+        """Change what stands.
+
+        Raises:
+            WrapperError: the law was removed.
+        """
+        if self._removed:
+            raise WrapperError(
+                f"the law was removed, so that {' and '.join(changes)} would change nothing; put it on anew"
+            )
+        super()._set(**changes)
 
     def __getstate__(self) -> dict[str, Any]:
         """A copy does not record."""

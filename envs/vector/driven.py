@@ -11,13 +11,13 @@ from gymnasium import spaces
 from gymnasium.vector import SyncVectorEnv, VectorEnv
 
 from impactlaw.batch import Batch
-from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.tasks.driven import DrivenEnv
 from impactlaw.envs.tasks.juggler import Juggler
 from impactlaw.envs.tasks.rocking_block import RockingBlock
+from impactlaw.envs.vector.asked_laws import asked_laws
 from impactlaw.envs.vector.task import Outcome, step_worlds
 from impactlaw.envs.vector.worlds import VectorWorlds
-from impactlaw.errors import ActionError, OptionError, RestitutionError, UncompiledWarning
+from impactlaw.errors import ActionError, OptionError, UncompiledWarning
 from impactlaw.models import START
 from impactlaw.stepping.compatibility import check_count
 
@@ -32,7 +32,7 @@ class Driven:
     """
 
     def __init__(self, env: DrivenEnv):
-        self._env, self.model = env, env.model
+        self._env, self.model, self.frame_skip = env, env.model, int(env.frame_skip)
         self.keyframe = int(env.model.key(START).id)
         self.observation_space: spaces.Box = env.observation_space  # pyright: ignore[reportAttributeAccessIssue]
         self.action_space: spaces.Box = env.action_space  # pyright: ignore[reportAttributeAccessIssue]
@@ -95,17 +95,12 @@ def _make(kind: type[DrivenEnv], num_envs: int, **options: Any) -> VectorEnv:
         single.append("scheme")
     if single:
         return _side_by_side(f"impactlaw/{kind.__name__}-v0", num_envs, options, ", ".join(single))
-    law, restitution = options.get("law"), options.get("restitution")
-    one_each = isinstance(law, list | tuple | LawDistribution)
-    if one_each and restitution is not None:
-        raise RestitutionError(f"{law!r:.100} has its own restitution; leave restitution={restitution!r} out")
-    env = kind(
-        law=None if one_each else law, restitution=restitution, scheme="time-stepping",
-        frame_skip=options.get("frame_skip"),
-    )  # fmt: skip
+    env = kind(scheme="time-stepping", frame_skip=options.get("frame_skip"))
+    law = kind.LAW if options.get("law") is None else options["law"]
     return VectorWorlds(
-        Driven(env), num_envs, law if one_each else env.law, nthread=options.get("nthread", 0),
-        max_episode_steps=options.get("max_episode_steps"), options=options.get("batch_options"),
+        Driven(env), num_envs, asked_laws(env.model, law, options.get("restitution"), num_envs),
+        nthread=options.get("nthread", 0), max_episode_steps=options.get("max_episode_steps"),
+        options=options.get("batch_options"),
     )  # fmt: skip
 
 
@@ -143,9 +138,9 @@ def make_juggler(num_envs: int, **options: Any) -> VectorEnv:
 
     Args:
         num_envs: number of worlds.
-        options: "law", "restitution" and "frame_skip" of the environment; or as law a list with one for each world, or
-            a `LawDistribution`, from which each world draws the law of each of its episodes; "nthread" and
-            "batch_options" of `impactlaw.Batch`; "max_episode_steps".
+        options: "law", "restitution" and "frame_skip" of the environment; or as law or restitution a list with one for
+            each world, or as law a `LawDistribution`, from which each world draws the law of each of its episodes;
+            "nthread" and "batch_options" of `impactlaw.Batch`; "max_episode_steps".
     """
     return _make(Juggler, num_envs, **options)
 

@@ -28,6 +28,7 @@ class Spatial:
         env: Any = gymnasium.make(name, **options).unwrapped
         self._ant, self._env = name.startswith("Ant"), env
         self.model, self.action_space = env.model, env.action_space
+        self.frame_skip: int = env.frame_skip
         self.observation_space: spaces.Box = env.observation_space
         self._first = env.init_qpos.copy(), env.init_qvel.copy()
         self._hidden = 2 * int(env._exclude_current_positions_from_observation)

@@ -36,12 +36,14 @@ class Task(Protocol):
         keyframe: to which the batch resets a world; -1 for none.
         observation_space: of one world.
         action_space: of one world.
+        frame_skip: timesteps of a step.
     """
 
     model: mujoco.MjModel
     keyframe: int
     observation_space: spaces.Box
     action_space: spaces.Box
+    frame_skip: int
 
     def bind(self, batch: Batch) -> None:
         """Take these worlds."""

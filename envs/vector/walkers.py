@@ -11,11 +11,18 @@ from gymnasium import spaces
 
 from impactlaw.batch import Batch
 from impactlaw.envs.law_distribution import LawDistribution
+from impactlaw.envs.vector.asked_laws import asked_laws
 from impactlaw.envs.vector.spatial import Spatial
 from impactlaw.envs.vector.task import Outcome, step_worlds
 from impactlaw.envs.vector.worlds import VectorWorlds
-from impactlaw.errors import RestitutionError
-from impactlaw.laws import Law, make_law
+from impactlaw.errors import OptionError
+from impactlaw.laws import Law
+
+_IS = {"scheme": "time-stepping", "contact_model": "rigid", "log": None, "render_mode": None}
+"""What worlds are."""
+_OF_BATCH = ("friction", "on_inadmissible", "rest_speed")
+_PICTURES = ("width", "height", "camera_id", "camera_name")
+_OF_SINGLE = (*_IS, *_OF_BATCH, *_PICTURES, "log_every", "contacts", "limits", "impulse_in_cfrc_ext")
 
 
 class Planar:
@@ -31,7 +38,7 @@ class Planar:
     def __init__(self, name: str, **options: Any):
         env: Any = gymnasium.make(name, **options).unwrapped
         self._cheetah = name.startswith("HalfCheetah")
-        self.model, self._frame_skip, self._dt = env.model, env.frame_skip, env.dt
+        self.model, self.frame_skip, self._dt = env.model, env.frame_skip, env.dt
         self.action_space, shape = env.action_space, env.observation_space.shape
         self.observation_space: spaces.Box = spaces.Box(-np.inf, np.inf, shape, np.float64)
         self._forward, self._cost = env._forward_reward_weight, env._ctrl_cost_weight
@@ -66,7 +73,7 @@ class Planar:
         """Take one step of the environment in some worlds."""
         before = self._qpos[worlds, :1]
         self._ctrl[worlds] = action
-        diverged = step_worlds(self._batch, worlds, self._frame_skip)
+        diverged = step_worlds(self._batch, worlds, self.frame_skip)
         qpos, qvel = self._qpos[worlds], self._qvel[worlds]
         velocity = (qpos[:, 0] - before[:, 0]) / self._dt
         healthy = self._is_healthy(qpos, qvel)
@@ -104,23 +111,44 @@ def make_robots(
         name: of gymnasium's environment.
         law: name of the law, or a law, or a list with one for each world, or a `LawDistribution`, from which each world
             draws the law of each of its episodes.
-        restitution: of a law that is given by its name; 0 if not given.
+        restitution: of laws that are given by their names, or a list with one for each world; 0 if a law needs one and
+            none is given.
         nthread: number of threads; 0 for one per processor.
         max_episode_steps: steps after which an episode is truncated.
         batch_options: of `impactlaw.Batch`.
-        options: of gymnasium's environment.
+        options: of gymnasium's environment, but not for pictures; scheme="time-stepping" and contact_model="rigid" may
+            be said, too.
 
     Raises:
         UnknownNameError: no such law.
         RestitutionError: a law does not fit the scene, or has a restitution of its own.
         SceneError: compiled code does not take a law.
-        OptionError: a number of worlds or threads that cannot be, or not one law for each world.
+        OptionError: a number of worlds or threads that cannot be, or not one law for each world, or an option that
+            only single environments have.
     """
-    if not isinstance(law, str) and restitution is not None:
-        raise RestitutionError(f"{law!r:.100} has its own restitution; leave restitution={restitution!r} out")
-    chosen = make_law(law, 0.0 if restitution is None else restitution) if isinstance(law, str) else law
+    options = _of_robots(name, options)
     task = (Spatial if name in ("Ant-v5", "Humanoid-v5") else Planar)(name, **options)
+    chosen = asked_laws(task.model, law, restitution, num_envs, usual=0.0)
     return VectorWorlds(
         task, num_envs, chosen, nthread=nthread, max_episode_steps=max_episode_steps,
         options=batch_options,
     )  # fmt: skip
+
+
+def _of_robots(name: str, options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options of gymnasium's environment, without those that say what worlds are anyway.
+
+    Raises:
+        OptionError: some are for single environments only.
+    """
+    left = {option: value for option, value in options.items() if option not in _IS or value != _IS[option]}
+    single = [f"{option}={left[option]!r:.50}" for option in _OF_SINGLE if option in left]
+    if single:
+        batch = [option for option in _OF_BATCH if option in left]
+        instead = f"{', '.join(batch)} can be given in batch_options; " if batch else ""
+        raise OptionError(
+            f"these worlds are rigid, time stepped and not drawn or recorded, and do not take {', '.join(single)}: "
+            f'{instead}put ImpactLaw(gymnasium.make("{name}"), law, ...) into a SyncVectorEnv or AsyncVectorEnv of '
+            "gymnasium for the rest"
+        )
+    return left

@@ -18,9 +18,12 @@ from impactlaw.envs.vector.laws_of_worlds import LawsOfWorlds
 from impactlaw.envs.vector.task import Task
 from impactlaw.errors import ActionError, OptionError, SettledError, UnknownNameError
 from impactlaw.laws import Law
+from impactlaw.settled import Settled
 from impactlaw.stepping.compatibility import check_count
 
 _OPTIONS = ("law", "restitution")
+_ANEW = "make new worlds"
+_SINGLE = "make single environments, which have it, or new worlds"
 
 
 class VectorWorlds(VectorEnv):
@@ -53,6 +56,10 @@ class VectorWorlds(VectorEnv):
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
+    nthread, frame_skip, max_episode_steps = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
+    friction, on_inadmissible, rest_speed = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
+    contact_model, scheme, log, log_every = Settled(_SINGLE), Settled(_SINGLE), Settled(_SINGLE), Settled(_SINGLE)
+
     def __init__(
         self,
         task: Task,
@@ -76,6 +83,15 @@ class VectorWorlds(VectorEnv):
         self._rngs = [seeding.np_random(None)[0] for _ in range(num_envs)]
         self._elapsed, self._over = np.zeros(num_envs, int), np.ones(num_envs, bool)
         self._begun = False
+        self._settle(nthread, max_episode_steps, options or {})
+
+    def _settle(self, nthread: int, limit: int | None, options: Mapping[str, Any]) -> None:
+        """Have what single environments or a `Batch` have, as it is here; setting it later is an error."""
+        self.nthread, self.frame_skip, self.max_episode_steps = nthread, self._task.frame_skip, limit
+        self.friction = options.get("friction", "coulomb")
+        self.on_inadmissible = options.get("on_inadmissible", "project")
+        self.rest_speed = options.get("rest_speed")
+        self.contact_model, self.scheme, self.log, self.log_every = "rigid", "time-stepping", None, 1
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
-from impactlaw.batch.given import keyframes, one_each, world_numbers
+from impactlaw.batch.given import check_threads, keyframes, one_each, world_numbers
 from impactlaw.batch.laws import Laws
 from impactlaw.batch.rows import Fields
 from impactlaw.errors import CopyError, UnknownNameError, WorldsFailedError
@@ -83,8 +83,7 @@ class Batch:
     ):
         check_model(model)
         check_count("nsim", nsim)
-        if nthread != 0:
-            check_count("nthread", nthread)
+        check_threads(nthread)
         check_speed("rest_speed", rest_speed)
         for kind, value, known in (
             ("friction option", friction, FRICTION),

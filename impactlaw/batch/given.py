@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numbers
 from collections.abc import Sequence
 from typing import Any
 
@@ -62,3 +63,13 @@ def one_each(law: Any, count: int) -> list[Law]:
         if not isinstance(own, Law):
             raise UnknownNameError("law", own, ("a Law, see impactlaw.make_law",))
     return list(laws)
+
+
+def check_threads(nthread: object) -> None:
+    """Refuse what is no number of threads.
+
+    Raises:
+        OptionError: it is not a whole number, or below 0.
+    """
+    if not isinstance(nthread, numbers.Integral) or nthread < 0:
+        raise OptionError(f"nthread is a whole number of threads, or 0 for one per processor, got {nthread!r}")

@@ -53,6 +53,11 @@ def make_law(name: str | Path | Law | Mapping, restitution: Any = None) -> Law:
         if restitution is not None:
             raise RestitutionError(f"{name!r} already has its restitution; leave restitution={restitution!r} out")
         return name
+    if isinstance(name, Mapping):
+        raise RestitutionError(
+            f"a mapping that is a law is one that impactlaw.laws.portable has made, got {dict(name)!r:.100}; pass the "
+            "name of a law, and its restitution"
+        )
     if not isinstance(name, str) or name not in LAWS:
         raise UnknownNameError("law", name, LAWS)
     return LAWS[name](restitution)

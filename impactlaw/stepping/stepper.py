@@ -285,5 +285,6 @@ def _other_model() -> SceneError:
 
 _CROWDED = (
     "a step that ended at t = {:.6g} s had too many collisions to locate them all: time stepping has resolved them at "
-    "once; Stepper.unlocated counts such steps, a larger max_events locates more"
+    "once; Stepper.unlocated counts such steps, Stepper(..., max_events=...) with more than 100 locates more; in an "
+    'environment use a smaller model.opt.timestep, or scheme="time-stepping", which is for so many'
 )

@@ -13,7 +13,7 @@ from wrapped import NOTHING_HAPPENED, SUITE, assert_plain, drop, flat, shimmy, s
 
 from impactlaw import LinearMap, Moreau, Newton
 from impactlaw.envs import ImpactLaw, placed_law, put_law
-from impactlaw.errors import WrapperError
+from impactlaw.errors import OptionError, SettledError, WrapperError
 
 pytestmark = theirs
 
@@ -224,3 +224,29 @@ def test_a_law_of_bare_dm_control_can_be_set():
             env.step([])
         impact = placed.events[0].impact
         assert impact.post_contact_velocity == pytest.approx(-e * impact.collision.pre_contact_velocity)
+
+
+def test_what_is_settled_when_the_law_is_put():
+    env = suite.load("walker", "walk")
+    placed = put_law(env, "moreau", 0.5, rest_speed=0.25)
+    assert (placed.rest_speed, placed.contact_model, placed.log, placed.log_every) == (0.25, "soft", None, 1)
+    for handle in (placed, placed_law(copy.deepcopy(env))):
+        for name in (
+            "contact_model", "scheme", "friction", "rest_speed", "on_inadmissible", "contacts", "limits",
+            "impulse_in_cfrc_ext", "log", "log_every",
+        ):  # fmt: skip
+            with pytest.raises(SettledError, match=f"{name} of .* is settled"):
+                setattr(handle, name, 3)
+
+
+def test_a_law_that_was_taken_off_cannot_be_set():
+    placed = put_law(suite.load("walker", "walk"), "moreau", 0.5)
+    placed.remove()
+    for name in ("law", "restitution"):
+        with pytest.raises(WrapperError, match=f"was removed, so that .*{name}.* would change nothing"):
+            setattr(placed, name, 0.5)
+
+
+def test_a_log_that_is_no_path():
+    with pytest.raises(OptionError, match=r"log is the path of a file.* got 3"):
+        put_law(suite.load("walker", "walk"), "moreau", 0.5, log=3)

@@ -78,6 +78,20 @@ def test_a_law_by_its_name_has_the_restitution_of_the_scene():
         wrapped.law = "newton"
 
 
+@pytest.mark.parametrize(("name", "value"), [("law", "newton"), ("restitution", 0.7)])
+def test_the_way_from_a_law_without_restitution_is_named(name, value):
+    env = hopper()
+    env.law = "maximal-dissipation"
+    with pytest.raises(RestitutionError, match=r"such as env.law = Newton\(0.7\)"):
+        setattr(env, name, value)
+    env.law = Newton(0.7)
+
+
+def test_a_mapping_that_is_no_law():
+    with pytest.raises(RestitutionError, match=r"one that impactlaw.laws.portable has made, got {'name': 'moreau'}"):
+        hopper().law = {"name": "moreau"}
+
+
 def test_what_only_this_episode_can_have_cannot_be_set():
     own = juggler(law="maximal-dissipation")
     for env, inner in (

@@ -97,7 +97,7 @@ def test_what_cannot_be_is_refused():
     worlds.reset(seed=0)
     with pytest.raises(ActionError, match="finite"):
         worlds.step(np.array([[0.0], [np.nan]]))
-    with pytest.raises(RestitutionError, match="its own restitution"):
+    with pytest.raises(RestitutionError, match="already has its restitution"):
         make("impactlaw/Juggler-v0", 2, law=[Moreau(0.1), Moreau(0.2)], restitution=0.5)
 
 

@@ -9,8 +9,10 @@ import pytest
 from gymnasium.error import ResetNeeded
 
 import impactlaw.envs  # noqa: F401
-from impactlaw import Moreau, make_law
+from impactlaw import Moreau, Newton, make_law
+from impactlaw.envs import LawDistribution
 from impactlaw.errors import ActionError, CopyError, OptionError, RestitutionError, SettledError, UnknownNameError
+from impactlaw.laws import MaximalDissipation, Reversal
 
 NAME = "impactlaw/Juggler-v0"
 WORLDS = "vector_entry_point"
@@ -78,13 +80,42 @@ def test_laws_that_do_not_fit_the_worlds(name):
         ([Moreau(0.5)] * 4, OptionError, "3 worlds need as many laws, got 4"),
         ([], OptionError, "3 worlds need as many laws, got 0"),
         (["moro"] * 3, UnknownNameError, "moro"),
+        (LawDistribution(("moreau",), (0.4, 1.0)), RestitutionError, "LawDistribution has its own restitution"),
+        (Moreau(0.5), RestitutionError, "already has its restitution"),
     ):
         with pytest.raises(error, match=message):
-            gymnasium.make_vec(name, 3, vectorization_mode=WORLDS, law=laws)
+            gymnasium.make_vec(name, 3, vectorization_mode=WORLDS, law=laws, restitution=0.5)
     for laws in (["reversal", Moreau(0.5), "maximal-dissipation"], ("reversal", Moreau(0.5), "maximal-dissipation")):
         vec = gymnasium.make_vec(name, 3, vectorization_mode=WORLDS, law=laws, nthread=1)
         assert list(vec.reset(seed=0)[1]["impact/restitution"]) == [1.0, 0.5, 0.0]
         vec.close()
+
+
+@pytest.mark.parametrize("name", [NAME, "impactlaw/Hopper-v5"])
+def test_laws_and_restitutions_one_for_each_world(name):
+    for law, restitution, wanted in (
+        ("newton", [0.4, 0.5, 0.6], [Newton(0.4), Newton(0.5), Newton(0.6)]),
+        (
+            ["moreau", "newton", "maximal-dissipation"],
+            (0.4, 0.5, None),
+            [Moreau(0.4), Newton(0.5), MaximalDissipation()],
+        ),
+        (["moreau", "newton", "moreau"], 0.5, [Moreau(0.5), Newton(0.5), Moreau(0.5)]),
+        ("reversal", None, [Reversal(1.0)] * 3),
+    ):
+        vec = gymnasium.make_vec(name, 3, vectorization_mode=WORLDS, law=law, restitution=restitution, nthread=1)
+        assert list(vec.law) == wanted
+        vec.close()
+    with pytest.raises(OptionError, match="3 worlds need as many values of restitution, got 2: give one for each"):
+        gymnasium.make_vec(name, 3, vectorization_mode=WORLDS, law="newton", restitution=[0.4, 0.5])
+
+
+def test_a_distribution_where_a_law_is_wanted(vec):
+    several = LawDistribution(("moreau",), (0.4, 1.0))
+    with pytest.raises(OptionError, match="not a law: RandomLaw"):
+        vec.law = several
+    with pytest.raises(OptionError, match="not a law: RandomLaw"):
+        gymnasium.make_vec(NAME, 2, vectorization_mode="sync", law=several)
 
 
 @pytest.mark.parametrize("name", [NAME, "impactlaw/Hopper-v5"])
@@ -96,6 +127,40 @@ def test_options_that_there_are_not(name):
     ):
         with pytest.raises(error, match=message):
             gymnasium.make_vec(name, 3, vectorization_mode=WORLDS, **options)
+
+
+@pytest.mark.parametrize("name", [NAME, "impactlaw/Hopper-v5"])
+def test_what_is_settled_when_worlds_are_made(name):
+    vec = gymnasium.make_vec(name, 2, vectorization_mode=WORLDS, nthread=1, batch_options={"rest_speed": 0.5})
+    for option, value in (
+        ("nthread", 1), ("frame_skip", 5 if name == NAME else 4), ("max_episode_steps", 1000), ("rest_speed", 0.5),
+        ("scheme", "time-stepping"), ("contact_model", "rigid"), ("friction", "coulomb"), ("log", None),
+        ("log_every", 1), ("on_inadmissible", "project"),
+    ):  # fmt: skip
+        assert vec.get_attr(option) == (value, value)
+        with pytest.raises(SettledError, match=f"{option} of VectorWorlds is settled"):
+            setattr(vec, option, 3)
+
+
+@pytest.mark.parametrize("nthread", [-1, 1.5, "2"])
+def test_numbers_of_threads_that_are_none(nthread):
+    with pytest.raises(OptionError, match="or 0 for one per processor"):
+        gymnasium.make_vec(NAME, 2, vectorization_mode=WORLDS, nthread=nthread)
+
+
+@pytest.mark.parametrize("name", ["Hopper-v5", "Ant-v5"])
+def test_options_of_single_environments_that_robots_in_worlds_do_not_have(name):
+    for options, message in (
+        ({"render_mode": "rgb_array"}, "do not take render_mode='rgb_array': put ImpactLaw"),
+        ({"scheme": "event-driven"}, "do not take scheme='event-driven': put ImpactLaw"),
+        ({"contact_model": "soft", "log": "run.rrd"}, "do not take contact_model='soft', log='run.rrd'"),
+        ({"friction": "ignore"}, "friction can be given in batch_options; put ImpactLaw"),
+        ({"limits": False}, "do not take limits=False"),
+    ):
+        with pytest.raises(OptionError, match=message):
+            gymnasium.make_vec(f"impactlaw/{name}", 2, **options)
+    said = {"scheme": "time-stepping", "contact_model": "rigid", "render_mode": None}
+    gymnasium.make_vec(f"impactlaw/{name}", 2, nthread=1, **said).close()
 
 
 def test_worlds_cannot_be_copied(vec):
