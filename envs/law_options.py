@@ -50,7 +50,7 @@ class LawOptions:
     seed: int | None = None
 
     @property
-    def scheme_in_force(self) -> str | None:
+    def scheme_in_force(self) -> Literal["event-driven", "time-stepping"] | None:
         """Of rigid contact; soft contact has none."""
         return (self.scheme or self.usual_scheme) if self.contact_model == "rigid" else self.scheme
 

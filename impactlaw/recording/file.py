@@ -37,7 +37,7 @@ class RecordingFile:
     def __init__(self, path: Path, stream: Any, frames: Frames, marks: EpisodeMarks, collisions: CollisionLog):
         self.path, self.step, self.clock = path, 0, 0.0
         self.frames, self.marks, self.collisions = frames, marks, collisions
-        self._stream = stream
+        self._stream: Any = stream
         self._process = os.getpid()
 
     @property
