@@ -50,6 +50,7 @@ class _Data(NamedTuple):
     efc_type: int
     efc_id: int
     efc_pos: int
+    efc_margin: int
     efc_vel: int
     efc_aref: int
     efc_R: int

@@ -18,7 +18,8 @@ from mujoco import (
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
-from impactlaw.stepping.time_stepping.margins import set_margins
+from impactlaw.stepping.time_stepping.margins import find_outrun, set_margins
+from impactlaw.stepping.time_stepping.problem.forces import without_far_limits
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
@@ -41,16 +42,73 @@ def reach(model: mujoco.MjModel, data: mujoco.MjData, gained: np.ndarray, sizes:
         sizes: `margins.body_sizes`.
         surface: speed of moving surfaces, m/s.
     """
-    velocity, now, gravity = data.qvel.copy(), data.cvel.copy(), model.opt.gravity
+    velocity, now = data.qvel.copy(), data.cvel.copy()
     data.qvel += gained
     mj_comVel(model, data)
     data.qvel[:] = velocity
+    _set_margins(model, data, now, data.cvel, sizes, surface)
+
+
+def _set_margins(
+    model: mujoco.MjModel, data: mujoco.MjData, now: np.ndarray, led_to: np.ndarray, sizes: np.ndarray, surface: float
+) -> None:
+    gravity = model.opt.gravity
     set_margins(
         model.body_margin, model.geom_margin, model.geom_gap, model.pair_margin, model.pair_gap,
         model.jnt_margin, model.tendon_margin,
-        model.geom_bodyid, model.body_rootid, sizes, data.xipos, data.subtree_com, now, data.cvel,
+        model.geom_bodyid, model.body_rootid, sizes, data.xipos, data.subtree_com, now, led_to,
         model.body_mocapid, surface, model.opt.timestep, float(np.sqrt(gravity.dot(gravity))),
     )  # fmt: skip
+
+
+def outrun(model: mujoco.MjModel, data: mujoco.MjData, sizes: np.ndarray) -> bool:
+    """Return whether a collision throws a body farther in a timestep than contacts were looked for.
+
+    Args:
+        model: with the margins of the step.
+        data: in the middle of the step, velocity that after the collision; that of bodies becomes current.
+        sizes: `margins.body_sizes`.
+    """
+    mj_comVel(model, data)
+    return bool(
+        find_outrun(
+            model.body_margin, model.body_rootid, sizes, data.xipos, data.subtree_com, data.cvel, model.opt.timestep
+        )
+    )
+
+
+def look_farther(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    borrowed: BorrowedModel,
+    start: np.ndarray,
+    free: np.ndarray,
+    middle: np.ndarray,
+    sizes: np.ndarray,
+    surface: float,
+) -> bool:
+    """Let MuJoCo find the contacts that bodies can reach after a collision, and data be as it was without contact.
+
+    Return whether MuJoCo had no room for all contacts.
+
+    Args:
+        model: whose margins are written.
+        data: in the middle of the step, velocity of bodies that after the collision.
+        borrowed: the margins.
+        start: velocity at the start of the step, (nv,).
+        free: velocity without contact, (nv,).
+        middle: configuration in the middle of the step, (nq,).
+        sizes: `margins.body_sizes`.
+        surface: speed of moving surfaces, m/s.
+    """
+    led_to = data.cvel.copy()
+    data.qpos[:], data.qvel[:] = middle, start
+    mj_comVel(model, data)
+    _set_margins(model, data, data.cvel, led_to, sizes, surface)
+    overflown = _find_contacts(model, data, borrowed)
+    mj_fwdVelocity(model, data)
+    data.qvel[:] = free
+    return overflown
 
 
 def to_midpoint(
@@ -71,10 +129,10 @@ def to_midpoint(
     overflown = _find_contacts(model, data, borrowed)
     if model.nsensordata:
         data.flg_subtreevel = data.flg_rnepost = False  # what of the last step MuJoCo takes to be still right
-        mujoco.mj_sensorPos(model, data)
+        without_far_limits(mujoco.mj_sensorPos, model, data)
     mj_fwdVelocity(model, data)
     if model.nsensordata:
-        mujoco.mj_sensorVel(model, data)
+        without_far_limits(mujoco.mj_sensorVel, model, data)
     control = mujoco.get_mjcb_control()
     if control is not None:
         control(model, data)

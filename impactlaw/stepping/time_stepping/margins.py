@@ -36,6 +36,33 @@ def _speed(velocity, arm, size):
 
 
 @plain
+def outruns(body_margin, root, size, center, subtree, velocity, timestep):
+    """Return whether some body moves farther in a timestep than contacts were looked for.
+
+    Args:
+        body_margin: that they were looked for with, m, (nbody,).
+        root: see `set_margins`, like the three that follow.
+        size: of bodies.
+        center: of bodies.
+        subtree: centers of mass.
+        velocity: MuJoCo's cvel, of what contact has led to, (nbody, 6).
+        timestep: h, s.
+    """
+    for i in range(1, len(body_margin)):
+        about = subtree[root[i]]
+        arm = (center[i, 0] - about[0], center[i, 1] - about[1], center[i, 2] - about[2])
+        if timestep * _speed(velocity[i], arm, size[i]) > body_margin[i]:
+            return True
+    return False
+
+
+@compiled()
+def find_outrun(body_margin, root, size, center, subtree, velocity, timestep):
+    """Do what `outruns` does."""
+    return outruns(body_margin, root, size, center, subtree, velocity, timestep)
+
+
+@plain
 def write_margins(
     body_margin, geom_margin, geom_gap, pair_margin, pair_gap, joint_margin, tendon_margin, body_of_geom, root, size,
     center, subtree, velocity, led_to, mocap, surface_speed, timestep, gravity,

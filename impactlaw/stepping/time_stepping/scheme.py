@@ -39,9 +39,17 @@ from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem
 from impactlaw.stepping.time_stepping.events import Known, Metric, StepImpulses
-from impactlaw.stepping.time_stepping.free_motion import free_step, limit_energy, reach, to_midpoint, update_frames
+from impactlaw.stepping.time_stepping.free_motion import (
+    free_step,
+    limit_energy,
+    look_farther,
+    outrun,
+    reach,
+    to_midpoint,
+    update_frames,
+)
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
-from impactlaw.stepping.time_stepping.looks import Looks
+from impactlaw.stepping.time_stepping.looks import Look, Looks
 from impactlaw.stepping.time_stepping.margins import body_sizes
 from impactlaw.stepping.time_stepping.problem.forces import sense, write_forces
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
@@ -95,6 +103,7 @@ class TimeStepping:
         self._metric: Metric = np.zeros(0), np.zeros(0)
         self._middle, self._velocity = np.zeros(0), np.zeros(0)
         self._gained = np.zeros(model.nv)  # velocity by the forces of the last step, without contact
+        self._meet = 0.0  # speed of moving surfaces, m/s
         self._held = np.zeros(model.nv)  # what contact has added to it, if nothing collided
         self.shortfall, self.short_steps, self.unlocated = 0.0, 0, 0
         self.solved, self._overflown = True, False
@@ -209,8 +218,8 @@ class TimeStepping:
             self._known, self._gained, self._held = None, np.zeros(model.nv), np.zeros(model.nv)
         if self._surfaces is not None:
             self._surfaces.begin(data, h)
-        meet = 0.0 if self._surfaces is None else self._surfaces.speed
-        reach(model, data, self._gained, self._sizes, meet)
+        self._meet = 0.0 if self._surfaces is None else self._surfaces.speed
+        reach(model, data, self._gained, self._sizes, self._meet)
         self._velocity, start = data.qvel.copy(), data.qpos.copy()
         self._middle, self._overflown = to_midpoint(model, data, self._surfaces, self._borrowed)
         self._metric = free_step(model, data, self._borrowed, self._inertial, self._velocity, self._held)
@@ -255,7 +264,13 @@ class TimeStepping:
             self._model, self._problem, self._reader, self._inertial, self._velocity, self._middle, self._metric,
             np.ones(1), MANY_ROUNDS if self.solved else FEW_ROUNDS,
         )  # fmt: skip
+        free = data.qvel.copy()
         look = looks.find(data, self._known)
+        if self._collides(look) and outrun(self._model, data, self._sizes):
+            self._overflown = look_farther(
+                self._model, data, self._borrowed, self._velocity, free, self._middle, self._sizes, self._meet
+            )
+            look = looks.find(data, look.known)
         self._found = found = look.impulses
         data.qpos[:] = self._middle  # which the integrator has left: limits are counted there
         write_forces(
@@ -267,6 +282,10 @@ class TimeStepping:
         self._rows, self._known = (look.rows, look.known) if found else (None, None)
         self.shortfall = found.shortfall if found else 0.0
         return (found.shift if found and len(found.shift) else None), met
+
+    def _collides(self, look: Look) -> bool:
+        """Return whether something collides, and there was room for all contacts."""
+        return look.impulses is not None and len(look.impulses.collisions) > 0 and not self._overflown
 
     def _finish(self, data: mujoco.MjData) -> None:
         """Leave what a step leaves beside the state."""

@@ -24,6 +24,7 @@ BEYOND = 4.0
 """Times the depth: contacts up to there can be closed by what opens others."""
 _EDGES = tuple(int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("HFIELD", "CYLINDER", "BOX", "MESH"))
 """Shapes with edges."""
+_PLANE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 LAST_LOSS = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON)
 
 
@@ -49,14 +50,24 @@ def _acceleration(body, velocity, size, center, offset, parent):
 
 
 @plain
-def _sliding(one, other, velocity, size, rates, first, many):
-    """Return how fast two bodies move along each other at a contact, m/s."""
+def _arm(shapes, sizes):
+    """Return how far from a body's centre a contact can be that jumps from edge to edge of two shapes, m; else -1."""
+    if shapes[0] in _EDGES and shapes[1] in _EDGES:
+        return min(sizes)
+    if shapes == (_PLANE, _CYLINDER) or shapes == (_CYLINDER, _PLANE):  # it runs round the rim
+        return max(sizes)
+    return -1.0
+
+
+@plain
+def _sliding(one, other, velocity, arm, rates, first, many):
+    """Return how fast two bodies move along each other where a contact can be, m/s."""
     along = turning = 0.0
     for k in range(first + 1, first + min(many, 3)):
         along += rates[2, k] ** 2
     for k in range(3):
         turning += (velocity[one, k] - velocity[other, k]) ** 2
-    return np.sqrt(along) + np.sqrt(turning) * min(size[one], size[other])
+    return np.sqrt(along) + np.sqrt(turning) * arm
 
 
 @compiled(
@@ -67,7 +78,8 @@ def bend(groups, amounts, rates, geoms, body_of_geom, shape, velocity, size, cen
     """Return how far contacts can be from where their gradients say at the end of a step, m; 0 if below `_SEEN`.
 
     A point that accelerates at a while joints do not leaves its straight line by ``a (h / 2)^2 / 2``. Between two
-    shapes with edges a contact can also jump from one edge to another, as far as they move along each other.
+    shapes with edges a contact can also jump from one edge to another, as far as they move along each other, and on a
+    plane it can run round the rim of a cylinder.
 
     Args:
         groups: see `rows.Rows`, like the two that follow.
@@ -92,8 +104,9 @@ def bend(groups, amounts, rates, geoms, body_of_geom, shape, velocity, size, cen
         turn, bodies = 0.0, (body_of_geom[one], body_of_geom[other])
         for body in bodies:
             turn += 0.125 * timestep**2 * _acceleration(body, velocity, size, center, offset, parent)
-        if shape[one] in _EDGES and shape[other] in _EDGES:
-            turn += 0.5 * timestep * _sliding(*bodies, velocity, size, rates, groups[0, g], groups[1, g])
+        arm = _arm((shape[one], shape[other]), (size[bodies[0]], size[bodies[1]]))
+        if arm >= 0.0:
+            turn += 0.5 * timestep * _sliding(*bodies, velocity, arm, rates, groups[0, g], groups[1, g])
         if turn > _SEEN and amounts[0, g] + timestep * min(rates[2, groups[0, g]], 0.0) < turn:
             most = max(most, turn)
     return most

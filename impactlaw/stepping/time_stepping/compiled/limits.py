@@ -9,11 +9,31 @@ from __future__ import annotations
 import mujoco
 
 from impactlaw.solvers.cones.algebra.loops import plain
-from impactlaw.stepping.compiled.access import model_at, model_floats, model_ints, size, velocity_of
-from impactlaw.stepping.compiled.fields import MODEL, flags
+from impactlaw.stepping.compiled.access import (
+    data_floats,
+    data_ints,
+    model_at,
+    model_floats,
+    model_ints,
+    number,
+    size,
+    velocity_of,
+)
+from impactlaw.stepping.compiled.fields import DATA, MODEL, flags
 from impactlaw.stepping.time_stepping.margins import LEAST
+from impactlaw.stepping.time_stepping.problem.forces import hide_limits
 
 _SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
+
+
+@plain
+def hide_far_limits(w):
+    """Hide limits that are far from MuJoCo's sensors, or show them again; see `forces.hide_limits`."""
+    n = number(w, DATA.nefc)
+    hide_limits(
+        data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n), data_floats(w, DATA.efc_pos, n),
+        data_floats(w, DATA.efc_margin, n),
+    )  # fmt: skip
 
 
 @plain

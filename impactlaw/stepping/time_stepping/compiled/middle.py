@@ -19,7 +19,7 @@ from impactlaw.stepping.compiled.access import (
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, flags, floats, ints, table_floats
 from impactlaw.stepping.time_stepping.compiled.ends import update_frames
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle
-from impactlaw.stepping.time_stepping.compiled.limits import narrow_limits
+from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, narrow_limits
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, forget
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
     begin_surfaces,
@@ -28,7 +28,7 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
     surface_speed,
 )
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.margins import write_margins
+from impactlaw.stepping.time_stepping.margins import outruns, write_margins
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
@@ -86,7 +86,6 @@ def _set_margins(w, gained, work):
     There is room for what is moved meanwhile, (6 nbody + nv,).
     """
     nbody = size(w, MODEL.nbody)
-    ngeom, npair, ntendon = size(w, MODEL.ngeom), size(w, MODEL.npair), size(w, MODEL.ntendon)
     qvel, moving, kept = velocity_of(w), data_floats(w, DATA.cvel, 6 * nbody), work[6 * nbody :]
     now = table_floats(address_of(work), nbody, 6)
     put(work, moving)
@@ -95,6 +94,13 @@ def _set_margins(w, gained, work):
         qvel[i] += gained[i]
     mj.com_vel(w.model, w.data)
     put(qvel, kept[: w.nv])
+    _write_margins(w, now, rows_of(w, DATA.cvel, nbody, 6))
+
+
+@plain
+def _write_margins(w, now, led_to):
+    nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
+    npair, ntendon = size(w, MODEL.npair), size(w, MODEL.ntendon)
     gravity = floats(w.model + offset(w, MODEL.opt_gravity), 3)
     write_margins(
         model_floats(w, MODEL.body_margin, nbody), model_floats(w, MODEL.geom_margin, ngeom),
@@ -102,10 +108,38 @@ def _set_margins(w, gained, work):
         model_floats(w, MODEL.pair_gap, npair), model_floats(w, MODEL.jnt_margin, size(w, MODEL.njnt)),
         model_floats(w, MODEL.tendon_margin, ntendon),
         model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_rootid, nbody), floats(w.sizes, nbody),
-        rows_of(w, DATA.xipos, nbody, 3), rows_of(w, DATA.subtree_com, nbody, 3), now, rows_of(w, DATA.cvel, nbody, 6),
+        rows_of(w, DATA.xipos, nbody, 3), rows_of(w, DATA.subtree_com, nbody, 3), now, led_to,
         model_ints(w, MODEL.body_mocapid, nbody), surface_speed(w), w.timestep,
         norm(gravity),
     )  # fmt: skip
+
+
+@plain
+def outrun(w):
+    """Return whether a collision throws a body farther than contacts were looked for; see `free_motion.outrun`."""
+    nbody = size(w, MODEL.nbody)
+    mj.com_vel(w.model, w.data)
+    return outruns(
+        model_floats(w, MODEL.body_margin, nbody), model_ints(w, MODEL.body_rootid, nbody), floats(w.sizes, nbody),
+        rows_of(w, DATA.xipos, nbody, 3), rows_of(w, DATA.subtree_com, nbody, 3), rows_of(w, DATA.cvel, nbody, 6),
+        w.timestep,
+    )  # fmt: skip
+
+
+@plain
+def look_farther(w, start, free, middle, margins, work):
+    """Do what `free_motion.look_farther` does; there is room for (6 nbody,)."""
+    nbody, qvel = size(w, MODEL.nbody), velocity_of(w)
+    led_to = table_floats(address_of(work), nbody, 6)
+    put(work, data_floats(w, DATA.cvel, 6 * nbody))
+    put(data_floats(w, DATA.qpos, len(middle)), middle)
+    put(qvel, start)
+    mj.com_vel(w.model, w.data)
+    _write_margins(w, rows_of(w, DATA.cvel, nbody, 6), led_to)
+    full = _find_contacts(w, margins)
+    mj.fwd_velocity(w.model, w.data)
+    put(qvel, free)
+    return full
 
 
 @plain
@@ -123,10 +157,14 @@ def _to_midpoint(w, start, margins, middle):
     if sensors:
         for field in (DATA.flg_subtreevel, DATA.flg_rnepost):  # what of the last step MuJoCo takes to be still right
             flags(w.data + offset(w, field), 1)[0] = 0
+        hide_far_limits(w)
         mj.sensor_pos(w.model, w.data)
+        hide_far_limits(w)
     mj.fwd_velocity(w.model, w.data)
     if sensors:
+        hide_far_limits(w)
         mj.sensor_vel(w.model, w.data)
+        hide_far_limits(w)
     mj.fwd_actuation(w.model, w.data)
     mj.fwd_acceleration(w.model, w.data)
     return full

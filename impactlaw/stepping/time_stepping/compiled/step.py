@@ -35,17 +35,25 @@ from impactlaw.stepping.time_stepping.compiled.ends import (
 )
 from impactlaw.stepping.time_stepping.compiled.impulses.contact import count_entries
 from impactlaw.stepping.time_stepping.compiled.impulses.looks import find_impulses
-from impactlaw.stepping.time_stepping.compiled.limits import passes_limit
-from impactlaw.stepping.time_stepping.compiled.middle import to_middle
+from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, passes_limit
+from impactlaw.stepping.time_stepping.compiled.middle import look_farther, outrun, to_middle
 from impactlaw.stepping.time_stepping.compiled.state.law import LawTable
 from impactlaw.stepping.time_stepping.compiled.state.memory import (
     MEMORY,
     forget,
     found_so_far,
     remember,
+    remember_so_far,
 )
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, lay_out, rows_at, velocities_at
-from impactlaw.stepping.time_stepping.compiled.state.status import FINE, HUGE_INPUT, HUGE_OUTPUT, TIMESTEP, UNSEEN
+from impactlaw.stepping.time_stepping.compiled.state.status import (
+    FARTHER,
+    FINE,
+    HUGE_INPUT,
+    HUGE_OUTPUT,
+    TIMESTEP,
+    UNSEEN,
+)
 from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import aim_surfaces, end_surfaces
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, setting
@@ -89,9 +97,11 @@ def _finish(w, memory, counts, left, collided, missed):
 @plain
 def _constrain(
     w, law, memory, counts, held, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen, mark,
-    force, room, narrow,
+    force, room, narrow, first,
 ):  # fmt: skip
     """Take the rest of a step that has constraints, from its middle.
+
+    At the `first` look at contacts, nothing is done where it is not far enough.
 
     Return how it has ended, whether some contact collides, and by how much contact velocities miss the law.
     """
@@ -105,6 +115,9 @@ def _constrain(
         memory[MEMORY.created] = solved.created
         return solved.status, False, 0.0
     answer, touched = answer_at(room.answer, found.groups, found.rows, w.nv), found.rows > 0
+    if first and not full and solved.collided and outrun(w):
+        remember_so_far(counts, rows.groups, rows.key, rows.rates[0], answer.x)
+        return FARTHER, False, 0.0
     clear(held)
     if touched and not solved.collided:
         free, after = velocities_at(room, 0, 1), velocity_of(w)
@@ -140,24 +153,30 @@ def _step(w, law, memory, margins, cone, loaded, narrow):
     full = to_middle(
         w, counts, left, gained, held, start, middle, bias, turning, gravity, margins, work, loaded, narrow
     )  # fmt: skip
-    n, status, collided, missed = number(w, DATA.nefc), FINE, False, 0.0
-    if narrow and passes_limit(w, middle, 2.0 * w.timestep):
-        status = UNSEEN
-    elif n > 0:
+    free, status, collided, missed, first = copied(velocity_of(w)), FINE, False, 0.0, True
+    while first or status == FARTHER:
+        n = number(w, DATA.nefc)
+        if narrow and passes_limit(w, middle, 2.0 * w.timestep):
+            status = UNSEEN
+            break
+        if n == 0:
+            forget(counts)
+            clear(held)
+            write_acceleration(w, start)
+            status = _end(w, start, middle, bias, False)
+            break
         jacobian, chosen, seen, mark = nonzeros_of(w), marks(n), marks(n), cleared(size(w, MODEL.ntree))
         entries = count_entries(w, jacobian, mark)
         block, force = numbers(lay_out(FIRST, n, entries, nv)[1]), numbers(n)
         room = lay_out(address_of(block), n, entries, nv)[0]
         status, collided, missed = _constrain(
             w, law, memory, counts, held, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen,
-            mark, force, room, narrow,
+            mark, force, room, narrow, first,
         )  # fmt: skip
         keep(block)
-    else:
-        forget(counts)
-        clear(held)
-        write_acceleration(w, start)
-        status = _end(w, start, middle, bias, False)
+        first = False
+        if status == FARTHER:
+            full, narrow = look_farther(w, start, free, middle, margins, work), False
     if status == FINE:
         if setting(w, SETTING.inertial) != 0.0 and turning.any():
             limit_energy(w, begun, start, turning, gravity)
@@ -178,7 +197,10 @@ def _sense(w, start):
     qvel = velocity_of(w)
     after = copied(qvel)
     put(qvel, start)
+    mj.com_vel(w.model, w.data)
+    hide_far_limits(w)
     mj.sensor_acc(w.model, w.data)
+    hide_far_limits(w)
     put(qvel, after)
 
 

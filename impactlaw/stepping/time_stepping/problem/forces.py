@@ -2,13 +2,51 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 
+from impactlaw.compiled import compiled
+from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.stepping.time_stepping.margins import LEAST
 from impactlaw.stepping.time_stepping.problem.dense import encode_pyramids
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
+_JOINT_LIMIT, _TENDON_LIMIT = (
+    int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT),
+    int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON),
+)
+
+
+@plain
+def hide_limits(kinds, ids, position, margin):
+    """Hide limits that are far from MuJoCo's sensors, or show them again: all limits are looked for, near or not.
+
+    Sensors of limits take the first row with the number of their joint or tendon, and its gap beyond its margin.
+    """
+    for r in range(len(kinds)):
+        if kinds[r] == _JOINT_LIMIT or kinds[r] == _TENDON_LIMIT:
+            margin[r] = 0.0
+            if position[r] > LEAST:
+                ids[r] = -1 - ids[r]
+
+
+@compiled()
+def _hide_limits(kinds, ids, position, margin):
+    """Do what `hide_limits` does."""
+    hide_limits(kinds, ids, position, margin)
+
+
+def without_far_limits(
+    sensors: Callable[[mujoco.MjModel, mujoco.MjData], None], model: mujoco.MjModel, data: mujoco.MjData
+) -> None:
+    """Let MuJoCo compute the sensors of a stage, for which limits that are far do not exist."""
+    rows = data.efc_type, data.efc_id, data.efc_pos, data.efc_margin
+    _hide_limits(*rows)
+    sensors(model, data)
+    _hide_limits(*rows)
 
 
 def write_forces(
@@ -43,5 +81,6 @@ def sense(model: mujoco.MjModel, data: mujoco.MjData, start: np.ndarray) -> None
     """Compute the sensors that depend on accelerations and forces, at the middle of the step."""
     after = data.qvel.copy()
     data.qvel[:] = start
-    mujoco.mj_sensorAcc(model, data)
+    mujoco.mj_comVel(model, data)
+    without_far_limits(mujoco.mj_sensorAcc, model, data)
     data.qvel[:] = after

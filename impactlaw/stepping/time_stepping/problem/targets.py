@@ -10,7 +10,7 @@ from impactlaw.solvers.cones.algebra.loops import cleared, plain
 from impactlaw.solvers.cones.rows import trees_of
 from impactlaw.stepping.time_stepping.problem.rows import NEAR
 
-_RESTING = 1e-12
+_RESTING = 1e-6
 """Part of the largest contact velocity up to which a contact in touch does not separate."""
 
 

@@ -17,3 +17,5 @@ CALLBACK = 7
 """A callback of MuJoCo is set."""
 UNSEEN = 8
 """A limit of a joint was left out that the step would pass."""
+FARTHER = 9
+"""A collision throws a body farther than contacts were looked for."""
