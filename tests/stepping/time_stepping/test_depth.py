@@ -71,3 +71,17 @@ def test_link_that_turns_carries_a_foot_that_does_not(compiled):
     data.qvel[:] = 6.0, 20.0, -20.0
     stepper = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled)
     assert _depths(model, data, stepper, np.zeros((10, 0))).max() <= _DEPTH
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_a_coin_that_wobbles_does_not_sink_in(compiled):
+    """It touches the floor with a point of its rim, which runs round much faster than the coin turns."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><default><geom condim="6" friction=".5 .005 .001"/></default><worldbody>
+        <geom type="plane" size="5 5 1"/><body pos="0 0 .11" euler="80 0 0"><freejoint/>
+        <geom type="cylinder" size=".1 .005" mass=".2"/></body></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    data.qvel[4] = 3.0
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
+    assert _depths(model, data, stepper, np.zeros((1000, 0)))[100:].max() <= _DEPTH

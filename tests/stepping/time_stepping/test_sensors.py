@@ -32,3 +32,37 @@ def test_sensors_are_those_of_this_step(compiled, asked):
         stepper.step(data)
     np.testing.assert_allclose(np.linalg.norm(data.sensordata[:3]), 9.81, rtol=1e-6)  # it lies
     np.testing.assert_allclose(data.sensordata[3:6], 0.0, atol=1e-9)
+
+
+ROPE = """<mujoco><worldbody><site name="o" pos="0 0 2"/>
+  <body pos="0 0 1.1"><freejoint/><geom size=".1" mass="2"/><site name="s"/></body></worldbody>
+  <tendon><spatial name="t" limited="true" range=".1 .9"><site site="o"/><site site="s"/></spatial></tendon>
+  <sensor><tendonlimitfrc tendon="t"/><tendonlimitpos tendon="t"/></sensor></mujoco>"""
+"""A weight on a rope: the upper limit of its length holds it."""
+
+FLAP = """<mujoco><compiler angle="radian"/><worldbody><body><joint name="j" axis="0 1 0" range="-1 .3"/>
+  <geom type="capsule" fromto="0 0 0 .3 0 0" size=".02" mass=".3"/></body></worldbody>
+  <sensor><jointlimitfrc joint="j"/><jointlimitpos joint="j"/></sensor></mujoco>"""
+"""A flap that its weight holds at its upper limit."""
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("scene", [ROPE, FLAP], ids=["rope", "flap"])
+def test_sensors_of_limits_see_the_limit_that_holds(scene, compiled):
+    model = mujoco.MjModel.from_xml_string(scene)
+    theirs, data = mujoco.MjData(model), mujoco.MjData(model)
+    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled)
+    for _ in range(1500):
+        mujoco.mj_step(model, theirs)
+        stepper.step(data)
+    assert data.sensordata[0] == pytest.approx(theirs.sensordata[0], rel=2e-3)
+    assert abs(data.sensordata[1]) < 1e-6
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_sensors_of_limits_that_are_far_say_nothing(compiled):
+    model = mujoco.MjModel.from_xml_string(FLAP)
+    model.opt.gravity[:] = 0.0
+    data = mujoco.MjData(model)
+    Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled).step(data)
+    assert (data.sensordata == 0.0).all()

@@ -1,0 +1,48 @@
+"""Bodies that a collision throws farther than they could move before: what is in their way stops them."""
+
+import mujoco
+import pytest
+
+from impactlaw import Moreau, Stepper
+
+_STRUCK = """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody>
+  <geom type="box" size="1 1 .001"/>
+  <body pos="0 0 {plate}"><freejoint/><geom type="box" size=".1 .1 .002" mass=".1"/></body>
+  <body pos="0 0 .2"><freejoint/><geom size=".05" mass="10"/></body></worldbody></mujoco>"""
+"""A heavy ball strikes a plate that rests above a thin floor."""
+
+_FLOOR, _HALF = 0.001, 0.002
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("gap", [5e-4, 2e-3, 2e-2])
+@pytest.mark.parametrize("speed", [2.0, 10.0, 40.0])
+def test_a_plate_at_rest_is_not_struck_through_a_thin_floor(speed, gap, e, compiled):
+    model = mujoco.MjModel.from_xml_string(_STRUCK.format(plate=_FLOOR + gap + _HALF))
+    data, lowest = mujoco.MjData(model), 1.0
+    data.qvel[8] = -speed
+    stepper = Stepper(model, Moreau(e), scheme="time-stepping", compiled=compiled)
+    for _ in range(150):
+        stepper.step(data)
+        lowest = min(lowest, data.qpos[2] - _FLOOR - _HALF)
+    assert lowest > -1e-5
+    assert data.qpos[9] > data.qpos[2]  # the ball is still above the plate
+
+
+_THROUGH_A_BALL = """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody>
+  <body mocap="true" pos="{wall} 0 0"><geom type="box" size=".001 1 1"/></body>
+  <body pos="0 0 0"><joint type="slide" axis="1 0 0"/><geom size=".01" mass=".001"/></body>
+  <body pos="-.1 0 0"><joint type="slide" axis="1 0 0"/><geom size=".01" mass="1"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_so_does_a_body_that_can_be_moved_behind_a_light_ball(compiled):
+    """The light ball leaves with nearly twice the speed of the heavy one."""
+    model = mujoco.MjModel.from_xml_string(_THROUGH_A_BALL.format(wall=0.03))
+    data = mujoco.MjData(model)
+    data.qvel[1] = 20.0
+    stepper = Stepper(model, Moreau(1.0), scheme="time-stepping", compiled=compiled)
+    for _ in range(20):
+        stepper.step(data)
+        assert data.qpos[0] + 0.01 < 0.029 + 1e-5
