@@ -32,6 +32,8 @@ _PARTS = (
 )
 """Folders of this package whose functions are compiled; each calls functions of itself and of those before it."""
 
+_KEPT = f"{__name__}.Kept"
+
 _NUMBERS = (
     "laws/tolerances.py",
     "mechanics/tolerances.py",
@@ -88,6 +90,44 @@ def announce(module: str) -> None:
         _tell()
 
 
+class Kept:
+    """Where numba keeps a function: by its module, so that every copy of this version on a computer finds it.
+
+    It has the methods of numba's cache locators. By numba's own, each folder that the package is installed in would
+    have a cache of its own.
+
+    Args:
+        function: to be kept.
+    """
+
+    def __init__(self, function: Callable[..., Any]):
+        self._path = Path(cast(Any, numba).config.CACHE_DIR) / function.__module__
+        self._line = function.__code__.co_firstlineno
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], path: str) -> Kept:
+        """Return the place of a function; it does not depend on the path of its file."""
+        place = cls(function)
+        place.ensure_cache_path()
+        return place
+
+    def ensure_cache_path(self) -> None:
+        """Make the folder."""
+        self._path.mkdir(parents=True, exist_ok=True)
+
+    def get_cache_path(self) -> str:
+        """Return the folder."""
+        return str(self._path)
+
+    def get_source_stamp(self) -> str:
+        """Return nothing more: the folder above is named by all sources, see `cache_folder`."""
+        return ""
+
+    def get_disambiguator(self) -> str:
+        """Return what tells functions of one name in a module apart."""
+        return str(self._line)
+
+
 def compiled(*signature: Any, counts: bool = True) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator that compiles a function when it is first called, or at once if its signature is given.
 
@@ -100,7 +140,8 @@ def compiled(*signature: Any, counts: bool = True) -> Callable[[Callable[..., An
         folder, settings = cache_folder(_parts(function.__module__)), cast(Any, numba).config
         if signature:  # it is compiled now
             announce(function.__module__)
-        kept, settings.CACHE_DIR = settings.CACHE_DIR, "" if folder is None else str(folder)
+        kept = settings.CACHE_DIR, getattr(settings, "CACHE_LOCATOR_CLASSES", "")
+        settings.CACHE_DIR, settings.CACHE_LOCATOR_CLASSES = "" if folder is None else str(folder), _KEPT
         collects = gc.isenabled()
         gc.disable()  # numba makes millions of objects: to look through them all again and again takes a tenth longer
         try:
@@ -108,7 +149,7 @@ def compiled(*signature: Any, counts: bool = True) -> Callable[[Callable[..., An
                 *signature, cache=folder is not None, error_model="numpy", nogil=True, _nrt=counts
             )(function)
         finally:
-            settings.CACHE_DIR = kept
+            settings.CACHE_DIR, settings.CACHE_LOCATOR_CLASSES = kept
             if collects:
                 gc.enable()
 

@@ -1,0 +1,53 @@
+"""Where compiled functions are kept."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import impactlaw
+
+_USE = """
+import numpy as np
+from impactlaw.compiled import cache_folder, compiled
+
+@compiled("float64(float64)")
+def double(x):
+    return 2.0 * x
+
+print(double(1.0), sum(double.stats.cache_hits.values()), cache_folder())
+"""
+"""A function of a module of the package, of which only the files that name the cache are there."""
+
+
+def _run(copy: Path, cache: Path) -> list[str]:
+    environment = os.environ | {"PYTHONPATH": str(copy), "NUMBA_CACHE_DIR": str(cache)}
+    command = [sys.executable, "-c", "import impactlaw.doubling"]
+    done = subprocess.run(command, env=environment, cwd=copy, capture_output=True, text=True, timeout=120, check=True)
+    return done.stdout.split()
+
+
+def test_another_copy_of_the_package_finds_what_is_compiled(tmp_path):
+    found = []
+    for name in ("one", "other"):
+        copy = tmp_path / name
+        shutil.copytree(Path(impactlaw.__file__).parent, copy / "impactlaw", ignore=shutil.ignore_patterns("envs"))
+        (copy / "impactlaw" / "doubling.py").write_text(_USE)
+        found.append(_run(copy, tmp_path / "cache"))
+    assert [answer[:2] for answer in found] == [["2.0", "0"], ["2.0", "1"]]
+    assert found[0][2] == found[1][2]
+
+
+def test_other_sources_have_another_cache(tmp_path):
+    copy = tmp_path / "one"
+    shutil.copytree(Path(impactlaw.__file__).parent, copy / "impactlaw", ignore=shutil.ignore_patterns("envs"))
+    (copy / "impactlaw" / "doubling.py").write_text(_USE)
+    before = _run(copy, tmp_path / "cache")
+    source = copy / "impactlaw" / "solvers" / "cones" / "newton.py"
+    source.write_text(source.read_text() + "\n_MORE = 1\n")
+    after = _run(copy, tmp_path / "cache")
+    assert after[:2] == ["2.0", "0"]
+    assert after[2] != before[2]
