@@ -61,6 +61,7 @@ class Impact:
 
         The impulse is the one, of least norm, that comes nearest to the velocity jump in the kinetic metric,
         ``min |v+ - v- - M^-1 J^T Lambda|, Lambda >= 0``; what is left over is ``violations.kinetic``.
+        Friction is left out, which that would show; `FrictionImpact.observed` knows it.
 
         Raises:
             InvalidCollisionError: post_velocity has the wrong shape or entries that are not finite.

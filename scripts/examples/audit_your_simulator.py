@@ -22,7 +22,7 @@ for _ in range(2):
 outcomes = {
     "MuJoCo": data.qvel,
     "pairwise sweeps": swept,
-    "pulls": [0.0, -0.1, 1.1],
+    "pulls": [0.5, 0.6, -0.1],
     "wrong sign": -collision.pre_velocity,
 }
 for name, velocity in outcomes.items():

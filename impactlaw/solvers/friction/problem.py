@@ -106,6 +106,13 @@ class ConeProblem:
         return problem
 
     @property
+    def relaxed(self) -> ConeProblem:
+        """The same contacts with the convex relaxation of friction."""
+        problem = copy(self)
+        problem.exact = False
+        return problem
+
+    @property
     def is_redundant(self) -> bool:
         """Whether there are more rows than degrees of freedom, so that impulses are not unique."""
         return len(self.rows) > self.rows.shape[1]

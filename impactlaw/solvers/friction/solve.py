@@ -15,6 +15,7 @@ from impactlaw.solvers.problem import Status
 _ALONE = 1e-13  # relative residual with which the answer for a contact alone needs no Newton step
 _SHARP = 1e-13  # relative residual that the compiled solver aims at
 _AGAIN = 4  # times that a thorough search begins again from the best point that it has found
+_FACTORS = 1.0, 4.0  # of impulses of the convex problem, where others lead nowhere
 THOROUGH = 24
 """Rounds of what is slower and safer than Newton's method, after which none has helped more."""
 BRIEF = 8
@@ -40,8 +41,8 @@ def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, rounds
 
     One contact alone has a closed form, or nearly so (`single_contact.single`), which needs nothing that is compiled.
     Any other problem is for the solver of time stepping (`impactlaw.solvers.cones`): Newton's method from the guess,
-    then from no impulse, and rounds of slower methods where it fails; and again from the best point, if no effort is
-    spared.
+    then from no impulse, and rounds of slower methods where it fails; and if no effort is spared, again from the best
+    point, and from impulses of the convex problem.
     Solutions need not be unique for large coefficients of friction; the same problem always gets the same one.
 
     Args:
@@ -56,6 +57,18 @@ def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, rounds
         x = single(problem, guess)
         if x is not None and (residual := problem.residual(x, problem.velocity(x))) <= _ALONE * problem.scale:
             return problem.answer(x, residual, Status.SOLVED, 0)
+    answer = _attempt(problem, guess, rounds)
+    if answer.status is Status.SOLVED or not problem.exact or rounds <= BRIEF:
+        return answer
+    relaxed = _attempt(problem.relaxed, None, rounds).impulse
+    for factor in _FACTORS:
+        other = _attempt(problem, factor * relaxed, rounds)
+        answer = other if other.residual < answer.residual else answer
+    return answer
+
+
+def _attempt(problem: ConeProblem, guess: np.ndarray | None, rounds: int) -> ConeAnswer:
+    """Return what the compiled solver finds from a guess, and from what it has found."""
     x, residual, total = np.zeros(problem.shape), np.inf, 0
     for _ in range(_AGAIN if rounds > BRIEF else 2):
         found, taken = compiled_answer(problem, guess, rounds)

@@ -8,6 +8,7 @@ from impactlaw import (
     Collision,
     Coulomb,
     Friction,
+    FrictionImpact,
     MaximalDissipation,
     Moreau,
     Newton,
@@ -178,3 +179,23 @@ def test_newton_with_friction_would_create_energy():
     more = Coulomb(Newton(min(1.0, 1.01 * impact.restitution_scale))).resolve(c)
     assert more.restitution_scale < 1.0  # a little more would create some
     assert Coulomb(Newton(0.99 * impact.restitution_scale)).resolve(c).restitution_scale == 1.0
+
+
+def test_a_solution_far_from_the_guess_is_found():
+    """One has the first contact open and the second stick; from rest the solver stops where nothing moves."""
+    friction = Friction(
+        [[-0.42, -1.74, -0.79], [2.17, 0.6, 2.18], [-1.51, 0.81, -0.68], [-0.12, 1.74, -0.66]],
+        [0, 0, 1, 1],
+        [0.74, 0.74, 0.64, 0.64],
+    )
+    mass = [[1.43, -1.11, 1.77], [-1.11, 8.78, -0.06], [1.77, -0.06, 3.08]]
+    normals = [[0.12, -0.25, -0.18], [0.46, -1.34, 0.33]]
+    collision = Collision(mass, normals, [2.4, 2.47, 3.8], friction=friction)
+    impact = Coulomb(Moreau(0.96)).resolve(collision)
+    assert impact.restitution_scale == 1.0
+    first, second = impact.post_contact_velocity
+    assert second == pytest.approx(-0.96 * collision.pre_contact_velocity[1], rel=1e-9)
+    assert first >= -0.96 * collision.pre_contact_velocity[0] - 1e-9
+    assert impact.energy_change < 0.0
+    assert impact.residual < 1e-9
+    assert FrictionImpact.observed(collision, impact.post_velocity).violations.is_admissible(1e-8)
