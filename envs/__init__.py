@@ -4,10 +4,10 @@ import gymnasium
 
 from impactlaw.envs.base import ImpactEnv
 from impactlaw.envs.law_distribution import LawDistribution
+from impactlaw.envs.logs.replay import restart
 from impactlaw.envs.placing.bare_dm_control import placed_law, put_law
 from impactlaw.envs.random_law import RandomLaw
 from impactlaw.envs.rendering import choose_backend
-from impactlaw.envs.replay import restart
 from impactlaw.envs.tasks.billiards import Billiards
 from impactlaw.envs.tasks.juggler import Juggler
 from impactlaw.envs.tasks.newtons_cradle import NewtonsCradle

@@ -17,11 +17,11 @@ from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 
 from impactlaw.envs.arguments import box, check_arguments
-from impactlaw.envs.episode_log import episode_log
 from impactlaw.envs.episode_seeds import OUTCOMES, EpisodeSeeds
 from impactlaw.envs.info import impact_info, steps_short
 from impactlaw.envs.law_in_force import LawInForce
 from impactlaw.envs.law_options import LawOptions, check_reset, describe_law, portable_options
+from impactlaw.envs.logs.episode_log import episode_log
 from impactlaw.envs.rendering import Pictures, has_display
 from impactlaw.errors import ActionError, DivergenceError
 from impactlaw.laws import Law

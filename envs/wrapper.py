@@ -11,9 +11,9 @@ import gymnasium
 import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 
-from impactlaw.envs.episode_log import episode_log
 from impactlaw.envs.episode_seeds import OUTCOMES, EpisodeSeeds
 from impactlaw.envs.law_options import RESET, LawOptions, check_reset, portable_options
+from impactlaw.envs.logs.episode_log import episode_log
 from impactlaw.envs.placing.gymnasium_steps import ignores_options, place
 from impactlaw.envs.placing.placed_law import PlacedLaw
 from impactlaw.envs.rendering import free_contexts, make_current

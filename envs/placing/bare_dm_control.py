@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import gymnasium
 
-from impactlaw.envs.episode_log import episode_log
 from impactlaw.envs.law_options import LawOptions
+from impactlaw.envs.logs.episode_log import episode_log
 from impactlaw.envs.placing.placed_law import PlacedLaw
 from impactlaw.errors import WrapperError
 from impactlaw.laws import Law

@@ -9,8 +9,8 @@ import mujoco
 from dm_control.mujoco.engine import Physics
 from dm_control.rl.control import PhysicsError
 
-from impactlaw.envs.episode_log import EpisodeLog
 from impactlaw.envs.law_options import LawOptions
+from impactlaw.envs.logs.episode_log import EpisodeLog
 from impactlaw.envs.placing.placed_law import PlacedLaw
 from impactlaw.errors import DivergenceError, WrapperError
 

@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 
 from impactlaw.envs.base import ImpactEnv
-from impactlaw.envs.episode_log import EpisodeLog
 from impactlaw.envs.law_options import LawOptions
+from impactlaw.envs.logs.episode_log import EpisodeLog
 from impactlaw.envs.placing.placed_law import PlacedLaw, name_of
 from impactlaw.errors import WrapperError
 

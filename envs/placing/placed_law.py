@@ -8,11 +8,11 @@ from typing import Any
 
 import mujoco
 
-from impactlaw.envs.episode_log import EpisodeLog
 from impactlaw.envs.episode_seeds import EpisodeSeeds
 from impactlaw.envs.info import impact_info, steps_short
 from impactlaw.envs.law_in_force import LawInForce
 from impactlaw.envs.law_options import LawOptions, describe_law
+from impactlaw.envs.logs.episode_log import EpisodeLog
 from impactlaw.envs.placing.contact_forces import ContactForces
 from impactlaw.errors import DivergenceError, WrapperError
 from impactlaw.laws import Law

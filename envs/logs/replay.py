@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 
 from impactlaw.envs.base import ImpactEnv
-from impactlaw.envs.how_made import how_made
 from impactlaw.envs.law_holder import law_holder
+from impactlaw.envs.logs.how_made import how_made
 from impactlaw.envs.wrapper import ImpactLaw
 from impactlaw.errors import RecordingError
 from impactlaw.recording import Episode

@@ -10,8 +10,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from impactlaw.envs.how_made import how_made
 from impactlaw.envs.law_options import LawOptions, as_plain, check_log_every
+from impactlaw.envs.logs.how_made import how_made
 from impactlaw.errors import OptionError, RecordingError
 from impactlaw.laws import Law
 from impactlaw.recording import Recorder

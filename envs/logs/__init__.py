@@ -1,0 +1,1 @@
+"""Recordings of environments: which episodes, how their environment was made, and going through one again."""
