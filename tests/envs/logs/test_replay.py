@@ -172,10 +172,11 @@ def test_another_model_is_refused(change, message, tmp_path):
 
 def test_another_control_timestep_of_dm_control_is_refused(tmp_path):
     from dm_control import suite
+    from dm_control.rl.control import Environment
 
     def make(substeps=4, **options):
-        task = suite.load("hopper", "hop")
-        task._n_sub_steps = substeps
+        own = suite.load("hopper", "hop")
+        task = Environment(own.physics, own.task, n_sub_steps=substeps)
         return ImpactLaw(shimmy().DmControlCompatibilityV0(task), "moreau", 0.5, **options)
 
     recorded = make(log=tmp_path / "run.rrd")
