@@ -14,10 +14,10 @@ from impactlaw.errors import RecordingError
 from impactlaw.recording import layout, viewer
 from impactlaw.recording.collisions import CollisionLog
 from impactlaw.recording.episodes import EpisodeMarks
-from impactlaw.recording.file import RecordingFile
-from impactlaw.recording.frames import Frames
 from impactlaw.recording.geometry import Group, body_names, read_geometry
 from impactlaw.recording.layout import EPISODE_COLUMNS, Column
+from impactlaw.recording.output.file import RecordingFile
+from impactlaw.recording.output.frames import Frames
 from impactlaw.recording.properties import encode, law_name, run_properties
 
 if TYPE_CHECKING:

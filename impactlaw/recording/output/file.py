@@ -14,7 +14,7 @@ from impactlaw.errors import RecordingError
 from impactlaw.recording import viewer
 from impactlaw.recording.collisions import CollisionLog
 from impactlaw.recording.episodes import EpisodeMarks
-from impactlaw.recording.frames import Frames
+from impactlaw.recording.output.frames import Frames
 
 
 class RecordingFile:

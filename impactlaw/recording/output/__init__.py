@@ -1,0 +1,1 @@
+"""What a recording writes: its frames, and its file."""
