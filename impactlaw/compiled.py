@@ -34,14 +34,15 @@ _PARTS = (
 
 _KEPT = f"{__name__}.Kept"
 
-_NUMBERS = (
+_ALSO = (
+    "parts.py",
     "laws/tolerances.py",
     "mechanics/tolerances.py",
     "scene/tolerances.py",
     "stepping/soft/tolerances.py",
     "solvers/friction/single_contact.py",
 )
-"""Files whose numbers these functions have taken over."""
+"""Files that these functions depend on, too: how they are compiled, and numbers that they have taken over."""
 
 
 @cache
@@ -57,7 +58,7 @@ def cache_folder(parts: int = len(_PARTS)) -> Path | None:
         hashlib.sha256(f"{numba.__version__} {mujoco.__version__} {sys.version}".encode()),
         Path(__file__).parent,
     )
-    for name in _NUMBERS:
+    for name in _ALSO:
         digest.update((root / name).read_bytes())
     for folder in _PARTS[:parts]:
         for path in sorted((root / folder).glob("*.py")):

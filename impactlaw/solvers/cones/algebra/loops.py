@@ -14,6 +14,8 @@ from numba.core.imputils import impl_ret_new_ref
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
+from impactlaw.parts import PartCompiler
+
 Array = np.ndarray[Any, Any]
 FLOATS: Any = types.Array(types.float64, 1, "C")
 INTEGERS: Any = types.Array(types.int64, 1, "C")
@@ -30,7 +32,7 @@ def _inner(**options: Any) -> Any:
     """
 
     def decorate(function: Any) -> Any:
-        made = njit(**_INNER, **options)(function)
+        made = njit(**_INNER, **options, pipeline_class=PartCompiler)(function)
         template = made.get_call_template
 
         def any_number(args: Any, kws: Any) -> Any:

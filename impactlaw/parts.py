@@ -1,0 +1,55 @@
+"""How numba compiles a function that only other compiled functions call: as a part of them, without machine code.
+
+Numba optimizes each function for itself, makes machine code of it, and does both again within each function that calls
+it. Only the last of these is ever run.
+"""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+from numba import _dynfunc  # pyright: ignore[reportAttributeAccessIssue]
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import register_pass
+from numba.core.typed_passes import NativeLowering
+
+
+class _Part(JITCodeLibrary):
+    """The code of a function and of all that it calls, as those that call it take it over."""
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+@cast(Any, register_pass)(mutates_CFG=True, analysis_only=False)
+class _Lowering(NativeLowering):
+    _name = "lowering_of_parts"
+
+    def run_pass(self, state: Any) -> bool:
+        """Write the code of a function; no address stands for it, so that Python cannot call it."""
+        context = state.targetctx
+        state.library = library = _Part(context.codegen(), state.func_id.func_qualname)
+        library.enable_object_caching()
+        state.flags.no_compile = True
+        super().run_pass(state)
+        made = state["cr"].fndesc
+        name = _dynfunc.make_function(made.lookup_module(), made.qualname, "", 0, state["cr"].env, (library,))
+        context.insert_user_function(name, made, [library])
+        state["cr"] = state["cr"]._replace(cfunc=name)
+        return True
+
+
+class PartCompiler(CompilerBase):
+    """Numba's own passes, with another last one."""
+
+    def define_pipelines(self) -> list[Any]:
+        """Return the passes."""
+        passes: Any = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.passes = [(_Lowering if kind is NativeLowering else kind, why) for kind, why in passes.passes]
+        passes.finalize()
+        return [passes]
