@@ -44,7 +44,10 @@ _WORK = 1.5e7  # operations after which no further round begins ...
 _FACTORIZATIONS = 150.0  # ... or so many factorizations of one block, whatever is more ...
 _OF_MANY = 30.0  # ... or of many blocks ...
 _OF_LARGE = 1.0  # ... or in an island of so many rows, where Newton's method soon gets no further
-_LARGE = 300
+LARGE = 300
+"""Rows of such an island."""
+FEW = np.int64(0)
+"""Rounds of those that want Newton's method from the guess alone."""
 _ALLOWED = 5e7  # operations of one time step ...
 _STEPS_ALLOWED, _STEPS_OF_LARGE = 200.0, 60.0  # ... or Newton steps if these are more, the second in large islands
 _MANY = 1e9  # Newton steps, where nothing limits them
@@ -59,7 +62,7 @@ _SHORT = 0.25  # what is not long, as a part of the work allowed
 def _worth(step: float, rows: int) -> float:
     """Return how many Newton steps are allowed in a time step; see `spend`."""
     whole = step + _OF_ROW * rows
-    return max(_ALLOWED / whole, _STEPS_OF_LARGE if rows >= _LARGE else _STEPS_ALLOWED)
+    return max(_ALLOWED / whole, _STEPS_OF_LARGE if rows >= LARGE else _STEPS_ALLOWED)
 
 
 @plain
@@ -119,7 +122,7 @@ def solve_island(
     work allowed that is left.
     """
     n, cost = len(x), flops(P, K)
-    large = n >= _LARGE and len(K.width) > 1
+    large = n >= LARGE and len(K.width) > 1
     if large and not P.exact:
         total, least = solve_large(P, K, x, tolerance, _affordable(left, cost, n))
         spend(left, (total + _SET_UP) * cost, cost, n)
@@ -132,9 +135,11 @@ def solve_island(
         delassus(P, G)
     delta = _DENSE if few else _REDUCED
     start, point, total, least = copied(x), copied(x), 0, np.inf
-    patience = _ENDLESS if len(K.width) == 1 else _PATIENCE if n < _LARGE else _HASTE
+    patience = _ENDLESS if len(K.width) == 1 else _PATIENCE if n < LARGE else _HASTE
     warm = norm_of(x, FIRST, n) > 0.0
     for k in range(4):
+        if rounds == FEW and k != 1:
+            continue
         if (k < 2) != warm and (k < 3 or rounds < 2 or large):
             continue
         put(point, start)
@@ -150,6 +155,8 @@ def solve_island(
             put(x, point)
         if least <= (_NEAR * tolerance if large else tolerance) or (P.exact and left[0] <= 0.0):
             return total, least
+    if rounds == FEW:
+        return total, least
     if few and n < P.nv:
         P, K = compressed(P)
     taken, least = _rounds(P, K, G, x, start, least, scale, tolerance, rounds, few, left)
@@ -176,10 +183,10 @@ def _rounds(
     cost, many = flops(P, K), len(K.width) > 1
     apart = 4.0 * len(P.A) + 10.0 * len(x) + 4.0 * K.size  # of a step of alternating directions
     step = cost if not few else float(len(x)) ** 3 + 20.0 * len(x) ** 2
-    limit = (_OF_LARGE if len(x) >= _LARGE else _OF_MANY) * cost if many else max(_WORK, _FACTORIZATIONS * cost)
+    limit = (_OF_LARGE if len(x) >= LARGE else _OF_MANY) * cost if many else max(_WORK, _FACTORIZATIONS * cost)
     work, total, before, stagnant = 0.0, 0, least, 0
     after, patience = (_LONG, _PATIENCE) if many else (_AFTER, _ENDLESS)
-    if many and len(x) >= _LARGE:
+    if many and len(x) >= LARGE:
         after, patience = _BRIEF, _HASTE
     for k in range(rounds):
         done = work

@@ -121,6 +121,25 @@ def impulse_jump(rownnz: Array, rowadr: Array, colind: Array, value: Array, x: A
 
 
 @plain
+def group_error(
+    rownnz, rowadr, colind, value, first, size, kind, bound, c, b, x, z, exact, length, g, room
+):  # fmt: skip
+    """Return the squared natural map of a group, and its ``|b| / length``; room as for `certificate`."""
+    xs, us = room[: len(room) // 2], room[len(room) // 2 :]
+    s, inverse = 0.0, 1.0 / length[g]
+    for m in range(size[g]):
+        i = first[g] + m
+        u = b[i] + c[i] * x[i]
+        for k in range(rowadr[i], rowadr[i] + rownnz[i]):
+            u += value[k] * z[colind[k]]
+        us[m], xs[m] = u * inverse, x[i] * length[g]
+        s += b[i] * b[i]
+    half = bound[g] * length[g]
+    square = group_residual(np.int64(kind[g]), half, xs, us, FIRST, np.int64(size[g]), exact)
+    return square, np.sqrt(s) * inverse
+
+
+@plain
 def certificate(
     rownnz: Array,
     rowadr: Array,
@@ -148,24 +167,16 @@ def certificate(
     """
     clear(scale)
     clear(squares)
-    xs, us = room[: len(room) // 2], room[len(room) // 2 :]
     largest = 0.0
     for g in range(len(first)):
         if label[g] < 0:
             continue
-        s, inverse = 0.0, 1.0 / length[g]
-        for m in range(size[g]):
-            i = first[g] + m
-            u = b[i] + c[i] * x[i]
-            for k in range(rowadr[i], rowadr[i] + rownnz[i]):
-                u += value[k] * z[colind[k]]
-            us[m], xs[m] = u * inverse, x[i] * length[g]
-            s += b[i] * b[i]
-        s = np.sqrt(s) * inverse
+        square, s = group_error(
+            rownnz, rowadr, colind, value, first, size, kind, bound, c, b, x, z, exact, length, g, room
+        )  # fmt: skip
         largest = max(largest, s)
         scale[label[g]] = max(scale[label[g]], s)
-        half = bound[g] * length[g]
-        squares[label[g]] += group_residual(np.int64(kind[g]), half, xs, us, FIRST, np.int64(size[g]), exact)
+        squares[label[g]] += square
     worst = 0.0
     for i in range(len(scale)):
         scale[i] = max(scale[i], _SHARE * largest, 1e-300)
