@@ -12,6 +12,9 @@ from impactlaw.scene.options import BorrowedOptions
 
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _HUGE = mujoco.mjMAXVAL  # MuJoCo takes larger numbers for a mistake
+_LOCKED = 1e2  # h D / M, at the configuration in which the scene was compiled
+_EULER, _RK4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
+_NONE, _EXPLICIT = int(mujoco.mjtDisableBit.mjDSBL_DAMPER), int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
 _INPUT = ("time", "qpos", "qvel", "act", "ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "mocap_quat")
 
 
@@ -91,3 +94,17 @@ def advance(model: mujoco.MjModel, data: mujoco.MjData, options: BorrowedOptions
             f"the velocity is not finite, or huge, at t = {data.time:.6g} s; use a smaller timestep, or check "
             "the controls and the stiffness of the scene"
         )
+
+
+def locked_joints(model: mujoco.MjModel, timestep: float) -> np.ndarray | None:
+    """Return which degrees of freedom damping all but locks in a timestep h, s, bool (nv,); None if it locks none.
+
+    MuJoCo's semi-implicit integrators advance by ``(M + h D)^-1``, but an impulse moves bodies by ``M^-1``. Where
+    ``h D`` is many times M, what contact does to such a joint is gone after a step, and until then its damping is a
+    force that others answer to: friction, welds, and servos can feed a motion that way.
+    """
+    integrator = int(model.opt.integrator)
+    if integrator == _RK4 or model.opt.disableflags & (_NONE | (_EXPLICIT if integrator == _EULER else 0)):
+        return None
+    locked = timestep * model.dof_damping > _LOCKED * model.dof_M0
+    return locked if np.count_nonzero(locked) else None

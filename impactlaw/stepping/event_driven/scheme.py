@@ -45,9 +45,8 @@ from impactlaw.stepping.event_driven.last_step import LastStep
 from impactlaw.stepping.event_driven.overlap import overlaps, push_out, refuse
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
-from impactlaw.stepping.event_driven.strong_damping import locks
 from impactlaw.stepping.impact_event import ImpactEvent, Told
-from impactlaw.stepping.integration import check_input, empty_state
+from impactlaw.stepping.integration import check_input, empty_state, locked_joints
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.work import Work
 
@@ -244,7 +243,7 @@ class RigidStepping:
 
     def _check_held(self, state: ContactState) -> None:
         """Raise `UnfinishedStepError` where contact is not held: joints are locked, or something overlaps too far."""
-        if state.pattern and locks(self._model, self._options.timestep):
+        if state.pattern and locked_joints(self._model, self._options.timestep) is not None:
             raise UnfinishedStepError(
                 'contact is not held beside joints that damping all but locks; use RK4, or scheme="time-stepping"'
             )

@@ -10,6 +10,7 @@ import numpy as np
 from impactlaw.errors import SolverError, UnsolvableLawError
 from impactlaw.laws.restitution.on_contacts import Chosen
 from impactlaw.mechanics.friction import Friction
+from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.scene.contacts import Contacts, active_contacts, closes, gap_gradients, geom_names
 from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows
 from impactlaw.scene.friction_rows import active_friction
@@ -17,7 +18,7 @@ from impactlaw.scene.joint_limits import Limits, joined
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.collisions import Closed, Collider, kinetic_metric
 from impactlaw.stepping.impact_event import ImpactEvent
-from impactlaw.stepping.integration import is_huge
+from impactlaw.stepping.integration import is_huge, locked_joints
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.tolerances import ROUNDING
 
@@ -92,7 +93,7 @@ class Collisions:
         """Return the velocity after all collisions, (nv,), and append these."""
         h = len(closed.contacts)
         return collider.collide(
-            kinetic_metric(self._model, data),
+            self._metric(data),
             closed,
             data.qvel.copy(),
             approach=np.full(h, self.rest_speed),
@@ -101,6 +102,14 @@ class Collisions:
             qpos=data.qpos,
             events=events,
         )
+
+    def _metric(self, data: mujoco.MjData) -> KineticMetric:
+        """Return the kinetic metric; joints that damping all but locks have the inertia with which they are moved."""
+        timestep = self._model.opt.timestep
+        metric, locked = kinetic_metric(self._model, data), locked_joints(self._model, timestep)
+        if locked is None:
+            return metric
+        return KineticMetric(metric.mass_matrix + np.diag(np.where(locked, timestep * self._model.dof_damping, 0.0)))
 
     def _jammed(self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray) -> bool:
         """Return whether the contacts have no outcome even without restitution: friction or constraints lock bodies."""
