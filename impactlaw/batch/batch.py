@@ -14,6 +14,7 @@ from impactlaw.batch.laws import Laws
 from impactlaw.batch.rows import Fields
 from impactlaw.errors import CopyError, UnknownNameError, WorldsFailedError
 from impactlaw.laws import Law
+from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.stepping.compatibility import FRICTION, check_count, check_law, check_model, check_speed
 from impactlaw.stepping.compiled.engine import Pool, functions
 from impactlaw.stepping.compiled.layout import table
@@ -103,7 +104,7 @@ class Batch:
         self._laws = Laws(scheme, nsim)
         self.set_law(law)
         self._report = np.zeros((nsim, 2), np.int64)
-        self._sizes, self._bilateral = scheme.sizes, scheme.problem.bilateral.astype(np.uint8)
+        self._sizes, self._bilateral = scheme.sizes, constraint_kinds(scheme.model)
         self._slots = np.zeros((self.nthread + 1, 2), np.int64)
         self._context, self._table = np.zeros(len(WORLDS), np.int64), table()
         self._write_context()

@@ -13,6 +13,26 @@ _CONNECT, _WELD = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
 _SITE = int(mujoco.mjtObj.mjOBJ_SITE)
 
 
+TYING = 2
+"""Kind of the equality constraints that tie two bodies to each other."""
+TIED = 0.2
+"""Part of a gap gradient, degrees of freedom over their lengths, that such constraints must leave for contact to act."""
+
+
+def constraint_kinds(model: mujoco.MjModel) -> np.ndarray:
+    """Return 0 for equality constraints that an impact may violate, else 1, or `TYING`, uint8 (neq,)."""
+    ties = (model.eq_type == _CONNECT) | (model.eq_type == _WELD)
+    return np.where(bilateral_constraints(model), np.where(ties, TYING, 1), 0).astype(np.uint8)
+
+
+def lengths(model: mujoco.MjModel) -> np.ndarray:
+    """Return how far the bodies that each degree of freedom moves move with it, m per its unit, (nv,).
+
+    It is the radius of gyration about a joint that turns them, and 1 where they are shifted.
+    """
+    return np.sqrt(model.dof_M0 / np.maximum(model.body_subtreemass[model.dof_bodyid], mujoco.mjMINVAL))
+
+
 def bilateral_constraints(model: mujoco.MjModel) -> np.ndarray:
     """Return which equality constraints an impact must not violate, bool (neq,): all but those to mocap bodies.
 

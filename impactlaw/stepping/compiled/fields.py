@@ -94,6 +94,9 @@ class _Model(NamedTuple):
     M_rowadr: int
     M_colind: int
     dof_treeid: int
+    dof_bodyid: int
+    dof_M0: int
+    body_subtreemass: int
     tree_dofadr: int
     tree_dofnum: int
     dof_damping: int

@@ -23,6 +23,7 @@ from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
 from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
 from impactlaw.stepping.time_stepping.tolerances import (
+    CALM,
     FEW_ROUNDS,
     PHASES,
     RESOLVED,
@@ -265,7 +266,8 @@ class ContactProblem:
         if data.ne:
             equal = rows.first[rows.kind == BILATERAL]
             row = rows.row[equal]
-            held = self.bilateral[data.efc_id[row]]
+            fastest = np.abs(rows.before[rows.first[collides]]).max(initial=0.0)
+            held = self.bilateral[data.efc_id[row]] & (np.abs(rows.before[equal]) <= CALM * fastest)
             rows.compliance[equal[held]] = STIFF * data.efc_R[row[held]]
         return seen
 

@@ -94,7 +94,7 @@ class TimeStepping:
         self._borrowed = BorrowedModel(model)
         self._sizes = body_sizes(model)
         self._inertial = InertialForces(model)
-        self._second_look = SecondLook(model, self._sizes, self._borrowed)
+        self._second_look = SecondLook(model, self._sizes, self._borrowed, self._reader)
         self._state = empty_state(model)
         self._left: tuple[bytes, bytes] = b"", b""
         self._known: Known | None = None

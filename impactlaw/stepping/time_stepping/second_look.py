@@ -11,6 +11,7 @@ from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.problem.dense import sparse_jacobian
 from impactlaw.stepping.time_stepping.problem.overlaps import open_overlaps
+from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Rows, read_rows
 
 _SEEN = 3e-6
@@ -148,10 +149,11 @@ class SecondLook:
         model: the scene.
         size: `margins.body_sizes`.
         borrowed: the margins of the step, which get smaller.
+        reader: knows which contacts are tied.
     """
 
-    def __init__(self, model: mujoco.MjModel, size: np.ndarray, borrowed: BorrowedModel):
-        self._model, self._size, self._borrowed = model, size, borrowed
+    def __init__(self, model: mujoco.MjModel, size: np.ndarray, borrowed: BorrowedModel, reader: RowReader):
+        self._model, self._size, self._borrowed, self._reader = model, size, borrowed, reader
         self._scratch: mujoco.MjData | None = None
 
     def shift(self, data: mujoco.MjData, rows: Rows, metric: tuple[np.ndarray, np.ndarray]) -> np.ndarray | None:
@@ -177,7 +179,7 @@ class SecondLook:
         if model.ntendon:
             mujoco.mj_tendon(model, now)
         mujoco.mj_makeConstraint(model, now)
-        near = (now.efc_type <= LAST_LOSS) | (now.efc_pos < BEYOND * depth)
+        near = self._reader.without_tied(now, (now.efc_type <= LAST_LOSS) | (now.efc_pos < BEYOND * depth))
         found, factor, inverse = now.contact, *metric
         layout = model.M_rownnz, model.M_rowadr, model.M_colind
         seen = Rows(

@@ -36,6 +36,7 @@ from impactlaw.stepping.compiled.access import (
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, keep, put_int
+from impactlaw.stepping.compiled.ties import leave_tied_out
 from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins, widen_limits
 from impactlaw.stepping.time_stepping.compiled.impulses.contact import count, count_entries, read
 from impactlaw.stepping.time_stepping.compiled.state.room import rows_at, rows_size
@@ -137,6 +138,7 @@ def _move_apart(now, qpos, metric, rows, depth):
     nv, h, near, mark = now.nv, now.timestep, marks(number(now, DATA.nefc)), cleared(size(now, MODEL.ntree))
     _find_near(now, depth, near)
     jacobian, still = nonzeros_of(now), zeros(nv)
+    leave_tied_out(now, jacobian, near)
     entries, (groups, many) = count_entries(now, jacobian, mark), count(now, near, _FRICTIONAL)
     block = numbers(rows_size(groups, many, entries))
     seen = rows_at(address_of(block), groups, many, entries)

@@ -13,6 +13,7 @@ import numpy as np
 
 from impactlaw.errors import DivergenceError, InadmissibleImpactError, UncompiledWarning
 from impactlaw.laws import Law
+from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.solvers import load_solvers
 from impactlaw.stepping.compiled.engine import Pool, fill_context
 from impactlaw.stepping.compiled.fields import DATA, SIZE
@@ -60,7 +61,7 @@ class CompiledStepping:
         self._structure = np.zeros(int(self._table[SIZE.model]) // 8)
         self._sizes = self._scheme.sizes
         self._margins, self._settings = np.zeros(room(model)), np.zeros(len(SETTING))
-        self._bilateral, self._scratch = self._scheme.problem.bilateral.astype(np.uint8), mujoco.MjData(model)
+        self._bilateral, self._scratch = constraint_kinds(self._scheme.model), mujoco.MjData(model)
         self._pool: Pool | None = None
         self._context = np.zeros(len(CONTEXT), np.int64)
         self._at = self._context.ctypes.data

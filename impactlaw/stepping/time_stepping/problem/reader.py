@@ -6,7 +6,9 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.contacts import Contacts
+from impactlaw.scene.equality_constraints import constraint_kinds, lengths
 from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.stepping.compiled.ties import tied_contacts
 from impactlaw.stepping.time_stepping.problem.dense import sparse_jacobian
 from impactlaw.stepping.time_stepping.problem.rows import Rows, near_rows, read_rows
 
@@ -22,6 +24,7 @@ class RowReader:
 
     def __init__(self, model: mujoco.MjModel, surfaces: Surfaces | None, *, frictional: bool):
         self._model, self._surfaces, self.frictional = model, surfaces, frictional
+        self._constraints, self._lengths = constraint_kinds(model), lengths(model)
 
     def near(self, data: mujoco.MjData, one: np.ndarray, other: np.ndarray, reach: float) -> np.ndarray:
         """Return which rows begin a contact or limit that is in touch, or would be soon, bool (nefc,).
@@ -32,10 +35,23 @@ class RowReader:
             other: another one; what either of them closes is near.
             reach: time within which, s.
         """
+        jacobian, address = sparse_jacobian(self._model, data), data.contact.efc_address
         if self._surfaces is not None and self._surfaces.move:  # what comes near need not move itself
-            return np.ones(data.nefc, dtype=bool)
-        jacobian = sparse_jacobian(self._model, data)
-        return near_rows(data.efc_type, data.efc_pos, *jacobian, data.contact.efc_address, one, other, reach)
+            near = np.ones(data.nefc, dtype=bool)
+        else:
+            near = near_rows(data.efc_type, data.efc_pos, *jacobian, address, one, other, reach)
+        return self.without_tied(data, near)
+
+    def without_tied(self, data: mujoco.MjData, near: np.ndarray) -> np.ndarray:
+        """Return which rows are near, bool (nefc,), those of contacts left out that `stepping.compiled.ties` finds."""
+        if data.ne and data.ncon:
+            address = data.contact.efc_address
+            jacobian = sparse_jacobian(self._model, data)
+            tied = tied_contacts(
+                data.efc_type, data.efc_id, self._constraints, *jacobian, self._lengths, np.ascontiguousarray(address)
+            )
+            near[address[tied]] = False
+        return near
 
     def read(
         self,

@@ -17,7 +17,7 @@ from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setti
 from impactlaw.stepping.time_stepping.problem.phases import find_later
 from impactlaw.stepping.time_stepping.problem.resolve import linked_resolve
 from impactlaw.stepping.time_stepping.problem.targets import aim, close_gaps
-from impactlaw.stepping.time_stepping.tolerances import RESOLVED, STIFF
+from impactlaw.stepping.time_stepping.tolerances import CALM, RESOLVED, STIFF
 
 
 class Solved(NamedTuple):
@@ -53,15 +53,19 @@ SOLVED = typeof(NO_ANSWER)
 
 
 @plain
-def _stiffen(w, rows):
-    """Let equality constraints keep their velocity in a collision."""
-    n = number(w, DATA.nefc)
+def _stiffen(w, rows, collides):
+    """Let equality constraints keep their velocity in a collision, those that do not move against themselves."""
+    n, fastest = number(w, DATA.nefc), 0.0
+    for g in range(len(rows.key)):
+        if collides[g]:
+            fastest = max(fastest, abs(rows.rates[1, rows.groups[0, g]]))
     number_of, compliance = data_ints(w, DATA.efc_id, n), data_floats(w, DATA.efc_R, n)
     kept = flags(w.bilateral, size(w, MODEL.neq))
     for g in range(len(rows.key)):
         row = rows.groups[0, g]
         place = rows.sparse[2, row]
-        if rows.groups[2, g] == BILATERAL and kept[number_of[place]]:
+        calm = abs(rows.rates[1, row]) <= CALM * fastest
+        if rows.groups[2, g] == BILATERAL and kept[number_of[place]] and calm:
             rows.rates[4, row] = STIFF * compliance[place]
 
 
@@ -79,7 +83,7 @@ def _collide(w, rows, tree, law, answer):
     close_gaps(
         rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, tree, answer.collides, answer.target
     )  # fmt: skip
-    _stiffen(w, rows)
+    _stiffen(w, rows, answer.collides)
     return status
 
 

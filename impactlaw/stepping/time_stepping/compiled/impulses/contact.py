@@ -19,6 +19,7 @@ from impactlaw.stepping.compiled.access import (
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
+from impactlaw.stepping.compiled.ties import leave_tied_out
 from impactlaw.stepping.time_stepping.compiled.impulses.answer import NO_ANSWER, Solved, goes_on, lost, solve
 from impactlaw.stepping.time_stepping.compiled.impulses.phased import linked_phases
 from impactlaw.stepping.time_stepping.compiled.state.kinds import (
@@ -65,10 +66,11 @@ def near(w, jacobian, one, other, reach, found):
     n, (nnz, adr, col, J) = number(w, DATA.nefc), jacobian
     if surfaces_move(w):  # what comes near need not move itself
         found[:] = True
-        return
-    kinds, position = data_ints(w, DATA.efc_type, n), data_floats(w, DATA.efc_pos, n)
-    address = contact_ints(w, CONTACT.efc_address, 1)[:, 0]
-    find_near(kinds, position, nnz, adr, col, J, address, one, other, reach, found)
+    else:
+        kinds, position = data_ints(w, DATA.efc_type, n), data_floats(w, DATA.efc_pos, n)
+        address = contact_ints(w, CONTACT.efc_address, 1)[:, 0]
+        find_near(kinds, position, nnz, adr, col, J, address, one, other, reach, found)
+    leave_tied_out(w, jacobian, found)
 
 
 @plain

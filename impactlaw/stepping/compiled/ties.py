@@ -1,0 +1,119 @@
+"""Contacts that equality constraints leave next to no motion: between two bodies of which one is tied to the other.
+
+Where bodies are welded, or joined in a point next to which they touch, the gradient of their gap depends on those of
+the constraint. Neither could be met without breaking the other: what one asks for is divided by the little that the
+other leaves, and bodies burst. Such contacts do nothing, as those of bodies that a joint connects.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlaw.compiled import compiled
+from impactlaw.scene.equality_constraints import TIED, TYING
+from impactlaw.solvers.cones.algebra.loops import FIRST, clear, cleared, dot, kernel, numbers, plain, subtract
+from impactlaw.stepping.compiled.access import contact_ints, data_ints, model_floats, model_ints, number, size
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, flags
+
+_MOST = 2e7  # operations for a step's constraints above which nothing is looked at: they are hundreds
+_NEW = 1e-3  # part of a gradient that others have not, from which it counts
+
+
+@plain
+def _write_scaled(Jnnz, Jadr, Jcol, J, row, weight, out):
+    """Write one of MuJoCo's rows, (nv,), over the lengths of degrees of freedom."""
+    clear(out)
+    for a in range(Jadr[row], Jadr[row] + Jnnz[row]):
+        out[Jcol[a]] = J[a] / weight[Jcol[a]]
+
+
+@plain
+def _leave_out(basis, count, nv, row, at):
+    """Subtract from nv numbers of a row their part along the basis; return what part of it is left."""
+    before = np.sqrt(dot(row, at, row, at, nv))
+    for _ in range(2):  # a second time for what rounding has left
+        for b in range(count):
+            subtract(row, at, basis, b * nv, dot(row, at, basis, b * nv, nv), nv)
+    return np.sqrt(dot(row, at, row, at, nv)) / before if before > 0.0 else 0.0
+
+
+@plain
+def _span(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, basis):
+    """Write an orthonormal basis of the constraints that tie bodies, row by row; return how many there are."""
+    nv, count = len(weight), 0
+    for row in range(len(kinds)):
+        if kinds[row] != 0 or constraints[number[row]] != TYING:
+            continue
+        at = count * nv
+        _write_scaled(Jnnz, Jadr, Jcol, J, row, weight, basis[at : at + nv])
+        if _leave_out(basis, count, nv, basis, at) > _NEW:
+            length = np.sqrt(dot(basis, at, basis, at, nv))
+            for i in range(at, at + nv):
+                basis[i] /= length
+            count += 1
+    return count
+
+
+@kernel
+def find_tied(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, address, tied):
+    """Write which contacts are tied, bool (ncon,), all False before.
+
+    Args:
+        kinds: of MuJoCo's rows, (nefc,).
+        number: which constraint each row is of, (nefc,).
+        constraints: kinds of equality constraints, see `equality_constraints.constraint_kinds`, uint8 (neq,).
+        Jnnz: entries of rows of J.
+        Jadr: where they begin.
+        Jcol: their degrees of freedom.
+        J: the entries.
+        weight: see `equality_constraints.lengths`, (nv,).
+        address: first rows of contacts, (ncon,).
+        tied: written.
+    """
+    nv, many = len(weight), 0
+    for row in range(len(kinds)):
+        many += kinds[row] == 0 and constraints[number[row]] == TYING
+    if many == 0 or float(many) * many * nv > _MOST:
+        return
+    basis, trial = numbers((many + 1) * nv), numbers(nv)
+    count = _span(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, basis)
+    for c in range(len(address)):
+        if address[c] >= 0:
+            _write_scaled(Jnnz, Jadr, Jcol, J, address[c], weight, trial)
+            tied[c] = _leave_out(basis, count, nv, trial, FIRST) <= TIED
+
+
+@compiled()
+def tied_contacts(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, address):
+    """Return what `find_tied` writes."""
+    tied = np.zeros(len(address), np.bool_)
+    find_tied(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, address, tied)
+    return tied
+
+
+@kernel
+def leave_tied_out(w, jacobian, chosen):
+    """Let MuJoCo's rows of contacts that are tied not be chosen, bool (nefc,).
+
+    Args:
+        w: the world, contacts current; it has `bilateral`, the address of kinds of equality constraints.
+        jacobian: of its rows.
+        chosen: written.
+    """
+    n, many = number(w, DATA.nefc), number(w, DATA.ncon)
+    if number(w, DATA.ne) == 0 or many == 0:
+        return
+    nnz, adr, col, J = jacobian
+    weight, tied = numbers(w.nv), cleared(many)
+    body, inertia = model_ints(w, MODEL.dof_bodyid, w.nv), model_floats(w, MODEL.dof_M0, w.nv)
+    mass = model_floats(w, MODEL.body_subtreemass, size(w, MODEL.nbody))
+    for i in range(w.nv):
+        weight[i] = np.sqrt(inertia[i] / max(mass[body[i]], 1e-15))
+    address = contact_ints(w, CONTACT.efc_address, 1)[:, 0]
+    find_tied(
+        data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n), flags(w.bilateral, size(w, MODEL.neq)), nnz, adr,
+        col, J, weight, address, tied,
+    )  # fmt: skip
+    for c in range(many):
+        if tied[c]:
+            chosen[address[c]] = False
