@@ -39,6 +39,7 @@ _ALSO = (
     "laws/tolerances.py",
     "mechanics/tolerances.py",
     "scene/tolerances.py",
+    "scene/equality_constraints.py",
     "stepping/soft/tolerances.py",
     "solvers/friction/single_contact.py",
 )

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import Any, cast
 
-from numba import _dynfunc  # pyright: ignore[reportAttributeAccessIssue]
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
@@ -37,9 +36,8 @@ class _Lowering(NativeLowering):
         library.enable_object_caching()
         state.flags.no_compile = True
         super().run_pass(state)
-        made = state["cr"].fndesc
-        name = _dynfunc.make_function(made.lookup_module(), made.qualname, "", 0, state["cr"].env, (library,))
-        context.insert_user_function(name, made, [library])
+        name = [library].count  # some built-in function that is no other's: numba knows compiled functions by theirs
+        context.insert_user_function(name, state["cr"].fndesc, [library])
         state["cr"] = state["cr"]._replace(cfunc=name)
         return True
 

@@ -15,8 +15,10 @@ _SITE = int(mujoco.mjtObj.mjOBJ_SITE)
 
 TYING = 2
 """Kind of the equality constraints that tie two bodies to each other."""
+CALM = 0.1
+"""Part of the fastest collision up to which the velocity of an equality constraint is one that it can keep there."""
 TIED = 0.2
-"""Part of a gap gradient, degrees of freedom over their lengths, that such constraints must leave for contact to act."""
+"""Part of a gap gradient, in units of `lengths`, that such constraints must leave for contact to act."""
 
 
 def constraint_kinds(model: mujoco.MjModel) -> np.ndarray:
@@ -47,14 +49,18 @@ def bilateral_constraints(model: mujoco.MjModel) -> np.ndarray:
     return kept
 
 
-def bilateral_rows(model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray) -> np.ndarray | None:
+def bilateral_rows(
+    model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray, *, calm: float | None = None
+) -> np.ndarray | None:
     """Return ``J_eq`` of the equality constraints that are kept and active, (m, nv), among the rows of now.
 
     MuJoCo's constraints are soft: where they have given way by a distance d, rows that depend on each other do so up
     to d over the size of the bodies only. Directions of that size are left out, or redundant constraints would lock a
     mechanism; then rows that span the others are returned. Inertia must be current (`contacts.update_positions`).
+    Those that move against themselves faster than `calm`, m/s or rad/s, are left out: they are giving way.
     """
-    rows = np.flatnonzero(kept[data.efc_id[: data.ne]])
+    chosen = kept[data.efc_id[: data.ne]]
+    rows = np.flatnonzero(chosen if calm is None else chosen & (np.abs(data.efc_vel[: data.ne]) <= calm))
     if len(rows) == 0:
         return None
     J, unit = np.empty((len(rows), model.nv)), np.zeros(data.nefc)
@@ -70,3 +76,14 @@ def bilateral_rows(model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray)
     mujoco.mj_solveM2(model, data, Y, J, np.sqrt(data.qLDiagInv))
     basis, combination = row_span(Y, min(max(GIVEN_WAY * given, RANK), OWN_CONSTRAINT))
     return J if len(basis) == len(J) else combination @ J
+
+
+def are_tied(gradients: np.ndarray, constraints: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """Return of which gap gradients, (h, nv), constraints, (m, nv), leave next to nothing, bool (h,).
+
+    See `stepping.compiled.ties`; `lengths` are those of `lengths`.
+    """
+    basis, _ = row_span(constraints / lengths, RANK)
+    scaled = gradients / lengths
+    left = scaled - scaled @ basis.T @ basis
+    return np.linalg.norm(left, axis=1) <= TIED * np.linalg.norm(scaled, axis=1)

@@ -10,13 +10,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-
-
 from impactlaw.solvers.cones.algebra.loops import Array, plain
 from impactlaw.solvers.cones.rows import group_error
 
-MANY = 60
-"""Rows of an island from which it is worth it."""
 _SHARE = 1e-2  # part of the largest natural map of a group from which others are far from solved, too
 _MOST = 0.5  # part of the rows that is still a small problem
 

@@ -20,12 +20,12 @@ from impactlaw.solvers.cones.algebra.loops import (
     put,
     unset,
 )
-from impactlaw.solvers.cones.elimination import MANY, Given, far_from_solved, hold_others, rows_of, write_errors
+from impactlaw.solvers.cones.elimination import Given, far_from_solved, hold_others, rows_of, write_errors
 from impactlaw.solvers.cones.hybrid import FEW, LARGE, solve_island
 from impactlaw.solvers.cones.islands import build
 from impactlaw.solvers.cones.rows import certificate, impulse_jump, islands, lengths, longest_group, trees_of
 
-_NEAR, _FAIR = 1e2, 1e4  # tolerances that will do in a large island, and in one that had its contacts eliminated
+_NEAR = 1e2  # tolerances that will do in a large island
 
 
 @compiled(
@@ -55,7 +55,6 @@ def _solve_one(
 
 
 _linked_one = linked(_solve_one)
-
 
 
 @plain
@@ -121,7 +120,7 @@ def _solve_large(G, x, z, scale, tolerance, rounds, left):
             total += _solve_some(G, G.members, G.b, number, seen, x, scale, tolerance, FEW, left)
         impulse_jump(G.rownnz, G.rowadr, G.colind, G.value, x, z)
     put(x, best)
-    if np.sqrt(least) > _FAIR * tolerance * scale and (some == 0 or rows_of(G) < LARGE):
+    if some == 0 and np.sqrt(least) > tolerance * scale:
         total += _solve_some(G, G.members, G.b, number, seen, x, scale, tolerance, rounds, left)
     return total
 
@@ -162,7 +161,7 @@ def improve(
         island = Given(
             members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length
         )  # fmt: skip
-        if exact and rows_of(island) >= MANY:
+        if exact and rows_of(island) >= LARGE:
             total += _solve_large(island, x, z, scale[i], tolerance, rounds, left)
         else:
             total += _linked_one(

@@ -92,6 +92,22 @@ def tied_contacts(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, addre
 
 
 @kernel
+def mark_tied(w, constraints, jacobian, tied):
+    """Write which contacts of a world are tied, see `find_tied`."""
+    nnz, adr, col, J = jacobian
+    n, weight = number(w, DATA.nefc), numbers(w.nv)
+    body, inertia = model_ints(w, MODEL.dof_bodyid, w.nv), model_floats(w, MODEL.dof_M0, w.nv)
+    mass = model_floats(w, MODEL.body_subtreemass, size(w, MODEL.nbody))
+    for i in range(w.nv):
+        weight[i] = np.sqrt(inertia[i] / max(mass[body[i]], 1e-15))
+    address = contact_ints(w, CONTACT.efc_address, 1)[:, 0]
+    find_tied(
+        data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n), constraints, nnz, adr, col, J, weight, address,
+        tied,
+    )  # fmt: skip
+
+
+@kernel
 def leave_tied_out(w, jacobian, chosen):
     """Let MuJoCo's rows of contacts that are tied not be chosen, bool (nefc,).
 
@@ -100,20 +116,11 @@ def leave_tied_out(w, jacobian, chosen):
         jacobian: of its rows.
         chosen: written.
     """
-    n, many = number(w, DATA.nefc), number(w, DATA.ncon)
+    many = number(w, DATA.ncon)
     if number(w, DATA.ne) == 0 or many == 0:
         return
-    nnz, adr, col, J = jacobian
-    weight, tied = numbers(w.nv), cleared(many)
-    body, inertia = model_ints(w, MODEL.dof_bodyid, w.nv), model_floats(w, MODEL.dof_M0, w.nv)
-    mass = model_floats(w, MODEL.body_subtreemass, size(w, MODEL.nbody))
-    for i in range(w.nv):
-        weight[i] = np.sqrt(inertia[i] / max(mass[body[i]], 1e-15))
-    address = contact_ints(w, CONTACT.efc_address, 1)[:, 0]
-    find_tied(
-        data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n), flags(w.bilateral, size(w, MODEL.neq)), nnz, adr,
-        col, J, weight, address, tied,
-    )  # fmt: skip
+    address, tied = contact_ints(w, CONTACT.efc_address, 1)[:, 0], cleared(many)
+    mark_tied(w, flags(w.bilateral, size(w, MODEL.neq)), jacobian, tied)
     for c in range(many):
         if tied[c]:
             chosen[address[c]] = False

@@ -37,6 +37,7 @@ from impactlaw.errors import (
 from impactlaw.laws import Law
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.scene.contacts import update_positions
+from impactlaw.scene.equality_constraints import CALM, are_tied, lengths
 from impactlaw.solvers.one_thread import one_thread
 from impactlaw.stepping.collisions import Collider, kinetic_metric
 from impactlaw.stepping.compatibility import check_resolved, check_rigid
@@ -159,7 +160,8 @@ class RigidStepping:
         with self._options:
             self._configuration.update()
             now = self._phases.look()
-            if overlaps(now.contact_set, self._tolerance) and now.gap.min() >= -_SLIGHT * self._tolerance:
+            slight = overlaps(now.contact_set, self._tolerance) and now.gap.min() >= -_SLIGHT * self._tolerance
+            if slight and not self._ties(now):
                 self._apart(now)
 
     def _step(self, data: mujoco.MjData, events: list[ImpactEvent], *, waits: bool) -> Told:
@@ -247,10 +249,20 @@ class RigidStepping:
             raise UnfinishedStepError(
                 'contact is not held beside joints that damping all but locks; use RK4, or scheme="time-stepping"'
             )
+        if self._rest is not None and self._ties(state):
+            raise UnfinishedStepError('equality constraints tie bodies that touch; scheme="time-stepping" leaves them')
         if state.gap.min(initial=0.0) < -_DEEP * self._tolerance:
             reason = 'smaller timesteps, or scheme="time-stepping", may hold them'
             overlap = refuse(state.contact_set, self._tolerance, reason)
             raise UnfinishedStepError(f"contacts were not held: {overlap}")
+
+    def _ties(self, state: ContactState) -> bool:
+        """Return whether equality constraints leave a closed contact next to no motion: both cannot be met."""
+        constraints = state.contact_set.bilateral
+        if constraints is None:
+            return False
+        closed = state.closed & (state.pattern.geoms[:, 0] >= 0)
+        return bool(are_tied(state.contact_set.jacobian[closed], constraints, lengths(self._model)).any())
 
     def _apart(self, start: ContactState) -> ContactState:
         """Move apart what overlaps because a gap has jumped; leave it where bodies are squeezed."""
@@ -265,6 +277,7 @@ class RigidStepping:
         """Resolve the collisions of now."""
         data, before = self._configuration.data, len(events)
         closed = np.flatnonzero(start.closed)
+        self._check_calm(start)
         rounding = start.rounding[closed]
         data.qvel[:] = self._collider.collide(
             self._metric_now(),
@@ -279,6 +292,14 @@ class RigidStepping:
         )
         self._check_ended(data, events[before:], len(events))
         return start.moving()
+
+    def _check_calm(self, start: ContactState) -> None:
+        """Raise `UnfinishedStepError` where constraints move against themselves next to a collision: they give way."""
+        constraints, gamma = start.contact_set.bilateral, start.contact_velocity
+        if constraints is not None and self._rest is not None:
+            fastest = -gamma[start.closed].min(initial=0.0)
+            if np.abs(constraints @ start.velocity).max(initial=0.0) > CALM * fastest:
+                raise UnfinishedStepError("equality constraints give way; smaller timesteps may hold them")
 
     def _check_ended(self, data: mujoco.MjData, new: list[ImpactEvent], count: int) -> None:
         """Raise `UnfinishedStepError` if E = 0 after max_events collisions has taken more energy than rounding."""

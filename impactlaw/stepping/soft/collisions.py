@@ -12,7 +12,15 @@ from impactlaw.laws.restitution.on_contacts import Chosen
 from impactlaw.mechanics.friction import Friction
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.scene.contacts import Contacts, active_contacts, closes, gap_gradients, geom_names
-from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows
+from impactlaw.scene.equality_constraints import (
+    CALM,
+    TYING,
+    are_tied,
+    bilateral_constraints,
+    bilateral_rows,
+    constraint_kinds,
+    lengths,
+)
 from impactlaw.scene.friction_rows import active_friction
 from impactlaw.scene.joint_limits import Limits, joined
 from impactlaw.scene.moving_surfaces import Surfaces
@@ -69,8 +77,9 @@ class Collisions:
         gamma = jacobian.dot(data.qvel) if drift is None else jacobian.dot(data.qvel) + drift
         if not still and not np.count_nonzero(gamma < -speed):
             return NOTHING
-        bilateral = bilateral_rows(self._model, data, self.bilateral) if data.ne else None
-        closed = Closed(contacts, jacobian, bilateral, drift, friction=friction)
+        closed = Closed(contacts, jacobian, None, drift, friction=friction)
+        if data.ne and self.bilateral.any():
+            closed, gamma = self._constrained(data, closed, gamma)
         if self.chosen is not None:
             closed = closed.select(np.flatnonzero(self.chosen.mask(contacts.labels)))
         events: list[ImpactEvent] = []
@@ -86,6 +95,17 @@ class Collisions:
             return tuple(events), VELOCITY
         data.qvel[:] = velocity
         return tuple(events), POSITION
+
+    def _constrained(self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray) -> tuple[Closed, np.ndarray]:
+        """Return the contacts that equality constraints do not tie, with constraints to be kept, and velocities."""
+        model = self._model
+        ties = bilateral_rows(model, data, constraint_kinds(model) == TYING)
+        if ties is not None:
+            between = closed.contacts.geoms[:, 0] >= 0
+            free = np.flatnonzero(~(between & are_tied(closed.jacobian, ties, lengths(model))))
+            closed, gamma = closed.select(free), gamma[free]
+        calm = CALM * max(0.0, -gamma.min(initial=0.0))
+        return closed._replace(bilateral=bilateral_rows(model, data, self.bilateral, calm=calm)), gamma
 
     def _collide(
         self, collider: Collider, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, events: list[ImpactEvent]

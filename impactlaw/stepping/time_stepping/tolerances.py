@@ -25,8 +25,6 @@ PHASE_LOOK_ROWS = 50
 """Rows of a contact problem up to which that is looked at again."""
 PHASES = 8
 """Collisions one after another within a step at most, where contacts are hit through others across open gaps."""
-CALM = 1e-2
-"""Part of the fastest collision up to which the velocity of an equality constraint is one that it can keep there."""
 STIFF = 1e-6
 """Part of their compliance that equality constraints keep in a collision."""
 SLOWEST = 1e-2

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.mechanics.tolerances import SIGNIFICANT
+from impactlaw.scene.equality_constraints import CALM
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import (
     cleared,
@@ -132,7 +133,10 @@ def _resolve(w, law, found, gamma, rounding, velocity, sums):
         root[i] = np.sqrt(inverse[i])
     jacobian = jacobian_of(w)
     basis = numbers((number(w, DATA.ne) + 1) * w.nv if len(law.bilateral) > 0 else 0)
-    kept = span(w, law.bilateral, jacobian, root, basis) if len(basis) > 0 else 0
+    calm = 0.0
+    for speed in gamma:
+        calm = max(calm, -CALM * speed)
+    kept = span(w, law.bilateral, calm, jacobian, root, basis) if len(basis) > 0 else 0
     if kept < 0:
         return PYTHON
     reached = cleared(len(gamma))
@@ -204,7 +208,7 @@ def collide(w, law, sums):
         lowest = min(lowest, speeds[r])
     if not lowest < -law.rest_speed:
         return FINE, False
-    found = find(w)
+    found = find(w, law.bilateral)
     gamma, qvel = numbers(len(found.row)), velocity_of(w)
     if not normal_velocities(found, speeds, gamma) < -law.rest_speed:
         return FINE, False

@@ -43,7 +43,7 @@ def _leave_out(basis, count, nv, row, at):
 
 
 @plain
-def span(w, bilateral, jacobian, root, basis):
+def span(w, bilateral, calm, jacobian, root, basis):
     """Write an orthonormal basis of the constraints that collisions keep, row by row; return how many there are.
 
     It is -1 where rows depend on each other nearly: what counts then is decided in Python.
@@ -51,6 +51,7 @@ def span(w, bilateral, jacobian, root, basis):
     Args:
         w: the world.
         bilateral: which constraints are kept, uint8 (neq,).
+        calm: velocity of a constraint, m/s or rad/s, above which it is giving way, and is not kept.
         jacobian: MuJoCo's rows.
         root: ``D^-1/2``, (nv,).
         basis: room for as many rows as there are constraints and one more, (ne + 1) nv.
@@ -59,8 +60,9 @@ def span(w, bilateral, jacobian, root, basis):
     nnz, adr, col, val = jacobian
     Mnnz, Madr, Mcol = layout_of(w)
     factor, source = data_floats(w, DATA.qLD, size(w, MODEL.nC)), data_ints(w, DATA.efc_id, number(w, DATA.nefc))
+    speeds = data_floats(w, DATA.efc_vel, number(w, DATA.nefc))
     for r in range(many):
-        if bilateral[source[r]] == 0:
+        if bilateral[source[r]] == 0 or abs(speeds[r]) > calm:
             continue
         at = count * nv
         _whitened_row(nnz, adr, col, val, r, factor, Mnnz, Madr, Mcol, root, basis[at : at + nv])

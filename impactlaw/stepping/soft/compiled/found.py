@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import indices, once, plain
-from impactlaw.stepping.compiled.access import contact_ints, model_ints, number, option
+from impactlaw.solvers.cones.algebra.loops import cleared, indices, once, plain
+from impactlaw.stepping.compiled.access import contact_ints, jacobian_of, model_ints, number, option
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
+from impactlaw.stepping.compiled.ties import mark_tied
 
 Array = np.ndarray[Any, Any]
 
@@ -31,7 +32,7 @@ class Found(NamedTuple):
 
 
 @plain
-def _list(w, row, contact, paired):
+def _list(w, tied, row, contact, paired):
     """Write what `Found` holds, and return how many there are."""
     limits, first, many = number(w, DATA.nl), number(w, DATA.ne) + number(w, DATA.nf), number(w, DATA.ncon)
     address, dim = contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_ints(w, CONTACT.dim, 1)[:, 0]
@@ -39,18 +40,25 @@ def _list(w, row, contact, paired):
     for i in range(limits):
         row[i], contact[i], paired[i] = first + i, -1, 0
     for i in range(many):
-        if address[i] >= 0:
+        if address[i] >= 0 and not tied[i]:
             row[h], contact[h], paired[h] = address[i], i, pyramidal and dim[i] > 1
             h += 1
     return h
 
 
 @once
-def find(w):
-    """Return the contacts and limits of now, which live as long as the function that asks for them."""
+def find(w, constraints):
+    """Return the contacts and limits of now, which live as long as the function that asks for them.
+
+    Contacts that equality constraints tie are left out, see `ties`; `constraints` are their kinds, uint8 (neq,).
+    """
     most = number(w, DATA.nl) + number(w, DATA.ncon)
     row, contact, paired = indices(most), indices(most), indices(most)
-    h = _list(w, row, contact, paired)
+    tied = cleared(number(w, DATA.ncon))
+    if len(constraints) > 0 and number(w, DATA.ne) > 0 and len(tied) > 0:
+        jacobian = jacobian_of(w)
+        mark_tied(w, constraints, jacobian, tied)
+    h = _list(w, tied, row, contact, paired)
     return Found(row[:h], contact[:h], paired[:h])
 
 

@@ -70,7 +70,7 @@ def _update(w):
 def _collide_at_end(w, law, trial, state, sums):
     """Take an RK4 step again with Euler if that ends in a collision that the law changes; return how it has ended."""
     n, q = number(w, DATA.nefc), 1 + size(w, MODEL.nq)
-    rows, before, found = numbers(n), state[q : q + w.nv], find(w)
+    rows, before, found = numbers(n), state[q : q + w.nv], find(w, law.bilateral)
     mj.mul_jac_vec(w.model, w.data, address_of(rows), address_of(before))
     keep(rows)
     if not normal_velocities(found, rows, numbers(len(found.row))) < -law.rest_speed:

@@ -11,6 +11,7 @@ import numpy as np
 
 from impactlaw.errors import DivergenceError, UncompiledWarning
 from impactlaw.laws import Coulomb, Law
+from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.stepping.compiled.engine import Pool, fill_context
 from impactlaw.stepping.compiled.fields import DATA
 from impactlaw.stepping.compiled.law_table import Coefficients, reason
@@ -47,7 +48,7 @@ class CompiledSoftStepping:
         self._at, self._pool = self._context.ctypes.data, None
         self._fields, self._total = memoryview(self._context.data), memoryview(self._numbers.data)[TOTAL:]
         kept = scheme.collisions.bilateral
-        self._bilateral = kept.astype(np.uint8) if kept.any() else np.zeros(0, np.uint8)
+        self._bilateral = constraint_kinds(model) if kept.any() else np.zeros(0, np.uint8)
         self._take_over()
 
     def _take_over(self) -> None:
