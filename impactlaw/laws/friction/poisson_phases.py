@@ -71,7 +71,7 @@ class TwoPhases:
         scale = np.ldexp(_rounded(mantissa), exponent)
         self.rows = _rounded(rows / lengths[:, None]) * scale[:, None]
         self.before = _rounded(before / (lengths * unit_speed)) * scale
-        self.speed = float(_rounded(np.float64(self.collision.pre_speed / unit_speed)))
+        self.speed = _rounded(np.array(self.collision.pre_speed / unit_speed)).item()
         self._unrounded, self._unit_impulse = rows, unit_speed / unit_row
 
     def impact(self, impulse: np.ndarray, s: float) -> FrictionImpact:
@@ -80,7 +80,10 @@ class TwoPhases:
         return FrictionImpact.of_cones(self.collision, own, own @ self._unrounded, scale=s, exact=self.exact)
 
     def outcome(self, s: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return impulse of both phases, contact by contact, (n,), and jump, (nv,), in own units, with restitution scaled by s."""
+        """Return impulse of both phases, contact by contact, (n,), and jump, (nv,), with restitution scaled by s.
+
+        They are in the units of the problem; see `impact`.
+        """
         n, nv = self.rows.shape
         given = s * self.share
         twice = np.flatnonzero((given > 0.0) & (self.sizes > 1))
