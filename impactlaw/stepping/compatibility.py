@@ -111,7 +111,7 @@ def check_override(model: mujoco.MjModel, plan: Plan) -> None:
         raise SceneError(
             'rigid steps do not use the friction that <flag override="enable"/> gives all contacts (o_friction); leave '
             "the flag out and set the friction of geoms and pairs (model.geom_friction, model.pair_friction), or use "
-            'contact_model="soft"'
+            'contact_model="soft". (Threads that step one model at once see each other\'s flag: copy.copy it for each)'
         )
 
 
