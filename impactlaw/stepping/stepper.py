@@ -40,8 +40,8 @@ class Stepper:
     one is `mj_step`, bit for bit (`impactlaw.stepping.soft`).
 
     Args:
-        model: the compiled scene. Its options are read at every step, so they may be changed between steps (contacts
-            and limits that they disable are off). What else of it is changed later has its effect where MuJoCo reads it
+        model: the compiled scene. Its options are read at every step, so all but the override of contacts may be changed
+            between steps (contacts and limits that they disable are off). What else of it is changed later has its effect where MuJoCo reads it
             again; event-driven steps keep shapes and friction as they were when a contact was first seen. Friction,
             contact, limits and belts that it comes to have, but had not when the stepper was made, are refused by the
             next step, and so are other limits of joints if it is event-driven.
