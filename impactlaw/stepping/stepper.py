@@ -40,11 +40,11 @@ class Stepper:
     one is `mj_step`, bit for bit (`impactlaw.stepping.soft`).
 
     Args:
-        model: the compiled scene. Its options are read at every step, so all but the override of contacts may be changed
-            between steps (contacts and limits that they disable are off). What else of it is changed later has its effect where MuJoCo reads it
-            again; event-driven steps keep shapes and friction as they were when a contact was first seen. Friction,
-            contact, limits and belts that it comes to have, but had not when the stepper was made, are refused by the
-            next step, and so are other limits of joints if it is event-driven.
+        model: the compiled scene. Its options are read at every step, so they may be changed between steps (contacts
+            and limits that they disable are off), but for the override of contacts. What else of it is changed later
+            has its effect where MuJoCo reads it again; event-driven steps keep shapes and friction as they were when a
+            contact was first seen. Friction, contact, limits and belts that it comes to have, but had not when the
+            stepper was made, are refused by the next step, and so are other limits of joints if it is event-driven.
         law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`laws.restitution.from_scene`).
         contact_model: "rigid" or "soft".
         scheme: "event-driven", if not given, or "time-stepping" (rigid).
