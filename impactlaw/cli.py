@@ -211,7 +211,7 @@ class Plan:
     def __call__(self) -> None:
         """Print the plan."""
         from impactlaw.models import load
-        from impactlaw.stepping.compatibility import check_rigid, check_time_stepping
+        from impactlaw.stepping.compatibility import check_override, check_rigid, check_time_stepping
         from impactlaw.stepping.plan import format_plan, make_plan
 
         model, _ = load(self.scene)
@@ -220,7 +220,9 @@ class Plan:
         if self.contact_model == "soft" and self.scheme is not None:
             raise SceneError("scheme means nothing to soft steps; leave it out")
         friction = self.friction or "coulomb"
-        print(format_plan(make_plan(model, self.contact_model, scheme=self.scheme, friction=friction)))
+        plan = make_plan(model, self.contact_model, scheme=self.scheme, friction=friction)
+        check_override(model, plan)
+        print(format_plan(plan))
 
 
 @contextmanager

@@ -72,6 +72,10 @@ class ManyCollisionsWarning(UserWarning):
     """A step had more collisions than are located one by one: the others are time stepped."""
 
 
+class UnreadSensorsWarning(UserWarning):
+    """Sensors of a scene measure forces of contacts and limits, which event-driven steps do not leave in data."""
+
+
 class InadmissibleImpactError(ImpactLawError):
     """The law's outcome leaves the set of possible right-velocities: it would create energy."""
 

@@ -12,12 +12,13 @@ import numpy as np
 from impactlaw.batch.given import check_threads, keyframes, one_each, world_numbers
 from impactlaw.batch.laws import Laws
 from impactlaw.batch.rows import Fields
-from impactlaw.errors import CopyError, UnknownNameError, WorldsFailedError
+from impactlaw.errors import CopyError, SceneError, UnknownNameError, WorldsFailedError
 from impactlaw.laws import Law
 from impactlaw.scene.equality_constraints import constraint_kinds
-from impactlaw.stepping.compatibility import FRICTION, check_count, check_law, check_model, check_speed
+from impactlaw.stepping.compatibility import FRICTION, check_count, check_law, check_model, check_override, check_speed
 from impactlaw.stepping.compiled.engine import Pool, functions
 from impactlaw.stepping.compiled.layout import table
+from impactlaw.stepping.left_out import watched_fields
 from impactlaw.stepping.plan import make_plan
 from impactlaw.stepping.time_stepping.compiled.borrow import room
 from impactlaw.stepping.time_stepping.compiled.entry import WORLDS, many
@@ -94,6 +95,8 @@ class Batch:
                 raise UnknownNameError(kind, value, known)
         self.model, self.nsim = model, nsim
         plan = make_plan(model, scheme="time-stepping", friction=friction)
+        check_override(model, plan)
+        self._left_out = watched_fields(plan, friction)
         first = one_each(law, nsim)[0]
         options: Any = {"friction": friction, "on_inadmissible": on_inadmissible, "rest_speed": rest_speed}
         scheme = TimeStepping(model, first, plan, **options)
@@ -188,7 +191,18 @@ class Batch:
         return found
 
     def expand(self, name: str) -> np.ndarray:
-        """Give a field of mjModel its own values in each world, (nsim, ..), to be written."""
+        """Give a field of mjModel its own values in each world, (nsim, ..), to be written.
+
+        Raises:
+            UnknownNameError: there is no such field.
+            SceneError: it tells about friction or contact, and the model of all worlds has none: worlds of this batch
+                would not see it.
+        """
+        if name in self._left_out:
+            raise SceneError(
+                f"model.{name} of each world would have no effect: the model of this batch has no contact, or none "
+                "with friction, and its steps leave that out; make the Batch of a model in which some contact has it"
+            )
         return self._fields.expand(name)
 
     def step(self, ids: Sequence[int] | None = None, nstep: int = 1) -> None:

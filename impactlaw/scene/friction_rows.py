@@ -13,6 +13,7 @@ from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.scene.tolerances import MIN_FRICTION, NO_FRICTION
 
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
+_OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 _TORSION = 2  # rows of a contact are two of sliding, one of torsion, two of rolling
 
 
@@ -58,10 +59,18 @@ class FrictionPattern(NamedTuple):
     rows_from: np.ndarray
 
 
-def pair_friction(model: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def pair_friction(
+    model: mujoco.MjModel, geoms: np.ndarray, *, overridden: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
     """Return dimensions, (h,), and coefficients, (h, 5), of contacts between pairs of geoms, (h, 2).
 
     MuJoCo's rule: an explicit pair has its own; else the geom of higher priority decides, else the larger value.
+
+    Args:
+        model: the scene.
+        geoms: geom ids.
+        overridden: whether the options are those of the user, not those of a step that borrows them, so that the
+            friction of MuJoCo's override counts where it is on.
     """
     first, second = geoms.T
     ahead = model.geom_priority[first].astype(int) - model.geom_priority[second]
@@ -74,12 +83,19 @@ def pair_friction(model: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray,
         pair = model.pair_geom1[i], model.pair_geom2[i]
         same = ((first == pair[0]) & (second == pair[1])) | ((first == pair[1]) & (second == pair[0]))
         dim[same], mu[same] = model.pair_dim[i], model.pair_friction[i]
+    if overridden and model.opt.enableflags & _OVERRIDE:
+        mu[:] = model.opt.o_friction
     return dim, mu
 
 
-def learn_friction(model: mujoco.MjModel, geoms: np.ndarray, limits: int = 0) -> FrictionPattern | None:
-    """Return the rows of friction of contacts between these geoms, (h, 2), before limits; None if there are none."""
-    dim, mu = pair_friction(model, geoms)
+def learn_friction(
+    model: mujoco.MjModel, geoms: np.ndarray, limits: int = 0, *, overridden: bool = False
+) -> FrictionPattern | None:
+    """Return the rows of friction of contacts between these geoms, (h, 2), before limits; None if there are none.
+
+    For overridden see `pair_friction`.
+    """
+    dim, mu = pair_friction(model, geoms, overridden=overridden)
     rows = (np.arange(5) < dim[:, None] - 1) & (mu > MIN_FRICTION)
     if not rows.any():
         return None
@@ -214,7 +230,7 @@ def friction_on_contacts(
         impulse: of each row, (k,).
     """
     force, torque = np.zeros((2, len(contacts), 3))
-    dims, mus = pair_friction(model, contacts.geoms)
+    dims, mus = pair_friction(model, contacts.geoms, overridden=True)
     for i in np.unique(contact).tolist():
         rows = np.flatnonzero(contact == i)
         kinds = np.flatnonzero((np.arange(5) < dims[i] - 1) & (mus[i] > MIN_FRICTION))
@@ -236,7 +252,8 @@ def tangential_impulses(model: mujoco.MjModel, contacts: Contacts, friction_impu
         contacts: that collided.
         friction_impulse: of all their rows of friction, (k,).
     """
-    pattern, impulse = learn_friction(model, contacts.geoms[contacts.geoms[:, 0] >= 0]), np.zeros((len(contacts), 3))
+    impulse = np.zeros((len(contacts), 3))
+    pattern = learn_friction(model, contacts.geoms[contacts.geoms[:, 0] >= 0], overridden=True)
     if pattern is not None:
         slides = pattern.kind < _TORSION
         contact, kind = pattern.contact[slides], pattern.kind[slides]

@@ -50,7 +50,7 @@ def geom_pairs(model: mujoco.MjModel) -> GeomPairs:
     first, second = first[apart], second[apart]
     pairs = np.sort(np.column_stack([model.pair_geom1, model.pair_geom2]), axis=1).reshape(-1, 2)
     geoms = np.concatenate([np.column_stack([first, second]), pairs]).astype(int)
-    dim, mu = pair_friction(model, geoms)
+    dim, mu = pair_friction(model, geoms, overridden=True)
     return GeomPairs(geoms, (dim > 1) & (mu[:, :2].max(axis=1, initial=0.0) > MIN_FRICTION))
 
 

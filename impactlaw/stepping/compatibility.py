@@ -17,9 +17,19 @@ from impactlaw.laws.restitution.on_contacts import Chosen
 from impactlaw.scene.contacts import geom_names
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.scene.pairs import geom_pairs, one_contact
+from impactlaw.stepping.plan import Plan
 
 _RESOLVED = 1e-15  # part of the size of the scene that gaps are rounded to
+_OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 _NAMED = 5  # contacts that an error names
+_OF_CONTACT = [
+    int(getattr(mujoco.mjtSensor, f"mjSENS_{name}"))
+    for name in (
+        "TOUCH", "CONTACT", "FORCE", "TORQUE", "JOINTLIMITPOS", "JOINTLIMITVEL", "JOINTLIMITFRC", "TENDONLIMITPOS",
+        "TENDONLIMITVEL", "TENDONLIMITFRC",
+    )
+]  # fmt: skip
+"""Kinds of sensors that MuJoCo reads off contacts and constraint rows of a step."""
 
 FRICTION = ("coulomb", "convex", "ignore")
 """Options of friction: exact cones, their convex relaxation, none."""
@@ -87,6 +97,30 @@ def check_time_stepping(model: mujoco.MjModel) -> None:
             "MuJoCo's buffers of delayed actuators and sensors take one sample a step of MuJoCo's own; "
             'use contact_model="soft", or leave out delay and nsample'
         )
+
+
+def check_override(model: mujoco.MjModel, plan: Plan) -> None:
+    """Refuse to step rigid contacts whose friction is that of MuJoCo's override.
+
+    Rigid steps use the override for themselves, to detect contacts, and read the friction of geoms and pairs.
+
+    Raises:
+        SceneError: contacts have friction, steps are rigid, and the scene's option ``override`` is on.
+    """
+    if plan.contact_model == "rigid" and plan.friction and model.opt.enableflags & _OVERRIDE:
+        raise SceneError(
+            'rigid steps do not use the friction that <flag override="enable"/> gives all contacts (o_friction); leave '
+            "the flag out and set the friction of geoms and pairs (model.geom_friction, model.pair_friction), or use "
+            'contact_model="soft". (Threads that step one model at once see each other\'s flag: copy.copy it for each)'
+        )
+
+
+def unread_sensors(model: mujoco.MjModel, plan: Plan) -> tuple[str, ...]:
+    """Return the names of sensors that event-driven steps leave without the forces of contacts, and limits, on them."""
+    if not (plan.detection or plan.limits):
+        return ()
+    found = np.flatnonzero(np.isin(model.sensor_type, _OF_CONTACT)).tolist()
+    return tuple(model.sensor(i).name or f"sensor{i}" for i in found)
 
 
 def check_law(model: mujoco.MjModel, law: Law, chosen: Chosen | None = None) -> None:

@@ -13,12 +13,12 @@ from impactlaw.laws import Law
 from impactlaw.laws.restitution.from_scene import scene_law
 from impactlaw.settled import Settled
 from impactlaw.solvers import load_solvers
-from impactlaw.stepping.compatibility import check_count, check_friction, check_law, check_model
+from impactlaw.stepping.compatibility import check_count, check_friction, check_law, check_model, check_override
 from impactlaw.stepping.event_driven.scheme import RigidStepping
 from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, Told, sums_of, together
-from impactlaw.stepping.options import Options
+from impactlaw.stepping.left_out import LeftOut
+from impactlaw.stepping.options import Options, select
 from impactlaw.stepping.plan import make_plan
-from impactlaw.stepping.selection import select
 from impactlaw.stepping.soft.scheme import SoftStepping
 from impactlaw.stepping.way import Way
 
@@ -41,8 +41,10 @@ class Stepper:
 
     Args:
         model: the compiled scene. Its options are read at every step, so they may be changed between steps (contacts
-            and limits that they disable are off). What else of it is changed later has its effect where MuJoCo reads it
-            again; event-driven steps keep shapes, limits and friction as they were when a contact was first seen.
+            and limits that they disable are off), but for the override of contacts. What else of it is changed later
+            has its effect where MuJoCo reads it again; event-driven steps keep shapes and friction as they were when a
+            contact was first seen. Friction, contact, limits and belts that it comes to have, but had not when the
+            stepper was made, are refused by the next step, and so are other limits of joints if it is event-driven.
         law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`laws.restitution.from_scene`).
         contact_model: "rigid" or "soft".
         scheme: "event-driven", if not given, or "time-stepping" (rigid).
@@ -143,6 +145,8 @@ class Stepper:
         self._chosen = select(model, contacts, limits)
         self._law = self._known(law)
         self.plan = make_plan(model, contact_model, scheme=scheme, friction=friction or "coulomb")
+        check_override(model, self.plan)
+        self._left_out = LeftOut(model, self.plan, friction or "coulomb") or None
         self._way = Way(model, self.plan, options, self._chosen)
         self._stepping = self._way.stepping(self._law)
         self._is_soft = contact_model == "soft"
@@ -230,10 +234,13 @@ class Stepper:
                 (event-driven).
             UnfinishedStepError: the step takes too much work, or contact is not held, and on_unsolved is "raise".
             DivergenceError: position or velocity is not finite.
-            SceneError: data is of a model with other bodies, joints or geoms.
+            SceneError: data is of a model with other bodies, joints or geoms; or the model has come to need what the
+                plan has left out, such as friction, or has other limits of joints (event-driven).
         """
         if data.signature != self._model.signature:
             raise _other_model()
+        if self._left_out is not None:
+            self._left_out.check()
         if steps.__class__ is not int or steps < 1:
             check_count("steps", steps)
         if self._at_once:
@@ -266,6 +273,8 @@ class Stepper:
             raise _other_model()
         if not self._is_soft:
             raise SceneError('only soft stepping can be cut in two halves; use step(), or contact_model="soft"')
+        if self._left_out is not None:
+            self._left_out.check()
         self._events = self._stepping.finish(data)  # pyright: ignore[reportAttributeAccessIssue]
 
     def _known(self, law: Law | Literal["scene"]) -> Law:

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Literal
 
 import mujoco
 
-from impactlaw.errors import UncompiledWarning
+from impactlaw.errors import UncompiledWarning, UnreadSensorsWarning
 from impactlaw.laws import Coulomb, Law, MaximalDissipation
 from impactlaw.laws.restitution.on_contacts import Chosen, restricted
 from impactlaw.scene.tolerances import GAP_TOLERANCE
 from impactlaw.stepping.collisions import Collider
+from impactlaw.stepping.compatibility import unread_sensors
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 from impactlaw.stepping.event_driven.scheme import RigidStepping
 from impactlaw.stepping.options import Options
@@ -28,6 +29,10 @@ if TYPE_CHECKING:
     Stepping = RigidStepping | SoftStepping | CompiledSoftStepping | TimeStepping | CompiledStepping
 
 _EVENTS = 100  # collisions of one step, where nobody says how many
+_UNREAD = (
+    "event-driven steps leave no forces of contacts and limits in data: sensors such as {} read as if there were none; "
+    'use scheme="time-stepping" or contact_model="soft" for them'
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +94,8 @@ class Way:
 
     def _event_driven(self, law: Law) -> RigidStepping:
         o, collider, rest = self.options, self._collider(law), None
+        if sensors := unread_sensors(self.model, self.plan):
+            warnings.warn(_UNREAD.format(", ".join(sensors[:5])), UnreadSensorsWarning, stacklevel=4)
         if o.on_unsolved != "raise":
             own = self._of_chosen(law)
             rest = RestOfStep(self.model, own, friction=self._friction, on_inadmissible=collider.on_inadmissible)

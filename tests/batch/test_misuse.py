@@ -67,3 +67,14 @@ def test_fields_that_there_are_not(batch):
         batch.bind("xposs")
     with pytest.raises(UnknownNameError, match=r"did you mean .*'body_mass'"):
         batch.expand("body_masses")
+
+
+def test_friction_of_worlds_where_the_model_has_none():
+    model, _ = load("bouncing_ball")
+    model.geom_condim[:] = 3
+    model.geom_friction[:] = 0.0
+    batch = Batch(model, Moreau(0.5), 3, 1)
+    with pytest.raises(SceneError, match=r"model.geom_friction of each world would have no effect"):
+        batch.expand("geom_friction")
+    model.geom_friction[:, 0] = 0.1
+    assert Batch(model, Moreau(0.5), 3, 1).expand("geom_friction").shape == (3, model.ngeom, 3)

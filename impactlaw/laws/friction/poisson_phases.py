@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 _CREATED = 1e-12  # energy, relative to the one before, up to which its creation is rounding
 _SEARCHES = 40
 _NARROW = 1e-9  # bracket of s that is narrow enough
+_BITS = 40  # of the numbers that are solved with: what units change by rounding is below the last one
 
 
 class TwoPhases:
@@ -33,6 +34,9 @@ class TwoPhases:
     for the share that is known, whose normal row acts on a mass of its own and brings it to ``s e Lambda_C`` exactly,
     and once for the rest; both have the same tangential rows. s is 1, or the largest number in [0, 1] with which the
     two phases create no energy; s = 0 never does.
+
+    Where friction leaves several solutions, rounding would decide between them, and so would units of mass and speed.
+    All is therefore solved in units of the collision itself, with numbers rounded so that others lead to the same.
     """
 
     def __init__(self, collision: Collision, e: np.ndarray, *, exact: bool, effort: Effort | None):
@@ -41,19 +45,45 @@ class TwoPhases:
         assert friction is not None
         h = len(collision.labels)
         order, self.sizes = friction.cone_rows(h)
-        self.rows = cone_gradients(collision)
         self.first = np.concatenate([[0], np.cumsum(self.sizes)[:-1]]).astype(int)
         bound, along = collision.pre_contact_velocity, collision.pre_sliding_velocity + friction.surface_jump
         if collision.surface_jump is not None:
             bound = bound + collision.surface_jump
-        self.before = np.concatenate([bound, along * friction.coefficient])[order]
-        problem = ConeProblem(self.rows, self.before, self.sizes, exact=exact, speed=collision.pre_speed)
+        before = np.concatenate([bound, along * friction.coefficient])[order]
+        self._use_own_units(cone_gradients(collision), before)
+        problem = ConeProblem(self.rows, self.before, self.sizes, exact=exact, speed=self.speed)
         answer = self._solved(problem, "compression")
         self.compression, self.jump = answer.impulse, answer.jump
         self.share = e * np.maximum(self.compression[self.first], 0.0)
 
+    def _use_own_units(self, rows: np.ndarray, before: np.ndarray) -> None:
+        """Scale the problem so that the longest row of a contact and the largest velocity are 1, and round it.
+
+        Args:
+            rows: gradients where the kinetic metric is Euclidean, (n, nv).
+            before: velocities of the rows before the collision, (n,).
+        """
+        longest = np.sqrt(np.maximum.reduceat(np.vecdot(rows, rows), self.first))
+        unit_row = longest.max() or 1.0
+        lengths = np.repeat(np.where(longest > 0, longest, unit_row), self.sizes)
+        unit_speed = max(self.collision.pre_speed, float(np.abs(before / lengths).max())) or 1.0
+        mantissa, exponent = np.frexp(lengths / unit_row)
+        scale = np.ldexp(_rounded(mantissa), exponent)
+        self.rows = _rounded(rows / lengths[:, None]) * scale[:, None]
+        self.before = _rounded(before / (lengths * unit_speed)) * scale
+        self.speed = _rounded(np.array(self.collision.pre_speed / unit_speed)).item()
+        self._unrounded, self._unit_impulse = rows, unit_speed / unit_row
+
+    def impact(self, impulse: np.ndarray, s: float) -> FrictionImpact:
+        """Return the impact of an impulse of `outcome`, with restitution scaled by s."""
+        own = self._unit_impulse * impulse
+        return FrictionImpact.of_cones(self.collision, own, own @ self._unrounded, scale=s, exact=self.exact)
+
     def outcome(self, s: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return impulse of both phases, contact by contact, (n,), and jump, (nv,), with restitution scaled by s."""
+        """Return impulse of both phases, contact by contact, (n,), and jump, (nv,), with restitution scaled by s.
+
+        They are in the units of the problem; see `impact`.
+        """
         n, nv = self.rows.shape
         given = s * self.share
         twice = np.flatnonzero((given > 0.0) & (self.sizes > 1))
@@ -61,7 +91,7 @@ class TwoPhases:
         kick[self.first] = given
         start = self.before + self.rows @ (self.jump + kick @ self.rows)
         if not len(twice):
-            problem = ConeProblem(self.rows, start, self.sizes, exact=self.exact, speed=self.collision.pre_speed)
+            problem = ConeProblem(self.rows, start, self.sizes, exact=self.exact, speed=self.speed)
             answer = self._solved(problem, "expansion")
             impulse = self.compression + kick + answer.impulse
             return impulse, impulse @ self.rows
@@ -79,7 +109,7 @@ class TwoPhases:
             np.concatenate([target, start]),
             np.concatenate([self.sizes[twice], self.sizes]),
             exact=self.exact,
-            speed=self.collision.pre_speed,
+            speed=self.speed,
         )
         answer = self._solved(problem, "expansion").impulse
         impulse = self.compression + kick + answer[len(copies) :]
@@ -90,9 +120,8 @@ class TwoPhases:
 
     def created(self, jump: np.ndarray, impulse: np.ndarray) -> float:
         """Return the work of the impulses of contact, relative to the kinetic energy before."""
-        c = self.collision
         work = float(impulse @ (self.before + 0.5 * (self.rows @ jump)))
-        speed = max(c.pre_speed, float(np.linalg.norm(jump)))
+        speed = max(self.speed, float(np.linalg.norm(jump)))
         return 2.0 * work / speed**2 if speed > 0 else 0.0
 
     def _solved(self, problem: ConeProblem, phase: str) -> ConeAnswer:
@@ -139,4 +168,9 @@ def resolve_phases(law: Poisson, collision: Collision, *, exact: bool, effort: E
                 high = middle
             else:
                 s, low, (impulse, jump) = middle, middle, found
-    return FrictionImpact.of_cones(collision, impulse, jump, scale=s, exact=exact)
+    return phases.impact(impulse, s)
+
+
+def _rounded(numbers: np.ndarray) -> np.ndarray:
+    """Return numbers of at most 1, (..), without their last bits."""
+    return np.ldexp(np.round(np.ldexp(numbers, _BITS)), -_BITS)

@@ -103,3 +103,26 @@ def test_a_box_in_rigid_steps(options):
 def test_tangential_restitution_is_refused():
     with pytest.raises(RestitutionError, match="no tangential restitution"):
         Coulomb(Poisson(0.5), tangential_restitution=0.2)
+
+
+def dependent_rows(rng):
+    """A collision, as arguments, with more rows than degrees of freedom: friction leaves several solutions."""
+    h, kinds, n = int(rng.integers(1, 4)), int(rng.integers(1, 3)), 2
+    A, v = rng.normal(size=(n, n)), rng.normal(size=n)
+    J, J_t = rng.normal(size=(h, n)), rng.normal(size=(h * kinds, n))
+    J *= -np.sign(J @ v)[:, None]
+    mu = np.repeat(rng.uniform(0.1, 1.2, h), kinds)
+    return A @ A.T + 0.3 * np.eye(n), J, v, Friction(J_t, np.repeat(np.arange(h), kinds), mu)
+
+
+@pytest.mark.parametrize("cone", ["exact", "convex"])
+def test_units_of_mass_and_speed_change_nothing(cone):
+    rng, law = np.random.default_rng(11), Coulomb(Poisson(0.5), cone=cone)
+    for _ in range(100):
+        M, J, v, friction = dependent_rows(rng)
+        outcomes = [
+            law.resolve(Collision(mass * M, J, speed * v, friction=friction)).post_velocity / speed
+            for speed, mass in ((1.0, 1.0), (3.0, 1.0), (0.1, 1.0), (1.0, 7.0), (1.0, 1e3))
+        ]
+        size = np.linalg.norm(v)
+        np.testing.assert_allclose(outcomes[1:], np.broadcast_to(outcomes[0], (4, len(v))), rtol=0, atol=1e-9 * size)

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import mujoco
 import pytest
+from scenes import compiled
 
 from impactlaw import Moreau, Stepper
-from impactlaw.errors import SceneError
+from impactlaw.errors import SceneError, UnreadSensorsWarning
 
 MUG = """<mujoco><extension><plugin plugin="mujoco.sdf.torus"><instance name="torus"/></plugin></extension>
   <asset><mesh name="torus"><plugin instance="torus"/></mesh></asset>
@@ -35,3 +36,21 @@ def test_signed_distance_functions_are_refused_and_time_stepped():
 def test_signed_distance_functions_that_meet_nothing_are_not():
     model = mujoco.MjModel.from_xml_string(MUG.format(floor='contype="0" conaffinity="0"'))
     Stepper(model, Moreau(0.5)).step(mujoco.MjData(model))
+
+
+SENSORS = (
+    '<sensor><touch name="pad" site="s"/><force site="s"/><accelerometer site="s"/><jointpos joint="j"/>{}</sensor>'
+)
+
+
+def test_sensors_of_contact_are_told():
+    """Their forces are not in data after event-driven steps; accelerations are."""
+    joint = '<joint name="j" axis="0 0 1" range="-2 2" limited="{}"/>'
+    leg = f'<body pos="0 0 1">{joint}<geom size=".1"/><site name="s"/></body>'
+    model, _ = compiled(leg.format("true"), SENSORS.format('<jointlimitfrc name="limit" joint="j"/>'))
+    with pytest.warns(UnreadSensorsWarning, match=r'such as pad, sensor1, limit read .*scheme="time-stepping"') as told:
+        Stepper(model, Moreau(0.5))
+    assert told[0].filename == __file__
+    Stepper(model, Moreau(0.5), scheme="time-stepping")
+    Stepper(model, Moreau(0.5), contact_model="soft")
+    Stepper(compiled(leg.format("false"), SENSORS.format(""))[0], Moreau(0.5))  # nothing to meet

@@ -1,0 +1,101 @@
+"""What a plan has left out, and whether the scene has come to need it: then steps end, rather than go on without."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import mujoco
+import numpy as np
+
+from impactlaw.errors import SceneError
+from impactlaw.stepping.plan import Plan, make_plan
+
+_FRICTION = ("geom_friction", "geom_condim", "geom_priority", "pair_friction", "pair_dim")
+_CONTACT = ("geom_contype", "geom_conaffinity")
+_LIMITED = ("jnt_limited", "tendon_limited")
+_WORDS = {
+    "detection": "geoms can meet",
+    "friction": "contacts have friction",
+    "limits": "joints or tendons have limits",
+    "surfaces": "surfaces move",
+}
+"""What a scene has that needs a part of a plan."""
+
+
+def watched_fields(plan: Plan, friction: Literal["coulomb", "convex", "ignore"]) -> tuple[str, ...]:
+    """Return the fields of the model that may come to need what the plan has left out.
+
+    Soft steps and time stepping see limits and belts whatever the plan says.
+
+    Args:
+        plan: of the scene.
+        friction: the option of a stepper that it is for.
+    """
+    if not plan.detection:
+        fields = _CONTACT
+    elif not plan.friction and friction != "ignore":
+        fields = _FRICTION
+    else:
+        fields = ()
+    if plan.scheme != "event-driven":
+        return fields
+    belts = ("geom_surfacevel",) if plan.friction and not plan.surfaces else ()
+    return fields + belts + _LIMITED + (("jnt_range",) if plan.limits else ())
+
+
+class LeftOut:
+    """Looks whether a model still has the plan that was made for it, as far as steps depend on that.
+
+    Args:
+        model: the scene.
+        plan: of the scene.
+        friction: the option of the stepper that it is for.
+    """
+
+    def __init__(self, model: mujoco.MjModel, plan: Plan, friction: Literal["coulomb", "convex", "ignore"]):
+        self._model, self._plan = model, plan
+        self._friction: Literal["coulomb", "convex", "ignore"] = friction
+        self._names = tuple(name for name in watched_fields(plan, friction) if getattr(model, name).size)
+        self._limits = _active_limits(model)
+        self._keep()
+
+    def __bool__(self) -> bool:
+        """Whether there is anything to look at."""
+        return len(self._names) > 0
+
+    def check(self) -> None:
+        """Refuse to go on where the model has come to need what was left out.
+
+        Raises:
+            SceneError: it has, or limits of joints are other ones (event-driven); says what has changed.
+        """
+        model = self._model
+        for name, kept in self._kept:
+            if getattr(model, name).tobytes() != kept:
+                self._compare(name)
+                self._keep()
+
+    def _keep(self) -> None:
+        self._kept = [(name, getattr(self._model, name).tobytes()) for name in self._names]
+
+    def _compare(self, name: str) -> None:
+        """Look at all that a field may have changed."""
+        model, old = self._model, self._plan
+        new = make_plan(model, old.contact_model, scheme=old.scheme, friction=self._friction)
+        for part, words in _WORDS.items():
+            if getattr(new, part) and not getattr(old, part):
+                raise SceneError(
+                    f"{words} since model.{name} was changed, but none did when the stepper was made, and it has left "
+                    "that out; make a new Stepper, or, of an environment, a new environment"
+                )
+        if old.scheme == "event-driven" and _active_limits(model) != self._limits:
+            raise SceneError(
+                f"model.{name} was changed, but event-driven steps keep the limits that joints and tendons had when "
+                'the stepper was made; make a new Stepper or environment, or use scheme="time-stepping"'
+            )
+
+
+def _active_limits(model: mujoco.MjModel) -> bytes:
+    """Return what tells one choice of limits from another."""
+    joints = np.where(model.jnt_limited[:, None] != 0, model.jnt_range, 0.0)
+    return model.jnt_limited.tobytes() + model.tendon_limited.tobytes() + joints.tobytes()

@@ -1,0 +1,154 @@
+"""What a scene had no need of when its stepper was made and has later: steps refuse to go on without it."""
+
+import copy
+
+import mujoco
+import numpy as np
+import pytest
+from scenes import compiled
+
+from impactlaw import Moreau, Stepper
+from impactlaw.batch import Batch
+from impactlaw.cli import main
+from impactlaw.errors import SceneError
+
+WAYS = {
+    "soft": {"contact_model": "soft"},
+    "soft in Python": {"contact_model": "soft", "compiled": "never"},
+    "time-stepping": {"scheme": "time-stepping"},
+    "time-stepping in Python": {"scheme": "time-stepping", "compiled": "never"},
+    "event-driven": {},
+}
+every_way = pytest.mark.parametrize("way", WAYS)
+OVERRIDE = '<option o_friction=".1 .1 .005 .0001 .0001"><flag override="enable"/></option>'
+
+
+def block(geom):
+    """A block on a floor that slides at 2 m/s, both with these attributes."""
+    model, data = compiled(f"""<geom type="plane" size="9 9 1" {geom}/>
+      <body pos="0 0 .1"><freejoint/><geom type="box" size=".1 .1 .1" mass="1" {geom}/></body>""")
+    data.qvel[0] = 2.0
+    return model, data
+
+
+def give_friction(model):
+    model.geom_friction[:, 0] = 0.5
+
+
+def give_directions(model):
+    model.geom_condim[:] = 3
+
+
+def let_meet(model):
+    model.geom_contype[:] = model.geom_conaffinity[:] = model.body_contype[:] = model.body_conaffinity[:] = 1
+
+
+CHANGES = {
+    "friction": ('friction="0 0 0"', give_friction, "contacts have friction since model.geom_friction"),
+    "condim": ('condim="1"', give_directions, "contacts have friction since model.geom_condim"),
+    "contact": ('contype="0" conaffinity="0"', let_meet, "geoms can meet since model.geom_contype"),
+}
+
+
+@every_way
+@pytest.mark.parametrize("change", CHANGES)
+def test_friction_and_contact_that_come_later(way, change):
+    geom, apply, words = CHANGES[change]
+    model, data = block(geom)
+    stepper = Stepper(model, Moreau(0.5), **WAYS[way])
+    stepper.step(data)
+    apply(model)
+    for _ in range(2):
+        with pytest.raises(SceneError, match=f"{words} was changed.* make a new Stepper"):
+            stepper.step(data)
+    Stepper(model, Moreau(0.5), **WAYS[way]).step(mujoco.MjData(model))
+
+
+@every_way
+def test_changes_that_need_nothing_new(way):
+    model, data = block('friction="0 0 0"')
+    stepper = Stepper(model, Moreau(0.5), **WAYS[way])
+    model.geom_friction[0, 1] = 1e-12
+    stepper.step(data)
+    ignoring = Stepper(model, Moreau(0.5), friction="ignore", **WAYS[way])
+    give_friction(model)
+    ignoring.step(data)
+    assert data.qvel[0] > 1.9 or way.startswith("soft")
+
+
+def test_a_copy_looks_at_its_own_model():
+    model, data = block('friction="0 0 0"')
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled="never")
+    other = copy.deepcopy(stepper)
+    give_friction(other.model)
+    stepper.step(data)
+    with pytest.raises(SceneError, match="contacts have friction"):
+        other.step(mujoco.MjData(other.model))
+
+
+ARM = '<body pos="0 {} 1"><joint axis="0 1 0" range="-30 30" limited="{}"/><geom size=".1" pos=".4 0 0"/></body>'
+
+
+@pytest.mark.parametrize("limited", ["false", "true"])
+def test_limits_that_come_later(limited):
+    for way, options in WAYS.items():
+        model, data = compiled(ARM.format(0, "false") + ARM.format(5, limited))
+        stepper = Stepper(model, Moreau(0.0), **options)
+        model.jnt_limited[0], model.jnt_range[0] = 1, (-0.1, 0.1)
+        if way == "event-driven":
+            with pytest.raises(SceneError, match=r"model.jnt_limited was changed"):
+                stepper.step(data)
+            continue
+        stepper.step(data, 300)
+        assert abs(data.qpos[0]) < 0.11
+
+
+def test_a_range_that_is_changed_later():
+    model, data = compiled(ARM.format(0, "true"))
+    stepper = Stepper(model, Moreau(0.0))
+    stepper.step(data)
+    model.jnt_range *= 0.5
+    with pytest.raises(SceneError, match=r"model.jnt_range was changed, but event-driven steps keep"):
+        stepper.step(data)
+
+
+def test_belts_that_come_later():
+    model, data = block('friction="0.5"')
+    stepper = Stepper(model, Moreau(0.0))
+    stepper.step(data)
+    model.geom_surfacevel[0, 0] = 1.0
+    with pytest.raises(SceneError, match=r"surfaces move since model.geom_surfacevel"):
+        stepper.step(data)
+
+
+@every_way
+def test_friction_of_the_override(way):
+    """All contacts have it in MuJoCo: soft steps take it, rigid ones refuse it."""
+    model, data = block('friction="0 0 0"')
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
+    model.opt.o_friction[:] = 0.1, 0.1, 0.005, 0.0001, 0.0001
+    if not way.startswith("soft"):
+        with pytest.raises(SceneError, match=r"o_friction.* set the friction of geoms and pairs"):
+            Stepper(model, Moreau(0.0), **WAYS[way])
+        Stepper(model, Moreau(0.0), friction="ignore", **WAYS[way]).step(data)
+        return
+    data.qpos[2], data.qvel[2] = 0.101, -3.0
+    stepper = Stepper(model, Moreau(0.0), **WAYS[way])
+    while not stepper.events:
+        stepper.step(data)
+    (event,) = stepper.events
+    np.testing.assert_allclose(event.impact.post_velocity[0], 2.0 - 0.1 * 3.0, rtol=0, atol=0.01)
+
+
+def test_friction_of_the_override_in_a_batch_and_a_plan(tmp_path, monkeypatch, capsys):
+    model, _ = block('friction="0 0 0"')
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
+    with pytest.raises(SceneError, match="o_friction"):
+        Batch(model, Moreau(0.0), 2, 1)
+    path = tmp_path / "scene.xml"
+    balls = '<geom size=".1"/><body><freejoint/><geom size=".1"/></body>'
+    path.write_text(f"<mujoco>{OVERRIDE}<worldbody>{balls}</worldbody></mujoco>")
+    monkeypatch.setattr("sys.argv", ["impactlaw", "plan", str(path)])
+    with pytest.raises(SystemExit):
+        main()
+    assert "o_friction" in capsys.readouterr().err
