@@ -23,6 +23,8 @@ from impactlaw.scene.pairs import several_contacts
 from impactlaw.scene.patterns import Pattern, Patterns
 from impactlaw.scene.tolerances import GAP_TOLERANCE, PARALLEL, SKIN
 
+_NOTHING = np.zeros((0, 2), dtype=np.int32), np.zeros(0)
+
 
 class Found(NamedTuple):
     """What is near at one configuration.
@@ -38,6 +40,27 @@ class Found(NamedTuple):
     contacts: Contacts
     jacobian: np.ndarray
     bilateral: np.ndarray | None
+
+
+class Distances(NamedTuple):
+    """Nearest distances of pairs of geoms, as MuJoCo measures them.
+
+    Attributes:
+        geoms: ids, int (h, 2).
+        distance: m, (h,).
+    """
+
+    geoms: np.ndarray
+    distance: np.ndarray
+
+    def beyond(self, distance: float) -> Distances:
+        """Return those that are larger than a distance, m."""
+        far = np.flatnonzero(self.distance > distance)
+        return Distances(self.geoms[far], self.distance[far])
+
+    def within(self, travel: np.ndarray) -> bool:
+        """Return whether geoms are no farther apart than both together have travelled, m, (ngeom,)."""
+        return bool(np.count_nonzero(self.distance - SKIN <= travel[self.geoms].sum(axis=1)))
 
 
 class Detector:
@@ -138,6 +161,13 @@ class Detector:
         if pattern.several and self.options.several:
             self.options.look_for_several()
         collide(self._model, data)
+
+    def distances(self, data: mujoco.MjData, within: float) -> Distances:
+        """Return the distances of geoms below ``within``, m, at least; frames must be current. Replaces data.contact."""
+        self.options.look(within + SKIN)
+        collide(self._model, data)
+        contact = data.contact
+        return Distances(contact.geom, contact.dist) if data.ncon else Distances(*_NOTHING)
 
     def are_closed(self, data: mujoco.MjData, within: float, pattern: Pattern, gaps: tuple[float, float]) -> bool:
         """Return whether the contacts within a gap, m, are those of a plain pattern, and closed.
