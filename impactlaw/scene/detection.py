@@ -23,8 +23,6 @@ from impactlaw.scene.pairs import several_contacts
 from impactlaw.scene.patterns import Pattern, Patterns
 from impactlaw.scene.tolerances import GAP_TOLERANCE, PARALLEL, SKIN
 
-_NOTHING = np.zeros((0, 2), dtype=np.int32), np.zeros(0)
-
 
 class Found(NamedTuple):
     """What is near at one configuration.
@@ -48,19 +46,25 @@ class Distances(NamedTuple):
     Attributes:
         geoms: ids, int (h, 2).
         distance: m, (h,).
+        normal: from the first geom to the second, (h, 3).
     """
 
     geoms: np.ndarray
     distance: np.ndarray
+    normal: np.ndarray
+
+    @classmethod
+    def of(cls, data: mujoco.MjData) -> Distances | None:
+        """Return those that MuJoCo has found last; None if there are none."""
+        if data.ncon == 0:
+            return None
+        contact = data.contact
+        return cls(contact.geom, contact.dist, contact.frame[:, :3])
 
     def beyond(self, distance: float) -> Distances:
         """Return those that are larger than a distance, m."""
         far = np.flatnonzero(self.distance > distance)
-        return Distances(self.geoms[far], self.distance[far])
-
-    def within(self, travel: np.ndarray) -> bool:
-        """Return whether geoms are no farther apart than both together have travelled, m, (ngeom,)."""
-        return bool(np.count_nonzero(self.distance - SKIN <= travel[self.geoms].sum(axis=1)))
+        return self if len(far) == len(self.distance) else Distances(*(part[far] for part in self))
 
 
 class Detector:
@@ -162,12 +166,17 @@ class Detector:
             self.options.look_for_several()
         collide(self._model, data)
 
-    def distances(self, data: mujoco.MjData, within: float) -> Distances:
-        """Return the distances of geoms below ``within``, m, at least; frames must be current. Replaces data.contact."""
+    def distances(self, data: mujoco.MjData, within: float) -> Distances | None:
+        """Return the distances of geoms below ``within``, m, at least, None if there are none; replaces data.contact."""
         self.options.look(within + SKIN)
         collide(self._model, data)
-        contact = data.contact
-        return Distances(contact.geom, contact.dist) if data.ncon else Distances(*_NOTHING)
+        return Distances.of(data)
+
+    def is_at_limit(self, data: mujoco.MjData, within: float) -> bool:
+        """Return whether a limit is near; where constraint rows tell limits, whether anything is."""
+        if self._limits_of_rows:
+            return bool(self.look(data, within).pattern)
+        return self._limits_near(data, within) is not None
 
     def are_closed(self, data: mujoco.MjData, within: float, pattern: Pattern, gaps: tuple[float, float]) -> bool:
         """Return whether the contacts within a gap, m, are those of a plain pattern, and closed.

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from impactlaw.scene.detection import Detector
+from impactlaw.scene.detection import Detector, Distances
 from impactlaw.scene.patterns import Pattern
 from impactlaw.scene.tolerances import SKIN
 from impactlaw.stepping.event_driven.configuration import Configuration
@@ -28,6 +28,7 @@ from impactlaw.stepping.event_driven.matching import match
 _TRIALS = 12  # trial steps that the lowest point of one gap is looked for; smooth gaps take one or two
 _TURNS = 0.1  # part of the longest turn up to which the nearest points of bodies stay where they are
 _INNER = 0.02  # part of a bracket that a trial step keeps off its ends
+_WIDE = 1e-2  # part of the scene's size above which a bound of all motion together is not worth a look that wide
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
@@ -55,28 +56,25 @@ class Dips:
     ):
         self._configuration, self._detector, self._travel = configuration, detector, travel
         self._near, self._tolerance = near, tolerance
+        self._extent = float(configuration.model.stat.extent)
 
     def is_clear(self, start: Frames | None, before: np.ndarray, duration: float) -> bool:
         """Return whether no contact is near now, nor can have been closed within the phase that has led here.
 
         Args:
-            start: frames at its start, or None.
+            start: frames at its start; None if they are not known.
             before: velocity there, (nv,).
             duration: s.
         """
         data, detector = self._configuration.data, self._detector
-        if detector.limits and detector.look(data, self._near).pattern:
+        if detector.is_at_limit(data, self._near):
             return False
         reach = self._reach(before, duration)
         apart = detector.distances(data, max(reach, self._near))
-        if not len(apart.distance):
+        if apart is None:
             return True
-        if apart.distance.min() < self._near + SKIN:
+        if apart.distance.min() < self._near + SKIN or self._opened(apart, start, before, duration, reach):
             return False
-        if start is None or apart.within(self._travel.between(start, data)):
-            found = self._detect(reach)
-            if np.count_nonzero(self._opens(found, before, duration)):
-                return False
         detector.refresh(data, self._near, detector.empty[0])
         return True
 
@@ -89,16 +87,28 @@ class Dips:
             duration: s.
             gaps: the smallest and the largest that count as closed, m.
         """
-        data, reach = self._configuration.data, self._reach(before, duration)
-        if reach > self._near and self._detector.are_closed(data, reach, pattern, gaps):
+        data, detector = self._configuration.data, self._detector
+        reach = self._reach(before, duration)
+        if detector.are_closed(data, max(reach, self._near), pattern, gaps):
             return True
-        if not self._detector.are_closed(data, self._near, pattern, gaps):
+        apart = Distances.of(data)
+        if reach <= self._near or apart is None or self._opened(apart, None, before, duration, reach):
             return False
-        if reach <= self._near:
-            return True
+        return detector.are_closed(data, self._near, pattern, gaps)
+
+    def _opened(
+        self, apart: Distances, start: Frames | None, before: np.ndarray, duration: float, reach: float
+    ) -> bool:
+        """Return whether one of these pairs that is not near now may have been closed within a phase."""
+        data, apart = self._configuration.data, apart.beyond(self._near + SKIN)
+        if start is None:
+            travel = self._travel.by(before, data.qvel, duration) + self._drift(duration)
+        else:
+            travel = self._travel.between(start, data)
+        if not np.count_nonzero(apart.distance <= travel[apart.geoms].sum(axis=1) + SKIN):
+            return False
         found = self._detect(reach)
-        self._detector.refresh(data, self._near, pattern)
-        return not np.count_nonzero(self._opens(found, before, duration) & (found.gap > self._near))
+        return bool(np.count_nonzero(self._opens(found, before, duration) & (found.gap > self._near)))
 
     def find(self, trial: TrialStep, state: np.ndarray, try_for: Callable[[float], TrialStep]) -> TrialStep | None:
         """Return a shorter trial in which a gap is negative that has opened again in this one; None if none has.
@@ -108,21 +118,24 @@ class Dips:
             state: saved at its start.
             try_for: tries a phase of another duration, s, from the same start.
         """
-        phase, data = trial.phase, self._configuration.data
-        if self._reach(phase.start.velocity, phase.duration) <= self._near:
-            return None
-        travel = self._travel.between(phase.start.frames, data)
-        within, now = 2.0 * float(travel.max(initial=0.0)), trial.phase_end.now
+        phase, data, now = trial.phase, self._configuration.data, trial.phase_end.now
+        before, duration = phase.start.velocity, phase.duration
+        within = self._reach(before, duration)
         if within <= self._near:
             return None
         found, known = now.contact_set, trial.phase_end.known
-        if self._detector.distances(data, within).beyond(self._near + SKIN).within(travel):
-            found = self._detect(within)
-            known = match(found, phase)
-            phase.work.look(len(known))
+        apart = self._detector.distances(data, within)
+        if apart is not None and len((apart := apart.beyond(self._near + SKIN)).distance):
+            bent = 0.5 * self._travel.reach(data.qvel - before, 0.0 * before, duration) + self._drift(duration)
+            if np.count_nonzero(apart.distance <= self._travel.along(phase.start.frames, data, apart) + bent + SKIN):
+                found = self._detect(within)
+                known = match(found, phase)
+                phase.work.look(len(known))
+        if found is now.contact_set and trial.phase_end.sustained.all():
+            found = None
         if data.ncon != now.pattern.geom_contacts:
             self._detector.refresh(data, self._near, now.pattern)
-        suspects = self._suspects(found, known, trial)
+        suspects = {} if found is None else self._suspects(found, known, trial)
         if not suspects:
             return None
         return self._search(suspects, trial, state, try_for, within)
@@ -220,12 +233,18 @@ class Dips:
         self._configuration.refresh()
         return ContactSet(self._detector.look(self._configuration.data, within), self._configuration)
 
+    def _drift(self, duration: float) -> float:
+        """Return how far surfaces that move by themselves can have moved in a phase, m."""
+        surfaces = self._configuration.surfaces
+        return 0.0 if surfaces is None else surfaces.speed * duration
+
     def _reach(self, before: np.ndarray, duration: float) -> float:
         """Return a distance, m, that two geoms cannot have come closer in a phase, at most the size of the scene."""
-        surfaces = self._configuration.surfaces
-        drift = 0.0 if surfaces is None else 2.0 * surfaces.speed * duration
-        reach = self._travel.reach(before, self._configuration.data.qvel, duration) + drift
-        return min(reach, self._configuration.model.stat.extent)
+        after, drift = self._configuration.data.qvel, 2.0 * self._drift(duration)
+        reach = self._travel.reach(before, after, duration) + drift
+        if reach > _WIDE * self._extent:
+            reach = 2.0 * float(self._travel.by(before, after, duration).max(initial=0.0)) + drift
+        return min(reach, self._extent)
 
 
 def _held(phase_end: PhaseEnd) -> np.ndarray:
