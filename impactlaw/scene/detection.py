@@ -167,7 +167,7 @@ class Detector:
         collide(self._model, data)
 
     def distances(self, data: mujoco.MjData, within: float) -> Distances | None:
-        """Return the distances of geoms below ``within``, m, at least, None if there are none; replaces data.contact."""
+        """Return distances of geoms below ``within``, m, at least; None if there are none. Replaces data.contact."""
         self.options.look(within + SKIN)
         collide(self._model, data)
         return Distances.of(data)
