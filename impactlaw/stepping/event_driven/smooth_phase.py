@@ -3,7 +3,7 @@
 A phase is MuJoCo's integrator without contacts (`integration.advance`). It is tried, shortened where bodies travel
 further than they are thick (`travel.Travel`), brought back to the contacts that stay closed
 (`persistent_contact`), and where another gap fell below minus the tolerance, repeated up to the time at which it
-closes (`location.search.locate`).
+closes (`location.search.locate`); so it is where one has closed and opened again (`location.dips`).
 """
 
 from __future__ import annotations
