@@ -169,6 +169,7 @@ class Dips:
         else:
             self._configuration.restore(end)
             self._configuration.update()
+            self._detector.refresh(self._configuration.data, self._near, trial.phase_end.now.pattern)
         return None
 
     def _at_start(
