@@ -40,6 +40,33 @@ class Found(NamedTuple):
     bilateral: np.ndarray | None
 
 
+class Distances(NamedTuple):
+    """Nearest distances of pairs of geoms, as MuJoCo measures them.
+
+    Attributes:
+        geoms: ids, int (h, 2).
+        distance: m, (h,).
+        normal: from the first geom to the second, (h, 3).
+    """
+
+    geoms: np.ndarray
+    distance: np.ndarray
+    normal: np.ndarray
+
+    @classmethod
+    def of(cls, data: mujoco.MjData) -> Distances | None:
+        """Return those that MuJoCo has found last; None if there are none."""
+        if data.ncon == 0:
+            return None
+        contact = data.contact
+        return cls(contact.geom, contact.dist, contact.frame[:, :3])
+
+    def beyond(self, distance: float) -> Distances:
+        """Return those that are larger than a distance, m."""
+        far = np.flatnonzero(self.distance > distance)
+        return self if len(far) == len(self.distance) else Distances(*(part[far] for part in self))
+
+
 class Detector:
     """Finds the contacts of one scene.
 
@@ -138,6 +165,18 @@ class Detector:
         if pattern.several and self.options.several:
             self.options.look_for_several()
         collide(self._model, data)
+
+    def distances(self, data: mujoco.MjData, within: float) -> Distances | None:
+        """Return distances of geoms below ``within``, m, at least; None if there are none. Replaces data.contact."""
+        self.options.look(within + SKIN)
+        collide(self._model, data)
+        return Distances.of(data)
+
+    def is_at_limit(self, data: mujoco.MjData, within: float) -> bool:
+        """Return whether a limit is near; where constraint rows tell limits, whether anything is."""
+        if self._limits_of_rows:
+            return bool(self.look(data, within).pattern)
+        return self._limits_near(data, within) is not None
 
     def are_closed(self, data: mujoco.MjData, within: float, pattern: Pattern, gaps: tuple[float, float]) -> bool:
         """Return whether the contacts within a gap, m, are those of a plain pattern, and closed.

@@ -58,6 +58,11 @@ class Pattern:
     def __len__(self) -> int:
         return len(self.labels)
 
+    @property
+    def geom_contacts(self) -> int:
+        """How many of the contacts are of geoms: all but limits."""
+        return len(self.found) // 8  # two int32 each
+
 
 class Patterns:
     """The patterns of one scene.

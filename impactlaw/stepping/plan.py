@@ -47,7 +47,7 @@ class Plan:
         faces: a second detection for several contacts between faces of cylinders and meshes.
         points: matching contact points from phase to phase: some pairs have several contacts.
         passing: the check that no body passes through another: some bodies meet others that are not planes.
-        turning: the same check's bound on rotation: some of those are not round.
+        turning: a bound on rotation within a smooth phase: some bodies that can meet others, or planes, are not round.
         bilateral: equality constraints that no impulse may violate.
         friction: some contacts have friction; of soft stepping, in collisions.
         surfaces: surfaces that move by themselves: some mocap bodies can meet others, or belts with friction.
@@ -97,7 +97,7 @@ def make_plan(
         "faces": located and bool(several_contacts(model, geoms).any()),
         "points": located and bool(several.any()),
         "passing": located and len(solid) > 0,
-        "turning": located and bool((model.geom_rbound[solid] > thin[solid]).any()),
+        "turning": located and bool((model.geom_rbound[geoms] > thin[geoms]).any()),
         "bilateral": bool(bilateral_constraints(model).any()),
         "friction": friction != "ignore" and bool(pairs.friction.any()),
         "surfaces": bool(_moves(model, geoms).any() or (pairs.friction & _runs(model, geoms)).any()),
@@ -190,8 +190,8 @@ class _Reasons:
         yield self._part(
             "turning",
             "bound on rotation within a smooth phase",
-            lambda: "some of these bodies are not round",
-            "bodies that meet others are round",
+            lambda: "some bodies that can meet others, or planes, are not round",
+            "all that can meet is round",
         )
 
     def time_stepping(self) -> Iterator[Part]:

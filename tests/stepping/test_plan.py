@@ -31,7 +31,7 @@ CYLINDER = 'type="cylinder" size=".1 .2"'
     [
         (body("ball", BALL), set()),
         (FLOOR + body("ball", BALL), {"rest", "detection"}),
-        (FLOOR + body("box", BOX), {"rest", "detection", "points"}),
+        (FLOOR + body("box", BOX), {"rest", "detection", "points", "turning"}),
         (FLOOR + body("a", BALL) + body("b", BALL), {"rest", "detection", "passing"}),
         (body("a", BOX) + body("b", BALL), {"rest", "detection", "passing", "turning"}),
         (

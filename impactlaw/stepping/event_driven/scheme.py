@@ -9,7 +9,8 @@ state in which no gap is below minus the tolerance (`overlap`):
    travel further than they are thick (`travel.Travel`).
 3. Contacts that stay closed are held closed (`persistent_contact`).
 4. If another gap fell below minus the tolerance, the phase is repeated up to the time at which it closes, found by a
-   bracketed search on the smallest gap; then again from 1. (2 to 4: `smooth_phase`) A gap that has jumped below minus
+   bracketed search on the smallest gap; then again from 1. So it is for a gap that was negative only within the phase
+   (`location.dips`). (2 to 4: `smooth_phase`) A gap that has jumped below minus
    the tolerance, as between points of faces, is opened by the smallest shift (`overlap.push_out`).
 5. More than max_events collisions in one step: E = 0 on every closed contact, and phases for the rest of the step at
    whose end every closed contact is held. That ends a collapse, in which ever smaller collisions follow each other. If

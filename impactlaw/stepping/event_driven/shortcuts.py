@@ -43,7 +43,7 @@ class Apart:
 
     def lasts(self, phases: SmoothPhases) -> Shortcut | None:
         """See `Shortcut`."""
-        return Apart(phases.frames()) if phases.try_timestep(self.frames) and not phases.is_near() else None
+        return Apart(phases.frames()) if phases.stay_apart(self.frames) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class Together:
 
     def lasts(self, phases: SmoothPhases) -> Shortcut | None:
         """See `Shortcut`."""
-        return self if phases.try_timestep() and phases.are_closed(self.pattern) else None
+        return self if phases.stay_together(self.pattern) else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 A phase is MuJoCo's integrator without contacts (`integration.advance`). It is tried, shortened where bodies travel
 further than they are thick (`travel.Travel`), brought back to the contacts that stay closed
 (`persistent_contact`), and where another gap fell below minus the tolerance, repeated up to the time at which it
-closes (`location.search.locate`).
+closes (`location.search.locate`); so it is where one has closed and opened again (`location.dips`).
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from impactlaw.scene.patterns import Pattern
 from impactlaw.stepping.event_driven.configuration import Configuration
 from impactlaw.stepping.event_driven.contact_set import ContactSet
 from impactlaw.stepping.event_driven.contact_state import CORRECTED, ContactState, Phase, PhaseEnd, stays
+from impactlaw.stepping.event_driven.location.dips import Dips
 from impactlaw.stepping.event_driven.location.gap_functions import GapFunctions
 from impactlaw.stepping.event_driven.location.search import locate
 from impactlaw.stepping.event_driven.location.travel import Frames, Travel
@@ -69,6 +70,7 @@ class SmoothPhases:
         self.options = self._detector.options
         self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
         self.configuration = Configuration(model, self.surfaces)
+        self._dips = Dips(self.configuration, self._detector, self._travel, near=self._near, tolerance=gap_tolerance)
 
     @property
     def is_steady(self) -> bool:
@@ -114,48 +116,57 @@ class SmoothPhases:
         """Return the frames of all geoms of now; None if no body can pass through another."""
         return Frames.of(self.configuration.data) if self._passing else None
 
-    def try_timestep(self, start: Frames | None = None) -> bool:
-        """Advance by a timestep in one go; return whether no body can have passed through another meanwhile.
+    def stay_apart(self, start: Frames | None = None) -> bool:
+        """Advance by a timestep in one go from where no contact is near; return whether none has been meanwhile.
 
         Args:
             start: frames at the start; without them this is told from velocities only.
         """
+        before, timestep = self.configuration.data.qvel.copy(), self.options.timestep
+        return self._try_timestep(before, start) and self._dips.is_clear(start, before, timestep)
+
+    def stay_together(self, pattern: Pattern) -> bool:
+        """Do so where the contacts of a plain pattern are closed; whether they still are, without a correction."""
+        before, timestep = self.configuration.data.qvel.copy(), self.options.timestep
+        gaps = (-CORRECTED * self.tolerance, self.tolerance)
+        return self._try_timestep(before) and self._dips.are_together(pattern, before, timestep, gaps)
+
+    def _try_timestep(self, before: np.ndarray, start: Frames | None = None) -> bool:
+        """Advance by a timestep; return whether no body can have passed through another meanwhile."""
         data, timestep = self.configuration.data, self.options.timestep
-        before = data.qvel.copy()
         self.advance(timestep)
         if self._is_short(before, timestep):
             return True
         return start is not None and self._travel.is_safe(start, before, data, timestep)
-
-    def is_near(self) -> bool:
-        """Return whether a contact is near now."""
-        return bool(self._detector.look(self.configuration.data, self._near).pattern)
-
-    def are_closed(self, pattern: Pattern) -> bool:
-        """Return whether the contacts near now are those of a plain pattern, closed, and need no correction."""
-        gaps = (-CORRECTED * self.tolerance, self.tolerance)
-        return self._detector.are_closed(self.configuration.data, self._near, pattern, gaps)
 
     def advance_to_contact(
         self, state: np.ndarray, start: ContactState, duration: float, *, hold_all: bool
     ) -> tuple[TrialStep, bool]:
         """Advance from a saved state by at most ``duration``; return where that led, and whether a gap closed there."""
         trial, closed = self._try_safely(state, start, duration, hold_all=hold_all), False
-        if not hold_all and trial.gap < -self.tolerance:
+        if hold_all:
+            return trial.kept(), closed
+        if trial.gap < -self.tolerance:
             trial, closed = self._locate(state, trial)
+        while (shorter := self._dips.find(trial, state, self._again(state, trial))) is not None:
+            trial, closed = self._locate(state, shorter)
         return trial.kept(), closed
+
+    def _again(self, state: np.ndarray, trial: TrialStep, reach: float = 0.0) -> Callable[..., TrialStep]:
+        """Return what repeats a trial for another duration, s; see `_arrive`."""
+
+        def again(time: float, *, smooth: bool = trial.phase.smooth) -> TrialStep:
+            self.configuration.restore(state)
+            self.work.integrate()
+            self.advance(time, trial.phase.start.force)
+            return self._arrive(state, trial.phase._replace(duration=time, smooth=smooth), reach)
+
+        return again
 
     def _locate(self, state: np.ndarray, trial: TrialStep) -> tuple[TrialStep, bool]:
         """Return the trial up to the first gap that closes, where one has closed in a longer one, and whether."""
-        start, tried = trial.phase.start, trial.phase
-        reach = 4.0 * abs(trial.gap) + self._near
-
-        def again(time: float, *, smooth: bool = False) -> TrialStep:
-            self.configuration.restore(state)
-            self.work.integrate()
-            self.advance(time, start.force)
-            return self._arrive(state, tried._replace(start=start, duration=time, smooth=smooth), reach)
-
+        start, tried = trial.phase.start, trial.phase._replace(smooth=False)
+        again = self._again(state, trial._replace(phase=tried), 4.0 * abs(trial.gap) + self._near)
         travel = self._travel.between(start.frames, self.configuration.data)
         if self._is_continued(trial, again):
             held = again(tried.duration, smooth=True)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
+from impactlaw.scene.detection import Distances
 from impactlaw.scene.pairs import GeomPairs, thickness
 
 _FREE, _BALL, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{name}")) for name in ("FREE", "BALL", "SLIDE"))
@@ -36,7 +36,7 @@ class Travel:
         model: the scene.
         pairs: geoms that can meet.
         passing: whether any of them can pass through another.
-        turning: whether rotation counts there.
+        turning: whether rotation counts, there or against planes.
 
     Attributes:
         farthest: how far a point of a geom can move at most, m per unit of displacement of all coordinates together.
@@ -61,8 +61,9 @@ class Travel:
             elif kind == int(mujoco.mjtJoint.mjJNT_HINGE):
                 self._spins[dof] = True
         self._round = not turning
-        self._passable = passing
-        self._reach, self._short = self._reaches(pairs.geoms[np.isfinite(thin[pairs.geoms])]), 0.5 * self._thinnest
+        self._passable = passing or turning
+        self._chains = self._reaches(pairs.geoms[np.isfinite(thin[pairs.geoms])])
+        self._reach, self._short = self._chains.max(axis=0, initial=0.0), 0.5 * self._thinnest
         if not self._round:
             self._short = min(self._short, 1.0)
             self._reach[self._spins] = np.maximum(self._reach[self._spins], self._short)
@@ -83,12 +84,12 @@ class Travel:
 
     def reach(self, before: np.ndarray, after: np.ndarray, duration: float) -> float:
         """Return a distance, m, that no point of a geom can have moved further than; see `is_short`."""
-        return self.farthest * (sqrt(before.dot(before)) + sqrt(after.dot(after))) * duration
+        return self.farthest * (mujoco.mju_norm(before) + mujoco.mju_norm(after)) * duration
 
     def _reaches(self, geoms: np.ndarray) -> np.ndarray:
-        """Return how far a joint's motion can move a point of a geom, m per m or per rad, (nv,)."""
+        """Return how far each joint's motion can move a point of each geom, m per m or per rad, (ngeom, nv)."""
         model = self._model
-        reach = np.zeros(model.nv)
+        reach = np.zeros((model.ngeom, model.nv))
         for geom in np.unique(geoms):
             arm, body = model.geom_rbound[geom] + np.linalg.norm(model.geom_pos[geom]), model.geom_bodyid[geom]
             while body:
@@ -97,11 +98,10 @@ class Travel:
                     kind, dof = int(model.jnt_type[joint]), int(model.jnt_dofadr[joint])
                     offset = float(np.linalg.norm(model.jnt_pos[joint]))
                     size = {_FREE: 6, _BALL: 3}.get(kind, 1)
-                    turn = slice(dof + 3 if kind == _FREE else dof, dof + size)
                     if kind in (_FREE, _SLIDE):
-                        reach[dof : dof + size] = np.maximum(reach[dof : dof + size], 1.0)
+                        reach[geom, dof : dof + size] = 1.0
                     if kind != _SLIDE:
-                        reach[turn] = np.maximum(reach[turn], arm + offset)
+                        reach[geom, dof + 3 if kind == _FREE else dof : dof + size] = arm + offset
                     arm += _FAR if kind == _SLIDE else 2.0 * offset
                 arm += np.linalg.norm(model.body_pos[body])
                 body = model.body_parentid[body]
@@ -111,6 +111,17 @@ class Travel:
         """Return a bound on the travel of each geom's surface from the start to now, m, (ngeom,)."""
         shift, turn = data.geom_xpos - start.position, data.geom_xmat - start.rotation
         return np.sqrt(np.vecdot(shift, shift)) + self._lever * np.sqrt(0.5 * np.vecdot(turn, turn))
+
+    def by(self, before: np.ndarray, after: np.ndarray, duration: float) -> np.ndarray:
+        """Return a bound on the travel of each geom that can meet another, m, (ngeom,), from the velocities, (nv,)."""
+        return self._chains.dot(np.maximum(np.abs(before), np.abs(after))) * duration
+
+    def along(self, start: Frames, data: mujoco.MjData, apart: Distances) -> np.ndarray:
+        """Return by how much pairs of geoms may have opened along their normals of now, m, (h,)."""
+        shift, turn = data.geom_xpos - start.position, data.geom_xmat - start.rotation
+        turned = self._lever * np.sqrt(0.5 * np.vecdot(turn, turn))
+        first, second = apart.geoms.T
+        return np.vecdot(apart.normal, shift[second] - shift[first]) + turned[first] + turned[second]
 
     def suspects(self, start: Frames, travel: np.ndarray) -> np.ndarray:
         """Return the indices of pairs that may have passed through each other."""

@@ -121,7 +121,7 @@ def _book(rows, members, x, z, before, smallest, sums):
 
 
 @kernel
-def _resolve(w, law, found, gamma, rounding, velocity, sums):
+def _resolve(w, law, found, gamma, calm, rounding, velocity, sums):
     """Resolve one collision: change the velocity, (nv,), and add to the sums; return how it has ended."""
     Mnnz, Madr, Mcol = layout_of(w)
     factor, inverse, root = (
@@ -133,9 +133,6 @@ def _resolve(w, law, found, gamma, rounding, velocity, sums):
         root[i] = np.sqrt(inverse[i])
     jacobian = jacobian_of(w)
     basis = numbers((number(w, DATA.ne) + 1) * w.nv if len(law.bilateral) > 0 else 0)
-    calm = 0.0
-    for speed in gamma:
-        calm = max(calm, -CALM * speed)
     kept = span(w, law.bilateral, calm, jacobian, root, basis) if len(basis) > 0 else 0
     if kept < 0:
         return PYTHON
@@ -212,15 +209,15 @@ def collide(w, law, sums):
     gamma, qvel = numbers(len(found.row)), velocity_of(w)
     if not normal_velocities(found, speeds, gamma) < -law.rest_speed:
         return FINE, False
-    rounding = 0.0
+    rounding = calm = 0.0
     for speed in gamma:
-        rounding = max(rounding, ROUNDING * abs(speed))
+        rounding, calm = max(rounding, ROUNDING * abs(speed)), max(calm, -CALM * speed)
     velocity, before, rows, status, changed = copied(qvel), numbers(w.nv), numbers(n), FINE, False
     while status == FINE:
         if sums[COUNT] >= law.most:
             return PYTHON, False
         put(before, velocity)
-        status = _resolve(w, law, found, gamma, rounding, velocity, sums)
+        status = _resolve(w, law, found, gamma, calm, rounding, velocity, sums)
         if status == FINE:
             _tell(law.outcomes, velocity)
         if status != FINE or _same(before, velocity):

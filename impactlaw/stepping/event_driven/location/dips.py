@@ -1,0 +1,298 @@
+"""Gaps that close and open again within a smooth phase, so that its end does not show it.
+
+A gap ``g(t)`` that does so falls first and rises in the end: it is convex, as that of balls that graze each other, or
+of a ball thrown at a ceiling, and lies above its tangents. So only a contact that opens at the end T of a phase with
+``g(T) - T g'(T) < 0`` can have been closed meanwhile, and only if it closes at the start. The lowest point of what is
+left is looked for by trial steps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from impactlaw.scene.detection import Detector, Distances
+from impactlaw.scene.patterns import Pattern
+from impactlaw.scene.tolerances import SKIN
+from impactlaw.stepping.event_driven.configuration import Configuration
+from impactlaw.stepping.event_driven.contact_set import ContactSet
+from impactlaw.stepping.event_driven.contact_state import PhaseEnd
+from impactlaw.stepping.event_driven.location.travel import Frames, Travel
+from impactlaw.stepping.event_driven.location.trial_step import TrialStep
+from impactlaw.stepping.event_driven.matching import match
+
+_TRIALS = 12  # trial steps that the lowest point of one gap is looked for; smooth gaps take one or two
+_TURNS = 0.1  # part of the longest turn up to which the nearest points of bodies stay where they are
+_INNER = 0.02  # part of a bracket that a trial step keeps off its ends
+_WIDE = 1e-2  # part of the scene's size above which a bound of all motion together is not worth a look that wide
+_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+
+
+class _Node(NamedTuple):
+    """A gap, m, after a time, s, and its slope by that, m/s."""
+
+    time: float
+    gap: float
+    slope: float
+
+
+class Dips:
+    """Finds the gaps that have closed and opened again within a phase.
+
+    Args:
+        configuration: of the scene.
+        detector: of its contacts.
+        travel: how far its geoms move.
+        near: gap up to which the end of a phase shows contacts in any case, m.
+        tolerance: gap up to which a contact counts as closed, m.
+    """
+
+    def __init__(
+        self, configuration: Configuration, detector: Detector, travel: Travel, *, near: float, tolerance: float
+    ):
+        self._configuration, self._detector, self._travel = configuration, detector, travel
+        self._near, self._tolerance = near, tolerance
+        self._extent = float(configuration.model.stat.extent)
+
+    def is_clear(self, start: Frames | None, before: np.ndarray, duration: float) -> bool:
+        """Return whether no contact is near now, nor can have been closed within the phase that has led here.
+
+        Args:
+            start: frames at its start; None if they are not known.
+            before: velocity there, (nv,).
+            duration: s.
+        """
+        data, detector = self._configuration.data, self._detector
+        if detector.is_at_limit(data, self._near):
+            return False
+        reach = self._reach(before, duration)
+        apart = detector.distances(data, max(reach, self._near))
+        if apart is None:
+            return True
+        if apart.distance.min() < self._near + SKIN or self._opened(apart, start, before, duration, reach):
+            return False
+        detector.refresh(data, self._near, detector.empty[0])
+        return True
+
+    def are_together(self, pattern: Pattern, before: np.ndarray, duration: float, gaps: tuple[float, float]) -> bool:
+        """Return whether only the contacts of a plain pattern are near now, closed, and none can have been meanwhile.
+
+        Args:
+            pattern: see `Detector.are_closed`.
+            before: velocity at the start of the phase that has led here, (nv,).
+            duration: s.
+            gaps: the smallest and the largest that count as closed, m.
+        """
+        data, detector = self._configuration.data, self._detector
+        reach = self._reach(before, duration)
+        if detector.are_closed(data, max(reach, self._near), pattern, gaps):
+            return True
+        apart = Distances.of(data)
+        if reach <= self._near or apart is None or self._opened(apart, None, before, duration, reach):
+            return False
+        return detector.are_closed(data, self._near, pattern, gaps)
+
+    def _opened(
+        self, apart: Distances, start: Frames | None, before: np.ndarray, duration: float, reach: float
+    ) -> bool:
+        """Return whether one of these pairs that is not near now may have been closed within a phase."""
+        data, apart = self._configuration.data, apart.beyond(self._near + SKIN)
+        if start is None:
+            travel = self._travel.by(before, data.qvel, duration) + self._drift(duration)
+        else:
+            travel = self._travel.between(start, data)
+        if not np.count_nonzero(apart.distance <= travel[apart.geoms].sum(axis=1) + SKIN):
+            return False
+        found = self._detect(reach)
+        return bool(np.count_nonzero(self._opens(found, before, duration) & (found.gap > self._near)))
+
+    def find(self, trial: TrialStep, state: np.ndarray, try_for: Callable[[float], TrialStep]) -> TrialStep | None:
+        """Return a shorter trial in which a gap is negative that has opened again in this one; None if none has.
+
+        Args:
+            trial: the phase; the scene is at its end, and is there again where None is returned.
+            state: saved at its start.
+            try_for: tries a phase of another duration, s, from the same start.
+        """
+        phase, data, now = trial.phase, self._configuration.data, trial.phase_end.now
+        before, duration = phase.start.velocity, phase.duration
+        within = self._reach(before, duration)
+        if within <= self._near:
+            return None
+        found, known = now.contact_set, trial.phase_end.known
+        apart = self._detector.distances(data, within)
+        if apart is not None and len((apart := apart.beyond(self._near + SKIN)).distance):
+            bent = 0.5 * self._travel.reach(data.qvel - before, 0.0 * before, duration) + self._drift(duration)
+            if np.count_nonzero(apart.distance <= self._travel.along(phase.start.frames, data, apart) + bent + SKIN):
+                found = self._detect(within)
+                known = match(found, phase)
+                phase.work.look(len(known))
+        if found is now.contact_set and trial.phase_end.sustained.all():
+            found = None
+        if data.ncon != now.pattern.geom_contacts:
+            self._detector.refresh(data, self._near, now.pattern)
+        suspects = {} if found is None else self._suspects(found, known, trial)
+        if not suspects:
+            return None
+        return self._search(suspects, trial, state, try_for, within)
+
+    def _search(
+        self,
+        suspects: dict[int, _Node],
+        trial: TrialStep,
+        state: np.ndarray,
+        try_for: Callable[[float], TrialStep],
+        within: float,
+    ) -> TrialStep | None:
+        """Look for a trial in which one of these contacts, told by their keys, is closed; see `find`."""
+        phase, end, tried = trial.phase, self._configuration.save(), False
+        starts = self._at_start(suspects, trial, state, within)
+        for key, start in starts.items():
+
+            def gap_after(time: float, key: int = key) -> tuple[TrialStep, _Node | None]:
+                shorter = try_for(time)
+                if shorter.gap < -self._tolerance:
+                    return shorter, None
+                nodes = self._nodes(self._detect(within), phase.start.velocity, time)
+                return shorter, nodes.get(key)
+
+            tried = tried or _lowest(start, suspects[key], -self._tolerance) < -self._tolerance
+            shorter = _find_negative(gap_after, start, suspects[key], self._tolerance)
+            if shorter is not None:
+                return shorter
+        if tried:
+            try_for(phase.duration)
+        else:
+            self._configuration.restore(end)
+            self._configuration.update()
+            self._detector.refresh(self._configuration.data, self._near, trial.phase_end.now.pattern)
+        return None
+
+    def _at_start(
+        self, suspects: dict[int, _Node], trial: TrialStep, state: np.ndarray, within: float
+    ) -> dict[int, _Node | None]:
+        """Return those that close at the start of the phase; None for what their gap is where bodies turn too far."""
+        phase = trial.phase
+        self._configuration.restore(state)
+        velocity = phase.start.velocity
+        found = self._detect(within)
+        phase.work.look(len(found.gap))
+        at_start = self._nodes(found, velocity, 0.0)
+        turns = phase.duration > _TURNS * self._travel.longest_turn(velocity)
+        single = dict(zip(found.pattern.key.tolist(), found.pattern.single.tolist(), strict=True))
+        return {
+            key: None if turns and not single[key] else at_start[key]
+            for key in suspects
+            if key in at_start and (at_start[key].slope < 0.0 or (turns and not single[key]))
+        }
+
+    def _suspects(self, found: ContactSet, known: np.ndarray, trial: TrialStep) -> dict[int, _Node]:
+        """Return contacts that may have been closed within a trial, by their keys: not those that have been before."""
+        phase, phase_end = trial.phase, trial.phase_end
+        opens = self._opens(found, phase.start.velocity, phase.duration)
+        if not np.count_nonzero(opens):
+            return {}
+        if len(phase.start.closed):
+            opens &= ~((known >= 0) & phase.start.closed[known])
+        opens &= ~(found.pattern.vague & np.isin(found.pattern.key, _held(phase_end)))
+        if not np.count_nonzero(opens):
+            return {}
+        slope = self._slopes(found, phase.start.velocity)
+        result: dict[int, _Node] = {}
+        for i in np.flatnonzero(opens)[np.argsort(-found.gap[opens])].tolist():
+            result[int(found.pattern.key[i])] = _Node(phase.duration, float(found.gap[i]), float(slope[i]))
+        return result
+
+    def _nodes(self, found: ContactSet, before: np.ndarray, time: float) -> dict[int, _Node]:
+        """Return the gap of each pair after a time, s: of several contacts the one that closes fastest at the start."""
+        slope = self._slopes(found, before) if time > 0.0 else found.contact_velocity(before)
+        order = np.argsort(-slope if time == 0.0 else -found.gap)
+        key = found.pattern.key
+        return {int(key[i]): _Node(time, float(found.gap[i]), float(slope[i])) for i in order.tolist()}
+
+    def _opens(self, found: ContactSet, before: np.ndarray, duration: float) -> np.ndarray:
+        """Return which contacts open now and may have been closed within a phase, by their tangents, bool (h,)."""
+        slope = self._slopes(found, before)
+        return (slope > 0.0) & (found.gap - slope * duration < -self._tolerance)
+
+    def _slopes(self, found: ContactSet, before: np.ndarray) -> np.ndarray:
+        """Return how gaps grow with the duration of the phase, m/s, (h,).
+
+        The semi-implicit integrators move with the velocity of the end, so that ``q(T) = q(0) + T v(T)``.
+        """
+        rate = found.contact_velocity(self._configuration.data.qvel)
+        if self._configuration.model.opt.integrator == _RK4:
+            return rate
+        return 2.0 * rate - found.contact_velocity(before)
+
+    def _detect(self, within: float) -> ContactSet:
+        """Return the contacts of now of a gap up to ``within``, m, at least."""
+        self._configuration.refresh()
+        return ContactSet(self._detector.look(self._configuration.data, within), self._configuration)
+
+    def _drift(self, duration: float) -> float:
+        """Return how far surfaces that move by themselves can have moved in a phase, m."""
+        surfaces = self._configuration.surfaces
+        return 0.0 if surfaces is None else surfaces.speed * duration
+
+    def _reach(self, before: np.ndarray, duration: float) -> float:
+        """Return a distance, m, that two geoms cannot have come closer in a phase, at most the size of the scene."""
+        after, drift = self._configuration.data.qvel, 2.0 * self._drift(duration)
+        reach = self._travel.reach(before, after, duration) + drift
+        if reach > _WIDE * self._extent:
+            reach = 2.0 * float(self._travel.by(before, after, duration).max(initial=0.0)) + drift
+        return min(reach, self._extent)
+
+
+def _held(phase_end: PhaseEnd) -> np.ndarray:
+    """Return the keys of the pairs that have a contact which stays closed, int."""
+    return phase_end.now.pattern.key[phase_end.sustained]
+
+
+def _find_negative(
+    gap_after: Callable[[float], tuple[TrialStep, _Node | None]], low: _Node | None, high: _Node, tolerance: float
+) -> TrialStep | None:
+    """Return a trial at whose end a gap is negative; None if it is not, or not found.
+
+    Args:
+        gap_after: tries for a time, s, and returns how that ended: with which gap, None if one is negative or far.
+        low: where the gap falls; None if that is not known, and then the phase begins at 0.
+        high: where it rises.
+        tolerance: up to which a gap is not negative, m.
+    """
+    for _ in range(_TRIALS):
+        if _lowest(low, high, -tolerance) >= -tolerance:
+            return None
+        begin = 0.0 if low is None else low.time
+        time = 0.5 * (begin + high.time) if low is None else _bottom(low, high)
+        trial, node = gap_after(time)
+        if trial.gap < -tolerance:
+            return trial
+        if node is None:
+            return None
+        if node.slope > 0.0:
+            high = node
+        else:
+            low = node
+    return None
+
+
+def _lowest(low: _Node | None, high: _Node, least: float) -> float:
+    """Return a bound of a convex gap between two times, m, by its tangents there; below ``least`` if that is enough."""
+    if low is None:
+        return -math.inf if high.gap - high.slope * high.time < least else 0.0
+    meet = (low.gap - high.gap + high.slope * high.time - low.slope * low.time) / (high.slope - low.slope)
+    return low.gap + low.slope * (meet - low.time)
+
+
+def _bottom(low: _Node, high: _Node) -> float:
+    """Return the time of the lowest point of the cubic through two nodes, between which it falls and rises again."""
+    span = high.time - low.time
+    rise, first, last = high.gap - low.gap, low.slope * span, high.slope * span
+    two, three = 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise
+    part = -first / (two + math.sqrt(max(two * two - 3.0 * three * first, 0.0)) or math.inf)
+    return low.time + span * min(max(part, _INNER), 1.0 - _INNER)

@@ -1,0 +1,94 @@
+"""Bodies that touch and that equality constraints tie to each other: neither can be met without breaking the other."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from impactlaw import Moreau, Stepper
+
+PAIR = """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody>
+  <body name="a"><freejoint/><geom type="{shape}" size=".1 .05 .05" mass=".5"/></body>
+  <body name="b" pos=".2 0 0"><freejoint/><geom type="{shape}" size=".1 .05 .05" mass=".5"/></body>
+  </worldbody><equality>{equality}</equality></mujoco>"""
+BRICKS = """<mujoco><option timestep="0.002"/><worldbody><geom type="plane" size="9 9 1"/>
+  <body name="a" pos="0 0 .6" euler="30 20 0"><freejoint/><geom type="box" size=".1 .05 .05" mass=".5"/></body>
+  <body name="b" pos="{place}" euler="30 20 0"><freejoint/><geom type="box" size=".1 .05 .05" mass=".5"/></body>
+  </worldbody><equality><weld body1="a" body2="b"/></equality></mujoco>"""
+HINGE = '<connect body1="a" body2="b" anchor=".1 0 .05"/><connect body1="a" body2="b" anchor=".1 0 -.05"/>'
+TIES = {
+    "weld": '<weld body1="a" body2="b"/>',
+    "connect": '<connect body1="a" body2="b" anchor=".1 0 0"/>',
+    "hinge": HINGE,
+}
+WAYS = {
+    "time-stepping": {"scheme": "time-stepping"},
+    "time-stepping in Python": {"scheme": "time-stepping", "compiled": "never"},
+    "soft": {"contact_model": "soft"},
+    "soft in Python": {"contact_model": "soft", "compiled": "never"},
+    "event-driven": {},
+}
+
+
+def kinetic_energy(model, data):
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    return 0.5 * data.qvel @ mass @ data.qvel
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("tie", TIES)
+@pytest.mark.parametrize("shape", ["box", "sphere"])
+@pytest.mark.parametrize("e", [0.0, 0.5])
+def test_no_energy_comes_from_contact_between_tied_bodies(way, tie, shape, e):
+    model = mujoco.MjModel.from_xml_string(PAIR.format(shape=shape, equality=TIES[tie]))
+    data = mujoco.MjData(model)
+    stepper = Stepper(model, Moreau(e), on_inadmissible="project", **WAYS[way])
+    data.qvel[6:] = -0.1, 0.05, 0.0, 0.2, 0.5, 0.3  # which no tie has
+    mujoco.mj_forward(model, data)
+    begin, momentum = kinetic_energy(model, data), data.qvel[:3] + data.qvel[6:9]
+    for _ in range(300):
+        stepper.step(data)
+        assert kinetic_energy(model, data) < 1.01 * begin
+    np.testing.assert_allclose(data.qvel[:3] + data.qvel[6:9], momentum, atol=1e-12)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_glued_bricks_fall_and_come_to_rest(way):
+    axis = np.zeros(9)
+    quat = mujoco.MjModel.from_xml_string(BRICKS.format(place="9 9 9")).body("b").quat
+    mujoco.mju_quat2Mat(axis, quat)
+    place = np.array([0.0, 0.0, 0.6]) + 0.2 * axis.reshape(3, 3)[:, 0]
+    model = mujoco.MjModel.from_xml_string(BRICKS.format(place=" ".join(map(str, place))))
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), on_inadmissible="project", **WAYS[way])
+    fastest = 0.0
+    for _ in range(1500):
+        stepper.step(data)
+        fastest = max(fastest, np.linalg.norm(data.qvel[:3]))
+    assert fastest < 4.0  # a fall of .6 m ends with 3.4 m/s
+    assert np.abs(data.qvel).max() < 0.05
+
+
+BASE = """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody>
+  <body pos="0 0 1"><joint type="slide" axis="0 0 1" damping="{damping}"/><joint type="slide" damping="{damping}"/>
+    <geom size=".1" mass="50" contype="0" conaffinity="0"/>
+    <body><joint axis="0 1 0" armature="1" damping="10"/>
+      <geom type="capsule" fromto="0 0 0 .4 0 0" size=".04" mass="2" contype="0" conaffinity="0"/>
+      <body pos=".4 0 0"><joint axis="0 1 0" armature="1" damping="10"/>
+        <geom type="capsule" fromto="0 0 0 .4 0 0" size=".04" mass="2"/></body></body></body>
+  <body pos=".6 0 1.1"><freejoint/><geom size=".05" mass="1"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("damping", [1e7, 1e9, 1e11])
+@pytest.mark.parametrize("way", WAYS)
+def test_a_base_that_damping_locks_stays_where_it_is(way, damping):
+    """Fetch's base is held by 1e11 N s/m: a collision that moved it would meet that as a force."""
+    model = mujoco.MjModel.from_xml_string(BASE.format(damping=damping))
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.0), on_inadmissible="project", **WAYS[way])
+    data.qvel[6] = -2.0
+    hit = False
+    for _ in range(100):
+        stepper.step(data)
+        hit = hit or abs(data.qvel[3]) > 0.05
+        assert np.abs(data.qvel).max() < 5.0
+    assert hit
+    assert np.abs(data.qpos[:2]).max() < 1e-4
