@@ -6,7 +6,7 @@ it. Only the last of these is ever run.
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
@@ -29,7 +29,7 @@ class _Part(JITCodeLibrary):
 class _Lowering(NativeLowering):
     _name = "lowering_of_parts"
 
-    def run_pass(self, state: Any) -> bool:
+    def run_pass(self, state: Any) -> Literal[True]:
         """Write the code of a function; no address stands for it, so that Python cannot call it."""
         context = state.targetctx
         state.library = library = _Part(context.codegen(), state.func_id.func_qualname)

@@ -69,7 +69,8 @@ def test_glued_bricks_fall_and_come_to_rest(way):
 
 
 BASE = """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody>
-  <body pos="0 0 1"><joint type="slide" axis="0 0 1" damping="{damping}"/><joint type="slide" damping="{damping}"/>
+  <body pos="0 0 1"><joint type="slide" axis="0 0 1" damping="{damping}"/>
+    <joint type="slide" axis="1 0 0" damping="{damping}"/>
     <geom size=".1" mass="50" contype="0" conaffinity="0"/>
     <body><joint axis="0 1 0" armature="1" damping="10"/>
       <geom type="capsule" fromto="0 0 0 .4 0 0" size=".04" mass="2" contype="0" conaffinity="0"/>

@@ -80,8 +80,10 @@ class Collisions:
         closed = Closed(contacts, jacobian, None, drift, friction=friction)
         if data.ne and self.bilateral.any():
             closed, gamma = self._constrained(data, closed, gamma)
+            if not np.count_nonzero(gamma < -speed):
+                return NOTHING
         if self.chosen is not None:
-            closed = closed.select(np.flatnonzero(self.chosen.mask(contacts.labels)))
+            closed = closed.select(np.flatnonzero(self.chosen.mask(closed.contacts.labels)))
         events: list[ImpactEvent] = []
         try:
             velocity = self._collide(self.collider, data, closed, gamma, events)
