@@ -13,7 +13,7 @@ PAIR = """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody>
 BRICKS = """<mujoco><option timestep="0.002"/><worldbody><geom type="plane" size="9 9 1"/>
   <body name="a" pos="0 0 .6" euler="30 20 0"><freejoint/><geom type="box" size=".1 .05 .05" mass=".5"/></body>
   <body name="b" pos="{place}" euler="30 20 0"><freejoint/><geom type="box" size=".1 .05 .05" mass=".5"/></body>
-  </worldbody><equality><weld body1="a" body2="b"/></equality></mujoco>"""
+  </worldbody><equality>{equality}</equality></mujoco>"""
 HINGE = '<connect body1="a" body2="b" anchor=".1 0 .05"/><connect body1="a" body2="b" anchor=".1 0 -.05"/>'
 TIES = {
     "weld": '<weld body1="a" body2="b"/>',
@@ -53,12 +53,13 @@ def test_no_energy_comes_from_contact_between_tied_bodies(way, tie, shape, e):
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_glued_bricks_fall_and_come_to_rest(way):
-    axis = np.zeros(9)
-    quat = mujoco.MjModel.from_xml_string(BRICKS.format(place="9 9 9")).body("b").quat
+@pytest.mark.parametrize("tie", TIES)
+def test_bricks_that_are_tied_fall_and_come_to_rest(way, tie):
+    axis, equality = np.zeros(9), TIES[tie]
+    quat = mujoco.MjModel.from_xml_string(BRICKS.format(place="9 9 9", equality=equality)).body("b").quat
     mujoco.mju_quat2Mat(axis, quat)
     place = np.array([0.0, 0.0, 0.6]) + 0.2 * axis.reshape(3, 3)[:, 0]
-    model = mujoco.MjModel.from_xml_string(BRICKS.format(place=" ".join(map(str, place))))
+    model = mujoco.MjModel.from_xml_string(BRICKS.format(place=" ".join(map(str, place)), equality=equality))
     data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), on_inadmissible="project", **WAYS[way])
     fastest = 0.0
     for _ in range(1500):

@@ -12,7 +12,7 @@ import numpy as np
 from impactlaw.errors import DivergenceError, InadmissibleImpactError
 from impactlaw.laws import Coulomb, Law
 from impactlaw.scene.contacts import geom_names
-from impactlaw.scene.equality_constraints import CALM, bilateral_constraints
+from impactlaw.scene.equality_constraints import bilateral_constraints
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.stepping.law_targets import LawTargets
@@ -23,6 +23,7 @@ from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
 from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
 from impactlaw.stepping.time_stepping.tolerances import (
+    CALM,
     FEW_ROUNDS,
     PHASES,
     RESOLVED,

@@ -25,6 +25,10 @@ PHASE_LOOK_ROWS = 50
 """Rows of a contact problem up to which that is looked at again."""
 PHASES = 8
 """Collisions one after another within a step at most, where contacts are hit through others across open gaps."""
+CALM = 1e-2
+"""Part of the fastest collision up to which the velocity of an equality constraint is one that it can keep there.
+
+It is less than that of other ways to step (`scene.equality_constraints`): here one problem has forces in it, too."""
 STIFF = 1e-6
 """Part of their compliance that equality constraints keep in a collision."""
 SLOWEST = 1e-2

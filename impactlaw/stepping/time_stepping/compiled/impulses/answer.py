@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlaw.scene.equality_constraints import CALM
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.compiled.access import data_floats, data_ints, layout_of, model_ints, number, size
@@ -18,7 +17,7 @@ from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setti
 from impactlaw.stepping.time_stepping.problem.phases import find_later
 from impactlaw.stepping.time_stepping.problem.resolve import linked_resolve
 from impactlaw.stepping.time_stepping.problem.targets import aim, close_gaps
-from impactlaw.stepping.time_stepping.tolerances import RESOLVED, STIFF
+from impactlaw.stepping.time_stepping.tolerances import CALM, RESOLVED, STIFF
 
 
 class Solved(NamedTuple):
