@@ -81,7 +81,7 @@ def _parts(module: str) -> int:
 
 @cache
 def _tell() -> None:
-    print("impactlaw: compiling contact, once; this takes about a minute", file=sys.stderr)
+    print("impactlaw: compiling contact, once; this takes a minute or two", file=sys.stderr)
 
 
 @cache
