@@ -28,7 +28,7 @@ def _write_scaled(Jnnz, Jadr, Jcol, J, row, weight, out):
 
 
 @plain
-def _leave_out(basis, count, nv, row, at):
+def leave_out(basis, count, nv, row, at):
     """Subtract from nv numbers of a row their part along the basis; return what part of it is left."""
     before = np.sqrt(dot(row, at, row, at, nv))
     for _ in range(2):  # a second time for what rounding has left
@@ -46,7 +46,7 @@ def _span(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, basis):
             continue
         at = count * nv
         _write_scaled(Jnnz, Jadr, Jcol, J, row, weight, basis[at : at + nv])
-        if _leave_out(basis, count, nv, basis, at) > _NEW:
+        if leave_out(basis, count, nv, basis, at) > _NEW:
             length = np.sqrt(dot(basis, at, basis, at, nv))
             for i in range(at, at + nv):
                 basis[i] /= length
@@ -80,7 +80,7 @@ def find_tied(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, address, 
     for c in range(len(address)):
         if address[c] >= 0:
             _write_scaled(Jnnz, Jadr, Jcol, J, address[c], weight, trial)
-            tied[c] = _leave_out(basis, count, nv, trial, FIRST) <= TIED
+            tied[c] = leave_out(basis, count, nv, trial, FIRST) <= TIED
 
 
 @compiled()

@@ -10,10 +10,11 @@ import numpy as np
 
 from impactlaw.mechanics.tolerances import FIXED
 from impactlaw.scene.tolerances import OWN_CONSTRAINT
-from impactlaw.solvers.cones.algebra.loops import clear, dot, integers, numbers, once, plain, subtract
+from impactlaw.solvers.cones.algebra.loops import clear, dot, integers, numbers, once, plain
 from impactlaw.solvers.tolerances import RANK
 from impactlaw.stepping.compiled.access import data_floats, data_ints, layout_of, number, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL
+from impactlaw.stepping.compiled.ties import leave_out
 from impactlaw.stepping.soft.compiled.rows import Rows
 
 _CLEAR = 2.0 * OWN_CONSTRAINT
@@ -30,16 +31,6 @@ def _whitened_row(nnz, adr, col, val, row, factor, Mnnz, Madr, Mcol, root, out):
         for a in range(Madr[i], Madr[i] + Mnnz[i] - 1):
             out[Mcol[a]] -= factor[a] * out[i]
         out[i] *= root[i]
-
-
-@plain
-def _leave_out(basis, count, nv, row, at):
-    """Subtract from nv numbers of a row their part along the basis, twice, for rounding; return what is left of it."""
-    before = np.sqrt(dot(row, at, row, at, nv))
-    for _ in range(2):
-        for b in range(count):
-            subtract(row, at, basis, b * nv, dot(row, at, basis, b * nv, nv), nv)
-    return np.sqrt(dot(row, at, row, at, nv)) / before if before > 0.0 else 0.0
 
 
 @plain
@@ -66,7 +57,7 @@ def span(w, bilateral, calm, jacobian, root, basis):
             continue
         at = count * nv
         _whitened_row(nnz, adr, col, val, r, factor, Mnnz, Madr, Mcol, root, basis[at : at + nv])
-        left = _leave_out(basis, count, nv, basis, at)
+        left = leave_out(basis, count, nv, basis, at)
         if left >= _CLEAR:
             length = np.sqrt(dot(basis, at, basis, at, nv))
             for i in range(at, at + nv):
@@ -88,7 +79,7 @@ def _project(rows, nv, basis, count, adr, nnz, col, val):
             col[at + i] = i
         for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
             val[at + rows.col[a]] = rows.val[a]
-        if not _leave_out(basis, count, nv, val, at) > FIXED:
+        if not leave_out(basis, count, nv, val, at) > FIXED:
             return False
     return True
 
