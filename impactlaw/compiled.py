@@ -18,6 +18,9 @@ from typing import Any, cast
 
 import mujoco
 import numba
+from numba.core import sigutils
+
+from impactlaw.compiling import LATER, Declared, alone, start_helpers
 
 _PARTS = (
     "solvers/cones/algebra",
@@ -42,6 +45,7 @@ _ALSO = (
     "scene/equality_constraints.py",
     "stepping/soft/tolerances.py",
     "solvers/friction/single_contact.py",
+    "linked.py",
 )
 """Files that these functions depend on, too: how they are compiled, and numbers that they have taken over."""
 
@@ -92,6 +96,19 @@ def announce(module: str) -> None:
         _tell()
 
 
+@cache
+def compile_together(module: str) -> None:
+    """Let other processors compile, too, if the functions of a module are not in the cache yet.
+
+    Args:
+        module: its full name; it is imported next, and calls all that is going to be compiled.
+    """
+    folder = cache_folder(_parts(module))
+    if folder is not None and not any((folder / module).glob("*.nbi")):
+        announce(module)
+        start_helpers(module)
+
+
 class Kept:
     """Where numba keeps a function: by its module, so that every copy of this version on a computer finds it.
 
@@ -133,26 +150,47 @@ class Kept:
 def compiled(*signature: Any, counts: bool = True) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator that compiles a function when it is first called, or at once if its signature is given.
 
+    A helper of `compiling` puts that off. It cannot where the signature does not say what the function returns, for
+    then nothing that calls the function can be compiled before.
+
     Args:
         signature: of the function, as text or as numba has it.
         counts: whether it counts who holds arrays; a function that makes none need not, see `loops.plain`.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        folder, settings = cache_folder(_parts(function.__module__)), cast(Any, numba).config
-        if signature:  # it is compiled now
+        if not signature:
+            return _compile(function, (), counts)
+        arguments, returned = cast(Any, sigutils).normalize_signature(*signature)
+        later = LATER.get()
+        if later is None or returned is None:
             announce(function.__module__)
-        kept = settings.CACHE_DIR, getattr(settings, "CACHE_LOCATOR_CLASSES", "")
-        settings.CACHE_DIR, settings.CACHE_LOCATOR_CLASSES = "" if folder is None else str(folder), _KEPT
-        collects = gc.isenabled()
-        gc.disable()  # numba makes millions of objects: to look through them all again and again takes a tenth longer
-        try:
-            return cast(Any, numba.njit)(
-                *signature, cache=folder is not None, error_model="numpy", nogil=True, _nrt=counts
-            )(function)
-        finally:
-            settings.CACHE_DIR, settings.CACHE_LOCATOR_CLASSES = kept
-            if collects:
-                gc.enable()
+            return _compile_alone(function, signature, counts, wait=True)
+        later.append(lambda: _compile_alone(function, signature, counts, wait=False))
+        return Declared(function, arguments, returned)
 
     return decorate
+
+
+def _compile_alone(function: Callable[..., Any], signature: tuple[Any, ...], counts: bool, *, wait: bool) -> Any:
+    """Compile a function that no other process compiles meanwhile; see `compiling.alone`."""
+    folder = cache_folder(_parts(function.__module__))
+    name = f"{function.__module__}.{function.__name__}.lock"
+    with alone(folder and folder / name, wait=wait) as mine:
+        return _compile(function, signature, counts) if mine else None
+
+
+def _compile(function: Callable[..., Any], signature: tuple[Any, ...], counts: bool) -> Any:
+    folder, settings = cache_folder(_parts(function.__module__)), cast(Any, numba).config
+    kept = settings.CACHE_DIR, getattr(settings, "CACHE_LOCATOR_CLASSES", "")
+    settings.CACHE_DIR, settings.CACHE_LOCATOR_CLASSES = "" if folder is None else str(folder), _KEPT
+    collects = gc.isenabled()
+    gc.disable()  # numba makes millions of objects: to look through them all again and again takes a tenth longer
+    try:
+        return cast(Any, numba.njit)(
+            *signature, cache=folder is not None, error_model="numpy", nogil=True, _nrt=counts
+        )(function)
+    finally:
+        settings.CACHE_DIR, settings.CACHE_LOCATOR_CLASSES = kept
+        if collects:
+            gc.enable()

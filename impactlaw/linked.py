@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 from typing import Any
 
 import llvmlite.binding as llvm
 from numba.core import cgutils, types
 from numba.extending import intrinsic
+
+from impactlaw.compiling import Declared
 
 
 def linked(function: Any) -> Any:
@@ -16,10 +19,18 @@ def linked(function: Any) -> Any:
     is compiled once. The symbol that stands for it in caches on disk is made here, before anything is loaded that needs
     it.
     """
-    (overload,) = function.overloads.values()
-    signature, library, description = overload.signature, overload.library, overload.fndesc
-    symbol = f"impactlaw_{function.__module__.replace('.', '_')}_{function.__name__}"
-    llvm.add_symbol(symbol, library.get_pointer_to_function(description.llvm_func_name))
+    made = function.function if isinstance(function, Declared) else function
+    symbol = f"impactlaw_{made.__module__.replace('.', '_')}_{made.__name__}"
+    if isinstance(function, Declared):  # only called by what is compiled here for other processes
+        signature = function.returned(*function.arguments)
+        address = ctypes.cast(ctypes.pythonapi.Py_IncRef, ctypes.c_void_p).value
+    else:
+        (overload,) = function.overloads.values()
+        signature, address = (
+            overload.signature,
+            overload.library.get_pointer_to_function(overload.fndesc.llvm_func_name),
+        )
+    llvm.add_symbol(symbol, address)
 
     def generate(context: Any, builder: Any, called: Any, values: Any) -> Any:
         returned, arguments = signature.return_type, signature.args
@@ -36,7 +47,7 @@ def linked(function: Any) -> Any:
     def call(typingctx: Any, *arguments: Any) -> Any:
         given = tuple(arguments[0]) if len(arguments) == 1 and isinstance(arguments[0], tuple) else arguments
         if len(given) != len(signature.args):
-            raise TypeError(f"{function.__name__} takes {len(signature.args)} arguments, not {len(given)}")
+            raise TypeError(f"{made.__name__} takes {len(signature.args)} arguments, not {len(given)}")
         return signature.return_type(types.StarArgTuple(given)), generate
 
     return call

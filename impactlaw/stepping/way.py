@@ -116,7 +116,10 @@ class Way:
         scheme = SoftStepping(self.model, self._collider(law), self.plan, rest_speed=speed, chosen=self.chosen)
         if o.compiled == "never":
             return scheme
+        from impactlaw.compiled import compile_together
         from impactlaw.stepping.compiled.layout import LayoutError
+
+        compile_together("impactlaw.stepping.soft.compiled.entry")
         from impactlaw.stepping.soft.compiled.stepping import CompiledSoftStepping
 
         try:

@@ -95,10 +95,11 @@ def cost(rows: int, freedoms: int) -> tuple[float, float]:
 
 def compiled_answer(problem: ConeProblem, guess: np.ndarray | None, rounds: int) -> tuple[np.ndarray, int]:
     """Return what the compiled solver finds: scaled impulse, (h, m), and all its steps."""
-    from impactlaw.compiled import announce
+    from impactlaw.compiled import compile_together
+
+    compile_together("impactlaw.solvers.cones.solve")
     from impactlaw.solvers.cones import CONE, solve
 
-    announce("impactlaw.solvers.cones")
     (h, m), nv = problem.shape, problem.rows.shape[1]
     n = h * m
     start = np.zeros(n) if guess is None else np.array(problem.scaled(guess), dtype=float).reshape(-1)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import mujoco
 
-from impactlaw.compiled import announce
+from impactlaw.compiled import announce, compile_together
 from impactlaw.errors import UncompiledWarning
 from impactlaw.laws import Law, Moreau
 from impactlaw.solvers import load_solvers
@@ -19,17 +19,23 @@ if TYPE_CHECKING:
     from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 
+_SOLVER, _ENTRY = "impactlaw.solvers.cones.solve", "impactlaw.stepping.time_stepping.compiled.entry"
+"""Modules that call all that is compiled for steps in Python, and for those that are compiled themselves."""
 _SCENE = """<mujoco><option timestep="0.01"/><worldbody><geom type="plane" size="1 1 1"/>
   <body pos="0 0 .09"><freejoint/><geom type="box" size=".1 .1 .1"/></body></worldbody></mujoco>"""
 
 
 @cache
-def warm_up() -> None:
+def warm_up(calls: str = _SOLVER) -> None:
     """Compile what a step needs, once on every machine; later processes load it from numba's cache on disk.
 
     Two steps of a spinning box that overlaps a floor call all of it.
+
+    Args:
+        calls: the module that is needed next, see `compile_together`.
     """
     announce("impactlaw.stepping.time_stepping")
+    compile_together(calls)
     from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
     model = mujoco.MjModel.from_xml_string(_SCENE)
@@ -57,7 +63,7 @@ def make_time_stepping(
         compiled: None for compiled code where it can be had, "auto" to warn where not, "never" for Python.
         options: of `scheme.TimeStepping`.
     """
-    warm_up()
+    warm_up(_SOLVER if compiled == "never" else _ENTRY)
     from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
     scheme = TimeStepping(model, law, plan, **options)

@@ -1,0 +1,112 @@
+"""Several processes compile together: each function is compiled by one of them, and the others read it from the cache.
+
+Helpers are Python processes that import what is about to be compiled, last functions first, and end with it. They
+begin at the other end because the process that waits for all of it must compile in the order of the imports.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+try:
+    import fcntl
+except ImportError:  # on Windows there is none: each process compiles for itself
+    fcntl = None
+
+_HELPERS = 3  # of which each takes half a gigabyte
+_WORK = "import sys; from impactlaw.compiling import help_with; help_with(sys.argv[1], int(sys.argv[2]))"
+
+LATER: ContextVar[list[Callable[[], Any]] | None] = ContextVar("LATER", default=None)
+"""What a helper has put off until it has imported everything; None where functions are compiled as they are met."""
+
+
+@dataclass(frozen=True)
+class Declared:
+    """A function that is going to be compiled, as those need it that call it by address, see `linked`.
+
+    Attributes:
+        function: not compiled.
+        arguments: their types.
+        returned: type of what it returns.
+    """
+
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+    returned: Any
+
+
+@contextmanager
+def alone(path: Path | None, *, wait: bool = True) -> Iterator[bool]:
+    """Hold a file that only one process can hold; what ends a process, however it ends, gives it back.
+
+    Args:
+        path: of the file; None if none can be written.
+        wait: until another process gives it back.
+
+    Yields:
+        Whether it is held.
+    """
+    if fcntl is None or path is None:
+        yield wait
+        return
+    with path.open("a") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except OSError:  # another process holds it, or its file system has no such thing
+            yield wait
+        else:
+            yield True
+
+
+def start_helpers(module: str) -> None:
+    """Start processes that compile what a module of this package calls, as many as there are other processors.
+
+    Args:
+        module: its full name.
+    """
+    if fcntl is None or not sys.executable:
+        return
+    others = len(os.sched_getaffinity(0)) - 1 if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1) - 1
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)}
+    for number in range(min(others, _HELPERS)):
+        helper = subprocess.Popen(
+            [sys.executable, "-P", "-c", _WORK, module, str(number)],
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        threading.Thread(target=helper.wait, daemon=True).start()  # somebody has to see it end
+
+
+def help_with(module: str, number: int) -> None:
+    """Compile what a module calls, last functions first, but for those that another process is at.
+
+    Args:
+        module: its full name.
+        number: of the helper; there is one of each number at a time.
+    """
+    from impactlaw.compiled import cache_folder
+
+    folder = cache_folder()
+    if folder is None:
+        return
+    with alone(folder / f"helper_{number}.lock", wait=False) as mine:
+        if not mine:
+            return
+        later: list[Callable[[], Any]] = []
+        LATER.set(later)
+        import_module(module)
+        LATER.set(None)
+        for compile_it in reversed(later):
+            compile_it()

@@ -1,0 +1,89 @@
+"""Processes that compile together."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import impactlaw
+from impactlaw.compiling import alone
+
+pytest.importorskip("fcntl", reason="on Windows each process compiles for itself")
+
+_MODULE = """
+from impactlaw.compiled import compiled
+from impactlaw.linked import linked
+
+@compiled("float64(float64)")
+def double(x):
+    return 2.0 * x
+
+_double = linked(double)
+
+@compiled("(float64,)")
+def half(x):
+    return x / 2.0
+
+@compiled("float64(float64)")
+def five_halves(x):
+    return _double(x) + half(x)
+"""
+_READ = """
+from impactlaw.copied import double, five_halves, half
+print(five_halves(2.0), *(sum(f.stats.cache_hits.values()) for f in (double, half, five_halves)))
+"""
+
+
+def _run(code: str, copy: Path) -> str:
+    environment = os.environ | {"PYTHONPATH": str(copy), "NUMBA_CACHE_DIR": str(copy / "cache")}
+    command = [sys.executable, "-P", "-c", code]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=True).stdout
+
+
+@pytest.fixture
+def copy(tmp_path):
+    shutil.copytree(Path(impactlaw.__file__).parent, tmp_path / "impactlaw", ignore=shutil.ignore_patterns("envs"))
+    (tmp_path / "impactlaw" / "copied.py").write_text(_MODULE)
+    return tmp_path
+
+
+def test_one_process_at_a_time_holds_a_file(tmp_path):
+    with alone(tmp_path / "lock") as first, alone(tmp_path / "lock", wait=False) as second:
+        assert first
+        assert not second
+    with alone(tmp_path / "lock", wait=False) as again:
+        assert again
+
+
+def test_what_a_helper_compiles_is_found(copy):
+    assert _run(_READ, copy).split() == ["5.0", "0", "0", "0"]
+    shutil.rmtree(copy / "cache")
+    _run("from impactlaw.compiling import help_with; help_with('impactlaw.copied', 0)", copy)
+    assert _run(_READ, copy).split() == ["5.0", "1", "1", "1"]
+
+
+def test_a_helper_leaves_out_what_another_process_compiles(copy):
+    hold = """
+from impactlaw.compiled import cache_folder
+from impactlaw.compiling import alone, help_with
+with alone(cache_folder() / "impactlaw.copied.five_halves.lock"):
+    help_with('impactlaw.copied', 0)
+"""
+    _run(hold, copy)
+    assert _run(_READ, copy).split() == ["5.0", "1", "1", "0"]
+
+
+def test_there_is_one_helper_of_each_number(copy):
+    hold = """
+from impactlaw.compiled import cache_folder
+from impactlaw.compiling import alone, help_with
+with alone(cache_folder() / "helper_0.lock"):
+    help_with('impactlaw.copied', 0)
+"""
+    _run(hold, copy)
+    assert _run(_READ, copy).split() == ["5.0", "0", "0", "0"]
