@@ -87,7 +87,8 @@ def draw_admissible_set(axes: Any, collision: Collision, runs: Sequence[Run]) ->
         along = np.array([-normal[1], normal[0]]) * 1.2 * radius
         axes.plot(*np.stack([-along, along], axis=1), color=f"C{i}", linewidth=0.8, linestyle=":")
         axes.annotate("", normal * 0.35 * radius, (0, 0), arrowprops={"arrowstyle": "->", "color": f"C{i}"})
-        axes.annotate(label, normal * 0.4 * radius, fontsize=9, color=f"C{i}", ha="center", va="bottom")
+        side = "left" if normal[0] > 0.5 else "right" if normal[0] < -0.5 else "center"
+        axes.annotate(label, normal * 0.4 * radius, fontsize=9, color=f"C{i}", ha=side, va="bottom")
     corners = _boundary(gradients, before, radius)
     if len(corners):
         axes.fill(*corners.T, color="C2", alpha=0.25, label="S(v-)")
@@ -103,7 +104,7 @@ def draw_admissible_set(axes: Any, collision: Collision, runs: Sequence[Run]) ->
             )
     axes.set_aspect("equal")
     axes.set_title("S(v-) in the kinetic metric, sqrt(J)", fontsize=11)
-    axes.legend(fontsize=9, loc="lower right")
+    axes.legend(fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=4)
     axes.grid(alpha=0.3)
 
 
