@@ -16,7 +16,7 @@ from impactlaw.errors import CopyError, SceneError, UnknownNameError, WorldsFail
 from impactlaw.laws import Law
 from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.stepping.compatibility import FRICTION, check_count, check_law, check_model, check_override, check_speed
-from impactlaw.stepping.compiled.engine import Pool, functions
+from impactlaw.stepping.compiled.engine import Pool, functions, when_gone
 from impactlaw.stepping.compiled.layout import table
 from impactlaw.stepping.left_out import watched_fields
 from impactlaw.stepping.plan import make_plan
@@ -109,6 +109,7 @@ class Batch:
         self._report = np.zeros((nsim, 2), np.int64)
         self._sizes, self._bilateral = scheme.sizes, constraint_kinds(scheme.model)
         self._slots = np.zeros((self.nthread + 1, 2), np.int64)
+        when_gone(self, _free, self._memory, self._slots)
         self._context, self._table = np.zeros(len(WORLDS), np.int64), table()
         self._write_context()
 
@@ -291,10 +292,10 @@ class Batch:
         self._functions.mjb_getData(self._pool.handle, int(number), data._address)
         return data
 
-    def __del__(self):
-        """Give memory back."""
-        if hasattr(self, "_context"):
-            memory.free(self._memory)
-            for _, other in self._slots:
-                if other:
-                    self._functions.mj_deleteData(int(other))
+
+def _free(numbers: np.ndarray, slots: np.ndarray) -> None:
+    """Give back what the worlds remember, and the other data of each thread."""
+    memory.free(numbers)
+    for _, other in slots:
+        if other:
+            functions().mj_deleteData(int(other))

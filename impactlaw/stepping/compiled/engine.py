@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import weakref
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -43,6 +44,11 @@ def functions() -> Any:
     return found
 
 
+def when_gone(owner: Any, function: Callable[..., Any], *arguments: Any) -> None:
+    """Call a function when an object is no more, but not when the process ends, which gives back all by itself."""
+    weakref.finalize(owner, function, *arguments).atexit = False
+
+
 class Pool:
     """MuJoCo's thread pool with some worlds of a model.
 
@@ -63,6 +69,7 @@ class Pool:
         self.handle = self._functions.mjb_makeBatch(model._address, worlds, ctypes.byref(configuration), message, 500)
         if not self.handle:
             raise mujoco.FatalError(message.value.decode())
+        when_gone(self, self._functions.mjb_deleteBatch, self.handle)
         self._call = self._functions.mjb_apply
 
     def apply(self, function: int, argument: int, worlds: Any) -> int:
@@ -85,12 +92,6 @@ class Pool:
     def error(self, world: int) -> str:
         """Return what MuJoCo has said of a world in the last call."""
         return self._functions.mjb_error(self.handle, world).decode()
-
-    def __del__(self):
-        """Give the threads and the worlds back."""
-        if getattr(self, "handle", None):
-            self._functions.mjb_deleteBatch(self.handle)
-            self.handle = None
 
 
 def fill_context(

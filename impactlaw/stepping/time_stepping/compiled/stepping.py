@@ -15,7 +15,7 @@ from impactlaw.errors import DivergenceError, InadmissibleImpactError, Uncompile
 from impactlaw.laws import Law
 from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.solvers import load_solvers
-from impactlaw.stepping.compiled.engine import Pool, fill_context
+from impactlaw.stepping.compiled.engine import Pool, fill_context, when_gone
 from impactlaw.stepping.compiled.fields import DATA, SIZE
 from impactlaw.stepping.compiled.layout import table
 from impactlaw.stepping.compiled.libmujoco import callbacks
@@ -48,6 +48,7 @@ class CompiledStepping:
         self._scheme, self._warn, self._sums = scheme, warn, float(sums)
         model = scheme.model
         self._memory = memory.make_memory(model, 1)
+        when_gone(self, memory.free, self._memory)
         self._before = np.zeros(self._memory.shape[1])
         self.unlocated = 0
         self._prepare()
@@ -193,11 +194,6 @@ class CompiledStepping:
         """Go on."""
         self.__init__(state["scheme"], warn=state["warn"], sums=state["sums"])
         memory.restore(self.numbers, state["numbers"], state["known"])
-
-    def __del__(self):
-        """Give memory back."""
-        if hasattr(self, "_memory"):
-            memory.free(self._memory)
 
 
 def _with_sums(scheme: TimeStepping) -> CompiledStepping:
