@@ -116,10 +116,15 @@ def closes(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray, speed: 
     return False
 
 
+def _dense_jacobian(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Return a view of MuJoCo's dense Jacobian, (nefc, nv); there is room for more rows in it."""
+    return data.efc_J.reshape(-1)[: data.nefc * model.nv].reshape(data.nefc, model.nv)
+
+
 def constraint_rows(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray) -> np.ndarray:
     """Return some of the rows of the Jacobian of MuJoCo's constraints of now, (k, nv)."""
     if not mujoco.mj_isSparse(model):
-        return data.efc_J.reshape(data.nefc, model.nv)[rows]
+        return _dense_jacobian(model, data)[rows]
     J, nnz, adr = np.zeros((len(rows), model.nv)), data.efc_J_rownnz, data.efc_J_rowadr
     values, columns = data.efc_J.reshape(-1), data.efc_J_colind.reshape(-1)
     for out, row in zip(J, rows.tolist(), strict=True):
@@ -196,7 +201,7 @@ def make_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
     if h == 0:
         return np.zeros((0, model.nv))
     first = data.ne + data.nl
-    return data.efc_J.reshape(data.nefc, -1)[first:].copy() if data.nefc == first + h else None
+    return _dense_jacobian(model, data)[first:].copy() if data.nefc == first + h else None
 
 
 def forget_rows(data: mujoco.MjData) -> None:

@@ -13,6 +13,7 @@ from impactlaw.errors import UnsolvableLawError
 from impactlaw.scene.contacts import update_positions
 
 STILL = 'gravity="0 0 0" timestep="0.002" integrator="RK4"'
+EULER = STILL.replace("RK4", "Euler")
 FLOOR = '<geom name="floor" type="plane" size="1 1 1"/>'
 
 
@@ -232,3 +233,27 @@ def _gap(model, data):
     from impactlaw import read_contacts
 
     return read_contacts(model, data, within=0.1).gap.min()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"scheme": "time-stepping"},
+        {"scheme": "time-stepping", "compiled": "never"},
+        {"contact_model": "soft"},
+        {"contact_model": "soft", "compiled": "never"},
+    ],
+    ids=str,
+)
+def test_a_weld_between_bodies_that_stand_still_does_nothing(options):
+    """MuJoCo has room for its rows in the Jacobian, but makes none."""
+    balls = "".join(f'<body pos="{x} 0 1"><freejoint/><geom size=".1" mass="1"/></body>' for x in (0.0, 0.2))
+    posts = '<body name="a" pos="1 0 0"><geom size=".1"/></body><body name="b" pos="2 0 0"><geom size=".1"/></body>'
+    model, data = compiled(balls + posts, "<equality>" + WELD.format("a", "b") + "</equality>", option=EULER)
+    data.qvel[0] = 1.0
+    assert Collision.from_mujoco(model, data).jacobian.shape == (1, 12)
+    stepper = Stepper(model, Moreau(0.5), **options)
+    stepper.step(data)
+    stepper.step(data)
+    assert data.qvel[[0, 6]] == pytest.approx([0.25, 0.75], abs=1e-9)
