@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from math import inf
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from impactlaw.errors import DivergenceError, SceneError
+from impactlaw.errors import DivergenceError, SceneError, UnfinishedStepError
 from impactlaw.scene.options import BorrowedOptions
 
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -108,3 +111,23 @@ def locked_joints(model: mujoco.MjModel, timestep: float) -> np.ndarray | None:
         return None
     locked = timestep * model.dof_damping > _LOCKED * model.dof_M0
     return locked if np.count_nonzero(locked) else None
+
+
+@contextmanager
+def has_room(data: mujoco.MjData) -> Iterator[None]:
+    """Give back all that MuJoCo has taken of its memory where that was not enough, and say so.
+
+    Raises:
+        UnfinishedStepError: there was no room.
+    """
+    try:
+        yield
+    except mujoco.FatalError as error:
+        if "out of memory" not in str(error):
+            raise
+        world: Any = data
+        world.pstack = world.pbase = world.parena = 0
+        world.ncon = world.nefc = world.ne = world.nf = world.nl = 0
+        raise UnfinishedStepError(
+            'MuJoCo has no room for all contacts; make <size memory="..."/> larger, or use scheme="time-stepping"'
+        ) from error

@@ -83,8 +83,9 @@ class Stepper:
         plan: what a step does in this scene and what it leaves out (`impactlaw.stepping.plan`).
         unlocated: steps so far that had more than max_events collisions, or were time stepped in part or as a whole.
         shortfall: by how much a contact velocity of the last step missed its law (time stepping).
-        short_steps: steps so far in which that was too much, or contacts lost their restitution (time stepping); or in
-            which bodies jammed, and MuJoCo's contacts were left alone (soft).
+        short_steps: steps so far in which that was too much, or contacts lost their restitution (time stepping, and
+            what it takes of event-driven steps); or in which bodies jammed, and MuJoCo's contacts were left alone
+            (soft).
 
     Raises:
         SceneError: the scene holds something rigid stepping does not cover, or an option means nothing to this way to
@@ -209,8 +210,8 @@ class Stepper:
 
         Time stepping: their shortfall was above 1e-6 of the largest contact velocity, or 1e-8 m/s; or contacts lost
         their restitution: those that are hit through others, one after another, were too many for a step, or friction
-        jams bodies. Soft: friction or constraints jam bodies, no matter what the law is, and MuJoCo's contacts were
-        left alone.
+        jams bodies. Event-driven: so it was in what time stepping has taken of a step. Soft: friction or constraints
+        jam bodies, no matter what the law is, and MuJoCo's contacts were left alone.
         """
         return getattr(self._stepping, "short_steps", 0)
 

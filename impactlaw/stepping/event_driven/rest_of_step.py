@@ -44,6 +44,11 @@ class RestOfStep:
         self._stepping: TimeStepping | None = None
         self._wait = self._left = 0
 
+    @property
+    def short_steps(self) -> int:
+        """Those that have not met the law so far."""
+        return 0 if self._stepping is None else self._stepping.short_steps
+
     def set_law(self, law: Law) -> None:
         """Let what follows be under another law."""
         self._law = law

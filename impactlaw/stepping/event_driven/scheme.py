@@ -48,7 +48,7 @@ from impactlaw.stepping.event_driven.overlap import overlaps, push_out, refuse
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 from impactlaw.stepping.impact_event import ImpactEvent, Told
-from impactlaw.stepping.integration import check_input, empty_state, locked_joints
+from impactlaw.stepping.integration import check_input, empty_state, has_room, locked_joints
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.work import Work
 
@@ -110,6 +110,11 @@ class RigidStepping:
         self._begun = _Begun(self._before, 0.0, 0)
         self.unlocated, self.crowded = 0, False
 
+    @property
+    def short_steps(self) -> int:
+        """Of these steps, those that have not met the law, see `time_stepping.scheme.TimeStepping`."""
+        return 0 if self._rest is None else self._rest.short_steps
+
     def set_law(self, law: Law) -> None:
         """Let the collisions of the next steps be by another law."""
         self._collider = replace(self._collider, law=law)
@@ -126,7 +131,7 @@ class RigidStepping:
             try:
                 with self._options:
                     return self._step(data, events, waits=waits)
-            except _UNFINISHED:
+            except _UNFINISHED as error:
                 if self._rest is None:
                     raise
                 if not waits:
@@ -134,13 +139,13 @@ class RigidStepping:
                     if len(events) > _MANY * self._collider.most:  # each has only some of the energy by now
                         self.crowded = True
                         self._begun = _Begun(state, self._options.timestep, 0)
-                return self._finish(data, self._rest, events)
+                return self._finish(data, self._rest, events, opens=not isinstance(error.__cause__, mujoco.FatalError))
         except BaseException:
             self._configuration.restore(state)
             update_positions(self._model, data)  # surfaces stay where they were put
             raise
 
-    def _finish(self, data: mujoco.MjData, rest: RestOfStep, events: list[ImpactEvent]) -> Told:
+    def _finish(self, data: mujoco.MjData, rest: RestOfStep, events: list[ImpactEvent], *, opens: bool) -> Told:
         """Let time stepping take what is left of the step."""
         state, remaining, count = self._begun
         known = tuple(events[:count])
@@ -148,7 +153,8 @@ class RigidStepping:
         end = data.time + remaining
         more = rest.take(data, remaining, self._surfaces)
         data.time = end
-        self._open()
+        if opens:
+            self._open()
         if self._surfaces is not None:
             self._surfaces.end(data)
         self.unlocated += 1
@@ -179,7 +185,7 @@ class RigidStepping:
             return ()
         if waits:
             raise UnfinishedStepError("the step before was not finished")
-        with one_thread():
+        with one_thread(), has_room(data):
             start = self._take(events, end)
         data.time = end
         if self._surfaces is not None:

@@ -228,7 +228,8 @@ class TimeStepping:
         if data.nefc:
             shift, met = self._contact(data)
         else:
-            self._known = None
+            self._known, self.solved = None, self.solved and not self._overflown
+            self.short_steps += self._overflown
             data.qacc[:] = (data.qvel - self._velocity) / h
         self._held = np.zeros(model.nv)
         if self._found is not None and not self._found.collisions:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from impactlaw import MaximalDissipation, Moreau, Stepper
+from impactlaw.envs.info import steps_short
 from impactlaw.errors import ManyCollisionsWarning, SceneError, SolverError, UnfinishedStepError
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 from impactlaw.stepping.work import Work
@@ -148,3 +149,55 @@ def test_options_mean_something_to_event_driven_steps_only():
     model, _ = compiled(FLOOR + BOX)
     with pytest.raises(SceneError, match="on_unsolved"):
         Stepper(model, Moreau(0.5), scheme="time-stepping", on_unsolved="raise")
+
+
+def without_room(monkeypatch):
+    """Let MuJoCo have no room for rows when it is asked for the first time."""
+    make, calls = mujoco.mj_makeConstraint, []
+
+    def fail(model, data):
+        calls.append(data.time)
+        if len(calls) == 1:
+            raise mujoco.FatalError("mj_stackAlloc: out of memory, stack overflow")
+        make(model, data)
+
+    monkeypatch.setattr(mujoco, "mj_makeConstraint", fail)
+
+
+def test_where_mujoco_has_no_room_time_stepping_takes_the_step(monkeypatch):
+    model, data = compiled(FLOOR + BOX)
+    data.qvel[2] = -1.0
+    stepper = Stepper(model, Moreau(0.5))
+    without_room(monkeypatch)
+    stepper.step(data)
+    assert stepper.unlocated == 1
+    assert data.qvel[2] == pytest.approx(0.5, abs=0.02)
+
+
+def test_where_mujoco_has_no_room_a_step_can_raise(monkeypatch):
+    model, data = compiled(FLOOR + BOX)
+    data.qvel[2] = -1.0
+    stepper = Stepper(model, Moreau(0.5), on_unsolved="raise")
+    without_room(monkeypatch)
+    with pytest.raises(UnfinishedStepError, match="no room for all contacts"):
+        stepper.step(data)
+    assert data.time == 0.0
+    assert data.qvel[2] == -1.0
+    stepper.step(data)
+    assert data.qvel[2] == pytest.approx(0.5, abs=0.02)
+
+
+def test_contacts_that_time_stepping_had_no_room_for_are_counted():
+    boxes = "".join(BOX.replace('pos="0 0 .1"', f'pos="{x} {y} .1"') for x in range(10) for y in range(8))
+    boxes = boxes.replace(' name="box"', "")
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><size memory="300K"/><worldbody>{FLOOR}{boxes}</worldbody></mujoco>'
+    )
+    for options in ({}, {"scheme": "time-stepping"}, {"scheme": "time-stepping", "compiled": "never"}):
+        data = mujoco.MjData(model)
+        data.qvel[2::6] = -1.0
+        stepper = Stepper(model, Moreau(0.5), **options)
+        stepper.step(data)
+        assert data.qvel[2::6].max() < -1.0  # they fall through the floor
+        assert stepper.short_steps == 1
+        assert steps_short(stepper) == 1

@@ -162,6 +162,9 @@ def _step(w, law, memory, margins, cone, loaded, narrow):
         if n == 0:
             forget(counts)
             clear(held)
+            if full:
+                counts[MEMORY.solved] = 0
+                memory[MEMORY.short_steps] += 1.0
             write_acceleration(w, start)
             status = _end(w, start, middle, bias, False)
             break
