@@ -83,8 +83,8 @@ class Stepper:
         plan: what a step does in this scene and what it leaves out (`impactlaw.stepping.plan`).
         unlocated: steps so far that had more than max_events collisions, or were time stepped in part or as a whole.
         shortfall: by how much a contact velocity of the last step missed its law (time stepping).
-        short_steps: steps so far in which that was too much, or contacts lost their restitution (time stepping, and
-            what it takes of event-driven steps); or in which bodies jammed, and MuJoCo's contacts were left alone
+        short_steps: steps so far in which that was too much (time stepping, and what it takes of event-driven steps);
+            in which contacts lost their restitution; or in which bodies jammed, and MuJoCo's contacts were left alone
             (soft).
 
     Raises:

@@ -49,7 +49,8 @@ class Collisions:
         limits: of joints and tendons.
         bilateral: which equality constraints collisions keep, bool (neq,).
         unlocated: times so far that there were more collisions one after another than the collider may take.
-        short_steps: times so far that bodies were jammed: MuJoCo's contacts were left alone.
+        short_steps: times so far that friction left no solution: collisions had no restitution, or, if that had none
+            either, MuJoCo's contacts were left alone.
     """
 
     def __init__(
@@ -87,11 +88,15 @@ class Collisions:
         events: list[ImpactEvent] = []
         try:
             velocity = self._collide(self.collider, data, closed, gamma, events)
-        except (SolverError, UnsolvableLawError):
-            if not self._jammed(data, closed, gamma):
+        except (SolverError, UnsolvableLawError) as unsolved:
+            events = []
+            found = self._without_restitution(data, closed, gamma, events)
+            if found is not None and isinstance(unsolved, UnsolvableLawError):
                 raise
             self.short_steps += 1
-            return NOTHING
+            if found is None:
+                return NOTHING
+            velocity = found
         self.unlocated += len(events) > self.collider.most
         if np.array_equal(velocity, data.qvel):
             return tuple(events), VELOCITY
@@ -133,13 +138,18 @@ class Collisions:
             return metric
         return KineticMetric(metric.mass_matrix + np.diag(np.where(locked, timestep * self._model.dof_damping, 0.0)))
 
-    def _jammed(self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray) -> bool:
-        """Return whether the contacts have no outcome even without restitution: friction or constraints lock bodies."""
+    def _without_restitution(
+        self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, events: list[ImpactEvent]
+    ) -> np.ndarray | None:
+        """Return what `_collide` does without restitution; None where friction or constraints lock bodies even so.
+
+        Collisions one after another are others with restitution than without: one of them can have no solution, though
+        each of those without restitution has one.
+        """
         try:
-            self._collide(replace(self.collider, law=self.collider.last_law), data, closed, gamma, [])
+            return self._collide(replace(self.collider, law=self.collider.last_law), data, closed, gamma, events)
         except (SolverError, UnsolvableLawError):
-            return True
-        return False
+            return None
 
     def active(self, data: mujoco.MjData) -> tuple[Contacts, np.ndarray]:
         """Return the contacts and limits that MuJoCo's solver acts on now, and their gradients, (h, nv)."""

@@ -101,7 +101,7 @@ class SoftStepping:
 
     @property
     def short_steps(self) -> int:
-        """Steps so far in which bodies were jammed, see `Collisions`."""
+        """Steps so far that were left without restitution, or to MuJoCo's contacts, see `Collisions`."""
         return self.collisions.short_steps
 
     @property

@@ -8,7 +8,7 @@ from scenes import compiled as compile_scene
 
 from impactlaw import Fremond, Moreau, Stepper
 from impactlaw.envs import ImpactLaw
-from impactlaw.errors import UnsolvableLawError
+from impactlaw.errors import SolverError, UnsolvableLawError
 
 QPOS = (-8.756441491107173, -0.5294397993016361, 3.446350937151604, 0.4032184000507698, -0.3269331208193089,
         -0.008362221697740022, 0.27571687676287643, 0.36444716320914206, 0.09693485059105762)  # fmt: skip
@@ -79,3 +79,25 @@ def test_a_law_that_does_not_fit_is_still_told():
     law = Fremond({("floor/block", "block/ball"): 1.0})
     with pytest.raises(UnsolvableLawError, match="floor/block"):
         Stepper(model, law, contact_model="soft").step(data)
+
+
+class NeverFound(Moreau):
+    """Restitution for which no impulses in the friction cones are found."""
+
+    def target(self, collision):
+        raise SolverError("none were found")
+
+
+def test_a_collision_without_a_solution_has_no_restitution():
+    """Friction can leave one of several collisions of a step without one, though each would have one with e = 0."""
+    world = """<geom name="floor" type="plane" size="9 9 1"/>
+        <body pos="0 0 .0999"><freejoint/><geom type="box" size=".1 .1 .1"/></body>"""
+    model, data = compile_scene(world)
+    data.qvel[:3] = 1.0, 0.0, -1.0
+    stepper = Stepper(model, NeverFound(0.5), contact_model="soft", compiled="never")
+    stepper.step(data)
+    assert stepper.short_steps == 1
+    (event,) = stepper.events
+    np.testing.assert_allclose(event.impact.post_contact_velocity, 0.0, atol=1e-9)
+    stepper.step(data)
+    assert stepper.short_steps == 1
