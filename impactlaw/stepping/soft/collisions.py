@@ -19,6 +19,7 @@ from impactlaw.scene.equality_constraints import (
     bilateral_constraints,
     bilateral_rows,
     constraint_kinds,
+    drifting,
     lengths,
 )
 from impactlaw.scene.friction_rows import active_friction
@@ -112,7 +113,13 @@ class Collisions:
             free = np.flatnonzero(~(between & are_tied(closed.jacobian, ties, lengths(model))))
             closed, gamma = closed.select(free), gamma[free]
         calm = CALM * max(0.0, -gamma.min(initial=0.0))
-        return closed._replace(bilateral=bilateral_rows(model, data, self.bilateral, calm=calm)), gamma
+        constraints = bilateral_rows(model, data, self.bilateral, calm=calm)
+        if constraints is not None:
+            limits = closed.contacts.geoms[:, 0] < 0
+            given = drifting(self._metric(data), closed.jacobian, constraints, data.qvel)
+            acting = np.flatnonzero(~(limits & given))
+            closed, gamma = closed.select(acting), gamma[acting]
+        return closed._replace(bilateral=constraints), gamma
 
     def _collide(
         self, collider: Collider, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, events: list[ImpactEvent]

@@ -35,8 +35,9 @@ from impactlaw.stepping.compiled.access import (
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, keep
 from impactlaw.stepping.compiled.whitening import unwhitened, whitened
 from impactlaw.stepping.soft.compiled.alone import solve_alone
+from impactlaw.stepping.soft.compiled.drifting import leave_drifting_out
 from impactlaw.stepping.soft.compiled.equalities import projected, span
-from impactlaw.stepping.soft.compiled.found import find, normal_velocities, within_reach
+from impactlaw.stepping.soft.compiled.found import Found, find, normal_velocities, within_reach
 from impactlaw.stepping.soft.compiled.rows import reached_by, read
 from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, UNKNOWN
 from impactlaw.stepping.soft.tolerances import ROUNDING
@@ -207,11 +208,16 @@ def collide(w, law, sums):
         return FINE, False
     found = find(w, law.bilateral)
     gamma, qvel = numbers(len(found.row)), velocity_of(w)
-    if not normal_velocities(found, speeds, gamma) < -law.rest_speed:
+    lowest, rounding = normal_velocities(found, speeds, gamma), 0.0
+    calm = -CALM * lowest
+    if lowest < -law.rest_speed and len(law.bilateral) > 0 and number(w, DATA.ne) > 0 and number(w, DATA.nl) > 0:
+        h = leave_drifting_out(w, law.bilateral, calm, found, gamma)
+        found, gamma = Found(found.row[:h], found.contact[:h], found.paired[:h]), gamma[:h]
+        lowest = normal_velocities(found, speeds, gamma)
+    if not lowest < -law.rest_speed:
         return FINE, False
-    rounding = calm = 0.0
     for speed in gamma:
-        rounding, calm = max(rounding, ROUNDING * abs(speed)), max(calm, -CALM * speed)
+        rounding = max(rounding, ROUNDING * abs(speed))
     velocity, before, rows, status, changed = copied(qvel), numbers(w.nv), numbers(n), FINE, False
     while status == FINE:
         if sums[COUNT] >= law.most:

@@ -22,7 +22,7 @@ _CLEAR = 2.0 * OWN_CONSTRAINT
 
 
 @plain
-def _whitened_row(nnz, adr, col, val, row, factor, Mnnz, Madr, Mcol, root, out):
+def whitened_row(nnz, adr, col, val, row, factor, Mnnz, Madr, Mcol, root, out):
     """Write ``D^-1/2 L^-T J^T`` of one of MuJoCo's rows, (nv,)."""
     clear(out)
     for a in range(adr[row], adr[row] + nnz[row]):
@@ -56,7 +56,7 @@ def span(w, bilateral, calm, jacobian, root, basis):
         if bilateral[source[r]] == 0 or abs(speeds[r]) > calm:
             continue
         at = count * nv
-        _whitened_row(nnz, adr, col, val, r, factor, Mnnz, Madr, Mcol, root, basis[at : at + nv])
+        whitened_row(nnz, adr, col, val, r, factor, Mnnz, Madr, Mcol, root, basis[at : at + nv])
         left = leave_out(basis, count, nv, basis, at)
         if left >= _CLEAR:
             length = np.sqrt(dot(basis, at, basis, at, nv))

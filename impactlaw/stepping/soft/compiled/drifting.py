@@ -1,0 +1,90 @@
+"""Limits that close because equality constraints give way, in compiled code; see `equality_constraints.drifting`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlaw.laws.tolerances import INFLUENCE
+from impactlaw.mechanics.tolerances import FIXED
+from impactlaw.scene.equality_constraints import CALM, TIED
+from impactlaw.solvers.cones.algebra.loops import FIRST, dot, kernel, numbers, plain
+from impactlaw.stepping.compiled.access import data_floats, jacobian_of, layout_of, number, size, velocity_of
+from impactlaw.stepping.compiled.fields import DATA, MODEL
+from impactlaw.stepping.compiled.ties import leave_out
+from impactlaw.stepping.compiled.whitening import whitened
+from impactlaw.stepping.soft.compiled.equalities import span, whitened_row
+
+
+@plain
+def _normal(found, i, jacobian, factor, Mnnz, Madr, Mcol, root, row, out):
+    """Write the whitened gradient of a gap, (nv,); there is room for another row."""
+    nnz, adr, col, val = jacobian
+    whitened_row(nnz, adr, col, val, found.row[i], factor, Mnnz, Madr, Mcol, root, out)
+    if found.paired[i]:
+        whitened_row(nnz, adr, col, val, found.row[i] + 1, factor, Mnnz, Madr, Mcol, root, row)
+        for k in range(len(out)):
+            out[k] = 0.5 * (out[k] + row[k])
+
+
+@plain
+def _fastest(left, lengths, allowed, i, nv):
+    """Return how fast the fastest contact closes or opens that the motion of one reaches, in the kinetic metric."""
+    fastest = 0.0
+    for j in range(len(lengths)):
+        if abs(dot(left, i * nv, left, j * nv, nv)) > INFLUENCE * lengths[i] * lengths[j]:
+            fastest = max(fastest, abs(allowed[j]) / lengths[j])
+    return fastest
+
+
+@plain
+def _acts(found, gamma, left, lengths, before, allowed, i, nv):
+    """Return whether a contact or limit takes part in collisions."""
+    if found.contact[i] >= 0 or lengths[i] == 0.0 or lengths[i] > TIED * before[i]:
+        return True
+    return abs(gamma[i] - allowed[i]) <= CALM * lengths[i] * _fastest(left, lengths, allowed, i, nv)
+
+
+@plain
+def _keep(found, gamma, left, lengths, before, allowed, nv):
+    """Move those that act to the front, with their velocities, and return how many there are."""
+    count = 0
+    for i in range(len(lengths)):
+        if _acts(found, gamma, left, lengths, before, allowed, i, nv):
+            found.row[count], found.contact[count] = found.row[i], found.contact[i]
+            found.paired[count], gamma[count] = found.paired[i], gamma[i]
+            count += 1
+    return count
+
+
+@kernel
+def leave_drifting_out(w, bilateral, calm, found, gamma):
+    """Move contacts and limits to the front that do not close because constraints give way; return how many there are.
+
+    Args:
+        w: the world.
+        bilateral: which constraints are kept, uint8 (neq,).
+        calm: see `equalities.span`.
+        found: contacts and limits, written.
+        gamma: their velocities, (h,), written.
+    """
+    nv, many, jacobian = w.nv, len(gamma), jacobian_of(w)
+    Mnnz, Madr, Mcol = layout_of(w)
+    factor, root = data_floats(w, DATA.qLD, size(w, MODEL.nC)), numbers(nv)
+    inverse = data_floats(w, DATA.qLDiagInv, nv)
+    for i in range(nv):
+        root[i] = np.sqrt(inverse[i])
+    basis = numbers((number(w, DATA.ne) + 1) * nv)
+    kept = span(w, bilateral, calm, jacobian, root, basis)
+    if kept <= 0:
+        return many
+    left, row, v = numbers(many * nv), numbers(nv), numbers(nv)
+    lengths, before, allowed = numbers(many), numbers(many), numbers(many)
+    whitened(velocity_of(w), factor, Mnnz, Madr, Mcol, root, v)
+    for i in range(many):
+        at = i * nv
+        _normal(found, i, jacobian, factor, Mnnz, Madr, Mcol, root, row, left[at : at + nv])
+        before[i] = np.sqrt(dot(left, at, left, at, nv))
+        part = leave_out(basis, kept, nv, left, at)
+        lengths[i] = part * before[i] if part > FIXED else 0.0
+        allowed[i] = dot(left, at, v, FIRST, nv)
+    return _keep(found, gamma, left, lengths, before, allowed, nv)

@@ -1,0 +1,43 @@
+"""Limits of joints that a constraint drives: they act by the motion that it allows, not because it gives way."""
+
+import numpy as np
+import pytest
+from scenes import compiled as compile_scene
+
+from impactlaw import Moreau, Stepper
+
+KNEE = """<body><joint name="knee" axis="0 1 0" {limit}/><geom size=".1" pos="0 0 -.4" mass="1"/>
+    <body pos="0 0 -.4"><joint name="slip" type="slide" axis="1 0 0" range="0 .1" armature=".01"/>
+    <geom size=".1" mass=".1"/></body></body>"""
+COUPLING = '<equality><joint joint1="slip" joint2="knee" polycoef="0 .003 0 0 0"/></equality>'
+"""A knee whose shank slips by 3 mm per radian, as those of musculoskeletal models; both joints end at 0."""
+WAYS = [{"compiled": "auto"}, {"compiled": "never"}]
+
+
+def stepped(limit, velocity, law, **way):
+    model, data = compile_scene(KNEE.format(limit=limit), COUPLING, option='gravity="0 0 0"')
+    data.qpos[:], data.qvel[:] = (-1e-3, -1e-5), velocity
+    stepper = Stepper(model, law, contact_model="soft", **way)
+    stepper.step(data)
+    assert stepper.short_steps == 0
+    assert len(stepper.events) == 1
+    return stepper.events[0], data
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("e", [0.0, 0.5])
+def test_drift_is_not_made_up_for_by_the_joint_that_drives(e, way):
+    """The knee alone stops the slip of 1 cm/s only when it turns by 3.3 rad/s more."""
+    event, data = stepped('range="0 120"', (-1.0, -0.01), Moreau(e), **way)
+    assert event.contacts.labels == ("knee",)
+    np.testing.assert_allclose(event.impact.post_contact_velocity, e, atol=1e-9)
+    assert abs(data.qvel[0]) < 0.6
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("drift", [0.0, 1e-5])
+def test_a_driven_limit_stops_what_drives_it(drift, way):
+    """Where nothing, or next to nothing, drifts, the limit of the slip is one of the knee: -35 rad/s become 17.5."""
+    event, data = stepped("", (-35.0, -0.105 - drift), Moreau(0.5), **way)
+    assert event.contacts.labels == ("slip",)
+    np.testing.assert_allclose(data.qvel[0], 17.5, rtol=0.02)
