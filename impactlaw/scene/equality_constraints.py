@@ -20,6 +20,8 @@ TYING = 2
 """Kind of the equality constraints that tie two bodies to each other."""
 CALM = 0.1
 """Part of the fastest collision up to which the velocity of an equality constraint is one that it can keep there."""
+DRIFT = 1e-3
+"""Part of the fastest contact, in the kinetic metric, up to which a constraint that moves a gap is at rest."""
 TIED = 0.2
 """Part of a gap gradient, in units of `lengths`, that such constraints must leave for contact to act."""
 
@@ -96,8 +98,8 @@ def drifting(metric: KineticMetric, gradients: np.ndarray, constraints: np.ndarr
     """Return of which gap gradients, (h, nv), constraints, (m, nv), leave little, and give way themselves, bool (h,).
 
     Such a gap closes because constraints drift, not by a motion that they allow: to open it, that motion would have to
-    make up for the drift, divided by the little that is left. It counts where that is more than a part of how fast
-    contacts close that this motion reaches.
+    make up for the drift, divided by the little that is left. A drift that is nothing next to the contacts that this
+    motion reaches is not one: there a limit at rest holds what drives it.
     """
     whitened, at = metric.whiten_gradients(gradients), metric.whiten(velocity)
     left = Bilateral.of(metric.whiten_gradients(constraints)).project(whitened)
@@ -106,5 +108,5 @@ def drifting(metric: KineticMetric, gradients: np.ndarray, constraints: np.ndarr
     for i in np.flatnonzero(found):
         reached = np.abs(left @ left[i]) > INFLUENCE * size * size[i]
         fastest = (np.abs(allowed[reached]) / size[reached]).max(initial=0.0)
-        found[i] = abs(whitened[i] @ at - allowed[i]) > CALM * size[i] * fastest
+        found[i] = abs(whitened[i] @ at - allowed[i]) > max(CALM * abs(allowed[i]), DRIFT * size[i] * fastest)
     return found

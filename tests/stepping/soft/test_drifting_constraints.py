@@ -41,3 +41,16 @@ def test_a_driven_limit_stops_what_drives_it(drift, way):
     event, data = stepped("", (-35.0, -0.105 - drift), Moreau(0.5), **way)
     assert event.contacts.labels == ("slip",)
     np.testing.assert_allclose(data.qvel[0], 17.5, rtol=0.02)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_driven_limit_at_rest_holds_what_drives_it(way):
+    """A ball hits the knee, whose only end is that of the slip, which drifts by as much as solvers leave."""
+    ball = """<body pos="-.1999 0 -.4"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1"/></body>"""
+    model, data = compile_scene(KNEE.format(limit="") + ball, COUPLING, option='gravity="0 0 0"', geom='condim="1"')
+    data.qpos[1], data.qvel[:] = -1e-6, (0.0, -1e-9, 1.0)
+    stepper = Stepper(model, Moreau(0.0), contact_model="soft", **way)
+    stepper.step(data)
+    assert "slip" in stepper.events[0].contacts.labels
+    np.testing.assert_allclose(stepper.events[0].impact.post_velocity, 0.0, atol=1e-5)
+    assert stepper.short_steps == 0

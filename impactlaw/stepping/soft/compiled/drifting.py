@@ -6,7 +6,7 @@ import numpy as np
 
 from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.mechanics.tolerances import FIXED
-from impactlaw.scene.equality_constraints import CALM, TIED
+from impactlaw.scene.equality_constraints import CALM, DRIFT, TIED
 from impactlaw.solvers.cones.algebra.loops import FIRST, dot, kernel, numbers, plain
 from impactlaw.stepping.compiled.access import data_floats, jacobian_of, layout_of, number, size, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, MODEL
@@ -41,7 +41,8 @@ def _acts(found, gamma, left, lengths, before, allowed, i, nv):
     """Return whether a contact or limit takes part in collisions."""
     if found.contact[i] >= 0 or lengths[i] == 0.0 or lengths[i] > TIED * before[i]:
         return True
-    return abs(gamma[i] - allowed[i]) <= CALM * lengths[i] * _fastest(left, lengths, allowed, i, nv)
+    rest = DRIFT * lengths[i] * _fastest(left, lengths, allowed, i, nv)
+    return abs(gamma[i] - allowed[i]) <= max(CALM * abs(allowed[i]), rest)
 
 
 @plain
