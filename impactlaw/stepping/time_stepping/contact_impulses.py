@@ -17,6 +17,7 @@ from impactlaw.scene.joint_limits import Limits
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.stepping.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.events import CollisionRecord, Known, Metric, StepImpulses
+from impactlaw.stepping.time_stepping.problem.drifts import drifts
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups, struck_later
 from impactlaw.stepping.time_stepping.problem.resolve import resolve_step
 from impactlaw.stepping.time_stepping.problem.rows import Rows
@@ -267,7 +268,10 @@ class ContactProblem:
             equal = rows.first[rows.kind == BILATERAL]
             row = rows.row[equal]
             fastest = np.abs(rows.before[rows.first[collides]]).max(initial=0.0)
-            held = self.bilateral[data.efc_id[row]] & (np.abs(rows.before[equal]) <= CALM * fastest)
+            given = drifts(
+                rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, self._model.nv
+            )[rows.kind == BILATERAL]
+            held = self.bilateral[data.efc_id[row]] & (np.abs(rows.before[equal]) <= CALM * fastest) & ~given
             rows.compliance[equal[held]] = STIFF * data.efc_R[row[held]]
         return seen
 

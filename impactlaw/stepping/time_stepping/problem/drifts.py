@@ -1,0 +1,78 @@
+"""Equality constraints that close a limit by giving way, and leave it next to no motion: both cannot be met.
+
+To open the limit, what the constraint allows would have to make up for the drift, divided by the little that is left: a
+knee whose shank slips by 3 mm per radian would turn 300 times as fast as the slip closes. See
+`scene.equality_constraints.drifting`, and DRIFT there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlaw.compiled import compiled
+from impactlaw.scene.equality_constraints import CALM, DRIFT, TIED
+from impactlaw.solvers.cones import BILATERAL, CONE
+from impactlaw.solvers.cones.algebra.loops import plain, zeros
+from impactlaw.stepping.time_stepping.problem.rows import NEAR
+
+_ALL = 1e-12  # square of what is left of a gradient that the constraint takes as a whole
+
+
+@plain
+def _square(sparse, value, row):
+    """Return the square of the length of a row."""
+    s = 0.0
+    for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
+        s += value[a] * value[a]
+    return s
+
+
+@plain
+def _fastest(sparse, value, groups, rates, collides):
+    """Return the largest velocity of a contact that collides, in the kinetic metric."""
+    fastest = 0.0
+    for g in range(len(collides)):
+        row = groups[0, g]
+        if collides[g]:
+            fastest = max(fastest, rates[1, row] ** 2 / max(_square(sparse, value, row), 1e-300))
+    return np.sqrt(fastest)
+
+
+@plain
+def _is_closed_by(sparse, colind, value, rates, row, limit, fastest, work):
+    """Return whether a constraint, whose row is scattered to work, closes a limit by giving way."""
+    product, own, other = 0.0, _square(sparse, value, row), _square(sparse, value, limit)
+    for a in range(sparse[1, limit], sparse[1, limit] + sparse[0, limit]):
+        product += value[a] * work[colind[a]]
+    share = product / max(own, 1e-300)
+    left = other - share * product
+    if not _ALL * other < left <= TIED * TIED * other:
+        return False
+    drift = share * rates[1, row]
+    return abs(drift) > max(CALM * abs(rates[1, limit] - drift), DRIFT * np.sqrt(left) * fastest)
+
+
+@plain
+def find_drifts(sparse, colind, value, groups, amounts, rates, collides, work, found):
+    """Write what `drifts` returns to False, (g,); there are zeros, (nv,)."""
+    fastest = _fastest(sparse, value, groups, rates, collides)
+    for g in range(len(found)):
+        row = groups[0, g]
+        if groups[2, g] != BILATERAL:
+            continue
+        for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
+            work[colind[a]] = value[a]
+        for k in range(len(found)):
+            limit = groups[2, k] == CONE and groups[3, k] < -1 and (collides[k] or amounts[0, k] <= NEAR)
+            if limit and _is_closed_by(sparse, colind, value, rates, row, groups[0, k], fastest, work):
+                found[g] = True
+        for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
+            work[colind[a]] = 0.0
+
+
+@compiled()
+def drifts(sparse, colind, value, groups, amounts, rates, collides, nv):
+    """Return which groups are equality constraints that close a limit by giving way, bool (g,); see `rows.Rows`."""
+    found = np.zeros(len(collides), np.bool_)
+    find_drifts(sparse, colind, value, groups, amounts, rates, collides, zeros(nv), found)
+    return found
