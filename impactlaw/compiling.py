@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from importlib import import_module
@@ -71,22 +71,26 @@ def alone(path: Path | None, *, wait: bool = True) -> Iterator[bool]:
 def start_helpers(module: str) -> None:
     """Start processes that compile what a module of this package calls, as many as there are other processors.
 
+    There are none where this Python cannot be started once more: then this process compiles alone.
+
     Args:
         module: its full name.
     """
-    if fcntl is None or not sys.executable:
+    if fcntl is None or not sys.executable or getattr(sys, "frozen", False):
         return
-    others = len(os.sched_getaffinity(0)) - 1 if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1) - 1
+    from joblib import cpu_count  # it knows what part of the machine a container has
+
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)}
-    for number in range(min(others, _HELPERS)):
-        helper = subprocess.Popen(
-            [sys.executable, "-P", "-c", _WORK, module, str(number)],
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        threading.Thread(target=helper.wait, daemon=True).start()  # somebody has to see it end
+    with suppress(OSError):
+        for number in range(min(cpu_count() - 1, _HELPERS)):
+            helper = subprocess.Popen(
+                [sys.executable, "-P", "-c", _WORK, module, str(number)],
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+            threading.Thread(target=helper.wait, daemon=True).start()  # somebody has to see it end
 
 
 def help_with(module: str, number: int) -> None:

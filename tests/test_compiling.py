@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import impactlaw
-from impactlaw.compiling import alone
+from impactlaw.compiling import alone, start_helpers
 
 pytest.importorskip("fcntl", reason="on Windows each process compiles for itself")
 
@@ -87,3 +87,9 @@ with alone(cache_folder() / "helper_0.lock"):
 """
     _run(hold, copy)
     assert _run(_READ, copy).split() == ["5.0", "0", "0", "0"]
+
+
+def test_a_python_that_cannot_be_started_again_compiles_alone(monkeypatch):
+    monkeypatch.setattr(sys, "executable", "/no/such/python")
+    monkeypatch.setattr("joblib.cpu_count", lambda: 2)
+    start_helpers("impactlaw.solvers.cones.solve")
