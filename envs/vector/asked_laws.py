@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.law_options import choose_law
@@ -20,7 +21,8 @@ def asked_laws(
     Args:
         model: of all worlds.
         law: a law or its name, or a list with one for each world, or a `LawDistribution`.
-        restitution: what laws by their names take, or a list with one for each world; None for the scene's own.
+        restitution: what laws by their names take, or a list or an array with one for each world; None for the scene's
+            own.
         count: number of worlds.
         usual: restitution of a law that needs one, where none is given and the scene has none.
 
@@ -33,10 +35,15 @@ def asked_laws(
         if restitution is not None:
             raise RestitutionError(f"a LawDistribution has its own restitution; leave restitution={restitution!r} out")
         return law
-    if not isinstance(law, list | tuple) and not isinstance(restitution, list | tuple):
+    if not several(law) and not several(restitution):
         return _chosen(model, law, restitution, usual)
     laws, values = _each("laws", law, count), _each("values of restitution", restitution, count)
     return [_chosen(model, *pair, usual) for pair in zip(laws, values, strict=True)]
+
+
+def several(value: Any) -> bool:
+    """Whether a value is one for each world: coefficients in the order of contacts, no batch of worlds can have."""
+    return isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
 
 
 def _each(what: str, value: Any, count: int) -> list[Any]:
@@ -45,7 +52,7 @@ def _each(what: str, value: Any, count: int) -> list[Any]:
     Raises:
         OptionError: there are more or less.
     """
-    each = list(value) if isinstance(value, list | tuple) else [value] * count
+    each = list(value) if several(value) else [value] * count
     if len(each) != count:
         raise OptionError(
             f"{count} worlds need as many {what}, got {len(each)}: give one for each world, or one for all; what "

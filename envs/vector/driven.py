@@ -138,9 +138,9 @@ def make_juggler(num_envs: int, **options: Any) -> VectorEnv:
 
     Args:
         num_envs: number of worlds.
-        options: "law", "restitution" and "frame_skip" of the environment; or as law or restitution a list with one for
-            each world, or as law a `LawDistribution`, from which each world draws the law of each of its episodes;
-            "nthread" and "batch_options" of `impactlaw.Batch`; "max_episode_steps".
+        options: "law", "restitution" and "frame_skip" of the environment; or as law or restitution a list or an array
+            with one for each world, or as law a `LawDistribution`, from which each world draws the law of each of its
+            episodes; "nthread" and "batch_options" of `impactlaw.Batch`; "max_episode_steps".
     """
     return _make(Juggler, num_envs, **options)
 

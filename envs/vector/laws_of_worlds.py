@@ -12,6 +12,7 @@ from impactlaw.batch import Batch
 from impactlaw.envs.episode_seeds import LAWS, EpisodeSeeds
 from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.law_options import choose_law, describe_law
+from impactlaw.envs.vector.asked_laws import several
 from impactlaw.errors import OptionError, UnknownNameError
 from impactlaw.laws import Law
 
@@ -79,7 +80,7 @@ class LawsOfWorlds:
             RestitutionError: the restitution does not fit the law; all stay what they were.
         """
         count = len(self._own)
-        each = values if isinstance(values, list | tuple) else [values] * count
+        each = list(values) if several(values) else [values] * count
         if len(each) != count:
             raise OptionError(f"{count} worlds need as many values of {name}, got {len(each)}")
         chosen = [self._asked(world, {name: value}) for world, value in enumerate(each)]
@@ -133,7 +134,7 @@ def _first_laws(law: Any, model: mujoco.MjModel, count: int) -> Law | list[Law]:
     """
     if isinstance(law, LawDistribution):
         return _examples(law, model)[0]
-    if not isinstance(law, list | tuple):
+    if not several(law):
         return choose_law(model, law)
     if len(law) != count:
         raise OptionError(f"{count} worlds need as many laws, got {len(law)}: give one for each, or one for all")

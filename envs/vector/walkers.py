@@ -111,8 +111,8 @@ def make_robots(
         name: of gymnasium's environment.
         law: name of the law, or a law, or a list with one for each world, or a `LawDistribution`, from which each world
             draws the law of each of its episodes.
-        restitution: of laws that are given by their names, or a list with one for each world; 0 if a law needs one and
-            none is given.
+        restitution: of laws that are given by their names, or a list or an array with one for each world; 0 if a law
+            needs one and none is given.
         nthread: number of threads; 0 for one per processor.
         max_episode_steps: steps after which an episode is truncated.
         batch_options: of `impactlaw.Batch`.

@@ -51,6 +51,21 @@ def test_a_law_can_be_set_as_an_attribute(vec):
     assert vec.law == (Moreau(0.3), Newton(0.4), Newton(0.5))
 
 
+@pytest.mark.parametrize("name", [NAME, "impactlaw/RockingBlock-v0"])
+def test_an_array_has_one_restitution_for_each_world(name):
+    """No worlds can have coefficients in the order of contacts, even where there are as many as contacts."""
+    some = gymnasium.make_vec(
+        name, 2, vectorization_mode="vector_entry_point", law="newton", restitution=np.array([0.4, 1])
+    )
+    assert some.restitution == (0.4, 1.0)
+    some.restitution = np.linspace(0.0, 0.5, 2)
+    assert some.restitution == (0.0, 0.5)
+    some.law = np.array(["moreau", "newton"])
+    assert [law.name for law in some.law] == ["moreau", "newton"]
+    with pytest.raises(OptionError, match="2 worlds need as many values of restitution, got 3"):
+        some.restitution = np.linspace(0.0, 0.5, 3)
+
+
 def test_options_of_a_reset_are_for_one_episode(vec):
     assert list(vec.reset(seed=0, options={"restitution": 0.5})[1]["impact/restitution"]) == [0.5] * 3
     mask = np.array([True, False, False])
