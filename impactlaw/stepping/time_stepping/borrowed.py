@@ -72,6 +72,15 @@ class BorrowedModel:
                 margin = getattr(self._model, name)
                 np.minimum(margin, reach, out=margin)
 
+    def margins(self) -> list[np.ndarray]:
+        """Return a copy of all margins of now."""
+        return [array.copy() for array in self._margins]
+
+    def widen_margins(self, least: list[np.ndarray]) -> None:
+        """Let no margin be smaller than what `margins` has returned."""
+        for array, other in zip(self._margins, least, strict=True):
+            np.maximum(array, other, out=array)
+
     def scale_margins(self, share: float) -> None:
         """Leave a share of all margins."""
         for array in self._margins:

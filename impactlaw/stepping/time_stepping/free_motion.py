@@ -89,6 +89,7 @@ def look_farther(
 ) -> bool:
     """Let MuJoCo find the contacts that bodies can reach after a collision, and data be as it was without contact.
 
+    What was found before is found again, even if it is out of reach now: it may have led to the collision.
     Return whether MuJoCo had no room for all contacts.
 
     Args:
@@ -101,10 +102,11 @@ def look_farther(
         sizes: `margins.body_sizes`.
         surface: speed of moving surfaces, m/s.
     """
-    led_to = data.cvel.copy()
+    led_to, before = data.cvel.copy(), borrowed.margins()
     data.qpos[:], data.qvel[:] = middle, start
     mj_comVel(model, data)
     _set_margins(model, data, data.cvel, led_to, sizes, surface)
+    borrowed.widen_margins(before)
     overflown = _find_contacts(model, data, borrowed)
     mj_fwdVelocity(model, data)
     data.qvel[:] = free

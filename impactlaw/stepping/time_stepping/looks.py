@@ -25,16 +25,18 @@ class Look:
         rows: that take part; may be none.
         impulses: what contact does; None without rows.
         known: impulses, a guess for the next look or step.
+        unseen: whether contacts are left out that the velocity found would close.
     """
 
     rows: Rows
     impulses: StepImpulses | None
     known: Known | None
+    unseen: bool = False
 
     @property
     def loses(self) -> bool:
-        """Whether contacts lose their restitution, see `StepImpulses.later`."""
-        return self.impulses is not None and self.impulses.later
+        """Whether contacts lose their restitution, see `StepImpulses.later`, or are left out."""
+        return self.unseen or (self.impulses is not None and self.impulses.later)
 
     @property
     def met(self) -> bool:
@@ -86,18 +88,19 @@ class Looks:
         free, h = data.qvel.copy(), self.model.opt.timestep
         near, look = self.reader.near(data, self.velocity, free, 2.0 * h), 1
         found, looks = self._try(data, near, free, known), replace(self, rounds=FEW_ROUNDS)
-        while look < LOOKS + PHASE_LOOKS:
+        while True:
             new = self.reader.near(data, data.qvel, data.qvel, h) & ~near
-            many = len(found.rows.row)
-            if np.count_nonzero(new) and (many <= PHASE_LOOK_ROWS if looks.phases else look < LOOKS):
+            more, unseen = look < LOOKS + PHASE_LOOKS, bool(np.count_nonzero(new))
+            allowed = len(found.rows.row) <= PHASE_LOOK_ROWS if looks.phases else look < LOOKS
+            if more and unseen and allowed:
                 near = near | new
-            elif found.loses and found.met and not looks.phases and self.work[0] > 0.0:
+            elif more and found.loses and found.met and not looks.phases and self.work[0] > 0.0:
                 looks = replace(looks, phases=True)
             else:
                 break
             look += 1
             found = looks._try(data, near, free, found.known)
-        return looks._lose_energy(data, near, free, found)
+        return replace(looks._lose_energy(data, near, free, found), unseen=unseen)
 
     def _lose_energy(self, data: mujoco.MjData, near: np.ndarray, free: np.ndarray, found: Look) -> Look:
         """Let a collision be between two half steps if it creates energy together with inertial forces."""

@@ -55,7 +55,7 @@ from impactlaw.stepping.time_stepping.problem.forces import sense, write_forces
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.second_look import SecondLook
-from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, MANY_ROUNDS
+from impactlaw.stepping.time_stepping.tolerances import FARTHER_LOOKS, FEW_ROUNDS, MANY_ROUNDS
 
 _ELLIPTIC = int(mujoco.mjtCone.mjCONE_ELLIPTIC)
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
@@ -68,7 +68,7 @@ class TimeStepping:
         shortfall: largest amount by which a contact velocity of the last step misses its law, m/s or rad/s.
         short_steps: steps so far in which that is above `SHORTFALL_LIMIT` of the largest contact velocity, or for which
             MuJoCo had no room for all contacts, or in which contacts have lost their restitution: those hit through
-            others, and bodies that jam.
+            others, and bodies that jam; or in which contacts were left out that collisions close.
         solved: whether the last step with contact was none of them.
         unlocated: always 0: no collision is located.
     """
@@ -266,27 +266,28 @@ class TimeStepping:
             np.ones(1), MANY_ROUNDS if self.solved else FEW_ROUNDS,
         )  # fmt: skip
         free = data.qvel.copy()
-        look = looks.find(data, self._known)
-        if self._collides(look) and outrun(self._model, data, self._sizes):
+        look, farther = looks.find(data, self._known), 0
+        while (outruns := self._outruns(data, look)) and farther < FARTHER_LOOKS and looks.work[0] > 0.0:
             self._overflown = look_farther(
                 self._model, data, self._borrowed, self._velocity, free, self._middle, self._sizes, self._meet
             )
-            look = looks.find(data, look.known)
+            look, farther = looks.find(data, look.known), farther + 1
         self._found = found = look.impulses
         data.qpos[:] = self._middle  # which the integrator has left: limits are counted there
         write_forces(
             self._model, data, self._velocity, self._borrowed.cone, (look.rows, found.impulse) if found else None
         )
         met = look.met and not self._overflown
-        self.solved = met and not look.loses
+        self.solved = met and not look.loses and not outruns
         self.short_steps += not self.solved
         self._rows, self._known = (look.rows, look.known) if found else (None, None)
         self.shortfall = found.shortfall if found else 0.0
         return (found.shift if found and len(found.shift) else None), met
 
-    def _collides(self, look: Look) -> bool:
-        """Return whether something collides, and there was room for all contacts."""
-        return look.impulses is not None and len(look.impulses.collisions) > 0 and not self._overflown
+    def _outruns(self, data: mujoco.MjData, look: Look) -> bool:
+        """Return whether a collision throws a body farther than contacts were looked for, where there was room."""
+        collides = look.impulses is not None and len(look.impulses.collisions) > 0
+        return collides and not self._overflown and outrun(self._model, data, self._sizes)
 
     def _finish(self, data: mujoco.MjData) -> None:
         """Leave what a step leaves beside the state."""

@@ -19,12 +19,14 @@ FEW_ROUNDS = 1
 """Rounds of these where they have failed in the step before, too."""
 LOOKS = 3
 """Looks at contacts at most, for those that the velocity after a collision closes."""
-PHASE_LOOKS = 3
-"""Looks beyond these, where collisions are one after another."""
+PHASE_LOOKS = 8
+"""Looks beyond these, where collisions are one after another: each of them can close another contact."""
 PHASE_LOOK_ROWS = 50
 """Rows of a contact problem up to which that is looked at again."""
 PHASES = 8
 """Collisions one after another within a step at most, where contacts are hit through others across open gaps."""
+FARTHER_LOOKS = 8
+"""Times at most that a step looks farther for contacts: each collision one after another can throw another body."""
 CALM = 1e-2
 """Part of the fastest collision up to which the velocity of an equality constraint is one that it can keep there.
 

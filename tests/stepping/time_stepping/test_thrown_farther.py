@@ -1,6 +1,7 @@
 """Bodies that a collision throws farther than they could move before: what is in their way stops them."""
 
 import mujoco
+import numpy as np
 import pytest
 
 from impactlaw import Moreau, Stepper
@@ -46,3 +47,28 @@ def test_so_does_a_body_that_can_be_moved_behind_a_light_ball(compiled):
     for _ in range(20):
         stepper.step(data)
         assert data.qpos[0] + 0.01 < 0.029 + 1e-5
+
+
+def column(many):
+    """Return the scene of equal balls above each other, on a line above a floor, with gaps between them."""
+    balls = "".join(
+        f'<body pos="0 0 {0.011 + 0.099 * i:.6f}"><joint type="slide" axis="0 0 1"/><geom size=".01" mass="1"/></body>'
+        for i in range(many)
+    )
+    floor = '<geom type="plane" size="9 9 1"/>'
+    return f"<mujoco><option integrator='RK4'/><worldbody>{floor}{balls}</worldbody></mujoco>"
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize(("many", "timestep", "e"), [(5, 5e-4, 0.5), (6, 1e-3, 0.9), (12, 2e-3, 0.7), (12, 4e-3, 0.8)])
+def test_a_ball_that_is_thrown_by_one_that_was_thrown_meets_the_next(many, timestep, e, compiled):
+    """In a column that falls, a collision goes down from ball to ball within one step: each was at rest before."""
+    model = mujoco.MjModel.from_xml_string(column(many))
+    model.opt.timestep = timestep
+    data, deepest = mujoco.MjData(model), 0.0
+    stepper = Stepper(model, Moreau(e), scheme="time-stepping", compiled=compiled)
+    for _ in range(round(1.0 / timestep)):
+        stepper.step(data)
+        height = model.body_pos[1:, 2] + data.qpos
+        deepest = min(deepest, height[0] - 0.01, np.diff(height).min() - 0.02)
+    assert deepest > -1e-5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import mujoco
+import numpy as np
 
 from impactlaw.solvers.cones.algebra.loops import clear, norm, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
@@ -128,14 +129,17 @@ def outrun(w):
 
 @plain
 def look_farther(w, start, free, middle, margins, work):
-    """Do what `free_motion.look_farther` does; there is room for (6 nbody,)."""
+    """Do what `free_motion.look_farther` does; there is room for 6 nbody numbers and as many as margins have."""
     nbody, qvel = size(w, MODEL.nbody), velocity_of(w)
+    before = work[6 * nbody : 6 * nbody + len(margins)]
+    put(before, margins)
     led_to = table_floats(address_of(work), nbody, 6)
     put(work, data_floats(w, DATA.cvel, 6 * nbody))
     put(data_floats(w, DATA.qpos, len(middle)), middle)
     put(qvel, start)
     mj.com_vel(w.model, w.data)
     _write_margins(w, rows_of(w, DATA.cvel, nbody, 6), led_to)
+    np.maximum(margins, before, margins)
     full = _find_contacts(w, margins)
     mj.fwd_velocity(w.model, w.data)
     put(qvel, free)

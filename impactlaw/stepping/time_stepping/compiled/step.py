@@ -33,6 +33,7 @@ from impactlaw.stepping.time_stepping.compiled.ends import (
     write_acceleration,
     write_forces,
 )
+from impactlaw.stepping.time_stepping.compiled.impulses.answer import work_left
 from impactlaw.stepping.time_stepping.compiled.impulses.contact import count_entries
 from impactlaw.stepping.time_stepping.compiled.impulses.looks import find_impulses
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, passes_limit
@@ -58,7 +59,7 @@ from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import aim_surfaces, end_surfaces
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, setting
 from impactlaw.stepping.time_stepping.problem.energy import is_met
-from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, HUGE, MANY_ROUNDS
+from impactlaw.stepping.time_stepping.tolerances import FARTHER_LOOKS, FEW_ROUNDS, HUGE, MANY_ROUNDS
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
@@ -97,11 +98,11 @@ def _finish(w, memory, counts, left, collided, missed):
 @plain
 def _constrain(
     w, law, memory, counts, held, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen, mark,
-    force, room, narrow, first,
+    force, room, narrow, may,
 ):  # fmt: skip
     """Take the rest of a step that has constraints, from its middle.
 
-    At the `first` look at contacts, nothing is done where it is not far enough.
+    If it `may` look farther for contacts, nothing is done where it was not far enough.
 
     Return how it has ended, whether some contact collides, and by how much contact velocities miss the law.
     """
@@ -115,7 +116,8 @@ def _constrain(
         memory[MEMORY.created] = solved.created
         return solved.status, False, 0.0
     answer, touched = answer_at(room.answer, found.groups, found.rows, w.nv), found.rows > 0
-    if first and not full and solved.collided and outrun(w):
+    outruns = not full and solved.collided and outrun(w)
+    if outruns and may and work_left(w):
         remember_so_far(counts, rows.groups, rows.key, rows.rates[0], answer.x)
         return FARTHER, False, 0.0
     clear(held)
@@ -132,7 +134,7 @@ def _constrain(
     else:
         forget(counts)
     met = is_met(solved.missed, solved.fastest) and not full
-    counts[MEMORY.solved] = met and not found.later
+    counts[MEMORY.solved] = met and not found.later and not outruns
     status = _end(w, start, middle, answer.shift, solved.opens)
     if status == FINE and touched and met:  # what is squeezed cannot be opened
         look_again(w, rows)
@@ -149,12 +151,12 @@ def _step(w, law, memory, margins, cone, loaded, narrow):
     held, turning, gravity = memory[at + 2 * nv : at + 3 * nv], cleared(size(w, MODEL.ntree)), numbers(nv)
     start, middle, bias, known = numbers(nv), numbers(nq), zeros(nv), copied(gained)
     begun = copied(data_floats(w, DATA.qpos, nq))
-    work = numbers(max(6 * size(w, MODEL.nbody) + nv, 3 * nv))
+    work = numbers(max(6 * size(w, MODEL.nbody) + max(nv, len(margins)), 3 * nv))
     full = to_middle(
         w, counts, left, gained, held, start, middle, bias, turning, gravity, margins, work, loaded, narrow
     )  # fmt: skip
-    free, status, collided, missed, first = copied(velocity_of(w)), FINE, False, 0.0, True
-    while first or status == FARTHER:
+    free, status, collided, missed, farther = copied(velocity_of(w)), FARTHER, False, 0.0, 0
+    while status == FARTHER:
         n = number(w, DATA.nefc)
         if narrow and passes_limit(w, middle, 2.0 * w.timestep):
             status = UNSEEN
@@ -174,12 +176,11 @@ def _step(w, law, memory, margins, cone, loaded, narrow):
         room = lay_out(address_of(block), n, entries, nv)[0]
         status, collided, missed = _constrain(
             w, law, memory, counts, held, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen,
-            mark, force, room, narrow, first,
+            mark, force, room, narrow, farther < FARTHER_LOOKS,
         )  # fmt: skip
         keep(block)
-        first = False
         if status == FARTHER:
-            full, narrow = look_farther(w, start, free, middle, margins, work), False
+            full, narrow, farther = look_farther(w, start, free, middle, margins, work), False, farther + 1
     if status == FINE:
         if setting(w, SETTING.inertial) != 0.0 and turning.any():
             limit_energy(w, begun, start, turning, gravity)

@@ -51,7 +51,8 @@ class Outcome(NamedTuple):
         rows: of these.
         solved: what is known of the solution.
         later: whether restitution is lost: contacts that are hit only through others were not left for a phase of their
-            own, bodies jam, or there was no work left to find how much of it creates no energy.
+            own, bodies jam, there was no work left to find how much of it creates no energy, or contacts are left out
+            that the velocity found would close.
     """
 
     groups: int

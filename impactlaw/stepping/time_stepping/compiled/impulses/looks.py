@@ -75,22 +75,23 @@ def find_impulses(
         narrow: whether limits of joints were left out; the status is `UNSEEN` if one of them would be passed.
     """
     h, qvel, free, look, phases = w.timestep, velocity_of(w), velocities_at(room, 0, 1), 1, _AT_ONCE
-    still = free[:0]
+    still, unseen = free[:0], False
     put(free, qvel)
     near(w, jacobian, start, free, 2.0 * h, chosen)
     found = linked_attempt(
         w, jacobian, chosen, start, still, free, known, rounds, law, phases, mark, room, floats(room.sums, SUMS)
     )  # fmt: skip
-    while look < LOOKS + PHASE_LOOKS and found.rows > 0 and found.solved.status == FINE:
+    while found.rows > 0 and found.solved.status == FINE:
         if narrow and passes_limit(w, middle, h):
             if look == 1:
                 _keep(w, memory, room, found)
             return Outcome(0, 0, _UNSEEN, False)
         near(w, jacobian, qvel, qvel, h, seen)
+        more, unseen = look < LOOKS + PHASE_LOOKS, sees_more(chosen, seen)
         allowed = found.rows <= PHASE_LOOK_ROWS if phases else look < LOOKS
-        if sees_more(chosen, seen) and allowed:
+        if more and unseen and allowed:
             take_over(chosen, seen)
-        elif found.later and not phases and work_left(w) and is_met(found.solved.missed, found.solved.fastest):
+        elif more and found.later and not phases and work_left(w) and is_met(found.solved.missed, found.solved.fastest):
             phases = found.later
         else:
             break
@@ -98,9 +99,8 @@ def find_impulses(
             _keep(w, memory, room, found)
         look += 1
         found = _again(w, law, start, still, free, jacobian, chosen, mark, room, found, phases)
-    return _less_energy(
-        w, law, start, bias, turning, gravity, free, jacobian, chosen, mark, room, found, phases
-    )  # fmt: skip
+    found = _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, mark, room, found, phases)
+    return Outcome(found.groups, found.rows, found.solved, found.later or unseen)
 
 
 @once
