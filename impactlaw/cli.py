@@ -83,7 +83,7 @@ class Inspect:
             try:
                 recording.collisions.to_csv(self.csv, index=False)
             except OSError as error:
-                raise RecordingError(f"cannot write {self.csv}: {error.strerror}") from None
+                raise RecordingError(f"cannot write {self.csv}: {error.strerror or error}") from None
 
 
 @dataclass(frozen=True)
@@ -240,6 +240,9 @@ def new_files_in(folder: Path) -> Iterator[Path]:
         raise SceneError(f"cannot write into {folder}: {error.strerror}") from None
     try:
         yield temporary
+        for path in temporary.iterdir():  # all are looked at before the first one moves
+            if (folder / path.name).is_dir():
+                raise SceneError(f"cannot write {folder / path.name}: there is a folder of that name")
         for path in temporary.iterdir():
             path.replace(folder / path.name)
     except BaseException:

@@ -86,6 +86,10 @@ def test_inspect_prints_the_collisions_and_writes_them_as_csv(run, tmp_path):
     assert code == 0, err
     assert "ball1/ball2" in out
     assert "ball1/ball2" in (tmp_path / "collisions.csv").read_text()
+    code, _, err = run("inspect", "out/ball_chain/moreau.rrd", "--csv", "missing/collisions.csv")
+    assert code == 2
+    assert "cannot write missing/collisions.csv: " in err
+    assert "None" not in err
 
 
 def test_laws_and_scenes_are_listed_one_line_each(capsys):
@@ -121,6 +125,14 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(SceneError, match="cannot write"), new_files_in(tmp_path / "file" / "out"):
         pass
+
+
+def test_results_do_not_replace_a_folder_and_none_of_them_is_moved(tmp_path):
+    (tmp_path / "table.csv").mkdir()
+    with pytest.raises(SceneError, match="there is a folder of that name"), new_files_in(tmp_path) as folder:
+        for name in ("a.csv", "table.csv", "z.csv"):
+            (folder / name).write_text("new")
+    assert [path.name for path in tmp_path.iterdir()] == ["table.csv"]
 
 
 def test_commands_are_values():
