@@ -5,9 +5,6 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.laws.tolerances import INFLUENCE
-from impactlaw.mechanics.bilateral import Bilateral
-from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.scene.tolerances import GIVEN_WAY, OWN_CONSTRAINT
 from impactlaw.solvers.least_squares import row_span
 from impactlaw.solvers.tolerances import RANK
@@ -92,21 +89,3 @@ def are_tied(gradients: np.ndarray, constraints: np.ndarray, lengths: np.ndarray
     scaled = gradients / lengths
     left = scaled - scaled @ basis.T @ basis
     return np.linalg.norm(left, axis=1) <= TIED * np.linalg.norm(scaled, axis=1)
-
-
-def drifting(metric: KineticMetric, gradients: np.ndarray, constraints: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """Return of which gap gradients, (h, nv), constraints, (m, nv), leave little, and give way themselves, bool (h,).
-
-    Such a gap closes because constraints drift, not by a motion that they allow: to open it, that motion would have to
-    make up for the drift, divided by the little that is left. A drift that is nothing next to the contacts that this
-    motion reaches is not one: there a limit at rest holds what drives it.
-    """
-    whitened, at = metric.whiten_gradients(gradients), metric.whiten(velocity)
-    left = Bilateral.of(metric.whiten_gradients(constraints)).project(whitened)
-    size, before, allowed = np.linalg.norm(left, axis=1), np.linalg.norm(whitened, axis=1), left @ at
-    found = (size > 0.0) & (size <= TIED * before)
-    for i in np.flatnonzero(found):
-        reached = np.abs(left @ left[i]) > INFLUENCE * size * size[i]
-        fastest = (np.abs(allowed[reached]) / size[reached]).max(initial=0.0)
-        found[i] = abs(whitened[i] @ at - allowed[i]) > max(CALM * abs(allowed[i]), DRIFT * size[i] * fastest)
-    return found

@@ -19,7 +19,6 @@ from impactlaw.scene.equality_constraints import (
     bilateral_constraints,
     bilateral_rows,
     constraint_kinds,
-    drifting,
     lengths,
 )
 from impactlaw.scene.friction_rows import active_friction
@@ -29,6 +28,7 @@ from impactlaw.stepping.collisions import Closed, Collider, kinetic_metric
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import is_huge, locked_joints
 from impactlaw.stepping.plan import Plan
+from impactlaw.stepping.soft.drifting import drifting
 from impactlaw.stepping.soft.tolerances import ROUNDING
 
 POSITION, VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+from impactlaw.stepping.compiled.dense import sparse_jacobian
 from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem
 from impactlaw.stepping.time_stepping.events import Known, Metric, StepImpulses
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SMALL_PART, InertialForces
-from impactlaw.stepping.time_stepping.problem.dense import sparse_jacobian
 from impactlaw.stepping.time_stepping.problem.energy import move_rows
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Rows

@@ -8,8 +8,8 @@ import numpy as np
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.stepping.compiled.dense import sparse_jacobian
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
-from impactlaw.stepping.time_stepping.problem.dense import sparse_jacobian
 from impactlaw.stepping.time_stepping.problem.overlaps import open_overlaps
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Rows, read_rows

@@ -1,4 +1,4 @@
-"""Limits that close because equality constraints give way, in compiled code; see `equality_constraints.drifting`."""
+"""Limits that close because equality constraints give way, in compiled code; see `soft.drifting`."""
 
 from __future__ import annotations
 

@@ -35,13 +35,13 @@ from impactlaw.stepping.compiled.access import (
     size,
     velocity_of,
 )
+from impactlaw.stepping.compiled.dense import encode_pyramids
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, keep, put_int
 from impactlaw.stepping.compiled.ties import leave_tied_out
 from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins, widen_limits
 from impactlaw.stepping.time_stepping.compiled.impulses.contact import count, count_entries, read
 from impactlaw.stepping.time_stepping.compiled.state.room import rows_at, rows_size
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, metric_of, setting
-from impactlaw.stepping.time_stepping.problem.dense import encode_pyramids
 from impactlaw.stepping.time_stepping.problem.overlaps import open_overlaps
 from impactlaw.stepping.time_stepping.second_look import BEYOND, LAST_LOSS, SLOP, bend, end_targets
 

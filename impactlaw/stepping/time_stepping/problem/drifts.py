@@ -2,7 +2,7 @@
 
 To open the limit, what the constraint allows would have to make up for the drift, divided by the little that is left: a
 knee whose shank slips by 3 mm per radian would turn 300 times as fast as the slip closes. See
-`scene.equality_constraints.drifting`, and DRIFT there.
+`soft.drifting`, and `scene.equality_constraints.DRIFT`.
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.stepping.compiled.dense import encode_pyramids
 from impactlaw.stepping.time_stepping.margins import LEAST
-from impactlaw.stepping.time_stepping.problem.dense import encode_pyramids
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)

@@ -8,8 +8,8 @@ import numpy as np
 from impactlaw.scene.contacts import Contacts
 from impactlaw.scene.equality_constraints import constraint_kinds, lengths
 from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.stepping.compiled.dense import sparse_jacobian
 from impactlaw.stepping.compiled.ties import tied_contacts
-from impactlaw.stepping.time_stepping.problem.dense import sparse_jacobian
 from impactlaw.stepping.time_stepping.problem.rows import Rows, near_rows, read_rows
 
 

@@ -12,7 +12,7 @@ from impactlaw.mechanics.friction import Friction
 from impactlaw.scene.contacts import Contacts
 from impactlaw.scene.joint_limits import NO_GEOM, Limits, LimitState
 from impactlaw.solvers.cones import BILATERAL
-from impactlaw.stepping.time_stepping.problem.dense import gradients, mass_matrix
+from impactlaw.stepping.compiled.dense import gradients, mass_matrix
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.targets import reached_groups
 
