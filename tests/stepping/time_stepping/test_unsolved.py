@@ -12,7 +12,7 @@ from impactlaw.stepping.time_stepping.problem.resolve import resolve_step
 
 @compiled()
 def _lose_energy(sparse, colind, value, groups, rates, reached, tree, unsolved, x, z, after):
-    energy.lose_energy(sparse, colind, value, groups, rates, reached, tree, unsolved, x, z, after)
+    energy.lose_energy(sparse, colind, value, groups, rates, reached, tree, unsolved, False, x, z, after)
 
 
 def _resolved(direction: list[float], free: list[float], target: list[float]) -> tuple[np.ndarray, float]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from impactlaw.compiled import compiled
-from impactlaw.solvers.cones import CONE
+from impactlaw.solvers.cones import BILATERAL, CONE
 from impactlaw.solvers.cones.algebra.loops import indices, kernel, numbers, plain, zeros
 from impactlaw.solvers.cones.rows import impulse_jump, islands, lengths, trees_of
 from impactlaw.stepping.time_stepping import tolerances
 
 CREATED = 1e-9  # part of the largest energy of a contact, up to which its creation is rounding
 _ROUNDING = 1e-14  # part of a sum of energies
+_CANCEL = 1e-3  # part of the energy of impulses each by itself, below which they cancel each other
 
 
 is_met: Any = plain(tolerances.is_met)
@@ -75,13 +76,15 @@ def creates(groups, rates, after, x):
 
 
 @plain
-def _add_sums(groups, rates, after, reached, x, label, sums):
-    """Add what `_shares` looks at, island by island, (6, islands)."""
+def _add_sums(sparse, value, groups, rates, after, reached, x, label, sums):
+    """Add what `_shares` looks at, island by island, (9, islands)."""
     for g in range(groups.shape[1]):
         if label[g] < 0:
             continue
         island, row = label[g], groups[0, g]
         cone = groups[2, g] == CONE
+        if groups[2, g] == BILATERAL:
+            sums[8, island] = 1.0
         if cone:
             sums[4, island] = max(sums[4, island], reached[g] - after[row])
         for k in range(row, row + groups[1, g]):
@@ -89,36 +92,41 @@ def _add_sums(groups, rates, after, reached, x, label, sums):
             sums[0, island] += impulse * rates[2, k]
             sums[1, island] += 0.5 * impulse * (after[k] - rates[2, k])
             sums[2, island] += abs(impulse) * (abs(rates[2, k]) + abs(after[k]))
+            sums[6, island] += 0.5 * impulse * (rates[1, k] + after[k])
+            for a in range(sparse[1, k], sparse[1, k] + sparse[0, k]):
+                sums[7, island] += 0.5 * (x[k] * value[a]) ** 2
             if cone:
                 sums[3, island] += 0.5 * impulse * (rates[1, k] + after[k])
                 sums[5, island] = max(sums[5, island], abs(rates[1, k]), abs(rates[2, k]))
 
 
 @plain
-def _shares(sums, unsolved, share):
+def _shares(sums, unsolved, collides, share):
     """Write the share of the impulses of each island, at most 1, with which it does not gain from its free motion.
 
     The share s of x changes its kinetic energy by ``s x^T J v_free + s^2 x^T (J v+ - J v_free) / 2``. An island
-    that meets the law keeps all, unless what is given is unsolved and contact adds energy to it. Return whether some
-    share is less than 1.
+    that meets the law keeps all, unless what is given is unsolved and contact adds energy to it, or contacts collide
+    against constraints that leave them next to no motion: then impulses all but cancel each other, and the drift of
+    the constraints, small as it is, does their work. Return whether some share is less than 1.
     """
     some = False
     for i in range(len(share)):
-        linear, square, total, work, missed, fastest = sums[:, i]
+        linear, square, total, work, missed, fastest, since, apart, tied = sums[:, i]
         share[i] = 1.0
         gains = linear + square > CREATED * square + _ROUNDING * total  # impulses that cancel can be huge
-        if gains and (not is_met(missed, fastest) or (unsolved and work > CREATED * total)):
+        drifts = tied != 0.0 and collides and square < _CANCEL * apart and since > CREATED * total
+        if gains and (drifts or not is_met(missed, fastest) or (unsolved and work > CREATED * total)):
             share[i] = max(0.0, -linear / square) if square > 0.0 else 0.0
             some = True
     return some
 
 
 @kernel
-def lose_energy(sparse, colind, value, groups, rates, reached, tree, unsolved, x, z, after):
+def lose_energy(sparse, colind, value, groups, rates, reached, tree, unsolved, collides, x, z, after):
     """Take away impulses of islands that do not solve their problem and gain energy: such impulses can be anything.
 
     Impulses x, whitened jump z and velocities of rows after it are written. What is `unsolved` must have no energy from
-    contact; what is solved can have it, together with other forces.
+    contact; what is solved can have it, together with other forces. `collides` says whether some contact does.
     """
     many, trees = groups.shape[1], trees_of(tree)
     length, label, parent, number = numbers(many), indices(many), indices(trees), indices(trees)
@@ -126,9 +134,9 @@ def lose_energy(sparse, colind, value, groups, rates, reached, tree, unsolved, x
     count = islands(
         sparse[0], sparse[1], colind, value, tree, groups[0], groups[1], length, label, parent, number
     )  # fmt: skip
-    sums, share = zeros(6 * count).reshape((6, count)), numbers(count)
-    _add_sums(groups, rates, after, reached, x, label, sums)
-    if not _shares(sums, unsolved, share):
+    sums, share = zeros(9 * count).reshape((9, count)), numbers(count)
+    _add_sums(sparse, value, groups, rates, after, reached, x, label, sums)
+    if not _shares(sums, unsolved, collides, share):
         return
     for g in range(many):
         for k in range(groups[0, g], groups[0, g] + groups[1, g]):

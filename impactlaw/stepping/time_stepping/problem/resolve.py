@@ -6,6 +6,7 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
+from impactlaw.solvers.cones import BILATERAL
 from impactlaw.solvers.cones.algebra.loops import numbers, plain
 from impactlaw.stepping.compiled.whitening import unwhitened
 from impactlaw.stepping.time_stepping.problem.contact_problem import guess, shortfall, solve_contacts
@@ -18,6 +19,15 @@ _ARRAYS = (
     "int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1]"
 )
 _FOUND = "boolean,float64,float64,float64,float64,float64,float64,boolean"
+
+
+@plain
+def _constrained(groups, collides):
+    """Return whether something collides where there are equality constraints, too."""
+    equal = some = False
+    for g in range(len(collides)):
+        equal, some = equal or groups[2, g] == BILATERAL, some or collides[g]
+    return equal and some
 
 
 @plain
@@ -36,8 +46,11 @@ def _resolve(
         left, x, z, after, reached, rest,
     )  # fmt: skip
     missed, fastest = shortfall(groups, rates, after, reached)
-    if not solved or not is_met(missed, fastest):
-        lose_energy(sparse, colind, value, groups, rates, reached, tree, dissipative and not solved, x, z, after)
+    against = _constrained(groups, collides)
+    if against or not solved or not is_met(missed, fastest):
+        lose_energy(
+            sparse, colind, value, groups, rates, reached, tree, dissipative and not solved, against, x, z, after
+        )
         missed, fastest = shortfall(groups, rates, after, reached)
     for i in range(nv):
         root[i] = np.sqrt(inverse[i])
