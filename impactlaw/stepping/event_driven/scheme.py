@@ -58,6 +58,7 @@ _WORK = 120  # units that a step may take at least, whatever max_events is
 _DEEP = 1e3  # gap tolerances by which contact that is held overlaps at most
 _OPENING = 0.15  # part of the work of a step that it may take to open them
 _SLIGHT = 1e6  # gap tolerances by which time stepping may leave bodies overlapping that are opened at once
+_FAR = 1e3  # depths of an overlap by which bodies may be moved to open it
 _MANY = 0.5  # part of max_events that are many collisions, if they keep a step from being finished
 _ENDED = 1e-6  # part of the kinetic energy that E = 0 may take after max_events collisions
 _UNFINISHED = DivergenceError, SolverError, UnfinishedStepError, UnsolvableLawError, np.linalg.LinAlgError
@@ -272,13 +273,21 @@ class RigidStepping:
         return bool(are_tied(state.contact_set.jacobian[closed], constraints, lengths(self._model)).any())
 
     def _apart(self, start: ContactState) -> ContactState:
-        """Move apart what overlaps because a gap has jumped; leave it where bodies are squeezed."""
-        state = self._configuration.save()
+        """Move apart what overlaps because a gap has jumped; leave it where bodies are squeezed.
+
+        They are, too, where that would move them by far more than they overlap: constraints leave them next to no
+        motion there.
+        """
+        state, depth = self._configuration.save(), -float(start.gap.min())
+        before = self._configuration.data.geom_xpos.copy()
         try:
-            return push_out(self._phases, start)
+            found = push_out(self._phases, start)
+            if np.abs(self._configuration.data.geom_xpos - before).max(initial=0.0) <= _FAR * depth:
+                return found
         except (OverlapError, UnfinishedStepError):
-            self._configuration.restore(state)
-            return self._phases.look()
+            pass
+        self._configuration.restore(state)
+        return self._phases.look()
 
     def _collide(self, start: ContactState, events: list[ImpactEvent]) -> ContactState:
         """Resolve the collisions of now."""

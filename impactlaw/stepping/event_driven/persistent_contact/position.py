@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlaw.errors import UnsolvableLawError
+from impactlaw.errors import UnfinishedStepError, UnsolvableLawError
 from impactlaw.solvers import Problem, solve_with_jump
 from impactlaw.stepping.event_driven.contact_state import CORRECTED, ContactState, Phase, PhaseEnd, stays
 from impactlaw.stepping.work import Work
@@ -22,6 +22,7 @@ LookAgain = Callable[[float], tuple[ContactState, np.ndarray]]
 
 _CORRECTIONS = 20  # at most
 _SMOOTH_CORRECTIONS = 3  # that smooth surfaces need; each gains digits, their curvature decides how many
+_FAR = 1e3  # depths of overlaps by which bodies may be moved to open them
 _CONFLICT = 1e-9  # part of the largest of multipliers that prove a conflict above which one takes part in it
 
 
@@ -59,18 +60,25 @@ def hold_position(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain, felt
         phase: what led there.
         look_again: detects contacts.
         felt: shift that contact forces have made in the phase, (nv,); contacts may take back so much of it.
+
+    Raises:
+        UnfinishedStepError: that would move bodies by far more than they overlap, because equality constraints leave
+            contacts next to no motion.
     """
     configuration = phase_end.now.configuration
     end, end_gap = configuration.data.qpos.copy(), phase_end.gap[phase_end.sustained]
     nv = configuration.model.nv
     shift, reach = np.zeros(nv), phase_end.contact_set.opening(felt)
+    limit, place = _FAR * max(reach, -float(end_gap.min()), phase.tolerance), configuration.data.geom_xpos
     cuts = Cuts(np.zeros((0, nv)), np.zeros(0))
     for correction in range(_CORRECTIONS):
         now, known, _ = phase_end
         sustained, active, wanted = _correction(phase_end, shift + felt, phase, cuts)
         wanted = wanted - felt
-        if correction == 0 and not (np.count_nonzero(active) or np.count_nonzero(felt)):
-            return PhaseEnd(now, known, sustained)
+        if correction == 0:
+            if not (np.count_nonzero(active) or np.count_nonzero(felt)):
+                return PhaseEnd(now, known, sustained)
+            place = place.copy()
         if correction and now.contact_set.opening(wanted - shift) <= CORRECTED * phase.tolerance:
             break  # what still overlaps is squeezed between bodies that cannot give way
         if correction >= _SMOOTH_CORRECTIONS:  # the contacts jump between points of a face: keep them all
@@ -80,6 +88,8 @@ def hold_position(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain, felt
         shift = wanted
         configuration.shift(shift, qpos=end)
         before, (now, known) = known, look_again(reach)
+        if np.abs(configuration.data.geom_xpos - place).max(initial=0.0) > limit:
+            raise UnfinishedStepError("equality constraints leave contacts next to no motion: they were not held")
         if known is not before and not np.array_equal(known, before):
             if not among(before[active & (before >= 0)], known).all():  # pushed out further than contacts are sought
                 now, known = look_again(float(-end_gap.min()))
