@@ -99,6 +99,14 @@ def advance(model: mujoco.MjModel, data: mujoco.MjData, options: BorrowedOptions
         )
 
 
+def implicit_damping(model: mujoco.MjModel) -> np.ndarray | None:
+    """Return coefficients of joint damping D that the integrator advances by ``(M + h D)^-1``, (nv,); None if by M."""
+    integrator = int(model.opt.integrator)
+    if integrator == _RK4 or model.opt.disableflags & (_NONE | (_EXPLICIT if integrator == _EULER else 0)):
+        return None
+    return model.dof_damping if np.count_nonzero(model.dof_damping) else None
+
+
 def locked_joints(model: mujoco.MjModel, timestep: float) -> np.ndarray | None:
     """Return which degrees of freedom damping all but locks in a timestep h, s, bool (nv,); None if it locks none.
 
@@ -106,10 +114,10 @@ def locked_joints(model: mujoco.MjModel, timestep: float) -> np.ndarray | None:
     ``h D`` is many times M, what contact does to such a joint is gone after a step, and until then its damping is a
     force that others answer to: friction, welds, and servos can feed a motion that way.
     """
-    integrator = int(model.opt.integrator)
-    if integrator == _RK4 or model.opt.disableflags & (_NONE | (_EXPLICIT if integrator == _EULER else 0)):
+    damping = implicit_damping(model)
+    if damping is None:
         return None
-    locked = timestep * model.dof_damping > _LOCKED * model.dof_M0
+    locked = timestep * damping > _LOCKED * model.dof_M0
     return locked if np.count_nonzero(locked) else None
 
 

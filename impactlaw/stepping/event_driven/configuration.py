@@ -10,7 +10,7 @@ import numpy as np
 
 from impactlaw.scene.contacts import update_positions
 from impactlaw.scene.moving_surfaces import Surfaces
-from impactlaw.stepping.integration import restore_state, save_state
+from impactlaw.stepping.integration import implicit_damping, restore_state, save_state
 
 
 class Configuration:
@@ -33,6 +33,8 @@ class Configuration:
     def __init__(self, model: mujoco.MjModel, surfaces: Surfaces | None = None):
         self.model, self.surfaces = model, surfaces
         self._current = self._factored = False
+        self._added: np.ndarray | None = None  # to the diagonal of M by implicit damping, (nv,)
+        self._diagonal = model.M_rowadr + model.M_rownnz - 1
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the data, which belongs to the caller of a step."""
@@ -42,6 +44,21 @@ class Configuration:
         """Work on this data, whatever has happened to it."""
         self.data = data
         self._current = self._factored = False
+        self._added = None
+
+    def damp(self, duration: float) -> None:
+        """Let M be ``M + tau D`` for a phase of tau s, by which the integrator advances where it damps implicitly.
+
+        Contact that is held meanwhile acts within that integration. By M alone it would throw joints whose ``tau D`` is
+        larger than M, and the forces that the next phase feels would not settle.
+        """
+        damping = implicit_damping(self.model)
+        self._added = None if damping is None else duration * damping
+        self._factored = False
+
+    def refactor(self) -> None:
+        """Forget the factors of M: others were written over them."""
+        self._factored = False
 
     def save(self, state: np.ndarray | None = None) -> np.ndarray:
         """Return everything that the integrator starts from, in the given array if there is one."""
@@ -76,7 +93,7 @@ class Configuration:
         self.refresh()
         result = np.empty(self.model.nv)
         mujoco.mj_mulM(self.model, self.data, result, velocity)
-        return result
+        return result if self._added is None else result + self._added * velocity
 
     def velocity(self, momentum: np.ndarray) -> np.ndarray:
         """Return ``M^-1 p``, (nv,)."""
@@ -106,6 +123,12 @@ class Configuration:
 
     def _factor(self) -> None:
         self.refresh()
-        if not self._factored:
-            mujoco.mj_factorM(self.model, self.data)
-            self._factored = True
+        if self._factored:
+            return
+        M, added = self.data.M, self._added
+        own = M[self._diagonal]
+        if added is not None:
+            M[self._diagonal] += added
+        mujoco.mj_factorM(self.model, self.data)
+        M[self._diagonal] = own
+        self._factored = True

@@ -90,6 +90,7 @@ class SmoothPhases:
         finally:
             if own is not None:
                 data.qfrc_applied[:] = own
+        self.configuration.damp(duration)
         self.configuration.update()
 
     def _is_short(self, before: np.ndarray, duration: float) -> bool:
@@ -100,7 +101,10 @@ class SmoothPhases:
     def detect(self, within: float) -> ContactSet:
         """Return the contacts of now of a gap up to ``within``, m or rad, at least."""
         self.configuration.refresh()
-        return ContactSet(self._detector.look(self.configuration.data, within), self.configuration)
+        found = self._detector.look(self.configuration.data, within)
+        if found.bilateral is not None:  # they were read with the factors of M alone
+            self.configuration.refactor()
+        return ContactSet(found, self.configuration)
 
     def look(self, within: float = 0.0) -> ContactState:
         """Return the contacts of now, of a gap up to ``within``, m or rad, at least, and how they move."""

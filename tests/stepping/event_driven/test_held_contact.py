@@ -117,3 +117,20 @@ def test_a_joint_equality_beside_a_limit_that_is_held_stays_there(integrator, ti
         stepper.step(data)
         assert np.abs(data.qvel).max() < speed
         assert np.abs(data.qpos).max() < play
+
+
+WRIST = """<body pos="0 0 .1"><joint type="slide" axis="0 0 1"/><joint type="slide" axis="1 0 0"/>
+  <geom {NOT} size=".02" mass="2"/><body><joint axis="0 1 0" damping="1"/>
+  <geom size=".02" pos=".1 0 -.08" mass=".01" friction=".1"/></body></body>"""
+
+
+@pytest.mark.parametrize("friction", ["coulomb", "ignore"])
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])
+def test_a_joint_with_more_damping_than_inertia_gives_way_as_fast_as_its_damping_lets_it(integrator, friction):
+    """A mass sinks onto the floor over a light wrist of which ``h D`` is 15 times its inertia."""
+    bodies = f'<geom type="plane" size="3 3 .1" friction=".1"/>{WRIST.format(NOT=NOT)}'
+    exact, _ = run(scene(bodies, 1e-4), [0.0] * 3, 0.1, friction)
+    model = scene(bodies, 2.5e-3, integrator)
+    assert model.opt.timestep * model.dof_damping[2] > 15 * model.dof_M0[2]
+    end, _ = run(model, [0.0] * 3, 0.1, friction)
+    np.testing.assert_allclose(end, exact, rtol=0.03, atol=1e-4)

@@ -90,6 +90,7 @@ def hold_with_friction(
 def _hold_velocity(phase_end: PhaseEnd, phase: Phase, felt: FeltForce, free: np.ndarray, guess: np.ndarray) -> PhaseEnd:
     """Give the sustained contacts the velocity that they have after impulses; return them with these impulses."""
     now, configuration = phase_end.now, phase_end.now.configuration
+    configuration.damp(phase.duration)  # other phases may have been tried meanwhile
     impulses = _solve(phase_end, phase, free, guess)
     turned = _turned(phase_end, phase, impulses.rows)
     if turned is not None:
