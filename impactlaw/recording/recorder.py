@@ -81,9 +81,10 @@ class Recorder:
         self._marks = EpisodeMarks()
         self._collisions = CollisionLog(model, properties["law"] or "", arrow_scale)
         stream = _new_stream()
-        self._log_once(stream, groups, body_names(model), properties)
         self._file = RecordingFile(self.path, stream, self._frames, self._marks, self._collisions)
-        self._file.open(model, view=view)  # last: until here rerun holds everything in memory
+        self._file.open(model, view=view)
+        self._log_once(stream, groups, body_names(model), properties)
+        self._file.sync()
         self._end = self._file.end_with(self)
 
     def __enter__(self) -> Self:

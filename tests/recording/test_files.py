@@ -102,6 +102,32 @@ def test_full_disk(scene):
         Recorder(scene[0], "/dev/full")
 
 
+LIMITED = """
+import resource, sys, mujoco
+from impactlaw.models import load
+from impactlaw.recording import Recorder
+from impactlaw.recording.output import file
+file._PATIENCE = 2.0
+model, data = load("newtons_cradle")
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), int(sys.argv[2])))
+with Recorder(model, sys.argv[1]) as recorder:
+    for _ in range(3000):
+        mujoco.mj_step(model, data)
+        recorder.step(data)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no limit of the size of files")
+@pytest.mark.parametrize("limit", [500, 20_480, 100_000, 204_800])
+def test_a_disk_that_is_full_ends_the_run(tmp_path, limit):
+    """Rerun waits for ever where its writer is gone: at the start, in a flush, and at the end of the process."""
+    command = [sys.executable, "-c", LIMITED, str(tmp_path / "run.rrd"), str(limit)]
+    for _ in range(3):  # it depends on which of its threads is the first
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+        assert done.returncode == 1
+        assert "RecordingError: cannot write the recording" in done.stderr
+
+
 def test_a_recorder_that_cannot_start_leaves_an_old_file_alone(tmp_path, scene, monkeypatch):
     path = tmp_path / "run.rrd"
     path.write_text("old")
@@ -190,7 +216,7 @@ def test_a_viewer_gets_what_the_file_gets_and_may_go(tmp_path, scene, monkeypatc
     with Recorder(model, tmp_path / "run.rrd", view=True) as recorder:
         recorder.step(data)
 
-        def severed(stream):
+        def severed(stream, timeout_sec):
             raise RuntimeError("gRPC connection severed")
 
         monkeypatch.setattr(rr.RecordingStream, "flush", severed)

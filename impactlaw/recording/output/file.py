@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import ctypes
 import os
 import weakref
 from pathlib import Path
@@ -15,6 +16,9 @@ from impactlaw.recording import viewer
 from impactlaw.recording.collisions import CollisionLog
 from impactlaw.recording.episodes import EpisodeMarks
 from impactlaw.recording.output.frames import Frames
+
+_PATIENCE = 30.0  # s that the file may take for what is flushed, on a slow disk; rerun alone would wait for ever
+_ROOM = 1 << 16  # bytes that a file has room for at least: more than rerun hands to it at once
 
 
 class RecordingFile:
@@ -46,7 +50,11 @@ class RecordingFile:
         return self._stream is not None
 
     def open(self, model: mujoco.MjModel, *, view: bool) -> None:
-        """Begin to write.
+        """Begin to write, before anything is logged.
+
+        Rerun hands what it holds already to a new file, and waits for that: for ever if the disk is full. That is why
+        the stream is as good as empty here, why there must be room for what it holds even so, and why the layout, which
+        it would wait for as well, follows by itself.
 
         Raises:
             RecordingError: the file cannot be written, or there is no display to view on.
@@ -55,10 +63,14 @@ class RecordingFile:
 
         sinks = [viewer.spawn_viewer()] if view else []
         try:
-            self._stream.set_sinks(rr.FileSink(self.path), *sinks, default_blueprint=viewer.blueprint(model))
+            self.path.write_bytes(bytes(_ROOM))
+            self._stream.set_sinks(rr.FileSink(self.path), *sinks)
+        except OSError as error:
+            raise self._cannot_write(error.strerror) from None
         except RuntimeError as error:
-            raise self._cannot_write(error) from None
-        self._sync()
+            raise self._cannot_write(str(error)) from None
+        self._stream.send_blueprint(viewer.blueprint(model), make_active=False, make_default=True)
+        self.sync()
 
     def flush(self) -> None:
         """Write all so far; after `close` this does nothing.
@@ -72,7 +84,7 @@ class RecordingFile:
         self.collisions.send(self._stream, self.clock)
         self.marks.send(self._stream)
         self.frames.send(self._stream, first)
-        self._sync()
+        self.sync()
 
     def close(self) -> None:
         """Write what is left and end the file; a second call does nothing.
@@ -105,14 +117,34 @@ class RecordingFile:
             self._stream.disconnect()
             self._stream = None
 
-    def _sync(self) -> None:
-        try:
-            self._stream.flush()
-        except RuntimeError as error:
-            if "gRPC" not in str(error):  # a viewer that was closed is no loss to the file
-                self._disconnect()
-                raise self._cannot_write(error) from None
+    def sync(self) -> None:
+        """Wait until the file has what was logged.
 
-    def _cannot_write(self, error: RuntimeError) -> RecordingError:
-        reason = str(error).removeprefix("Failed to create file: ").partition(", path")[0]
+        Raises:
+            RecordingError: the file can no longer be written.
+        """
+        try:
+            self._stream.flush(timeout_sec=_PATIENCE)
+        except RuntimeError as error:
+            if "gRPC" in str(error):  # a viewer that was closed is no loss to the file
+                return
+            if "timed out" in str(error):
+                self._abandon()
+            else:
+                self._disconnect()
+            raise self._cannot_write(str(error)) from None
+
+    def _abandon(self) -> None:
+        """Leave a stream that no longer answers, most likely since the disk is full.
+
+        Whatever ends it would wait for ever: it must never be deleted, and rerun must not end it with the interpreter.
+        """
+        import rerun as rr
+
+        rr.unregister_shutdown()
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._stream))
+        self._stream = None
+
+    def _cannot_write(self, reason: str) -> RecordingError:
+        reason = reason.removeprefix("Failed to create file: ").partition(", path")[0]
         return RecordingError(f"cannot write the recording {self.path}: {reason}")
