@@ -9,6 +9,7 @@ from scenes import compiled as compile_scene
 from impactlaw import Fremond, Moreau, Stepper
 from impactlaw.envs import ImpactLaw
 from impactlaw.errors import SolverError, UnsolvableLawError
+from impactlaw.solvers.friction import solve
 
 QPOS = (-8.756441491107173, -0.5294397993016361, 3.446350937151604, 0.4032184000507698, -0.3269331208193089,
         -0.008362221697740022, 0.27571687676287643, 0.36444716320914206, 0.09693485059105762)  # fmt: skip
@@ -38,6 +39,27 @@ def test_mujoco_takes_such_a_step(compiled):
     assert (data.qvel == bare.qvel).all()
     stepper.step(data)
     assert stepper.short_steps == 1
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5])
+def test_no_problem_is_solved_twice(e, monkeypatch):
+    """Nor from a point where it was solved from before; the step is counted all the same."""
+    asked, answer = [], solve.compiled_answer
+
+    def once(problem, guess, rounds):
+        scaled = None if guess is None else problem.scaled(guess)
+        asked.append(b"".join(np.asarray(a, float).tobytes() for a in (problem.rows, problem.start + 0.0, scaled)))
+        asked[-1] += bytes([problem.exact, rounds])
+        return answer(problem, guess, rounds)
+
+    monkeypatch.setattr(solve, "_last_unsolved", None, raising=False)
+    monkeypatch.setattr(solve, "compiled_answer", once)
+    model, data = jammed()
+    stepper = Stepper(model, Moreau(e), contact_model="soft", compiled="never")
+    stepper.step(data)
+    assert stepper.short_steps == (e == 0.0)
+    assert asked
+    assert len(set(asked)) == len(asked)
 
 
 def test_an_environment_tells_such_steps():
