@@ -38,16 +38,20 @@ from impactlaw.stepping.soft.compiled.alone import solve_alone
 from impactlaw.stepping.soft.compiled.drifting import leave_drifting_out
 from impactlaw.stepping.soft.compiled.equalities import projected, span
 from impactlaw.stepping.soft.compiled.found import Found, find, normal_velocities, within_reach
-from impactlaw.stepping.soft.compiled.rows import reached_by, read
+from impactlaw.stepping.soft.compiled.rows import everyone, reached_by, read
 from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, UNKNOWN
 from impactlaw.stepping.soft.tolerances import ROUNDING
 
-COUNT, ENERGY, INTENSITY, DISTANT = 0, 1, 2, 3
-"""Places in the sums over collisions: their number, T+ - T-, |v+ - v-|, those with a distant effect."""
+COUNT, ENERGY, INTENSITY, DISTANT, LAST = 0, 1, 2, 3, 4
+"""Places in the sums over collisions: their number, T+ - T-, |v+ - v-|, those with a distant effect, and those that
+ended the matter."""
+SUMS = 5
+"""Numbers of these sums."""
 
 _TOLERANCE = 1e-13  # relative natural map that the solver aims at
 _ENOUGH = 1e-12  # what it must reach
 _ROUNDS = 24  # of its slower methods
+_AGAIN = 4  # times that it goes on from the best point in a last collision, before Python repeats all of them
 _CREATED = 1e-12  # energy, relative to the one before, up to which its creation is rounding
 
 
@@ -63,11 +67,11 @@ def _key(w, found, i):
 
 
 @plain
-def _offsets(w, law, found, rows, members, velocity, before, b):
+def _offsets(w, law, found, rows, members, velocity, last, before, b):
     """Write velocities of rows, and these less what is aimed at, (n,) each; return whether all e are known."""
     for g in members:
         i, first = rows.of[g], rows.first[g]
-        e = law.restitution
+        e = 0.0 if last else law.restitution
         if np.isnan(e):
             key = _key(w, found, i)
             at = np.searchsorted(law.key, key)
@@ -78,26 +82,28 @@ def _offsets(w, law, found, rows, members, velocity, before, b):
         for r in range(first, first + rows.sizes[g]):
             for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
                 before[r] += rows.val[a] * velocity[rows.col[a]]
-            b[r] = (1.0 + (e if r == first else law.sliding)) * before[r]
+            b[r] = (1.0 + (e if r == first or last else law.sliding)) * before[r]
     return True
 
 
 @once
-def _solve(w, law, rows, members, b):
+def _solve(w, law, rows, members, last, b):
     """Return impulses, (n,), jump, (nv,), and the natural map; one contact alone may have a closed form."""
-    n, k = len(rows.nnz), len(members)
+    n, k, exact = len(rows.nnz), len(members), law.last_exact if last else law.exact
     x, z, residual = zeros(n), zeros(w.nv), np.inf
     first, count = rows.first[members[0]], rows.sizes[members[0]]
-    if k == 1 and count <= 3 and (law.exact or count == 1):
+    if k == 1 and count <= 3 and (exact or count == 1):
         residual = 0.0 if solve_alone(rows, first, count, b, indices(3), numbers(24), x, z) else np.inf
-    if residual != 0.0:
-        left = numbers(1)
+    for _ in range(0 if residual == 0.0 else _AGAIN if last else 1):
+        left, before = numbers(1), residual
         left[0] = 1.0
         residual, _ = linked_improve(
             rows.nnz, rows.adr, rows.col, rows.val, model_ints(w, MODEL.dof_treeid, w.nv), rows.first[members],
-            rows.sizes[members], np.full(k, CONE, np.int32), zeros(k), zeros(n), b, law.exact, _TOLERANCE, _ROUNDS,
+            rows.sizes[members], np.full(k, CONE, np.int32), zeros(k), zeros(n), b, exact, _TOLERANCE, _ROUNDS,
             left, x, z,
         )  # fmt: skip
+        if residual <= _ENOUGH or not residual < before:
+            break
     return x, z, residual
 
 
@@ -122,8 +128,11 @@ def _book(rows, members, x, z, before, smallest, sums):
 
 
 @kernel
-def _resolve(w, law, found, gamma, calm, rounding, velocity, sums):
-    """Resolve one collision: change the velocity, (nv,), and add to the sums; return how it has ended."""
+def _resolve(w, law, found, gamma, calm, rounding, last, velocity, sums):
+    """Resolve one collision: change the velocity, (nv,), and add to the sums; return how it has ended.
+
+    The last one is of all contacts, with E = 0.
+    """
     Mnnz, Madr, Mcol = layout_of(w)
     factor, inverse, root = (
         data_floats(w, DATA.qLD, size(w, MODEL.nC)),
@@ -138,9 +147,9 @@ def _resolve(w, law, found, gamma, calm, rounding, velocity, sums):
     if kept < 0:
         return PYTHON
     reached = cleared(len(gamma))
-    if kept > 0:  # constraints join trees
+    if kept > 0 or last:  # constraints join trees
         for i in range(len(gamma)):
-            reached[i] = not gamma[i] > rounding
+            reached[i] = last or not gamma[i] > rounding
     else:
         within_reach(w, found, jacobian, gamma, law.rest_speed, rounding, cleared(size(w, MODEL.ntree)), reached)
     rows = read(w, found, jacobian, reached, root, law.frictional)
@@ -149,12 +158,12 @@ def _resolve(w, law, found, gamma, calm, rounding, velocity, sums):
         rows, moves = projected(free, w.nv, basis, kept)
     if not moves:
         return PYTHON
-    members, n = reached_by(rows, gamma, law.rest_speed, w.nv), len(rows.nnz)
+    members, n = everyone(rows) if last else reached_by(rows, gamma, law.rest_speed, w.nv), len(rows.nnz)
     v, before, b = numbers(w.nv), zeros(n), zeros(n)
     whitened(velocity, factor, Mnnz, Madr, Mcol, root, v)
-    if not _offsets(w, law, found, free, members, v, before, b):
+    if not _offsets(w, law, found, free, members, v, last, before, b):
         return UNKNOWN
-    x, z, residual = _solve(w, law, rows, members, b)
+    x, z, residual = _solve(w, law, rows, members, last, b)
     if not residual <= _ENOUGH:
         return PYTHON
     speed, changed = norm(v), norm(z)
@@ -194,7 +203,7 @@ def collide(w, law, sums):
     Args:
         w: the world, velocities of its rows current.
         law: see `world.Law`.
-        sums: over the collisions, zeros, (4,), added to.
+        sums: over the collisions, zeros, (`SUMS`,), added to.
 
     Returns:
         How it has ended, and whether qvel is another one.
@@ -220,15 +229,17 @@ def collide(w, law, sums):
         rounding = max(rounding, ROUNDING * abs(speed))
     velocity, before, rows, status, changed = copied(qvel), numbers(w.nv), numbers(n), FINE, False
     while status == FINE:
-        if sums[COUNT] >= law.most:
-            return PYTHON, False
+        last = sums[COUNT] >= law.most
         put(before, velocity)
-        status = _resolve(w, law, found, gamma, calm, rounding, velocity, sums)
+        status = _resolve(w, law, found, gamma, calm, rounding, last, velocity, sums)
         if status == FINE:
             _tell(law.outcomes, velocity)
+            sums[LAST] += last
         if status != FINE or _same(before, velocity):
             break
         changed = True
+        if last:
+            break
         mj.mul_jac_vec(w.model, w.data, address_of(rows), address_of(velocity))
         keep(rows)
         if not normal_velocities(found, rows, gamma) < -law.rest_speed:

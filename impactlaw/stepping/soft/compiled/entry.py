@@ -12,11 +12,10 @@ from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import clear
 from impactlaw.stepping.compiled.fields import flags, floats, longs
 from impactlaw.stepping.compiled.libmujoco import is_watched
+from impactlaw.stepping.soft.compiled.collide import SUMS
 from impactlaw.stepping.soft.compiled.step import linked_advance
 from impactlaw.stepping.soft.compiled.world import CALLBACK, FINE
 
-SUMS = 4
-"""Numbers of `collide` for each step."""
 EXTRA = SUMS + 1
 """Numbers that follow a state."""
 LEFT, TOTAL = 3, 5
@@ -35,7 +34,7 @@ class Context(NamedTuple):
             (see `step.advance`), and the sums over all steps that are taken, written.
         exact: exact Coulomb friction.
         frictional: contacts have friction.
-        most: collisions of one step that are not to be reached.
+        most: collisions, see `world.Law`.
         collides: anything can collide.
         keys: of the law's contacts, and how many.
         values: their restitution.
@@ -48,6 +47,7 @@ class Context(NamedTuple):
         asked: key of a contact that is not known, written.
         outcomes: room for outcomes, see `world.Law`, and how many numbers.
         bilateral: which equality constraints collisions keep, and how many there are; 0 if they keep none.
+        last_exact: exact Coulomb friction in a collision that ends the matter.
     """
 
     model: int = 0
@@ -74,6 +74,7 @@ class Context(NamedTuple):
     outcome_count: int = 21
     bilateral: int = 22
     constraints: int = 23
+    last_exact: int = 24
 
 
 CONTEXT = Context()
@@ -96,7 +97,8 @@ def steps(context):
         sums = floats(state + 8 * width, SUMS)
         c[CONTEXT.status] = linked_advance(
             c[CONTEXT.model], c[CONTEXT.data], c[CONTEXT.trial], c[CONTEXT.table],
-            numbers[0], numbers[1], c[CONTEXT.exact] != 0, c[CONTEXT.frictional] != 0, numbers[2], c[CONTEXT.most],
+            numbers[0], numbers[1], c[CONTEXT.exact] != 0, c[CONTEXT.last_exact] != 0, c[CONTEXT.frictional] != 0,
+            numbers[2], c[CONTEXT.most],
             longs(c[CONTEXT.keys], c[CONTEXT.known]), floats(c[CONTEXT.values], c[CONTEXT.known]),
             c[CONTEXT.asked : CONTEXT.asked + 1], outcomes,
             flags(c[CONTEXT.bilateral], c[CONTEXT.constraints]), numbers[LEFT:TOTAL],

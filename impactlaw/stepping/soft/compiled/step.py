@@ -122,12 +122,12 @@ def _from_start(w, law, trial, integrator, state, sums):
 
 
 @compiled(
-    "int64(int64,int64,int64,int64,float64,float64,boolean,boolean,float64,int64,int64[::1],float64[::1],int64[::1],"
+    "int64(int64,int64,int64,int64,float64,float64,boolean,boolean,boolean,float64,int64,int64[::1],float64[::1],int64[::1],"
     "float64[::1],uint8[::1],float64[::1],float64[::1],float64[::1],boolean)"
 )
 def advance(
-    model, data, trial, table, restitution, sliding, exact, frictional, rest_speed, most, keys, values, asked,
-    outcomes, bilateral, left, state, sums, collides,
+    model, data, trial, table, restitution, sliding, exact, last_exact, frictional, rest_speed, most, keys, values,
+    asked, outcomes, bilateral, left, state, sums, collides,
 ):  # fmt: skip
     """Take one step and return how it has ended; see `world`.
 
@@ -136,9 +136,10 @@ def advance(
         data: address of its data.
         trial: address of other data.
         table: offsets of fields, see `compiled.fields`.
-        restitution: see `world.Law`, like the ten that follow.
+        restitution: see `world.Law`, like the eleven that follow.
         sliding: see there.
         exact: see there.
+        last_exact: see there.
         frictional: see there.
         rest_speed: see there.
         most: see there.
@@ -150,12 +151,14 @@ def advance(
         left: time at which the last step has ended, s, (2,), written; and the same for the scheme in Python, which
             has not looked yet: NaN where something touches at the start of the step.
         state: room for the state, where that of the start is in the end.
-        sums: over collisions, see `collide`, (4,), written.
+        sums: over collisions, see `collide`, written.
         collides: whether anything can.
     """
     nv = long_at(model + long_at(table + 8 * MODEL.nv))
     w = World(model, data, table, nv)
-    law = Law(restitution, sliding, exact, frictional, rest_speed, most, keys, values, asked, outcomes, bilateral)
+    law = Law(
+        restitution, sliding, exact, last_exact, frictional, rest_speed, most, keys, values, asked, outcomes, bilateral
+    )  # fmt: skip
     time_at = data + offset(w, DATA.time)
     time, integrator = float_at(time_at), option(w, MODEL.opt_integrator)
     timestep = float_at(model + offset(w, MODEL.opt_timestep))

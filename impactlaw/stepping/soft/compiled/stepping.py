@@ -21,12 +21,18 @@ from impactlaw.stepping.impact_event import ImpactEvent, Told, together
 from impactlaw.stepping.integration import empty_state, restore_state
 from impactlaw.stepping.law_targets import LawTargets
 from impactlaw.stepping.soft.compiled import world
-from impactlaw.stepping.soft.compiled.entry import CONTEXT, EXTRA, LEFT, SUMS, TOTAL, entry
+from impactlaw.stepping.soft.compiled.collide import LAST, SUMS
+from impactlaw.stepping.soft.compiled.entry import CONTEXT, EXTRA, LEFT, TOTAL, entry
 from impactlaw.stepping.soft.compiled.told import Replay
 from impactlaw.stepping.soft.scheme import SoftStepping
 
 _EMPTY = "<mujoco/>"
 _DATA, _STEPS, _TAKEN, _STATUS = CONTEXT.data, CONTEXT.steps, CONTEXT.taken, CONTEXT.status
+
+
+def is_exact(law: Law) -> bool:
+    """Return whether friction, if there is any, is exact Coulomb friction."""
+    return not isinstance(law, Coulomb) or law.cone == "exact"
 
 
 class CompiledSoftStepping:
@@ -59,7 +65,7 @@ class CompiledSoftStepping:
         self._reason = scheme.only_in_python or reason(targets)
         self._numbers[0] = np.nan if targets.restitution is None else targets.restitution
         self._numbers[1] = law.tangential_restitution if isinstance(law, Coulomb) else 0.0
-        self._exact = not isinstance(law, Coulomb) or law.cone == "exact"
+        self._exact, self._last_exact = is_exact(law), is_exact(scheme.collisions.collider.last_law)
         self._write_context()
         if self._reason is not None:
             self._tell(self._reason)
@@ -79,6 +85,7 @@ class CompiledSoftStepping:
         }  # fmt: skip
         numbers = {
             "model": self._model._address, "trial": trial._address, "exact": self._exact,
+            "last_exact": self._last_exact,
             "frictional": self._scheme.collisions.friction, "most": self._scheme.collisions.collider.most,
             "collides": self._scheme.collides, "known": len(self._coefficients.key),
             "callback_count": len(self._callbacks), "state_size": self._room, "constraints": len(self._bilateral),
@@ -128,6 +135,7 @@ class CompiledSoftStepping:
             taken, how = fields[_TAKEN], fields[_STATUS]
             steps -= taken
             if self._total[0]:
+                self._scheme.collisions.unlocated += int(self._total[LAST])
                 parts.append(Replay(self._scheme, self._states[:taken].copy(), self._total, CompiledSoftStepping))
             if how != world.FINE:
                 steps -= self._go_on(how, data, steps, parts)

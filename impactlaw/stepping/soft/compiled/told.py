@@ -37,7 +37,9 @@ class _Known(Law):
 
     def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
         """Return the impact with the velocity that is known."""
-        impact, velocity = self.law.resolve(collision, solver=solver), next(self.velocities)
+        impact, velocity = self.law.resolve(collision, solver=solver), next(self.velocities, None)
+        if velocity is None:
+            return impact
         if np.abs(impact.post_velocity - velocity).max() <= _SAME * np.abs(velocity).max():
             return replace(impact, post_velocity=velocity)
         kept: dict[str, Any] = {"target_contact_velocity": impact.target_contact_velocity}
@@ -64,7 +66,7 @@ class Replay:
 
     def __init__(self, scheme: SoftStepping, rows: np.ndarray, total: memoryview, compile: Callable[..., Any]):
         self._scheme, self._collider, self._rows, self._compile = scheme, scheme.collisions.collider, rows, compile
-        count, energy, intensity, distant = total
+        count, energy, intensity, distant, _ = total
         self.sums = ImpactSums(int(count), energy, 0.0, intensity, int(distant), 0)
 
     def __call__(self) -> tuple[ImpactEvent, ...]:
@@ -74,14 +76,16 @@ class Replay:
     @cached_property
     def _events(self) -> tuple[ImpactEvent, ...]:
         scheme, data = copy.copy(self._scheme), mujoco.MjData(self._scheme.model)
+        scheme.collisions = copy.copy(scheme.collisions)  # what is told once more is not counted once more
         scheme.resume(np.nan, self._collider)
         compiled = self._compile(scheme, warn=False)
         events: list[ImpactEvent] = []
         for row in self._rows[self._rows[:, -EXTRA] > 0]:
-            velocities = compiled.outcomes(row)
+            velocities, by = iter(compiled.outcomes(row)), self._collider
             mujoco.mj_resetData(scheme.model, data)  # with no contacts of a step before
             restore_state(scheme.model, data, row[:-EXTRA])
-            scheme.resume(row[-1], replace(self._collider, law=_Known(self._collider.law, iter(velocities))))
+            known = replace(by, law=_Known(by.law, velocities), last_law=_Known(by.last_law, velocities))
+            scheme.resume(row[-1], known)
             events += scheme.step(data)
             scheme.resume(np.nan, self._collider)
         return tuple(events)

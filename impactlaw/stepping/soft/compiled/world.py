@@ -26,9 +26,10 @@ class Law(NamedTuple):
         restitution: e, where it is the same for all contacts; else NaN.
         sliding: tangential restitution.
         exact: exact Coulomb friction, or its convex relaxation.
+        last_exact: the same in a collision that ends the matter.
         frictional: whether contacts have friction.
         rest_speed: closing speed above which a contact collides, m/s or rad/s.
-        most: collisions of one step that are not to be reached.
+        most: collisions at one instant after which one more, of all contacts and with E = 0, ends the matter.
         key: of contacts and limits, see `law_table.Coefficients`, ascending, int64 (k,).
         value: e of each, (k,).
         asked: key of the contact that is not among them, int64 (1,), written.
@@ -39,6 +40,7 @@ class Law(NamedTuple):
     restitution: float
     sliding: float
     exact: bool
+    last_exact: bool
     frictional: bool
     rest_speed: float
     most: int

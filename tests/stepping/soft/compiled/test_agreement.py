@@ -201,3 +201,50 @@ def test_an_error_of_the_engine_is_one():
     model.opt.integrator = 0
     np.testing.assert_array_equal(data.qpos, before)
     stepper.step(data)
+
+
+GRASP = """
+    <body pos="-.1 0 0"><joint type="slide" axis="1 0 0"/>
+      <geom name="left" type="box" size=".05 .03 .03" mass="5"/></body>
+    <body pos=".1 0 0"><joint type="slide" axis="1 0 0"/>
+      <geom name="right" type="box" size=".05 .03 .03" mass="5"/></body>
+    <body><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/><joint axis="0 0 1"/>
+      <geom name="block" type="box" size=".0501 .03 .03" mass=".2"/></body>"""
+
+
+def closing(law, friction, **options):
+    """Two fingers that close on a block, which goes back and forth between them; and steppers of it."""
+    model, data = compiled(GRASP, option='gravity="0 0 0"')
+    data.qvel[:] = 1.0, 0.1, 0.0, 0.3, 0.0
+    return *steppers(model, law, friction=friction, **options), data
+
+
+@pytest.mark.parametrize("friction", ["coulomb", "convex", "ignore"])
+@pytest.mark.parametrize("law", [Moreau(0.95), Newton({("left", "block"): 0.9}, default=0.95)])
+def test_more_collisions_than_a_step_may_have(law, friction, monkeypatch):
+    """The last one has E = 0, and tangential restitution neither, in compiled code as in Python."""
+    ours, python, data = closing(law, friction, max_events=5)
+    scheme = ours.stepping._scheme  # pyright: ignore[reportAttributeAccessIssue]
+    monkeypatch.setattr(scheme, "step", lambda *_: pytest.fail("compiled code leaves the step to Python"))
+    other = mujoco.MjData(ours.model)
+    assert compare(ours, python, data, other)
+    assert ours.unlocated == python.unlocated == 1
+    assert ours.sums.collisions == python.sums.collisions == 6
+    monkeypatch.undo()
+    for one, same in zip(ours.events, python.events, strict=True):
+        np.testing.assert_allclose(one.impact.post_velocity, same.impact.post_velocity, rtol=0, atol=1e-10)
+    assert ours.unlocated == 1, "events that are read count nothing again"
+    assert len(ours.events[5].contacts) == len(ours.events[4].contacts) * 2, "the last one is of all contacts"
+
+
+def test_a_step_with_just_as_many_collisions_as_it_may_have():
+    ours, python, data = closing(Moreau(0.95), "coulomb")
+    start = data.qvel.copy()
+    ours.step(data)
+    many = ours.sums.collisions
+    assert 5 < many < 100
+    for most, unlocated in ((many, 0), (many - 1, 1)):
+        ours, python, data = closing(Moreau(0.95), "coulomb", max_events=most)
+        data.qvel[:] = start
+        assert compare(ours, python, data, mujoco.MjData(ours.model))
+        assert ours.unlocated == python.unlocated == unlocated
