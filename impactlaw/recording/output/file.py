@@ -66,7 +66,7 @@ class RecordingFile:
             self.path.write_bytes(bytes(_ROOM))
             self._stream.set_sinks(rr.FileSink(self.path), *sinks)
         except OSError as error:
-            raise self._cannot_write(error.strerror) from None
+            raise self._cannot_write(error.strerror or str(error)) from None
         except RuntimeError as error:
             raise self._cannot_write(str(error)) from None
         self._stream.send_blueprint(viewer.blueprint(model), make_active=False, make_default=True)
