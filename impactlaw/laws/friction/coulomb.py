@@ -123,7 +123,7 @@ class Coulomb(Law):
         attempt = _Attempt(self, collision, wanted, effort)
         impact, answer = attempt(1.0, None, THOROUGH)
         created = np.inf if impact is None else attempt.created(impact, answer)
-        return _largest(attempt, created, solver) if impact is None or created > 0.0 else impact
+        return _largest(attempt, created, (impact, answer), solver) if impact is None or created > 0.0 else impact
 
 
 class _Attempt:
@@ -133,6 +133,11 @@ class _Attempt:
         self.law, self.collision, self.wanted, self.effort = law, collision, wanted, effort
         self.problem: ConeProblem | None = None
         self.sliding = -law.tangential_restitution * collision.pre_sliding_velocity
+
+    @property
+    def scales(self) -> bool:
+        """Whether there is any restitution; without it the problem is the same for all s."""
+        return bool(np.count_nonzero(self.wanted > 0.0) or np.count_nonzero(self.sliding))
 
     def __call__(self, s: float, guess: np.ndarray | None, rounds: int) -> tuple[FrictionImpact | None, ConeAnswer]:
         """Return the impact with restitution scaled by s, None if none is certified, and the solver's answer."""
@@ -160,15 +165,18 @@ class _Attempt:
         return 2.0 * impact.work / speed**2 - _CREATED - 4.0 * answer.residual / speed
 
 
-def _largest(attempt: _Attempt, created: float, solver: str) -> FrictionImpact:
+def _largest(
+    attempt: _Attempt, created: float, whole: tuple[FrictionImpact | None, ConeAnswer], solver: str
+) -> FrictionImpact:
     """Return the impact of the largest s that creates no energy, by Illinois' false position or bisection.
 
     Args:
         attempt: the law.
         created: energy created with s = 1, infinite if there is no impact.
+        whole: what was found with s = 1.
         solver: of the problem without friction.
     """
-    best, answer = attempt(0.0, None, THOROUGH)
+    best, answer = attempt(0.0, None, THOROUGH) if attempt.scales else whole
     if best is None:
         attempt.law.law.resolve(attempt.collision, solver=solver)  # refuses what no velocity can do
         raise SolverError(

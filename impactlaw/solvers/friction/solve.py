@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -57,9 +57,6 @@ def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, rounds
         x = single(problem, guess)
         if x is not None and (residual := problem.residual(x, problem.velocity(x))) <= _ALONE * problem.scale:
             return problem.answer(x, residual, Status.SOLVED, 0)
-    known = _last_unsolved
-    if guess is None and known is not None and known.is_of(problem, rounds):
-        return known.answer
     answer = _attempt(problem, guess, rounds)
     if answer.status is Status.SOLVED or not problem.exact or rounds <= BRIEF:
         return answer
@@ -67,40 +64,7 @@ def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, rounds
     for factor in _FACTORS:
         other = _attempt(problem, factor * relaxed, rounds)
         answer = other if other.residual < answer.residual else answer
-    if guess is None and answer.status is not Status.SOLVED:
-        _remember(_Unsolved(problem, rounds, answer))
     return answer
-
-
-class _Unsolved(NamedTuple):
-    """A problem that all effort has left without a solution, and the best answer.
-
-    Whoever meets such a problem asks again, with less restitution; where there was none, that is the same problem.
-    """
-
-    problem: ConeProblem
-    rounds: int
-    answer: ConeAnswer
-
-    def is_of(self, problem: ConeProblem, rounds: int) -> bool:
-        """Return whether a problem is the same, to the last bit."""
-        own = self.problem
-        return (
-            rounds == self.rounds
-            and problem.exact
-            and problem.scale == own.scale
-            and np.array_equal(problem.start, own.start)
-            and np.array_equal(problem.rows, own.rows)
-            and np.array_equal(problem.lengths, own.lengths)
-        )
-
-
-_last_unsolved: _Unsolved | None = None
-
-
-def _remember(unsolved: _Unsolved) -> None:
-    global _last_unsolved  # one reference, so that threads need no lock
-    _last_unsolved = unsolved
 
 
 def _attempt(problem: ConeProblem, guess: np.ndarray | None, rounds: int) -> ConeAnswer:

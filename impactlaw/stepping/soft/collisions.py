@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import SolverError, UnsolvableLawError
+from impactlaw.laws import Coulomb, Law
 from impactlaw.laws.restitution.on_contacts import Chosen
 from impactlaw.mechanics.friction import Friction
 from impactlaw.mechanics.kinetic_metric import KineticMetric
@@ -153,8 +154,11 @@ class Collisions:
         Collisions one after another are others with restitution than without: one of them can have no solution, though
         each of those without restitution has one.
         """
+        law, last = self.collider.law, self.collider.last_law
+        if _is_same(law, last):
+            return None
         try:
-            return self._collide(replace(self.collider, law=self.collider.last_law), data, closed, gamma, events)
+            return self._collide(replace(self.collider, law=last), data, closed, gamma, events)
         except (SolverError, UnsolvableLawError):
             return None
 
@@ -175,3 +179,10 @@ class Collisions:
         surfaces = self.surfaces
         found = active_friction(self._model, data, contacts.select(between), surfaces)
         return None if found is None else Friction(*found)
+
+
+def _is_same(law: Law, last: Law) -> bool:
+    """Return whether a law is that without restitution by another name."""
+    if law.normal_law.common_coefficient != 0.0 or isinstance(law, Coulomb) != isinstance(last, Coulomb):
+        return False
+    return not (isinstance(law, Coulomb) and isinstance(last, Coulomb)) or replace(law, law=last.law) == last

@@ -52,7 +52,6 @@ def test_no_problem_is_solved_twice(e, monkeypatch):
         asked[-1] += bytes([problem.exact, rounds])
         return answer(problem, guess, rounds)
 
-    monkeypatch.setattr(solve, "_last_unsolved", None, raising=False)
     monkeypatch.setattr(solve, "compiled_answer", once)
     model, data = jammed()
     stepper = Stepper(model, Moreau(e), contact_model="soft", compiled="never")
