@@ -12,7 +12,8 @@ from impactlaw.stepping.time_stepping import tolerances
 
 CREATED = 1e-9  # part of the largest energy of a contact, up to which its creation is rounding
 _ROUNDING = 1e-14  # part of a sum of energies
-_CANCEL = 1e-3  # part of the energy of impulses each by itself, below which they cancel each other
+_CANCEL = 3e-7  # part of the energy of impulses each by itself, below which they cancel each other
+_DRIFTS = 0.25  # part of the energy of all together that the drift of constraints gives at least
 
 
 is_met: Any = plain(tolerances.is_met)
@@ -114,7 +115,9 @@ def _shares(sums, unsolved, collides, share):
         linear, square, total, work, missed, fastest, since, apart, tied = sums[:, i]
         share[i] = 1.0
         gains = linear + square > CREATED * square + _ROUNDING * total  # impulses that cancel can be huge
-        drifts = tied != 0.0 and collides and square < _CANCEL * apart and since > CREATED * total
+        drifts = (
+            tied != 0.0 and collides and square < _CANCEL * apart and min(linear + square, since) > _DRIFTS * square
+        )
         if gains and (drifts or not is_met(missed, fastest) or (unsolved and work > CREATED * total)):
             share[i] = max(0.0, -linear / square) if square > 0.0 else 0.0
             some = True
