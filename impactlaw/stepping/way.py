@@ -117,9 +117,9 @@ class Way:
         if o.compiled == "never":
             return scheme
         from impactlaw.compiled import compile_together
-        from impactlaw.stepping.compiled.layout import LayoutError
 
         compile_together("impactlaw.stepping.soft.compiled.entry")
+        from impactlaw.stepping.compiled.layout import LayoutError
         from impactlaw.stepping.soft.compiled.stepping import CompiledSoftStepping
 
         try:
