@@ -106,7 +106,7 @@ def compile_together(module: str) -> None:
     folder = cache_folder(_parts(module))
     if folder is not None and not any((folder / module).glob("*.nbi")):
         announce(module)
-        start_helpers(module)
+        start_helpers(module, folder)
 
 
 class Kept:

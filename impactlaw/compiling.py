@@ -24,7 +24,7 @@ except ImportError:  # on Windows there is none: each process compiles for itsel
     fcntl = None
 
 _HELPERS = 3  # of which each takes half a gigabyte
-_WORK = "import sys; from impactlaw.compiling import help_with; help_with(sys.argv[1], int(sys.argv[2]))"
+_WORK = "import sys; from impactlaw.compiling import help_with; help_with(*sys.argv[1:])"
 
 LATER: ContextVar[list[Callable[[], Any]] | None] = ContextVar("LATER", default=None)
 """What a helper has put off until it has imported everything; None where functions are compiled as they are met."""
@@ -68,13 +68,14 @@ def alone(path: Path | None, *, wait: bool = True) -> Iterator[bool]:
             yield True
 
 
-def start_helpers(module: str) -> None:
+def start_helpers(module: str, folder: Path) -> None:
     """Start processes that compile what a module of this package calls, as many as there are other processors.
 
     There are none where this Python cannot be started once more: then this process compiles alone.
 
     Args:
         module: its full name.
+        folder: of the cache, where the helpers hold files.
     """
     if fcntl is None or not sys.executable or getattr(sys, "frozen", False):
         return
@@ -84,7 +85,7 @@ def start_helpers(module: str) -> None:
     with suppress(OSError):
         for number in range(min(cpu_count() - 1, _HELPERS)):
             helper = subprocess.Popen(
-                [sys.executable, "-P", "-c", _WORK, module, str(number)],
+                [sys.executable, "-P", "-c", _WORK, module, str(folder / f"helper_{number}.lock")],
                 env=environment,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
@@ -93,19 +94,14 @@ def start_helpers(module: str) -> None:
             threading.Thread(target=helper.wait, daemon=True).start()  # somebody has to see it end
 
 
-def help_with(module: str, number: int) -> None:
+def help_with(module: str, lock: str) -> None:
     """Compile what a module calls, last functions first, but for those that another process is at.
 
     Args:
         module: its full name.
-        number: of the helper; there is one of each number at a time.
+        lock: path of a file that only one helper holds; the others have nothing to do.
     """
-    from impactlaw.compiled import cache_folder
-
-    folder = cache_folder()
-    if folder is None:
-        return
-    with alone(folder / f"helper_{number}.lock", wait=False) as mine:
+    with alone(Path(lock), wait=False) as mine:
         if not mine:
             return
         later: list[Callable[[], Any]] = []

@@ -60,36 +60,33 @@ def test_one_process_at_a_time_holds_a_file(tmp_path):
         assert again
 
 
-def test_what_a_helper_compiles_is_found(copy):
-    assert _run(_READ, copy).split() == ["5.0", "0", "0", "0"]
-    shutil.rmtree(copy / "cache")
-    _run("from impactlaw.compiling import help_with; help_with('impactlaw.copied', 0)", copy)
-    assert _run(_READ, copy).split() == ["5.0", "1", "1", "1"]
-
-
-def test_a_helper_leaves_out_what_another_process_compiles(copy):
-    hold = """
+_HELP = """
 from impactlaw.compiled import cache_folder
 from impactlaw.compiling import alone, help_with
-with alone(cache_folder() / "impactlaw.copied.five_halves.lock"):
-    help_with('impactlaw.copied', 0)
+with alone(cache_folder() / "{}"):
+    help_with("impactlaw.copied", str(cache_folder() / "helper_0.lock"))
 """
-    _run(hold, copy)
-    assert _run(_READ, copy).split() == ["5.0", "1", "1", "0"]
 
 
-def test_there_is_one_helper_of_each_number(copy):
-    hold = """
-from impactlaw.compiled import cache_folder
-from impactlaw.compiling import alone, help_with
-with alone(cache_folder() / "helper_0.lock"):
-    help_with('impactlaw.copied', 0)
-"""
-    _run(hold, copy)
+def test_what_nobody_compiled_is_not_found(copy):
     assert _run(_READ, copy).split() == ["5.0", "0", "0", "0"]
 
 
-def test_a_python_that_cannot_be_started_again_compiles_alone(monkeypatch):
+@pytest.mark.parametrize(
+    ("held", "found"),
+    [
+        ("nothing", ["1", "1", "1"]),
+        ("impactlaw.copied.five_halves.lock", ["1", "1", "0"]),
+        ("helper_0.lock", ["0", "0", "0"]),
+    ],
+)
+def test_a_helper_compiles_what_no_other_process_is_at(copy, held, found):
+    """Nor does it where there is a helper of its number already."""
+    _run(_HELP.format(held), copy)
+    assert _run(_READ, copy).split() == ["5.0", *found]
+
+
+def test_a_python_that_cannot_be_started_again_compiles_alone(monkeypatch, tmp_path):
     monkeypatch.setattr(sys, "executable", "/no/such/python")
     monkeypatch.setattr("joblib.cpu_count", lambda: 2)
-    start_helpers("impactlaw.solvers.cones.solve")
+    start_helpers("impactlaw.solvers.cones.solve", tmp_path)
