@@ -195,7 +195,7 @@ class Collider:
         raise InadmissibleImpactError(
             f"{self.law!r} leaves the set of possible velocities at t = {time:.6g} s for contacts "
             f"{', '.join(collision.labels)}: energy ratio T+/T- = {ratio:.6g}, violations kinematic {v.kinematic:.2g}, "
-            f"energetic {v.energetic:.2g} sqrt(J); choose a dissipative law, or "
+            f"kinetic {v.kinetic:.2g}, energetic {v.energetic:.2g} sqrt(J); choose a dissipative law, or "
             'on_inadmissible="project" or "allow"'
         )
 

@@ -21,10 +21,8 @@ from tqdm import tqdm
 from scripts import machine
 
 from .cases import CASES
-from .verdicts import REFUSED, Case
+from .verdicts import MEASURED, REFUSED, Case
 from .worker import Task, Worker
-
-MEASURED = ("residual", "energy", "penetration", "deviation")
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,8 @@ from fnmatch import fnmatch
 import numpy as np
 
 RIGHT, REFUSED, WRONG, HANGS, NAN, CRASHES = "right", "refused", "WRONG", "HANGS", "NaN", "CRASHES"
+MEASURED = ("residual", "energy", "penetration", "deviation", "first_order")
+"""What a result is judged by."""
 EITHER = "right or refused"
 """Expected of iterative solvers at the border of what they reach: an answer or a refusal, never a wrong answer."""
 
@@ -25,6 +27,7 @@ class Measurement:
         energy: energy error relative to the energy of the motion.
         penetration: m/s relative to the speed (laws), or m beyond zero gap (stepping).
         deviation: distance from the closed form, in the unit that the case names; 0 where there is none.
+        first_order: the same as residual, or penetration relative to the size, in steps counted as time stepped.
         collisions: how many there were.
         note: a fact that the table should show.
     """
@@ -33,6 +36,7 @@ class Measurement:
     energy: float = 0.0
     penetration: float = 0.0
     deviation: float = 0.0
+    first_order: float = 0.0
     collisions: int = 0
     note: str = ""
 
@@ -45,6 +49,7 @@ class Limits:
     energy: float = 1e-9
     penetration: float = 1e-9
     deviation: float = 1e-9
+    first_order: float = 1e-3
 
 
 @dataclass(frozen=True)
@@ -114,8 +119,7 @@ class WrongRefusalError(Exception):
 
 def verdict(measurement: Measurement, limits: Limits) -> tuple[str, str]:
     """Return the verdict on a measurement, and what exceeds which limit."""
-    names = ("residual", "energy", "penetration", "deviation")
-    pairs = [(name, getattr(measurement, name), getattr(limits, name)) for name in names]
+    pairs = [(name, getattr(measurement, name), getattr(limits, name)) for name in MEASURED]
     broken = [name for name, value, _ in pairs if not np.isfinite(value)]
     if broken:
         return NAN, f"{', '.join(broken)} not finite"

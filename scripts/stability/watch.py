@@ -12,7 +12,7 @@ from impactlaw import Fremond, FrictionImpact, ImpactEvent, Law, MaximalDissipat
 from .certificate import Sliding, certify
 from .verdicts import Measurement
 
-MOST = 100  # collisions of a step after which the stepper says that E = 0 ends it
+MOST = 100  # collisions of a step: if there are more, a rigid one is time stepped, and E = 0 ends a soft one
 _EXTENDED = 64  # velocities up to which collisions are checked in extended precision; Python's is slow beyond
 
 
@@ -38,7 +38,8 @@ class Watch:
     """Steps a scene and keeps the worst that happens.
 
     After every step MuJoCo's own detection, on a copy of the scene, tells how deep geoms overlap, and its own energies
-    tell how much the scene has gained since they were lowest. Every collision is certified by the study.
+    tell how much the scene has gained since they were lowest. Every collision is certified by the study. Steps with
+    more collisions than the stepper may locate are time stepped, and counted: what they show is kept apart.
 
     Args:
         model: the scene.
@@ -46,6 +47,7 @@ class Watch:
         contact_model: "rigid" or "soft".
         gap_tolerance: of rigid stepping, m.
         every: steps between looks at penetration and energy.
+        size: of what moves, m: depths in steps that are time stepped are relative to it.
     """
 
     def __init__(
@@ -56,6 +58,7 @@ class Watch:
         contact_model: str = "rigid",
         gap_tolerance: float = 1e-9,
         every: int = 1,
+        size: float = 0.1,
     ):
         self.model, self.data = model, mujoco.MjData(model)
         if model.nkey:
@@ -68,13 +71,13 @@ class Watch:
             gap_tolerance=gap_tolerance if contact_model == "rigid" else None,
             max_events=MOST,
         )
-        self._every = every
+        self._every, self._size = every, size
         self._own = copy.copy(model)
         self._own.opt.ccd_tolerance, self._own.opt.ccd_iterations = 1e-12, 100
         self._own.geom_margin[:] = 0.0
         self._own.geom_gap[:] = 0.0
         self._scratch = mujoco.MjData(self._own)
-        self.residual = self.penetration = self.deviation = self.gain = 0.0
+        self.residual = self.penetration = self.deviation = self.first_order = self.gain = 0.0
         self.steps = self.collisions = self.scaled = 0
         self._lowest: float | None = None
 
@@ -85,7 +88,7 @@ class Watch:
 
     @property
     def unlocated(self) -> int:
-        """Steps that the stepper has finished with E = 0."""
+        """Steps that the stepper has time stepped, whole or in part."""
         return self._stepper.unlocated
 
     def step(self, steps: int = 1) -> None:
@@ -93,12 +96,15 @@ class Watch:
         if self._lowest is None:
             self._look()
         for _ in range(steps):
+            located = self.unlocated
             self._stepper.step(self.data)
             self.steps += 1
-            for number, event in enumerate(self.events):
-                self._certify(event, final=number >= MOST)
-            if self.steps % self._every == 0:
-                self._look()
+            errors = [self._certify(event, final=number >= MOST) for number, event in enumerate(self.events)]
+            depth = self._look() if self.steps % self._every == 0 else 0.0
+            if self.unlocated > located:
+                self.first_order = float(np.max([self.first_order, depth / self._size, *errors]))
+                continue
+            self.residual, self.penetration = float(np.max([self.residual, *errors])), max(self.penetration, depth)
 
     def energy(self) -> tuple[float, float]:
         """Return potential and kinetic energy of now, J."""
@@ -127,16 +133,20 @@ class Watch:
         if not (np.isfinite(self.data.qpos).all() and np.isfinite(self.data.qvel).all()):
             energy = np.nan
         if self.unlocated:
-            note = "; ".join(filter(None, [note, f"{self.unlocated} of {self.steps} steps ended with E = 0"]))
-        return Measurement(self.residual, energy, self.penetration, self.deviation, self.collisions, note)
+            note = "; ".join(filter(None, [note, f"{self.unlocated} of {self.steps} steps time stepped"]))
+        return Measurement(
+            self.residual, energy, self.penetration, self.deviation, self.first_order, self.collisions, note
+        )
 
-    def _look(self) -> None:
+    def _look(self) -> float:
+        """Keep the largest gain of energy and return how deep geoms overlap, m."""
         energy = sum(self.energy())
         self._lowest = energy if self._lowest is None else min(self._lowest, energy)
         self.gain = float(np.maximum(self.gain, energy - self._lowest))
-        self.penetration = max(self.penetration, -float(np.min(self._scratch.contact.dist, initial=0.0)))
+        return -float(np.min(self._scratch.contact.dist, initial=0.0))
 
-    def _certify(self, event: ImpactEvent, *, final: bool) -> None:
+    def _certify(self, event: ImpactEvent, *, final: bool) -> float:
+        """Count a collision and return its worst error."""
         impact, c = event.impact, event.impact.collision
         kind = np.longdouble if len(c.pre_velocity) <= _EXTENDED else float
         w, after = c.surface_velocity, c.post_surface_velocity
@@ -158,8 +168,8 @@ class Watch:
         worst = max(found.residual, found.balance, found.penetration)
         if not self._law.startswith("reversal"):
             worst = max(worst, found.change)
-        self.residual = float(np.maximum(self.residual, worst))
         self.collisions += 1
+        return float(worst)
 
 
 def bounce(time: float, e: float, height: float, gravity: float) -> float:

@@ -1,0 +1,53 @@
+"""Events of compiled soft steps where friction holds a box with large impulses that have many solutions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import compiled
+
+from impactlaw import Moreau, Stepper
+
+
+def gripper(rng):
+    """A box that rests on the floor between two jaws of six pads each, and its data with the jaws pressed together."""
+    jaws = ""
+    for side in (-1, 1):
+        pads = "".join(
+            f'<geom type="box" size=".005 .01 .01" pos="0 {y} {z}" friction="{rng.uniform(0.5, 2):.3f}"/>'
+            for y in (-0.02, 0, 0.02)
+            for z in (-0.02, 0.02)
+        )
+        jaws += f"""<body pos="{side * 0.035} 0 .05">
+            <joint name="jaw{side}" type="slide" axis="{-side} 0 0" range="-.03 .03" damping="5"/>
+            <joint type="slide" axis="0 0 1" damping="1"/>
+            <inertial pos="0 0 0" mass=".1" diaginertia="1e-4 1e-4 1e-4"/>{pads}</body>"""
+    model, data = compiled(
+        f"""<geom type="plane" size="1 1 1"/>{jaws}<body pos="0 0 .05"><freejoint/>
+            <geom type="box" size=".03 .03 .03" mass="{rng.uniform(0.02, 0.5):.3f}" friction="1.5"/></body>""",
+        rest='<actuator><motor joint="jaw-1" gear="1"/><motor joint="jaw1" gear="1"/></actuator>',
+        option='timestep=".002" cone="elliptic"',
+    )
+    data.ctrl[:] = rng.uniform(20, 200)
+    return model, data
+
+
+@pytest.mark.parametrize(("seed", "steps"), [(11, 11), (13, 57)])
+def test_events_of_a_squeezed_box_are_told(seed, steps):
+    rng = np.random.default_rng(seed)
+    model, data = gripper(rng)
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft")
+    data.qvel[:] = rng.normal(0, 0.5, model.nv)
+    told = 0
+    for k in range(steps):
+        if k % 10 == 0:
+            data.qvel[:] += rng.normal(0, 0.5, model.nv)
+        stepper.step(data)
+        for event in stepper.events:
+            violations = event.impact.violations
+            assert max(violations.kinematic, violations.kinetic, violations.energetic) < 1e-6 * violations.pre_speed
+            told += 1
+        assert sum(event.impact.energy_change for event in stepper.events) == pytest.approx(
+            stepper.sums.energy_change, abs=1e-9
+        )
+    assert told > 0
