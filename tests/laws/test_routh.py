@@ -6,7 +6,7 @@ from laws.frictional import delassus_with_friction, one_contact
 from scenes import compiled, run
 
 from impactlaw import Collision, Coulomb, Friction, Newton, Poisson, Routh, Stepper
-from impactlaw.errors import RestitutionError, SolverError, UnknownNameError
+from impactlaw.errors import RestitutionError, SolverError, UnknownNameError, UnsolvableLawError
 
 
 def disc(velocity, mu, k=0.5) -> Collision:
@@ -139,6 +139,27 @@ def test_a_pendulum_that_jams_on_the_floor_stays(hypothesis, options):
     assert abs(events[0].impact.post_velocity[0]) < 1e-9
     assert data.qpos[0] == pytest.approx(np.arccos(0.59), abs=2e-3)
     assert stepper.short_steps == 0
+
+
+def test_a_contact_that_cannot_open_is_refused():
+    """A table rises against a body that only slides along it."""
+    c = Collision([[1.0]], [[0.0], [1.0]], [-1.0], surface_velocity=[-2.0, 0.0], labels=("table", "wall"))
+    with pytest.raises(UnsolvableLawError) as refused:
+        Routh(0.5).resolve(c)
+    assert refused.value.contacts == ("table",)
+
+
+@pytest.mark.parametrize("options", [{}, {"scheme": "time-stepping"}, {"contact_model": "soft"}])
+@pytest.mark.parametrize("condim", [1, 3])
+def test_a_body_that_cannot_give_way_ends_no_run(options, condim):
+    world = """<body mocap="true" pos="0 0 -.2"><geom type="box" size="1 1 .1"/></body>
+        <body pos="0 0 .1"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1"/></body>"""
+    model, data = compiled(world, geom=f'condim="{condim}"')
+    stepper = Stepper(model, Routh(0.5), **options)
+    for i in range(60):
+        data.mocap_pos[0, 2] = -0.2 + 0.002 * (i + 1)
+        stepper.step(data)
+    assert stepper.short_steps > 0
 
 
 @pytest.mark.parametrize("hypothesis", ["poisson", "stronge"])
