@@ -22,7 +22,8 @@ class Scattered(Law):
     ``|delta| = |xi|`` in the kinetic metric: the covariance of relative errors, as `identification.fit` reports them.
 
     The sample is drawn from the seed and the collision's own numbers: the same collision has the same outcome, in every
-    process, and a run can be repeated. `sample` draws many. (`AnyOutcome` draws from all of S, around no law.)
+    process, and a run can be repeated. `sample` draws many. (`AnyOutcome` draws from all of S, around no law.) Where
+    there is no S(v-), as between surfaces that move against each other or whose velocity jumps, nothing is scattered.
 
     Attributes:
         law: the law in the middle.
@@ -82,7 +83,6 @@ class Scattered(Law):
 
         Raises:
             RestitutionError: the covariance or the law is for another number of contacts.
-            InvalidCollisionError: surfaces move against each other: there is no S(v-).
         """
         v = self.sample(collision, 1, generator(self.seed, collision))[0]
         return Target(collision.contact_velocity_after(v), v)
@@ -97,13 +97,14 @@ class Scattered(Law):
 
         Raises:
             RestitutionError: the covariance or the law is for another number of contacts.
-            InvalidCollisionError: surfaces move against each other: there is no S(v-).
         """
         c = collision if collision.friction is None else replace(collision, friction=None)
         middle, h = self.law.resolve(c).post_velocity, len(c.labels)
         C = np.asarray(self.covariance)
         if C.ndim and len(C) != h:
             raise RestitutionError(f"the covariance is {C.shape} but {h} contacts collide ({', '.join(c.labels)})")
+        if not c.has_admissible_set:
+            return np.tile(middle, (n, 1))
         w, V = np.linalg.eigh(C if C.ndim else C * np.eye(h))
         xi = np.random.default_rng(rng).normal(size=(n, h)) @ (V * np.sqrt(np.maximum(w, 0.0))).T
         U, s, Vt = np.linalg.svd(c.dense_gradients, full_matrices=False)

@@ -17,6 +17,7 @@ from impactlaw.scene.pairs import GeomPairs, geom_pairs, one_contact, several_co
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 _NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 _HINGE, _SLIDE, _FREE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{name}")) for name in ("HINGE", "SLIDE", "FREE"))
+_TENDON = int(mujoco.mjtTrn.mjTRN_TENDON)
 
 
 @dataclass(frozen=True)
@@ -278,7 +279,7 @@ def has_constant_inertia(model: mujoco.MjModel) -> bool:
     So it is where each tree of bodies has slides only, or one joint, which is a hinge, or free with the center of mass
     in the origin of its body.
     """
-    if model.ntendon and model.tendon_armature.any():
+    if model.tendon_armature.any() or model.actuator_armature[model.actuator_trntype == _TENDON].any():
         return False
     root = model.body_rootid[model.jnt_bodyid]
     for tree in np.unique(root):

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from laws.frictional import delassus_with_friction, one_contact
-from scenes import compiled
+from scenes import compiled, run
 
 from impactlaw import Collision, Coulomb, Friction, Newton, Poisson, Routh, Stepper
-from impactlaw.errors import RestitutionError, SolverError, UnknownNameError
+from impactlaw.errors import RestitutionError, SolverError, UnknownNameError, UnsolvableLawError
 
 
 def disc(velocity, mu, k=0.5) -> Collision:
@@ -80,6 +80,86 @@ def test_jams():
     np.testing.assert_allclose(impact.impulse, [0.8 + rest], rtol=0, atol=1e-12)
     np.testing.assert_allclose(impact.friction_impulse, [-0.8 - 1.5 / 4.0 * rest], rtol=0, atol=1e-12)
     np.testing.assert_allclose(impact.post_contact_velocity, [0.0], rtol=0, atol=1e-12)
+
+
+def hinged(rng, mu, directions) -> Collision:
+    """A body on a hinge, which closes at a speed of 1 rad/s; all gradients of its contact are parallel."""
+    along = np.array([[rng.normal()], [rng.normal()]])[:directions]
+    return Collision(
+        [[rng.uniform(0.5, 2.0)]], [[1.0]], [-1.0], friction=Friction(along, [0] * directions, [mu] * directions)
+    )
+
+
+@pytest.mark.parametrize("hypothesis", ["poisson", "stronge"])
+@pytest.mark.parametrize("directions", [1, 2])
+def test_a_body_on_a_hinge_jams_or_leaves(hypothesis, directions):
+    """Friction helps to stop it and hinders it on the way back: with ``r = mu |J_t| < |J_n| = 1`` it leaves.
+
+    ``M dv = (1 + r) dN`` on the way in, ``M dv = (1 - r) dN`` on the way back, at once with the opposite friction.
+    """
+    rng = np.random.default_rng(11)
+    for _ in range(200):
+        c = hinged(rng, rng.uniform(0.1, 3.0), directions)
+        r = c.friction.coefficient[0] * np.linalg.norm(c.friction.jacobian)
+        ratio = max(0.0, 1.0 - r) / (1.0 + r)
+        expected = 0.7 * (ratio if hypothesis == "poisson" else np.sqrt(ratio))
+        impact = Routh(0.7, hypothesis=hypothesis).resolve(c)
+        np.testing.assert_allclose(impact.post_velocity, [expected], rtol=0, atol=1e-9)
+        assert impact.violations.is_admissible(1e-9)
+
+
+@pytest.mark.parametrize("hypothesis", ["poisson", "stronge"])
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
+def test_three_gradients_of_two_degrees_of_freedom(hypothesis, restitution):
+    """Slip that stops then stops the contact, too; nothing is left to give back where friction can hold it."""
+    rng = np.random.default_rng(12)
+    for _ in range(100):
+        A, J, v = rng.normal(size=(2, 2)), rng.normal(size=(3, 2)), rng.normal(size=2)
+        J[0] *= -np.sign(J[0] @ v)
+        rows = Friction(J[1:], [0, 0], [0.7, 0.7])
+        c = Collision(A @ A.T + 0.1 * np.eye(2), J[:1], v, friction=rows)
+        impact = Routh(restitution, hypothesis=hypothesis).resolve(c)
+        assert impact.violations.is_admissible(1e-7)
+
+
+@pytest.mark.parametrize("hypothesis", ["poisson", "stronge"])
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"scheme": "time-stepping"}, {"scheme": "time-stepping", "compiled": "never"}, {"contact_model": "soft"}],
+)
+def test_a_pendulum_that_jams_on_the_floor_stays(hypothesis, options):
+    """Its bob meets a floor 0.6 m below the hinge: friction of 2 holds it at an angle of 0.9397 rad."""
+    world = """<geom name="floor" type="plane" size="9 9 1" pos="0 0 -.6" friction="2"/>
+        <body><joint type="hinge" axis="0 1 0"/><geom name="bob" size=".01" pos="0 0 -1" friction="2"/></body>"""
+    model, data = compiled(world, option='integrator="RK4"')
+    data.qpos[0] = 1.57
+    stepper = Stepper(model, Routh(0.5, hypothesis=hypothesis), **options)
+    events = run(stepper, data, 250)
+    assert events
+    assert abs(events[0].impact.post_velocity[0]) < 1e-9
+    assert data.qpos[0] == pytest.approx(np.arccos(0.59), abs=2e-3)
+    assert stepper.short_steps == 0
+
+
+def test_a_contact_that_cannot_open_is_refused():
+    """A table rises against a body that only slides along it."""
+    c = Collision([[1.0]], [[0.0], [1.0]], [-1.0], surface_velocity=[-2.0, 0.0], labels=("table", "wall"))
+    with pytest.raises(UnsolvableLawError) as refused:
+        Routh(0.5).resolve(c)
+    assert refused.value.contacts == ("table",)
+
+
+@pytest.mark.parametrize("options", [{}, {"scheme": "time-stepping"}, {"contact_model": "soft"}])
+@pytest.mark.parametrize("condim", [1, 3])
+def test_a_body_that_cannot_give_way_ends_no_run(options, condim):
+    world = """<body mocap="true" pos="0 0 -.2"><geom type="box" size="1 1 .1"/></body>
+        <body pos="0 0 .1"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1"/></body>"""
+    model, data = compiled(world, geom=f'condim="{condim}"')
+    stepper = Stepper(model, Routh(0.5), **options)
+    for i in range(60):
+        data.mocap_pos[0, 2] = -0.2 + 0.002 * (i + 1)
+        stepper.step(data)
+    assert stepper.short_steps > 0
 
 
 @pytest.mark.parametrize("hypothesis", ["poisson", "stronge"])

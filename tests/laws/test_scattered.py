@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from problems import launched, rod
+from scenes import compiled
 
 from impactlaw import Collision, Coulomb, Moreau, Newton, Scattered, Stepper
 from impactlaw.errors import RestitutionError
@@ -26,6 +27,29 @@ def test_spread_is_the_covariance():
     delta = c.metric.whiten(law.sample(c, 4000, 2) - middle) / c.pre_speed
     np.testing.assert_allclose(np.cov(delta.T), C, rtol=0.1, atol=1e-5)
     np.testing.assert_allclose(delta.mean(axis=0), 0.0, atol=2e-3)
+
+
+def test_nothing_is_scattered_where_there_is_no_admissible_set():
+    """A wall whose velocity jumps, and one that rests behind it."""
+    walls = {"surface_velocity": [-1.0, 0.0], "post_surface_velocity": [-2.0, 0.0]}
+    c = Collision([[1.0]], [[1.0], [2.0]], [0.0], **walls)
+    assert not c.has_admissible_set
+    v = Scattered(Moreau(0.0), 0.5).resolve(c).post_velocity
+    np.testing.assert_allclose(v, Moreau(0.0).resolve(c).post_velocity, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("options", [{}, {"scheme": "time-stepping"}])
+def test_a_blow_from_below_ends_no_run(options):
+    """A ball rests on a table that suddenly rises at 2 m/s: it is a collision by itself, and there is no S(v-)."""
+    world = """<body mocap="true" pos="0 0 -.1"><geom type="box" size="1 1 .1"/></body>
+        <body pos="0 0 .1"><freejoint/><geom size=".1" mass="1"/></body>"""
+    model, data = compiled(world)
+    stepper, fastest = Stepper(model, Scattered(Moreau(0.5), 0.01), **options), 0.0
+    for i in range(60):
+        data.mocap_pos[0, 2] = -0.1 + max(0.0, 0.004 * (i - 19))
+        stepper.step(data)
+        fastest = max(fastest, data.qvel[2])
+    assert 1.9 < fastest < 3.2
 
 
 def test_nothing_but_the_law_without_variance():

@@ -7,13 +7,14 @@ from typing import Literal
 
 import numpy as np
 
-from impactlaw.errors import RestitutionError, UnknownNameError
+from impactlaw.errors import RestitutionError, UnknownNameError, UnsolvableLawError
 from impactlaw.laws.base import Law, Target
 from impactlaw.laws.friction.routh_impulses import impulses, planar_phases, spatial_phases
 from impactlaw.laws.restitution.coefficients import Coefficient, Coefficients, ContactCoefficients  # noqa: F401 (of the constructor)
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact
+from impactlaw.mechanics.tolerances import FIXED
 
 _APART = 1e-12  # cosine between gradients of two contacts up to which they do not influence each other
 
@@ -74,6 +75,7 @@ class Routh(ContactCoefficients, Law):
         Raises:
             RestitutionError: the coefficients do not fit the contacts, or contacts influence each other.
             SolverError: slip of a contact does not settle, or its impulse is no finite number.
+            UnsolvableLawError: a contact closes whose bodies cannot move apart, as where constraints hold them.
             UnknownNameError: another solver.
         """
         if solver != "auto":
@@ -84,6 +86,7 @@ class Routh(ContactCoefficients, Law):
         gamma = np.concatenate([c.pre_contact_velocity, c.pre_sliding_velocity])
         owner = np.concatenate([np.arange(h), np.zeros(0, int) if c.friction is None else c.friction.contact])
         _check_apart(c, rows, owner)
+        _check_free(c, gamma[:h])
         impulse, sizes = np.zeros(len(gamma)), c.gradient_norms
         mu = np.zeros(0) if c.friction is None else c.friction.coefficient
         for i in np.flatnonzero((gamma[:h] < 0.0) & (sizes > 0.0)):
@@ -115,6 +118,21 @@ def _after_surfaces(collision: Collision) -> Collision:
     if c.surface_jump is not None:
         c = replace(c, surface_velocity=c.post_surface_velocity, post_surface_velocity=None)
     return c
+
+
+def _check_free(collision: Collision, gamma: np.ndarray) -> None:
+    """Refuse contacts that close, but that no impulse opens.
+
+    Raises:
+        UnsolvableLawError: there are some; names them.
+    """
+    c = collision
+    speed = abs(c.jacobian) @ np.abs(c.pre_velocity)
+    if c.surface_velocity is not None:
+        speed = speed + np.abs(c.surface_velocity)
+    stuck = (c.gradient_norms == 0.0) & (gamma < -FIXED * speed)
+    if stuck.any():
+        raise UnsolvableLawError([c.labels[i] for i in np.flatnonzero(stuck)], stuck.astype(float))
 
 
 def _check_apart(collision: Collision, rows: np.ndarray, owner: np.ndarray) -> None:

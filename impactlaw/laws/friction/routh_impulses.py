@@ -17,6 +17,8 @@ import scipy
 from impactlaw.errors import SolverError
 
 Hypothesis = Literal["poisson", "stronge"]
+_ROUNDING = 1e-12  # part of a sum that is left of it where its terms cancel
+_STOPS = 1e-8  # part of the speed that counts as none where slip has stopped, which is found to 1e-9
 _FAR = (6.0, 40.0, 1e3)  # impulse, in units of what stops the approach without friction, up to which slip is followed
 
 
@@ -106,7 +108,8 @@ def impulses(G: np.ndarray, gamma: np.ndarray, phases: Iterable[Phase], e: float
     """Return normal and tangential impulse at the end of restitution, (1 + k,).
 
     Compression ends where ``gamma_n = 0``, at N_c. Restitution ends at ``(1 + e) N_c`` (Poisson), or where the normal
-    impulse has given back ``e^2`` of the work it has taken (Stronge), or where the kinetic energy is that before.
+    impulse has given back ``e^2`` of the work it has taken (Stronge), or where the kinetic energy is that before. A
+    contact that jams as it stops, as that of a body on a hinge can, gives nothing back: further impulse moves nothing.
 
     Args:
         G: Delassus matrix, normal row first, (1 + k, 1 + k).
@@ -118,13 +121,16 @@ def impulses(G: np.ndarray, gamma: np.ndarray, phases: Iterable[Phase], e: float
     Raises:
         SolverError: velocities, masses or coefficients are so large that their products are no finite numbers.
     """
+    speed = float(np.abs(gamma).max())
     impulse, velocity = np.zeros(len(gamma)), gamma.astype(float)
     begin = taken = energy = 0.0
     compression = np.inf
     for phase in phases:
         direction = np.concatenate([[1.0], phase.f])
-        rates = G @ direction
+        rates = _rates(G, direction)
         length = phase.end - begin
+        if compression == np.inf and velocity[0] >= -speed * (_ROUNDING if rates[0] else _STOPS):
+            velocity[0], compression = 0.0, begin
         if compression == np.inf and velocity[0] + rates[0] * length >= 0.0 and rates[0] > 0.0:
             part = -velocity[0] / rates[0]
             taken += 0.5 * velocity[0] * part
@@ -132,6 +138,9 @@ def impulses(G: np.ndarray, gamma: np.ndarray, phases: Iterable[Phase], e: float
             impulse, velocity, begin = impulse + part * direction, velocity + part * rates, begin + part
             velocity[0], compression = 0.0, begin
             length = phase.end - begin
+        if compression < np.inf and length == np.inf and not rates.any():
+            rest = (1.0 + e) * compression - begin if hypothesis == "poisson" else 0.0
+            return impulse + max(rest, 0.0) * direction
         if compression == np.inf:
             taken += (velocity[0] + 0.5 * rates[0] * length) * length
             energy += _work(direction, velocity, rates, length)
@@ -152,6 +161,13 @@ def impulses(G: np.ndarray, gamma: np.ndarray, phases: Iterable[Phase], e: float
         f"the impulse of a contact that closes at {-gamma[0]:.3g} m/s with an effective mass of {1.0 / G[0, 0]:.3g} kg "
         "is no finite number; check the units of velocities and masses"
     )
+
+
+def _rates(G: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Return how fast an impulse changes contact velocities, (1 + k,): 0 where that is rounding, as it jams."""
+    rates = G @ direction
+    rates[np.abs(rates) <= _ROUNDING * (np.abs(G) @ np.abs(direction))] = 0.0
+    return rates
 
 
 def _returned(speed: float, rate: float, length: float, e: float) -> float:

@@ -33,6 +33,7 @@ _FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "mj_energyPos": (_P, _P),
     "mj_energyVel": (_P, _P),
     "mj_tendon": (_P, _P),
+    "mj_tendonBias": (_P, _P, _P),
     "mj_collision": (_P, _P),
     "mj_makeConstraint": (_P, _P),
     "mj_integratePos": (_P, _P, _P, _F),
@@ -66,6 +67,11 @@ def library() -> Any:
     return ctypes.CDLL(str(path))
 
 
+def add_tendon_bias(model: mujoco.MjModel, data: mujoco.MjData, bias: np.ndarray) -> None:
+    """Add the forces of tendons with inertia that turn to a bias, (nv,): a function that MuJoCo's bindings lack."""
+    library().mj_tendonBias(*map(ctypes.c_void_p, (model._address, data._address, bias.ctypes.data)))
+
+
 def _is_library(name: str) -> bool:
     return name.startswith(("libmujoco.", "mujoco.dll")) and any(end in name for end in (".so", ".dylib", ".dll"))
 
@@ -82,6 +88,7 @@ euler, implicit = _external("mj_Euler"), _external("mj_implicit")
 sensor_pos, sensor_vel, sensor_acc = (_external(name) for name in ("mj_sensorPos", "mj_sensorVel", "mj_sensorAcc"))
 make_m, energy_pos, energy_vel = (_external(name) for name in ("mj_makeM", "mj_energyPos", "mj_energyVel"))
 tendon, collision, make_constraint = (_external(n) for n in ("mj_tendon", "mj_collision", "mj_makeConstraint"))
+tendon_bias = _external("mj_tendonBias")
 integrate_pos, rne, mul_m = (_external(name) for name in ("mj_integratePos", "mj_rne", "mj_mulM"))
 mul_jac_t_vec, rne_post_constraint = _external("mj_mulJacTVec"), _external("mj_rnePostConstraint")
 whole_step, first_half, rest_of_forward = (_external(name) for name in ("mj_step", "mj_step1", "mj_forwardSkip"))

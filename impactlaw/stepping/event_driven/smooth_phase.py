@@ -218,14 +218,13 @@ class SmoothPhases:
                 configuration.restore(state)
                 duration = longest
                 continue
-            travel = self._travel.between(start.frames, configuration.data)
-            suspects = self._travel.suspects(start.frames, travel)
+            suspects, moved = self._travel.suspects(start.frames, configuration.data)
             if len(suspects) == 0:
                 break
             configuration.restore(state)
             configuration.update()
             self.work.look(len(suspects))
-            fraction = self._travel.safe_fraction(configuration.data, suspects, travel)
+            fraction = self._travel.safe_fraction(configuration.data, suspects, moved)
             if fraction >= 1.0:
                 self.advance(duration, start.force)
                 break

@@ -32,6 +32,13 @@ def update_frames(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     mj_comVel(model, data)
 
 
+def update_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Bring lengths of tendons and the mass matrix up to the frames."""
+    if model.ntendon:
+        mujoco.mj_tendon(model, data)
+    mujoco.mj_makeM(model, data)
+
+
 def reach(model: mujoco.MjModel, data: mujoco.MjData, gained: np.ndarray, sizes: np.ndarray, surface: float) -> None:
     """Let MuJoCo find the contacts that bodies can reach in this step.
 
@@ -212,7 +219,7 @@ def limit_energy(
 def _momentum(model: mujoco.MjModel, data: mujoco.MjData, velocity: np.ndarray) -> np.ndarray:
     """Return ``M v`` of now, (nv,)."""
     momentum = np.empty(model.nv)
-    mujoco.mj_makeM(model, data)
+    update_inertia(model, data)
     mujoco.mj_mulM(model, data, momentum, velocity.copy())
     return momentum
 

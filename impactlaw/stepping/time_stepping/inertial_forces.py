@@ -18,6 +18,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from impactlaw.stepping.compiled.libmujoco import add_tendon_bias
 from impactlaw.stepping.compiled.whitening import solve_inertia
 from impactlaw.stepping.plan import has_constant_inertia
 
@@ -117,6 +118,8 @@ class InertialForces:
         data.qvel[:] = velocity
         mujoco.mj_comVel(self._model, data)
         mujoco.mj_rne(self._model, data, 0, bias)
+        if self._model.ntendon:
+            add_tendon_bias(self._model, data, bias)
         data.qvel[:] = kept
         return bias
 

@@ -47,6 +47,7 @@ from impactlaw.stepping.time_stepping.free_motion import (
     reach,
     to_midpoint,
     update_frames,
+    update_inertia,
 )
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
 from impactlaw.stepping.time_stepping.looks import Look, Looks
@@ -292,7 +293,7 @@ class TimeStepping:
     def _finish(self, data: mujoco.MjData) -> None:
         """Leave what a step leaves beside the state."""
         if self._model.opt.enableflags & _ENERGY:
-            mujoco.mj_makeM(self._model, data)
+            update_inertia(self._model, data)
             mujoco.mj_energyPos(self._model, data)
             mujoco.mj_energyVel(self._model, data)
         data.qacc_warmstart[:] = data.qacc

@@ -3,11 +3,12 @@
 import math
 from functools import partial
 
+import numpy as np
 import pytest
 import scenes
 from scenes import mass_matrix, run
 
-from impactlaw import MaximalDissipation, Moreau, Stepper, read_contacts
+from impactlaw import MaximalDissipation, Moreau, Newton, Stepper, read_contacts
 
 FLOOR = '<geom name="floor" type="plane" size="1 1 1" condim="1"/>'
 compiled = partial(scenes.compiled, option='timestep="0.01" gravity="0 0 0"')
@@ -67,3 +68,25 @@ def test_a_spinning_rod_hits_the_floor():
         assert read_contacts(model, data, within=0.0).gap.min(initial=0.0) >= -1e-9
     assert events
     assert 0.5 * data.qvel @ mass_matrix(model, data) @ data.qvel == pytest.approx(energy, rel=1e-6)
+
+
+@pytest.mark.parametrize("integrator", ["RK4", "implicitfast"])
+@pytest.mark.parametrize("common", [(100.0, 20.0, -30.0), (1e4, 2e4, 0.0)])
+def test_bodies_that_fly_side_by_side_collide_as_at_rest(integrator, common):
+    """Their common velocity changes nothing, although it takes them farther in a step than they are thick."""
+    world = """<body name="box" quat=".9 .2 .3 .1"><freejoint/><geom type="box" size=".1 .15 .2" mass="1"/></body>
+        <body name="ball" pos=".6 .05 .05"><freejoint/><geom size=".12" mass=".5"/></body>
+        <body name="rod" pos="-.55 .1 0" quat=".7 .1 .7 0"><freejoint/>
+        <geom type="capsule" size=".05 .2" mass=".7"/></body>"""
+    seen = []
+    for velocity in (np.zeros(3), np.array(common)):
+        model, data = scenes.compiled(world, option=f'gravity="0 0 0" integrator="{integrator}"')
+        data.qvel[:] = 1, 0.1, 0, 1, -2, 1, -1, 0.1, 0, 0, 5, 1, 3, 0, 0.1, 1, 1, -3
+        for first in (0, 6, 12):
+            data.qvel[first : first + 3] += velocity
+        stepper = Stepper(model, Newton(0.5))
+        events = run(stepper, data, 300)
+        assert stepper.unlocated == 0
+        seen.append((len(events), data.xpos[1:] - velocity * data.time))
+    assert seen[0][0] == seen[1][0] > 2
+    np.testing.assert_allclose(seen[0][1], seen[1][1], rtol=0, atol=1e-6)

@@ -5,7 +5,7 @@ import math
 import mujoco
 import numpy as np
 import pytest
-from scenes import compiled, energy
+from scenes import compiled, energy, run
 from stepping.time_stepping.stepped import FLOOR, stepping
 
 from impactlaw import Moreau, Newton
@@ -72,6 +72,35 @@ def test_smooth_motion_is_of_second_order(integrator):
         errors.append(abs(data.qpos - exact.qpos).max())
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert orders == pytest.approx(2.0, abs=0.2)
+
+
+ARM = """<joint axis="0 1 0"/><geom size=".05" pos=".3 0 0" mass="1"/><site name="tip" pos=".3 0 0"/>"""
+POINT = """<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><geom size=".05" mass="1"/>
+    <site name="tip"/>"""
+
+
+@pytest.mark.parametrize("compiled_option", ["auto", "never"])
+@pytest.mark.parametrize("inertia", ["of a tendon", "of its actuator"])
+@pytest.mark.parametrize("body", [ARM, POINT])
+def test_a_tendon_with_inertia_that_turns(body, inertia, compiled_option):
+    """Its inertia depends on its direction, and so there are inertial forces; against a tiny step of RK4."""
+    tendon, actuator = (' armature=".5"', "") if inertia == "of a tendon" else ("", ' armature=".5"')
+    rest = f"""<tendon><spatial name="t"{tendon}><site site="tip"/><site site="hook"/></spatial></tendon>
+        <actuator><motor tendon="t"{actuator}/></actuator>"""
+
+    def start(timestep):
+        world = f'<site name="hook" pos="1 0 .3"/><body>{body}</body>'
+        model, data = compiled(world, rest, option=f'timestep="{timestep}" integrator="RK4"')
+        data.qvel[:] = 0.3
+        return model, data
+
+    model, exact = start(1e-4)
+    for _ in range(5000):
+        mujoco.mj_step(model, exact)
+    model, data = start(2e-3)
+    run(stepping(model, Moreau(0), compiled=compiled_option), data, 250)
+    assert data.qpos == pytest.approx(exact.qpos, abs=2e-4)
+    assert data.qvel == pytest.approx(exact.qvel, abs=1e-3)
 
 
 def test_a_ball_that_slides_over_a_hill_follows_it():

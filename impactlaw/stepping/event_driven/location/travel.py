@@ -29,8 +29,9 @@ class Frames(NamedTuple):
 class Travel:
     """How far geoms move in a phase, and how long a phase may be so that no body passes through another unseen.
 
-    A pair is safe when the sum of both travels is at most the pair's own thickness (the sum of the smallest
-    half-extents), or the distance between the two geoms at the start of the phase.
+    A pair is safe when the one has moved past the other by at most the pair's own thickness (the sum of the smallest
+    half-extents), or the distance between the two geoms at the start of the phase. Bodies that fly side by side are
+    safe, however fast.
 
     Args:
         model: the scene.
@@ -109,8 +110,13 @@ class Travel:
 
     def between(self, start: Frames, data: mujoco.MjData) -> np.ndarray:
         """Return a bound on the travel of each geom's surface from the start to now, m, (ngeom,)."""
-        shift, turn = data.geom_xpos - start.position, data.geom_xmat - start.rotation
-        return np.sqrt(np.vecdot(shift, shift)) + self._lever * np.sqrt(0.5 * np.vecdot(turn, turn))
+        shift = data.geom_xpos - start.position
+        return np.sqrt(np.vecdot(shift, shift)) + self._turned(start, data)
+
+    def _turned(self, start: Frames, data: mujoco.MjData) -> np.ndarray:
+        """Return the part of `between` that is rotation, m, (ngeom,)."""
+        turn = data.geom_xmat - start.rotation
+        return self._lever * np.sqrt(0.5 * np.vecdot(turn, turn))
 
     def by(self, before: np.ndarray, after: np.ndarray, duration: float) -> np.ndarray:
         """Return a bound on the travel of each geom that can meet another, m, (ngeom,), from the velocities, (nv,)."""
@@ -118,34 +124,37 @@ class Travel:
 
     def along(self, start: Frames, data: mujoco.MjData, apart: Distances) -> np.ndarray:
         """Return by how much pairs of geoms may have opened along their normals of now, m, (h,)."""
-        shift, turn = data.geom_xpos - start.position, data.geom_xmat - start.rotation
-        turned = self._lever * np.sqrt(0.5 * np.vecdot(turn, turn))
+        shift, turned = data.geom_xpos - start.position, self._turned(start, data)
         first, second = apart.geoms.T
         return np.vecdot(apart.normal, shift[second] - shift[first]) + turned[first] + turned[second]
 
-    def suspects(self, start: Frames, travel: np.ndarray) -> np.ndarray:
-        """Return the indices of pairs that may have passed through each other."""
-        if 2.0 * travel.max(initial=0.0) <= self._thinnest:
-            return np.zeros(0, dtype=int)
-        first, second = self._pairs.T
-        moved = travel[first] + travel[second]
+    def suspects(self, start: Frames, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+        """Return the indices of pairs that may have passed through each other from the start to now, (k,).
+
+        And how far the one has moved past the other, m, (k,).
+        """
+        if 2.0 * self.between(start, data).max(initial=0.0) <= self._thinnest:
+            return np.zeros(0, dtype=int), np.zeros(0)
+        (first, second), turned = self._pairs.T, self._turned(start, data)
+        shift = data.geom_xpos - start.position
+        moved = np.linalg.norm(shift[second] - shift[first], axis=1) + turned[first] + turned[second]
         far = np.flatnonzero(moved > self._thickness)
         first, second, moved = first[far], second[far], moved[far]
         apart = np.linalg.norm(start.position[first] - start.position[second], axis=1)
-        return far[apart - (self._radius[first] + self._radius[second]) <= moved]
+        near = apart - (self._radius[first] + self._radius[second]) <= moved
+        return far[near], moved[near]
 
     def is_safe(self, start: Frames, before: np.ndarray, data: mujoco.MjData, duration: float) -> bool:
         """Return whether no body has passed through another in a phase from these frames, and velocity, until now."""
-        return duration <= self.longest_turn(before) and not len(self.suspects(start, self.between(start, data)))
+        return duration <= self.longest_turn(before) and not len(self.suspects(start, data)[0])
 
-    def safe_fraction(self, data: mujoco.MjData, suspects: np.ndarray, travel: np.ndarray) -> float:
+    def safe_fraction(self, data: mujoco.MjData, suspects: np.ndarray, moved: np.ndarray) -> float:
         """Return the part of the phase after which no suspect can have passed through; data at the phase's start."""
         fraction = 1.0
-        for k in suspects:
+        for k, far in zip(suspects, moved.tolist(), strict=True):
             first, second = self._pairs[k]
-            moved = travel[first] + travel[second]
-            distance = mujoco.mj_geomDistance(self._model, data, first, second, moved, None)
-            fraction = min(fraction, max(self._thickness[k], distance) / moved)
+            distance = mujoco.mj_geomDistance(self._model, data, first, second, far, None)
+            fraction = min(fraction, max(self._thickness[k], distance) / far)
         return fraction
 
     def longest_turn(self, velocity: np.ndarray) -> float:

@@ -58,6 +58,14 @@ def update_frames(w):
     mj.com_vel(w.model, w.data)
 
 
+@plain
+def _update_inertia(w):
+    """Bring lengths of tendons and the mass matrix up to the frames."""
+    if size(w, MODEL.ntendon) > 0:
+        mj.tendon(w.model, w.data)
+    mj.make_m(w.model, w.data)
+
+
 @kernel
 def _write_pyramids(w, force):
     """Write forces of rows with elliptic cones, (nefc,), as those that pyramidal ones have."""
@@ -185,7 +193,7 @@ def look_again(w, rows):
 def finish(w):
     """Leave what a step leaves beside the state."""
     if option(w, MODEL.opt_enableflags) & _ENERGY:
-        mj.make_m(w.model, w.data)
+        _update_inertia(w)
         mj.energy_pos(w.model, w.data)
         mj.energy_vel(w.model, w.data)
     put(data_floats(w, DATA.qacc_warmstart, w.nv), data_floats(w, DATA.qacc, w.nv))
@@ -203,7 +211,7 @@ def _add_products(w, one, other, factor, sums):
 def _add_energies(w, velocity, sums):
     """Add ``v^T M v`` of now of each tree, (ntree,)."""
     momentum = numbers(w.nv)
-    mj.make_m(w.model, w.data)
+    _update_inertia(w)
     mj.mul_m(w.model, w.data, address_of(momentum), address_of(velocity))
     _add_products(w, momentum, velocity, 1.0, sums)
     keep(momentum)

@@ -1,9 +1,11 @@
 """Sensors, constraint forces, energy and frames after a time step."""
 
+import copy
+
 import mujoco
 import numpy as np
 import pytest
-from scenes import compiled, run
+from scenes import compiled, energy, run
 from stepping.time_stepping.stepped import FLOOR, stepping
 
 from impactlaw import Moreau
@@ -73,6 +75,19 @@ def test_limits_and_dry_friction_tell_their_forces():
     run(stepping(model, Moreau(0)), data, 3)
     assert data.sensordata == pytest.approx([3 * G], rel=1e-8)
     assert data.qfrc_constraint == pytest.approx([3 * G, 3 * G], rel=1e-8)
+
+
+@pytest.mark.parametrize("compiled_option", ["auto", "never"])
+def test_the_energy_of_tendons_is_that_of_the_end(compiled_option):
+    """A spring, and a tendon with inertia, whose lengths the step has looked at in its middle."""
+    world = """<site name="hook" pos="1 0 1"/><body><joint axis="0 1 0"/><geom size=".05" pos=".3 0 0" mass="1"/>
+        <site name="tip" pos=".3 0 0"/></body>"""
+    rest = """<tendon><spatial stiffness="30" armature=".5"><site site="tip"/><site site="hook"/></spatial></tendon>"""
+    model, data = compiled(world, rest)
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    data.qvel[0] = 2.0
+    run(stepping(model, Moreau(0.5), compiled=compiled_option), data, 50)
+    assert data.energy.sum() == pytest.approx(energy(model, copy.copy(data)), abs=1e-9)
 
 
 def test_the_energy_flag_is_respected():

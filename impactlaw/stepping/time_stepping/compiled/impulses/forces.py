@@ -23,6 +23,8 @@ def forces_at(w, velocity, bias):
     _swap(now, velocity)
     mj.com_vel(w.model, w.data)
     mj.rne(w.model, w.data, 0, address_of(bias))
+    if size(w, MODEL.ntendon) > 0:
+        mj.tendon_bias(w.model, w.data, address_of(bias))
     _swap(now, velocity)
 
 
