@@ -267,7 +267,8 @@ Command = (
 def main() -> None:
     """Run the command line; an `ImpactLawError` is one line on standard error and exit code 2.
 
-    Where nobody reads the output any more, as behind ``| head``, the rest is left out and the exit code is 1.
+    Where nobody reads the output any more, as behind ``| head``, the rest is left out and the exit code is 1; after
+    Ctrl-C it is 130.
     """
     command = tyro.cli(
         Command,  # pyright: ignore[reportArgumentType]
@@ -277,10 +278,13 @@ def main() -> None:
     )
     try:
         command()
-        sys.stdout.flush()
+        print(end="", flush=True)  # does nothing where there is no standard output
     except ImpactLawError as error:
         print(f"impactlaw: {error}", file=sys.stderr)
         sys.exit(2)
+    except KeyboardInterrupt:
+        print("impactlaw: interrupted", file=sys.stderr)
+        sys.exit(130)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains when it flushes at its end
         sys.exit(1)

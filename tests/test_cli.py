@@ -1,7 +1,9 @@
 """The command line: one clear line and exit code 2 for wrong input, and no half-written output."""
 
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -32,6 +34,25 @@ def test_output_that_nobody_reads_to_its_end_is_no_error():
         process.stdout.close()
         assert process.stderr.read() == ""
     assert process.returncode == 1
+
+
+def test_a_command_without_standard_output_runs():
+    command = f"{sys.executable} -m impactlaw.cli laws >&-"
+    done = subprocess.run(command, shell=True, capture_output=True, text=True, timeout=120, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_an_interrupted_command_is_one_line_and_leaves_nothing_behind(tmp_path):
+    command = [sys.executable, "-m", "impactlaw.cli", "compare", "newtons_cradle", "--duration", "1e4", "--out", "out"]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        while not list(tmp_path.glob("out/.unfinished-*/*.rrd")):
+            assert process.poll() is None
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        assert process.stderr.read() == "impactlaw: interrupted\n"
+    assert process.returncode == 130
+    assert not list(tmp_path.iterdir())
 
 
 def test_compare_writes_into_out_and_prints_the_table(run, tmp_path):

@@ -26,6 +26,7 @@ from impactlaw.stepping.time_stepping.compiled.state import memory, status
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import forget_surfaces
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
+from impactlaw.stepping.time_stepping.inertial_forces import INERTIA
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 _WHY = {
@@ -204,7 +205,10 @@ class Batch:
                 f"model.{name} of each world would have no effect: the model of this batch has no contact, or none "
                 "with friction, and its steps leave that out; make the Batch of a model in which some contact has it"
             )
-        return self._fields.expand(name)
+        found = self._fields.expand(name)
+        if name in INERTIA:
+            self._laws.see_inertial_forces()
+        return found
 
     def step(self, ids: Sequence[int] | None = None, nstep: int = 1) -> None:
         """Take steps of some worlds, or all.

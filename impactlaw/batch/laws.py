@@ -64,6 +64,11 @@ class Laws:
             world = int(np.flatnonzero(~fine)[0])
             raise RestitutionError(f"restitution of world {world} must be in [0, 1], got {e[world]:g}")
 
+    def see_inertial_forces(self) -> None:
+        """Let Coriolis and gyroscopic forces be looked for in all worlds, whatever the model is."""
+        self._scheme.inertial.act = True
+        self.settings[:, SETTING.inertial] = 1.0
+
     def learn(self, world: int, key: int) -> None:
         """Ask the law of a world for the restitution of a contact.
 

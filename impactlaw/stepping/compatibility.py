@@ -232,5 +232,5 @@ def check_count(name: str, value: int | None) -> None:
     Raises:
         OptionError: not a whole number, or less than 1.
     """
-    if value is not None and not (isinstance(value, numbers.Integral) and value >= 1):
+    if isinstance(value, bool) or not (isinstance(value, numbers.Integral) and value >= 1):
         raise OptionError(f"{name} must be a whole number, 1 or more, got {value!r}")

@@ -15,7 +15,6 @@ from impactlaw.scene.options import BorrowedOptions
 
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _HUGE = mujoco.mjMAXVAL  # MuJoCo takes larger numbers for a mistake
-_LOCKED = 1e2  # h D / M, at the configuration in which the scene was compiled
 _EULER, _RK4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
 _NONE, _EXPLICIT = int(mujoco.mjtDisableBit.mjDSBL_DAMPER), int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
 _INPUT = ("time", "qpos", "qvel", "act", "ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "mocap_quat")
@@ -107,8 +106,10 @@ def implicit_damping(model: mujoco.MjModel) -> np.ndarray | None:
     return model.dof_damping if np.count_nonzero(model.dof_damping) else None
 
 
-def locked_joints(model: mujoco.MjModel, timestep: float) -> np.ndarray | None:
+def locked_joints(model: mujoco.MjModel, timestep: float, ratio: float) -> np.ndarray | None:
     """Return which degrees of freedom damping all but locks in a timestep h, s, bool (nv,); None if it locks none.
+
+    These are those with ``h D > ratio M``, M at the configuration in which the scene was compiled.
 
     MuJoCo's semi-implicit integrators advance by ``(M + h D)^-1``, but an impulse moves bodies by ``M^-1``. Where
     ``h D`` is many times M, what contact does to such a joint is gone after a step, and until then its damping is a
@@ -117,7 +118,7 @@ def locked_joints(model: mujoco.MjModel, timestep: float) -> np.ndarray | None:
     damping = implicit_damping(model)
     if damping is None:
         return None
-    locked = timestep * damping > _LOCKED * model.dof_M0
+    locked = timestep * damping > ratio * model.dof_M0
     return locked if np.count_nonzero(locked) else None
 
 

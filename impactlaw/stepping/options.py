@@ -75,7 +75,8 @@ class Options(NamedTuple):
             raise SceneError('time stepping opens what overlaps, over time; leave overlap="refuse" out')
         check_length("gap_tolerance", self.gap_tolerance)
         check_speed("rest_speed", self.rest_speed)
-        check_count("max_events", self.max_events)
+        if self.max_events is not None:
+            check_count("max_events", self.max_events)
 
 
 def select(model: mujoco.MjModel, contacts: str | Sequence[str] | None, limits: bool) -> Chosen | None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from impactlaw import Moreau
+from impactlaw import Moreau, Stepper
 from impactlaw.batch import Batch
 from impactlaw.errors import OptionError, SceneError, UnknownNameError
 from impactlaw.models import load
@@ -78,3 +78,14 @@ def test_friction_of_worlds_where_the_model_has_none():
         batch.expand("geom_friction")
     model.geom_friction[:, 0] = 0.1
     assert Batch(model, Moreau(0.5), 3, 1).expand("geom_friction").shape == (3, model.ngeom, 3)
+
+
+@pytest.mark.parametrize("wrong", [None, True, 0, 1.5, "2"], ids=str)
+def test_counts_that_are_none(batch, wrong):
+    model, data = load("bouncing_ball")
+    with pytest.raises(OptionError, match="nstep must be a whole number, 1 or more, got"):
+        batch.step(nstep=wrong)
+    with pytest.raises(OptionError, match="nsim must be a whole number, 1 or more, got"):
+        Batch(model, Moreau(0.5), wrong, 1)
+    with pytest.raises(OptionError, match="steps must be a whole number, 1 or more, got"):
+        Stepper(model, Moreau(0.5)).step(data, wrong)

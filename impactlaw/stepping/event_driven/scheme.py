@@ -55,6 +55,7 @@ from impactlaw.stepping.work import Work
 _JUMPS = 5  # phases of no length, each ended by another contact that closes without a collision: points that jump
 _INSTANT = 1e-4  # part of the timestep that such a phase lasts
 _WORK = 120  # units that a step may take at least, whatever max_events is
+_LOCKED = 1e2  # h D / M of joints beside which contact is not held
 _DEEP = 1e3  # gap tolerances by which contact that is held overlaps at most
 _OPENING = 0.15  # part of the work of a step that it may take to open them
 _SLIGHT = 1e6  # gap tolerances by which time stepping may leave bodies overlapping that are opened at once
@@ -253,7 +254,7 @@ class RigidStepping:
 
     def _check_held(self, state: ContactState) -> None:
         """Raise `UnfinishedStepError` where contact is not held: joints are locked, or something overlaps too far."""
-        if state.pattern and locked_joints(self._model, self._options.timestep) is not None:
+        if state.pattern and locked_joints(self._model, self._options.timestep, _LOCKED) is not None:
             raise UnfinishedStepError(
                 'contact is not held beside joints that damping all but locks; use RK4, or scheme="time-stepping"'
             )

@@ -30,7 +30,7 @@ from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import is_huge, locked_joints
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.drifting import drifting
-from impactlaw.stepping.soft.tolerances import ROUNDING
+from impactlaw.stepping.soft.tolerances import LOCKED, ROUNDING
 
 POSITION, VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
 """MuJoCo's stages."""
@@ -141,7 +141,7 @@ class Collisions:
     def _metric(self, data: mujoco.MjData) -> KineticMetric:
         """Return the kinetic metric; joints that damping all but locks have the inertia with which they are moved."""
         timestep = self._model.opt.timestep
-        metric, locked = kinetic_metric(self._model, data), locked_joints(self._model, timestep)
+        metric, locked = kinetic_metric(self._model, data), locked_joints(self._model, timestep, LOCKED)
         if locked is None:
             return metric
         return KineticMetric(metric.mass_matrix + np.diag(np.where(locked, timestep * self._model.dof_damping, 0.0)))

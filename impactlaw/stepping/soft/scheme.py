@@ -46,6 +46,7 @@ from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_timestep, locked_joints
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.collisions import NOTHING, VELOCITY, Collisions
+from impactlaw.stepping.soft.tolerances import LOCKED
 
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
 _ENERGY, _COMPARE = int(mujoco.mjtEnableBit.mjENBL_ENERGY), int(mujoco.mjtEnableBit.mjENBL_FWDINV)
@@ -111,7 +112,7 @@ class SoftStepping:
             return "mocap bodies that touch others move as surfaces, or belts run"
         if self._model.nflex:
             return "there is a flex"
-        if locked_joints(self._model, self._model.opt.timestep) is not None:
+        if locked_joints(self._model, self._model.opt.timestep, LOCKED) is not None:
             return "damping all but locks a joint"
         if self.collisions.chosen is not None:
             return "the law is for some contacts only"

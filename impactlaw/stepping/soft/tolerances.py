@@ -5,3 +5,6 @@ REST_SPEED = 0.1
 
 ROUNDING = 1e-12
 """Part of the largest contact velocity up to which a contact does not separate: a collision with E = 0 leaves it so."""
+
+LOCKED = 3.0
+"""Ratio of damping to inertia, h D / M, above which a joint has the inertia ``M + h D`` in a collision."""

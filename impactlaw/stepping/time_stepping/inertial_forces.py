@@ -42,6 +42,9 @@ _FREE, _BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 _HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 _ROUND = 1e-9  # relative difference of moments of inertia that is rounding
 
+INERTIA = ("body_mass", "body_inertia", "body_ipos", "tendon_armature")
+"""Fields of mjModel that may make such forces act where there were none."""
+
 
 class InertialForces:
     """The forces of one scene, ``M_h (v_free - v) = h (f - c(q_M, (v + v_free) / 2))``.
@@ -50,8 +53,7 @@ class InertialForces:
         model: the scene.
 
     Attributes:
-        act: whether there are any: the mass matrix depends on the configuration, or a body turns whose moments of
-            inertia differ.
+        act: whether there are any, as `look` has seen it last.
         used: those of the last `settle`, with gravity, (nv,).
         turning: trees of bodies that turn too fast for the timestep, or nearly so, bool (ntree,); where no mean
             velocity was found, the last step did without these forces.
@@ -59,14 +61,28 @@ class InertialForces:
     """
 
     def __init__(self, model: mujoco.MjModel):
-        inertia = model.body_inertia[model.jnt_bodyid[np.isin(model.jnt_type, [_FREE, _BALL])]]
-        uneven = len(inertia) > 0 and bool((np.ptp(inertia, axis=1) > _ROUND * inertia.max(axis=1)).any())
-        self.act = uneven or not has_constant_inertia(model)
         self._model = model
+        self._fields = tuple(name for name in INERTIA if getattr(model, name).size)
+        self._seen: list[bytes] = []
+        self.act = False
+        self.look()
         self.used = self.gravity = np.zeros(model.nv)
         self.turning = np.zeros(model.ntree, dtype=bool)
         kind, place = model.jnt_type[model.dof_jntid], np.arange(model.nv) - model.jnt_dofadr[model.dof_jntid]
         self._rotates = np.isin(kind, [_BALL, _HINGE]) | ((kind == _FREE) & (place >= 3))
+
+    def look(self) -> bool:
+        """Return whether there are any, from now on; looks anew where a mass was changed and there were none.
+
+        There are where the mass matrix depends on the configuration, or what turns freely has moments of inertia that
+        differ.
+        """
+        if not self.act:
+            seen = [getattr(self._model, name).tobytes() for name in self._fields]
+            if seen != self._seen:
+                self._seen = seen
+                self.act = not has_constant_inertia(self._model) or _is_uneven(self._model)
+        return self.act
 
     def settle(
         self,
@@ -167,3 +183,14 @@ class InertialForces:
     def _accelerate(self, force: np.ndarray, metric: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         model = self._model
         return solve_inertia(force, metric[0], model.M_rownnz, model.M_rowadr, model.M_colind, metric[1])
+
+
+def _is_uneven(model: mujoco.MjModel) -> bool:
+    """Return whether moments of inertia differ of what a free joint carries, all bodies that are fixed to it."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_crb(model, data)
+    inertia = data.crb[model.jnt_bodyid[model.jnt_type == _FREE], :6]  # xx yy zz xy xz yz
+    differ = np.maximum(np.ptp(inertia[:, :3], axis=1), np.abs(inertia[:, 3:]).max(axis=1))
+    return bool((differ > _ROUND * inertia[:, :3].max(axis=1)).any())

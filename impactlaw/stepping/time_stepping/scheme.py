@@ -72,6 +72,7 @@ class TimeStepping:
             others, and bodies that jam; or in which contacts were left out that collisions close.
         solved: whether the last step with contact was none of them.
         unlocated: always 0: no collision is located.
+        inertial: Coriolis and gyroscopic forces.
     """
 
     def __init__(
@@ -94,7 +95,7 @@ class TimeStepping:
         self._reader = RowReader(model, self._surfaces, frictional=plan.friction)
         self._borrowed = BorrowedModel(model)
         self._sizes = body_sizes(model)
-        self._inertial = InertialForces(model)
+        self.inertial = InertialForces(model)
         self._second_look = SecondLook(model, self._sizes, self._borrowed, self._reader)
         self._state = empty_state(model)
         self._left: tuple[bytes, bytes] = b"", b""
@@ -180,7 +181,7 @@ class TimeStepping:
         return (
             *self._problem.settings(),
             float(self._friction),
-            float(self._inertial.act),
+            float(self.inertial.act),
             float(self._borrowed.sticks),
             1.0,
             np.nan if targets.restitution is None else targets.restitution,
@@ -194,6 +195,7 @@ class TimeStepping:
         model = self._model
         state = save_state(model, data, self._state)
         check_input(model, data, state)
+        self.inertial.look()
         try:
             with self._borrowed:
                 self._step(data)
@@ -223,7 +225,7 @@ class TimeStepping:
         reach(model, data, self._gained, self._sizes, self._meet)
         self._velocity, start = data.qvel.copy(), data.qpos.copy()
         self._middle, self._overflown = to_midpoint(model, data, self._surfaces, self._borrowed)
-        self._metric = free_step(model, data, self._borrowed, self._inertial, self._velocity, self._held)
+        self._metric = free_step(model, data, self._borrowed, self.inertial, self._velocity, self._held)
         self._gained, free = data.qvel - self._velocity, data.qvel.copy()
         shift, met = None, True
         if data.nefc:
@@ -253,8 +255,8 @@ class TimeStepping:
         if shift is not None:
             mj_integratePos(model, data.qpos, shift, h)
             update_frames(model, data)
-        if self._inertial.act and np.count_nonzero(self._inertial.turning):
-            limit_energy(model, data, self._inertial, start, self._velocity)
+        if self.inertial.act and np.count_nonzero(self.inertial.turning):
+            limit_energy(model, data, self.inertial, start, self._velocity)
         self._finish(data)
 
     def _contact(self, data: mujoco.MjData) -> tuple[np.ndarray | None, bool]:
@@ -263,7 +265,7 @@ class TimeStepping:
         Return the velocity that opens overlaps, if any has to be, and whether the law is met.
         """
         looks = Looks(
-            self._model, self._problem, self._reader, self._inertial, self._velocity, self._middle, self._metric,
+            self._model, self._problem, self._reader, self.inertial, self._velocity, self._middle, self._metric,
             np.ones(1), MANY_ROUNDS if self.solved else FEW_ROUNDS,
         )  # fmt: skip
         free = data.qvel.copy()

@@ -75,6 +75,7 @@ class CompiledStepping:
         told = max(self._sums, self._settings[SETTING.told])
         self._settings[:] = self._scheme.settings()
         self._settings[SETTING.told] = told
+        self._inertial = self._scheme.inertial
         self._teller = Teller(self._scheme, _with_sums, self._settings)
         self._write_context()
         if self._reason is not None:
@@ -132,6 +133,8 @@ class CompiledStepping:
                 return self._in_python(data)
             self._pool = Pool(mujoco.MjModel.from_xml_string(_EMPTY), 1, 1, persistent=True)
             self._take = self._pool.caller(single.address, self._at)
+        if not self._inertial.act and self._inertial.look():
+            self._settings[SETTING.inertial] = 1.0
         fields, world = self._fields, data
         fields[_DATA] = world._address  # pyright: ignore[reportAttributeAccessIssue]
         while True:
