@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import sqrt
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from impactlaw.mechanics.bilateral import Bilateral, Reached, checked_bilateral,
 from impactlaw.mechanics.block_metric import SparseMetric, finite_sparse, is_sparse
 from impactlaw.mechanics.friction import Friction
 from impactlaw.mechanics.kinetic_metric import KineticMetric, finite_array
-from impactlaw.mechanics.tolerances import FIXED
+from impactlaw.mechanics.tolerances import FIXED, IDLE
 from impactlaw.solvers.problem import row_lengths
 from impactlaw.solvers.sparsity import MOST_DENSE
 
@@ -130,6 +130,21 @@ class Collision:
         """``J_t R^-T P``, shape (k, nv), of the rows of friction, without their coefficients."""
         rows = np.zeros((0, len(self.pre_velocity))) if self.friction is None else self.friction.jacobian
         return self._whitened(rows)
+
+    @cached_property
+    def without_idle_friction(self) -> Collision:
+        """The collision less friction of contacts that no normal impulse moves, as it meets the axis of a hinge.
+
+        Any normal impulse would do there, and with it any friction.
+        """
+        friction = self.friction
+        if friction is None or not len(friction):
+            return self
+        along = row_lengths(self.whitened_friction) * friction.coefficient
+        longest = np.zeros(len(self.labels))
+        np.maximum.at(longest, friction.contact, along)
+        idle = (self.gradient_norms <= IDLE * longest)[friction.contact]
+        return replace(self, friction=friction.without(idle)) if idle.any() else self
 
     def _whitened(self, rows: np.ndarray) -> np.ndarray:
         Y = self.metric.whiten_gradients(rows)

@@ -106,6 +106,13 @@ class Friction:
         parts = self.coefficient, self.surface_velocity, self.post_surface_velocity
         return Friction(self.jacobian[rows], contact, *(part[rows] for part in parts))
 
+    def without(self, rows: np.ndarray) -> Friction | None:
+        """Return the friction less some rows, bool (k,); None if none is left."""
+        if rows.all():
+            return None
+        parts = self.jacobian, self.contact, self.coefficient, self.surface_velocity, self.post_surface_velocity
+        return Friction(*(part[~rows] for part in parts))
+
     def cone_rows(self, contacts: int) -> ConeRows:
         """Return how the rows of this many contacts and of their friction are put together."""
         order = np.argsort(np.concatenate([np.arange(contacts), self.contact]), kind="stable")

@@ -3,6 +3,8 @@
 SYMMETRY = 1e-10  # asymmetry of M above which it is taken for a mistake, not for rounding
 SIGNIFICANT = 1e-9  # part of |v-| below which a velocity or a scaled impulse is rounding when signs are asked for
 
+IDLE = 1e-10  # part of a contact's longest gradient of friction up to which its gap gradient is rounding
+
 # --- Bilateral constraints and moving surfaces. -----------------------------------------------------------------------
 FIXED = 1e-12  # part of a gradient or velocity that is rounding after a projection that takes off the rest
 VELOCITY_RANKS = (1e-9, 1e-12, 1e-15)  # singular values up to which a direction is not used, tried in turn

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import SceneError
+from impactlaw.scene.tolerances import ON_AXIS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -211,16 +212,22 @@ def forget_rows(data: mujoco.MjData) -> None:
 
 
 def gap_gradients(model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts) -> np.ndarray:
-    """Return ``J``, shape (h, nv): the velocity of the second body's point minus the first's, along the normal."""
+    """Return ``J``, shape (h, nv): the velocity of the second body's point minus the first's, along the normal.
+
+    A row of rounding is 0, as where the normal meets the axis of the only joint: it would let huge impulses through.
+    """
     J = np.zeros((len(contacts), model.nv))
     point = np.zeros((3, model.nv))
     weld = model.body_weldid
     for row, geoms, position, normal in zip(J, contacts.geoms, contacts.position, contacts.normal, strict=True):
-        for sign, geom in ((-1.0, geoms[0]), (1.0, geoms[1])):
-            body = model.geom_bodyid[geom]
+        bodies = model.geom_bodyid[geoms]
+        for sign, body in zip((-1.0, 1.0), bodies, strict=True):
             if weld[body] != 0:
                 mujoco.mj_jac(model, data, point, None, position, body)
                 row += sign * (normal @ point)
+        lengths = max(np.abs(position).max(), np.abs(data.xpos[bodies]).max())
+        if np.abs(row).max(initial=0.0) <= ON_AXIS * lengths:
+            row[:] = 0.0
     return J
 
 

@@ -43,7 +43,8 @@ class Coulomb(Law):
     `FrictionImpact.restitution_scale` is the s used; it is below 1 also where no impulse in the friction cones reaches
     the law's full restitution.
 
-    Without rows of friction the outcome is that of ``law``. Large coefficients of friction may leave several
+    Without rows of friction the outcome is that of ``law``. A contact that no normal impulse moves, as it meets the axis
+    of a hinge, has no friction: any normal impulse would do, and any friction with it. Large coefficients of friction may leave several
     solutions; the same collision always gets the same one.
 
     Around `Poisson` it is compression and expansion, each with friction (`poisson_phases`). There s scales
@@ -115,6 +116,7 @@ class Coulomb(Law):
             UnsolvableLawError: surfaces move against each other so that no velocity is left.
             SolverError: no answer passed its certificate.
         """
+        collision = collision.without_idle_friction
         if collision.friction is None or not len(collision.friction):
             return self.law.resolve(collision, solver=solver)
         if isinstance(self.law, Poisson):

@@ -42,6 +42,7 @@ class _Data(NamedTuple):
     cvel: int
     xipos: int
     subtree_com: int
+    M: int
     qLD: int
     qLDiagInv: int
     qH: int

@@ -43,10 +43,9 @@ from impactlaw.laws.restitution.on_contacts import Chosen
 from impactlaw.scene.contacts import closes, row_velocities
 from impactlaw.stepping.collisions import Collider
 from impactlaw.stepping.impact_event import ImpactEvent
-from impactlaw.stepping.integration import check_timestep, locked_joints
+from impactlaw.stepping.integration import check_timestep
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.collisions import NOTHING, VELOCITY, Collisions
-from impactlaw.stepping.soft.tolerances import LOCKED
 
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
 _ENERGY, _COMPARE = int(mujoco.mjtEnableBit.mjENBL_ENERGY), int(mujoco.mjtEnableBit.mjENBL_FWDINV)
@@ -112,8 +111,6 @@ class SoftStepping:
             return "mocap bodies that touch others move as surfaces, or belts run"
         if self._model.nflex:
             return "there is a flex"
-        if locked_joints(self._model, self._model.opt.timestep, LOCKED) is not None:
-            return "damping all but locks a joint"
         if self.collisions.chosen is not None:
             return "the law is for some contacts only"
         return None if self.collisions.collider.solver == "auto" else "a solver was chosen"

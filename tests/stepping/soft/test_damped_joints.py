@@ -1,5 +1,7 @@
 """Light fingers with stiff joints, squeezed between their limits and a palm, do not burst."""
 
+import itertools
+
 import mujoco
 import numpy as np
 import pytest
@@ -32,12 +34,44 @@ def fastest(step, data):
     return max(speeds)
 
 
-@pytest.mark.parametrize(
+FINGERS = pytest.mark.parametrize(
     ("damping", "inertia", "overlap"),
     [(0.1, 1e-6, 5e-4), (0.1, 1e-6, 5e-3), (0.1, 5e-6, 5e-4), (0.1, 5e-6, 2e-3), (0.3, 5e-6, 5e-4), (1.0, 2e-5, 5e-4)],
 )
-def test_a_finger_between_its_limits_and_a_palm(damping, inertia, overlap):
+
+
+@FINGERS
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_a_finger_between_its_limits_and_a_palm(damping, inertia, overlap, compiled):
     model, data = finger(damping, inertia, overlap)
-    stepper = Stepper(model, Moreau(0.5), contact_model="soft")
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft", compiled=compiled)
     plain = mujoco.MjData(model)
     assert fastest(stepper.step, data) <= fastest(lambda plain: mujoco.mj_step(model, plain), plain) + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("damping", "inertia", "integrator"),
+    [
+        *itertools.product([0.0, 0.002], [5e-6], ["EULER", "IMPLICITFAST", "RK4"]),
+        *itertools.product([0.1, 1.0], [5e-6], ["EULER", "IMPLICITFAST"]),  # stiffer than RK4 can integrate
+    ],
+)
+@pytest.mark.parametrize("friction", ["convex", "ignore"])
+def test_compiled_steps_are_those_in_python(damping, inertia, integrator, friction):
+    """With the first link flat on the palm: the normal of one of its contacts meets the axis of its hinge."""
+    model, data = finger(damping, inertia, 5e-4)
+    model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
+    options = {"contact_model": "soft", "friction": friction}
+    ours = Stepper(model, Moreau(0.5), compiled="auto", **options)
+    python = Stepper(model, Moreau(0.5), compiled="never", **options)
+    other, collisions = mujoco.MjData(model), 0
+    for i in range(200):
+        data.ctrl[:] = -0.3 if i // 40 % 2 else 0.3
+        mujoco.mj_copyData(other, model, data)
+        ours.step(data)
+        python.step(other)
+        np.testing.assert_allclose(data.qvel, other.qvel, rtol=0.0, atol=1e-10 * np.abs(other.qvel).max())
+        assert ours.sums.collisions == python.sums.collisions
+        collisions += ours.sums.collisions
+    assert collisions > 0
+    assert ours.short_steps == python.short_steps == 0

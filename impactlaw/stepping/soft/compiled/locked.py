@@ -1,0 +1,68 @@
+"""Joints that damping all but locks: in a collision they have the inertia with which the step moves them."""
+
+from __future__ import annotations
+
+import mujoco
+
+from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain, put
+from impactlaw.stepping.compiled.access import data_floats, layout_of, model_floats, offset, option, size
+from impactlaw.stepping.compiled.fields import DATA, MODEL, float_at
+from impactlaw.stepping.soft.tolerances import LOCKED
+
+_EULER, _RK4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
+_NONE, _EXPLICIT = int(mujoco.mjtDisableBit.mjDSBL_DAMPER), int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
+
+
+@plain
+def _is_implicit(w):
+    """Return whether the integrator advances joint damping implicitly; see `integration.implicit_damping`."""
+    integrator, off = option(w, MODEL.opt_integrator), option(w, MODEL.opt_disableflags)
+    return integrator != _RK4 and not off & _NONE and not (integrator == _EULER and off & _EXPLICIT)
+
+
+@plain
+def _factorize(factor, inverse, nnz, adr, col):
+    """Overwrite a matrix by L and D of ``L^T D L``, and write ``1 / D``, as MuJoCo's `mj_factorM` does."""
+    for k in range(len(inverse) - 1, -1, -1):
+        begin, end = adr[k], adr[k] + nnz[k] - 1
+        inverse[k] = 1.0 / factor[end]
+        for a in range(end - 1, begin - 1, -1):
+            part, i = factor[a] * inverse[k], col[a]
+            for j in range(nnz[i]):
+                factor[adr[i] + j] -= factor[begin + j] * part
+        for a in range(begin, end):
+            factor[a] *= inverse[k]
+
+
+@kernel
+def lock(w):
+    """Let the factor of the mass matrix be that of M, plus h D for such joints; see `integration.locked_joints`.
+
+    Return what it was, (nC + nv,), for `unlock`; (0,) where there are none.
+    """
+    h, entries = float_at(w.model + offset(w, MODEL.opt_timestep)), size(w, MODEL.nC)
+    damping, inertia = model_floats(w, MODEL.dof_damping, w.nv), model_floats(w, MODEL.dof_M0, w.nv)
+    some = False
+    for i in range(w.nv):
+        some = some or h * damping[i] > LOCKED * inertia[i]
+    if not some or not _is_implicit(w):
+        return numbers(0)
+    factor, inverse = data_floats(w, DATA.qLD, entries), data_floats(w, DATA.qLDiagInv, w.nv)
+    kept, (nnz, adr, col) = numbers(entries + w.nv), layout_of(w)
+    put(kept, factor)
+    put(kept[entries:], inverse)
+    put(factor, data_floats(w, DATA.M, entries))
+    for i in range(w.nv):
+        if h * damping[i] > LOCKED * inertia[i]:
+            factor[adr[i] + nnz[i] - 1] += h * damping[i]
+    _factorize(factor, inverse, nnz, adr, col)
+    return kept
+
+
+@plain
+def unlock(w, kept):
+    """Let the factor of the mass matrix be what it was."""
+    entries = len(kept) - w.nv
+    if len(kept) > 0:
+        put(data_floats(w, DATA.qLD, entries), kept[:entries])
+        put(data_floats(w, DATA.qLDiagInv, w.nv), kept[entries:])

@@ -1,0 +1,64 @@
+"""Contacts whose normal meets the axis of the only joint: no impulse along it moves anything."""
+
+import mujoco
+import numpy as np
+import pytest
+from scenes import compiled
+
+from impactlaw import Collision, Coulomb, Friction, MaximalDissipation, Moreau, Poisson, Stepper
+from impactlaw.scene.contacts import active_contacts, gap_gradients, geom_names
+
+ARM = """<geom type="box" size=".05 .05 .02" pos="0 0 -.0195"/>
+  <body pos="{at} 0 .01"><joint axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .04 0 0" size=".01"/></body>"""
+
+
+@pytest.mark.parametrize("at", [0.0, 0.01, -0.013])
+def test_the_gap_gradient_is_zero_and_not_rounding(at):
+    model, data = compiled(ARM.format(at=at))
+    data.qpos[0] = 1e-3
+    mujoco.mj_forward(model, data)
+    rows = gap_gradients(model, data, active_contacts(model, data, geom_names(model)))
+    lengths = np.sort(np.abs(rows[:, 0]))
+    assert len(lengths) == 2
+    assert lengths[0] == 0.0
+    assert lengths[1] == pytest.approx(0.04, abs=1e-4)
+
+
+def collision():
+    """One joint, 0.01 m above a plane: a contact below it, and one at the end of the arm that closes."""
+    friction = Friction(np.array([[0.01], [0.01]]), [0, 1], [1.0, 0.5])
+    return Collision(np.array([[2e-5]]), np.array([[0.0], [-0.04]]), np.array([3.0]), friction=friction)
+
+
+@pytest.mark.parametrize("cone", ["exact", "convex"])
+@pytest.mark.parametrize("law", [MaximalDissipation(), Moreau(0.5), Moreau(1.0)])
+def test_a_contact_that_nothing_moves_has_no_friction(law, cone):
+    """The end of the arm, where friction and normal act on one joint, bounces as if it were alone."""
+    whole = collision()
+    alone = Collision(
+        whole.mass_matrix, whole.jacobian[1:], whole.pre_velocity, friction=whole.friction.select(np.array([1]))
+    )
+    impact = Coulomb(law, cone=cone).resolve(whole)
+    assert impact.residual < 1e-12
+    np.testing.assert_allclose(impact.impulse[0], 0.0, atol=0.0)
+    np.testing.assert_allclose(impact.post_velocity, Coulomb(law, cone=cone).resolve(alone).post_velocity, rtol=1e-12)
+
+
+def test_the_same_by_poisson():
+    impact = Coulomb(Poisson(0.5)).resolve(collision())
+    assert impact.impulse[0] == 0.0
+    assert impact.post_contact_velocity[1] >= 0.0
+
+
+@pytest.mark.parametrize("way", [{}, {"scheme": "time-stepping"}])
+def test_an_arm_that_falls_flat_bounces(way):
+    """The arm turns onto the palm: only its end bounces, whatever its hinge is above."""
+    model, data = compiled(
+        ARM.format(at=0.0).replace(".0195", ".02"), option='gravity="0 0 0" timestep="1e-3"', geom='friction="1"'
+    )
+    data.qpos[0], data.qvel[0] = -0.02, 2.0
+    stepper = Stepper(model, Moreau(0.5), **way)
+    for _ in range(30):
+        stepper.step(data)
+    assert data.qvel[0] == pytest.approx(-1.0, abs=0.3)
+    assert stepper.short_steps == 0
