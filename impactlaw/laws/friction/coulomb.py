@@ -43,9 +43,9 @@ class Coulomb(Law):
     `FrictionImpact.restitution_scale` is the s used; it is below 1 also where no impulse in the friction cones reaches
     the law's full restitution.
 
-    Without rows of friction the outcome is that of ``law``. A contact that no normal impulse moves, as it meets the axis
-    of a hinge, has no friction: any normal impulse would do, and any friction with it. Large coefficients of friction may leave several
-    solutions; the same collision always gets the same one.
+    Without rows of friction the outcome is that of ``law``. A contact that no normal impulse moves, as it meets the
+    axis of a hinge, has no friction: any normal impulse would do, and any friction with it. Large coefficients of
+    friction may leave several solutions; the same collision always gets the same one.
 
     Around `Poisson` it is compression and expansion, each with friction (`poisson_phases`). There s scales
     the coefficients of restitution, and e_t must be 0.
