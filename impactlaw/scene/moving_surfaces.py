@@ -9,7 +9,8 @@ A body that would move farther in a step than it is large, and faster than `PUT`
 to be, and stands there.
 
 A geom's ``surfacevel`` moves its surface within itself. As in MuJoCo, it counts in the tangent plane of a contact only:
-it takes along by friction, and never pushes.
+it takes along by friction, and never pushes. A model that was compiled without any has none for good: MuJoCo does not
+look at what is written into the compiled model then.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ class Surfaces:
     Attributes:
         meet: whether mocap bodies can meet others.
         arm: how far geoms that can meet others reach from their mocap bodies, m, (nmocap,).
-        run: whether surfaces run like belts.
+        run: whether surfaces may run like belts.
         still: whether no body moves in this step, nor did at the end of the one before.
         goes_on: whether the velocities at the start of this step are those at the end of the one before.
     """
@@ -78,8 +79,7 @@ class Surfaces:
         self._mocap = np.append(mocap, -1)  # limits have geom -1
         used = np.unique(mocap[np.unique(geoms)]) if len(geoms) else np.zeros(0, dtype=int)
         self.meet = bool((used >= 0).any())
-        self._belts = np.append(model.geom_surfacevel.any(axis=1), False)
-        self.run = bool(self._belts[np.unique(geoms)].any()) if len(geoms) else False
+        self.run = bool(model.flg_surfacevel) and len(geoms) > 0
         self.arm = np.zeros(model.nmocap)
         for geom in np.unique(geoms[np.isfinite(model.geom_rbound[geoms])]) if self.meet else ():
             if mocap[geom] >= 0:
@@ -215,8 +215,9 @@ class Surfaces:
         velocity, spin = self._relative(data, contacts, self._now(data))
         belt = np.zeros_like(velocity)
         if self.run:
+            belts = np.append(self._model.geom_surfacevel.any(axis=1), False)
             for sign, geom in ((-1.0, contacts.geoms[:, 0]), (1.0, contacts.geoms[:, 1])):
-                for i in np.flatnonzero(self._belts[geom]):
+                for i in np.flatnonzero(belts[geom]):
                     belt[i] += sign * self._belt(data, int(geom[i]), contacts.position[i])
         return Motion(velocity, spin, belt)
 
