@@ -29,7 +29,7 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
     surface_speed,
 )
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.margins import outruns, write_margins
+from impactlaw.stepping.time_stepping.margins import outruns, write_margins, write_sizes
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
@@ -113,6 +113,24 @@ def _write_margins(w, now, led_to):
         model_ints(w, MODEL.body_mocapid, nbody), surface_speed(w), w.timestep,
         norm(gravity),
     )  # fmt: skip
+
+
+@plain
+def find_sizes(w, sizes, arms):
+    """Write `world.World.sizes`.
+
+    Args:
+        w: the world.
+        sizes: to be written, (nbody + nmocap,).
+        arms: address of how far mocap bodies reach, m, (nmocap,).
+    """
+    nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
+    write_sizes(
+        sizes[:nbody], model_ints(w, MODEL.geom_type, ngeom), model_ints(w, MODEL.geom_bodyid, ngeom),
+        model_floats(w, MODEL.geom_pos, 3 * ngeom).reshape((ngeom, 3)), model_floats(w, MODEL.geom_rbound, ngeom),
+        model_floats(w, MODEL.body_ipos, 3 * nbody).reshape((nbody, 3)),
+    )  # fmt: skip
+    put(sizes[nbody:], floats(arms, size(w, MODEL.nmocap)))
 
 
 @plain
