@@ -185,7 +185,12 @@ class Batch:
             self._laws.set(own, [world])
 
     def bind(self, name: str) -> np.ndarray:
-        """Return a live array over a field of mjData, (nsim, ..): of the state to be written, of others to be read."""
+        """Return a live array over a field of mjData, (nsim, ..): of the state to be written, of others to be read.
+
+        Raises:
+            UnknownNameError: there is no such field.
+            UnsupportedError: MuJoCo's batches do not have it, such as one without a fixed size.
+        """
         found = self._fields.bind(name)
         self._context[WORLDS.forces] |= name in _FORCES
         self._context[WORLDS.outputs] = self._fields.outputs.ctypes.data
@@ -197,6 +202,7 @@ class Batch:
 
         Raises:
             UnknownNameError: there is no such field.
+            UnsupportedError: MuJoCo's batches do not have it.
             SceneError: it tells about friction or contact, and the model of all worlds has none: worlds of this batch
                 would not see it.
         """
