@@ -266,7 +266,8 @@ def main() -> None:
 
 
 def _terminate(*_: object) -> None:
-    """End as other errors do, so that nothing unfinished is left."""
+    """End as other errors do, so that nothing unfinished is left; a second signal does not end that."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     print("impactlaw: terminated", file=sys.stderr)
     sys.exit(143)
 
