@@ -108,7 +108,7 @@ class Batch:
         self._laws = Laws(scheme, nsim)
         self.set_law(law)
         self._report = np.zeros((nsim, 2), np.int64)
-        self._arms, self._bilateral = scheme.arms, constraint_kinds(scheme.model)
+        self._carriers, self._bilateral = scheme.carriers, constraint_kinds(scheme.model)
         self._slots = np.zeros((self.nthread + 1, 2), np.int64)
         when_gone(self, _free, self._memory, self._slots)
         self._context, self._table = np.zeros(len(WORLDS), np.int64), table()
@@ -128,7 +128,7 @@ class Batch:
     def _write_context(self) -> None:
         """Tell compiled code where all is."""
         arrays = {
-            "table": self._table, "arms": self._arms, "bilateral": self._bilateral, "slots": self._slots,
+            "table": self._table, "carriers": self._carriers, "bilateral": self._bilateral, "slots": self._slots,
             "settings_of": self._laws.settings, "laws_of": self._laws.places, "memory_of": self._memory,
             "status_of": self._report,
         }  # fmt: skip

@@ -89,6 +89,7 @@ class _Model(NamedTuple):
     geom_pos: int
     geom_rbound: int
     body_ipos: int
+    body_pos: int
     body_parentid: int
     body_rootid: int
     body_mocapid: int

@@ -44,6 +44,24 @@ def find_sizes(size, kind, body_of_geom, position, bound, center):
 
 
 @plain
+def write_arms(arm, carrier, body_of_geom, position, bound, body_position, parent, mocap):
+    """Write how far geoms reach from mocap bodies that carry them, m, (nmocap,); see `moving_surfaces.Surfaces`."""
+    for i in range(len(arm)):
+        arm[i] = 0.0
+    for i in range(len(carrier)):
+        if carrier[i] >= 0:
+            reach, body = bound[i] + _length(position[i]), body_of_geom[i]
+            while mocap[body] < 0:
+                reach, body = reach + _length(body_position[body]), parent[body]
+            arm[carrier[i]] = max(arm[carrier[i]], reach)
+
+
+@plain
+def _length(v):
+    return np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+@plain
 def _speed(velocity, arm, size):
     """Return how fast a point of a body can be, m/s, from its row of MuJoCo's cvel."""
     w0, w1, w2 = velocity[0], velocity[1], velocity[2]

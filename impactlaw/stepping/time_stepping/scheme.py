@@ -119,9 +119,10 @@ class TimeStepping:
         return self._model
 
     @property
-    def arms(self) -> np.ndarray:
-        """How far mocap bodies reach, m, (nmocap,), see `Surfaces`."""
-        return np.zeros(self._model.nmocap) if self._surfaces is None else self._surfaces.arm
+    def carriers(self) -> np.ndarray:
+        """Which mocap body carries each geom, see `Surfaces`, int32 (ngeom,)."""
+        none = np.full(self._model.ngeom, -1, np.int32)
+        return none if self._surfaces is None else self._surfaces.carrier
 
     @property
     def problem(self) -> ContactProblem:

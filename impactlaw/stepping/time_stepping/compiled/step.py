@@ -223,7 +223,8 @@ def _to_end(w, middle, shift, opens):
     "float64[::1],boolean)"
 )
 def advance(
-    user, data, scratch, table, settings, arms, bilateral, keys, values, asked, memory, model, margins, state, loaded
+    user, data, scratch, table, settings, carriers, bilateral, keys, values, asked, memory, model, margins, state,
+    loaded,
 ):  # fmt: skip
     """Take one step and return how it has ended; data is back where it was if that is not `status.FINE`.
 
@@ -233,7 +234,7 @@ def advance(
         scratch: address of other data of the model.
         table: address of offsets of fields, see `fields`.
         settings: address of `world.Settings`.
-        arms: address of how far mocap bodies reach, m, (nmocap,).
+        carriers: address of which mocap body carries each geom, see `Surfaces`, int32 (ngeom,).
         bilateral: address of which equality constraints collisions must not violate, uint8 (neq,).
         keys: of the law's contacts, see `law.LawTable`, like the two that follow.
         values: restitution of each.
@@ -259,7 +260,7 @@ def advance(
     nbody, nmocap = long_at(table + 8 * MODEL.nbody), long_at(table + 8 * MODEL.nmocap)
     sizes, damped = numbers(long_at(model + nbody) + long_at(model + nmocap)), is_damped(model, table)
     w = World(model, data, scratch, table, settings, address_of(sizes), bilateral, nv, h, damped, surfaces, work)
-    find_sizes(w, sizes, arms)
+    find_sizes(w, sizes, carriers)
     status, narrow = UNSEEN, surfaces == 0  # moving surfaces have begun their step already
     counts = memory.view(np.int64)
     counts[MEMORY.found_rows] = 0
