@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import os
-import shutil
+import signal
 import sys
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -45,6 +42,7 @@ class Compare:
     def __call__(self) -> None:
         """Simulate, write the files and print the table."""
         from impactlaw.comparison.compare import Comparison, compare, format_table
+        from impactlaw.comparison.new_files import new_files_in
 
         study = Comparison(
             scene=self.scene,
@@ -225,34 +223,6 @@ class Plan:
         print(format_plan(plan))
 
 
-@contextmanager
-def new_files_in(folder: Path) -> Iterator[Path]:
-    """Give a temporary folder whose files move into ``folder`` at the end, or vanish if anything fails.
-
-    Raises:
-        SceneError: the folder cannot be written into.
-    """
-    try:
-        made = [p for p in (folder, *folder.parents) if not p.exists()]
-        folder.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=folder))
-    except OSError as error:
-        raise SceneError(f"cannot write into {folder}: {error.strerror}") from None
-    try:
-        yield temporary
-        for path in temporary.iterdir():  # all are looked at before the first one moves
-            if (folder / path.name).is_dir():
-                raise SceneError(f"cannot write {folder / path.name}: there is a folder of that name")
-        for path in temporary.iterdir():
-            path.replace(folder / path.name)
-    except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        for path in made:
-            path.rmdir()
-        raise
-    temporary.rmdir()
-
-
 Command = (
     Annotated[Compare, tyro.conf.subcommand("compare")]
     | Annotated[Inspect, tyro.conf.subcommand("inspect")]
@@ -267,9 +237,10 @@ Command = (
 def main() -> None:
     """Run the command line; an `ImpactLawError` is one line on standard error and exit code 2.
 
-    Where nobody reads the output any more, as behind ``| head``, the rest is left out and the exit code is 1; after
-    Ctrl-C it is 130.
+    Where nobody reads the output any more, as behind ``| head``, the rest is left out and the exit code is 1; so it is,
+    with one line, where it cannot be written, as on a full disk. After Ctrl-C it is 130, after SIGTERM 143.
     """
+    signal.signal(signal.SIGTERM, _terminate)
     command = tyro.cli(
         Command,  # pyright: ignore[reportArgumentType]
         prog="impactlaw",
@@ -285,9 +256,20 @@ def main() -> None:
     except KeyboardInterrupt:
         print("impactlaw: interrupted", file=sys.stderr)
         sys.exit(130)
-    except BrokenPipeError:
+    except OSError as error:
+        if error.filename is not None:  # not the output
+            raise
+        if not isinstance(error, BrokenPipeError):
+            print(f"impactlaw: cannot write the output: {error.strerror}", file=sys.stderr)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains when it flushes at its end
         sys.exit(1)
+
+
+def _terminate(*_: object) -> None:
+    """End as other errors do, so that nothing unfinished is left; a second signal does not end that."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    print("impactlaw: terminated", file=sys.stderr)
+    sys.exit(143)
 
 
 if __name__ == "__main__":

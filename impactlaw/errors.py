@@ -159,4 +159,5 @@ class WorldsFailedError(ImpactLawError):
 
     def __init__(self, worlds: Sequence[int], why: str, *, diverged: bool = False):
         self.worlds, self.diverged = worlds, diverged
-        super().__init__(f"{len(worlds)} worlds have failed ({', '.join(map(str, worlds[:5]))} ..): {why}")
+        some = ", ".join(map(str, worlds[:5])) + (" .." if len(worlds) > 5 else "")
+        super().__init__(f"{len(worlds)} world{'s have' if len(worlds) > 1 else ' has'} failed ({some}): {why}")

@@ -7,8 +7,7 @@ import time
 
 import pytest
 
-from impactlaw.cli import Compare, Inspect, Laws, Scenes, new_files_in
-from impactlaw.errors import SceneError
+from impactlaw.cli import Compare, Inspect, Laws, Scenes
 from impactlaw.laws import LAWS
 from impactlaw.models import SCENES
 
@@ -42,17 +41,43 @@ def test_a_command_without_standard_output_runs():
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_an_interrupted_command_is_one_line_and_leaves_nothing_behind(tmp_path):
+def test_output_that_cannot_be_written_is_one_line():
+    command = f"{sys.executable} -m impactlaw.cli laws > /dev/full"
+    done = subprocess.run(command, shell=True, capture_output=True, text=True, timeout=120, check=False)
+    assert (done.returncode, done.stderr) == (1, "impactlaw: cannot write the output: No space left on device\n")
+
+
+def comparing(folder):
+    """Start a long comparison into a folder, and return its process once it has begun to write."""
     command = [sys.executable, "-m", "impactlaw.cli", "compare", "newtons_cradle", "--duration", "1e4", "--out", "out"]
-    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr is not None
-        while not list(tmp_path.glob("out/.unfinished-*/*.rrd")):
-            assert process.poll() is None
-            time.sleep(0.05)
-        process.send_signal(signal.SIGINT)
-        assert process.stderr.read() == "impactlaw: interrupted\n"
-    assert process.returncode == 130
+    process = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True)
+    while not list(folder.glob("out/.unfinished-*/*.rrd")):
+        assert process.poll() is None
+        time.sleep(0.05)
+    return process
+
+
+@pytest.mark.parametrize(
+    ("number", "line", "code"), [(signal.SIGINT, "interrupted", 130), (signal.SIGTERM, "terminated", 143)]
+)
+def test_an_interrupted_command_is_one_line_and_leaves_nothing_behind(number, line, code, tmp_path):
+    with comparing(tmp_path) as process:
+        process.send_signal(number)
+        if number == signal.SIGTERM:  # `timeout` sends two
+            process.send_signal(number)
+        assert process.stderr.read() == f"impactlaw: {line}\n"
+    assert process.returncode == code
     assert not list(tmp_path.iterdir())
+
+
+def test_what_a_killed_command_leaves_is_removed_by_the_next_one(run, tmp_path):
+    with comparing(tmp_path) as process:
+        assert len(list(tmp_path.glob("out/.unfinished-*"))) == 1
+        assert run("compare", "wedge", *SHORT, "--out", str(tmp_path / "out"))[0] == 0
+        assert len(list(tmp_path.glob("out/.unfinished-*"))) == 1  # it is still at work
+        process.kill()
+    assert run("compare", "wedge", *SHORT, "--out", str(tmp_path / "out"))[0] == 0
+    assert not list(tmp_path.glob("out/.unfinished-*"))
 
 
 def test_compare_writes_into_out_and_prints_the_table(run, tmp_path):
@@ -122,38 +147,6 @@ def test_laws_and_scenes_are_listed_one_line_each(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == list(SCENES)
     assert all(len(line.split()) > 3 for line in lines)
-
-
-def test_interrupted_work_leaves_nothing_behind(tmp_path):
-    kept = tmp_path / "results"
-    with pytest.raises(KeyboardInterrupt), new_files_in(kept) as folder:
-        (folder / "table.csv").write_text("half")
-        raise KeyboardInterrupt
-    assert not kept.exists()
-
-
-def test_new_results_replace_old_ones_only_when_complete(tmp_path):
-    with new_files_in(tmp_path) as folder:
-        (folder / "table.csv").write_text("old")
-    with pytest.raises(RuntimeError), new_files_in(tmp_path) as folder:
-        (folder / "table.csv").write_text("half")
-        raise RuntimeError
-    assert [path.name for path in tmp_path.iterdir()] == ["table.csv"]
-    assert (tmp_path / "table.csv").read_text() == "old"
-
-
-def test_a_folder_that_cannot_be_made_is_named(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(SceneError, match="cannot write"), new_files_in(tmp_path / "file" / "out"):
-        pass
-
-
-def test_results_do_not_replace_a_folder_and_none_of_them_is_moved(tmp_path):
-    (tmp_path / "table.csv").mkdir()
-    with pytest.raises(SceneError, match="there is a folder of that name"), new_files_in(tmp_path) as folder:
-        for name in ("a.csv", "table.csv", "z.csv"):
-            (folder / name).write_text("new")
-    assert [path.name for path in tmp_path.iterdir()] == ["table.csv"]
 
 
 def test_commands_are_values():

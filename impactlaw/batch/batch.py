@@ -108,7 +108,7 @@ class Batch:
         self._laws = Laws(scheme, nsim)
         self.set_law(law)
         self._report = np.zeros((nsim, 2), np.int64)
-        self._sizes, self._bilateral = scheme.sizes, constraint_kinds(scheme.model)
+        self._carriers, self._bilateral = scheme.carriers, constraint_kinds(scheme.model)
         self._slots = np.zeros((self.nthread + 1, 2), np.int64)
         when_gone(self, _free, self._memory, self._slots)
         self._context, self._table = np.zeros(len(WORLDS), np.int64), table()
@@ -128,7 +128,7 @@ class Batch:
     def _write_context(self) -> None:
         """Tell compiled code where all is."""
         arrays = {
-            "table": self._table, "sizes": self._sizes, "bilateral": self._bilateral, "slots": self._slots,
+            "table": self._table, "carriers": self._carriers, "bilateral": self._bilateral, "slots": self._slots,
             "settings_of": self._laws.settings, "laws_of": self._laws.places, "memory_of": self._memory,
             "status_of": self._report,
         }  # fmt: skip
@@ -185,7 +185,12 @@ class Batch:
             self._laws.set(own, [world])
 
     def bind(self, name: str) -> np.ndarray:
-        """Return a live array over a field of mjData, (nsim, ..): of the state to be written, of others to be read."""
+        """Return a live array over a field of mjData, (nsim, ..): of the state to be written, of others to be read.
+
+        Raises:
+            UnknownNameError: there is no such field.
+            UnsupportedError: MuJoCo's batches do not have it, such as one without a fixed size.
+        """
         found = self._fields.bind(name)
         self._context[WORLDS.forces] |= name in _FORCES
         self._context[WORLDS.outputs] = self._fields.outputs.ctypes.data
@@ -197,6 +202,7 @@ class Batch:
 
         Raises:
             UnknownNameError: there is no such field.
+            UnsupportedError: MuJoCo's batches do not have it.
             SceneError: it tells about friction or contact, and the model of all worlds has none: worlds of this batch
                 would not see it.
         """

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from impactlaw.errors import UnknownNameError
+from impactlaw.errors import UnknownNameError, UnsupportedError
 from impactlaw.stepping.compiled.engine import Pool, functions
 from impactlaw.stepping.compiled.layout import data_offset
 
@@ -43,6 +43,7 @@ class Fields:
 
         Raises:
             UnknownNameError: there is no such field.
+            UnsupportedError: MuJoCo's batches do not have it, such as one without a fixed size.
         """
         if name in _STATE:
             return self._part(name)
@@ -58,6 +59,7 @@ class Fields:
 
         Raises:
             UnknownNameError: there is no such field.
+            UnsupportedError: MuJoCo's batches do not have it, such as one without a fixed size.
         """
         return self._array("mjb_expand", name, self._model, "field of mjModel", writeable=True)
 
@@ -75,6 +77,8 @@ class Fields:
             get = getattr(self._functions, function)
             at = get(self._pool.handle, name.encode(), ctypes.byref(size), ctypes.byref(width))
             like = getattr(owner, name, None)
+            if not at and isinstance(like, np.ndarray):
+                raise UnsupportedError(f"{name!r} is a {what}, but one that MuJoCo's batches cannot bind or expand")
             if not at or not isinstance(like, np.ndarray):
                 raise UnknownNameError(what, name, [one for one in dir(owner) if _is_array(owner, one)])
             shape = (self._pool.worlds, *like.shape)

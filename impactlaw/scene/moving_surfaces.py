@@ -9,7 +9,8 @@ A body that would move farther in a step than it is large, and faster than `PUT`
 to be, and stands there.
 
 A geom's ``surfacevel`` moves its surface within itself. As in MuJoCo, it counts in the tangent plane of a contact only:
-it takes along by friction, and never pushes.
+it takes along by friction, and never pushes. A model that was compiled without any has none for good: MuJoCo does not
+look at what is written into the compiled model then.
 """
 
 from __future__ import annotations
@@ -66,8 +67,9 @@ class Surfaces:
 
     Attributes:
         meet: whether mocap bodies can meet others.
-        arm: how far geoms that can meet others reach from their mocap bodies, m, (nmocap,).
-        run: whether surfaces run like belts.
+        carrier: which mocap body carries each geom that can meet others; else -1, int32 (ngeom,).
+        arm: how far these geoms reach from their mocap bodies, m, (nmocap,).
+        run: whether surfaces may run like belts.
         still: whether no body moves in this step, nor did at the end of the one before.
         goes_on: whether the velocities at the start of this step are those at the end of the one before.
     """
@@ -78,12 +80,12 @@ class Surfaces:
         self._mocap = np.append(mocap, -1)  # limits have geom -1
         used = np.unique(mocap[np.unique(geoms)]) if len(geoms) else np.zeros(0, dtype=int)
         self.meet = bool((used >= 0).any())
-        self._belts = np.append(model.geom_surfacevel.any(axis=1), False)
-        self.run = bool(self._belts[np.unique(geoms)].any()) if len(geoms) else False
-        self.arm = np.zeros(model.nmocap)
-        for geom in np.unique(geoms[np.isfinite(model.geom_rbound[geoms])]) if self.meet else ():
-            if mocap[geom] >= 0:
-                self.arm[mocap[geom]] = max(self.arm[mocap[geom]], self._distance(geom))
+        self.run = bool(model.flg_surfacevel) and len(geoms) > 0
+        self.carrier = np.full(model.ngeom, -1, np.int32)
+        meeting = np.unique(geoms[np.isfinite(model.geom_rbound[geoms])]) if self.meet else np.zeros(0, dtype=int)
+        self.carrier[meeting] = mocap[meeting]
+        self._measured: list[bytes] = []
+        self._measure()
         self._time, self._duration = np.nan, 1.0
         self._start = self._target = np.zeros((model.nmocap, 7))
         self._before = self._mean = self._first = self._last = np.zeros((model.nmocap, 6))
@@ -93,6 +95,17 @@ class Surfaces:
     def move(self) -> bool:
         """Whether bodies of the scene that can meet others move in this step."""
         return self.meet and not self.still
+
+    def _measure(self) -> None:
+        """Find how far geoms reach, unless nothing has changed since."""
+        model = self._model
+        seen = [field.tobytes() for field in (model.geom_rbound, model.geom_pos, model.body_pos)]
+        if seen == self._measured:
+            return
+        self._measured, self.arm = seen, np.zeros(model.nmocap)
+        for geom in np.flatnonzero(self.carrier >= 0).tolist():
+            body = self.carrier[geom]
+            self.arm[body] = max(self.arm[body], self._distance(geom))
 
     def _distance(self, geom: int) -> float:
         """Return how far from its mocap body a geom can reach, m, joints between them left out."""
@@ -107,6 +120,8 @@ class Surfaces:
 
         They stand still if that step did not end now.
         """
+        if self.meet:
+            self._measure()
         target = np.empty_like(self._target)
         target[:, :3], target[:, 3:] = data.mocap_pos, data.mocap_quat
         self.goes_on = going_on = self._time == data.time
@@ -215,8 +230,9 @@ class Surfaces:
         velocity, spin = self._relative(data, contacts, self._now(data))
         belt = np.zeros_like(velocity)
         if self.run:
+            belts = np.append(self._model.geom_surfacevel.any(axis=1), False)
             for sign, geom in ((-1.0, contacts.geoms[:, 0]), (1.0, contacts.geoms[:, 1])):
-                for i in np.flatnonzero(self._belts[geom]):
+                for i in np.flatnonzero(belts[geom]):
                     belt[i] += sign * self._belt(data, int(geom[i]), contacts.position[i])
         return Motion(velocity, spin, belt)
 

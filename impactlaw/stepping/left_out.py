@@ -25,7 +25,7 @@ _WORDS = {
 def watched_fields(plan: Plan, friction: Literal["coulomb", "convex", "ignore"]) -> tuple[str, ...]:
     """Return the fields of the model that may come to need what the plan has left out.
 
-    Soft steps and time stepping see limits and belts whatever the plan says.
+    Soft steps and time stepping see limits whatever the plan says, and time stepping belts, too.
 
     Args:
         plan: of the scene.
@@ -37,10 +37,12 @@ def watched_fields(plan: Plan, friction: Literal["coulomb", "convex", "ignore"])
         fields = _FRICTION
     else:
         fields = ()
-    if plan.scheme != "event-driven":
+    if plan.scheme == "time-stepping":
         return fields
-    belts = ("geom_surfacevel",) if plan.friction and not plan.surfaces else ()
-    return fields + belts + _LIMITED + (("jnt_range",) if plan.limits else ())
+    fields += ("geom_surfacevel",) if plan.friction and not plan.surfaces else ()
+    if plan.contact_model == "soft":
+        return fields
+    return fields + _LIMITED + (("jnt_range",) if plan.limits else ())
 
 
 class LeftOut:

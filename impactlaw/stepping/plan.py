@@ -119,8 +119,11 @@ def _moves(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
 
 
 def _runs(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
-    """Return which pairs of geoms have one whose surface runs like a belt, bool (p,)."""
-    return model.geom_surfacevel.any(axis=1)[geoms].any(axis=1)
+    """Return which pairs of geoms have one whose surface runs like a belt, bool (p,).
+
+    In a model that was compiled without belts MuJoCo does not look at `geom_surfacevel`.
+    """
+    return bool(model.flg_surfacevel) & model.geom_surfacevel.any(axis=1)[geoms].any(axis=1)
 
 
 def format_plan(plan: Plan) -> str:
@@ -214,12 +217,10 @@ class _Reasons:
         why = f"{friction} of {len(geoms)} pairs" if runs else f"ignored on {friction} pairs"
         yield Part("friction", runs, why if friction else "no pair has friction")
         moves = _moves(self.model, geoms) | _runs(self.model, geoms)
-        yield self._part(
-            "surfaces",
-            "moving surfaces",
-            lambda: self._first(moves),
-            "no mocap body collides, and no belt has friction",
-        )
+        why_not = "no mocap body collides, and no belt has friction"
+        if self.model.geom_surfacevel.any() and not self.model.flg_surfacevel:
+            why_not = "the model was compiled without surfacevel: as in MuJoCo, what was written there later is ignored"
+        yield self._part("surfaces", "moving surfaces", lambda: self._first(moves), why_not)
 
     def soft(self) -> Iterator[Part]:
         yield self._detection()

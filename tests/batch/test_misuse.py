@@ -5,7 +5,7 @@ import pytest
 
 from impactlaw import Moreau, Stepper
 from impactlaw.batch import Batch
-from impactlaw.errors import OptionError, SceneError, UnknownNameError
+from impactlaw.errors import OptionError, SceneError, UnknownNameError, UnsupportedError
 from impactlaw.models import load
 
 
@@ -67,6 +67,15 @@ def test_fields_that_there_are_not(batch):
         batch.bind("xposs")
     with pytest.raises(UnknownNameError, match=r"did you mean .*'body_mass'"):
         batch.expand("body_masses")
+
+
+def test_fields_that_worlds_cannot_have(batch):
+    with pytest.raises(UnsupportedError, match=r"'efc_force' is a field of mjData, but"):
+        batch.bind("efc_force")
+    with pytest.raises(UnsupportedError, match=r"'mesh_vert' is a field of mjModel, but"):
+        batch.expand("mesh_vert")
+    with pytest.raises(UnknownNameError):
+        batch.bind("ncon")
 
 
 def test_friction_of_worlds_where_the_model_has_none():

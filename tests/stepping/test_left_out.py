@@ -112,13 +112,46 @@ def test_a_range_that_is_changed_later():
         stepper.step(data)
 
 
-def test_belts_that_come_later():
-    model, data = block('friction="0.5"')
-    stepper = Stepper(model, Moreau(0.0))
+BELTS = """<geom name="belt" type="plane" size="9 9 1" friction="0.5"/>
+  <geom type="box" size="1 1 1" pos="50 0 0" {} contype="0" conaffinity="0"/>
+  <body pos="0 0 .1"><freejoint/><geom type="box" size=".1 .1 .1" mass="1" friction="0.5"/></body>"""
+TABLE = '<body mocap="true" pos="9 0 5"><geom size=".1"/></body>'
+
+
+@pytest.mark.parametrize("way", ["soft", "soft in Python", "event-driven"])
+def test_belts_that_come_later(way):
+    model, data = compiled(BELTS.format('surfacevel="1 0 0 0 0 0"'))
+    stepper = Stepper(model, Moreau(0.0), **WAYS[way])
     stepper.step(data)
     model.geom_surfacevel[0, 0] = 1.0
     with pytest.raises(SceneError, match=r"surfaces move since model.geom_surfacevel"):
         stepper.step(data)
+
+
+@every_way
+def test_belts_that_start_later_among_surfaces_that_move(way):
+    model, data = compiled(BELTS.format('surfacevel="1 0 0 0 0 0"') + TABLE)
+    data.qpos[2], data.qvel[2] = 0.3, -3.0
+    stepper = Stepper(model, Moreau(0.0), **WAYS[way])
+    stepper.step(data)
+    model.geom_surfacevel[0, 0] = 1.0
+    stepper.step(data, 400)
+    assert data.qvel[0] == pytest.approx(1.0, abs=1e-6)
+
+
+@every_way
+@pytest.mark.parametrize("more", ["", TABLE])
+@pytest.mark.parametrize("early", [True, False])
+def test_what_is_written_into_a_model_without_belts_is_ignored_as_in_mujoco(way, more, early):
+    model, data = compiled(BELTS.format("") + more)
+    data.qpos[2], data.qvel[2] = 0.3, -3.0
+    if early:
+        model.geom_surfacevel[0, 0] = 1.0
+    stepper = Stepper(model, Moreau(0.0), **WAYS[way])
+    stepper.step(data)
+    model.geom_surfacevel[0, 0] = 1.0
+    stepper.step(data, 200)
+    assert abs(data.qvel[0]) < 1e-9
 
 
 @every_way

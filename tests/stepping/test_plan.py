@@ -152,3 +152,13 @@ def test_a_mocap_body_and_what_stands_still_never_meet(contact_model):
     assert not plan.detection
     assert not plan.surfaces
     assert make_plan(compiled(FLOOR + sunk + body("ball", BALL))[0], contact_model).surfaces
+
+
+@pytest.mark.parametrize("contact_model", ["rigid", "soft"])
+def test_belts_that_mujoco_ignores(contact_model):
+    """It looks whether there are any when a scene is compiled."""
+    model, _ = compiled(FLOOR + body("ball", BALL))
+    model.geom_surfacevel[0, 0] = 1.0
+    plan = make_plan(model, contact_model)
+    assert not plan.surfaces
+    assert "compiled without surfacevel" in format_plan(plan)

@@ -87,7 +87,10 @@ class _Model(NamedTuple):
     tendon_margin: int
     geom_bodyid: int
     geom_type: int
+    geom_pos: int
+    geom_rbound: int
     body_ipos: int
+    body_pos: int
     body_parentid: int
     body_rootid: int
     body_mocapid: int

@@ -18,7 +18,7 @@ from mujoco import (
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
-from impactlaw.stepping.time_stepping.margins import find_outrun, set_margins
+from impactlaw.stepping.time_stepping.margins import find_outrun, find_sizes, set_margins
 from impactlaw.stepping.time_stepping.problem.forces import without_far_limits
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
@@ -46,9 +46,10 @@ def reach(model: mujoco.MjModel, data: mujoco.MjData, gained: np.ndarray, sizes:
         model: whose margins are written, see `margins.set_margins`.
         data: at the start of the step, frames and velocities of bodies current.
         gained: velocity that forces add in a step, (nv,).
-        sizes: `margins.body_sizes`.
+        sizes: `margins.find_sizes`, written: fields of the model that they depend on may have changed.
         surface: speed of moving surfaces, m/s.
     """
+    find_sizes(sizes, model.geom_type, model.geom_bodyid, model.geom_pos, model.geom_rbound, model.body_ipos)
     velocity, now = data.qvel.copy(), data.cvel.copy()
     data.qvel += gained
     mj_comVel(model, data)
@@ -74,7 +75,7 @@ def outrun(model: mujoco.MjModel, data: mujoco.MjData, sizes: np.ndarray) -> boo
     Args:
         model: with the margins of the step.
         data: in the middle of the step, velocity that after the collision; that of bodies becomes current.
-        sizes: `margins.body_sizes`.
+        sizes: `margins.find_sizes`.
     """
     mj_comVel(model, data)
     return bool(
@@ -106,7 +107,7 @@ def look_farther(
         start: velocity at the start of the step, (nv,).
         free: velocity without contact, (nv,).
         middle: configuration in the middle of the step, (nq,).
-        sizes: `margins.body_sizes`.
+        sizes: `margins.find_sizes`.
         surface: speed of moving surfaces, m/s.
     """
     led_to, before = data.cvel.copy(), borrowed.margins()

@@ -15,14 +15,50 @@ ALWAYS = 1e6
 _PLANE, _FIELD = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)
 
 
-def body_sizes(model: mujoco.MjModel) -> np.ndarray:
-    """Return the largest distance of a point of each body's geoms from its center of mass, m, (nbody,)."""
-    size = np.zeros(model.nbody)
-    solid = np.flatnonzero((model.geom_type != _PLANE) & (model.geom_type != _FIELD))
-    body = model.geom_bodyid[solid]
-    away = np.linalg.norm(model.geom_pos[solid] - model.body_ipos[body], axis=1)
-    np.maximum.at(size, body, model.geom_rbound[solid] + away)
-    return size
+@plain
+def write_sizes(size, kind, body_of_geom, position, bound, center):
+    """Do what `find_sizes` does."""
+    for i in range(len(size)):
+        size[i] = 0.0
+    for i in range(len(body_of_geom)):
+        if kind[i] == _PLANE or kind[i] == _FIELD:
+            continue
+        body = body_of_geom[i]
+        x, y, z = position[i, 0] - center[body, 0], position[i, 1] - center[body, 1], position[i, 2] - center[body, 2]
+        size[body] = max(size[body], bound[i] + np.sqrt(x * x + y * y + z * z))
+
+
+@compiled()
+def find_sizes(size, kind, body_of_geom, position, bound, center):
+    """Write the largest distance of a point of each body's geoms from its center of mass, m, (nbody,).
+
+    Args:
+        size: to be written.
+        kind: MuJoCo's geom_type, (ngeom,).
+        body_of_geom: body of each geom, (ngeom,).
+        position: of geoms, from the frames of bodies, (ngeom, 3).
+        bound: MuJoCo's geom_rbound, (ngeom,).
+        center: centers of mass, from the frames of bodies, (nbody, 3).
+    """
+    write_sizes(size, kind, body_of_geom, position, bound, center)
+
+
+@plain
+def write_arms(arm, carrier, body_of_geom, position, bound, body_position, parent, mocap):
+    """Write how far geoms reach from mocap bodies that carry them, m, (nmocap,); see `moving_surfaces.Surfaces`."""
+    for i in range(len(arm)):
+        arm[i] = 0.0
+    for i in range(len(carrier)):
+        if carrier[i] >= 0:
+            reach, body = bound[i] + _length(position[i]), body_of_geom[i]
+            while mocap[body] < 0:
+                reach, body = reach + _length(body_position[body]), parent[body]
+            arm[carrier[i]] = max(arm[carrier[i]], reach)
+
+
+@plain
+def _length(v):
+    return np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
 @plain
@@ -108,7 +144,7 @@ def set_margins(
         tendon_margin: (ntendon,).
         body_of_geom: body of each geom, (ngeom,).
         root: root of each body's tree, (nbody,).
-        size: `body_sizes`, (nbody,).
+        size: `find_sizes`, (nbody,).
         center: centers of mass of bodies, (nbody, 3).
         subtree: centers of mass of subtrees, (nbody, 3).
         velocity: MuJoCo's cvel, about the center of mass of the tree, (nbody, 6).

@@ -51,7 +51,6 @@ from impactlaw.stepping.time_stepping.free_motion import (
 )
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
 from impactlaw.stepping.time_stepping.looks import Look, Looks
-from impactlaw.stepping.time_stepping.margins import body_sizes
 from impactlaw.stepping.time_stepping.problem.forces import sense, write_forces
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Rows
@@ -94,7 +93,7 @@ class TimeStepping:
         self._surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces and model.nmocap else None
         self._reader = RowReader(model, self._surfaces, frictional=plan.friction)
         self._borrowed = BorrowedModel(model)
-        self._sizes = body_sizes(model)
+        self._sizes = np.zeros(model.nbody)
         self.inertial = InertialForces(model)
         self._second_look = SecondLook(model, self._sizes, self._borrowed, self._reader)
         self._state = empty_state(model)
@@ -120,10 +119,10 @@ class TimeStepping:
         return self._model
 
     @property
-    def sizes(self) -> np.ndarray:
-        """See `margins.body_sizes`, and after them how far mocap bodies reach, see `Surfaces`."""
-        surfaces = self._surfaces
-        return np.append(self._sizes, np.zeros(self._model.nmocap) if surfaces is None else surfaces.arm)
+    def carriers(self) -> np.ndarray:
+        """Which mocap body carries each geom, see `Surfaces`, int32 (ngeom,)."""
+        none = np.full(self._model.ngeom, -1, np.int32)
+        return none if self._surfaces is None else self._surfaces.carrier
 
     @property
     def problem(self) -> ContactProblem:

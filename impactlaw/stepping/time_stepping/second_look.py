@@ -90,7 +90,7 @@ def bend(groups, amounts, rates, geoms, body_of_geom, shape, velocity, size, cen
         body_of_geom: (ngeom,).
         shape: of each geom, MuJoCo's geom_type, (ngeom,).
         velocity: MuJoCo's cvel at the end of the step, (nbody, 6).
-        size: `margins.body_sizes`, (nbody,).
+        size: `margins.find_sizes`, (nbody,).
         center: centers of mass of bodies, (nbody, 3).
         offset: the same from their frames, (nbody, 3).
         parent: of each body, (nbody,).
@@ -147,7 +147,7 @@ class SecondLook:
 
     Args:
         model: the scene.
-        size: `margins.body_sizes`.
+        size: `margins.find_sizes`.
         borrowed: the margins of the step, which get smaller.
         reader: knows which contacts are tied.
     """

@@ -27,7 +27,7 @@ class Context(NamedTuple):
         scratch: other data.
         table: offsets of fields.
         settings: see `world.Settings`.
-        sizes: of bodies.
+        carriers: which mocap body carries each geom.
         bilateral: which equality constraints a collision must not violate.
         keys: of the law's contacts, and how many.
         values: their restitution.
@@ -46,7 +46,7 @@ class Context(NamedTuple):
     scratch: int = 2
     table: int = 3
     settings: int = 4
-    sizes: int = 5
+    carriers: int = 5
     bilateral: int = 6
     keys: int = 7
     values: int = 8
@@ -83,7 +83,7 @@ def one_step(context):
         c[CONTEXT.scratch],
         c[CONTEXT.table],
         c[CONTEXT.settings],
-        c[CONTEXT.sizes],
+        c[CONTEXT.carriers],
         c[CONTEXT.bilateral],
         longs(c[CONTEXT.keys], c[CONTEXT.known]),
         floats(c[CONTEXT.values], c[CONTEXT.known]),
@@ -101,7 +101,7 @@ class Worlds(NamedTuple):
 
     Attributes:
         table: offsets of fields.
-        sizes: of bodies.
+        carriers: which mocap body carries each geom.
         bilateral: which equality constraints a collision must not violate.
         margin_count: numbers that a copy of a model needs for margins.
         states: numbers of a state.
@@ -119,7 +119,7 @@ class Worlds(NamedTuple):
     """
 
     table: int = 0
-    sizes: int = 1
+    carriers: int = 1
     bilateral: int = 2
     margin_count: int = 3
     states: int = 4
@@ -172,7 +172,7 @@ def some_steps(model, data, world, context):
     mj.get_state(model, data, address_of(first), STATE)
     for step in range(c[WORLDS.steps]):
         report[0] = linked_advance(
-            model, data, other, c[WORLDS.table], settings, c[WORLDS.sizes], c[WORLDS.bilateral], keys, values,
+            model, data, other, c[WORLDS.table], settings, c[WORLDS.carriers], c[WORLDS.bilateral], keys, values,
             report[1:2], memory,
             address_of(structure),
             margins, state, step == 0,

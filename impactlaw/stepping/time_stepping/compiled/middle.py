@@ -29,7 +29,7 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
     surface_speed,
 )
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.margins import outruns, write_margins
+from impactlaw.stepping.time_stepping.margins import outruns, write_arms, write_margins, write_sizes
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
@@ -113,6 +113,29 @@ def _write_margins(w, now, led_to):
         model_ints(w, MODEL.body_mocapid, nbody), surface_speed(w), w.timestep,
         norm(gravity),
     )  # fmt: skip
+
+
+@plain
+def find_sizes(w, sizes, carriers):
+    """Write `world.World.sizes`.
+
+    Args:
+        w: the world.
+        sizes: to be written, (nbody + nmocap,).
+        carriers: address of which mocap body carries each geom, see `Surfaces`, int32 (ngeom,).
+    """
+    nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
+    kind, body_of_geom = model_ints(w, MODEL.geom_type, ngeom), model_ints(w, MODEL.geom_bodyid, ngeom)
+    position = model_floats(w, MODEL.geom_pos, 3 * ngeom).reshape((ngeom, 3))
+    bound = model_floats(w, MODEL.geom_rbound, ngeom)
+    center = model_floats(w, MODEL.body_ipos, 3 * nbody).reshape((nbody, 3))
+    write_sizes(sizes[:nbody], kind, body_of_geom, position, bound, center)
+    if w.surfaces != 0:
+        write_arms(
+            sizes[nbody:], ints(carriers, ngeom), body_of_geom, position, bound,
+            model_floats(w, MODEL.body_pos, 3 * nbody).reshape((nbody, 3)), model_ints(w, MODEL.body_parentid, nbody),
+            model_ints(w, MODEL.body_mocapid, nbody),
+        )  # fmt: skip
 
 
 @plain

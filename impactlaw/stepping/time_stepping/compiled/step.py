@@ -37,7 +37,7 @@ from impactlaw.stepping.time_stepping.compiled.impulses.answer import work_left
 from impactlaw.stepping.time_stepping.compiled.impulses.contact import count_entries
 from impactlaw.stepping.time_stepping.compiled.impulses.looks import find_impulses
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, passes_limit
-from impactlaw.stepping.time_stepping.compiled.middle import look_farther, outrun, to_middle
+from impactlaw.stepping.time_stepping.compiled.middle import find_sizes, look_farther, outrun, to_middle
 from impactlaw.stepping.time_stepping.compiled.state.law import LawTable
 from impactlaw.stepping.time_stepping.compiled.state.memory import (
     MEMORY,
@@ -223,7 +223,8 @@ def _to_end(w, middle, shift, opens):
     "float64[::1],boolean)"
 )
 def advance(
-    user, data, scratch, table, settings, sizes, bilateral, keys, values, asked, memory, model, margins, state, loaded
+    user, data, scratch, table, settings, carriers, bilateral, keys, values, asked, memory, model, margins, state,
+    loaded,
 ):  # fmt: skip
     """Take one step and return how it has ended; data is back where it was if that is not `status.FINE`.
 
@@ -233,7 +234,7 @@ def advance(
         scratch: address of other data of the model.
         table: address of offsets of fields, see `fields`.
         settings: address of `world.Settings`.
-        sizes: address of sizes of bodies, see `world.World`.
+        carriers: address of which mocap body carries each geom, see `Surfaces`, int32 (ngeom,).
         bilateral: address of which equality constraints collisions must not violate, uint8 (neq,).
         keys: of the law's contacts, see `law.LawTable`, like the two that follow.
         values: restitution of each.
@@ -256,7 +257,10 @@ def advance(
     if float_at(settings + 8 * SETTING.surfaces) != 0.0:
         surfaces = address_of(memory) + 8 * (MEMORY.left + long_at(model + long_at(table + 8 * MODEL.nq)) + 3 * nv)
     work = address_of(memory) + 8 * MEMORY.work
-    w = World(model, data, scratch, table, settings, sizes, bilateral, nv, h, is_damped(model, table), surfaces, work)
+    nbody, nmocap = long_at(table + 8 * MODEL.nbody), long_at(table + 8 * MODEL.nmocap)
+    sizes, damped = numbers(long_at(model + nbody) + long_at(model + nmocap)), is_damped(model, table)
+    w = World(model, data, scratch, table, settings, address_of(sizes), bilateral, nv, h, damped, surfaces, work)
+    find_sizes(w, sizes, carriers)
     status, narrow = UNSEEN, surfaces == 0  # moving surfaces have begun their step already
     counts = memory.view(np.int64)
     counts[MEMORY.found_rows] = 0
@@ -269,6 +273,7 @@ def advance(
     if status != FINE:
         mj.set_state(user, data, address_of(state), STATE)
         mj.fwd_position(user, data)
+    keep(sizes)
     return status
 
 

@@ -60,7 +60,7 @@ class CompiledStepping:
         self._counts, self._state = self.numbers.view(np.int64), empty_state(model)
         self._table, self._callbacks = table(), callbacks()
         self._structure = np.zeros(int(self._table[SIZE.model]) // 8)
-        self._sizes = self._scheme.sizes
+        self._carriers = self._scheme.carriers
         self._margins, self._settings = np.zeros(room(model)), np.zeros(len(SETTING))
         self._bilateral, self._scratch = constraint_kinds(self._scheme.model), mujoco.MjData(model)
         self._pool: Pool | None = None
@@ -91,7 +91,7 @@ class CompiledStepping:
         """Tell compiled code where all is."""
         scratch: Any = self._scratch
         arrays = {
-            "table": self._table, "settings": self._settings, "sizes": self._sizes,
+            "table": self._table, "settings": self._settings, "carriers": self._carriers,
             "bilateral": self._bilateral, "keys": self._coefficients.key, "values": self._coefficients.value,
             "memory": self._memory, "structure": self._structure, "margins": self._margins, "state": self._state,
             "before": self._before, "callbacks": self._callbacks,

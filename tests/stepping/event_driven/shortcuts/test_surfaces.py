@@ -113,8 +113,8 @@ def test_a_flight_over_a_moving_table_looks_only_at_its_end(monkeypatch):
 
 
 def test_a_belt_that_is_told_to_run_takes_along_what_rests_on_it():
-    model, data = scene()
-    model.geom_surfacevel[0, 0] = 0.2
+    belt = TABLE.replace("size", 'surfacevel=".2 0 0 0 0 0" size')
+    model, data = compiled((belt + BOX).format(condim=3), option='timestep="0.005" integrator="RK4"')
     stepper = Stepper(model, Moreau(0.0))
     model.geom_surfacevel[0, 0] = 0.0
     for _ in range(10):

@@ -57,7 +57,7 @@ class World(NamedTuple):
         scratch: address of other data, for looks at contacts that data is not to show.
         table: address of offsets of fields, see `fields`.
         settings: address of `Settings`.
-        sizes: address of `margins.body_sizes`, m, (nbody,), and then how far mocap bodies reach, m, (nmocap,).
+        sizes: address of `margins.find_sizes`, m, (nbody,), and then how far mocap bodies reach, m, (nmocap,).
         bilateral: address of which equality constraints a collision must not violate, uint8 (neq,).
         nv: degrees of freedom.
         timestep: h, s.

@@ -1,0 +1,85 @@
+"""Files that are all there in the end, or none of them."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from impactlaw.errors import SceneError
+
+try:
+    import fcntl
+except ImportError:  # on Windows there is none: what a process leaves that is killed stays there
+    fcntl = None
+
+_UNFINISHED = ".unfinished-"
+
+
+@contextmanager
+def new_files_in(folder: Path) -> Iterator[Path]:
+    """Give a temporary folder whose files move into ``folder`` at the end, or vanish if anything fails.
+
+    What processes that were killed have left there is removed.
+
+    Raises:
+        SceneError: the folder cannot be written into.
+    """
+    with ExitStack() as stack:
+        try:
+            made = [p for p in (folder, *folder.parents) if not p.exists()]
+            folder.mkdir(parents=True, exist_ok=True)
+            with _held(folder):  # until the new one is held, too
+                _remove_abandoned(folder)
+                temporary = Path(tempfile.mkdtemp(prefix=_UNFINISHED, dir=folder))
+                stack.enter_context(_held(temporary))
+        except OSError as error:
+            raise SceneError(f"cannot write into {folder}: {error.strerror}") from None
+        try:
+            yield temporary
+            _move(temporary, folder)
+        except BaseException:
+            shutil.rmtree(temporary, ignore_errors=True)
+            for path in made:
+                path.rmdir()
+            raise
+        temporary.rmdir()
+
+
+def _move(temporary: Path, folder: Path) -> None:
+    """Move all files into a folder."""
+    for path in temporary.iterdir():  # all are looked at before the first one moves
+        if (folder / path.name).is_dir():
+            raise SceneError(f"cannot write {folder / path.name}: there is a folder of that name")
+    for path in temporary.iterdir():
+        path.replace(folder / path.name)
+
+
+@contextmanager
+def _held(folder: Path, *, wait: bool = True) -> Iterator[bool]:
+    """Hold a folder that only one process can hold; what ends a process, however it ends, gives it back."""
+    if fcntl is None:
+        yield False
+        return
+    place = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(place, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except OSError:  # another process holds it, or its file system has no such thing
+            yield False
+        else:
+            yield True
+    finally:
+        os.close(place)
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """Remove temporary folders that no process holds any more."""
+    for path in folder.glob(f"{_UNFINISHED}*"):
+        if path.is_dir():
+            with _held(path, wait=False) as abandoned:
+                if abandoned:
+                    shutil.rmtree(path, ignore_errors=True)
