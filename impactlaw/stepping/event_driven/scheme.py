@@ -237,8 +237,12 @@ class RigidStepping:
         pushed = not self._last.is_here() and overlaps(start.contact_set, self._tolerance)
         if pushed:
             if not self._push_out:
-                reason = f"move them apart (up to {self._tolerance:g} m counts as touching)"
-                raise refuse(start.contact_set, self._tolerance, f'{reason}, or let overlap="push-out" do it')
+                raise refuse(
+                    start.contact_set,
+                    self._tolerance,
+                    f"move them apart (up to {self._tolerance:g} m counts as touching), or let "
+                    'overlap="push-out", or scheme="time-stepping", do it',
+                )
             start = self._pushed_out(start)
         self._check_held(start)
         return (self._collide(start, events) if start.collides else start), pushed
