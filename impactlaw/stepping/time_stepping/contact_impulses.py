@@ -186,18 +186,20 @@ class ContactProblem:
         more: bool,
     ) -> _Phase:
         """Solve one phase: once, and if there may be `more`, again without what is hit only through others."""
-        met = self._solve(data, rows, velocity, metric, known, rounds, left, may)
-        later, keep = met.later, np.arange(len(may))
-        while np.count_nonzero(new := self._later(met)):
-            if not more or not met.solved or left[0] <= 0.0:
-                return replace(met, cut=True)
-            later[keep] |= new
+        part, place, later = rows, np.arange(len(rows.scale)), np.zeros(len(may), dtype=bool)
+        while True:
             keep = np.flatnonzero(~later)
-            part, place = some_groups(*rows, ~later)
-            known = met.rows.groups, met.rows.key, met.rows.scale, met.answer[0]
-            met = self._solve(data, Rows(*part), velocity, metric, known, FEW_ROUNDS, left, may[keep])
-            met = replace(met, place=place, later=later)
-        return met
+            met = self._solve(data, part, velocity, metric, known, rounds, left, may[keep], last=False)
+            new = self._later(met)
+            cut = bool(np.count_nonzero(new))
+            if not cut or not more or not met.solved or left[0] <= 0.0:
+                if met.answer[7] > 0.0 and self._on_inadmissible != "allow":
+                    met = self._solve(data, part, velocity, metric, known, rounds, left, may[keep], last=True)
+                return replace(met, place=place, later=later, cut=cut)
+            later[keep] |= new
+            known, rounds = (met.rows.groups, met.rows.key, met.rows.scale, met.answer[0]), FEW_ROUNDS
+            chosen, place = some_groups(*rows, ~later)
+            part = Rows(*chosen)
 
     def _later(self, met: _Phase) -> np.ndarray:
         """Return which contacts are hit only through the collision of others, bool (g,)."""
@@ -219,8 +221,13 @@ class ContactProblem:
         rounds: int,
         left: np.ndarray,
         may: np.ndarray,
+        *,
+        last: bool,
     ) -> _Phase:
-        """Solve the problem of these rows; see `find`."""
+        """Solve the problem of these rows; see `find`.
+
+        In the `last` attempt restitution is scaled so that it creates no energy, or that is an error.
+        """
         model, (factor, inverse), h = self._model, metric, self._model.opt.timestep
         e = self.targets.restitution
         target, collides = contact_targets(
@@ -231,14 +238,15 @@ class ContactProblem:
         sliding = -self._sliding * rows.before if self._sliding and some else np.zeros(n)
         if some:
             seen = self._collide(data, rows, velocity, metric, target, sliding, collides)
+        project = last and self._on_inadmissible == "project"
         answer = resolve_step(
-            *rows, target, sliding, collides, *known, h, self._exact, self._on_inadmissible == "project", rounds, left,
+            *rows, target, sliding, collides, *known, h, self._exact, project, rounds, left,
             model.dof_treeid, factor, inverse, model.M_rownnz, model.M_rowadr, model.M_colind,
         )  # fmt: skip
         missed, created = answer[4], answer[7]
         if not np.isfinite(missed):
             raise DivergenceError(f"the forces at t = {data.time - h:.6g} s are not finite")
-        if created > 0.0 and self._on_inadmissible == "raise":
+        if last and created > 0.0 and self._on_inadmissible == "raise":
             raise InadmissibleImpactError(
                 f"{self.law!r} creates {created:.3g} J at t = {data.time - h:.6g} s; choose a dissipative law, or "
                 'on_inadmissible="project" or "allow"'

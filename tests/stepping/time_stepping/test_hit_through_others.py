@@ -119,3 +119,31 @@ def test_lost_restitution_is_counted(compiled, ratio, some):
         stepper.step(data)
     lost = 1.0 - (data.qvel[0] ** 2 + ratio * data.qvel[1] ** 2) / ratio
     assert (stepper.short_steps > 0) == some == (lost > 1e-3)
+
+
+@DRIVERS
+@pytest.mark.parametrize("inadmissible", ["project", "raise", "allow"])
+def test_a_third_collision_of_a_step_that_the_second_one_leads_to(compiled, inadmissible):
+    """A disk hits another, is thrown at a wall, and back: held by that contact alone, it would create energy."""
+    walls = "".join(
+        f'<geom type="plane" size="1 1 .1" pos="{0.4 * x} {0.4 * y} 0" zaxis="{-x} {-y} 0"/>'
+        for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1))
+    )
+    disks = "".join(
+        '<body><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/>'
+        f'<geom size=".05" mass="{mass}"/></body>'
+        for mass in (1.3, 1.9)
+    )
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><option timestep=".01" gravity="0 0 0"/><default><geom friction="0"/></default>'
+        f"<worldbody>{walls}{disks}</worldbody></mujoco>"
+    )
+    data, mass = mujoco.MjData(model), np.repeat([1.3, 1.9], 2)
+    data.qpos[:] = [0.15413107, -0.33467055, 0.09136956, -0.22399240]
+    data.qvel[:] = [-1.84697450, 0.72284809, 0.32397793, -1.43798958]
+    before = mass @ data.qvel**2
+    stepper = Stepper(model, Moreau(1.0), scheme="time-stepping", compiled=compiled, on_inadmissible=inadmissible)
+    stepper.step(data)
+    assert len(stepper.events) == 3
+    assert stepper.short_steps == 0
+    assert mass @ data.qvel**2 == pytest.approx(before, rel=1e-11)

@@ -20,7 +20,7 @@ from impactlaw.stepping.compiled.access import (
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
 from impactlaw.stepping.compiled.ties import leave_tied_out
-from impactlaw.stepping.time_stepping.compiled.impulses.answer import NO_ANSWER, Solved, goes_on, lost, solve
+from impactlaw.stepping.time_stepping.compiled.impulses.answer import NO_ANSWER, Solved, goes_on, is_last, lost, solve
 from impactlaw.stepping.time_stepping.compiled.impulses.phased import linked_phases
 from impactlaw.stepping.time_stepping.compiled.state.kinds import (
     BOOLEAN,
@@ -124,10 +124,13 @@ def read(w, jacobian, metric, velocity, start, free, chosen, frictional, mark, r
 def _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums):
     """Find the impulses of all contacts at once; return what `resolve_in_phases` returns."""
     answer.may[:] = True
-    solved = solve(w, rows, metric, known, rounds, law, answer)
+    solved = solve(w, rows, metric, known, rounds, law, answer, False)
+    cut = solved.status == FINE and goes_on(w, rows, solved, answer)
+    if not is_last(w, solved):
+        solved = solve(w, rows, metric, known, rounds, law, answer, True)
     if solved.status != FINE:
         return solved, False
-    cut = goes_on(w, rows, solved, answer) or lost(w, solved)
+    cut = cut or lost(w, solved)
     if setting(w, SETTING.told) != 0.0:
         clear(sums)
         if solved.collided:

@@ -10,7 +10,15 @@ from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import clear, copied, kernel, once, put, zeros
 from impactlaw.stepping.compiled.access import model_ints, velocity_of
 from impactlaw.stepping.compiled.fields import MODEL, address_of, keep
-from impactlaw.stepping.time_stepping.compiled.impulses.answer import SOLVED, Solved, goes_on, lost, solve, work_left
+from impactlaw.stepping.time_stepping.compiled.impulses.answer import (
+    SOLVED,
+    Solved,
+    goes_on,
+    is_last,
+    lost,
+    solve,
+    work_left,
+)
 from impactlaw.stepping.time_stepping.compiled.state.kinds import (
     ANSWER,
     BOOLEAN,
@@ -53,9 +61,11 @@ def _meet(w, rows, metric, before, known, rounds, law, may, more, block, sums):
     while True:
         answer = answer_at(address_of(block), len(part.key), len(part.rates[0]), w.nv)
         put(answer.may, allowed)
-        solved = solve(w, part, metric, known, rounds, law, answer)
+        solved = solve(w, part, metric, known, rounds, law, answer, False)
         waiting = solved.status == FINE and goes_on(w, part, solved, answer)
         if not more or not work_left(w) or not waiting or not is_met(solved.missed, solved.fastest):
+            if not is_last(w, solved):
+                solved = solve(w, part, metric, known, rounds, law, answer, True)
             break
         later[np.flatnonzero(~later)] |= answer.later
         known, rounds = (part.groups, part.key, part.rates[0], answer.x.copy()), FEW_ROUNDS
