@@ -35,6 +35,18 @@ from impactlaw.stepping.time_stepping.tolerances import (
 
 
 @dataclass(frozen=True, eq=False)
+class _Step:
+    """What a step starts from; see `ContactProblem.find`."""
+
+    data: mujoco.MjData
+    velocity: np.ndarray
+    free: np.ndarray
+    middle: np.ndarray
+    metric: Metric
+    left: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class _Phase:
     """Collisions at once: rows and what they aim at, and what `resolve_step` answers.
 
@@ -43,6 +55,7 @@ class _Phase:
         place: of each of their rows in those that were given, int (n,).
         later: the groups given that are left out because they are hit only through others, bool (g,).
         cut: whether some such contacts are not left out.
+        scalable: whether restitution creates energy that scaling it takes away, or that is an error.
         target: ``gamma^h`` of groups that take part.
         sliding: sliding velocities aimed at.
         collides: the groups that do.
@@ -54,6 +67,7 @@ class _Phase:
     place: np.ndarray
     later: np.ndarray
     cut: bool
+    scalable: bool
     target: np.ndarray
     sliding: np.ndarray
     collides: np.ndarray
@@ -130,7 +144,8 @@ class ContactProblem:
 
         In phases, contacts that are hit only through others, across a gap that is open, are left out first and collide
         from the velocity to which that leads. There are at most `PHASES` of these, while work is left,
-        none after one whose problem was not solved; in the last one such a contact just touches.
+        none after one whose problem was not solved; in the last one such a contact just touches. Restitution is
+        scaled so that it creates no energy only where nothing more is left out.
 
         Args:
             data: in the middle of the step, contacts current.
@@ -148,58 +163,51 @@ class ContactProblem:
             DivergenceError: the forces are not finite.
             InadmissibleImpactError: the law creates energy, and ``on_inadmissible`` is "raise".
         """
+        step = _Step(data, velocity, free, middle, metric, left)
+        known = known or (rows.groups, rows.key, rows.scale, np.zeros(len(rows.scale)))
         now, place, may = rows, np.arange(len(rows.scale)), np.ones(len(rows.key), dtype=bool)
-        impulse, before, after = np.zeros(len(rows.scale)), velocity, free
-        known = known or (rows.groups, rows.key, rows.scale, impulse)
+        impulse, before, after = np.zeros(len(rows.scale)), step.velocity, step.free
         missed = fastest = work = rounding = 0.0
         records: tuple[CollisionRecord, ...] = ()
         shift, cut, more = np.zeros(0), False, phases
         for phase in range(PHASES):
-            met = self._meet(data, now, before, metric, known, rounds, left, may, more and phase < PHASES - 1)
-            cut = cut or met.cut or met.gives_up(left)
+            met = self._meet(step, now, before, known, rounds, may, more=more and phase < PHASES - 1)
+            cut = cut or met.cut or met.gives_up(step.left)
             more = more and met.solved
             x, change, shift, _, miss, fast, _, _, done, part, z = met.answer
             impulse[place[met.place]] += x
             after = after + change
             missed, fastest, work, rounding = max(missed, miss), max(fastest, fast), work + done, rounding + part
             if np.count_nonzero(met.collides):
-                records += (self._record(data, met, before, after, middle, metric),)
+                records += (self._record(step, met, before, after),)
             if not np.count_nonzero(met.later):
                 break
             keep = reached_by(now.groups, now.sparse, now.colind, self._model.dof_treeid, met.later)
             rates = later_rates(now.groups, now.sparse, now.colind, now.value, now.rates, z)
             chosen, where = some_groups(*now[:6], rates, keep)
             now, place, may, rounds = Rows(*chosen), place[where], met.later[keep], FEW_ROUNDS
-            before = velocity + (after - free)
+            before = step.velocity + (after - step.free)
         return StepImpulses(impulse, after, shift, missed, fastest, work, rounding, records, cut)
 
     def _meet(
-        self,
-        data: mujoco.MjData,
-        rows: Rows,
-        velocity: np.ndarray,
-        metric: Metric,
-        known: Known,
-        rounds: int,
-        left: np.ndarray,
-        may: np.ndarray,
-        more: bool,
+        self, step: _Step, rows: Rows, before: np.ndarray, known: Known, rounds: int, may: np.ndarray, *, more: bool
     ) -> _Phase:
         """Solve one phase: once, and if there may be `more`, again without what is hit only through others."""
         part, place, later = rows, np.arange(len(rows.scale)), np.zeros(len(may), dtype=bool)
         while True:
             keep = np.flatnonzero(~later)
-            met = self._solve(data, part, velocity, metric, known, rounds, left, may[keep], last=False)
+            met = self._solve(step, part, before, known, rounds, may[keep], scaled=False)
             new = self._later(met)
             cut = bool(np.count_nonzero(new))
-            if not cut or not more or not met.solved or left[0] <= 0.0:
-                if met.answer[7] > 0.0 and self._on_inadmissible != "allow":
-                    met = self._solve(data, part, velocity, metric, known, rounds, left, may[keep], last=True)
-                return replace(met, place=place, later=later, cut=cut)
+            if not cut or not more or not met.solved or step.left[0] <= 0.0:
+                break
             later[keep] |= new
             known, rounds = (met.rows.groups, met.rows.key, met.rows.scale, met.answer[0]), FEW_ROUNDS
             chosen, place = some_groups(*rows, ~later)
             part = Rows(*chosen)
+        if met.scalable:
+            met = self._solve(step, part, before, known, rounds, may[keep], scaled=True)
+        return replace(met, place=place, later=later, cut=cut)
 
     def _later(self, met: _Phase) -> np.ndarray:
         """Return which contacts are hit only through the collision of others, bool (g,)."""
@@ -212,23 +220,13 @@ class ContactProblem:
         )  # fmt: skip
 
     def _solve(
-        self,
-        data: mujoco.MjData,
-        rows: Rows,
-        velocity: np.ndarray,
-        metric: Metric,
-        known: Known,
-        rounds: int,
-        left: np.ndarray,
-        may: np.ndarray,
-        *,
-        last: bool,
+        self, step: _Step, rows: Rows, before: np.ndarray, known: Known, rounds: int, may: np.ndarray, *, scaled: bool
     ) -> _Phase:
         """Solve the problem of these rows; see `find`.
 
-        In the `last` attempt restitution is scaled so that it creates no energy, or that is an error.
+        If restitution is to be `scaled`, it creates no energy, or that is an error.
         """
-        model, (factor, inverse), h = self._model, metric, self._model.opt.timestep
+        model, (factor, inverse), h = self._model, step.metric, self._model.opt.timestep
         e = self.targets.restitution
         target, collides = contact_targets(
             rows.groups, rows.amounts, rows.rates, h, 0.0 if e is None else e, self._rest_speed, RESOLVED, may
@@ -237,38 +235,38 @@ class ContactProblem:
         some = bool(np.count_nonzero(collides))
         sliding = -self._sliding * rows.before if self._sliding and some else np.zeros(n)
         if some:
-            seen = self._collide(data, rows, velocity, metric, target, sliding, collides)
-        project = last and self._on_inadmissible == "project"
+            seen = self._collide(step, rows, before, target, sliding, collides)
+        project = scaled and self._on_inadmissible == "project"
         answer = resolve_step(
-            *rows, target, sliding, collides, *known, h, self._exact, project, rounds, left,
+            *rows, target, sliding, collides, *known, h, self._exact, project, rounds, step.left,
             model.dof_treeid, factor, inverse, model.M_rownnz, model.M_rowadr, model.M_colind,
         )  # fmt: skip
         missed, created = answer[4], answer[7]
         if not np.isfinite(missed):
-            raise DivergenceError(f"the forces at t = {data.time - h:.6g} s are not finite")
-        if last and created > 0.0 and self._on_inadmissible == "raise":
+            raise DivergenceError(f"the forces at t = {step.data.time - h:.6g} s are not finite")
+        if scaled and created > 0.0 and self._on_inadmissible == "raise":
             raise InadmissibleImpactError(
-                f"{self.law!r} creates {created:.3g} J at t = {data.time - h:.6g} s; choose a dissipative law, or "
+                f"{self.law!r} creates {created:.3g} J at t = {step.data.time - h:.6g} s; choose a dissipative law, or "
                 'on_inadmissible="project" or "allow"'
             )
         none = np.zeros(len(rows.key), dtype=bool)
-        return _Phase(rows, np.arange(n), none, False, target, sliding, collides, seen, answer)
+        scalable = created > 0.0 and self._on_inadmissible != "allow"
+        return _Phase(rows, np.arange(n), none, False, scalable, target, sliding, collides, seen, answer)
 
     def _collide(
         self,
-        data: mujoco.MjData,
+        step: _Step,
         rows: Rows,
-        velocity: np.ndarray,
-        metric: Metric,
+        before: np.ndarray,
         target: np.ndarray,
         sliding: np.ndarray,
         collides: np.ndarray,
     ) -> Seen | None:
         """Ask the law, and let equality constraints keep their velocity in the collision."""
-        seen = None
+        data, seen = step.data, None
         if self.targets.restitution is None:
-            seen = Seen.of(self._model, data, rows, self.names, self.limits, metric)
-            self._ask_law(seen, velocity, target, sliding, collides)
+            seen = Seen.of(self._model, data, rows, self.names, self.limits, step.metric)
+            self._ask_law(seen, before, target, sliding, collides)
         close_gaps(
             rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, self._model.dof_treeid, collides, target
         )
@@ -302,20 +300,11 @@ class ContactProblem:
         else:
             target[groups], sliding[seen.tangential(groups)[0]] = ended
 
-    def _record(
-        self,
-        data: mujoco.MjData,
-        met: _Phase,
-        before: np.ndarray,
-        after: np.ndarray,
-        middle: np.ndarray,
-        metric: Metric,
-    ) -> CollisionRecord:
+    def _record(self, step: _Step, met: _Phase, before: np.ndarray, after: np.ndarray) -> CollisionRecord:
         """Keep a collision as it was met."""
         rows, (x, _, _, reached, _, _, share, *_) = met.rows, met.answer
+        seen = met.seen or Seen.of(self._model, step.data, rows, self.names, self.limits, step.metric)
         return CollisionRecord(
-            met.seen or Seen.of(self._model, data, rows, self.names, self.limits, metric), met.collides,
-            x[rows.first] > 0.0,
-            data.time - 0.5 * self._model.opt.timestep, middle, before, after.copy(), reached, share * met.sliding,
-            self._exact, float(share),
+            seen, met.collides, x[rows.first] > 0.0, step.data.time - 0.5 * self._model.opt.timestep, step.middle,
+            before, after.copy(), reached, share * met.sliding, self._exact, float(share),
         )  # fmt: skip

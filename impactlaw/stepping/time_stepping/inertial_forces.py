@@ -62,7 +62,7 @@ class InertialForces:
 
     def __init__(self, model: mujoco.MjModel):
         self._model = model
-        self._fields = tuple(name for name in INERTIA if getattr(model, name).size)
+        self._looked = tuple(field for name in INERTIA if (field := getattr(model, name)).size)
         self._seen: list[bytes] = []
         self.act = False
         self.look()
@@ -71,6 +71,10 @@ class InertialForces:
         kind, place = model.jnt_type[model.dof_jntid], np.arange(model.nv) - model.jnt_dofadr[model.dof_jntid]
         self._rotates = np.isin(kind, [_BALL, _HINGE]) | ((kind == _FREE) & (place >= 3))
 
+    def __reduce__(self) -> tuple[type[InertialForces], tuple[mujoco.MjModel]]:
+        """A copy looks at the arrays of its own model."""
+        return InertialForces, (self._model,)
+
     def look(self) -> bool:
         """Return whether there are any, from now on; looks anew where a mass was changed and there were none.
 
@@ -78,7 +82,7 @@ class InertialForces:
         differ.
         """
         if not self.act:
-            seen = [getattr(self._model, name).tobytes() for name in self._fields]
+            seen = [field.tobytes() for field in self._looked]
             if seen != self._seen:
                 self._seen = seen
                 self.act = not has_constant_inertia(self._model) or _is_uneven(self._model)

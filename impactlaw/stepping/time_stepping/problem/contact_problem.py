@@ -19,7 +19,8 @@ _UNSOLVED = 1e-8  # natural map above which normal velocities are corrected ...
 _CORRECTED = 1e-9  # ... up to this one ...
 _ONE = np.int64(1)  # ... in so many rounds of slower methods
 _CONVEX = np.bool_(False)
-_FEW = 0  # rounds of slower methods in a search
+_FEW = 1  # rounds of slower methods in a search
+_CLOSE = 1e-10  # part of the energy that contacts exchange by which a search may end below what is allowed
 _SEARCHES = 12  # of the share of restitution that creates no energy, while work is left
 _JAMMED = 1e-3  # part of the largest contact velocity by which a law is missed, or natural map, where bodies jam
 _RESERVE = 0.2  # part of the work allowed that is there for a step without restitution in any case
@@ -167,25 +168,28 @@ def _largest(
 ):  # fmt: skip
     """Return the largest share up to s found with which contact creates no more energy than is allowed, J.
 
-    And what it creates with s, J, if that is more. For what is written see `solve_scaled`.
+    And what it creates with s, J, if that is more. For what is written see `solve_scaled`. The search is by regula
+    falsi (the Illinois method: M. Dowell and P. Jarratt, BIT 11, 1971), every third step by bisection.
     """
-    low, high, most, gained = 0.0, s, s, 0.0
+    low, high, most, gained, below, above, side = 0.0, s, s, 0.0, 0.0, 0.0, 0
     for search in range(_SEARCHES):
         solve_scaled(
             sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds, left,
             x, z, after, scaled, room,
         )  # fmt: skip
         work, total = contact_work(groups, rates, after, x)
-        if work <= allowed + CREATED * total:
-            low = s
-            if s == most:
+        work -= allowed
+        if work <= CREATED * total:
+            low, below, above, side = s, work, 0.5 * above if side < 0 else above, -1
+            if s == most or work > -_CLOSE * total:
                 break
         else:
-            high = s
+            high, above, below, side = s, work, 0.5 * below if side > 0 else below, 1
             gained = work if search == 0 else gained
         if left[0] <= 0.0:
             break
-        s = 0.5 * (low + high)
+        part = 0.5 if below == 0.0 or search % 3 == 0 else below / (below - above)
+        s = low + part * (high - low)
     return low, gained
 
 

@@ -92,10 +92,10 @@ def _collide(w, rows, tree, law, answer):
 
 
 @plain
-def solve(w, rows, metric, known, rounds, law, answer, last):
+def solve(w, rows, metric, known, rounds, law, answer, scaled):
     """Solve the problem of these rows, in which those groups may collide that the answer says; write all else in it.
 
-    In the `last` attempt restitution is scaled so that it creates no energy, or that is an error.
+    If restitution is to be `scaled`, it creates no energy, or that is an error.
     """
     tree, (factor, inverse), e = model_ints(w, MODEL.dof_treeid, w.nv), metric, setting(w, SETTING.restitution)
     status, sliding = FINE, 0.0
@@ -114,12 +114,12 @@ def solve(w, rows, metric, known, rounds, law, answer, last):
     opens, missed, fastest, share, created, work, rounding, sharp = linked_resolve(
         rows.sparse, rows.colind, rows.value, rows.groups, rows.key, rows.amounts, rows.rates, answer.target,
         answer.sliding, answer.collides, known_groups, known_key, known_scale, impulses, w.timestep,
-        setting(w, SETTING.exact) != 0.0, last and setting(w, SETTING.dissipative) > 0.0, rounds, floats(w.work, 1),
+        setting(w, SETTING.exact) != 0.0, scaled and setting(w, SETTING.dissipative) > 0.0, rounds, floats(w.work, 1),
         tree, factor, inverse, Mnnz, Madr, Mcol, answer.x, answer.change, answer.shift, answer.reached, answer.z,
     )  # fmt: skip
     if not np.isfinite(missed):
         status = NOT_FINITE
-    elif last and created > 0.0 and setting(w, SETTING.dissipative) < 0.0:
+    elif scaled and created > 0.0 and setting(w, SETTING.dissipative) < 0.0:
         status = CREATES
     return Solved(collided, opens, missed, fastest, share, created, work, rounding, status, sharp)
 
@@ -136,9 +136,9 @@ def goes_on(w, rows, solved, answer):
 
 
 @plain
-def is_last(w, solved):
-    """Return whether an attempt can be the last one: it creates no energy, or may."""
-    return not solved.created > 0.0 or setting(w, SETTING.dissipative) == 0.0
+def scalable(w, solved):
+    """Return whether restitution creates energy that scaling it takes away, or that is an error."""
+    return solved.created > 0.0 and setting(w, SETTING.dissipative) != 0.0
 
 
 @plain

@@ -20,7 +20,7 @@ from impactlaw.stepping.compiled.access import (
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
 from impactlaw.stepping.compiled.ties import leave_tied_out
-from impactlaw.stepping.time_stepping.compiled.impulses.answer import NO_ANSWER, Solved, goes_on, is_last, lost, solve
+from impactlaw.stepping.time_stepping.compiled.impulses.answer import NO_ANSWER, Solved, goes_on, lost, scalable, solve
 from impactlaw.stepping.time_stepping.compiled.impulses.phased import linked_phases
 from impactlaw.stepping.time_stepping.compiled.state.kinds import (
     BOOLEAN,
@@ -126,7 +126,7 @@ def _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums):
     answer.may[:] = True
     solved = solve(w, rows, metric, known, rounds, law, answer, False)
     cut = solved.status == FINE and goes_on(w, rows, solved, answer)
-    if not is_last(w, solved):
+    if scalable(w, solved):
         solved = solve(w, rows, metric, known, rounds, law, answer, True)
     if solved.status != FINE:
         return solved, False

@@ -14,8 +14,8 @@ from impactlaw.stepping.time_stepping.compiled.impulses.answer import (
     SOLVED,
     Solved,
     goes_on,
-    is_last,
     lost,
+    scalable,
     solve,
     work_left,
 )
@@ -64,7 +64,7 @@ def _meet(w, rows, metric, before, known, rounds, law, may, more, block, sums):
         solved = solve(w, part, metric, known, rounds, law, answer, False)
         waiting = solved.status == FINE and goes_on(w, part, solved, answer)
         if not more or not work_left(w) or not waiting or not is_met(solved.missed, solved.fastest):
-            if not is_last(w, solved):
+            if scalable(w, solved):
                 solved = solve(w, part, metric, known, rounds, law, answer, True)
             break
         later[np.flatnonzero(~later)] |= answer.later
