@@ -118,7 +118,8 @@ def test_lost_restitution_is_counted(compiled, ratio, some):
     for _ in range(100):
         stepper.step(data)
     lost = 1.0 - (data.qvel[0] ** 2 + ratio * data.qvel[1] ** 2) / ratio
-    assert (stepper.short_steps > 0) == some == (lost > 1e-3)
+    assert (stepper.short_steps > 0) == some == (lost > 1e-6)
+    assert lost < 1e-3
 
 
 @DRIVERS
