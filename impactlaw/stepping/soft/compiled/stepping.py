@@ -129,7 +129,7 @@ class CompiledSoftStepping:
         fields, simulation = self._fields, data
         fields[_DATA] = simulation._address  # pyright: ignore[reportAttributeAccessIssue]
         while steps:
-            fields[_STEPS] = steps
+            fields[_STEPS], begun = steps, data.time  # which MuJoCo resets where it diverges
             if self._take():
                 self._fail(data, self._pool.error(0))
             taken, how = fields[_TAKEN], fields[_STATUS]
@@ -137,14 +137,15 @@ class CompiledSoftStepping:
             if self._total[0]:
                 self._scheme.collisions.unlocated += int(self._total[LAST])
                 parts.append(Replay(self._scheme, self._states[:taken].copy(), self._total, CompiledSoftStepping))
+            if how == world.DIVERGED:
+                time = begun + taken * self._model.opt.timestep
+                raise DivergenceError(f"MuJoCo met a state that is not finite, or huge, in the step after t = {time:g} s")
             if how != world.FINE:
                 steps -= self._go_on(how, data, steps, parts)
         return together(parts)
 
     def _go_on(self, how: int, data: mujoco.MjData, steps: int, parts: list[Any]) -> int:
         """Do what compiled code has left, and return how many steps that were."""
-        if how == world.DIVERGED:
-            raise DivergenceError(f"MuJoCo met a state that is not finite, or huge, in the step to t = {data.time:g} s")
         if how == world.UNKNOWN:
             self._coefficients.learn(int(self._context[CONTEXT.asked]))
             self._write_context()
