@@ -75,3 +75,29 @@ def test_compiled_steps_are_those_in_python(damping, inertia, integrator, fricti
         collisions += ours.sums.collisions
     assert collisions > 0
     assert ours.short_steps == python.short_steps == 0
+
+
+@pytest.mark.parametrize("bodies", [0, 4, 40])
+def test_a_damped_joint_leaves_other_bodies_alone(bodies):
+    """Where one joint is all but locked, the collisions of all are found with other factors of the mass matrix."""
+    joint = '<joint type="hinge" axis="0 1 0" limited="true" range="-.1 .1" damping="{}"/>'
+    links = "".join(
+        f'<body pos="{i} 0 0">{joint.format(damping)}<geom size=".05" pos=".2 0 0"/></body>'
+        for i, damping in enumerate([0.1, 1, 10, 100])
+    )
+    others = (
+        '<body pos="0 0 5"><freejoint/><geom size=".1"/><body pos=".3 0 0"><joint/><geom size=".05"/></body></body>'
+    )
+    model, data = compiled(links + bodies * others)
+    model.geom_contype[:] = 0
+    ours = Stepper(model, Moreau(0.5), contact_model="soft", compiled="auto")
+    python = Stepper(model, Moreau(0.5), contact_model="soft", compiled="never")
+    other, collisions = mujoco.MjData(model), 0
+    for _ in range(100):
+        data.qvel[:4] = np.where(np.abs(data.qpos[:4]) < 0.05, 2.0, data.qvel[:4])
+        mujoco.mj_copyData(other, model, data)
+        ours.step(data)
+        python.step(other)
+        np.testing.assert_allclose(data.qvel, other.qvel, rtol=0.0, atol=1e-11)
+        collisions += python.sums.collisions
+    assert collisions > 30

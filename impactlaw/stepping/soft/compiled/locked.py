@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mujoco
 
-from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain, put
+from impactlaw.solvers.cones.algebra.loops import plain, put
 from impactlaw.stepping.compiled.access import data_floats, layout_of, model_floats, offset, option, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL, float_at
 from impactlaw.stepping.soft.tolerances import LOCKED
@@ -34,21 +34,24 @@ def _factorize(factor, inverse, nnz, adr, col):
             factor[a] *= inverse[k]
 
 
-@kernel
-def lock(w):
-    """Let the factor of the mass matrix be that of M, plus h D for such joints; see `integration.locked_joints`.
-
-    Return what it was, (nC + nv,), for `unlock`; (0,) where there are none.
-    """
-    h, entries = float_at(w.model + offset(w, MODEL.opt_timestep)), size(w, MODEL.nC)
+@plain
+def locks(w):
+    """Return whether damping all but locks a joint; see `integration.locked_joints`."""
+    h = float_at(w.model + offset(w, MODEL.opt_timestep))
     damping, inertia = model_floats(w, MODEL.dof_damping, w.nv), model_floats(w, MODEL.dof_M0, w.nv)
     some = False
     for i in range(w.nv):
         some = some or h * damping[i] > LOCKED * inertia[i]
-    if not some or not _is_implicit(w):
-        return numbers(0)
+    return some and _is_implicit(w)
+
+
+@plain
+def lock(w, kept):
+    """Let the factor of the mass matrix be that of M, plus h D for such joints; keep what it was, (nC + nv,)."""
+    h, entries = float_at(w.model + offset(w, MODEL.opt_timestep)), size(w, MODEL.nC)
+    damping, inertia = model_floats(w, MODEL.dof_damping, w.nv), model_floats(w, MODEL.dof_M0, w.nv)
     factor, inverse = data_floats(w, DATA.qLD, entries), data_floats(w, DATA.qLDiagInv, w.nv)
-    kept, (nnz, adr, col) = numbers(entries + w.nv), layout_of(w)
+    nnz, adr, col = layout_of(w)
     put(kept, factor)
     put(kept[entries:], inverse)
     put(factor, data_floats(w, DATA.M, entries))
@@ -56,13 +59,11 @@ def lock(w):
         if h * damping[i] > LOCKED * inertia[i]:
             factor[adr[i] + nnz[i] - 1] += h * damping[i]
     _factorize(factor, inverse, nnz, adr, col)
-    return kept
 
 
 @plain
 def unlock(w, kept):
     """Let the factor of the mass matrix be what it was."""
-    entries = len(kept) - w.nv
-    if len(kept) > 0:
-        put(data_floats(w, DATA.qLD, entries), kept[:entries])
-        put(data_floats(w, DATA.qLDiagInv, w.nv), kept[entries:])
+    entries = size(w, MODEL.nC)
+    put(data_floats(w, DATA.qLD, entries), kept[:entries])
+    put(data_floats(w, DATA.qLDiagInv, w.nv), kept[entries:])

@@ -13,7 +13,7 @@ from impactlaw.stepping.compiled.access import data_floats, number, offset, opti
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, ints, keep, long_at
 from impactlaw.stepping.soft.compiled.collide import collide
 from impactlaw.stepping.soft.compiled.found import find, normal_velocities
-from impactlaw.stepping.soft.compiled.locked import lock, unlock
+from impactlaw.stepping.soft.compiled.locked import lock, locks, unlock
 from impactlaw.stepping.soft.compiled.world import DIVERGED, FINE, PYTHON, Law, World
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -54,7 +54,10 @@ def _collide(w, law, sums):
     """Resolve the collisions of now, if there are any; see `collide.collide`."""
     if _touches(w) == 0 or _is_huge(w):
         return FINE, False
-    kept = lock(w)
+    if not locks(w):
+        return collide(w, law, sums)
+    kept = numbers(size(w, MODEL.nC) + w.nv)
+    lock(w, kept)
     status, changed = collide(w, law, sums)
     unlock(w, kept)
     return status, changed

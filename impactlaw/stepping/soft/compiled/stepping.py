@@ -139,7 +139,9 @@ class CompiledSoftStepping:
                 parts.append(Replay(self._scheme, self._states[:taken].copy(), self._total, CompiledSoftStepping))
             if how == world.DIVERGED:
                 time = begun + taken * self._model.opt.timestep
-                raise DivergenceError(f"MuJoCo met a state that is not finite, or huge, in the step after t = {time:g} s")
+                raise DivergenceError(
+                    f"MuJoCo met a state that is not finite, or huge, in the step after t = {time:g} s"
+                )
             if how != world.FINE:
                 steps -= self._go_on(how, data, steps, parts)
         return together(parts)
