@@ -14,9 +14,11 @@ from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.mechanics.bilateral import Bilateral
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction import Friction
+from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.scene.contacts import Contacts, mass_matrix
+from impactlaw.solvers.friction.problem import ENOUGH
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.work import Work
 
@@ -183,7 +185,8 @@ class Collider:
         v = impact.violations
         if v.is_admissible():
             return impact
-        if replace(v, kinematic=0.0).is_admissible() and np.all(impact.post_contact_velocity >= -rounding):
+        slowest = -_sharp(impact, rounding)
+        if replace(v, kinematic=0.0).is_admissible() and np.all(impact.post_contact_velocity >= slowest):
             return impact  # a contact that opened by rounding closes by rounding
         collision = impact.collision
         if self.on_inadmissible == "project":
@@ -198,6 +201,13 @@ class Collider:
             f"kinetic {v.kinetic:.2g}, energetic {v.energetic:.2g} sqrt(J); choose a dissipative law, or "
             'on_inadmissible="project" or "allow"'
         )
+
+
+def _sharp(impact: Impact, rounding: np.ndarray) -> np.ndarray:
+    """Return contact velocities up to which outcomes are known, (h,): of rounding, or of a solver's certificate."""
+    if not isinstance(impact, FrictionImpact) or impact.cones is None:
+        return rounding
+    return np.maximum(rounding, ENOUGH * impact.cones.scale * impact.cones.lengths)
 
 
 def _part(values: np.ndarray | None, chosen: np.ndarray) -> np.ndarray | None:

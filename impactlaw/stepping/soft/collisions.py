@@ -7,7 +7,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from impactlaw.errors import SolverError, UnsolvableLawError
+from impactlaw.errors import SolverError, UnfinishedStepError, UnsolvableLawError
 from impactlaw.laws import Coulomb, Law
 from impactlaw.laws.restitution.on_contacts import Chosen
 from impactlaw.mechanics.friction import Friction
@@ -30,12 +30,14 @@ from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import is_huge, locked_joints
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.drifting import drifting
-from impactlaw.stepping.soft.tolerances import LOCKED, ROUNDING
+from impactlaw.stepping.soft.tolerances import LOCKED, ROUNDING, WORK
+from impactlaw.stepping.work import Work
 
 POSITION, VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
 """MuJoCo's stages."""
 NOTHING: tuple[tuple[ImpactEvent, ...], int] = (), VELOCITY
 """What `Collisions.resolve` returns where nothing collides."""
+_UNSOLVED = SolverError, UnsolvableLawError, UnfinishedStepError
 
 
 class Collisions:
@@ -51,8 +53,8 @@ class Collisions:
         limits: of joints and tendons.
         bilateral: which equality constraints collisions keep, bool (neq,).
         unlocated: times so far that there were more collisions one after another than the collider may take.
-        short_steps: times so far that friction left no solution: collisions had no restitution, or, if that had none
-            either, MuJoCo's contacts were left alone.
+        short_steps: times so far that friction left no solution, or took too much work: collisions had no restitution,
+            or, if that had none either, MuJoCo's contacts were left alone.
     """
 
     def __init__(
@@ -63,6 +65,7 @@ class Collisions:
         self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
         self.names, self.limits, self.bilateral = geom_names(model), Limits(model), bilateral_constraints(model)
         self.unlocated = self.short_steps = 0
+        self._work = Work(model.nv, WORK)
 
     def resolve(self, data: mujoco.MjData) -> tuple[tuple[ImpactEvent, ...], int]:
         """Let the law change the velocity; return the collisions and the last stage that is still current."""
@@ -90,7 +93,7 @@ class Collisions:
         events: list[ImpactEvent] = []
         try:
             velocity = self._collide(self.collider, data, closed, gamma, events)
-        except (SolverError, UnsolvableLawError) as unsolved:
+        except _UNSOLVED as unsolved:
             events = []
             found = self._without_restitution(data, closed, gamma, events)
             if found is not None and isinstance(unsolved, UnsolvableLawError):
@@ -127,6 +130,7 @@ class Collisions:
     ) -> np.ndarray:
         """Return the velocity after all collisions, (nv,), and append these."""
         h = len(closed.contacts)
+        self._work.begin()
         return collider.collide(
             self._metric(data),
             closed,
@@ -136,6 +140,7 @@ class Collisions:
             time=data.time,
             qpos=data.qpos,
             events=events,
+            work=self._work if isinstance(collider.law, Coulomb) else None,
         )
 
     def _metric(self, data: mujoco.MjData) -> KineticMetric:
@@ -159,7 +164,7 @@ class Collisions:
             return None
         try:
             return self._collide(replace(self.collider, law=last), data, closed, gamma, events)
-        except (SolverError, UnsolvableLawError):
+        except _UNSOLVED:
             return None
 
     def active(self, data: mujoco.MjData) -> tuple[Contacts, np.ndarray]:

@@ -8,3 +8,6 @@ ROUNDING = 1e-12
 
 LOCKED = 3.0
 """Ratio of damping to inertia, h D / M, above which a joint has the inertia ``M + h D`` in a collision."""
+
+WORK = 200.0
+"""Units of `work.Work` that the collisions of a step may take in Python, and those without restitution once more."""
