@@ -24,10 +24,11 @@ class Work:
         freedoms: degrees of freedom of the scene.
         most: units that a step may take.
         convex: whether contacts are looked for by the general convex collider.
+        rounds: of slower methods that a problem of contacts with friction may have.
     """
 
-    def __init__(self, freedoms: int, most: float, *, convex: bool = False):
-        self._freedoms, self._most, self._spent = freedoms, most, 0.0
+    def __init__(self, freedoms: int, most: float, *, convex: bool = False, rounds: int = BRIEF):
+        self._freedoms, self._most, self._spent, self._rounds = freedoms, most, 0.0, rounds
         self._look = _LOOK + _LOOK_PER_FREEDOM * freedoms + (_CONVEX if convex else 0.0)
 
     def begin(self, part: float = 1.0) -> None:
@@ -70,7 +71,7 @@ class Work:
         """Return how many rounds of slower methods a problem of contacts with friction may have, 1 or more."""
         start, step = cost(rows, self._freedoms)
         allowed = (self._most - self._spent - start) / (STEPS_OF_A_ROUND * step)
-        return max(1, min(BRIEF, int(allowed)))
+        return max(1, min(self._rounds, int(allowed)))
 
     def solve(self, rows: int, steps: int) -> None:
         """Count one problem of contacts with friction, which took so many steps of a solver."""

@@ -25,6 +25,7 @@ from impactlaw.scene.equality_constraints import (
 from impactlaw.scene.friction_rows import active_friction
 from impactlaw.scene.joint_limits import Limits, joined
 from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.solvers.friction.solve import THOROUGH
 from impactlaw.stepping.collisions import Closed, Collider, kinetic_metric
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import is_huge, locked_joints
@@ -65,7 +66,7 @@ class Collisions:
         self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
         self.names, self.limits, self.bilateral = geom_names(model), Limits(model), bilateral_constraints(model)
         self.unlocated = self.short_steps = 0
-        self._work = Work(model.nv, WORK)
+        self._work = Work(model.nv, WORK, rounds=THOROUGH)
 
     def resolve(self, data: mujoco.MjData) -> tuple[tuple[ImpactEvent, ...], int]:
         """Let the law change the velocity; return the collisions and the last stage that is still current."""
