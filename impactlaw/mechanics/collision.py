@@ -220,6 +220,17 @@ class Collision:
         return self.post_surface_velocity - self.surface_velocity
 
     @property
+    def after_surface_jump(self) -> Collision:
+        """The collision whose surfaces have their velocities after the impact, w+ and w_t+, from the start."""
+        c, friction = self, self.friction
+        if friction is not None and friction.surface_jump.any():
+            friction = replace(friction, surface_velocity=friction.post_surface_velocity)
+            c = replace(c, friction=friction)
+        if c.surface_jump is not None:
+            c = replace(c, surface_velocity=c.post_surface_velocity, post_surface_velocity=None)
+        return c
+
+    @property
     def frame_rates(self) -> np.ndarray | None:
         """The part of ``gamma-bar`` that no impulse changes, shape (h,), m/s; None if it is 0.
 

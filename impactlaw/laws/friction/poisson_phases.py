@@ -33,7 +33,8 @@ class TwoPhases:
     and friction opposes ``gamma_Et`` with all it can. That is a cone problem again: each contact is taken twice, once
     for the share that is known, whose normal row acts on a mass of its own and brings it to ``s e Lambda_C`` exactly,
     and once for the rest; both have the same tangential rows. s is 1, or the largest number in [0, 1] with which the
-    two phases create no energy; s = 0 never does.
+    two phases create no energy; s = 0 never does. The surfaces of the collision do not jump: as under `Poisson` they
+    have their velocities after the impact from the start.
 
     Where friction leaves several solutions, rounding would decide between them, and so would units of mass and speed.
     All is therefore solved in units of the collision itself, with numbers rounded so that others lead to the same.
@@ -46,10 +47,8 @@ class TwoPhases:
         h = len(collision.labels)
         order, self.sizes = friction.cone_rows(h)
         self.first = np.concatenate([[0], np.cumsum(self.sizes)[:-1]]).astype(int)
-        bound, along = collision.pre_contact_velocity, collision.pre_sliding_velocity + friction.surface_jump
-        if collision.surface_jump is not None:
-            bound = bound + collision.surface_jump
-        before = np.concatenate([bound, along * friction.coefficient])[order]
+        normal, along = collision.pre_contact_velocity, collision.pre_sliding_velocity
+        before = np.concatenate([normal, along * friction.coefficient])[order]
         self._use_own_units(cone_gradients(collision), before)
         problem = ConeProblem(self.rows, self.before, self.sizes, exact=exact, speed=self.speed)
         answer = self._solved(problem, "compression")
@@ -150,6 +149,7 @@ def resolve_phases(law: Poisson, collision: Collision, *, exact: bool, effort: E
         RestitutionError: the coefficients do not fit the contacts.
         SolverError: no answer passed its certificate.
     """
+    collision = collision.after_surface_jump
     phases = TwoPhases(collision, law.coefficients(collision), exact=exact, effort=effort)
     s, low, high = 1.0, 0.0, 1.0
     impulse, jump = phases.outcome(1.0)
