@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -45,7 +45,8 @@ class Compliant(Law):
         restitution: e in [0.01, 1], of each contact by itself.
 
     Raises:
-        RestitutionError: a number is out of its range, or a contact has two.
+        RestitutionError: what is to be a number is none, or out of its range; a contact has two; or stiffnesses are a
+            set, which has no order.
     """
 
     name = "compliant"
@@ -62,7 +63,9 @@ class Compliant(Law):
             for key, k in value.items():
                 put(table, canonical(key), _positive(k, f"stiffness of {canonical(key)}"))
             value = table
-        elif np.iterable(value) and not isinstance(value, str):
+        elif isinstance(value, Set):
+            raise RestitutionError(f"Compliant takes stiffnesses in order, but a set has none: {value!r}")
+        elif np.iterable(value) and not isinstance(value, str | bytes):
             value = tuple(_positive(k, f"stiffness of contact {i}") for i, k in enumerate(value))
         else:
             value = _positive(value, "stiffness")
@@ -83,7 +86,7 @@ class Compliant(Law):
         """Return the law of equal springs with the restitution that `make_law` was given, 1 if None.
 
         Raises:
-            RestitutionError: the restitution is not in [0, 1].
+            RestitutionError: the restitution is not in [0.01, 1].
         """
         return cls(1.0) if restitution is None else cls(1.0, restitution=restitution)
 
@@ -189,6 +192,8 @@ class Compliant(Law):
 
 def _positive(value: Any, name: str) -> float:
     try:
+        if isinstance(value, str | bytes | bool | np.bool_):
+            raise TypeError
         number = float(value)
     except (TypeError, ValueError):
         raise RestitutionError(f"{name} must be a positive number, got {value!r}") from None

@@ -14,9 +14,11 @@ from impactlaw.mechanics.collision import Collision
 
 @dataclass(frozen=True, eq=False)
 class LinearMap(Law):
-    """``v+ = prox(h v-)``, the point of ``v- - T_C^perp`` that is nearest to ``h v-`` in the kinetic metric.
+    """``v+ = prox(h v-)``: of what pushing contacts can reach the velocity nearest to ``h v-`` in the kinetic metric.
 
-    ``gamma^h = J h v-``, so that a solution always exists (Aeberhard and Glocker, ``sigma_l(v-, h)``).
+    That is ``min |v+ - h v-|`` over ``v+ = v- + M^-1 J^T Lambda``, ``Lambda >= 0``, the set ``v- - T_C^perp`` of
+    Aeberhard and Glocker, "Perfect multi-contact collisions" (``sigma_l(v-, h)``). It has ``gamma^h = J h v-``, in m/s,
+    and always a solution.
 
     Attributes:
         h: the linear map, shape (nv, nv).

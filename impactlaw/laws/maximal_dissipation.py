@@ -14,7 +14,9 @@ from impactlaw.mechanics.collision import Collision
 
 @dataclass(frozen=True)
 class MaximalDissipation(RestitutionLaw):
-    """``E = 0``: v+ is the point of S(v-) of least energy, the projection of v- onto the tangent cone.
+    """``E = 0``: v+ is the point of S(v-) of least energy, the projection of v- onto the tangent cone ``J v >= 0``.
+
+    ``0 <= Lambda  ⊥  gamma+ >= 0``, or ``min |v+ - v-|`` subject to ``J v+ >= 0``, in the kinetic metric.
 
     The point of maximal dissipation (Aeberhard and Glocker, "Perfect multi-contact collisions").
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -60,8 +60,7 @@ class Poisson(ContactCoefficients, Law):
             UnsolvableLawError: surfaces that move against each other leave no velocity without penetration.
             SolverError: no solver's answer passed its certificate.
         """
-        if collision.surface_jump is not None:
-            collision = replace(collision, surface_velocity=collision.post_surface_velocity, post_surface_velocity=None)
+        collision = collision.after_surface_jump
         e = self.coefficients(collision)
         compression = MaximalDissipation().resolve(collision, solver=solver)
         least = (1.0 + e) * compression.impulse

@@ -48,8 +48,8 @@ class Collision:
         friction: rows of friction of these contacts, for `impactlaw.Coulomb`; other laws ignore it.
 
     Raises:
-        InvalidCollisionError: shapes do not fit, an entry is not finite, M is not symmetric positive definite, or there
-            are bilateral constraints, moving surfaces or friction beside sparse arrays.
+        InvalidCollisionError: shapes do not fit, an entry is not finite, M is not symmetric positive definite, labels
+            are no texts, or there are bilateral constraints, moving surfaces or friction beside sparse arrays.
     """
 
     mass_matrix: np.ndarray
@@ -78,6 +78,8 @@ class Collision:
             raise InvalidCollisionError(f"jacobian must have shape (h, {nv}) like mass_matrix, got {jacobian.shape}")
         h = jacobian.shape[0]
         labels = tuple(self.labels) or tuple(map(str, range(h)))
+        if isinstance(self.labels, str) or not all(issubclass(kind, str) for kind in set(map(type, labels))):
+            raise InvalidCollisionError(f"labels are texts, one for each contact, got {self.labels!r:.100}")
         if len(labels) != h:
             raise InvalidCollisionError(f"{len(labels)} labels for {h} contacts")
         put = object.__setattr__
@@ -105,10 +107,11 @@ class Collision:
 
         Args:
             model: the compiled scene; not changed.
-            data: its state, of which qpos, qvel and mocap poses are read; not changed.
+            data: its state, of which qpos, qvel, mocap poses and which equality constraints are active are read; not
+                changed.
 
         Raises:
-            SceneError: a contact that is not between two geoms (a flex).
+            SceneError: a contact that is not between two geoms (a flex); or data is of another model.
             InvalidCollisionError: the state is not finite.
         """
         from impactlaw.scene.read import read_closed
@@ -218,6 +221,17 @@ class Collision:
         if self.post_surface_velocity is None or self.surface_velocity is None:
             return None
         return self.post_surface_velocity - self.surface_velocity
+
+    @property
+    def after_surface_jump(self) -> Collision:
+        """The collision whose surfaces have their velocities after the impact, w+ and w_t+, from the start."""
+        c, friction = self, self.friction
+        if friction is not None and friction.surface_jump.any():
+            friction = replace(friction, surface_velocity=friction.post_surface_velocity)
+            c = replace(c, friction=friction)
+        if c.surface_jump is not None:
+            c = replace(c, surface_velocity=c.post_surface_velocity, post_surface_velocity=None)
+        return c
 
     @property
     def frame_rates(self) -> np.ndarray | None:

@@ -121,17 +121,29 @@ class FrictionImpact(Impact):
         return float(self.impulse @ self.mean_contact_velocity + self.friction_impulse @ sliding)
 
     @cached_property
+    def work_after_jump(self) -> float:
+        """`work`, with surfaces whose velocity jumps at w+ and w_t+ from the start, J; without a jump it is `work`.
+
+        Friction opposes sliding at w_t+, so that this is what E = 0 never creates. `work` with a jump can be positive
+        then: a rod that slides on a table and is struck by it may slide back a little.
+        """
+        jump = self.collision.surface_jump
+        normal = 0.0 if jump is None else float(self.impulse @ jump)
+        return self.work + 0.5 * (normal + float(self.friction_impulse @ _friction(self.collision).surface_jump))
+
+    @cached_property
     def violations(self) -> Violations:
         """How far v+ is from no penetration, from impulses in the friction cones, and from no energy gain, sqrt(J).
 
-        They are compared with the speed at which moving surfaces slide, too, where that is larger than ``|v-|``.
+        Energy is gained where `work_after_jump` is positive. They are compared with the speed at which moving surfaces
+        slide, too, where that is larger than ``|v-|``.
         """
         c = self.collision
         before = c.relative_velocity
         z = before + self.whitened_jump
         kinematic = penetration(c, self.whitened_jump, self.post_contact_velocity)
         speeds = sqrt(z @ z) + sqrt(before @ before)
-        energetic = max(0.0, 2.0 * self.work / speeds) if speeds > 0 else 0.0
+        energetic = max(0.0, 2.0 * self.work_after_jump / speeds) if speeds > 0 else 0.0
         speed = max(c.pre_speed, self._problem.scale)
         return Violations(kinematic, max(self._cone_imbalance, self._outside), energetic, speed)
 

@@ -138,6 +138,13 @@ def test_what_bounces_for_ever_is_refused():
         Compliant(1.0).resolve(walls)
 
 
+@pytest.mark.parametrize("stiffness", ["2", True, {1.0, 2.0}, b"12", [1.0, "2"], {"a/b": True}])
+def test_what_is_no_number_is_refused(stiffness):
+    """As coefficients of restitution are; a set has no order, and the bytes of a text are no stiffnesses."""
+    with pytest.raises(RestitutionError, match=r"positive number|in order"):
+        Compliant(stiffness)
+
+
 def test_friction_goes_around_it():
     row = Friction([[1.0, 0.0]], [0], [0.3])
     c = Collision(np.eye(2), [[0.0, 1.0]], [5.0, -1.0], friction=row)

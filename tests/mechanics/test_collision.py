@@ -53,6 +53,13 @@ def test_labels():
     assert Collision(np.eye(2), np.eye(2), [0, 0], labels=["a/b", "b/c"]).labels == ("a/b", "b/c")
 
 
+@pytest.mark.parametrize("labels", ["ab", (1, 2), ("a/b", None)])
+def test_labels_are_texts(labels):
+    """Messages join them; two letters of one text are no two labels."""
+    with pytest.raises(InvalidCollisionError, match="labels are texts, one for each contact"):
+        Collision(np.eye(2), np.eye(2), [0, 0], labels=labels)
+
+
 def test_a_metric_that_the_caller_has_is_used():
     metric = KineticMetric(np.diag([4.0, 9.0]))
     c = Collision(metric.mass_matrix, np.eye(2), [1.0, 1.0], metric=metric)

@@ -38,8 +38,8 @@ class Coulomb(Law):
 
     Restitution and friction together can create energy (T. R. Kane, *A dynamics puzzle*, 1984). If they do, all
     restitution is scaled: the positive part of ``gamma^h`` and ``e_t`` are multiplied by the largest s in [0, 1], found
-    by a bracketed search, with which no energy is created, ``Lambda^T gamma_bar + Lambda_t^T gamma_bar_t <= 0``. s = 0
-    never creates any (where the velocity of no surface jumps); so the law is dissipative.
+    by a bracketed search, with which no energy is created, ``Lambda^T gamma_bar + Lambda_t^T gamma_bar_t <= 0``, with
+    surfaces whose velocity jumps at w+ from the start. s = 0 never creates any; so the law is dissipative.
     `FrictionImpact.restitution_scale` is the s used; it is below 1 also where no impulse in the friction cones reaches
     the law's full restitution.
 
@@ -125,7 +125,9 @@ class Coulomb(Law):
         attempt = _Attempt(self, collision, wanted, effort)
         impact, answer = attempt(1.0, None, THOROUGH)
         created = np.inf if impact is None else attempt.created(impact, answer)
-        return _largest(attempt, created, (impact, answer), solver) if impact is None or created > 0.0 else impact
+        if impact is not None and (created <= 0.0 or not attempt.scales):
+            return impact
+        return _largest(attempt, created, (impact, answer), solver)
 
 
 class _Attempt:
@@ -164,7 +166,7 @@ class _Attempt:
         speed = max(self.collision.pre_speed, impact.intensity)
         if speed == 0.0:
             return 0.0
-        return 2.0 * impact.work / speed**2 - _CREATED - 4.0 * answer.residual / speed
+        return 2.0 * impact.work_after_jump / speed**2 - _CREATED - 4.0 * answer.residual / speed
 
 
 def _largest(
@@ -189,7 +191,7 @@ def _largest(
     for k in range(_SEARCHES):
         if high - low <= (_FOUND if np.isfinite(above) else _SOLVABLE):
             break
-        share = 0.5 if k % 3 == 2 or not np.isfinite(above) else kept / (kept - above)
+        share = kept / (kept - above) if k % 3 != 2 and np.isfinite(above) and kept < above else 0.5
         s = low + min(max(share, 0.01), 0.99) * (high - low)
         impact, following = attempt(s, answer.impulse, BRIEF)
         created = np.inf if impact is None else attempt.created(impact, following)

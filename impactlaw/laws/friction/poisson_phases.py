@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 _CREATED = 1e-12  # energy, relative to the one before, up to which its creation is rounding
 _SEARCHES = 40
 _NARROW = 1e-9  # bracket of s that is narrow enough
+_STIFF = 10.0  # length of a known share's row under the relaxation, so that few moves of its offset will do
+_SHIFTS = 60  # moves of it
+_SHARED = 1e-12  # of the largest share: what a share may be off
 _BITS = 40  # of the numbers that are solved with: what units change by rounding is below the last one
 
 
@@ -32,8 +35,10 @@ class TwoPhases:
 
     and friction opposes ``gamma_Et`` with all it can. That is a cone problem again: each contact is taken twice, once
     for the share that is known, whose normal row acts on a mass of its own and brings it to ``s e Lambda_C`` exactly,
-    and once for the rest; both have the same tangential rows. s is 1, or the largest number in [0, 1] with which the
-    two phases create no energy; s = 0 never does.
+    and once for the rest; both have the same tangential rows. (The relaxation would give a share that slides more than
+    that, and friction with it. Its offset is moved until it does not.) s is 1, or the largest number in [0, 1] with
+    which the two phases create no energy; s = 0 never does. The surfaces of the collision do not jump: as under
+    `Poisson` they have their velocities after the impact from the start.
 
     Where friction leaves several solutions, rounding would decide between them, and so would units of mass and speed.
     All is therefore solved in units of the collision itself, with numbers rounded so that others lead to the same.
@@ -46,10 +51,8 @@ class TwoPhases:
         h = len(collision.labels)
         order, self.sizes = friction.cone_rows(h)
         self.first = np.concatenate([[0], np.cumsum(self.sizes)[:-1]]).astype(int)
-        bound, along = collision.pre_contact_velocity, collision.pre_sliding_velocity + friction.surface_jump
-        if collision.surface_jump is not None:
-            bound = bound + collision.surface_jump
-        before = np.concatenate([bound, along * friction.coefficient])[order]
+        normal, along = collision.pre_contact_velocity, collision.pre_sliding_velocity
+        before = np.concatenate([normal, along * friction.coefficient])[order]
         self._use_own_units(cone_gradients(collision), before)
         problem = ConeProblem(self.rows, self.before, self.sizes, exact=exact, speed=self.speed)
         answer = self._solved(problem, "compression")
@@ -84,10 +87,9 @@ class TwoPhases:
 
         They are in the units of the problem; see `impact`.
         """
-        n, nv = self.rows.shape
         given = s * self.share
         twice = np.flatnonzero((given > 0.0) & (self.sizes > 1))
-        kick = np.zeros(n)
+        kick = np.zeros(len(self.rows))
         kick[self.first] = given
         start = self.before + self.rows @ (self.jump + kick @ self.rows)
         if not len(twice):
@@ -95,28 +97,44 @@ class TwoPhases:
             answer = self._solved(problem, "expansion")
             impulse = self.compression + kick + answer.impulse
             return impulse, impulse @ self.rows
-        copies = np.concatenate([self.first[i] + np.arange(self.sizes[i]) for i in twice])
+        impulse = self.compression + kick + self._expansion(start, given, twice)
+        return impulse, impulse @ self.rows
+
+    def _expansion(self, start: np.ndarray, given: np.ndarray, twice: np.ndarray) -> np.ndarray:
+        """Return what expansion adds to the given shares of normal impulses, (n,).
+
+        Args:
+            start: velocities of the rows with these shares, (n,).
+            given: shares, (h,).
+            twice: contacts with a share and friction, which are taken twice.
+        """
+        n, nv = self.rows.shape
+        copies = np.concatenate([self.first[i] + np.arange(int(self.sizes[i])) for i in twice])
         ends = np.cumsum(self.sizes[twice])
         own = np.concatenate([[0], ends[:-1]]).astype(int)
-        lengths = np.linalg.norm(self.rows[self.first[twice]], axis=1)
+        lengths = np.linalg.norm(self.rows[self.first[twice]], axis=1) * (1.0 if self.exact else _STIFF)
         known = np.hstack([self.rows[copies], np.zeros((len(copies), len(twice)))])
         known[own, :nv] = 0.0
         known[own, nv + np.arange(len(twice))] = lengths
-        target = start[copies]
-        target[own] = -(lengths**2) * given[twice]
-        problem = ConeProblem(
-            np.vstack([known, np.hstack([self.rows, np.zeros((n, len(twice)))])]),
-            np.concatenate([target, start]),
-            np.concatenate([self.sizes[twice], self.sizes]),
-            exact=self.exact,
-            speed=self.speed,
-        )
-        answer = self._solved(problem, "expansion").impulse
-        impulse = self.compression + kick + answer[len(copies) :]
-        friction = answer[: len(copies)].copy()
+        rows = np.vstack([known, np.hstack([self.rows, np.zeros((n, len(twice)))])])
+        sizes, offset = np.concatenate([self.sizes[twice], self.sizes]), np.concatenate([start[copies], start])
+        offset[own] = -(lengths**2) * given[twice]
+        for _ in range(_SHIFTS):
+            problem = ConeProblem(rows, offset, sizes, exact=self.exact, speed=self.speed)
+            answer = self._solved(problem, "expansion").impulse
+            beyond = answer[own] - given[twice]
+            if self.exact or np.abs(beyond).max() <= _SHARED * given.max():
+                break
+            offset[own] += lengths**2 * beyond
+        else:
+            raise SolverError(
+                f"friction of the expansion of contacts {', '.join(self.collision.labels)} does not settle under the "
+                'convex relaxation; take cone="exact"'
+            )
+        impulse, friction = answer[len(copies) :].copy(), answer[: len(copies)].copy()
         friction[own] = 0.0
         impulse[copies] += friction
-        return impulse, impulse @ self.rows
+        return impulse
 
     def created(self, jump: np.ndarray, impulse: np.ndarray) -> float:
         """Return the work of the impulses of contact, relative to the kinetic energy before."""
@@ -150,6 +168,7 @@ def resolve_phases(law: Poisson, collision: Collision, *, exact: bool, effort: E
         RestitutionError: the coefficients do not fit the contacts.
         SolverError: no answer passed its certificate.
     """
+    collision = collision.after_surface_jump
     phases = TwoPhases(collision, law.coefficients(collision), exact=exact, effort=effort)
     s, low, high = 1.0, 0.0, 1.0
     impulse, jump = phases.outcome(1.0)

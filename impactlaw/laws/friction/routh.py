@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -80,7 +80,7 @@ class Routh(ContactCoefficients, Law):
         """
         if solver != "auto":
             raise UnknownNameError("solver of Routh's law", solver, ["auto"])
-        c = _after_surfaces(collision)
+        c = collision.after_surface_jump
         h, e = len(c.labels), self.coefficients(c)
         rows = np.vstack([c.whitened_jacobian, c.whitened_friction])
         gamma = np.concatenate([c.pre_contact_velocity, c.pre_sliding_velocity])
@@ -107,17 +107,6 @@ class Routh(ContactCoefficients, Law):
         else:
             phases = spatial_phases(G, gamma[1:], mu, -float(gamma[0]))
         return impulses(G, gamma, phases, e, self.hypothesis)
-
-
-def _after_surfaces(collision: Collision) -> Collision:
-    """Return the collision in which surfaces have their velocity after the impact from the start."""
-    c, friction = collision, collision.friction
-    if friction is not None and friction.surface_jump.any():
-        friction = replace(friction, surface_velocity=friction.post_surface_velocity)
-        c = replace(c, friction=friction)
-    if c.surface_jump is not None:
-        c = replace(c, surface_velocity=c.post_surface_velocity, post_surface_velocity=None)
-    return c
 
 
 def _check_free(collision: Collision, gamma: np.ndarray) -> None:

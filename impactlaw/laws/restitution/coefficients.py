@@ -40,8 +40,8 @@ class ContactCoefficients:
             stepper refuses the law if the scene can have one.
 
     Raises:
-        RestitutionError: a coefficient is not in [0, 1], there is none, a contact has two, or a default is given
-            without a mapping.
+        RestitutionError: a coefficient is not in [0, 1], a contact has two, a mapping is empty and there is no default,
+            a default is given without a mapping, or coefficients are a set, which has no order.
     """
 
     restitution: Coefficients

@@ -56,6 +56,42 @@ def test_never_creates_energy(contacts):
         assert impact.violations.is_admissible(1e-8)
 
 
+def test_slides_all_the_way_under_the_relaxation():
+    """A point mass: compression N - 2 = mu (8 - mu N), so N = 4.8; expansion half of it, each with mu N of friction."""
+    c = Collision(np.eye(2), [[0, 1]], [8.0, -2.0], friction=Friction([[1, 0]], [0], [0.5]))
+    impact = Coulomb(Poisson(0.5), cone="convex").resolve(c)
+    np.testing.assert_allclose(impact.impulse, [7.2], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(impact.friction_impulse, [-3.6], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("contacts", [1, 2, 4])
+def test_impulses_of_the_relaxation_are_in_their_cones(contacts):
+    for seed in range(60):
+        rng = np.random.default_rng([3, contacts, seed])
+        c = several_contacts(rng, contacts) if seed % 4 else one_contact(rng)
+        impact = Coulomb(Poisson(rng.uniform(size=len(c.labels))), cone="convex").resolve(c)
+        assert impact.violations.is_admissible()
+        rubbing = np.zeros(len(c.labels))
+        np.add.at(rubbing, c.friction.contact, (impact.friction_impulse / c.friction.coefficient) ** 2)
+        assert (np.sqrt(rubbing) <= impact.impulse * (1 + 1e-9) + 1e-9).all()
+
+
+@pytest.mark.parametrize("options", [{}, {"contact_model": "soft"}, {"scheme": "time-stepping"}])
+def test_a_box_slides_under_the_relaxation(options):
+    """Event-driven and soft steps refuse outcomes outside of the cones: the box lands, and slides on."""
+    falling = '<body pos="0 0 .3"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'
+    model, data = compiled('<geom type="plane" size="9 9 1"/>' + falling, geom='friction="0.3"')
+    data.qvel[0] = 3.0
+    stepper = Stepper(model, Poisson(0.5), friction="convex", **options)
+    seen = 0
+    for _ in range(150):
+        stepper.step(data)
+        for event in stepper.events:
+            assert event.impact.violations.is_admissible(1e-8)
+            seen += 1
+    assert seen
+
+
 def test_what_expansion_would_penetrate_gets_more():
     """A dead and an elastic contact that face each other's bodies: no contact closes in the outcome."""
     for seed in range(100):
