@@ -12,19 +12,18 @@ import numpy as np
 from impactlaw.errors import DivergenceError, InadmissibleImpactError
 from impactlaw.laws import Coulomb, Law
 from impactlaw.scene.contacts import geom_names
-from impactlaw.scene.equality_constraints import bilateral_constraints
+from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.stepping.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.events import CollisionRecord, Known, Metric, StepImpulses
-from impactlaw.stepping.time_stepping.problem.drifts import drifts
+from impactlaw.stepping.time_stepping.problem.drifts import calm, drifts
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups, struck_later
 from impactlaw.stepping.time_stepping.problem.resolve import resolve_step
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
 from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
 from impactlaw.stepping.time_stepping.tolerances import (
-    CALM,
     FEW_ROUNDS,
     PHASES,
     RESOLVED,
@@ -91,7 +90,7 @@ class ContactProblem:
     Attributes:
         law: the law.
         targets: what it asks for.
-        bilateral: equality constraints that collisions must not violate, bool (neq,).
+        bilateral: kinds of equality constraints, 0 where collisions may violate them, uint8 (neq,).
         names: of geoms, as in labels of contacts.
         limits: of joints and tendons.
     """
@@ -107,7 +106,7 @@ class ContactProblem:
     ):
         self._model, self._exact_cones, self._on_inadmissible = model, friction != "convex", on_inadmissible
         self._rest_speed = REST_SPEED if rest_speed is None else rest_speed
-        self.bilateral, self.names, self.limits = bilateral_constraints(model), geom_names(model), Limits(model)
+        self.bilateral, self.names, self.limits = constraint_kinds(model), geom_names(model), Limits(model)
         self._take(law)
 
     def under(self, law: Law) -> ContactProblem:
@@ -273,11 +272,13 @@ class ContactProblem:
         if data.ne:
             equal = rows.first[rows.kind == BILATERAL]
             row = rows.row[equal]
-            fastest = np.abs(rows.before[rows.first[collides]]).max(initial=0.0)
             given = drifts(
                 rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, self._model.nv
             )[rows.kind == BILATERAL]
-            held = self.bilateral[data.efc_id[row]] & (np.abs(rows.before[equal]) <= CALM * fastest) & ~given
+            kinds = np.zeros(len(collides), dtype=np.uint8)
+            kinds[rows.kind == BILATERAL] = self.bilateral[data.efc_id[row]]
+            kept = calm(rows.sparse, rows.value, rows.groups, rows.rates, collides, kinds)[rows.kind == BILATERAL]
+            held = kept & ~given
             rows.compliance[equal[held]] = STIFF * data.efc_R[row[held]]
         return seen
 

@@ -27,10 +27,11 @@ PHASES = 8
 """Collisions one after another within a step at most, where contacts are hit through others across open gaps."""
 FARTHER_LOOKS = 8
 """Times at most that a step looks farther for contacts: each collision one after another can throw another body."""
-CALM = 1e-2
-"""Part of the fastest collision up to which the velocity of an equality constraint is one that it can keep there.
+CALM_TIES = 1e-2
+"""Part of the fastest collision up to which the velocity of a connect or weld is one that it can keep there.
 
-It is less than that of other ways to step (`scene.equality_constraints`): here one problem has forces in it, too."""
+It is less than that of other ways to step (`scene.equality_constraints`): here one problem has forces in it, too.
+Couplings of joints and of tendons, which tie no bodies to each other in a point, keep as much as there."""
 STIFF = 1e-6
 """Part of their compliance that equality constraints keep in a collision."""
 SLOWEST = 1e-2

@@ -10,10 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.compiled import compiled
-from impactlaw.scene.equality_constraints import CALM, DRIFT, TIED
+from impactlaw.scene.equality_constraints import CALM, DRIFT, TIED, TYING
 from impactlaw.solvers.cones import BILATERAL, CONE
 from impactlaw.solvers.cones.algebra.loops import plain, zeros
 from impactlaw.stepping.time_stepping.problem.rows import NEAR
+from impactlaw.stepping.time_stepping.tolerances import CALM_TIES
 
 _ALL = 1e-12  # square of what is left of a gradient that the constraint takes as a whole
 
@@ -68,6 +69,33 @@ def find_drifts(sparse, colind, value, groups, amounts, rates, collides, work, f
                 found[g] = True
         for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
             work[colind[a]] = 0.0
+
+
+@plain
+def find_calm(sparse, value, groups, rates, collides, kinds, found):
+    """Write what `calm` returns to False, (g,)."""
+    fastest, longest = 0.0, _fastest(sparse, value, groups, rates, collides)
+    for g in range(len(collides)):
+        if collides[g]:
+            fastest = max(fastest, abs(rates[1, groups[0, g]]))
+    for g in range(len(found)):
+        row = groups[0, g]
+        if kinds[g] == TYING:
+            found[g] = abs(rates[1, row]) <= CALM_TIES * fastest
+        elif kinds[g] != 0:
+            found[g] = abs(rates[1, row]) <= CALM * longest * np.sqrt(_square(sparse, value, row))
+
+
+@compiled()
+def calm(sparse, value, groups, rates, collides, kinds):
+    """Return which groups are equality constraints that can keep their velocity in a collision, bool (g,).
+
+    That is nothing next to the collision. For couplings, whose units are not those of contact, both are taken in the
+    kinetic metric. `kinds` are those of `constraint_kinds` for each group, and 0 for other rows, (g,).
+    """
+    found = np.zeros(len(collides), np.bool_)
+    find_calm(sparse, value, groups, rates, collides, kinds, found)
+    return found
 
 
 @compiled()

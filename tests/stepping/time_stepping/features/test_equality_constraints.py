@@ -74,3 +74,17 @@ def test_equality_constraints_that_are_off_hold_nothing():
     data.eq_active[0] = 1
     run(stepping(model, Newton(0.5)), data, 200)
     assert data.qvel[0] == pytest.approx(-data.qvel[1], abs=0.05)
+
+
+@pytest.mark.parametrize("compiled_steps", ["auto", "never"])
+@pytest.mark.parametrize("pitch", [0.03, 0.05])
+def test_a_screw_that_slips_a_little_bounces_with_its_spin(pitch, compiled_steps):
+    """MuJoCo's coupling slips by 1 and 2 % of the fall: it is no less one mass of m + I / p^2 in the collision."""
+    screw = """<body pos="0 0 .5"><joint name="z" type="slide" axis="0 0 1"/><joint name="turn" axis="0 0 1"/>
+        <geom size=".1" mass="1" friction="0"/></body>"""
+    rest = f'<equality><joint joint1="z" joint2="turn" polycoef="0 {pitch} 0 0 0"/></equality>'
+    model, data = compiled(FLOOR + screw, rest, option='timestep="5e-4"', geom='friction="0" condim="1"')
+    before, _ = first_impact(stepping(model, Moreau(0.5), compiled=compiled_steps), data)
+    assert abs(before[0] - pitch * before[1]) > -0.01 * before[0]
+    assert data.qvel[0] == pytest.approx(-0.5 * before[0], abs=1e-9)
+    assert pitch * data.qvel[1] == pytest.approx(data.qvel[0], abs=-0.05 * before[0])

@@ -7,18 +7,18 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlaw.solvers.cones import BILATERAL
-from impactlaw.solvers.cones.algebra.loops import cleared, kernel, plain, zeros
+from impactlaw.solvers.cones.algebra.loops import cleared, counts, kernel, plain, zeros
 from impactlaw.stepping.compiled.access import data_floats, data_ints, layout_of, model_ints, number, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL, flags, floats
 from impactlaw.stepping.time_stepping.compiled.state.kinds import typeof
 from impactlaw.stepping.time_stepping.compiled.state.law import ask_law, reverse
 from impactlaw.stepping.time_stepping.compiled.state.status import CREATES, FINE, NOT_FINITE
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.problem.drifts import find_drifts
+from impactlaw.stepping.time_stepping.problem.drifts import find_calm, find_drifts
 from impactlaw.stepping.time_stepping.problem.phases import find_later
 from impactlaw.stepping.time_stepping.problem.resolve import linked_resolve
 from impactlaw.stepping.time_stepping.problem.targets import aim, close_gaps
-from impactlaw.stepping.time_stepping.tolerances import CALM, RESOLVED, STIFF
+from impactlaw.stepping.time_stepping.tolerances import RESOLVED, STIFF
 
 
 class Solved(NamedTuple):
@@ -54,23 +54,29 @@ SOLVED = typeof(NO_ANSWER)
 
 
 @kernel
+def _find_kinds(w, rows, number_of, kinds):
+    """Write `constraint_kinds` of the equality constraints to zeros, (g,)."""
+    known = flags(w.bilateral, size(w, MODEL.neq))
+    for g in range(len(rows.key)):
+        if rows.groups[2, g] == BILATERAL:
+            kinds[g] = known[number_of[rows.sparse[2, rows.groups[0, g]]]]
+
+
+@kernel
 def _stiffen(w, rows, collides):
     """Let equality constraints keep their velocity in a collision, those that do not move against themselves."""
-    n, fastest = number(w, DATA.nefc), 0.0
-    for g in range(len(rows.key)):
-        if collides[g]:
-            fastest = max(fastest, abs(rows.rates[1, rows.groups[0, g]]))
+    n = number(w, DATA.nefc)
     number_of, compliance = data_ints(w, DATA.efc_id, n), data_floats(w, DATA.efc_R, n)
-    kept, given = flags(w.bilateral, size(w, MODEL.neq)), cleared(len(rows.key))
+    kinds, given, kept = counts(len(rows.key)), cleared(len(rows.key)), cleared(len(rows.key))
+    _find_kinds(w, rows, number_of, kinds)
     find_drifts(
         rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, zeros(w.nv), given
     )
+    find_calm(rows.sparse, rows.value, rows.groups, rows.rates, collides, kinds, kept)
     for g in range(len(rows.key)):
         row = rows.groups[0, g]
-        place = rows.sparse[2, row]
-        calm = abs(rows.rates[1, row]) <= CALM * fastest and not given[g]
-        if rows.groups[2, g] == BILATERAL and kept[number_of[place]] and calm:
-            rows.rates[4, row] = STIFF * compliance[place]
+        if kept[g] and not given[g]:
+            rows.rates[4, row] = STIFF * compliance[rows.sparse[2, row]]
 
 
 @plain
