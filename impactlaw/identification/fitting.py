@@ -35,7 +35,8 @@ class Identified:
             the parameter "friction".
         parameters: the numbers by name.
         confidence: intervals that hold each number with a probability of 95 %, for errors that are independent from
-            collision to collision; nan where the data do not tell, or where a number is at a bound.
+            collision to collision; nan where the data do not tell, as one collision alone does not, or where a number
+            is at a bound.
         residuals: ``|P (v^ - v+)| / |P v-|`` of each collision, in the kinetic metric, (n,); see `Measurements`.
         certificate: at most 1 if the law creates no energy: ``|G^-1/2 E G^1/2|_2`` for a law with a restitution matrix,
             over every velocity with which all contacts close (its square is the largest factor on kinetic energy);
