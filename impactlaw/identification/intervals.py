@@ -43,7 +43,7 @@ def parameter_intervals(
     intervals = [_NAN] * len(x)
     if free.any() and np.linalg.matrix_rank(J[:, free], tol=_RANK * s[0]) == np.count_nonzero(free):
         cuts = np.cumsum(sizes)[:-1]
-        widths = _widths(np.split(J[:, free], cuts), np.split(r, cuts), np.eye(np.count_nonzero(free)))
+        widths = _widths(np.split(J[:, free], cuts), np.split(r, cuts), np.eye(int(np.count_nonzero(free))))
         for i, width in zip(np.flatnonzero(free), widths, strict=True):
             intervals[i] = (float(x[i] - width), float(x[i] + width))
     return intervals, rank

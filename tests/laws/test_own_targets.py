@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from impactlaw import Collision, Coulomb, Law, Moreau, Stepper
+from impactlaw import Collision, Coulomb, Friction, Law, Moreau, Stepper
 from impactlaw.errors import RestitutionError
 from impactlaw.laws import Target
 from impactlaw.models import load
@@ -67,3 +67,20 @@ def test_a_right_one_is_as_moreau():
     collision = Collision(np.eye(3), [[-1, 1, 0], [0, -1, 1]], [1, 0, 0])
     expected = Moreau(0.5).resolve(collision).post_velocity
     np.testing.assert_allclose(Own().resolve(collision).post_velocity, expected, atol=1e-14)
+
+
+@dataclass(frozen=True)
+class InPlace(Law):
+    def target(self, collision):
+        gamma = collision.pre_contact_velocity
+        gamma *= -0.5
+        return Target(gamma)
+
+
+def test_a_law_cannot_change_the_velocities_it_is_asked_about():
+    """It would be audited against what it has made of them: no impulse, and no violation."""
+    wall = Collision([[1.0]], [[1.0]], [-1.0], friction=Friction(np.zeros((1, 1)), [0], [0.5]))
+    with pytest.raises(ValueError, match="read-only"):
+        InPlace().resolve(wall)
+    assert wall.pre_contact_velocity == [-1.0]
+    assert not wall.pre_sliding_velocity.flags.writeable
