@@ -97,6 +97,17 @@ def test_one_collision_tells_no_interval():
     assert found["restitution a/b"][0] < 0.4 < found["restitution a/b"][1]
 
 
+@pytest.mark.parametrize(("family", "law"), [("newton", Newton), ("poisson", Poisson)])
+def test_many_contacts_have_a_coefficient_each(family, law):
+    """Forty contacts, two places to begin for each: all combinations would be 10^12."""
+    truth = np.linspace(0.2, 0.9, 40)
+    labels = tuple(f"b{i}/floor" for i in range(40))
+    cs = [Collision(np.eye(40), np.eye(40), -1.0 - 0.1 * (np.arange(40) + k) % 3, labels=labels) for k in range(2)]
+    after = [law(truth).resolve(c).post_velocity for c in cs]
+    found = fit(cs, after, family)
+    np.testing.assert_allclose(list(found.parameters.values()), truth, rtol=0, atol=1e-6)
+
+
 def test_the_centre_of_mass_flatters_no_law():
     collisions = chain_collisions(5)
     after = [Moreau(0.5).resolve(c).post_velocity for c in collisions]
