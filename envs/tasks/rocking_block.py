@@ -43,7 +43,7 @@ class RockingBlock(DrivenEnv):
     |---|---|---|---|
     | 0 | angular acceleration of the platform, as a part of 70 rad/s^2 | 1 | -1 .. 1 |
 
-    Reward: ``1 - |angle| / 0.5`` every step, 1 for a block that stands upright.
+    Reward: ``max(0, 1 - |angle| / 0.5)`` every step, 1 for a block that stands upright.
 
     End: terminated when the block has toppled, beyond 0.5 rad; truncated after 250 steps (5 s).
 

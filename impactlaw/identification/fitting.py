@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from math import prod
 from numbers import Integral
 from typing import Any
 
@@ -23,6 +24,7 @@ from impactlaw.mechanics.collision import Collision
 _SOLVED = 1e-16  # squared error per collision that needs no further search
 _MOST_STEPS = 30  # of a search, each with a derivative: those that converge take fewer
 _LIMIT = 1e-6  # distance from a bound at which the search begins
+_MOST_STARTS = 256  # combinations of where single parameters begin that are tried: those of eight contacts
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +37,8 @@ class Identified:
             the parameter "friction".
         parameters: the numbers by name.
         confidence: intervals that hold each number with a probability of 95 %, for errors that are independent from
-            collision to collision; nan where the data do not tell, or where a number is at a bound.
+            collision to collision; nan where the data do not tell, as one collision alone does not, or where a number
+            is at a bound.
         residuals: ``|P (v^ - v+)| / |P v-|`` of each collision, in the kinetic metric, (n,); see `Measurements`.
         certificate: at most 1 if the law creates no energy: ``|G^-1/2 E G^1/2|_2`` for a law with a restitution matrix,
             over every velocity with which all contacts close (its square is the largest factor on kinetic energy);
@@ -132,7 +135,7 @@ def _fit_parameters(measured: Measurements, family: Family) -> Identified:
         except ImpactLawError as error:
             raise MeasurementError(f"family {family.name!r} does not fit these collisions: {error}") from None
 
-    starts = [np.clip(start, low + _LIMIT, high - _LIMIT) for start in product(*(p.starts for p in family.parameters))]
+    starts = [np.clip(start, low + _LIMIT, high - _LIMIT) for start in _starts(family)]
     costs = [np.sum(residual(start) ** 2) for start in starts] if len(starts) > 1 else [0.0]
     options: dict[str, Any] = {"bounds": (low, high), "x_scale": 0.1, "xtol": 1e-12, "ftol": 1e-14, "gtol": 1e-12}
     options["max_nfev"] = _MOST_STEPS
@@ -156,6 +159,14 @@ def _fit_parameters(measured: Measurements, family: Family) -> Identified:
         _certificate(law, measured, family, x),
         rank,
     )
+
+
+def _starts(family: Family) -> list[tuple[float, ...]]:
+    """Return where searches may begin: all combinations, or where those are too many, all parameters alike."""
+    each = [p.starts for p in family.parameters]
+    if prod(map(len, each)) <= _MOST_STARTS:
+        return list(product(*each))
+    return [tuple(starts[k % len(starts)] for starts in each) for k in range(max(map(len, each)))]
 
 
 def _at_bounds(x: np.ndarray, low: np.ndarray, high: np.ndarray, residual) -> np.ndarray:

@@ -11,6 +11,7 @@ from impactlaw.identification.restitution_matrix import MatrixFit
 CONFIDENCE = 0.95
 _STEP = 1e-4  # of differences that make derivatives; small against errors, large against kinks of friction
 _RANK = 1e-8  # singular value of derivatives, relative to the largest one, that says nothing
+_FITTED = 1e-8  # part of an error of one collision that the fit leaves, up to which that error cannot be seen
 _NAN = (float("nan"), float("nan"))
 
 
@@ -21,10 +22,7 @@ def parameter_intervals(
     low: np.ndarray,
     high: np.ndarray,
 ) -> tuple[list[tuple[float, float]], int]:
-    """Return the intervals of the parameters x, and how many of these the data tell.
-
-    The covariance is that of sandwich form, ``(J^T J)^-1 (sum J_i^T r_i r_i^T J_i) (J^T J)^-1`` over collisions i,
-    times ``n / (n - p)``: collisions may have errors of different size (H. White, Econometrica 48, 1980).
+    """Return the intervals of the parameters x, and how many of these the data tell; see `_widths`.
 
     Args:
         residual: errors of all collisions, one after the other.
@@ -45,9 +43,7 @@ def parameter_intervals(
     intervals = [_NAN] * len(x)
     if free.any() and np.linalg.matrix_rank(J[:, free], tol=_RANK * s[0]) == np.count_nonzero(free):
         cuts = np.cumsum(sizes)[:-1]
-        scores = np.array([a.T @ b for a, b in zip(np.split(J[:, free], cuts), np.split(r, cuts), strict=True)])
-        H = J[:, free].T @ J[:, free]
-        widths = _widths(H, scores, len(sizes))
+        widths = _widths(np.split(J[:, free], cuts), np.split(r, cuts), np.eye(int(np.count_nonzero(free))))
         for i, width in zip(np.flatnonzero(free), widths, strict=True):
             intervals[i] = (float(x[i] - width), float(x[i] + width))
     return intervals, rank
@@ -66,40 +62,67 @@ def matrix_intervals(
     h = len(F)
     weighted = problem.before @ problem.inverse_root / problem.speeds[:, None]
     ranks = [_numerical_rank(weighted[active[:, i]]) for i in range(h)]
-    q = problem.quadratic(active)
     nothing = {(i, j): _NAN for i in range(h) for j in range(h)}
-    w = np.linalg.eigvalsh(q.H)
+    w = np.linalg.eigvalsh(problem.quadratic(active).H)
     if w[0] <= _RANK * max(w[-1], 1e-300) or problem.bound(F) >= 1.0 - 1e-9:
         return nothing, min(ranks)
-    scores = []
+    E, derivatives, errors = problem.matrix(F), [], []
     for i in range(len(active)):
         A = np.flatnonzero(active[i])
-        if not len(A):
-            continue
-        W = np.zeros((h, h))
-        W[np.ix_(A, A)] = np.linalg.inv(problem.G[i][np.ix_(A, A)])
-        W = problem.root @ W @ problem.root / problem.speeds[i] ** 2
-        a, b = problem.inverse_root @ problem.before[i], problem.inverse_root @ problem.after[i]
-        scores.append(np.outer(W @ (b + F @ a), a).ravel())
-    if len(scores) <= h:
-        return nothing, min(ranks)
-    to_E = np.kron(problem.root, problem.inverse_root.T)
-    inverse = np.linalg.inv(to_E)
-    H, S = inverse.T @ q.H @ inverse, np.array(scores) @ inverse
-    E, widths = problem.matrix(F), _widths(H, S, len(scores), parameters=h).reshape(h, h)
+        L = np.linalg.cholesky(problem.G[i][np.ix_(A, A)])
+        rows = np.linalg.solve(L, problem.root[A]) / problem.speeds[i]
+        derivatives.append(np.kron(rows, problem.before[i] @ problem.inverse_root))
+        left = (problem.after[i] + E @ problem.before[i])[A] / problem.speeds[i]
+        errors.append(np.linalg.solve(L, left))
+    widths = _widths(derivatives, errors, np.kron(problem.root, problem.inverse_root.T)).reshape(h, h)
     return {(i, j): (float(E[i, j] - widths[i, j]), float(E[i, j] + widths[i, j])) for i, j in nothing}, min(ranks)
 
 
-def _widths(H: np.ndarray, scores: np.ndarray, n: int, parameters: int | None = None) -> np.ndarray:
-    """Return half of the widths of the intervals, (p,), from the Hessian and the gradient of each collision, (n, p)."""
+def _widths(derivatives: Sequence[np.ndarray], errors: Sequence[np.ndarray], wanted: np.ndarray) -> np.ndarray:
+    """Return half of the widths of the intervals of combinations of parameters at a minimum, (m,).
+
+    Errors are independent from collision to collision and may differ in size. Their squares are enlarged by what the
+    fit takes off them, and Student's t has the degrees of freedom that are left for each combination by itself: a
+    number that few collisions tell has few, whatever else was measured (R. Bell and D. McCaffrey, Survey Methodology
+    28, 2002). One that a single collision tells has none: its width is nan.
+
+    Args:
+        derivatives: of the errors of each collision, (r, p) each.
+        errors: of each collision, (r,) each.
+        wanted: combinations, (m, p).
+    """
     from scipy.stats import t
 
-    p = len(H) if parameters is None else parameters
-    if n <= p:
-        return np.full(len(H), np.nan)
-    bread = np.linalg.inv(H)
-    covariance = bread @ (scores.T @ scores) @ bread * n / (n - p)
-    return np.sqrt(covariance.diagonal()) * t.ppf(0.5 + 0.5 * CONFIDENCE, n - p)
+    bread = np.linalg.inv(sum(J.T @ J for J in derivatives))
+    square, trace, products, hidden = np.zeros((4, len(wanted)))
+    outer = np.zeros((len(wanted), *bread.shape))
+    for J, r in zip(derivatives, errors, strict=True):
+        if not len(r):
+            continue
+        a, unseen = _enlarged(J @ bread @ wanted.T, np.eye(len(r)) - J @ bread @ J.T)
+        q = a.T @ J
+        lengths, taken = (a**2).sum(axis=0), np.einsum("mp,pq,mq->m", q, bread, q)
+        square, trace, hidden = square + (r @ a) ** 2, trace + lengths - taken, hidden + unseen
+        products += lengths**2 - 2.0 * lengths * taken
+        outer += np.einsum("mp,mq->mpq", q, q)
+    products += np.einsum("mpq,qr,mrs,sp->m", outer, bread, outer, bread, optimize=True)
+    told = hidden <= _FITTED * np.einsum("mp,pq,mq->m", wanted, bread, wanted)
+    told &= (trace > 0.0) & (products > 0.0)
+    widths = np.full(len(wanted), np.nan)
+    widths[told] = np.sqrt(square[told]) * t.ppf(0.5 + 0.5 * CONFIDENCE, trace[told] ** 2 / products[told])
+    return widths
+
+
+def _enlarged(felt: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return ``left^-1/2 felt``, (r, m), and the squares of the part of felt where nothing is left, (m,).
+
+    Args:
+        felt: how much the errors of a collision move each combination, (r, m).
+        left: what the fit leaves of these errors, ``1 - H``, (r, r).
+    """
+    s, V = np.linalg.eigh(left)
+    seen, parts = s > _FITTED, V.T @ felt
+    return (V[:, seen] / np.sqrt(s[seen])) @ parts[seen], (parts[~seen] ** 2).sum(axis=0)
 
 
 def _numerical_rank(a: np.ndarray) -> int:

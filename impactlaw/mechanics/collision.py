@@ -193,20 +193,20 @@ class Collision:
 
     @cached_property
     def pre_contact_velocity(self) -> np.ndarray:
-        """``gamma- = J v- + w-``, shape (h,), m/s."""
+        """``gamma- = J v- + w-``, shape (h,), m/s; read-only, since a law that works in place would change the audit."""
         gamma = self.jacobian @ self.pre_velocity
         if self.bilateral_jacobian is not None:  # contacts that cannot move have no velocity, but its rounding error
             z, lengths = self.whitened_velocity, row_lengths(self.metric.whiten_gradients(self.jacobian))
             still = (self.gradient_norms == 0) & (np.abs(gamma) <= FIXED * lengths * sqrt(z @ z))
             gamma[still] = 0.0
-        return gamma if self.surface_velocity is None else gamma + self.surface_velocity
+        return _kept(gamma if self.surface_velocity is None else gamma + self.surface_velocity)
 
     @cached_property
     def pre_sliding_velocity(self) -> np.ndarray:
-        """``gamma_t- = J_t v- + w_t-``, shape (k,), m/s or rad/s, of the rows of friction."""
+        """``gamma_t- = J_t v- + w_t-``, shape (k,), m/s or rad/s, of the rows of friction; read-only."""
         if self.friction is None:
             return np.zeros(0)
-        return self.friction.jacobian @ self.pre_velocity + self.friction.surface_velocity
+        return _kept(self.friction.jacobian @ self.pre_velocity + self.friction.surface_velocity)
 
     def contact_velocity_after(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``J v + w+``, shape (h,), m/s, for a velocity after the impact, shape (nv,)."""
@@ -303,3 +303,8 @@ class Collision:
         from impactlaw.mechanics.admissible.admissible_set import AdmissibleSet
 
         return AdmissibleSet(self)
+
+
+def _kept(values: np.ndarray) -> np.ndarray:
+    values.flags.writeable = False
+    return values

@@ -74,6 +74,40 @@ def test_intervals_cover():
     assert 0.90 <= hits / 300 <= 0.98
 
 
+@pytest.mark.parametrize("few", [2, 3])
+def test_intervals_cover_a_contact_that_few_collisions_tell(few):
+    """Ten other collisions say nothing about its coefficient."""
+    hits, law = 0, Newton({"a/b": 0.4, "b/c": 0.7})
+    for seed in range(100):
+        rng = np.random.default_rng([12, seed])
+        labels = ["a/b"] * 10 + ["b/c"] * few
+        cs = [Collision(np.eye(2), [[-1.0, 1.0]], [rng.uniform(0.5, 2.0), 0.0], labels=(name,)) for name in labels]
+        after = [law.resolve(c).post_velocity + 0.03 * c.pre_speed * rng.normal(size=2) for c in cs]
+        low, high = fit(cs, after, "newton").confidence["restitution b/c"]
+        hits += low <= 0.7 <= high
+    assert hits >= 90
+
+
+def test_one_collision_tells_no_interval():
+    rng, law = np.random.default_rng(13), Newton({"a/b": 0.4, "b/c": 0.7})
+    cs = [Collision(np.eye(2), [[-1.0, 1.0]], [1.0, 0.0], labels=(name,)) for name in ["a/b"] * 10 + ["b/c"]]
+    after = [law.resolve(c).post_velocity + 0.03 * rng.normal(size=2) for c in cs]
+    found = fit(cs, after, "newton").confidence
+    assert np.isnan(found["restitution b/c"]).all()
+    assert found["restitution a/b"][0] < 0.4 < found["restitution a/b"][1]
+
+
+@pytest.mark.parametrize(("family", "law"), [("newton", Newton), ("poisson", Poisson)])
+def test_many_contacts_have_a_coefficient_each(family, law):
+    """Forty contacts, two places to begin for each: all combinations would be 10^12."""
+    truth = np.linspace(0.2, 0.9, 40)
+    labels = tuple(f"b{i}/floor" for i in range(40))
+    cs = [Collision(np.eye(40), np.eye(40), -1.0 - 0.1 * (np.arange(40) + k) % 3, labels=labels) for k in range(2)]
+    after = [law(truth).resolve(c).post_velocity for c in cs]
+    found = fit(cs, after, family)
+    np.testing.assert_allclose(list(found.parameters.values()), truth, rtol=0, atol=1e-6)
+
+
 def test_the_centre_of_mass_flatters_no_law():
     collisions = chain_collisions(5)
     after = [Moreau(0.5).resolve(c).post_velocity for c in collisions]

@@ -170,6 +170,21 @@ def test_intervals_cover():
     assert 0.90 <= hits / total <= 0.98
 
 
+def test_intervals_cover_a_contact_that_few_collisions_close():
+    """The row of E of a contact is told by the collisions alone in which it carries an impulse."""
+    E, hits = np.array([[0.3, 0.1], [0.05, 0.5]]), 0
+    for seed in range(60):
+        rng, cs = np.random.default_rng([14, seed]), []
+        for second in [2.0] * 20 + [-1.0] * 4:
+            gamma = np.array([-rng.uniform(0.2, 1.0), second * rng.uniform(1.0, 2.0)])
+            v = np.concatenate([[0.0], np.cumsum(gamma)])
+            cs.append(balls(np.ones(3), v))
+        after = [Fremond(E).resolve(c).post_velocity + 0.01 * c.pre_speed * rng.normal(size=3) for c in cs]
+        found = list(fit(cs, after, "fremond").confidence.values())[2:]
+        hits += sum(low <= truth <= high for truth, (low, high) in zip(E[1], found, strict=True))
+    assert hits >= 108
+
+
 def test_mixed_sets_are_refused_and_chosen():
     rng = np.random.default_rng(9)
     two = [balls(np.ones(3), np.sort(rng.normal(size=3))[::-1]) for _ in range(10)]

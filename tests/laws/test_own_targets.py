@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from impactlaw import Collision, Coulomb, Law, Moreau, Stepper
-from impactlaw.errors import RestitutionError
+from impactlaw import Batch, Collision, Coulomb, Friction, Law, Moreau, Stepper
+from impactlaw.errors import RestitutionError, SceneError
 from impactlaw.laws import Target
 from impactlaw.models import load
 
@@ -67,3 +67,50 @@ def test_a_right_one_is_as_moreau():
     collision = Collision(np.eye(3), [[-1, 1, 0], [0, -1, 1]], [1, 0, 0])
     expected = Moreau(0.5).resolve(collision).post_velocity
     np.testing.assert_allclose(Own().resolve(collision).post_velocity, expected, atol=1e-14)
+
+
+@dataclass(frozen=True)
+class InPlace(Law):
+    def target(self, collision):
+        gamma = collision.pre_contact_velocity
+        gamma *= -0.5
+        return Target(gamma)
+
+
+def test_a_law_cannot_change_the_velocities_it_is_asked_about():
+    """It would be audited against what it has made of them: no impulse, and no violation."""
+    wall = Collision([[1.0]], [[1.0]], [-1.0], friction=Friction(np.zeros((1, 1)), [0], [0.5]))
+    with pytest.raises(ValueError, match="read-only"):
+        InPlace().resolve(wall)
+    assert wall.pre_contact_velocity == [-1.0]
+    assert not wall.pre_sliding_velocity.flags.writeable
+
+
+@dataclass(frozen=True)
+class Root(Law):
+    """Contacts leave with 0.3 times the root of the speed at which they close."""
+
+    per_contact = True
+
+    def target(self, collision):
+        return Target(0.3 * np.sqrt(np.abs(collision.pre_contact_velocity)))
+
+
+@pytest.mark.parametrize("options", WAYS, ids=str)
+def test_a_target_that_is_no_multiple_of_the_velocity_is_met_in_every_way_to_step(options):
+    """Compiled code knows multiples only."""
+    model, data = load("bouncing_ball")
+    stepper = Stepper(model, Root(), **options)
+    while not stepper.events:
+        stepper.step(data)
+    impact = stepper.events[0].impact
+    wanted = 0.3 * np.sqrt(-impact.collision.pre_contact_velocity)
+    np.testing.assert_allclose(impact.post_contact_velocity, wanted, rtol=1e-9)
+    gravity = 9.81 * model.opt.timestep  # acts in the rest of the step
+    np.testing.assert_allclose(data.qvel, wanted, rtol=0, atol=gravity)
+
+
+def test_a_batch_refuses_a_target_that_is_no_multiple_of_the_velocity():
+    model, _ = load("bouncing_ball")
+    with pytest.raises(SceneError, match="another part of the velocity at another speed"):
+        Batch(model, Root(), 2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from impactlaw.laws import Newton
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.stepping.law_targets import LawTargets
 
@@ -55,6 +56,9 @@ def reason(targets: LawTargets) -> str | None:
         return None
     if not targets.alone:
         return f"{targets.law!r:.60} looks at all contacts of a collision at once"
+    kind = type(targets.law)
+    if kind.target is not Newton.target or getattr(kind, "restitution_matrix", None) is not Newton.restitution_matrix:
+        return f"the target of {targets.law!r:.60} may be another part of the velocity at another speed"
     value = getattr(targets.law, "restitution", None)
     given = [*value.values(), getattr(targets.law, "default", None)] if isinstance(value, dict) else [value]
     if any(map(callable, given)):
