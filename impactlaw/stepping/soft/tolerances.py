@@ -8,3 +8,9 @@ ROUNDING = 1e-12
 
 LOCKED = 3.0
 """Ratio of damping to inertia, h D / M, above which a joint has the inertia ``M + h D`` in a collision."""
+
+UNDERDAMPED = 0.98
+"""Square of the damping ratio below which MuJoCo's contact is a spring that throws back."""
+
+STILL = 1e-9
+"""Closing speed, m/s or rad/s, up to which a contact that a collision has stopped is at rest."""
