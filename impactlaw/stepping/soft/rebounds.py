@@ -2,8 +2,9 @@
 
 A contact with a damping ratio below 1 is a spring that throws back what has sunk in: MuJoCo's way to a restitution. A
 collision is seen after it has sunk in, so that this spring would add its rebound to the velocity of the law. So such a
-contact may not push what already separates to more than ``rest_speed``: its reference acceleration is cut down to
-that, to its damping alone where it separates faster. Limits of joints and tendons are contacts here, too.
+contact may not push what does not close to more than ``rest_speed``: where MuJoCo's solver would, the reference
+acceleration is cut down to that, at most to its damping alone. A contact that is pressed, as in a grip, moves nothing
+and is left alone. Limits of joints and tendons are contacts here, too.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.laws.restitution.on_contacts import Chosen
-from impactlaw.scene.contacts import active_contacts, sorted_geoms
+from impactlaw.scene.contacts import active_contacts, row_velocities, sorted_geoms
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.soft.tolerances import STILL, UNDERDAMPED
@@ -41,7 +42,8 @@ def hold_back(
 ) -> bool:
     """Cut down reference accelerations, ``data.efc_aref``, by what would be such a rebound; return whether any is.
 
-    Velocities of the rows must be current (`mj_fwdVelocity`).
+    Velocities of the rows and the accelerations without this must be current. A contact alone with impedance d has
+    ``a = d aref + (1 - d) a0``, with its acceleration a, and a0 without it.
 
     Args:
         model: the scene.
@@ -55,9 +57,12 @@ def hold_back(
     rows, labels, drift = _normals(model, data, names, limits, surfaces)
     pair = np.where(_are_pairs(model, data, rows), rows + 1, rows)
     gamma = 0.5 * (data.efc_vel[rows] + data.efc_vel[pair])
-    stiffness, damping = data.efc_KBIP.reshape(-1, 4)[rows, :2].T
+    stiffness, damping, impedance = data.efc_KBIP.reshape(-1, 4)[rows, :3].T
+    reached = row_velocities(model, data, data.qacc)
     most = np.maximum((rest_speed - gamma - drift) / model.opt.timestep, -damping * gamma)
-    excess = 0.5 * (data.efc_aref[rows] + data.efc_aref[pair]) - most
+    spring = 0.5 * (data.efc_aref[rows] + data.efc_aref[pair]) + damping * gamma
+    above = 0.5 * (reached[rows] + reached[pair]) - most
+    excess = np.minimum(above / np.maximum(impedance, mujoco.mjMINIMP), spring)
     held = (damping * damping < UNDERDAMPED * 4.0 * stiffness) & (gamma + drift > -STILL) & (excess > 0.0)
     if chosen is not None:
         held &= chosen.mask(labels)

@@ -176,8 +176,6 @@ class SoftStepping:
         if self._surfaces is not None:
             self._surfaces.begin(data, self._options.timestep)
         events, stage = self.collisions.resolve(data) if data.ncon or data.nl else NOTHING
-        if (data.ncon or data.nl) and self.collisions.bounces(data):
-            stage, _ = self._hold_back(data, stage)
         self._finish_step(data, stage)
         _refuse_reset(data, time, count)
         if self._surfaces is not None:
@@ -193,13 +191,13 @@ class SoftStepping:
             self._look(data)
         contacts = data.ncon + data.nl
         events, stage = self.collisions.resolve(data) if contacts else NOTHING
-        held = False
-        if contacts and self.collisions.bounces(data):
-            stage, held = self._hold_back(data, stage)
         if integrator == _DISCRETE:  # has no function of its own but mj_step2, which calls no control callback
             self._finish_step(data, stage)
             return events
         mj_forwardSkip(model, data, stage, 0)
+        held = contacts > 0 and self.collisions.bounces(data) and self.collisions.hold_back(data)
+        if held:
+            mj_forwardSkip(model, data, VELOCITY, 0)
         mj_checkAcc(model, data)
         if options.enableflags & _COMPARE:
             mujoco.mj_compareFwdInv(model, data)
@@ -214,17 +212,17 @@ class SoftStepping:
             mj_implicit(model, data)
         return events
 
-    def _hold_back(self, data: mujoco.MjData, stage: int) -> tuple[int, bool]:
-        """Let no contact add a rebound of its own; return the stage that is current then, and whether one would."""
-        if stage != VELOCITY:
-            self._update_velocity(data)
-        return VELOCITY, self.collisions.hold_back(data)
-
     def _finish_step(self, data: mujoco.MjData, stage: int) -> None:
         """Do what follows the velocity stage, which is brought up to date if it is not among those that are."""
+        model = self._model
         if stage != VELOCITY:
             self._update_velocity(data)
-        mujoco.mj_step2(self._model, data)
+        if (data.ncon or data.nl) and self.collisions.bounces(data):
+            mujoco.mj_fwdActuation(model, data)
+            mujoco.mj_fwdAcceleration(model, data)
+            mujoco.mj_fwdConstraint(model, data)
+            self.collisions.hold_back(data)
+        mujoco.mj_step2(model, data)
 
     def _look(self, data: mujoco.MjData) -> None:
         """Do what `mj_step1` does, except for the control callback: `mj_forwardSkip` calls it."""

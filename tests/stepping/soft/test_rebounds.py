@@ -92,3 +92,23 @@ def test_what_rests_rests_as_in_mujoco():
         stepper.step(ours)
         mujoco.mj_step(model, plain)
     np.testing.assert_array_equal(ours.qpos, plain.qpos)
+
+
+GRIP = """<mujoco><option timestep="0.002"/><default><geom solref="-10000 -30" type="box"/></default><worldbody>
+  <body pos="-.12 0 0"><joint type="slide" axis="1 0 0"/><geom size=".1 .1 .1" mass="1"/></body>
+  <body><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><geom size=".02 .02 .02" mass=".02"/></body>
+  <body pos=".12 0 0"><joint type="slide" axis="1 0 0"/><geom size=".1 .1 .1" mass="1"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_a_strong_grip_is_that_of_mujoco(compiled):
+    """Fingers that close slowly press 40 N on 20 g: the springs are deep, and nothing moves fast."""
+    model = mujoco.MjModel.from_xml_string(GRIP)
+    ours, plain = mujoco.MjData(model), mujoco.MjData(model)
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft", compiled=compiled)
+    for step in range(2000):
+        for data in (ours, plain):
+            data.qfrc_applied[[0, 3]] = np.array([40.0, -40.0]) * min(1.0, step / 1000)
+        stepper.step(ours)
+        mujoco.mj_step(model, plain)
+    np.testing.assert_allclose(ours.qpos, plain.qpos, rtol=0.0, atol=1e-12)

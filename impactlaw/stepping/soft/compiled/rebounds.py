@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import mujoco
-
 from impactlaw.solvers.cones.algebra.loops import numbers, once, plain
 from impactlaw.stepping.compiled import libmujoco as mj
-from impactlaw.stepping.compiled.access import contact_ints, data_floats, number, offset, option, rows_of
-from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, float_at
+from impactlaw.stepping.compiled.access import contact_ints, data_at, data_floats, number, offset, rows_of
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, float_at, keep
 from impactlaw.stepping.soft.compiled.found import find, normal_velocities
 from impactlaw.stepping.soft.tolerances import STILL, UNDERDAMPED
-
-_ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 
 @plain
@@ -27,28 +23,23 @@ def bounces(w):
     return False
 
 
-@plain
-def update_velocity(w):
-    """Bring the velocity stage up to date, as `mj_forward` does."""
-    mj.fwd_velocity(w.model, w.data)
-    mj.sensor_vel(w.model, w.data)
-    if option(w, MODEL.opt_enableflags) & _ENERGY:
-        mj.energy_vel(w.model, w.data)
-
-
 @once
 def hold_back(w, law):
     """Cut down reference accelerations by what would be a rebound; return whether any is."""
     n, found = number(w, DATA.nefc), find(w, law.bilateral[:0])
-    impedance, wanted, h = rows_of(w, DATA.efc_KBIP, n, 4), data_floats(w, DATA.efc_aref, n), len(found.row)
-    gamma, accelerations, held = numbers(h), numbers(h), False
+    table, wanted, h = rows_of(w, DATA.efc_KBIP, n, 4), data_floats(w, DATA.efc_aref, n), len(found.row)
+    gamma, aim, reached, rows, held = numbers(h), numbers(h), numbers(h), numbers(n), False
+    mj.mul_jac_vec(w.model, w.data, address_of(rows), data_at(w, DATA.qacc))
     normal_velocities(found, data_floats(w, DATA.efc_vel, n), gamma)
-    normal_velocities(found, wanted, accelerations)
+    normal_velocities(found, wanted, aim)
+    normal_velocities(found, rows, reached)
+    keep(rows)
     timestep = float_at(w.model + offset(w, MODEL.opt_timestep))
     for i in range(h):
         row = found.row[i]
-        stiffness, damping = impedance[row, 0], impedance[row, 1]
-        excess = accelerations[i] - max((law.rest_speed - gamma[i]) / timestep, -damping * gamma[i])
+        stiffness, damping, impedance = table[row, 0], table[row, 1], table[row, 2]
+        most = max((law.rest_speed - gamma[i]) / timestep, -damping * gamma[i])
+        excess = min((reached[i] - most) / impedance, aim[i] + damping * gamma[i])
         if damping * damping < UNDERDAMPED * 4.0 * stiffness and gamma[i] > -STILL and excess > 0.0:
             held = True
             count = 2 * (contact_ints(w, CONTACT.dim, 1)[found.contact[i], 0] - 1) if found.paired[i] else 1

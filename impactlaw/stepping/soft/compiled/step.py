@@ -14,7 +14,7 @@ from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at
 from impactlaw.stepping.soft.compiled.collide import collide
 from impactlaw.stepping.soft.compiled.found import find, normal_velocities
 from impactlaw.stepping.soft.compiled.locked import lock, unlock
-from impactlaw.stepping.soft.compiled.rebounds import bounces, hold_back, update_velocity
+from impactlaw.stepping.soft.compiled.rebounds import bounces, hold_back
 from impactlaw.stepping.soft.compiled.world import DIVERGED, FINE, PYTHON, Law, World
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -108,12 +108,10 @@ def _from_start(w, law, trial, integrator, state, sums):
     status, changed = _collide(w, law, sums)
     if status != FINE:
         return status
-    held = False
-    if bounces(w):
-        if changed:
-            update_velocity(w)
-        held, changed = hold_back(w, law), False
     mj.rest_of_forward(w.model, w.data, np.int32(_POSITION if changed else _VELOCITY), np.int32(0))
+    held = bounces(w) and hold_back(w, law)
+    if held:
+        mj.rest_of_forward(w.model, w.data, np.int32(_VELOCITY), np.int32(0))
     mj.check_acc(w.model, w.data)
     if option(w, MODEL.opt_enableflags) & _COMPARE:
         mj.compare_fwd_inv(w.model, w.data)
