@@ -193,7 +193,7 @@ class Collision:
 
     @cached_property
     def pre_contact_velocity(self) -> np.ndarray:
-        """``gamma- = J v- + w-``, shape (h,), m/s; read-only, since a law that works in place would change the audit."""
+        """``gamma- = J v- + w-``, shape (h,), m/s; read-only: a law that works in place would change the audit."""
         gamma = self.jacobian @ self.pre_velocity
         if self.bilateral_jacobian is not None:  # contacts that cannot move have no velocity, but its rounding error
             z, lengths = self.whitened_velocity, row_lengths(self.metric.whiten_gradients(self.jacobian))

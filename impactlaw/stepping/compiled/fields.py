@@ -52,6 +52,7 @@ class _Data(NamedTuple):
     efc_id: int
     efc_pos: int
     efc_margin: int
+    efc_KBIP: int
     efc_vel: int
     efc_aref: int
     efc_R: int

@@ -31,6 +31,7 @@ from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import is_huge, locked_joints
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.drifting import drifting
+from impactlaw.stepping.soft.rebounds import bounces, hold_back
 from impactlaw.stepping.soft.tolerances import LOCKED, ROUNDING, WORK
 from impactlaw.stepping.work import Work
 
@@ -108,6 +109,18 @@ class Collisions:
             return tuple(events), VELOCITY
         data.qvel[:] = velocity
         return tuple(events), POSITION
+
+    @staticmethod
+    def bounces(data: mujoco.MjData) -> bool:
+        """Return whether a contact would throw back what collides by itself; see `rebounds`."""
+        return bounces(data)
+
+    def hold_back(self, data: mujoco.MjData) -> bool:
+        """Let none of the law's contacts do that; return whether one would."""
+        return hold_back(
+            self._model, data, self.names, self.limits,
+            rest_speed=self.rest_speed, chosen=self.chosen, surfaces=self.surfaces,
+        )  # fmt: skip
 
     def _constrained(self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray) -> tuple[Closed, np.ndarray]:
         """Return the contacts that equality constraints do not tie, with constraints to be kept, and velocities."""

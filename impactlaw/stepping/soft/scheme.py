@@ -5,8 +5,9 @@ step; limits of joints and tendons, at rad/s or m/s, are contacts too. The law t
 integrates from; equality constraints keep their velocity. Contacts have the friction of the scene in a collision,
 unless the stepper was made with ``friction="ignore"``.
 
-A step without a collision is `mj_step`, bit for bit. What MuJoCo's contacts do between collisions is theirs, and a
-contact that first touches inside of a step is seen at its end, up to one step too deep.
+A step without a collision is `mj_step`, bit for bit, unless a contact would throw back by itself what the law has let
+go (`rebounds`). What else MuJoCo's contacts do between collisions is theirs, and a contact that first touches inside of
+a step is seen at its end, up to one step too deep.
 
 MuJoCo gives mocap bodies no velocity. The law does, from their motion (`Surfaces`): ``gamma = J v + w``
 decides what collides and how. Between collisions MuJoCo's contacts meet them at rest, where they are at the end of the
@@ -164,7 +165,7 @@ class SoftStepping:
     def finish(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
         """Do what follows `mj_step1` in a step, and return the collisions.
 
-        Without a collision this is `mj_step2`, bit for bit; but RK4, which `mj_step2` replaces by Euler, stays RK4.
+        Without a collision or a rebound this is `mj_step2`, bit for bit; but RK4, which that replaces by Euler, stays.
 
         Raises:
             DivergenceError: MuJoCo met a state that is not finite, or huge; it resets the simulation then.
@@ -194,15 +195,18 @@ class SoftStepping:
             self._finish_step(data, stage)
             return events
         mj_forwardSkip(model, data, stage, 0)
+        held = contacts > 0 and self.collisions.bounces(data) and self.collisions.hold_back(data)
+        if held:
+            mj_forwardSkip(model, data, VELOCITY, 0)
         mj_checkAcc(model, data)
         if options.enableflags & _COMPARE:
             mujoco.mj_compareFwdInv(model, data)
-        if integrator == _RK4:
+        if integrator == _RK4 and not held:  # its stages would compute forces of their own
             mj_getState(model, data, self._before, _STATE)
             mj_RungeKutta(model, data, 4)
             if data.ncon + data.nl > contacts:
                 events += self._collide_at_end(data)
-        elif integrator == _EULER:
+        elif integrator in (_EULER, _RK4):
             mj_Euler(model, data)
         else:
             mj_implicit(model, data)
@@ -210,9 +214,15 @@ class SoftStepping:
 
     def _finish_step(self, data: mujoco.MjData, stage: int) -> None:
         """Do what follows the velocity stage, which is brought up to date if it is not among those that are."""
+        model = self._model
         if stage != VELOCITY:
             self._update_velocity(data)
-        mujoco.mj_step2(self._model, data)
+        if (data.ncon or data.nl) and self.collisions.bounces(data):
+            mujoco.mj_fwdActuation(model, data)
+            mujoco.mj_fwdAcceleration(model, data)
+            mujoco.mj_fwdConstraint(model, data)
+            self.collisions.hold_back(data)
+        mujoco.mj_step2(model, data)
 
     def _look(self, data: mujoco.MjData) -> None:
         """Do what `mj_step1` does, except for the control callback: `mj_forwardSkip` calls it."""

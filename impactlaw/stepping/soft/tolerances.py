@@ -11,3 +11,9 @@ LOCKED = 3.0
 
 WORK = 200.0
 """Units of `work.Work` that the collisions of a step may take in Python, and those without restitution once more."""
+
+UNDERDAMPED = 0.98
+"""Square of the damping ratio below which MuJoCo's contact is a spring that throws back."""
+
+STILL = 1e-9
+"""Closing speed, m/s or rad/s, up to which a contact that a collision has stopped is at rest."""

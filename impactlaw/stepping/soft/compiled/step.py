@@ -14,6 +14,7 @@ from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at
 from impactlaw.stepping.soft.compiled.collide import collide
 from impactlaw.stepping.soft.compiled.found import find, normal_velocities
 from impactlaw.stepping.soft.compiled.locked import lock, locks, unlock
+from impactlaw.stepping.soft.compiled.rebounds import bounces, hold_back
 from impactlaw.stepping.soft.compiled.world import DIVERGED, FINE, PYTHON, Law, World
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -111,17 +112,20 @@ def _from_start(w, law, trial, integrator, state, sums):
     if status != FINE:
         return status
     mj.rest_of_forward(w.model, w.data, np.int32(_POSITION if changed else _VELOCITY), np.int32(0))
+    held = bounces(w) and hold_back(w, law)
+    if held:
+        mj.rest_of_forward(w.model, w.data, np.int32(_VELOCITY), np.int32(0))
     mj.check_acc(w.model, w.data)
     if option(w, MODEL.opt_enableflags) & _COMPARE:
         mj.compare_fwd_inv(w.model, w.data)
-    if integrator == _RK4:
+    if integrator == _RK4 and not held:  # its stages would compute forces of their own
         middle = numbers(len(state))
         mj.get_state(w.model, w.data, address_of(middle), STATE)
         mj.runge_kutta(w.model, w.data, np.int32(4))
         if _touches(w) > contacts:
             status = _collide_at_end(w, law, trial, middle, sums)
         keep(middle)
-    elif integrator == _EULER:
+    elif integrator == _EULER or integrator == _RK4:
         mj.euler(w.model, w.data)
     else:
         mj.implicit(w.model, w.data)

@@ -1,0 +1,100 @@
+"""MuJoCo's contacts that bounce by themselves, next to a law that decides how what collides leaves.
+
+A contact with a damping ratio below 1 is a spring that throws back what has sunk in: MuJoCo's way to a restitution. A
+collision is seen after it has sunk in, so that this spring would add its rebound to the velocity of the law. So such a
+contact may not push what does not close to more than ``rest_speed``: where MuJoCo's solver would, the reference
+acceleration is cut down to that, at most to its damping alone. A contact that is pressed, as in a grip, moves nothing
+and is left alone. Limits of joints and tendons are contacts here, too.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from impactlaw.laws.restitution.on_contacts import Chosen
+from impactlaw.scene.contacts import active_contacts, row_velocities, sorted_geoms
+from impactlaw.scene.joint_limits import Limits
+from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.stepping.soft.tolerances import STILL, UNDERDAMPED
+
+_PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
+
+
+def bounces(data: mujoco.MjData) -> bool:
+    """Return whether a contact or limit that MuJoCo's solver acts on is a spring that its damping does not quiet."""
+    first = data.ne + data.nf
+    if data.nefc == first:
+        return False
+    stiffness, damping = data.efc_KBIP.reshape(-1, 4)[first : data.nefc, :2].T
+    return bool((damping * damping < UNDERDAMPED * 4.0 * stiffness).any())
+
+
+def hold_back(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    names: tuple[str, ...],
+    limits: Limits,
+    *,
+    rest_speed: float,
+    chosen: Chosen | None,
+    surfaces: Surfaces | None,
+) -> bool:
+    """Cut down reference accelerations, ``data.efc_aref``, by what would be such a rebound; return whether any is.
+
+    Velocities of the rows and the accelerations without this must be current. A contact alone with impedance d has
+    ``a = d aref + (1 - d) a0``, with its acceleration a, and a0 without it.
+
+    Args:
+        model: the scene.
+        data: its state.
+        names: of geoms.
+        limits: of joints and tendons.
+        rest_speed: speed to which these contacts may push, m/s or rad/s.
+        chosen: the contacts that the law is for; None for all.
+        surfaces: moving mocap bodies; None if there are none.
+    """
+    rows, labels, drift = _normals(model, data, names, limits, surfaces)
+    pair = np.where(_are_pairs(model, data, rows), rows + 1, rows)
+    gamma = 0.5 * (data.efc_vel[rows] + data.efc_vel[pair])
+    stiffness, damping, impedance = data.efc_KBIP.reshape(-1, 4)[rows, :3].T
+    reached = row_velocities(model, data, data.qacc)
+    most = np.maximum((rest_speed - gamma - drift) / model.opt.timestep, -damping * gamma)
+    spring = 0.5 * (data.efc_aref[rows] + data.efc_aref[pair]) + damping * gamma
+    above = 0.5 * (reached[rows] + reached[pair]) - most
+    excess = np.minimum(above / np.maximum(impedance, mujoco.mjMINIMP), spring)
+    held = (damping * damping < UNDERDAMPED * 4.0 * stiffness) & (gamma + drift > -STILL) & (excess > 0.0)
+    if chosen is not None:
+        held &= chosen.mask(labels)
+    for i in np.flatnonzero(held):
+        count = 2 * (data.contact.dim[data.efc_id[rows[i]]] - 1) if pair[i] > rows[i] else 1
+        data.efc_aref[rows[i] : rows[i] + count] -= excess[i]
+    return bool(held.any())
+
+
+def _normals(
+    model: mujoco.MjModel, data: mujoco.MjData, names: tuple[str, ...], limits: Limits, surfaces: Surfaces | None
+) -> tuple[np.ndarray, tuple[str, ...], np.ndarray]:
+    """Return the first rows, the labels and the drifts of all limits and contacts that MuJoCo's solver acts on."""
+    first, found = data.ne + data.nf, data.contact
+    limit_rows = np.arange(first, first + data.nl)
+    labels = tuple(limits.labels[limits.code(data, row)] for row in limit_rows.tolist())
+    index = np.flatnonzero(found.efc_address >= 0)
+    if not len(index):
+        return limit_rows, labels, np.zeros(data.nl)
+    contacts = active_contacts(model, data, names)
+    address = found.efc_address[index[sorted_geoms(found.geom[index])[1]]]
+    drift = np.zeros(len(contacts)) if surfaces is None else surfaces.drift(data, contacts)
+    return (
+        np.concatenate([limit_rows, address]),
+        labels + contacts.labels,
+        np.concatenate([np.zeros(data.nl), drift]),
+    )
+
+
+def _are_pairs(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray) -> np.ndarray:
+    """Return whether rows are the first ones of pyramids, the mean of whose first two is the normal."""
+    pairs = np.zeros(len(rows), dtype=bool)
+    if model.opt.cone == _PYRAMIDAL and data.ncon:
+        pairs[data.nl :] = data.contact.dim[data.efc_id[rows[data.nl :]]] > 1
+    return pairs
