@@ -31,6 +31,7 @@ _PARTS = (
     "stepping/time_stepping/compiled/state",
     "stepping/time_stepping/compiled/impulses",
     "stepping/time_stepping/compiled",
+    "stepping/soft/compiled/contacts",
     "stepping/soft/compiled",
 )
 """Folders of this package whose functions are compiled; each calls functions of itself and of those before it."""

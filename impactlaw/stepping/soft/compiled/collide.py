@@ -35,10 +35,10 @@ from impactlaw.stepping.compiled.access import (
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, keep
 from impactlaw.stepping.compiled.whitening import unwhitened, whitened
 from impactlaw.stepping.soft.compiled.alone import solve_alone
-from impactlaw.stepping.soft.compiled.drifting import leave_drifting_out
-from impactlaw.stepping.soft.compiled.equalities import projected, span
-from impactlaw.stepping.soft.compiled.found import Found, find, normal_velocities, within_reach
-from impactlaw.stepping.soft.compiled.rows import everyone, reached_by, read
+from impactlaw.stepping.soft.compiled.contacts.drifting import leave_drifting_out
+from impactlaw.stepping.soft.compiled.contacts.equalities import projected, span
+from impactlaw.stepping.soft.compiled.contacts.found import Found, find, normal_velocities, within_reach
+from impactlaw.stepping.soft.compiled.contacts.rows import everyone, reached_by, read
 from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, UNKNOWN
 from impactlaw.stepping.soft.tolerances import ROUNDING
 

@@ -12,7 +12,7 @@ from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, number, offset, option, size, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, ints, keep, long_at
 from impactlaw.stepping.soft.compiled.collide import collide
-from impactlaw.stepping.soft.compiled.found import find, normal_velocities
+from impactlaw.stepping.soft.compiled.contacts.found import find, normal_velocities
 from impactlaw.stepping.soft.compiled.locked import lock, locks, unlock
 from impactlaw.stepping.soft.compiled.rebounds import bounces, hold_back
 from impactlaw.stepping.soft.compiled.world import DIVERGED, FINE, PYTHON, Law, World

@@ -12,7 +12,7 @@ from impactlaw.stepping.compiled.access import data_floats, jacobian_of, layout_
 from impactlaw.stepping.compiled.fields import DATA, MODEL
 from impactlaw.stepping.compiled.ties import leave_out
 from impactlaw.stepping.compiled.whitening import whitened
-from impactlaw.stepping.soft.compiled.equalities import span, whitened_row
+from impactlaw.stepping.soft.compiled.contacts.equalities import span, whitened_row
 
 
 @plain

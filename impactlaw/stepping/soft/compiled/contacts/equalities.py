@@ -15,7 +15,7 @@ from impactlaw.solvers.tolerances import RANK
 from impactlaw.stepping.compiled.access import data_floats, data_ints, layout_of, number, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL
 from impactlaw.stepping.compiled.ties import leave_out
-from impactlaw.stepping.soft.compiled.rows import Rows
+from impactlaw.stepping.soft.compiled.contacts.rows import Rows
 
 _CLEAR = 2.0 * OWN_CONSTRAINT
 """Part of a gradient that no other constraint has, from which it is one of its own whatever has given way."""
