@@ -87,6 +87,6 @@ def test_a_helper_compiles_what_no_other_process_is_at(copy, held, found):
 
 
 def test_a_python_that_cannot_be_started_again_compiles_alone(monkeypatch, tmp_path):
+    monkeypatch.setattr("joblib.cpu_count", lambda: 2)  # before, since joblib keeps the path of Python
     monkeypatch.setattr(sys, "executable", "/no/such/python")
-    monkeypatch.setattr("joblib.cpu_count", lambda: 2)
     start_helpers("impactlaw.solvers.cones.solve", tmp_path)
