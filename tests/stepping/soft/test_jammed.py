@@ -122,3 +122,21 @@ def test_a_collision_without_a_solution_has_no_restitution():
     np.testing.assert_allclose(event.impact.post_contact_velocity, 0.0, atol=1e-9)
     stepper.step(data)
     assert stepper.short_steps == 1
+
+
+@pytest.mark.parametrize(("work", "some"), [(200.0, False), (1.0, True)])
+def test_what_takes_too_much_work_is_left_to_mujoco_and_counted(work, some, monkeypatch):
+    """Four corners of a box with friction take some units of work, with restitution and without."""
+    monkeypatch.setattr("impactlaw.stepping.soft.collisions.WORK", work)
+    model, data = compile_scene(
+        '<geom type="plane" size="9 9 1"/><body pos="0 0 .0999"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'
+    )
+    data.qvel[:3] = 0.5, 0.2, -2.0
+    bare = mujoco.MjData(model)
+    bare.qpos[:], bare.qvel[:] = data.qpos, data.qvel
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft", compiled="never")
+    stepper.step(data)
+    mujoco.mj_step(model, bare)
+    assert stepper.short_steps == some
+    assert (len(stepper.events) == 0) == some
+    assert np.array_equal(data.qvel, bare.qvel) == some
