@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from impactlaw.errors import ImpactLawError, RecordingError, SceneError, StudyError
+from impactlaw.signals import ended_by_signals
 
 
 @dataclass(frozen=True)
@@ -240,22 +240,19 @@ def main() -> None:
     Where nobody reads the output any more, as behind ``| head``, the rest is left out and the exit code is 1; so it is,
     with one line, where it cannot be written, as on a full disk. After Ctrl-C it is 130, after SIGTERM 143.
     """
-    signal.signal(signal.SIGTERM, _terminate)
-    command = tyro.cli(
-        Command,  # pyright: ignore[reportArgumentType]
-        prog="impactlaw",
-        description="Exact, chosen multi-contact impact laws for MuJoCo scenes.",
-        config=(tyro.conf.OmitSubcommandPrefixes,),
-    )
     try:
-        command()
-        print(end="", flush=True)  # does nothing where there is no standard output
+        with ended_by_signals():
+            command = tyro.cli(
+                Command,  # pyright: ignore[reportArgumentType]
+                prog="impactlaw",
+                description="Exact, chosen multi-contact impact laws for MuJoCo scenes.",
+                config=(tyro.conf.OmitSubcommandPrefixes,),
+            )
+            command()
+            print(end="", flush=True)  # does nothing where there is no standard output
     except ImpactLawError as error:
         print(f"impactlaw: {error}", file=sys.stderr)
         sys.exit(2)
-    except KeyboardInterrupt:
-        print("impactlaw: interrupted", file=sys.stderr)
-        sys.exit(130)
     except OSError as error:
         if error.filename is not None:  # not the output
             raise
@@ -263,13 +260,6 @@ def main() -> None:
             print(f"impactlaw: cannot write the output: {error.strerror}", file=sys.stderr)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains when it flushes at its end
         sys.exit(1)
-
-
-def _terminate(*_: object) -> None:
-    """End as other errors do, so that nothing unfinished is left; a second signal does not end that."""
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    print("impactlaw: terminated", file=sys.stderr)
-    sys.exit(143)
 
 
 if __name__ == "__main__":

@@ -70,7 +70,8 @@ def test_an_interrupted_command_is_one_line_and_leaves_nothing_behind(number, li
         process.send_signal(number)
         if number == signal.SIGTERM:  # `timeout` sends two
             process.send_signal(number)
-        assert process.communicate(timeout=120)[1] == f"impactlaw: {line}\n"
+        told = process.communicate(timeout=300)[1].splitlines()
+    assert [text for text in told if "re_sdk" not in text] == [f"impactlaw: {line}"]  # rerun may say what it drops
     assert process.returncode == code
     assert not list(tmp_path.iterdir())
 

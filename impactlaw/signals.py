@@ -1,0 +1,67 @@
+"""Ctrl-C and SIGTERM as errors: what is unfinished is removed, and one line says why."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+_ENDS = {signal.SIGINT: ("interrupted", 130), signal.SIGTERM: ("terminated", 143)}
+_SOON, _LATER = 0.1, 5.0
+"""Times after which the exit is raised once more: where it is known to be lost, and where it may be, s."""
+
+
+@contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM end what is inside by `SystemExit`, with one line on standard error and code 130 or 143.
+
+    Python loses an exception that is raised while a finalizer runs, such as that of a rerun stream: it is raised again.
+    Errors that come of the sudden end are not told.
+    """
+    codes: list[int] = []
+    tell = sys.unraisablehook
+
+    def leave(*_: object) -> None:
+        sys.exit(codes[0])
+
+    def end(number: int, _: FrameType | None) -> None:
+        word, code = _ENDS[signal.Signals(number)]
+        codes.append(code)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # `timeout` sends two
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # a second Ctrl-C is for whoever cannot wait
+        _repeat(leave, _LATER)
+        print(f"impactlaw: {word}", file=sys.stderr)
+        leave()
+
+    def lose(lost: Any) -> None:
+        if codes and lost.exc_type is SystemExit:
+            _repeat(leave, _SOON)
+        else:
+            tell(lost)
+
+    sys.unraisablehook = lose
+    for number in _ENDS:
+        if signal.getsignal(number) != signal.SIG_IGN:  # as SIGINT is in the background
+            signal.signal(number, end)
+    try:
+        yield
+    except BaseException:
+        if codes:
+            leave()
+        raise
+    finally:
+        if codes:
+            _repeat(leave, 0.0)
+        sys.unraisablehook = tell
+    if codes:
+        leave()
+
+
+def _repeat(handler: Any, after: float) -> None:
+    """Call a handler after a time, and then every so often; never again for 0."""
+    if hasattr(signal, "setitimer"):  # not on Windows
+        signal.signal(signal.SIGALRM, handler)
+        signal.setitimer(signal.ITIMER_REAL, after, _LATER if after else 0.0)

@@ -1,0 +1,71 @@
+"""Ctrl-C and SIGTERM end a command also where Python loses the exception."""
+
+import signal
+import time
+
+import pytest
+
+from impactlaw import signals
+from impactlaw.signals import ended_by_signals
+
+ENDS = [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
+
+
+@pytest.fixture(autouse=True)
+def handlers():
+    """Put the handlers of signals back."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)}
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+class Finalized:
+    """Gets a signal while it is finalized."""
+
+    def __init__(self, number):
+        self.number = number
+
+    def __del__(self):
+        """Get the signal."""
+        signal.raise_signal(self.number)
+
+
+@pytest.mark.parametrize(("number", "code"), ENDS)
+def test_an_exit_that_a_finalizer_loses_is_raised_again(number, code, capsys):
+    with pytest.raises(SystemExit) as ended, ended_by_signals():
+        Finalized(number)
+        time.sleep(60.0)
+    assert ended.value.code == code
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(("number", "code"), ENDS)
+def test_an_exit_that_is_lost_without_a_word_is_raised_again(number, code, monkeypatch):
+    monkeypatch.setattr(signals, "_LATER", 0.1)
+    with pytest.raises(SystemExit) as ended, ended_by_signals():
+        with pytest.raises(SystemExit):
+            signal.raise_signal(number)
+        time.sleep(60.0)
+    assert ended.value.code == code
+
+
+def test_an_exit_that_is_lost_until_the_end_is_an_exit():
+    with pytest.raises(SystemExit) as ended, ended_by_signals():
+        Finalized(signal.SIGTERM)
+    assert ended.value.code == 143
+
+
+def test_errors_that_come_of_the_end_are_not_told():
+    with pytest.raises(SystemExit) as ended, ended_by_signals():
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        finally:
+            raise ValueError("half written")
+    assert ended.value.code == 143
+
+
+def test_other_errors_are_raised():
+    with pytest.raises(ValueError, match="wrong"), ended_by_signals():
+        raise ValueError("wrong")
