@@ -3,36 +3,65 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
 from impactlaw.errors import RestitutionError, SceneError
 from impactlaw.laws import Law
 from impactlaw.stepping.compiled.law_table import Coefficients
-from impactlaw.stepping.time_stepping.compiled.state.law import reason
-from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
-from impactlaw.stepping.time_stepping.scheme import TimeStepping
+
+
+class OneWorld(Protocol):
+    """A way to step one world, on which laws are tried.
+
+    Attributes:
+        restitution_at: place of e in the settings.
+    """
+
+    restitution_at: int
+
+    def set_law(self, law: Law) -> None:
+        """Take another law."""
+
+    def reason(self) -> str | None:
+        """Return why compiled code does not take the law, and what it is stepped by; None if it does."""
+
+    def coefficients(self) -> Coefficients:
+        """Return a table of the law's coefficients, which is empty yet."""
+        ...
+
+    def settings(self) -> Sequence[float]:
+        """Return the options, and what is the same for all contacts, as compiled code takes them."""
+        ...
 
 
 class Laws:
     """A law for each world.
 
     Args:
-        scheme: the scheme of one world; laws are tried on it.
+        one: steps one world.
         worlds: how many.
+        settings: numbers of the settings of a world.
 
     Attributes:
-        settings: see `world.Settings`, (nsim, n).
+        settings: see `OneWorld`, (nsim, n).
         places: address of keys, address of values, and how many, int64 (nsim, 3).
+        given: the law of each world.
     """
 
-    def __init__(self, scheme: TimeStepping, worlds: int):
-        self._scheme = scheme
-        self.settings = np.zeros((worlds, len(SETTING)))
+    def __init__(self, one: OneWorld, worlds: int, settings: int):
+        self._one = one
+        self.settings = np.zeros((worlds, settings))
         self.places = np.zeros((worlds, 3), np.int64)
+        self.given: list[Law | None] = [None] * worlds
         self._by_contact = np.zeros(worlds, dtype=bool)
         self._tables: list[Coefficients | None] = [None] * worlds
-        self._made: dict[int, tuple[Law, Coefficients]] = {}
+
+    @property
+    def restitution(self) -> np.ndarray:
+        """E of each world, (nsim,), NaN where a law has more than one."""
+        return self.settings[:, self._one.restitution_at]
 
     def set(self, law: Law, worlds: Sequence[int]) -> None:
         """Give a law to some worlds.
@@ -40,16 +69,14 @@ class Laws:
         Raises:
             SceneError: compiled code does not take it.
         """
-        self._scheme.set_law(law)
-        why = reason(self._scheme)
+        self._one.set_law(law)
+        why = self._one.reason()
         if why is not None:
             raise SceneError(f"a batch cannot be under this law: {why}; use Stepper, or another law")
-        table = self._scheme.coefficients()
-        row = self._scheme.settings()
-        self._by_contact[list(worlds)] = np.isnan(row[SETTING.restitution])
+        table, row = self._one.coefficients(), self._one.settings()
+        self._by_contact[list(worlds)] = np.isnan(row[self._one.restitution_at])
         for world in worlds:
-            self.settings[world], self._tables[world] = row, table
-            self.settings[world, SETTING.forces] = 0.0
+            self.settings[world], self._tables[world], self.given[world] = row, table, law
             self._place(world)
 
     def check(self) -> None:
@@ -58,16 +85,11 @@ class Laws:
         Raises:
             RestitutionError: one is not in [0, 1]; or it is NaN, and the law has one for all contacts.
         """
-        e = self.settings[:, SETTING.restitution]
+        e = self.restitution
         fine = (e >= 0.0) & (e <= 1.0) | self._by_contact & np.isnan(e)
         if not fine.all():
             world = int(np.flatnonzero(~fine)[0])
             raise RestitutionError(f"restitution of world {world} must be in [0, 1], got {e[world]:g}")
-
-    def see_inertial_forces(self) -> None:
-        """Let Coriolis and gyroscopic forces be looked for in all worlds, whatever the model is."""
-        self._scheme.inertial.act = True
-        self.settings[:, SETTING.inertial] = 1.0
 
     def learn(self, world: int, key: int) -> None:
         """Ask the law of a world for the restitution of a contact.

@@ -63,6 +63,11 @@ class Fields:
         """
         return self._array("mjb_expand", name, self._model, "field of mjModel", writeable=True)
 
+    def write(self, world: int, data: Any) -> None:
+        """Let the bound fields of a world that are no parts of its state be those of data."""
+        for offset, place, size in self.outputs.tolist():
+            ctypes.memmove(place + size * world, ctypes.c_size_t.from_address(data._address + offset).value, size)
+
     def _part(self, name: str) -> np.ndarray:
         size = ctypes.c_int()
         kind = int(getattr(mujoco.mjtState, f"mjSTATE_{_STATE[name]}"))

@@ -89,13 +89,29 @@ class Pool:
             ctypes.c_int(0),
         )  # fmt: skip
 
+    @property
+    def threads(self) -> int:
+        """Number of threads, the caller's included."""
+        return self._functions.mjb_nthread(self.handle)
+
+    def write_model(self, world: int, model: Any) -> None:
+        """Let a copy of the model be that of a world."""
+        self._functions.mjb_getModel(self.handle, world, model._address)
+
     def error(self, world: int) -> str:
         """Return what MuJoCo has said of a world in the last call."""
         return self._functions.mjb_error(self.handle, world).decode()
 
 
+def delete_others(slots: np.ndarray) -> None:
+    """Give back the other data of each thread, see `pooled.other_data`."""
+    for _, other in slots:
+        if other:
+            functions().mj_deleteData(int(other))
+
+
 def fill_context(
-    context: np.ndarray, places: tuple[int, ...], arrays: dict[str, np.ndarray], numbers: dict[str, int]
+    context: np.ndarray, places: tuple[int, ...], arrays: dict[str, np.ndarray], numbers: dict[str, float]
 ) -> None:
     """Write numbers, and addresses of arrays, to their places in what compiled code is given."""
     for name, value in ({name: array.ctypes.data for name, array in arrays.items()} | numbers).items():

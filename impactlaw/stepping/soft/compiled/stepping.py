@@ -10,29 +10,24 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import DivergenceError, UncompiledWarning
-from impactlaw.laws import Coulomb, Law
+from impactlaw.laws import Law
 from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.stepping.compiled.engine import Pool, fill_context
 from impactlaw.stepping.compiled.fields import DATA
-from impactlaw.stepping.compiled.law_table import Coefficients, reason
 from impactlaw.stepping.compiled.layout import table
 from impactlaw.stepping.compiled.libmujoco import callbacks
 from impactlaw.stepping.impact_event import ImpactEvent, Told, together
 from impactlaw.stepping.integration import empty_state, restore_state
-from impactlaw.stepping.law_targets import LawTargets
 from impactlaw.stepping.soft.compiled import world
 from impactlaw.stepping.soft.compiled.collide import LAST, SUMS
 from impactlaw.stepping.soft.compiled.entry import CONTEXT, EXTRA, LEFT, TOTAL, entry
+from impactlaw.stepping.soft.compiled.law import coefficients, reason, settings
 from impactlaw.stepping.soft.compiled.told import Replay
+from impactlaw.stepping.soft.compiled.world import SETTING
 from impactlaw.stepping.soft.scheme import SoftStepping
 
 _EMPTY = "<mujoco/>"
 _DATA, _STEPS, _TAKEN, _STATUS = CONTEXT.data, CONTEXT.steps, CONTEXT.taken, CONTEXT.status
-
-
-def is_exact(law: Law) -> bool:
-    """Return whether friction, if there is any, is exact Coulomb friction."""
-    return not isinstance(law, Coulomb) or law.cone == "exact"
 
 
 class CompiledSoftStepping:
@@ -59,13 +54,10 @@ class CompiledSoftStepping:
 
     def _take_over(self) -> None:
         """Take over the law of the scheme."""
-        scheme, law = self._scheme, self._scheme.collisions.collider.law
-        targets = LawTargets(law)
-        self._coefficients = Coefficients(targets, scheme.collisions.names, scheme.collisions.limits, self._model.njnt)
-        self._reason = scheme.only_in_python or reason(targets)
-        self._numbers[0] = np.nan if targets.restitution is None else targets.restitution
-        self._numbers[1] = law.tangential_restitution if isinstance(law, Coulomb) else 0.0
-        self._exact, self._last_exact = is_exact(law), is_exact(scheme.collisions.collider.last_law)
+        scheme = self._scheme
+        self._coefficients, self._reason = coefficients(scheme), reason(scheme)
+        self._settings = settings(scheme)
+        self._numbers[:2] = self._settings[SETTING.restitution], self._settings[SETTING.sliding]
         self._write_context()
         if self._reason is not None:
             self._tell(self._reason)
@@ -84,9 +76,9 @@ class CompiledSoftStepping:
             "bilateral": self._bilateral,
         }  # fmt: skip
         numbers = {
-            "model": self._model._address, "trial": trial._address, "exact": self._exact,
-            "last_exact": self._last_exact,
-            "frictional": self._scheme.collisions.friction, "most": self._scheme.collisions.collider.most,
+            "model": self._model._address, "trial": trial._address,
+            "exact": self._settings[SETTING.exact], "last_exact": self._settings[SETTING.last_exact],
+            "frictional": self._scheme.collisions.friction, "most": self._settings[SETTING.most],
             "collides": self._scheme.collides, "known": len(self._coefficients.key),
             "callback_count": len(self._callbacks), "state_size": self._room, "constraints": len(self._bilateral),
         }  # fmt: skip

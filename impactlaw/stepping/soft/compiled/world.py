@@ -19,6 +19,29 @@ CALLBACK = 4
 """A callback of MuJoCo is set; no step was taken."""
 
 
+class Settings(NamedTuple):
+    """What the collisions of one of many worlds are by, as places in a row of numbers; see `Law`.
+
+    Attributes:
+        restitution: e, where it is the same for all contacts; else NaN.
+        sliding: tangential restitution.
+        exact: 1 for exact Coulomb friction, 0 for its convex relaxation.
+        last_exact: the same in a collision that ends the matter.
+        rest_speed: closing speed above which a contact collides, m/s or rad/s.
+        most: collisions at one instant after which one more ends the matter.
+    """
+
+    restitution: int = 0
+    sliding: int = 1
+    exact: int = 2
+    last_exact: int = 3
+    rest_speed: int = 4
+    most: int = 5
+
+
+SETTING = Settings()
+
+
 class Law(NamedTuple):
     """What the collisions are by.
 

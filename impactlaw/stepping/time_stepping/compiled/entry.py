@@ -9,9 +9,10 @@ from numba import types
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import copied, indices, numbers, plain, put
+from impactlaw.solvers.cones.algebra.loops import copied, indices, numbers, put
 from impactlaw.stepping.compiled import libmujoco as mj
-from impactlaw.stepping.compiled.fields import SIZE, address_of, claim, flags, floats, keep, long_at, longs
+from impactlaw.stepping.compiled.fields import SIZE, address_of, floats, keep, long_at, longs
+from impactlaw.stepping.compiled.pooled import copy_out, other_data
 from impactlaw.stepping.time_stepping.compiled.state.memory import go_back
 from impactlaw.stepping.time_stepping.compiled.state.status import CALLBACK, FINE
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
@@ -139,22 +140,6 @@ class Worlds(NamedTuple):
 WORLDS = Worlds()
 
 
-@plain
-def _other_data(model, data, slots):
-    """Return the other data of the thread that has this data, which is made when it is first needed."""
-    for i in range(len(slots) // 2):
-        slot = address_of(slots) + 16 * i
-        owner = long_at(slot)
-        if owner == 0:
-            owner = claim(slot, data)
-            if owner == 0:
-                slots[2 * i + 1] = mj.make_data(model)
-                owner = data
-        if owner == data:
-            return slots[2 * i + 1]
-    return 0
-
-
 @compiled("void(int64,int64,int64,int64)")
 def some_steps(model, data, world, context):
     """Take the steps of one of many worlds; after a failure its state and memory are those of before."""
@@ -167,7 +152,7 @@ def some_steps(model, data, world, context):
     settings = c[WORLDS.settings_of] + 8 * len(SETTING) * world
     structure = indices(long_at(c[WORLDS.table] + 8 * SIZE.model) // 8)
     margins, state, first = numbers(c[WORLDS.margin_count]), numbers(many), numbers(many)
-    other = _other_data(model, data, longs(c[WORLDS.slots], 2 * c[WORLDS.slot_count]))
+    other = other_data(model, data, longs(c[WORLDS.slots], 2 * c[WORLDS.slot_count]))
     before = copied(memory)
     mj.get_state(model, data, address_of(first), STATE)
     for step in range(c[WORLDS.steps]):
@@ -183,10 +168,7 @@ def some_steps(model, data, world, context):
             break
     if c[WORLDS.forces] != 0 and report[0] == FINE:
         mj.rne_post_constraint(address_of(structure), data)  # which has the cones of the step
-    for i in range(c[WORLDS.output_count]):
-        output = longs(c[WORLDS.outputs] + 24 * i, 3)
-        size = output[2]
-        put(flags(output[1] + size * world, size), flags(long_at(data + output[0]), size))
+    copy_out(data, world, c[WORLDS.outputs], c[WORLDS.output_count])
     keep(structure)
     keep(first)
 

@@ -1,0 +1,218 @@
+"""Worlds of a batch whose contact is MuJoCo's: soft steps in compiled code, and a few in Python."""
+
+from __future__ import annotations
+
+import copy
+import ctypes
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from impactlaw.batch.laws import Laws
+from impactlaw.batch.rows import Fields
+from impactlaw.errors import DivergenceError, ImpactLawError, SceneError
+from impactlaw.laws import Coulomb, Law, Moreau
+from impactlaw.scene.equality_constraints import constraint_kinds
+from impactlaw.solvers import load_solvers
+from impactlaw.stepping.compiled.engine import Pool, delete_others, fill_context, when_gone
+from impactlaw.stepping.compiled.law_table import Coefficients
+from impactlaw.stepping.compiled.layout import table
+from impactlaw.stepping.compiled.libmujoco import callbacks
+from impactlaw.stepping.integration import restore_state, save_state
+from impactlaw.stepping.options import Options
+from impactlaw.stepping.plan import Plan
+from impactlaw.stepping.soft.compiled.law import coefficients, reason, settings
+from impactlaw.stepping.soft.compiled.many import WORLDS, many
+from impactlaw.stepping.soft.compiled.world import DIVERGED, FINE, PYTHON, SETTING, UNKNOWN
+from impactlaw.stepping.soft.scheme import SoftStepping
+from impactlaw.stepping.way import Way
+
+_DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
+_HOW, _ASKED, _TAKEN = 0, 1, 2  # places in the report of a world
+_HUGE = "MuJoCo met a state that is not finite, or huge"
+
+
+class _OneSoftWorld:
+    """See `laws.OneWorld`."""
+
+    restitution_at = SETTING.restitution
+
+    def __init__(self, way: Way, law: Law):
+        scheme = way.stepping(law)
+        assert isinstance(scheme, SoftStepping)
+        self.way, self.scheme = way, scheme
+
+    def set_law(self, law: Law) -> None:
+        """Take another law."""
+        self.scheme.set_law(self.way.law_for(law))
+
+    def reason(self) -> str | None:
+        """Return why compiled code does not take the law; None if it does."""
+        return reason(self.scheme)
+
+    def coefficients(self) -> Coefficients:
+        """Return a table of the law's coefficients, which is empty yet."""
+        return coefficients(self.scheme)
+
+    def settings(self) -> Sequence[float]:
+        """Return the options as compiled code takes them."""
+        return settings(self.scheme)
+
+
+class SoftWorlds:
+    """What soft steps need of many worlds.
+
+    Args:
+        model: the scene.
+        plan: of the scene.
+        law: any of the laws.
+        options: of the batch.
+        pool: with the worlds.
+        fields: of the worlds.
+
+    Attributes:
+        address: of the entry.
+        context: what the entry is given, see `soft.compiled.many.Worlds`.
+        places: see there.
+        laws: of the worlds.
+
+    Raises:
+        SceneError: compiled code does not take the scene.
+    """
+
+    address, places = many.address, WORLDS
+
+    def __init__(self, model: Any, plan: Plan, law: Law, options: Options, pool: Pool, fields: Fields):
+        load_solvers()
+        self._model, self._plan, self._options, self._pool, self._fields = model, plan, options, pool, fields
+        self._one = _OneSoftWorld(Way(model, plan, options, None), law)
+        scheme, worlds = self._one.scheme, pool.worlds
+        why = scheme.only_in_python
+        if why is None and model.opt.integrator == _DISCRETE:
+            why = 'its integrator is "discrete"'
+        if why is not None:
+            raise SceneError(f"a batch takes no soft steps of this scene: {why}; use Stepper")
+        self.laws, self._data, self._expanded = Laws(self._one, worlds, len(SETTING)), mujoco.MjData(model), False
+        self._counts, self._report = np.zeros((worlds, 2)), np.zeros((worlds, 3), np.int64)
+        self._failed: dict[int, tuple[str, bool]] = {}
+        self._first, self._table, self._callbacks = np.zeros_like(fields.state), table(), callbacks()
+        self._bilateral = constraint_kinds(model) if scheme.collisions.bilateral.any() else np.zeros(0, np.uint8)
+        self._slots = np.zeros((pool.threads + 1, 2), np.int64)
+        when_gone(self, delete_others, self._slots)
+        self.context = np.zeros(len(WORLDS), np.int64)
+        arrays = {
+            "table": self._table, "bilateral": self._bilateral, "slots": self._slots, "laws_of": self.laws.places,
+            "settings_of": self.laws.settings, "states_of": self._first, "counts_of": self._counts,
+            "status_of": self._report,
+        }  # fmt: skip
+        numbers = {
+            "constraints": len(self._bilateral), "frictional": scheme.collisions.friction,
+            "collides": scheme.collides, "states": self._first.shape[1], "slot_count": len(self._slots),
+        }  # fmt: skip
+        fill_context(self.context, WORLDS, arrays, numbers)
+
+    @property
+    def impact_count(self) -> np.ndarray:
+        """Steps of each world so far in which something collided, (nsim,)."""
+        return self._counts[:, 0].astype(int)
+
+    @property
+    def short_steps(self) -> np.ndarray:
+        """Steps of each world so far that were without restitution in part, or left to MuJoCo's contacts, (nsim,)."""
+        return self._counts[:, 1].astype(int)
+
+    @property
+    def shortfall(self) -> np.ndarray:
+        """Zeros, (nsim,): every collision is certified, or counted as a short step."""
+        return np.zeros(len(self._report))
+
+    def expand(self, name: str) -> None:
+        """Have a field of the model differ between worlds: steps in Python take the model of their world."""
+        self._expanded = True
+
+    def start(self, worlds: np.ndarray, steps: int) -> None:
+        """Let the next call take so many steps of some worlds.
+
+        Raises:
+            SceneError: a callback of MuJoCo is set.
+        """
+        if any(ctypes.c_size_t.from_address(place).value for place in self._callbacks.tolist()):
+            raise SceneError("a callback of MuJoCo is set, which the threads of a batch would call; use Stepper")
+        self.context[WORLDS.steps] = steps
+        self._report[worlds] = FINE, 0, 0
+        self._failed = {}
+
+    def go_on(self, worlds: np.ndarray) -> np.ndarray:
+        """Do what compiled code has left, and return the worlds that are to be stepped once more, int32 (k,).
+
+        Raises:
+            RestitutionError: a law does not know the restitution of a contact; all worlds that are not done are as they
+                were before the call.
+        """
+        how = self._report[worlds, _HOW]
+        left, python = worlds[how == UNKNOWN], worlds[how == PYTHON]
+        try:
+            for world in left.tolist():
+                self.laws.learn(world, int(self._report[world, _ASKED]))
+        except ImpactLawError:
+            self.put_back(np.concatenate([left, python]))
+            raise
+        for world in python.tolist():
+            self._step_in_python(world)
+        self._report[left, _HOW] = FINE
+        going = python[
+            (self._report[python, _HOW] == FINE) & (self._report[python, _TAKEN] < self.context[WORLDS.steps])
+        ]
+        return np.sort(np.concatenate([left, going]))
+
+    def failed(self, worlds: np.ndarray) -> dict[int, tuple[str, bool]]:
+        """Return worlds whose steps have failed, why, and whether they have left the finite numbers."""
+        diverged = worlds[self._report[worlds, _HOW] == DIVERGED].tolist()
+        return dict.fromkeys(diverged, (_HUGE, True)) | self._failed
+
+    def put_back(self, worlds: np.ndarray) -> None:
+        """Let worlds be as they were before the call, if it has begun."""
+        begun = worlds[self._report[worlds, _TAKEN] > 0]
+        self._fields.state[begun] = self._first[begun]
+
+    def begin(self, worlds: np.ndarray) -> None:
+        """Let worlds have nothing to remember."""
+        self._counts[worlds] = 0.0
+
+    def _step_in_python(self, world: int) -> None:
+        """Take one step of a world in Python; if that fails the world is as it was before the call."""
+        model, scheme, data = self._model, self._one.scheme, self._data
+        if self._expanded:
+            model = copy.copy(model)
+            self._pool.write_model(world, model)
+            scheme = _OneSoftWorld(Way(model, self._plan, self._options, None), Moreau(0.0)).scheme
+        scheme.set_law(self._one.way.law_for(self._law_of(world)))
+        scheme.resume(np.nan, scheme.collisions.collider)
+        mujoco.mj_resetData(model, data)  # with no contacts of another world
+        restore_state(model, data, self._fields.state[world])
+        missed = scheme.short_steps + scheme.unlocated
+        try:
+            events = scheme.step(data)
+        except ImpactLawError as error:
+            self._failed[world] = str(error), isinstance(error, DivergenceError)
+            self.put_back(np.array([world]))
+            return
+        self._counts[world] += bool(events), scheme.short_steps + scheme.unlocated - missed
+        self._report[world, _HOW] = FINE
+        self._report[world, _TAKEN] += 1
+        self._fields.state[world] = save_state(model, data)
+        if self._report[world, _TAKEN] == self.context[WORLDS.steps]:
+            if self.context[WORLDS.forces]:
+                mujoco.mj_rnePostConstraint(model, data)
+            self._fields.write(world, data)
+
+    def _law_of(self, world: int) -> Law:
+        """Return the law of a world, with the restitution that was written."""
+        law, e = self.laws.given[world], float(self.laws.restitution[world])
+        assert law is not None
+        if np.isnan(e) or law.normal_law.common_coefficient == e:
+            return law
+        return replace(law, law=Moreau(e)) if isinstance(law, Coulomb) else Moreau(e)

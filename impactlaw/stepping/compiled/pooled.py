@@ -1,0 +1,46 @@
+"""What entries of many worlds share in MuJoCo's pool: other data of each thread, and fields that are copied out."""
+
+from __future__ import annotations
+
+from impactlaw.solvers.cones.algebra.loops import plain, put
+from impactlaw.stepping.compiled import libmujoco as mj
+from impactlaw.stepping.compiled.fields import address_of, claim, flags, long_at, longs
+
+
+@plain
+def other_data(model, data, slots):
+    """Return the other data of the thread that has this data, which is made when it is first needed.
+
+    Args:
+        model: address of the model.
+        data: address of the thread's data.
+        slots: pairs of data and other data, zeros at first, int64 (2 k,), written.
+    """
+    for i in range(len(slots) // 2):
+        slot = address_of(slots) + 16 * i
+        owner = long_at(slot)
+        if owner == 0:
+            owner = claim(slot, data)
+            if owner == 0:
+                slots[2 * i + 1] = mj.make_data(model)
+                owner = data
+        if owner == data:
+            return slots[2 * i + 1]
+    return 0
+
+
+@plain
+def copy_out(data, world, outputs, count):
+    """Copy fields of data to where those of all worlds are.
+
+    Args:
+        data: address of the data of a world.
+        world: its number.
+        outputs: address of three numbers for each field: where data tells its address, where that of world 0 is to be,
+            and its bytes.
+        count: of fields.
+    """
+    for i in range(count):
+        output = longs(outputs + 24 * i, 3)
+        size = output[2]
+        put(flags(output[1] + size * world, size), flags(long_at(data + output[0]), size))

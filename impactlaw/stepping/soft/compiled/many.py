@@ -1,0 +1,106 @@
+"""Where MuJoCo's batches enter compiled soft steps: a C function of a world, and numbers that say where all else is."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, cast
+
+import numba
+import numpy as np
+from numba import types
+
+from impactlaw.compiled import compiled
+from impactlaw.linked import linked
+from impactlaw.solvers.cones.algebra.loops import numbers
+from impactlaw.stepping.compiled import libmujoco as mj
+from impactlaw.stepping.compiled.fields import address_of, flags, floats, keep, longs
+from impactlaw.stepping.compiled.pooled import copy_out, other_data
+from impactlaw.stepping.soft.compiled.collide import COUNT, LAST, SUMS
+from impactlaw.stepping.soft.compiled.step import STATE, linked_advance
+from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, SETTING, UNKNOWN
+
+
+class Worlds(NamedTuple):
+    """Places in the numbers that the entry is given; of each world there is one of what ends in _of.
+
+    Attributes:
+        table: offsets of fields.
+        bilateral: which equality constraints collisions keep, and how many there are; 0 if they keep none.
+        frictional: contacts have friction.
+        collides: anything can collide.
+        steps: to take.
+        slots: see `pooled.other_data`, and how many pairs.
+        settings_of: see `world.Settings`.
+        laws_of: address of keys, address of values, and how many, int64 (nsim, 3).
+        states_of: room for the state at the start of the call, and how many numbers a state has.
+        counts_of: steps so far with a collision, and those whose last one had no restitution, (nsim, 2), added to.
+        status_of: how the call has ended, the key that was asked for, and steps taken, int64 (nsim, 3), written; a
+            call goes on after so many steps.
+        outputs: see `pooled.copy_out`, and how many.
+        forces: whether the forces on bodies in the last timestep, such as cfrc_ext, are computed.
+    """
+
+    table: int = 0
+    bilateral: int = 1
+    constraints: int = 2
+    frictional: int = 3
+    collides: int = 4
+    steps: int = 5
+    slots: int = 6
+    slot_count: int = 7
+    settings_of: int = 8
+    laws_of: int = 9
+    states_of: int = 10
+    states: int = 11
+    counts_of: int = 12
+    status_of: int = 13
+    outputs: int = 14
+    output_count: int = 15
+    forces: int = 16
+
+
+WORLDS = Worlds()
+
+
+@compiled("void(int64,int64,int64,int64)")
+def some_steps(model, data, world, context):
+    """Take the steps of one of many worlds; what Python is to do is left, and a failure puts the state back."""
+    c = longs(context, len(WORLDS))
+    width, report = c[WORLDS.states], longs(c[WORLDS.status_of] + 24 * world, 3)
+    first = floats(c[WORLDS.states_of] + 8 * width * world, width)
+    where = longs(c[WORLDS.laws_of] + 24 * world, 3)
+    keys, values = longs(where[0], where[2]), floats(where[1], where[2])
+    settings = floats(c[WORLDS.settings_of] + 8 * len(SETTING) * world, len(SETTING))
+    counts = floats(c[WORLDS.counts_of] + 16 * world, 2)
+    state, sums, none, left = numbers(width), numbers(SUMS), numbers(0), numbers(2)
+    other = other_data(model, data, longs(c[WORLDS.slots], 2 * c[WORLDS.slot_count]))
+    left[0] = left[1] = np.nan  # what this data has met before was in another world
+    if report[2] == 0:
+        mj.get_state(model, data, address_of(first), STATE)
+    while report[2] < c[WORLDS.steps]:
+        report[0] = linked_advance(
+            model, data, other, c[WORLDS.table],
+            settings[SETTING.restitution], settings[SETTING.sliding], settings[SETTING.exact] != 0.0,
+            settings[SETTING.last_exact] != 0.0, c[WORLDS.frictional] != 0,
+            settings[SETTING.rest_speed], np.int64(settings[SETTING.most]), keys, values, report[1:2], none,
+            flags(c[WORLDS.bilateral], c[WORLDS.constraints]), left, state, sums, c[WORLDS.collides] != 0,
+        )  # fmt: skip
+        if report[0] != FINE:
+            break
+        report[2] += 1
+        counts[0] += sums[COUNT] > 0.0
+        counts[1] += sums[LAST] > 0.0
+    if report[0] == FINE and c[WORLDS.forces] != 0:
+        mj.rne_post_constraint(model, data)
+    elif report[0] != FINE and report[0] != PYTHON and report[0] != UNKNOWN:
+        mj.set_state(model, data, address_of(first), STATE)
+    copy_out(data, world, c[WORLDS.outputs], c[WORLDS.output_count])
+    keep(first)
+
+
+_some_steps = linked(some_steps)
+
+
+@cast(Any, numba).cfunc(types.void(types.int64, types.int64, types.int32, types.int64))
+def many(model, data, world, context):
+    """Take the steps of one of many worlds."""
+    _some_steps(model, data, world, context)

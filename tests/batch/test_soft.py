@@ -1,0 +1,252 @@
+"""Many worlds take soft steps as single ones do, whatever the number of threads."""
+
+from __future__ import annotations
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+
+from impactlaw import Batch, Coulomb, Moreau, Newton, Stepper
+from impactlaw.errors import RestitutionError, SceneError, WorldsFailedError
+from impactlaw.laws import Reversal
+
+SCENE = """<mujoco><option timestep="0.005" integrator="{}"/><worldbody>
+  <geom name="floor" type="plane" size="3 3 1" friction=".7"/>
+  <body pos="0 0 .4"><freejoint/><geom name="box" type="box" size=".1 .08 .06" condim="4"/></body>
+  <body pos=".1 0 .7"><freejoint/><geom name="ball" size=".07" condim="6" friction=".5 .01 .001"/></body>
+  <body pos="-.6 0 .5"><joint name="a" axis="0 1 0" range="-40 40"/><geom name="arm" size=".06" pos=".2 0 0"/></body>
+  </worldbody><actuator><motor joint="a" gear="2"/></actuator></mujoco>"""
+INTEGRATORS = ("Euler", "RK4", "implicitfast")
+JAM_QPOS = (-8.756441491107173, -0.5294397993016361, 3.446350937151604, 0.4032184000507698, -0.3269331208193089,
+            -0.008362221697740022, 0.27571687676287643, 0.36444716320914206, 0.09693485059105762)  # fmt: skip
+JAM_QVEL = (0.25977730331245696, -1.549247649343238, 3.877177114182032, -4.074811278541012, -13.308072276621568,
+            11.739245103330694, -11.763683576082812, 5.911472684886507, 0.16368325580040494)  # fmt: skip
+"""A HalfCheetah on its back whose torso and thigh jam on the floor: compiled code leaves that to Python."""
+
+
+def compiled(integrator: str = "Euler") -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(SCENE.format(integrator))
+
+
+def thrown(batch: Batch) -> np.ndarray:
+    """Give each world a velocity of its own, and return these."""
+    velocity = np.random.default_rng(0).normal(size=(batch.nsim, batch.model.nv))
+    batch.bind("qvel")[:] = velocity
+    return velocity
+
+
+def stepped(model: mujoco.MjModel, law, velocity: np.ndarray, steps: int) -> mujoco.MjData:
+    stepper = Stepper(model, law, contact_model="soft", compiled="never", on_inadmissible="project")
+    data = mujoco.MjData(model)
+    data.qvel[:] = velocity
+    for _ in range(steps):
+        stepper.step(data)
+    return data
+
+
+@pytest.mark.parametrize("nstep", [1, 5])
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_each_world_is_that_of_a_stepper(integrator, nstep):
+    model = compiled(integrator)
+    batch = Batch(model, Moreau(0.5), 6, 2, contact_model="soft")
+    velocity = thrown(batch)
+    for _ in range(100 // nstep):
+        batch.step(nstep=nstep)
+    assert (batch.impact_count > 0).all()
+    assert not batch.short_steps.any()
+    assert not batch.shortfall.any()
+    for world in range(6):
+        data = stepped(model, Moreau(0.5), velocity[world], 100)
+        np.testing.assert_allclose(batch.bind("qpos")[world], data.qpos, atol=1e-9)
+        np.testing.assert_allclose(batch.bind("qvel")[world], data.qvel, atol=1e-8)
+        assert batch.bind("time")[world] == pytest.approx(data.time)
+
+
+def test_worlds_without_a_collision_are_those_of_mujoco():
+    model = compiled()
+    batch, data = Batch(model, Moreau(0.5), 3, 1, contact_model="soft"), mujoco.MjData(model)
+    batch.step(nstep=20)
+    for _ in range(20):
+        mujoco.mj_step(model, data)
+    assert (batch.bind("qpos") == data.qpos).all()
+    assert not batch.impact_count.any()
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_results_do_not_depend_on_threads(integrator):
+    ends = []
+    for threads in (1, 2, 4):
+        batch = Batch(compiled(integrator), Moreau(0.5), 12, threads, contact_model="soft")
+        thrown(batch)
+        for _ in range(40):
+            batch.step(nstep=3)
+        ends.append(batch.state.copy())
+    assert np.array_equal(ends[0], ends[1])
+    assert np.array_equal(ends[0], ends[2])
+
+
+def test_worlds_have_laws_and_restitution_of_their_own():
+    model = compiled()
+    laws = [
+        Moreau(0.1),
+        Newton({("ball", "floor"): 0.9}, default=0.3),
+        Coulomb(Moreau(0.7), tangential_restitution=0.2),
+    ]
+    batch = Batch(model, laws * 2, 6, 2, contact_model="soft")
+    velocity = thrown(batch)
+    batch.restitution[3] = 0.8
+    batch.step(nstep=100)
+    own = [*laws, Moreau(0.8), *laws[1:]]
+    for world in range(6):
+        data = stepped(model, own[world], velocity[world], 100)
+        np.testing.assert_allclose(batch.bind("qpos")[world], data.qpos, atol=1e-9)
+
+
+def test_worlds_have_parameters_of_their_own():
+    model, own = compiled(), compiled()
+    batch = Batch(model, Moreau(0.5), 3, 1, contact_model="soft")
+    batch.expand("geom_friction")[1, :, 0] = own.geom_friction[:, 0] = 0.1
+    velocity = np.random.default_rng(3).normal(size=model.nv)
+    batch.bind("qvel")[:] = velocity
+    batch.step(nstep=150)
+    ends = batch.bind("qpos")
+    assert np.array_equal(ends[0], ends[2])
+    np.testing.assert_allclose(ends[1], stepped(own, Moreau(0.5), velocity, 150).qpos, atol=1e-9)
+    assert np.abs(ends[1] - ends[0]).max() > 1e-3
+
+
+def jammed(law=None, steps: int = 3, **options) -> Batch:
+    """Return two worlds, of which the second one has to take its first step in Python."""
+    batch = Batch(gymnasium.make("HalfCheetah-v5").unwrapped.model, law or Moreau(0.0), 2, 1, contact_model="soft")
+    for name, values in options.items():
+        batch.expand(name)[:] = values
+    batch.bind("xpos"), batch.bind("cfrc_ext")
+    batch.bind("qpos")[1], batch.bind("qvel")[1] = JAM_QPOS, JAM_QVEL
+    batch.step(nstep=steps)
+    return batch
+
+
+def alone(model: mujoco.MjModel, law, steps: int) -> tuple[mujoco.MjData, int]:
+    stepper, data = Stepper(model, law, contact_model="soft", compiled="never"), mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = JAM_QPOS, JAM_QVEL
+    for _ in range(steps):
+        stepper.step(data)
+    mujoco.mj_rnePostConstraint(model, data)
+    return data, stepper.short_steps
+
+
+@pytest.mark.parametrize("steps", [1, 3])
+@pytest.mark.parametrize("e", [0.0, 0.3])
+def test_what_compiled_code_does_not_take_is_stepped_in_python(steps, e):
+    batch = jammed(Moreau(e), steps)
+    data, short = alone(batch.model, Moreau(e), steps)
+    np.testing.assert_allclose(batch.bind("qpos")[1], data.qpos, atol=1e-12)
+    np.testing.assert_allclose(batch.bind("qvel")[1], data.qvel, atol=1e-9)
+    np.testing.assert_allclose(batch.bind("xpos")[1], data.xpos, atol=1e-12)
+    np.testing.assert_allclose(batch.bind("cfrc_ext")[1], data.cfrc_ext, atol=1e-6)
+    assert batch.short_steps.tolist() == [0, short]
+    assert batch.bind("time").tolist() == [steps * batch.model.opt.timestep] * 2
+
+
+def test_steps_in_python_have_the_parameters_and_the_restitution_of_their_world():
+    model = gymnasium.make("HalfCheetah-v5").unwrapped.model
+    heavy = 3.0 * model.body_mass
+    batch = jammed(Moreau(0.0), 1, body_mass=np.array([model.body_mass, heavy]))
+    model.body_mass[:] = heavy
+    np.testing.assert_allclose(batch.bind("qvel")[1], alone(model, Moreau(0.0), 1)[0].qvel, atol=1e-9)
+    batch = jammed(steps=1)
+    batch.reset()
+    batch.bind("qpos")[1], batch.bind("qvel")[1] = JAM_QPOS, JAM_QVEL
+    batch.restitution[1] = 0.3
+    batch.step()
+    np.testing.assert_allclose(batch.bind("qvel")[1], alone(batch.model, Moreau(0.3), 1)[0].qvel, atol=1e-9)
+
+
+def test_a_world_fails_alone():
+    batch, other = (Batch(compiled(), Moreau(0.5), 4, n, contact_model="soft") for n in (2, 1))
+    thrown(batch)
+    thrown(other)
+    batch.bind("qvel")[2, 0] = np.nan
+    before = batch.state[2].copy()
+    with pytest.raises(WorldsFailedError, match=r"^1 world has failed \(2\): .* not finite") as caught:
+        batch.step(nstep=50)
+    assert list(caught.value.worlds) == [2]
+    assert caught.value.diverged
+    np.testing.assert_array_equal(batch.state[2], before)
+    other.step(nstep=50)
+    for world in (0, 1, 3):
+        assert np.array_equal(batch.state[world], other.state[world])
+
+
+def test_an_error_of_the_engine_is_one_of_its_world():
+    tight = mujoco.MjModel.from_xml_string(
+        SCENE.format("Euler").replace("<worldbody>", '<size memory="14K"/><worldbody>', 1)
+    )
+    batch = Batch(tight, Moreau(0.5), 3, 1, contact_model="soft")
+    batch.bind("qpos")[0, 2], batch.bind("qpos")[0, 9] = 30.0, 40.0  # nothing is near in world 0
+    for _ in range(200):
+        before = batch.state.copy()
+        try:
+            batch.step(nstep=2)
+        except WorldsFailedError as error:
+            assert "memory" in str(error)
+            assert 0 not in error.worlds
+            np.testing.assert_array_equal(batch.state[error.worlds], before[error.worlds])
+            return
+    raise AssertionError("no error")
+
+
+def test_some_worlds_are_stepped_and_reset():
+    batch = Batch(compiled(), Moreau(0.5), 4, 2, contact_model="soft")
+    thrown(batch)
+    batch.step(ids=[1, 3], nstep=60)
+    assert batch.bind("time") == pytest.approx([0.0, 0.3, 0.0, 0.3])
+    assert (batch.impact_count[[1, 3]] > 0).all()
+    kept = batch.state[3].copy()
+    batch.reset([1])
+    assert np.array_equal(batch.bind("qpos")[1], batch.model.qpos0)
+    assert batch.impact_count[1] == 0
+    assert np.array_equal(batch.state[3], kept)
+
+
+def test_a_contact_that_the_law_does_not_know_leaves_worlds_as_they_were(monkeypatch):
+    model = compiled()
+    batch = Batch(model, Newton({("ball", "floor"): 0.9}, default=0.3), 2, 1, contact_model="soft")
+    thrown(batch)
+    before = batch.state.copy()
+
+    def unknown(world: int, key: int) -> None:
+        raise RestitutionError("no restitution")
+
+    monkeypatch.setattr(batch._laws, "learn", unknown)
+    with pytest.raises(RestitutionError, match="no restitution"):
+        batch.step(nstep=100)
+    np.testing.assert_array_equal(batch.state, before)
+
+
+MOVED = """<mujoco><worldbody><body name="table" mocap="true"><geom type="box" size=".5 .5 .1"/></body>
+  <body pos="0 0 .2"><freejoint/><geom size=".07"/></body></worldbody></mujoco>"""
+
+
+def test_what_a_soft_batch_does_not_take():
+    with pytest.raises(SceneError, match="looks at all contacts"):
+        Batch(compiled(), Reversal(0.5), 2, contact_model="soft")
+    with pytest.raises(SceneError, match="discrete"):
+        Batch(compiled("discrete"), Moreau(0.5), 2, contact_model="soft")
+    with pytest.raises(SceneError, match="mocap bodies"):
+        Batch(mujoco.MjModel.from_xml_string(MOVED), Moreau(0.5), 2, contact_model="soft")
+    with pytest.raises(ValueError, match="contact_model"):
+        Batch(compiled(), Moreau(0.5), 2, contact_model="hard")
+
+
+def test_callbacks_are_refused():
+    batch = Batch(compiled(), Moreau(0.5), 2, 1, contact_model="soft")
+    mujoco.set_mjcb_control(lambda model, data: None)
+    try:
+        with pytest.raises(SceneError, match="callback"):
+            batch.step()
+    finally:
+        mujoco.set_mjcb_control(None)
+    batch.step()
+    assert batch.bind("time").tolist() == [0.005, 0.005]
