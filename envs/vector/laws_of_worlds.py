@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -26,6 +26,7 @@ class LawsOfWorlds:
         model: of all worlds.
         law: as `VectorWorlds` takes it.
         count: number of worlds.
+        contact_model: of `Batch`.
         nthread: number of threads; 0 for one per processor.
         options: of `Batch`: "friction", "on_inadmissible", "rest_speed".
 
@@ -40,6 +41,7 @@ class LawsOfWorlds:
         law: str | Law | Sequence[str | Law] | LawDistribution,
         count: int,
         *,
+        contact_model: Literal["rigid", "soft"],
         nthread: int,
         options: Mapping[str, Any],
     ):
@@ -47,7 +49,7 @@ class LawsOfWorlds:
         self._distribution = law if isinstance(law, LawDistribution) else None
         first = _first_laws(law, model, count)
         _check_options(options)
-        self.batch = Batch(model, first, count, nthread, **options)
+        self.batch = Batch(model, first, count, nthread, contact_model=contact_model, **options)
         self._own = [first] * count if isinstance(first, Law) else first
         self.in_force = list(self._own)
         self._seeds = [EpisodeSeeds(LAWS) for _ in range(count)]

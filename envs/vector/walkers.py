@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
@@ -18,8 +18,8 @@ from impactlaw.envs.vector.worlds import VectorWorlds
 from impactlaw.errors import OptionError
 from impactlaw.laws import Law
 
-_IS = {"scheme": "time-stepping", "contact_model": "rigid", "log": None, "render_mode": None}
-"""What worlds are."""
+_IS = {"scheme": "time-stepping", "log": None, "render_mode": None}
+"""What rigid worlds are."""
 _OF_BATCH = ("friction", "on_inadmissible", "rest_speed")
 _PICTURES = ("width", "height", "camera_id", "camera_name")
 _OF_SINGLE = (*_IS, *_OF_BATCH, *_PICTURES, "log_every", "contacts", "limits", "impulse_in_cfrc_ext")
@@ -99,6 +99,7 @@ def make_robots(
     name: str,
     law: str | Law | list[str | Law] | LawDistribution = "moreau",
     restitution: Any = None,
+    contact_model: Literal["rigid", "soft"] = "rigid",
     nthread: int = 0,
     max_episode_steps: int | None = None,
     batch_options: Mapping[str, Any] | None = None,
@@ -113,41 +114,43 @@ def make_robots(
             draws the law of each of its episodes.
         restitution: of laws that are given by their names, or a list or an array with one for each world; 0 if a law
             needs one and none is given.
+        contact_model: "rigid", which is time stepped, or "soft": see `impactlaw.Batch`.
         nthread: number of threads; 0 for one per processor.
         max_episode_steps: steps after which an episode is truncated.
         batch_options: of `impactlaw.Batch`.
-        options: of gymnasium's environment, but not for pictures; scheme="time-stepping" and contact_model="rigid" may
-            be said, too.
+        options: of gymnasium's environment, but not for pictures; scheme="time-stepping" may be said of rigid worlds.
 
     Raises:
-        UnknownNameError: no such law.
+        UnknownNameError: no such law, or no such contact model.
         RestitutionError: a law does not fit the scene, or has a restitution of its own.
         SceneError: compiled code does not take a law.
         OptionError: a number of worlds or threads that cannot be, or not one law for each world, or an option that
             only single environments have.
     """
-    options = _of_robots(name, options)
+    options = _of_robots(name, options, contact_model)
     task = (Spatial if name in ("Ant-v5", "Humanoid-v5") else Planar)(name, **options)
     chosen = asked_laws(task.model, law, restitution, num_envs, usual=0.0)
     return VectorWorlds(
-        task, num_envs, chosen, nthread=nthread, max_episode_steps=max_episode_steps,
+        task, num_envs, chosen, contact_model=contact_model, nthread=nthread, max_episode_steps=max_episode_steps,
         options=batch_options,
     )  # fmt: skip
 
 
-def _of_robots(name: str, options: dict[str, Any]) -> dict[str, Any]:
+def _of_robots(name: str, options: dict[str, Any], contact_model: str) -> dict[str, Any]:
     """Return the options of gymnasium's environment, without those that say what worlds are anyway.
 
     Raises:
-        OptionError: some are for single environments only.
+        OptionError: some are for single environments only, or for rigid worlds.
     """
+    if contact_model == "soft" and options.get("scheme") is not None:
+        raise OptionError("scheme means nothing to soft steps; leave it out")
     left = {option: value for option, value in options.items() if option not in _IS or value != _IS[option]}
     single = [f"{option}={left[option]!r:.50}" for option in _OF_SINGLE if option in left]
     if single:
         batch = [option for option in _OF_BATCH if option in left]
         instead = f"{', '.join(batch)} can be given in batch_options; " if batch else ""
         raise OptionError(
-            f"these worlds are rigid, time stepped and not drawn or recorded, and do not take {', '.join(single)}: "
+            f"these worlds are time stepped, or soft, and not drawn or recorded, and do not take {', '.join(single)}: "
             f'{instead}put ImpactLaw(gymnasium.make("{name}"), law, ...) into a SyncVectorEnv or AsyncVectorEnv of '
             "gymnasium for the rest"
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from gymnasium.error import ResetNeeded
@@ -40,6 +40,7 @@ class VectorWorlds(VectorEnv):
         num_envs: number of worlds.
         law: the law of all worlds, or a list with one for each, laws or their names, or a `LawDistribution` from which
             each world draws the law of each of its episodes.
+        contact_model: of `Batch`.
         nthread: number of threads; 0 for one per processor.
         max_episode_steps: steps after which an episode is truncated; None for no limit.
         options: of `Batch`.
@@ -66,6 +67,7 @@ class VectorWorlds(VectorEnv):
         num_envs: int,
         law: str | Law | Sequence[str | Law] | LawDistribution,
         *,
+        contact_model: Literal["rigid", "soft"] = "rigid",
         nthread: int = 0,
         max_episode_steps: int | None = None,
         options: Mapping[str, Any] | None = None,
@@ -77,7 +79,9 @@ class VectorWorlds(VectorEnv):
         self.single_observation_space, self.single_action_space = task.observation_space, task.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._laws = LawsOfWorlds(task.model, law, num_envs, nthread=nthread, options=options or {})
+        self._laws = LawsOfWorlds(
+            task.model, law, num_envs, contact_model=contact_model, nthread=nthread, options=options or {}
+        )
         self.batch = self._laws.batch
         task.bind(self.batch)
         self._rngs = [seeding.np_random(None)[0] for _ in range(num_envs)]
@@ -91,7 +95,8 @@ class VectorWorlds(VectorEnv):
         self.friction = options.get("friction", "coulomb")
         self.on_inadmissible = options.get("on_inadmissible", "project")
         self.rest_speed = options.get("rest_speed")
-        self.contact_model, self.scheme, self.log, self.log_every = "rigid", "time-stepping", None, 1
+        self.contact_model, self.log, self.log_every = self.batch.contact_model, None, 1
+        self.scheme = "time-stepping" if self.contact_model == "rigid" else None
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None

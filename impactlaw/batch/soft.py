@@ -32,6 +32,7 @@ from impactlaw.stepping.way import Way
 
 _DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
 _HOW, _ASKED, _TAKEN = 0, 1, 2  # places in the report of a world
+_IMPACTS, _SHORT, _LEFT = 0, 1, 2  # places in what is remembered of a world
 _HUGE = "MuJoCo met a state that is not finite, or huge"
 
 
@@ -96,16 +97,17 @@ class SoftWorlds:
         if why is not None:
             raise SceneError(f"a batch takes no soft steps of this scene: {why}; use Stepper")
         self.laws, self._data, self._expanded = Laws(self._one, worlds, len(SETTING)), mujoco.MjData(model), False
-        self._counts, self._report = np.zeros((worlds, 2)), np.zeros((worlds, 3), np.int64)
+        self._memory, self._report = np.zeros((worlds, 3)), np.zeros((worlds, 3), np.int64)
         self._failed: dict[int, tuple[str, bool]] = {}
         self._first, self._table, self._callbacks = np.zeros_like(fields.state), table(), callbacks()
         self._bilateral = constraint_kinds(model) if scheme.collisions.bilateral.any() else np.zeros(0, np.uint8)
         self._slots = np.zeros((pool.threads + 1, 2), np.int64)
         when_gone(self, delete_others, self._slots)
         self.context = np.zeros(len(WORLDS), np.int64)
+        self._memory[:, _LEFT] = np.nan
         arrays = {
             "table": self._table, "bilateral": self._bilateral, "slots": self._slots, "laws_of": self.laws.places,
-            "settings_of": self.laws.settings, "states_of": self._first, "counts_of": self._counts,
+            "settings_of": self.laws.settings, "states_of": self._first, "memory_of": self._memory,
             "status_of": self._report,
         }  # fmt: skip
         numbers = {
@@ -117,12 +119,12 @@ class SoftWorlds:
     @property
     def impact_count(self) -> np.ndarray:
         """Steps of each world so far in which something collided, (nsim,)."""
-        return self._counts[:, 0].astype(int)
+        return self._memory[:, _IMPACTS].astype(int)
 
     @property
     def short_steps(self) -> np.ndarray:
         """Steps of each world so far that were without restitution in part, or left to MuJoCo's contacts, (nsim,)."""
-        return self._counts[:, 1].astype(int)
+        return self._memory[:, _SHORT].astype(int)
 
     @property
     def shortfall(self) -> np.ndarray:
@@ -177,10 +179,11 @@ class SoftWorlds:
         """Let worlds be as they were before the call, if it has begun."""
         begun = worlds[self._report[worlds, _TAKEN] > 0]
         self._fields.state[begun] = self._first[begun]
+        self._memory[worlds, _LEFT] = np.nan
 
     def begin(self, worlds: np.ndarray) -> None:
         """Let worlds have nothing to remember."""
-        self._counts[worlds] = 0.0
+        self._memory[worlds] = 0.0, 0.0, np.nan
 
     def _step_in_python(self, world: int) -> None:
         """Take one step of a world in Python; if that fails the world is as it was before the call."""
@@ -190,7 +193,7 @@ class SoftWorlds:
             self._pool.write_model(world, model)
             scheme = _OneSoftWorld(Way(model, self._plan, self._options, None), Moreau(0.0)).scheme
         scheme.set_law(self._one.way.law_for(self._law_of(world)))
-        scheme.resume(np.nan, scheme.collisions.collider)
+        scheme.resume(float(self._memory[world, _LEFT]), scheme.collisions.collider)
         mujoco.mj_resetData(model, data)  # with no contacts of another world
         restore_state(model, data, self._fields.state[world])
         missed = scheme.short_steps + scheme.unlocated
@@ -200,7 +203,9 @@ class SoftWorlds:
             self._failed[world] = str(error), isinstance(error, DivergenceError)
             self.put_back(np.array([world]))
             return
-        self._counts[world] += bool(events), scheme.short_steps + scheme.unlocated - missed
+        self._memory[world, _IMPACTS] += bool(events)
+        self._memory[world, _SHORT] += scheme.short_steps + scheme.unlocated - missed
+        self._memory[world, _LEFT] = np.nan if data.ncon + data.nl else data.time
         self._report[world, _HOW] = FINE
         self._report[world, _TAKEN] += 1
         self._fields.state[world] = save_state(model, data)

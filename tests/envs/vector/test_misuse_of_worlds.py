@@ -153,11 +153,13 @@ def test_options_of_single_environments_that_robots_in_worlds_do_not_have(name):
     for options, message in (
         ({"render_mode": "rgb_array"}, "do not take render_mode='rgb_array': put ImpactLaw"),
         ({"scheme": "event-driven"}, "do not take scheme='event-driven': put ImpactLaw"),
-        ({"contact_model": "soft", "log": "run.rrd"}, "do not take contact_model='soft', log='run.rrd'"),
+        ({"contact_model": "soft", "log": "run.rrd"}, "do not take log='run.rrd'"),
+        ({"contact_model": "soft", "scheme": "time-stepping"}, "scheme means nothing to soft steps"),
+        ({"contact_model": "hard"}, "contact_model"),
         ({"friction": "ignore"}, "friction can be given in batch_options; put ImpactLaw"),
         ({"limits": False}, "do not take limits=False"),
     ):
-        with pytest.raises(OptionError, match=message):
+        with pytest.raises((OptionError, UnknownNameError), match=message):
             gymnasium.make_vec(f"impactlaw/{name}", 2, **options)
     said = {"scheme": "time-stepping", "contact_model": "rigid", "render_mode": None}
     gymnasium.make_vec(f"impactlaw/{name}", 2, nthread=1, **said).close()

@@ -15,6 +15,7 @@ from impactlaw import Moreau, Stepper
 from impactlaw.envs.vector.worlds import VectorWorlds
 
 NAMES = ["Hopper-v5", "Walker2d-v5", "HalfCheetah-v5", "Ant-v5", "Humanoid-v5"]
+WAYS = {"rigid": {"scheme": "time-stepping"}, "soft": {"contact_model": "soft", "on_inadmissible": "project"}}
 IN_SPACE = ["Ant-v5", "Humanoid-v5"]
 
 
@@ -27,9 +28,10 @@ def make(name: str, num_envs: int, **options: Any) -> VectorWorlds:
 class Alone:
     """Gymnasium's own environment, with the steps of a `Stepper`."""
 
-    def __init__(self, name: str, restitution: float):
+    def __init__(self, name: str, restitution: float, contact_model: str):
         self.env: Any = gymnasium.make(name).unwrapped
-        self.stepper = Stepper(self.env.model, Moreau(restitution), scheme="time-stepping")
+        options: Any = WAYS[contact_model]
+        self.stepper = Stepper(self.env.model, Moreau(restitution), **options)
         self.env._step_mujoco_simulation = self._step
 
     def _step(self, ctrl: np.ndarray, frames: int) -> None:
@@ -39,10 +41,11 @@ class Alone:
         mujoco.mj_rnePostConstraint(self.env.model, self.env.data)
 
 
+@pytest.mark.parametrize("contact_model", WAYS)
 @pytest.mark.parametrize("name", NAMES)
-def test_observations_rewards_and_ends_are_gymnasiums(name: str):
-    worlds, rng = make(name, 4, restitution=0.3, nthread=2), np.random.default_rng(0)
-    singles = [Alone(name, 0.3) for _ in range(4)]
+def test_observations_rewards_and_ends_are_gymnasiums(name: str, contact_model: str):
+    worlds = make(name, 4, restitution=0.3, nthread=2, contact_model=contact_model)
+    rng, singles = np.random.default_rng(0), [Alone(name, 0.3, contact_model) for _ in range(4)]
     observed, _ = worlds.reset(seed=7)
     for i, single in enumerate(singles):
         np.testing.assert_allclose(observed[i], single.env.reset(seed=7 + i)[0], atol=1e-12)
@@ -79,8 +82,11 @@ def test_episodes_are_truncated_and_begin_anew():
     assert [i for i, (one, other) in enumerate(ends) if one and other] == [4, 10]
 
 
-def test_worlds_have_laws_of_their_own():
-    worlds = make("Hopper-v5", 2, law=[Moreau(0.0), Moreau(0.9)])
+@pytest.mark.parametrize("contact_model", WAYS)
+def test_worlds_have_laws_of_their_own(contact_model: str):
+    worlds = make("Hopper-v5", 2, law=[Moreau(0.0), Moreau(0.9)], contact_model=contact_model)
+    assert worlds.get_attr("contact_model") == (contact_model, contact_model)
+    assert worlds.get_attr("scheme") == (WAYS[contact_model].get("scheme"),) * 2
     observed, _ = worlds.reset(seed=[3, 3])
     action = np.zeros_like(worlds.action_space.sample())
     for _ in range(12):

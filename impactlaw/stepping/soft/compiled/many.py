@@ -12,7 +12,7 @@ from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import numbers
 from impactlaw.stepping.compiled import libmujoco as mj
-from impactlaw.stepping.compiled.fields import address_of, flags, floats, keep, longs
+from impactlaw.stepping.compiled.fields import DATA, address_of, flags, floats, ints, keep, longs
 from impactlaw.stepping.compiled.pooled import copy_out, other_data
 from impactlaw.stepping.soft.compiled.collide import COUNT, LAST, SUMS
 from impactlaw.stepping.soft.compiled.step import STATE, linked_advance
@@ -32,7 +32,8 @@ class Worlds(NamedTuple):
         settings_of: see `world.Settings`.
         laws_of: address of keys, address of values, and how many, int64 (nsim, 3).
         states_of: room for the state at the start of the call, and how many numbers a state has.
-        counts_of: steps so far with a collision, and those whose last one had no restitution, (nsim, 2), added to.
+        memory_of: steps so far with a collision, those whose last one had no restitution, and the time at which the last
+            step has ended without contact, s, or NaN, (nsim, 3), written.
         status_of: how the call has ended, the key that was asked for, and steps taken, int64 (nsim, 3), written; a
             call goes on after so many steps.
         outputs: see `pooled.copy_out`, and how many.
@@ -51,7 +52,7 @@ class Worlds(NamedTuple):
     laws_of: int = 9
     states_of: int = 10
     states: int = 11
-    counts_of: int = 12
+    memory_of: int = 12
     status_of: int = 13
     outputs: int = 14
     output_count: int = 15
@@ -70,10 +71,13 @@ def some_steps(model, data, world, context):
     where = longs(c[WORLDS.laws_of] + 24 * world, 3)
     keys, values = longs(where[0], where[2]), floats(where[1], where[2])
     settings = floats(c[WORLDS.settings_of] + 8 * len(SETTING) * world, len(SETTING))
-    counts = floats(c[WORLDS.counts_of] + 16 * world, 2)
+    memory = floats(c[WORLDS.memory_of] + 24 * world, 3)
     state, sums, none, left = numbers(width), numbers(SUMS), numbers(0), numbers(2)
     other = other_data(model, data, longs(c[WORLDS.slots], 2 * c[WORLDS.slot_count]))
-    left[0] = left[1] = np.nan  # what this data has met before was in another world
+    left[0] = memory[2]
+    ncon, nl = longs(c[WORLDS.table], DATA.ncon + 1)[DATA.ncon], longs(c[WORLDS.table], DATA.nl + 1)[DATA.nl]
+    contacts, limits = ints(data + ncon, 1), ints(data + nl, 1)
+    contacts[0] = limits[0] = 0  # what this data has met before was in another world
     if report[2] == 0:
         mj.get_state(model, data, address_of(first), STATE)
     while report[2] < c[WORLDS.steps]:
@@ -87,12 +91,14 @@ def some_steps(model, data, world, context):
         if report[0] != FINE:
             break
         report[2] += 1
-        counts[0] += sums[COUNT] > 0.0
-        counts[1] += sums[LAST] > 0.0
+        memory[0] += sums[COUNT] > 0.0
+        memory[1] += sums[LAST] > 0.0
+        memory[2] = left[0] if contacts[0] + limits[0] == 0 else np.nan
     if report[0] == FINE and c[WORLDS.forces] != 0:
         mj.rne_post_constraint(model, data)
     elif report[0] != FINE and report[0] != PYTHON and report[0] != UNKNOWN:
         mj.set_state(model, data, address_of(first), STATE)
+        memory[2] = np.nan
     copy_out(data, world, c[WORLDS.outputs], c[WORLDS.output_count])
     keep(first)
 
