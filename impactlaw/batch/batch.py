@@ -79,7 +79,10 @@ class Batch:
         check_override(model, plan)
         self._left_out = watched_fields(plan, friction)
         first = one_each(law, nsim)[0]
-        self._pool = Pool(model, nsim, nthread, persistent=False)
+        try:
+            self._pool = Pool(model, nsim, nthread, persistent=False)
+        except mujoco.FatalError as error:
+            raise SceneError(f"MuJoCo makes no batch of this scene: {error}; use Stepper") from None
         self._fields, self._functions = Fields(self._pool, model), functions()
         self.state = self._fields.state
         if contact_model == "soft":

@@ -32,8 +32,8 @@ class Worlds(NamedTuple):
         settings_of: see `world.Settings`.
         laws_of: address of keys, address of values, and how many, int64 (nsim, 3).
         states_of: room for the state at the start of the call, and how many numbers a state has.
-        memory_of: steps so far with a collision, those whose last one had no restitution, and the time at which the last
-            step has ended without contact, s, or NaN, (nsim, 3), written.
+        memory_of: steps so far with a collision, those whose last one had no restitution, and the time at which the
+            last step has ended without contact, s, or NaN, (nsim, 3), written.
         status_of: how the call has ended, the key that was asked for, and steps taken, int64 (nsim, 3), written; a
             call goes on after so many steps.
         outputs: see `pooled.copy_out`, and how many.
