@@ -26,7 +26,7 @@ print(double(1.0), sum(double.stats.cache_hits.values()), cache_folder())
 def _run(copy: Path, cache: Path) -> list[str]:
     environment = os.environ | {"PYTHONPATH": str(copy), "NUMBA_CACHE_DIR": str(cache)}
     command = [sys.executable, "-c", "import impactlaw.doubling"]
-    done = subprocess.run(command, env=environment, cwd=copy, capture_output=True, text=True, timeout=120, check=True)
+    done = subprocess.run(command, env=environment, cwd=copy, capture_output=True, text=True, timeout=600, check=True)
     return done.stdout.split()
 
 

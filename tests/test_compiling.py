@@ -42,7 +42,7 @@ print(five_halves(2.0), *(sum(f.stats.cache_hits.values()) for f in (double, hal
 def _run(code: str, copy: Path) -> str:
     environment = os.environ | {"PYTHONPATH": str(copy), "NUMBA_CACHE_DIR": str(copy / "cache")}
     command = [sys.executable, "-P", "-c", code]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=True).stdout
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600, check=True).stdout
 
 
 @pytest.fixture

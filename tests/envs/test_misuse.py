@@ -149,5 +149,5 @@ def test_closing_one_of_two_that_draw_leaves_the_other_its_pictures(names, backe
     environment = os.environ | {"MUJOCO_GL": backend}
     environment.pop("PYOPENGL_PLATFORM", None)
     command = [sys.executable, "-W", "ignore", "-c", TWO, *names]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr[-2000:]

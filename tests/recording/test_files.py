@@ -123,7 +123,7 @@ def test_a_disk_that_is_full_ends_the_run(tmp_path, limit):
     """Rerun waits for ever where its writer is gone: at the start, in a flush, and at the end of the process."""
     command = [sys.executable, "-c", LIMITED, str(tmp_path / "run.rrd"), str(limit)]
     for _ in range(3):  # it depends on which of its threads is the first
-        done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
         assert done.returncode == 1
         assert "RecordingError: cannot write the recording" in done.stderr
 
@@ -259,7 +259,7 @@ for _ in range(200):
 def test_a_run_that_nobody_closes_is_whole(tmp_path):
     """The last environment step ends with a frame that is flushed with the next ones."""
     command = [sys.executable, "-c", LEFT_OPEN, str(tmp_path / "run.rrd")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True)
     assert "Traceback" not in done.stderr
     (episode,) = read_log(tmp_path / "run.rrd").episodes
     assert len(episode.actions) == 200

@@ -54,7 +54,7 @@ def test_the_table_is_the_same_from_every_backend(backend, table, tmp_path):
         f"    run({FAST!r}, '.', backend={backend!r}, jobs=2)\n"
     )
     done = subprocess.run(
-        [sys.executable, "main.py"], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300,
+        [sys.executable, "main.py"], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=600,
         check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

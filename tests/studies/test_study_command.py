@@ -45,7 +45,7 @@ def test_a_policy_of_the_folder_where_one_is_acts_in_workers(tmp_path):
         "--jobs",
         "2",
     ]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr
     assert "mine:act" in done.stdout
     assert (tmp_path / "out/study/table.parquet").exists()
