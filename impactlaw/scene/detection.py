@@ -215,14 +215,20 @@ def _complete(several: Contacts, nearest: Contacts) -> Contacts:
     them for that of the contacts; and the contacts it chooses need not include the nearest.
     """
     gap, normal = several.gap.copy(), several.normal.copy()
-    kept = np.ones(len(nearest), dtype=bool)
-    for i, pair in enumerate(nearest.geoms):
-        same = np.flatnonzero((several.geoms == pair).all(axis=1))
-        cosine = normal[same] @ nearest.normal[i]
-        parallel = same[cosine > PARALLEL]
-        gap[parallel] /= cosine[cosine > PARALLEL]
-        normal[parallel] = nearest.normal[i]
-        kept[i] = gap[same].min(initial=np.inf) > nearest.gap[i] + GAP_TOLERANCE
+    key = np.concatenate([several.geoms, nearest.geoms]) @ (1 << 32, 1)
+    pairs, which = np.unique(key, return_inverse=True)
+    of_several, of_nearest = np.split(which, [len(several)])
+    number = np.full(len(pairs), -1)
+    number[of_nearest] = np.arange(len(nearest))
+    found = number[of_several]
+    direction = nearest.normal[found]
+    cosine = (normal * direction).sum(axis=1)
+    parallel = (found >= 0) & (cosine > PARALLEL)
+    gap[parallel] /= cosine[parallel]
+    normal[parallel] = direction[parallel]
+    smallest = np.full(len(pairs), np.inf)
+    np.minimum.at(smallest, of_several, gap)
+    kept = smallest[of_nearest] > nearest.gap + GAP_TOLERANCE
     several, missing = replace(several, gap=gap, normal=normal), nearest.select(kept)
     if len(missing) == 0:
         return several

@@ -103,10 +103,9 @@ def learn_friction(
     slides = kind < _TORSION
     bodies = model.geom_bodyid[geoms]
     bodies = np.where(model.body_weldid[bodies] != 0, bodies, -1)
-    spans = []
-    for i in np.unique(contact).tolist():
-        first, last = np.searchsorted(contact, [i, i + 1]).tolist()
-        spans.append(Span(first, first + int(slides[first:last].sum()), last, i, tuple(bodies[i].tolist())))
+    rubbing, first, count = np.unique(contact, return_index=True, return_counts=True)
+    ends = zip(first, first + np.add.reduceat(slides, first), first + count, rubbing, strict=True)
+    spans = [Span(*map(int, end), tuple(pair)) for end, pair in zip(ends, bodies[rubbing].tolist(), strict=True)]
     axis, normal = np.where(slides, kind + 1, kind - _TORSION), np.arange(len(geoms) + limits)
     rows_contact = np.concatenate([normal, contact])
     rows_kind = np.concatenate([np.zeros_like(normal), kind + 1])
