@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal
 
 import mujoco
@@ -10,7 +9,8 @@ import mujoco
 from impactlaw.laws import Law
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.solvers.one_thread import one_thread
-from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.event_driven.location.passing import Passing
+from impactlaw.stepping.impact_event import Told, together
 from impactlaw.stepping.plan import make_plan
 
 if TYPE_CHECKING:
@@ -18,10 +18,17 @@ if TYPE_CHECKING:
 
 _LONGEST_WAIT = 128
 _PATIENCE = 4  # as many steps are waited as this goes into the wait, which doubles
+_PARTS = 64  # into which what remains of a step is cut at most
 
 
 class RestOfStep:
     """Takes what remains of steps; after several that were not finished, all of the next, twice as many every time.
+
+    Time stepping looks for contacts in the middle of a step, and knows of no half step before its first one. Where a
+    body would be behind another by then, or deep in it, what remains is taken in equal parts.
+
+    Attributes:
+        short_steps: steps so far that have not met the law.
 
     Args:
         model: the scene.
@@ -42,12 +49,9 @@ class RestOfStep:
         self._friction: Literal["coulomb", "convex", "ignore"] = friction
         self._on_inadmissible: Literal["project", "allow"] = "allow" if on_inadmissible == "allow" else "project"
         self._stepping: TimeStepping | None = None
+        self._passing: Passing | None = None
         self._wait = self._left = 0
-
-    @property
-    def short_steps(self) -> int:
-        """Those that have not met the law so far."""
-        return 0 if self._stepping is None else self._stepping.short_steps
+        self.short_steps = 0
 
     def set_law(self, law: Law) -> None:
         """Let what follows be under another law."""
@@ -69,9 +73,7 @@ class RestOfStep:
         """Note that a step needed nothing of this."""
         self._wait //= 2
 
-    def take(
-        self, data: mujoco.MjData, remaining: float, surfaces: Surfaces | None
-    ) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
+    def take(self, data: mujoco.MjData, remaining: float, surfaces: Surfaces | None) -> Told:
         """Advance by what remains of a step, s; return what tells the collisions.
 
         Args:
@@ -82,32 +84,49 @@ class RestOfStep:
         Raises:
             DivergenceError: position or velocity is not finite.
         """
-        stepping, option = self._made(), self._model.opt
+        stepping, passing = self._made()
+        option, before = self._model.opt, stepping.short_steps
         if surfaces is not None:
             surfaces.place(data)
             stepping.take_surfaces(surfaces.from_here(data))
-            surfaces.aim(data)
+        drift = 0.0 if surfaces is None else surfaces.speed
+        parts = min(_PARTS, passing.parts(data, remaining, drift=drift))
         timestep = option.timestep
-        option.timestep = remaining
+        option.timestep = remaining / parts
         try:
             with one_thread():
-                return stepping.step(data)
+                told = [self._part(stepping, data, surfaces, last=k == parts) for k in range(1, parts + 1)]
         finally:
             option.timestep = timestep
+        self.short_steps += stepping.short_steps > before
+        return together([part for part in told if part])
 
-    def _made(self) -> TimeStepping:
-        """Return the stepper; what it compiles once on every machine is loaded when it is first needed."""
-        if self._stepping is None:
+    def _part(self, stepping: TimeStepping, data: mujoco.MjData, surfaces: Surfaces | None, *, last: bool) -> Told:
+        """Advance by the timestep of the model; surfaces go where they are then."""
+        if surfaces is not None and last:
+            surfaces.aim(data)
+        elif surfaces is not None:
+            now = data.time
+            data.time = now + self._model.opt.timestep
+            surfaces.place(data)
+            data.time = now
+        return stepping.step(data)
+
+    def _made(self) -> tuple[TimeStepping, Passing]:
+        """Return the stepper, and what knows how far it may go; what it compiles is loaded when it is first needed."""
+        if self._stepping is None or self._passing is None:
             from impactlaw.stepping.time_stepping.make import warm_up
             from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
             warm_up()
+            plan = make_plan(self._model, scheme="time-stepping", friction=self._friction)
+            self._passing = Passing(self._model, plan.pairs.geoms)
             self._stepping = TimeStepping(
                 self._model,
                 self._law,
-                make_plan(self._model, scheme="time-stepping", friction=self._friction),
+                plan,
                 friction=self._friction,
                 on_inadmissible=self._on_inadmissible,
                 rest_speed=None,
             )
-        return self._stepping
+        return self._stepping, self._passing

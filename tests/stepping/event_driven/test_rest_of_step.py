@@ -106,6 +106,41 @@ def test_many_collisions_are_located_where_that_is_asked_for():
     assert stepper.unlocated == 0
 
 
+@pytest.mark.filterwarnings("ignore::impactlaw.errors.ManyCollisionsWarning")
+@pytest.mark.parametrize("timestep", [0.01, 0.003, 0.001])
+@pytest.mark.parametrize("ratio", [1e4, 1e6])
+def test_a_ball_between_a_wall_and_a_ball_passes_through_neither(ratio: float, timestep: float):
+    """Collisions make it fast, and half of a step leads it farther than it is large."""
+    model, data = billiard(ratio)
+    model.opt.timestep = timestep
+    data.qpos[:] = 0.8, 1.5
+    stepper, short, nearest = Stepper(model, Moreau(1.0)), [0], []
+    for _ in range(round(2.2 / timestep)):
+        stepper.step(data)
+        wall, ball = 0.1 + data.qpos[0], 0.1 + data.qpos[1] - data.qpos[0]
+        nearest.append(min(wall, ball))
+        short.append(stepper.short_steps)
+    assert min(nearest) > -1e-9
+    assert np.diff(short).max() <= 1
+
+
+def test_a_fast_ball_bounces_on_a_thin_table_that_rises_in_what_is_time_stepped(monkeypatch):
+    plate = '<body mocap="true"><geom type="box" size="1 1 .01" pos="0 0 -.01"/></body>'
+    ball = '<body pos="0 0 .71"><joint type="slide" axis="0 0 1"/><geom size=".02" mass="1"/></body>'
+    model, data = compiled(plate + ball, 'timestep="0.01" gravity="0 0 0"')
+    data.qvel[0] = -20.0
+    stepper, count = Stepper(model, Moreau(0.5)), 0
+    for k in range(6):
+        data.mocap_pos[0, 2] = k * 0.01  # at 1 m/s
+        if k == 3:
+            monkeypatch.setattr(SmoothPhases, "advance_to_contact", unsolved)
+        stepper.step(data)
+        count += len(stepper.events)
+        assert 0.71 + data.qpos[0] - data.mocap_pos[0, 2] > 0.02 - 1e-9
+    assert (count, stepper.unlocated) == (1, 3)
+    assert data.qvel[0] == pytest.approx(1.0 + 0.5 * 21.0)
+
+
 def test_a_table_goes_on_rising_in_what_remains_of_a_step(monkeypatch):
     table = '<body mocap="true"><geom type="box" size="1 1 .1" pos="0 0 -.1"/></body>'
     model, data = compiled(table + BOX)
