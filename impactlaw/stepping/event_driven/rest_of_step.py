@@ -25,7 +25,8 @@ class RestOfStep:
     """Takes what remains of steps; after several that were not finished, all of the next, twice as many every time.
 
     Time stepping looks for contacts in the middle of a step, and knows of no half step before its first one. Where a
-    body would be behind another by then, or deep in it, what remains is taken in equal parts.
+    body would be behind another by then, or deep in it, what remains is taken in equal parts. Steps no longer than the
+    part before, from where that has ended, go on from its middle.
 
     Attributes:
         short_steps: steps so far that have not met the law.
@@ -51,6 +52,8 @@ class RestOfStep:
         self._stepping: TimeStepping | None = None
         self._passing: Passing | None = None
         self._wait = self._left = 0
+        self._ended: tuple[bytes, bytes] = b"", b""
+        self._part = 0.0  # duration of the last one, s
         self.short_steps = 0
 
     def set_law(self, law: Law) -> None:
@@ -89,28 +92,20 @@ class RestOfStep:
         if surfaces is not None:
             surfaces.place(data)
             stepping.take_surfaces(surfaces.from_here(data))
-        drift = 0.0 if surfaces is None else surfaces.speed
-        parts = min(_PARTS, passing.parts(data, remaining, drift=drift))
+        parts = 1
+        if self._part < remaining or (data.qpos.tobytes(), data.qvel.tobytes()) != self._ended:
+            drift = 0.0 if surfaces is None else surfaces.speed
+            parts = min(_PARTS, passing.parts(data, remaining, drift=drift))
         timestep = option.timestep
-        option.timestep = remaining / parts
+        option.timestep = self._part = remaining / parts
         try:
             with one_thread():
-                told = [self._part(stepping, data, surfaces, last=k == parts) for k in range(1, parts + 1)]
+                told = [_advance(stepping, data, surfaces, last=k == parts) for k in range(1, parts + 1)]
         finally:
             option.timestep = timestep
+        self._ended = data.qpos.tobytes(), data.qvel.tobytes()
         self.short_steps += stepping.short_steps > before
         return together([part for part in told if part])
-
-    def _part(self, stepping: TimeStepping, data: mujoco.MjData, surfaces: Surfaces | None, *, last: bool) -> Told:
-        """Advance by the timestep of the model; surfaces go where they are then."""
-        if surfaces is not None and last:
-            surfaces.aim(data)
-        elif surfaces is not None:
-            now = data.time
-            data.time = now + self._model.opt.timestep
-            surfaces.place(data)
-            data.time = now
-        return stepping.step(data)
 
     def _made(self) -> tuple[TimeStepping, Passing]:
         """Return the stepper, and what knows how far it may go; what it compiles is loaded when it is first needed."""
@@ -130,3 +125,15 @@ class RestOfStep:
                 rest_speed=None,
             )
         return self._stepping, self._passing
+
+
+def _advance(stepping: TimeStepping, data: mujoco.MjData, surfaces: Surfaces | None, *, last: bool) -> Told:
+    """Advance by the timestep of the model; surfaces go where they are then."""
+    if surfaces is not None and last:
+        surfaces.aim(data)
+    elif surfaces is not None:
+        now = data.time
+        data.time = now + stepping.model.opt.timestep
+        surfaces.place(data)
+        data.time = now
+    return stepping.step(data)
