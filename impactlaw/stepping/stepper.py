@@ -235,11 +235,11 @@ class Stepper:
                 (event-driven).
             UnfinishedStepError: the step takes too much work, or contact is not held, and on_unsolved is "raise".
             DivergenceError: position or velocity is not finite.
-            SceneError: data is of a model with other bodies, joints or geoms; or the model has come to need what the
-                plan has left out, such as friction, or has other limits of joints (event-driven).
+            SceneError: data is no MjData, or of a model with other bodies, joints or geoms; or the model has come to
+                need what the plan has left out, such as friction, or has other limits of joints (event-driven).
         """
-        if data.signature != self._model.signature:
-            raise _other_model()
+        if not isinstance(data, mujoco.MjData) or data.signature != self._model.signature:
+            raise _other_model(data)
         if self._left_out is not None:
             self._left_out.check()
         if steps.__class__ is not int or steps < 1:
@@ -267,11 +267,11 @@ class Stepper:
         """Do what follows `mj_step1` in a soft step, as `mj_step2` does.
 
         Raises:
-            SceneError: the contact model is not "soft", or data is of another model.
+            SceneError: the contact model is not "soft", or data is no MjData, or of another model.
             ImpactLawError: as by `step`.
         """
-        if data.signature != self._model.signature:
-            raise _other_model()
+        if not isinstance(data, mujoco.MjData) or data.signature != self._model.signature:
+            raise _other_model(data)
         if not self._is_soft:
             raise SceneError('only soft stepping can be cut in two halves; use step(), or contact_model="soft"')
         if self._left_out is not None:
@@ -289,7 +289,9 @@ class Stepper:
         return law
 
 
-def _other_model() -> SceneError:
+def _other_model(data: object) -> SceneError:
+    if not isinstance(data, mujoco.MjData):
+        return SceneError(f"data is the mujoco.MjData of the scene, got {data!r:.100}")
     return SceneError("data belongs to another model than the one that this stepper was made with")
 
 
