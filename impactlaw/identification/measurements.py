@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from impactlaw.errors import MeasurementError
 from impactlaw.laws.restitution.labels import canonical
 from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.kinetic_metric import real_array
 
 _RANK = 1e-10  # singular value of gradients, relative to the largest one, that is rounding
 _STILL = 1e-12  # part of the speed of all bodies up to which contacts do not move against each other
@@ -110,7 +111,7 @@ def _span(gradients: np.ndarray) -> np.ndarray:
 
 def _velocity(value: ArrayLike, collision: Collision, index: int) -> np.ndarray:
     try:
-        v = np.asarray(value, dtype=float)
+        v = real_array(value)
     except (TypeError, ValueError):
         raise MeasurementError(f"the velocity after collision {index} is not an array of numbers") from None
     if v.shape != collision.pre_velocity.shape or not np.isfinite(v).all():

@@ -14,6 +14,7 @@ from impactlaw.errors import RestitutionError
 from impactlaw.mechanics.bilateral import velocity_with
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.impact import Impact
+from impactlaw.mechanics.kinetic_metric import real_array
 from impactlaw.solvers import Problem, solve_with_jump
 from impactlaw.solvers.tolerances import RANK
 
@@ -203,7 +204,7 @@ def coefficient(value: object, name: str = "restitution") -> float:
         RestitutionError: not a number, but a text or a truth value, say; NaN, negative or above one.
     """
     try:
-        if isinstance(value, str | bytes | bool | np.bool_):
+        if isinstance(value, str | bytes | bool | np.bool_) or np.iscomplexobj(value):
             raise TypeError
         number = float(value)  # pyright: ignore[reportArgumentType]
     except (TypeError, ValueError):
@@ -220,7 +221,7 @@ def square_matrix(value: ArrayLike, name: str = "restitution matrix") -> np.ndar
         RestitutionError: it is not one.
     """
     try:
-        matrix = np.array(value, dtype=float)
+        matrix = real_array(value)
     except (TypeError, ValueError):
         raise RestitutionError(f"{name} must be a square array of numbers, got {value!r}") from None
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:

@@ -57,7 +57,7 @@ class Fremond(RestitutionLaw):
             if not isinstance(key, tuple) or len(key) != 2:
                 raise RestitutionError(f'a key of Fremond is a pair of contact labels ("b1/b2", "b2/b3"), got {key!r}')
             try:
-                number = float(value)
+                number = np.nan if np.iscomplexobj(value) else float(value)
             except (TypeError, ValueError):
                 number = np.nan
             if not np.isfinite(number):

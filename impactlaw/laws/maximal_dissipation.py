@@ -32,7 +32,7 @@ class MaximalDissipation(RestitutionLaw):
         Raises:
             RestitutionError: it is given another one.
         """
-        if restitution is not None and restitution != 0:
+        if restitution is not None and (getattr(restitution, "ndim", 0) or restitution != 0):
             raise RestitutionError(f"law {cls.name!r} has restitution 0, got {restitution!r}; leave it out")
         return cls()
 

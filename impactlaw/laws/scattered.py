@@ -11,6 +11,7 @@ from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import Law, Target, square_matrix
 from impactlaw.laws.drawn.drawing import checked_seed, generator
 from impactlaw.laws.friction.coulomb import Coulomb
+from impactlaw.mechanics.admissible.sampling import check_number
 from impactlaw.mechanics.collision import Collision
 
 
@@ -92,12 +93,14 @@ class Scattered(Law):
 
         Args:
             collision: what collides.
-            n: how many.
+            n: how many, 0 or more.
             rng: a generator, or a seed for one.
 
         Raises:
             RestitutionError: the covariance or the law is for another number of contacts.
+            InvalidCollisionError: n is no whole number, or negative.
         """
+        check_number(n)
         c = collision if collision.friction is None else replace(collision, friction=None)
         middle, h = self.law.resolve(c).post_velocity, len(c.labels)
         C = np.asarray(self.covariance)

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from impactlaw.errors import InvalidCollisionError
-from impactlaw.mechanics.kinetic_metric import KineticMetric
+from impactlaw.mechanics.kinetic_metric import KineticMetric, real_array
 from impactlaw.mechanics.tolerances import SYMMETRY
 
 LARGEST_BLOCK = 500
@@ -66,7 +66,8 @@ def finite_sparse(values: Any, name: str) -> Any:
     if _is_finished(values):
         return values
     try:
-        array = scipy.sparse.csr_array(values, dtype=float, copy=True)
+        array = scipy.sparse.csr_array(values, copy=True)
+        array.data = real_array(array.data)
     except (TypeError, ValueError) as error:
         raise InvalidCollisionError(f"{name} is not a matrix of numbers: {error}") from None
     if array.ndim != 2:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from impactlaw.errors import InvalidCollisionError
 from impactlaw.mechanics.admissible.violations import Violations, imbalance, larger_speed, measure
 from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.kinetic_metric import real_array
 from impactlaw.mechanics.tolerances import FIXED, SIGNIFICANT
 from impactlaw.solvers import Answer, Problem, nonnegative_combination, share
 
@@ -67,7 +68,7 @@ class Impact:
             InvalidCollisionError: post_velocity has the wrong shape or entries that are not finite.
         """
         try:
-            v = np.array(post_velocity, dtype=float)
+            v = real_array(post_velocity)
         except (TypeError, ValueError) as error:
             raise InvalidCollisionError(f"post_velocity is not an array of numbers: {error}") from None
         if v.shape != collision.pre_velocity.shape or not np.isfinite(v).all():

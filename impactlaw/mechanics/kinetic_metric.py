@@ -81,13 +81,26 @@ def finite_array(values: ArrayLike, name: str) -> np.ndarray:
         InvalidCollisionError: not numbers, or not all of them finite.
     """
     try:
-        array = np.array(values, dtype=float)
+        array = real_array(values)
     except (TypeError, ValueError) as error:
         raise InvalidCollisionError(f"{name} is not an array of numbers: {error}") from None
     if np.count_nonzero(np.isfinite(array)) != array.size:  # every collision comes here: faster than all()
         raise InvalidCollisionError(f"{name} has entries that are not finite")
     array.flags.writeable = False
     return array
+
+
+def real_array(values: ArrayLike) -> np.ndarray:
+    """Return a copy in double precision.
+
+    Raises:
+        TypeError: not numbers, or complex ones, of which numpy would drop the imaginary part with a warning only.
+        ValueError: not an array.
+    """
+    array = np.array(values)
+    if array.dtype.kind == "c":
+        raise TypeError("real numbers are needed, not complex ones")
+    return array if array.dtype == np.float64 else array.astype(float)
 
 
 def _solve(factor: np.ndarray, rows: np.ndarray, *, transposed: int) -> np.ndarray:

@@ -206,13 +206,18 @@ def check_friction(law: Law, friction: str | None) -> None:
         raise RestitutionError(f"friction={friction!r} contradicts the law, whose cone is {law.cone!r}; leave it out")
 
 
+def _is_number(value: object) -> bool:
+    """Return whether a value is a real number; True and False would count as 1 and 0."""
+    return isinstance(value, numbers.Real) and not isinstance(value, bool)
+
+
 def check_speed(name: str, value: float | None) -> None:
     """Refuse what is no speed.
 
     Raises:
-        OptionError: not a number, NaN, negative or infinite.
+        OptionError: not a number but a truth value, say; NaN, negative or infinite.
     """
-    if value is not None and not (isinstance(value, numbers.Real) and 0.0 <= float(value) < math.inf):
+    if value is not None and not (_is_number(value) and 0.0 <= float(value) < math.inf):
         raise OptionError(f"{name} must be a speed of 0 m/s or more, got {value!r}")
 
 
@@ -220,9 +225,9 @@ def check_length(name: str, value: float | None) -> None:
     """Refuse what is no length.
 
     Raises:
-        OptionError: not a number, NaN, infinite, or not positive.
+        OptionError: not a number but a truth value, say; NaN, infinite, or not positive.
     """
-    if value is not None and not (isinstance(value, numbers.Real) and 0.0 < float(value) < math.inf):
+    if value is not None and not (_is_number(value) and 0.0 < float(value) < math.inf):
         raise OptionError(f"{name} must be a positive length in m, got {value!r}")
 
 

@@ -51,6 +51,25 @@ def test_written_down_and_made_again(name, tmp_path):
     assert name in DESCRIPTIONS
 
 
+@pytest.mark.parametrize("restitution", [np.array([0.5, 0.2]), np.zeros(2), [0.0, 0.0], 0.5])
+def test_maximal_dissipation_takes_no_restitution_but_zero(restitution):
+    with pytest.raises(RestitutionError, match="'maximal-dissipation' has restitution 0"):
+        make_law("maximal-dissipation", restitution)
+    assert make_law("maximal-dissipation", np.float64(0.0)) == make_law("maximal-dissipation", 0)
+
+
+@pytest.mark.parametrize("number", [0.5 + 0.1j, np.complex128(0.5), np.complex64(0.5 + 0.1j)])
+def test_no_restitution_is_complex(number):
+    """Numpy would drop the imaginary part, with a warning only."""
+    for name, given in (("moreau", number), ("newton", np.array([number, 0.5])), ("newton", {"a/b": number})):
+        with pytest.raises(RestitutionError, match="must be a number in"):
+            make_law(name, given)
+    with pytest.raises(RestitutionError, match="must be a square array of numbers"):
+        make_law("fremond", np.array([[0.0, number], [0.5, 0.0]]))
+    with pytest.raises(RestitutionError, match="must be a finite number"):
+        make_law("fremond", {("a/b", "b/c"): number})
+
+
 @pytest.mark.parametrize("options", [{}, {"scheme": "time-stepping"}, {"contact_model": "soft"}])
 @pytest.mark.parametrize("name", LAWS)
 def test_every_way_to_step(name, options):

@@ -6,7 +6,7 @@ from problems import launched, rod
 from scenes import compiled
 
 from impactlaw import Collision, Coulomb, Moreau, Newton, Scattered, Stepper
-from impactlaw.errors import RestitutionError
+from impactlaw.errors import InvalidCollisionError, RestitutionError
 from impactlaw.models import load
 
 
@@ -16,6 +16,13 @@ def test_samples_are_in_the_admissible_set():
         for v in law.sample(c, 50, 1):
             assert c.admissible_set.contains(v, 1e-9)
         assert c.admissible_set.contains(law.resolve(c).post_velocity, 1e-9)
+
+
+@pytest.mark.parametrize("n", [-1, 2.5, None])
+def test_a_number_of_samples_that_is_none(n):
+    for sampled in (Collision(np.eye(2), np.eye(2), [-1.0, -1.0]), Collision(np.eye(2), -np.eye(2), [-1.0, -1.0])):
+        with pytest.raises(InvalidCollisionError, match="n must be a whole number, 0 or more"):
+            Scattered(Newton(0.5), 0.1).sample(sampled, n, 1)
 
 
 def test_spread_is_the_covariance():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy
 from problems import PROBLEMS, launched, random_collision, spd
 
 from impactlaw import Collision, ImpactLawError
@@ -95,6 +96,10 @@ def test_admissible_set_is_that_of_the_collision():
         ((np.eye(2), [[1.0, 1.0]], [[1.0], [1.0]]), r"pre_velocity must have shape \(2,\)"),
         ((np.eye(2), [[1.0, 1.0]], [1.0, -np.inf]), "pre_velocity has entries that are not finite"),
         ((np.eye(2), [[1.0, 1.0]], None), "pre_velocity"),
+        ((np.eye(2) * (1 + 1j), [[1.0, 1.0]], [1.0, 1.0]), "mass_matrix is not an array of numbers: real numbers"),
+        ((np.eye(2), np.array([[1.0, 1j]]), [1.0, 1.0]), "jacobian is not an array of numbers: real numbers"),
+        ((np.eye(2), [[1.0, 1.0]], [1.0, np.complex128(1j)]), "pre_velocity is not an array of numbers: real numbers"),
+        ((np.eye(2), scipy.sparse.csr_array([[1.0, 1j]]), [1.0, 1.0]), "jacobian is not a matrix of numbers: real"),
     ],
 )
 def test_what_is_not_a_collision(arguments, message):

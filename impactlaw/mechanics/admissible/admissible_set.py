@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,9 @@ from numpy.typing import ArrayLike
 from impactlaw.errors import InvalidCollisionError, SolverError
 from impactlaw.mechanics.admissible.capped_polyhedron import CappedPolyhedron
 from impactlaw.mechanics.admissible.cone import cone_facets, nearest_in_cone
-from impactlaw.mechanics.admissible.sampling import uniform_samples
+from impactlaw.mechanics.admissible.sampling import check_number, uniform_samples
 from impactlaw.mechanics.admissible.violations import measure
+from impactlaw.mechanics.kinetic_metric import real_array
 from impactlaw.mechanics.tolerances import POINT, SET_CERTIFIED, SET_RANK, TIGHT
 from impactlaw.solvers import nonnegative_combination
 
@@ -126,8 +126,7 @@ class AdmissibleSet:
             InvalidCollisionError: n is no whole number, or negative.
             EnumerationError: too many facets.
         """
-        if not isinstance(n, Integral) or n < 0:
-            raise InvalidCollisionError(f"n must be a whole number, 0 or more, got {n!r}")
+        check_number(n)
         if self._body is None:
             return np.tile(self.collision.pre_velocity, (n, 1))
         return self._velocity_at(self._least * uniform_samples(self._body, n, np.random.default_rng(rng)))
@@ -205,7 +204,7 @@ class AdmissibleSet:
     def _velocity(self, values: ArrayLike, name: str) -> np.ndarray:
         shape = self.collision.pre_velocity.shape
         try:
-            v = np.array(values, dtype=float)
+            v = real_array(values)
         except (TypeError, ValueError):
             v = np.zeros(0)
         if v.shape != shape or not np.isfinite(v).all():

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from numbers import Integral
+
 import numpy as np
 
+from impactlaw.errors import InvalidCollisionError
 from impactlaw.mechanics.admissible.capped_polyhedron import CappedPolyhedron
 from impactlaw.mechanics.tolerances import FLAT, TIGHT
 
@@ -11,6 +14,16 @@ _PILOTS = 10  # chains per dimension that measure the shape of the set
 _TRIALS = 512  # points of the ball that are tried at once
 _FRUITLESS = 2  # rounds of these without a point of the set after which chains take over
 _MOST = 2**20  # points that are tried for many samples
+
+
+def check_number(n: object) -> None:
+    """Refuse what is no number of samples.
+
+    Raises:
+        InvalidCollisionError: n is no whole number, or negative.
+    """
+    if not isinstance(n, Integral) or n < 0:
+        raise InvalidCollisionError(f"n must be a whole number, 0 or more, got {n!r}")
 
 
 def uniform_samples(body: CappedPolyhedron, n: int, rng: np.random.Generator) -> np.ndarray:

@@ -37,13 +37,13 @@ def test_other_options_can_be_read_and_setting_them_is_an_error(way, name):
 
 
 @pytest.mark.parametrize("way", ["soft", "time-stepping"])
-@pytest.mark.parametrize("speed", [math.nan, -0.1, math.inf, "fast"])
+@pytest.mark.parametrize("speed", [math.nan, -0.1, math.inf, "fast", True, False])
 def test_a_rest_speed_that_is_none(way, speed):
     with pytest.raises(OptionError, match="rest_speed must be a speed"):
         Stepper(ball()[0], Moreau(0.5), rest_speed=speed, **WAYS[way])
 
 
-@pytest.mark.parametrize("length", [0.0, -1e-9, math.nan, math.inf, "small"])
+@pytest.mark.parametrize("length", [0.0, -1e-9, math.nan, math.inf, "small", True])
 def test_a_gap_tolerance_that_is_none(length):
     with pytest.raises(OptionError, match="gap_tolerance must be a positive length"):
         Stepper(ball()[0], Moreau(0.5), gap_tolerance=length)
@@ -165,6 +165,15 @@ def test_data_of_another_model_is_refused_by_both_halves_of_a_soft_step():
     for step in (stepper.step, stepper.finish_step):
         with pytest.raises(SceneError, match="another model"):
             step(load("box_drop")[1])
+
+
+@every_way
+@pytest.mark.parametrize("of", [lambda model: None, lambda model: model], ids=["nothing", "the model"])
+def test_what_is_no_data_is_refused(way, of):
+    model = ball()[0]
+    stepper = Stepper(model, Moreau(0.5), **WAYS[way])
+    with pytest.raises(SceneError, match=r"data is the mujoco\.MjData of the scene, got"):
+        stepper.step(of(model))
 
 
 @every_way
