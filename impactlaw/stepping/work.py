@@ -14,7 +14,10 @@ _CONVEX = 0.3  # a look at geoms that are measured by the general convex collide
 _HOLD, _CONFLICT, _CUT = 0.15, 0.25, 2e-3
 _COLLISION, _PER_PARTNER = 0.4, 0.004
 _RUBBING, _DENSE = 0.6, 3e-6  # collisions with friction are dense: the cube of the degrees of freedom counts, too
+_FACTOR = 5e-8  # the same for a step that collides once: what the mass matrix takes, without looks that follow
 _IMPACT = 0.3  # an impact with friction, made of impulses and audited
+_SHARING, _MOST_ROWS = 2e-7, 2  # and redundant contacts share: the cube of rows, up to so many per degree of freedom
+_ROWS = 3  # of a contact that slides
 
 
 class Work:
@@ -25,10 +28,12 @@ class Work:
         most: units that a step may take.
         convex: whether contacts are looked for by the general convex collider.
         rounds: of slower methods that a problem of contacts with friction may have.
+        once: whether a step collides at one time only, with no looks afterwards.
     """
 
-    def __init__(self, freedoms: int, most: float, *, convex: bool = False, rounds: int = BRIEF):
+    def __init__(self, freedoms: int, most: float, *, convex: bool = False, rounds: int = BRIEF, once: bool = False):
         self._freedoms, self._most, self._spent, self._rounds = freedoms, most, 0.0, rounds
+        self._dense, self._sharing = (_FACTOR, _SHARING) if once else (_DENSE, 0.0)
         self._look = _LOOK + _LOOK_PER_FREEDOM * freedoms + (_CONVEX if convex else 0.0)
 
     def begin(self, part: float = 1.0) -> None:
@@ -80,12 +85,24 @@ class Work:
 
     def attempt(self, rows: int, steps: int) -> None:
         """Count one attempt at the impact of a collision with friction: its problem, and what is made of its answer."""
-        self._spend(_IMPACT)
+        self._spend(self._impact(rows))
         self.solve(rows, steps)
 
+    def _impact(self, rows: int) -> float:
+        """Return what it takes to make an impact of an answer: redundant contacts share their impulses."""
+        shared = min(rows, _MOST_ROWS * self._freedoms) if rows > self._freedoms else 0
+        return _IMPACT + self._sharing * shared**3
+
     def collide(self, contacts: int, *, friction: bool) -> None:
-        """Count one collision, before it is resolved; one with friction without its `attempt`s."""
+        """Count one collision, before it is resolved; one with friction without its `attempt`s.
+
+        Where a step collides once, that must not begin if its first attempt is too much already.
+        """
         if friction:
-            self._spend(_RUBBING + _PER_PARTNER * contacts + _DENSE * self._freedoms**3)
+            self._spend(_RUBBING + _PER_PARTNER * contacts + self._dense * self._freedoms**3)
+            if self._sharing:
+                spent, rows = self._spent, _ROWS * contacts
+                self._spend(self._impact(rows) + cost(rows, self._freedoms)[0])
+                self._spent = spent
         else:
             self._spend(_COLLISION + _PER_PARTNER * contacts)

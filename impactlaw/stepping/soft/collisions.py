@@ -67,7 +67,7 @@ class Collisions:
         self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
         self.names, self.limits, self.bilateral = geom_names(model), Limits(model), bilateral_constraints(model)
         self.unlocated = self.short_steps = 0
-        self._work = Work(model.nv, WORK, rounds=THOROUGH)
+        self._work = Work(model.nv, WORK, rounds=THOROUGH, once=True)
 
     def resolve(self, data: mujoco.MjData) -> tuple[tuple[ImpactEvent, ...], int]:
         """Let the law change the velocity; return the collisions and the last stage that is still current."""

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scenes import INTEGRATORS, run
 
-from impactlaw import MaximalDissipation, Moreau, Newton, Stepper
+from impactlaw import MaximalDissipation, Moreau, Newton, Poisson, Stepper
 from impactlaw.errors import DivergenceError, SceneError, UnknownNameError
 
 BALL = """
@@ -188,3 +188,23 @@ def test_rigid_steps_have_no_halves():
     model, data = build(BALL.replace("geom name", 'geom condim="1" name'), integrator="Euler")
     with pytest.raises(SceneError, match="soft"):
         Stepper(model, Moreau(0.5)).finish_step(data)
+
+
+@pytest.mark.parametrize("options", [{"law": Poisson(0.5)}, {"law": Moreau(0.5), "contacts": "*"}], ids=["law", "some"])
+def test_a_box_bounces_also_where_a_hundred_others_fly(options):
+    """Its collision takes some milliseconds in Python, too: what others there are must not use up the work allowed."""
+    boxes = "".join(
+        f'<body pos="{0.3 * i} 0 {5.0 if i else 0.1001}"><freejoint/><geom type="box" size=".1 .1 .1" mass="1"/></body>'
+        for i in range(100)
+    )
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><option timestep=".002" gravity="0 0 0"/><worldbody><geom type="plane" size="99 99 1"/>'
+        f"{boxes}</worldbody></mujoco>"
+    )
+    data = mujoco.MjData(model)
+    data.qvel[2] = -1.0
+    stepper = Stepper(model, contact_model="soft", **options)
+    for _ in range(3):
+        stepper.step(data)
+    assert data.qvel[2] == pytest.approx(0.5, abs=1e-9)
+    assert stepper.short_steps == 0
