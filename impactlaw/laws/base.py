@@ -204,9 +204,10 @@ def coefficient(value: object, name: str = "restitution") -> float:
         RestitutionError: not a number, but a text or a truth value, say; NaN, negative or above one.
     """
     try:
-        if isinstance(value, str | bytes | bool | np.bool_) or np.iscomplexobj(value):
+        number: Any = value
+        if isinstance(value, str | bytes | bool | np.bool_) or np.iscomplexobj(number):
             raise TypeError
-        number = float(value)  # pyright: ignore[reportArgumentType]
+        number = float(number)
     except (TypeError, ValueError):
         raise RestitutionError(f"{name} must be a number in [0, 1], got {value!r}") from None
     if not 0.0 <= number <= 1.0:

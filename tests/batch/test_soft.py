@@ -10,6 +10,7 @@ import pytest
 from impactlaw import Batch, Coulomb, Moreau, Newton, Stepper
 from impactlaw.errors import RestitutionError, SceneError, WorldsFailedError
 from impactlaw.laws import Reversal
+from impactlaw.stepping.compiled.law_table import Coefficients
 
 SCENE = """<mujoco><option timestep="0.005" integrator="{}"/><worldbody>
   <geom name="floor" type="plane" size="3 3 1" friction=".7"/>
@@ -213,10 +214,10 @@ def test_a_contact_that_the_law_does_not_know_leaves_worlds_as_they_were(monkeyp
     thrown(batch)
     before = batch.state.copy()
 
-    def unknown(world: int, key: int) -> None:
+    def unknown(table: Coefficients, key: int) -> None:
         raise RestitutionError("no restitution")
 
-    monkeypatch.setattr(batch._laws, "learn", unknown)
+    monkeypatch.setattr(Coefficients, "learn", unknown)
     with pytest.raises(RestitutionError, match="no restitution"):
         batch.step(nstep=100)
     np.testing.assert_array_equal(batch.state, before)
