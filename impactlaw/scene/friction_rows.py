@@ -105,7 +105,8 @@ def learn_friction(
     bodies = np.where(model.body_weldid[bodies] != 0, bodies, -1)
     rubbing, first, count = np.unique(contact, return_index=True, return_counts=True)
     columns = first, first + np.add.reduceat(slides, first), first + count, rubbing, bodies[rubbing]
-    spans = [Span(*row[:-1], tuple(row[-1])) for row in zip(*(column.tolist() for column in columns), strict=True)]
+    rows_of = zip(*(column.tolist() for column in columns), strict=True)
+    spans = [Span(begin, turning, last, i, tuple(pair)) for begin, turning, last, i, pair in rows_of]
     axis, normal = np.where(slides, kind + 1, kind - _TORSION), np.arange(len(geoms) + limits)
     rows_contact = np.concatenate([normal, contact])
     rows_kind = np.concatenate([np.zeros_like(normal), kind + 1])
