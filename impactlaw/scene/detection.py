@@ -16,7 +16,7 @@ from impactlaw.scene.contacts import (
     geom_names,
     make_rows,
 )
-from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows
+from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows, stiffness
 from impactlaw.scene.joint_limits import LimitRows, Limits
 from impactlaw.scene.options import BorrowedOptions
 from impactlaw.scene.pairs import several_contacts
@@ -32,12 +32,14 @@ class Found(NamedTuple):
         contacts: contacts and limits.
         jacobian: their gap gradients, (h, nv).
         bilateral: gradients of equality constraints, (m, nv); None if there are none, or nothing is near.
+        stiffness: of these constraints, see `equality_constraints.stiffness`, (nv, nv).
     """
 
     pattern: Pattern
     contacts: Contacts
     jacobian: np.ndarray
     bilateral: np.ndarray | None
+    stiffness: np.ndarray | None
 
 
 class Distances(NamedTuple):
@@ -106,18 +108,19 @@ class Detector:
         with self.options:
             found = self.look(data, 2.0 * within + SKIN)  # MuJoCo compares with "<"
         near = np.flatnonzero(found.contacts.gap <= within)
-        return Found(found.pattern, found.contacts.select(near), found.jacobian[near], found.bilateral)
+        return Found(found.pattern, found.contacts.select(near), found.jacobian[near], *found[3:])
 
     def look(self, data: mujoco.MjData, within: float) -> Found:
         """Return contacts and limits with a gap below ``within``, m or rad, and perhaps more."""
         pattern, contacts = self.find(data, within)
         limits = self._limits_near(data, within)
         if not pattern and limits is None and not self._limits_of_rows:
-            return Found(pattern, contacts, np.zeros((0, self._model.nv)), None)
-        J = bilateral = None
+            return Found(pattern, contacts, np.zeros((0, self._model.nv)), None, None)
+        J = bilateral = stiff = None
         if pattern or self._limits_of_rows or self._has_bilateral:
             J = make_rows(self._model, data)
             bilateral = bilateral_rows(self._model, data, self._bilateral) if data.ne else None
+            stiff = None if bilateral is None else stiffness(self._model, data, self._bilateral)
             if data.nl:
                 limits = self.limits.read(data)
             forget_rows(data)
@@ -126,13 +129,14 @@ class Detector:
         elif pattern.order is not None:
             J = J[pattern.order]
         if limits is None:
-            return Found(pattern, contacts, J, bilateral)
+            return Found(pattern, contacts, J, bilateral, stiff)
         pattern = self._patterns.with_limits(pattern, limits.code)
         position, normal = self.limits.places(data, limits.code)
         if contacts:
             position, normal = np.vstack([contacts.position, position]), np.vstack([contacts.normal, normal])
         contacts = Contacts(pattern.labels, pattern.geoms, np.append(contacts.gap, limits.gap), position, normal)
-        return Found(pattern, contacts, np.vstack([J, limits.jacobian]) if len(J) else limits.jacobian, bilateral)
+        J = np.vstack([J, limits.jacobian]) if len(J) else limits.jacobian
+        return Found(pattern, contacts, J, bilateral, stiff)
 
     def _limits_near(self, data: mujoco.MjData, within: float) -> LimitRows | None:
         """Return the limits that their positions tell; None if none is near, or MuJoCo's rows are to tell them."""

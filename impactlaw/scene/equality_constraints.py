@@ -65,11 +65,7 @@ def bilateral_rows(
     rows = np.flatnonzero(chosen if calm is None else chosen & (np.abs(data.efc_vel[: data.ne]) <= calm))
     if len(rows) == 0:
         return None
-    J, unit = np.empty((len(rows), model.nv)), np.zeros(data.nefc)
-    for out, row in zip(J, rows, strict=True):
-        unit[row] = 1.0
-        mujoco.mj_mulJacTVec(model, data, out, unit)
-        unit[row] = 0.0
+    J = _gradients(model, data, rows)
     if not J.any():
         return None
     given = float(np.abs(data.efc_pos[rows]).max()) / model.stat.meansize
@@ -78,6 +74,29 @@ def bilateral_rows(
     mujoco.mj_solveM2(model, data, Y, J, np.sqrt(data.qLDiagInv))
     basis, combination = row_span(Y, min(max(GIVEN_WAY * given, RANK), OWN_CONSTRAINT))
     return J if len(basis) == len(J) else combination @ J
+
+
+def stiffness(model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray) -> np.ndarray | None:
+    """Return ``J_eq^T D J_eq``, (nv, nv), of the equality constraints that are kept and active, among the rows of now.
+
+    ``D = 1 / R`` is MuJoCo's: a force f on the degrees of freedom accelerates them by ``(M + J_eq^T D J_eq)^-1 f`` more
+    than they are accelerated without it, since the constraints give way a little. None if there are no such rows.
+    """
+    rows = np.flatnonzero(kept[data.efc_id[: data.ne]])
+    if len(rows) == 0:
+        return None
+    J = _gradients(model, data, rows)
+    return J.T @ (data.efc_D[rows, None] * J)
+
+
+def _gradients(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray) -> np.ndarray:
+    """Return rows of MuJoCo's constraint Jacobian, dense, (k, nv)."""
+    J, unit = np.empty((len(rows), model.nv)), np.zeros(data.nefc)
+    for out, row in zip(J, rows, strict=True):
+        unit[row] = 1.0
+        mujoco.mj_mulJacTVec(model, data, out, unit)
+        unit[row] = 0.0
+    return J
 
 
 def are_tied(gradients: np.ndarray, constraints: np.ndarray, lengths: np.ndarray) -> np.ndarray:

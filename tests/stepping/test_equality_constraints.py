@@ -257,3 +257,27 @@ def test_a_weld_between_bodies_that_stand_still_does_nothing(options):
     stepper.step(data)
     stepper.step(data)
     assert data.qvel[[0, 6]] == pytest.approx([0.25, 0.75], abs=1e-9)
+
+
+LEVER = """<mujoco><option timestep=".001" gravity="0 0 0"><flag contact="disable"/></option><worldbody>
+  <body><joint name="knee" axis="0 1 0" damping=".5"/><geom size=".1" pos=".5 0 0" mass="2"/></body>
+  <body pos="2 0 0"><joint name="cap" axis="0 1 0" damping=".1"/><geom size=".1" pos=".1 0 0" mass="1"/></body>
+  <body pos="4 0 0"><joint name="slide" type="slide" axis="1 0 0" range="0 1"/><geom size=".05" mass=".1"/></body>
+  </worldbody><equality><joint joint1="slide" joint2="knee" polycoef="0 {slope} 0 0 0"/>
+  <joint joint1="cap" joint2="knee" polycoef="{off} 1 0 0 0"/></equality></mujoco>"""
+
+
+@pytest.mark.parametrize("slope", [0.01, 0.05, 0.2])
+@pytest.mark.parametrize("off", [0.03, -0.03])
+def test_constraints_give_way_beside_a_held_limit_as_in_time_stepping(slope, off):
+    """The knee drives a light slide into its limit; another constraint recovers meanwhile."""
+    model = mujoco.MjModel.from_xml_string(LEVER.format(slope=slope, off=off))
+    ends = []
+    for options in ({}, {"scheme": "time-stepping"}):
+        stepper, data = Stepper(model, Moreau(0.0), **options), mujoco.MjData(model)
+        data.qvel[:] = -0.5, -0.5, 0.0
+        for _ in range(100):
+            stepper.step(data)
+        assert stepper.unlocated == stepper.short_steps == 0
+        ends.append(np.concatenate([data.qpos, 0.1 * data.qvel]))
+    np.testing.assert_allclose(ends[0], ends[1], atol=5e-4)

@@ -7,8 +7,9 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import scipy.linalg
 
-from impactlaw.scene.contacts import update_positions
+from impactlaw.scene.contacts import mass_matrix, update_positions
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.integration import implicit_damping, restore_state, save_state
 
@@ -18,7 +19,8 @@ class Configuration:
 
     MuJoCo factors ``M = L^T D L``, so that here ``R^T = D^1/2 L``: ``|R^T v|`` is the kinetic metric, and
     ``Y = J R^-T`` has ``Y Y^T = G`` (`impactlaw.mechanics.kinetic_metric`). Frames, inertia and factor are those of
-    data.qpos, computed when they are first needed.
+    data.qpos, computed when they are first needed. M has what implicit damping (`damp`) and equality constraints
+    (`comply`) add to it.
 
     Args:
         model: the scene.
@@ -34,6 +36,8 @@ class Configuration:
         self.model, self.surfaces = model, surfaces
         self._current = self._factored = False
         self._added: np.ndarray | None = None  # to the diagonal of M by implicit damping, (nv,)
+        self._stiffness: np.ndarray | None = None  # to M by equality constraints that give way, (nv, nv)
+        self._root: np.ndarray | None = None  # of M with both, where there are such constraints, (nv, nv)
         self._diagonal = model.M_rowadr + model.M_rownnz - 1
 
     def __getstate__(self) -> dict[str, Any]:
@@ -44,7 +48,17 @@ class Configuration:
         """Work on this data, whatever has happened to it."""
         self.data = data
         self._current = self._factored = False
-        self._added = None
+        self._added = self._stiffness = None
+
+    def comply(self, stiffness: np.ndarray | None) -> None:
+        """Let M be ``M + J_eq^T D J_eq``: equality constraints answer to contact, and give way as MuJoCo's do.
+
+        If they were rigid here, one that moves against itself would do work on all that it joins.
+
+        Args:
+            stiffness: ``J_eq^T D J_eq``, (nv, nv); None for M alone.
+        """
+        self._stiffness, self._factored = stiffness, False
 
     def damp(self, duration: float) -> None:
         """Let M be ``M + tau D`` for a phase of tau s, by which the integrator advances where it damps implicitly.
@@ -93,11 +107,15 @@ class Configuration:
         self.refresh()
         result = np.empty(self.model.nv)
         mujoco.mj_mulM(self.model, self.data, result, velocity)
+        if self._stiffness is not None:
+            result += self._stiffness.dot(velocity)
         return result if self._added is None else result + self._added * velocity
 
     def velocity(self, momentum: np.ndarray) -> np.ndarray:
         """Return ``M^-1 p``, (nv,)."""
         self._factor()
+        if self._root is not None:
+            return scipy.linalg.cho_solve((self._root, True), momentum)
         result = np.empty((1, self.model.nv))
         mujoco.mj_solveM(self.model, self.data, result, momentum[None])
         return result[0]
@@ -117,6 +135,8 @@ class Configuration:
     def whiten_gradients(self, jacobian: np.ndarray) -> np.ndarray:
         """Return ``J R^-T``, (h, nv)."""
         self._factor()
+        if self._root is not None:
+            return scipy.linalg.solve_triangular(self._root, jacobian.T, lower=True).T
         result = np.empty_like(jacobian)
         mujoco.mj_solveM2(self.model, self.data, result, jacobian, np.sqrt(self.data.qLDiagInv))
         return result
@@ -125,6 +145,13 @@ class Configuration:
         self.refresh()
         if self._factored:
             return
+        if self._stiffness is not None:
+            dense = mass_matrix(self.model, self.data) + self._stiffness
+            if self._added is not None:
+                dense[np.diag_indices_from(dense)] += self._added
+            self._root, self._factored = np.linalg.cholesky(dense), True
+            return
+        self._root = None
         M, added = self.data.M, self._added
         own = M[self._diagonal]
         if added is not None:

@@ -24,15 +24,13 @@ class Rows(NamedTuple):
         kind: 0 for the normal, 1 to 5 for friction, int (n,).
         jacobian: ``J``, (n, nv).
         drift: what moving surfaces add to the velocities ``J v``, (n,).
-        along: ``J'``, along which impulses act, (n, nv).
-        whitened: ``J' R^-T``, (n, nv).
+        whitened: ``J R^-T``, (n, nv).
     """
 
     contact: np.ndarray
     kind: np.ndarray
     jacobian: np.ndarray
     drift: np.ndarray
-    along: np.ndarray
     whitened: np.ndarray
 
     @property
@@ -73,7 +71,7 @@ class ContactSet:
     drift_before: np.ndarray | None = None
 
     def __init__(self, found: Found, configuration: Configuration):
-        self.pattern, self.contacts, self.jacobian, self.bilateral = found
+        self.pattern, self.contacts, self.jacobian, self.bilateral, _ = found
         self.gap = self.contacts.gap
         self.configuration, data, surfaces = configuration, configuration.data, configuration.surfaces
         self.frames = Frames.of(data)
@@ -107,11 +105,11 @@ class ContactSet:
         drift = np.zeros(len(self.contacts)) if self.drift is None else self.drift
         if friction is None or tangents is None:
             contact = np.arange(len(self.contacts))
-            return Rows(contact, np.zeros_like(contact), self.jacobian, drift, self.along, self.whitened)
+            return Rows(contact, np.zeros_like(contact), self.jacobian, drift, self.yielding)
         (sliding, more), mu, order = tangents, friction.coefficient, friction.rows_from
         J = np.concatenate([self.jacobian, mu[:, None] * sliding])[order]
         drift = np.concatenate([drift, mu * more])[order]
-        return Rows(friction.rows_contact, friction.rows_kind, J, drift, *self.confine(J))
+        return Rows(friction.rows_contact, friction.rows_kind, J, drift, self.whiten(J))
 
     def closed(self, which: np.ndarray) -> Closed:
         """Return some of the contacts, (k,) indices, as ones that may collide."""
@@ -133,6 +131,18 @@ class ContactSet:
         """``Y = J' R^-T``, (h, nv)."""
         _, whitened = self._confined
         return whitened
+
+    @cached_property
+    def yielding(self) -> np.ndarray:
+        """``J R^-T``, (h, nv), where equality constraints give way as MuJoCo's do."""
+        return self.whiten(self.jacobian)
+
+    def whiten(self, rows: np.ndarray) -> np.ndarray:
+        """Return rows whitened, (k, nv); 0 where equality constraints leave nothing of them."""
+        Y = self.configuration.whiten_gradients(rows)
+        if self.bilateral is not None:
+            Y[~self._constraints.project(Y).any(axis=1)] = 0.0
+        return Y
 
     @cached_property
     def lengths(self) -> np.ndarray:

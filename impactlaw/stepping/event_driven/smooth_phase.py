@@ -104,6 +104,7 @@ class SmoothPhases:
         found = self._detector.look(self.configuration.data, within)
         if found.bilateral is not None:  # they were read with the factors of M alone
             self.configuration.refactor()
+        self.configuration.comply(found.stiffness)
         return ContactSet(found, self.configuration)
 
     def look(self, within: float = 0.0) -> ContactState:

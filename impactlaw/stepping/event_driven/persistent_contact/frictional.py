@@ -70,7 +70,7 @@ def hold_with_friction(
     felt = FeltForce.of(configuration, phase.start.force, phase.duration)
     free = constrained_velocity(phase_end.now, phase) - felt.velocity
     impulses = _solve(phase_end, phase, free, None)
-    table, change = impulses.table, configuration.jump(impulses.rows.along, impulses.each)
+    table, change = impulses.table, configuration.jump(impulses.rows.jacobian, impulses.each)
     shift = (moving_part(configuration.model) * phase.duration) * change - felt.shift
     if np.count_nonzero(shift):
         reach = phase_end.contact_set.opening(shift + felt.shift)
@@ -96,7 +96,7 @@ def _hold_velocity(phase_end: PhaseEnd, phase: Phase, felt: FeltForce, free: np.
     if turned is not None:
         free = free + configuration.jump(turned, 0.5 * impulses.each)
         impulses = _solve(phase_end, phase, free, impulses.table)
-    total = impulses.each.dot(impulses.rows.along)
+    total = impulses.each.dot(impulses.rows.jacobian)
     change = configuration.velocity(total)
     configuration.data.qvel[:] = free + change
     force = total / phase.duration if felt.is_settled(total, change) else None
@@ -126,8 +126,8 @@ def _settle(
         active = np.flatnonzero(table[:, 0] > 0)
         if np.abs(now.gap[active]).max(initial=0.0) <= CORRECTED * phase.tolerance:
             break
-        along, whitened = now.contact_set.along[active], now.contact_set.whitened[active]
-        shift = configuration.jump(along, _closing_impulse(whitened, -now.gap[active]))
+        rows, whitened = now.contact_set.jacobian[active], now.contact_set.yielding[active]
+        shift = configuration.jump(rows, _closing_impulse(whitened, -now.gap[active]))
     return phase_end, table
 
 
@@ -184,10 +184,10 @@ def _turned(phase_end: PhaseEnd, phase: Phase, rows: Rows) -> np.ndarray | None:
     place[before.contact, before.kind] = np.arange(len(before.contact))
     known = phase_end.known[rows.contact]
     row = np.where(known >= 0, place[known, rows.kind], -1)
-    difference = np.where(row[:, None] >= 0, before.along[row] - rows.along, 0.0)
+    difference = np.where(row[:, None] >= 0, before.jacobian[row] - rows.jacobian, 0.0)
     if not np.count_nonzero(difference):
         return None
-    difference, whitened = phase_end.contact_set.confine(difference)
+    whitened = phase_end.contact_set.whiten(difference)
     change, length = np.vecdot(whitened, whitened), np.vecdot(rows.whitened, rows.whitened)
     difference[change > _LARGEST_TURN**2 * length] = 0.0  # another feature of the surface
     return difference if np.count_nonzero(change > 1e-24 * length) else None

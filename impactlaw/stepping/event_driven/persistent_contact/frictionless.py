@@ -77,7 +77,7 @@ def _hold_velocity(phase_end: PhaseEnd, phase: Phase, velocity: np.ndarray, felt
     if turned is not None:
         velocity = velocity + now.configuration.jump(turned, 0.5 * nu)
         nu = _velocity_impulse(contact_set, held, velocity)
-    impulse = nu.dot(contact_set.along[held])
+    impulse = nu.dot(contact_set.jacobian[held])
     change = now.configuration.velocity(impulse)
     data.qvel[:] = velocity + change
     active[held] = nu > 0
@@ -93,8 +93,8 @@ def _turned(phase_end: PhaseEnd, phase: Phase, held: np.ndarray) -> np.ndarray |
     difference = np.where(known[:, None] >= 0, start.jacobian[known] - contact_set.jacobian[held], 0.0)
     if not np.count_nonzero(difference):
         return None
-    difference, turned = contact_set.confine(difference)
-    change, lengths = np.sqrt(np.vecdot(turned, turned)), contact_set.lengths[held]
+    turned, rows = contact_set.whiten(difference), contact_set.yielding[held]
+    change, lengths = np.sqrt(np.vecdot(turned, turned)), np.sqrt(np.vecdot(rows, rows))
     difference[change > _LARGEST_TURN * lengths] = 0.0  # another feature of the surface, not a curved one
     return difference if np.count_nonzero(change > 1e-12 * lengths) else None
 
@@ -104,4 +104,4 @@ def _velocity_impulse(contact_set: ContactSet, held: np.ndarray, velocity: np.nd
     gamma = contact_set.contact_velocity(velocity)[held]
     known = contact_set.bilateral is None and contact_set.drift is None and len(held) > 1
     preimage = -contact_set.configuration.whiten(velocity) if known else None
-    return least_impulse(contact_set.whitened[held], -gamma, preimage)
+    return least_impulse(contact_set.yielding[held], -gamma, preimage)

@@ -120,12 +120,11 @@ def _correction(phase_end: PhaseEnd, shift: np.ndarray, phase: Phase, cuts: Cuts
     J = contact_set.jacobian
     while True:
         rows = np.flatnonzero(sustained)
-        gradients, least, part = contact_set.along[rows], J[rows].dot(shift) - gap[rows], contact_set.whitened[rows]
+        gradients, least, part = J[rows], J[rows].dot(shift) - gap[rows], contact_set.yielding[rows]
         if len(cuts.least):
             phase.work.cut(len(least) + len(cuts.least))
-            more_gradients, more = contact_set.confine(cuts.jacobian)
-            gradients, least = np.vstack([gradients, more_gradients]), np.concatenate([least, cuts.least])
-            part = np.vstack([part, more])
+            gradients, least = np.vstack([gradients, cuts.jacobian]), np.concatenate([least, cuts.least])
+            part = np.vstack([part, contact_set.whiten(cuts.jacobian)])
         p = _opening_impulse(part, least, phase.work)
         wanted = contact_set.configuration.jump(gradients, p)
         more = ~sustained
