@@ -103,10 +103,11 @@ def test_a_file_that_is_no_policy_is_refused(content, tmp_path, monkeypatch):
 
 
 @needs_training
-def test_worlds_are_as_single_environments():
+@pytest.mark.parametrize("scheme", ["time-stepping", "soft"])
+def test_worlds_are_as_single_environments(scheme):
     from impactlaw.studies.policies.worlds import training_worlds
 
-    conditions = Conditions("Hopper-v5", read_law("moreau:0.3"), "time-stepping")
+    conditions = Conditions("Hopper-v5", read_law("moreau:0.3"), scheme)
     worlds = training_worlds(conditions, 3)
     assert worlds is not None
     singles = [conditions.make() for _ in range(3)]
@@ -168,7 +169,9 @@ def test_tasks_and_laws_without_worlds_have_none():
 
     for task, law, scheme in (
         ("impactlaw/Billiards-v0", "moreau:0.5", "time-stepping"),
-        ("Hopper-v5", "moreau:0.5", "soft"),
+        ("impactlaw/Juggler-v0", "moreau:0.5", "soft"),
+        ("Hopper-v5", "moreau:0.5", "event-driven"),
+        ("Ant-v5", "poisson:0.5", "soft"),
         ("Hopper-v5", "mujoco", "time-stepping"),
         ("Ant-v5", "routh:0.5", "time-stepping"),
     ):

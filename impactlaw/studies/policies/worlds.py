@@ -19,10 +19,15 @@ def training_worlds(conditions: Conditions, count: int) -> Worlds | None:
     law, task = conditions.law, spec_of(conditions.task).id
     name = task if is_own(task) else f"impactlaw/{task}"
     spec = gymnasium.registry.get(name)
-    if law.is_mujoco or conditions.scheme != "time-stepping" or spec is None or spec.vector_entry_point is None:
+    if law.is_mujoco or spec is None or spec.vector_entry_point is None:
+        return None
+    options: dict[str, Any] = {"nthread": 1, "law": law.distribution()}
+    if conditions.scheme == "soft" and not is_own(task):  # what single environments do with energy that is created
+        options |= {"contact_model": "soft", "batch_options": {"on_inadmissible": "raise"}}
+    elif conditions.scheme != "time-stepping":
         return None
     try:
-        worlds: Any = gymnasium.make_vec(name, count, "vector_entry_point", nthread=1, law=law.distribution())
+        worlds: Any = gymnasium.make_vec(name, count, "vector_entry_point", **options)
     except SceneError:
         return None
     return Worlds(worlds)
