@@ -74,9 +74,12 @@ class Work:
 
     def rounds(self, rows: int) -> int:
         """Return how many rounds of slower methods a problem of contacts with friction may have, 1 or more."""
+        return max(1, min(self._rounds, int(self.steps(rows) / STEPS_OF_A_ROUND)))
+
+    def steps(self, rows: int) -> float:
+        """Return how many steps of a solver a problem of contacts with friction may take, 0 or more."""
         start, step = cost(rows, self._freedoms)
-        allowed = (self._most - self._spent - start) / (STEPS_OF_A_ROUND * step)
-        return max(1, min(self._rounds, int(allowed)))
+        return max(0.0, (self._most - self._spent - start) / step)
 
     def solve(self, rows: int, steps: int) -> None:
         """Count one problem of contacts with friction, which took so many steps of a solver."""

@@ -149,9 +149,12 @@ class _Attempt:
         exact = self.law.cone == "exact"
         problem = self.problem = cone_problem(self.collision, *targets, exact=exact, known=self.problem)
         rows = problem.start.size
-        answer = solve_cones(problem, guess, rounds=rounds if self.effort is None else self.effort.rounds(rows))
-        if self.effort is not None:
-            self.effort.attempt(rows, answer.iterations)
+        effort = self.effort
+        if effort is None:
+            answer = solve_cones(problem, guess, rounds=rounds)
+        else:
+            answer = solve_cones(problem, guess, rounds=effort.rounds(rows), most=effort.steps(rows))
+            effort.attempt(rows, answer.iterations)
         if answer.status is not Status.SOLVED:
             return None, answer
         if problem.is_redundant:

@@ -10,7 +10,7 @@ from impactlaw.errors import SolverError
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_gradients
 from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem
-from impactlaw.solvers.friction.solve import THOROUGH, Effort, solve_cones
+from impactlaw.solvers.friction.solve import Effort, solve_cones
 from impactlaw.solvers.problem import Status
 
 if TYPE_CHECKING:
@@ -144,9 +144,12 @@ class TwoPhases:
 
     def _solved(self, problem: ConeProblem, phase: str) -> ConeAnswer:
         rows = problem.start.size
-        answer = solve_cones(problem, rounds=THOROUGH if self.effort is None else self.effort.rounds(rows))
-        if self.effort is not None:
-            self.effort.attempt(rows, answer.iterations)
+        effort = self.effort
+        if effort is None:
+            answer = solve_cones(problem)
+        else:
+            answer = solve_cones(problem, rounds=effort.rounds(rows), most=effort.steps(rows))
+            effort.attempt(rows, answer.iterations)
         if answer.status is not Status.SOLVED:
             raise SolverError(
                 f"no impulses in the friction cones were found for the {phase} of contacts "

@@ -31,12 +31,18 @@ class Effort(Protocol):
         """Return how many rounds a problem of so many rows may have where Newton's method fails."""
         ...
 
+    def steps(self, rows: int) -> float:
+        """Return how many steps such a problem may take in all; an attempt that has begun may take more."""
+        ...
+
     def attempt(self, rows: int, steps: int) -> None:
         """Count one attempt, which took so many steps; raise to end the matter."""
         ...
 
 
-def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, rounds: int = THOROUGH) -> ConeAnswer:
+def solve_cones(
+    problem: ConeProblem, guess: np.ndarray | None = None, *, rounds: int = THOROUGH, most: float = np.inf
+) -> ConeAnswer:
     """Solve a problem of contacts with friction.
 
     One contact alone has a closed form, or nearly so (`single_contact.single`), which needs nothing that is compiled.
@@ -49,6 +55,7 @@ def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, rounds
         problem: what to solve.
         guess: an impulse near the solution, (n,), such as that of a step before.
         rounds: most rounds where Newton's method fails.
+        most: steps after which nothing more is tried.
 
     Returns:
         The best answer found; its status is "solved" if its residual is at most 1e-10 of the problem's scale.
@@ -57,18 +64,23 @@ def solve_cones(problem: ConeProblem, guess: np.ndarray | None = None, *, rounds
         x = single(problem, guess)
         if x is not None and (residual := problem.residual(x, problem.velocity(x))) <= _ALONE * problem.scale:
             return problem.answer(x, residual, Status.SOLVED, 0)
-    answer = _attempt(problem, guess, rounds)
-    if answer.status is Status.SOLVED or not problem.exact or rounds <= BRIEF:
+    answer = _attempt(problem, guess, rounds, most)
+    total = answer.iterations
+    if answer.status is Status.SOLVED or not problem.exact or rounds <= BRIEF or total >= most:
         return answer
-    relaxed = _attempt(problem.relaxed, None, rounds).impulse
+    relaxed = _attempt(problem.relaxed, None, rounds, most - total)
+    total += relaxed.iterations
     for factor in _FACTORS:
-        other = _attempt(problem, factor * relaxed, rounds)
+        if total >= most:
+            break
+        other = _attempt(problem, factor * relaxed.impulse, rounds, most - total)
+        total += other.iterations
         answer = other if other.residual < answer.residual else answer
-    return answer
+    return answer._replace(iterations=total)
 
 
-def _attempt(problem: ConeProblem, guess: np.ndarray | None, rounds: int) -> ConeAnswer:
-    """Return what the compiled solver finds from a guess, and from what it has found."""
+def _attempt(problem: ConeProblem, guess: np.ndarray | None, rounds: int, most: float) -> ConeAnswer:
+    """Return what the compiled solver finds from a guess, and from there again, in so many steps or a few more."""
     x, residual, total = np.zeros(problem.shape), np.inf, 0
     for _ in range(_AGAIN if rounds > BRIEF else 2):
         found, taken = compiled_answer(problem, guess, rounds)
@@ -80,7 +92,7 @@ def _attempt(problem: ConeProblem, guess: np.ndarray | None, rounds: int) -> Con
         if reached < residual:
             x, residual = found, reached
         hopeless = again or (residual > ENOUGH * problem.scale and rounds <= BRIEF)
-        if enough or hopeless or residual <= _ALONE * problem.scale:
+        if enough or hopeless or residual <= _ALONE * problem.scale or total >= most:
             break
         guess = problem.unscaled(x)
     status = Status.SOLVED if residual <= ENOUGH * problem.scale else Status.STOPPED

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from laws.frictional import friction_problem
 
+from impactlaw.solvers.friction import solve
 from impactlaw.solvers.friction.problem import ConeProblem, project, projection_derivative
 from impactlaw.solvers.friction.solve import BRIEF, solve_cones
 from impactlaw.solvers.problem import Status
@@ -117,3 +118,19 @@ def test_hard_problems_are_solved(seed):
 
 def test_hard_problems_need_few_rounds():
     assert all(solve_cones(hard(seed), rounds=BRIEF).status is Status.SOLVED for seed in HARD)
+
+
+@pytest.mark.parametrize(("most", "calls"), [(np.inf, 8), (100.0, 8), (25.0, 3), (1.0, 1)])
+def test_steps_of_all_attempts_count_and_end_them(most, calls, monkeypatch):
+    """A solver that finds nothing is asked twice from each of four points, unless that took too many steps."""
+    asked = []
+
+    def nothing(problem, guess, rounds):
+        asked.append(rounds)
+        return np.zeros(problem.shape), 10
+
+    monkeypatch.setattr(solve, "compiled_answer", nothing)
+    answer = solve_cones(hard(HARD[0]), most=most)
+    assert answer.status is Status.STOPPED
+    assert len(asked) == calls
+    assert answer.iterations == 10 * calls
