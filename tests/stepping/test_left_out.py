@@ -103,6 +103,21 @@ def test_limits_that_come_later(limited):
         assert abs(data.qpos[0]) < 0.11
 
 
+@pytest.mark.parametrize("way", [way for way in WAYS if way != "event-driven"])
+def test_limits_that_come_later_where_nothing_else_is_met(way):
+    ends = []
+    for limited in (True, False):
+        model, data = compiled(
+            f'''<body pos="0 0 1"><joint axis="0 1 0" range="-30 30" limited="{str(limited).lower()}"/>
+              <geom size=".1" pos=".4 0 0" contype="0" conaffinity="0"/></body>'''
+        )
+        stepper = Stepper(model, Moreau(0.9), **WAYS[way])
+        model.jnt_limited[0], model.jnt_range[0] = 1, (-0.5, 0.5)
+        stepper.step(data, 400)
+        ends.append(data.qpos[0])
+    assert ends[0] == ends[1]
+
+
 def test_a_range_that_is_changed_later():
     model, data = compiled(ARM.format(0, "true"))
     stepper = Stepper(model, Moreau(0.0))

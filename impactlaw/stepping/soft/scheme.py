@@ -51,6 +51,7 @@ from impactlaw.stepping.soft.collisions import NOTHING, VELOCITY, Collisions
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
 _ENERGY, _COMPARE = int(mujoco.mjtEnableBit.mjENBL_ENERGY), int(mujoco.mjtEnableBit.mjENBL_FWDINV)
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+_FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 _NO_RESET = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
 _NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
 _BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")]
@@ -75,7 +76,8 @@ class SoftStepping:
     ):
         self._model, self._options = model, model.opt
         self.collisions = Collisions(model, collider, plan, rest_speed=rest_speed, chosen=chosen)
-        self.collides, self._surfaces = bool(plan.detection or plan.limits), self.collisions.surfaces
+        can_have_limits = model.ntendon > 0 or bool((model.jnt_type != _FREE).any())
+        self.collides, self._surfaces = plan.detection or can_have_limits, self.collisions.surfaces
         self._before = np.empty(mujoco.mj_stateSize(model, _STATE))
         self._velocity_before = self._before[1 + model.nq :][: model.nv]
         self._trial: mujoco.MjData | None = None
