@@ -81,3 +81,10 @@ def detect(model, data, within=1e-8):
 
 def label(model, contact) -> str:
     return f"{model.geom(contact.geom1).name}/{model.geom(contact.geom2).name}"
+
+
+JAM_QPOS = (-8.756441491107173, -0.5294397993016361, 3.446350937151604, 0.4032184000507698, -0.3269331208193089,
+            -0.008362221697740022, 0.27571687676287643, 0.36444716320914206, 0.09693485059105762)  # fmt: skip
+JAM_QVEL = (0.25977730331245696, -1.549247649343238, 3.877177114182032, -4.074811278541012, -13.308072276621568,
+            11.739245103330694, -11.763683576082812, 5.911472684886507, 0.16368325580040494)  # fmt: skip
+"""A HalfCheetah on its back whose torso and thigh jam on the floor: compiled code leaves that to Python."""

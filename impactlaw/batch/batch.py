@@ -201,24 +201,23 @@ class Batch:
         worlds = world_numbers(ids, self.nsim)
         self._laws.check()
         self._worlds.start(worlds, nstep)
-        broken, left = set[int](), None if ids is None else worlds
+        failed, left = dict[int, tuple[str, bool]](), None if ids is None else worlds
         while left is None or len(left):
-            broken |= self._call(left)
+            failed |= self._call(left)
             left = self._worlds.go_on(worlds)
-        if broken:
-            failed = np.array(sorted(broken))
-            self._worlds.put_back(failed)
-            raise WorldsFailedError(failed.tolist(), self._pool.error(int(failed[0])))
-        if wrong := self._worlds.failed(worlds):
-            failed = sorted(wrong)
-            raise WorldsFailedError(failed, wrong[failed[0]][0], diverged=all(far for _, far in wrong.values()))
+        if failed := self._worlds.failed(worlds) | failed:
+            numbers = sorted(failed)
+            raise WorldsFailedError(numbers, failed[numbers[0]][0], diverged=all(far for _, far in failed.values()))
 
-    def _call(self, worlds: np.ndarray | None) -> set[int]:
-        """Let the pool step, and return the worlds of which MuJoCo has raised an error."""
+    def _call(self, worlds: np.ndarray | None) -> dict[int, tuple[str, bool]]:
+        """Let the pool step; put back the worlds of which MuJoCo has raised an error, and return what it has said."""
         if not self._pool.apply(self._worlds.address, self._worlds.context.ctypes.data, worlds):
-            return set()
-        raised = (ctypes.c_int * self.nsim).from_address(self._functions.mjb_status(self._pool.handle))
-        return {i for i, status in enumerate(raised) if status}
+            return {}
+        status = (ctypes.c_int * self.nsim).from_address(self._functions.mjb_status(self._pool.handle))
+        stepped = range(self.nsim) if worlds is None else worlds.tolist()
+        broken = [world for world in stepped if status[world]]
+        self._worlds.put_back(np.array(broken))
+        return {world: (self._pool.error(world), False) for world in broken}
 
     def reset(self, ids: Sequence[int] | None = None, keyframe: int | Sequence[int] = -1) -> None:
         """Put some worlds, or all, back to the start or to a keyframe, with nothing to remember.

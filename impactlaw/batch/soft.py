@@ -33,6 +33,7 @@ from impactlaw.stepping.way import Way
 _DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
 _HOW, _ASKED, _TAKEN = 0, 1, 2  # places in the report of a world
 _IMPACTS, _SHORT, _LEFT = 0, 1, 2  # places in what is remembered of a world
+_FAILED = -1  # how a world has ended whose step in Python has failed: later rounds of the call are not for it
 _HUGE = "MuJoCo met a state that is not finite, or huge"
 
 
@@ -99,6 +100,7 @@ class SoftWorlds:
         self.laws, self._data, self._expanded = Laws(self._one, worlds, len(SETTING)), mujoco.MjData(model), False
         self._memory, self._report = np.zeros((worlds, 3)), np.zeros((worlds, 3), np.int64)
         self._failed: dict[int, tuple[str, bool]] = {}
+        self._counted = self._memory[:, :_LEFT].copy()
         self._first, self._table, self._callbacks = np.zeros_like(fields.state), table(), callbacks()
         self._bilateral = constraint_kinds(model) if scheme.collisions.bilateral.any() else np.zeros(0, np.uint8)
         self._slots = np.zeros((pool.threads + 1, 2), np.int64)
@@ -145,7 +147,7 @@ class SoftWorlds:
             raise SceneError("a callback of MuJoCo is set, which the threads of a batch would call; use Stepper")
         self.context[WORLDS.steps] = steps
         self._report[worlds] = FINE, 0, 0
-        self._failed = {}
+        self._failed, self._counted = {}, self._memory[:, :_LEFT].copy()
 
     def go_on(self, worlds: np.ndarray) -> np.ndarray:
         """Do what compiled code has left, and return the worlds that are to be stepped once more, int32 (k,).
@@ -155,6 +157,7 @@ class SoftWorlds:
                 were before the call.
         """
         how = self._report[worlds, _HOW]
+        self._forget(worlds[how == DIVERGED])
         left, python = worlds[how == UNKNOWN], worlds[how == PYTHON]
         try:
             for world in left.tolist():
@@ -179,6 +182,11 @@ class SoftWorlds:
         """Let worlds be as they were before the call, if it has begun."""
         begun = worlds[self._report[worlds, _TAKEN] > 0]
         self._fields.state[begun] = self._first[begun]
+        self._forget(worlds)
+
+    def _forget(self, worlds: np.ndarray) -> None:
+        """Let worlds that have been put back have no steps of the call to remember."""
+        self._memory[worlds, :_LEFT] = self._counted[worlds]
         self._memory[worlds, _LEFT] = np.nan
 
     def begin(self, worlds: np.ndarray) -> None:
@@ -199,8 +207,9 @@ class SoftWorlds:
         missed = scheme.short_steps + scheme.unlocated
         try:
             events = scheme.step(data)
-        except ImpactLawError as error:
+        except (ImpactLawError, mujoco.FatalError) as error:
             self._failed[world] = str(error), isinstance(error, DivergenceError)
+            self._report[world, _HOW] = _FAILED
             self.put_back(np.array([world]))
             return
         self._memory[world, _IMPACTS] += bool(events)

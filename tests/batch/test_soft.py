@@ -6,6 +6,7 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
+from scenes import JAM_QPOS, JAM_QVEL
 
 from impactlaw import Batch, Coulomb, Moreau, Newton, Stepper
 from impactlaw.errors import RestitutionError, SceneError, WorldsFailedError
@@ -19,11 +20,6 @@ SCENE = """<mujoco><option timestep="0.005" integrator="{}"/><worldbody>
   <body pos="-.6 0 .5"><joint name="a" axis="0 1 0" range="-40 40"/><geom name="arm" size=".06" pos=".2 0 0"/></body>
   </worldbody><actuator><motor joint="a" gear="2"/></actuator></mujoco>"""
 INTEGRATORS = ("Euler", "RK4", "implicitfast")
-JAM_QPOS = (-8.756441491107173, -0.5294397993016361, 3.446350937151604, 0.4032184000507698, -0.3269331208193089,
-            -0.008362221697740022, 0.27571687676287643, 0.36444716320914206, 0.09693485059105762)  # fmt: skip
-JAM_QVEL = (0.25977730331245696, -1.549247649343238, 3.877177114182032, -4.074811278541012, -13.308072276621568,
-            11.739245103330694, -11.763683576082812, 5.911472684886507, 0.16368325580040494)  # fmt: skip
-"""A HalfCheetah on its back whose torso and thigh jam on the floor: compiled code leaves that to Python."""
 
 
 def compiled(integrator: str = "Euler") -> mujoco.MjModel:

@@ -94,12 +94,12 @@ def some_steps(model, data, world, context):
         memory[0] += sums[COUNT] > 0.0
         memory[1] += sums[LAST] > 0.0
         memory[2] = left[0] if contacts[0] + limits[0] == 0 else np.nan
-    if report[0] == FINE and c[WORLDS.forces] != 0:
-        mj.rne_post_constraint(model, data)
-    elif report[0] != FINE and report[0] != PYTHON and report[0] != UNKNOWN:
+    if report[0] == FINE:  # else this data is that of the step that failed, or of another world
+        if c[WORLDS.forces] != 0:
+            mj.rne_post_constraint(model, data)
+        copy_out(data, world, c[WORLDS.outputs], c[WORLDS.output_count])
+    elif report[0] != PYTHON and report[0] != UNKNOWN:
         mj.set_state(model, data, address_of(first), STATE)
-        memory[2] = np.nan
-    copy_out(data, world, c[WORLDS.outputs], c[WORLDS.output_count])
     keep(first)
 
 

@@ -166,9 +166,10 @@ def some_steps(model, data, world, context):
             mj.set_state(model, data, address_of(first), STATE)
             go_back(memory, before)
             break
-    if c[WORLDS.forces] != 0 and report[0] == FINE:
-        mj.rne_post_constraint(address_of(structure), data)  # which has the cones of the step
-    copy_out(data, world, c[WORLDS.outputs], c[WORLDS.output_count])
+    if report[0] == FINE:  # else this data is that of the step that failed, or of another world
+        if c[WORLDS.forces] != 0:
+            mj.rne_post_constraint(address_of(structure), data)  # which has the cones of the step
+        copy_out(data, world, c[WORLDS.outputs], c[WORLDS.output_count])
     keep(structure)
     keep(first)
 

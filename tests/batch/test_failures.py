@@ -1,0 +1,82 @@
+"""Worlds that fail are as they were before the call, with all that is told of them."""
+
+from __future__ import annotations
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+from scenes import JAM_QPOS, JAM_QVEL
+
+from impactlaw import Batch, Moreau
+from impactlaw.errors import DivergenceError, WorldsFailedError
+from impactlaw.stepping.soft.scheme import SoftStepping
+
+UNSTABLE = """<mujoco><option timestep="0.002"/><worldbody><geom type="plane" size="3 3 1"/>
+  <body pos="0 0 .1"><freejoint/><geom size=".1"/></body>
+  <body pos="5 0 3"><joint name="runs" type="slide"/><geom size=".1" mass="1"/></body></worldbody>
+  <actuator><general joint="runs" gainprm="0" biastype="affine" biasprm="0 2000 0"/></actuator></mujoco>"""
+"""A ball on a floor, and a body that runs off, the faster the farther it is from z = 3."""
+both = pytest.mark.parametrize("contact_model", ["soft", "rigid"])
+
+
+@both
+def test_collisions_of_a_call_that_fails_do_not_count(contact_model):
+    batch = Batch(mujoco.MjModel.from_xml_string(UNSTABLE), Moreau(0.5), 3, 2, contact_model=contact_model)
+    batch.bind("qvel")[:, 2], batch.bind("qpos")[1, 7] = -3.0, 1e3
+    with pytest.raises(WorldsFailedError) as caught:
+        batch.step(nstep=400)
+    assert list(caught.value.worlds) == [1]
+    assert caught.value.diverged
+    assert (batch.impact_count > 0).tolist() == [True, False, True]
+
+
+@both
+def test_bound_fields_of_a_world_that_fails_stay(contact_model):
+    batch = Batch(mujoco.MjModel.from_xml_string(UNSTABLE), Moreau(0.5), 3, 1, contact_model=contact_model)
+    place = batch.bind("xpos")
+    batch.bind("qpos")[:, 0] = 0.0, 1.0, 2.0
+    batch.step()
+    before = place[[1, 2]].copy()
+    batch.bind("qpos")[1, 7], batch.bind("qvel")[2, 0] = 1e3, np.nan
+    with pytest.raises(WorldsFailedError, match=r"^2 worlds have failed \(1, 2\)"):
+        batch.step(nstep=400)
+    np.testing.assert_array_equal(place[[1, 2]], before)
+
+
+@pytest.mark.parametrize("error", [DivergenceError, mujoco.FatalError])
+def test_a_world_that_fails_in_python_fails_alone(monkeypatch, error):
+    model = gymnasium.make("HalfCheetah-v5").unwrapped.model
+    batch, other = (Batch(model, Moreau(0.0), 3, 1, contact_model="soft") for _ in range(2))
+    for one in (batch, other):
+        one.bind("qpos")[1:], one.bind("qvel")[1:] = JAM_QPOS, JAM_QVEL
+    other.step(nstep=2)
+    before, step, calls = batch.state.copy(), SoftStepping.step, []
+
+    def fail_first(scheme: SoftStepping, data: mujoco.MjData):
+        calls.append(data)
+        if len(calls) == 1:
+            raise error("no more")
+        return step(scheme, data)
+
+    monkeypatch.setattr(SoftStepping, "step", fail_first)
+    with pytest.raises(WorldsFailedError, match=r"^1 world has failed \(1\): no more") as caught:
+        batch.step(nstep=2)
+    assert caught.value.diverged == (error is DivergenceError)
+    np.testing.assert_array_equal(batch.state, [other.state[0], before[1], other.state[2]])
+
+
+@both
+def test_only_worlds_that_were_stepped_have_failed(contact_model):
+    tight = UNSTABLE.replace("<worldbody>", '<size memory="14K"/><worldbody>').replace(
+        'size=".1"/>', 'size=".1" condim="6"/>'
+    )
+    model = mujoco.MjModel.from_xml_string(tight)
+    batch = Batch(model, Moreau(0.5), 4, 1, contact_model=contact_model)
+    for world in (0, 1):
+        with pytest.raises(WorldsFailedError, match="memory") as caught:
+            batch.step([world], nstep=2)
+        assert list(caught.value.worlds) == [world]
+    batch.bind("qvel")[2, 0] = np.nan
+    with pytest.raises(WorldsFailedError, match=r"^4 worlds have failed \(0, 1, 2, 3\): .*memory"):
+        batch.step()
