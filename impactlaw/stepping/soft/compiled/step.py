@@ -50,6 +50,11 @@ def _touches(w):
     return number(w, DATA.ncon) + number(w, DATA.nl)
 
 
+@plain
+def _forget_contacts(w):
+    ints(w.data + offset(w, DATA.ncon), 1)[0] = ints(w.data + offset(w, DATA.nl), 1)[0] = 0
+
+
 @kernel
 def _collide(w, law, sums):
     """Resolve the collisions of now, if there are any; see `collide.collide`."""
@@ -179,11 +184,10 @@ def advance(
     clear(outcomes[:1])
     bad = _bad_states(w)
     mj.get_state(model, data, address_of(state), STATE)
-    status = FINE
+    status, left[1] = FINE, np.nan
     if not collides:
         mj.whole_step(model, data)
     elif integrator != _RK4 or _touches(w) or time != left[0]:
-        left[1] = np.nan
         status = _from_start(w, law, trial, integrator, state, sums)
     else:
         left[1] = time
@@ -192,6 +196,8 @@ def advance(
             status = _collide_at_end(w, law, trial, state, sums)
     if status != FINE:
         mj.set_state(model, data, address_of(state), STATE)
+        if left[1] == time:  # what takes the step again is to see what this has seen
+            _forget_contacts(w)
         return status
     left[0] = float_at(time_at)
     if left[0] <= time or _bad_states(w) != bad:

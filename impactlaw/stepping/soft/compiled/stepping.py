@@ -152,6 +152,7 @@ class CompiledSoftStepping:
         return steps
 
     def _in_python(self, data: mujoco.MjData, steps: int, parts: list[Any]) -> None:
+        self._scheme.resume(float(self._numbers[LEFT]), self._scheme.collisions.collider)
         for _ in range(steps):
             events = self._scheme.step(data)
             if events:
