@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import importlib.util
 import logging
+import signal
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
@@ -46,9 +47,11 @@ def _joblib(backend: str, jobs: int) -> Iterator[Callable[[Jobs], Iterator[Any]]
 
     if backend not in BACKENDS and backend != DASK:  # which joblib registers when it is asked for
         raise UnknownNameError("backend", backend, {*BACKENDS, DASK, RAY})
+    # Ctrl-C reaches the workers, too: they end without a word
+    quiet = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_DFL)} if backend == PROCESSES else {}
     with joblib.parallel_config(backend):
         try:
-            parallel: Any = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
+            parallel: Any = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", **quiet)
         except ValueError as error:
             raise StudyError(f"backend {backend!r} does not give results as they are done: {error}") from None
         yield lambda calls: parallel(joblib.delayed(call)() for call in calls)
