@@ -29,7 +29,8 @@ class FrictionImpact(Impact):
     Attributes:
         friction_impulse: ``Lambda_t``, shape (k,), N s or N m s, one entry per row of the collision's friction.
         target_sliding_velocity: ``-e_t gamma_t-`` of the law that decided, shape (k,); None for an observed outcome.
-        restitution_scale: s in [0, 1], by which the law scaled all its restitution so that no energy is created.
+        restitution_scale: s in [0, 1], by which the law scaled its restitution so that no energy is created; the least
+            one, if contacts that do not influence each other have different ones.
         exact: exact Coulomb friction, or its convex relaxation.
         cones: a problem with the cones of this collision, if one is known: it saves making another one.
     """

@@ -9,8 +9,10 @@ import numpy as np
 from impactlaw.errors import SolverError, UnsolvableLawError
 from impactlaw.laws import Coulomb, Law, Poisson, Routh
 from impactlaw.laws.base import aim
+from impactlaw.laws.friction.groups import groups_of, ties_of
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact
+from impactlaw.solvers.friction.problem import ConeProblem
 
 CollisionOf = Callable[[np.ndarray], Collision]
 """Makes the collision of some groups of rows, int (k,)."""
@@ -65,3 +67,11 @@ class LawTargets:
             return self.law.resolve(collision).post_contact_velocity
         except (UnsolvableLawError, SolverError):
             return np.zeros(len(collision.labels))
+
+    def couples(self, collision: Collision) -> bool:
+        """Return whether the law alone makes contacts depend on each other that do not influence each other."""
+        ties, h = ties_of(self.law, collision), len(collision.labels)
+        if ties is None:
+            return False
+        problem = ConeProblem(collision.dense_gradients, np.zeros(h), np.ones(h, dtype=int))
+        return len(groups_of(problem, ties)) < len(groups_of(problem, None))

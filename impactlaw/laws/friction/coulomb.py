@@ -9,6 +9,7 @@ import numpy as np
 
 from impactlaw.errors import RestitutionError, SolverError, UnknownNameError
 from impactlaw.laws.base import Law, Target, aim, coefficient
+from impactlaw.laws.friction.groups import groups_of, joined, part_of, ties_of, work_of_each
 from impactlaw.laws.friction.poisson_phases import resolve_phases
 from impactlaw.laws.poisson import Poisson
 from impactlaw.mechanics.collision import Collision
@@ -40,8 +41,9 @@ class Coulomb(Law):
     restitution is scaled: the positive part of ``gamma^h`` and ``e_t`` are multiplied by the largest s in [0, 1], found
     by a bracketed search, with which no energy is created, ``Lambda^T gamma_bar + Lambda_t^T gamma_bar_t <= 0``, with
     surfaces whose velocity jumps at w+ from the start. s = 0 never creates any; so the law is dissipative.
-    `FrictionImpact.restitution_scale` is the s used; it is below 1 also where no impulse in the friction cones reaches
-    the law's full restitution.
+    Contacts that do not influence each other, neither through bodies nor through a matrix of the law, are judged and
+    scaled by themselves, group by group. `FrictionImpact.restitution_scale` is the least s used; it is below 1 also
+    where no impulse in the friction cones reaches the law's full restitution.
 
     Without rows of friction the outcome is that of ``law``. A contact that no normal impulse moves, as it meets the
     axis of a hinge, has no friction: any normal impulse would do, and any friction with it. Large coefficients of
@@ -124,10 +126,16 @@ class Coulomb(Law):
         wanted = np.asarray(self.target(collision).contact_velocity, dtype=float)
         attempt = _Attempt(self, collision, wanted, effort)
         impact, answer = attempt(1.0, None, THOROUGH)
-        created = np.inf if impact is None else attempt.created(impact, answer)
-        if impact is not None and (created <= 0.0 or not attempt.scales):
+        if not attempt.scales:
+            return _largest(attempt, np.inf, (impact, answer), solver) if impact is None else impact
+        if impact is not None and attempt.created(impact, answer, np.maximum(work_of_each(impact), 0.0).sum()) <= 0.0:
             return impact
-        return _largest(attempt, created, (impact, answer), solver)
+        assert attempt.problem is not None
+        groups = groups_of(attempt.problem, ties_of(self.law, collision))
+        if len(groups) > 1:
+            return _by_group(attempt, groups, (impact, answer), solver)
+        created = np.inf if impact is None else attempt.created(impact, answer, impact.work_after_jump)
+        return impact if impact is not None and created <= 0.0 else _largest(attempt, created, (impact, answer), solver)
 
 
 class _Attempt:
@@ -135,8 +143,15 @@ class _Attempt:
 
     def __init__(self, law: Coulomb, collision: Collision, wanted: np.ndarray, effort: Effort | None):
         self.law, self.collision, self.wanted, self.effort = law, collision, wanted, effort
+        self.all_of_it, self.shares = collision, False
         self.problem: ConeProblem | None = None
         self.sliding = -law.tangential_restitution * collision.pre_sliding_velocity
+
+    def part(self, contacts: np.ndarray) -> _Attempt:
+        """Return the law for some contacts alone, ascending, with the targets that they have among all."""
+        part = _Attempt(self.law, part_of(self.collision, contacts), self.wanted[contacts], self.effort)
+        part.all_of_it, part.shares = self.collision, self.problem is not None and self.problem.is_redundant
+        return part
 
     @property
     def scales(self) -> bool:
@@ -157,19 +172,50 @@ class _Attempt:
             effort.attempt(rows, answer.iterations)
         if answer.status is not Status.SOLVED:
             return None, answer
-        if problem.is_redundant:
+        if problem.is_redundant or self.shares:
             answer = shared(problem, answer)
         impulse, jump = answer.impulse, answer.jump
         return FrictionImpact.of_cones(
             self.collision, impulse, jump, targets, scale=s, exact=exact, problem=problem
         ), answer
 
-    def created(self, impact: FrictionImpact, answer: ConeAnswer) -> float:
-        """Work of the impulses of contact, relative to the kinetic energy, less what may be rounding."""
+    def created(self, impact: FrictionImpact, answer: ConeAnswer, work: float) -> float:
+        """Work of impulses of contact, J, relative to the kinetic energy, less what may be rounding."""
         speed = max(self.collision.pre_speed, impact.intensity)
         if speed == 0.0:
             return 0.0
-        return 2.0 * impact.work_after_jump / speed**2 - _CREATED - 4.0 * answer.residual / speed
+        return 2.0 * work / speed**2 - _CREATED - 4.0 * answer.residual / speed
+
+
+def _by_group(
+    attempt: _Attempt, groups: list[np.ndarray], whole: tuple[FrictionImpact | None, ConeAnswer], solver: str
+) -> FrictionImpact:
+    """Return the impact with restitution scaled in those groups of contacts alone that create energy.
+
+    Args:
+        attempt: the law.
+        groups: contacts that influence each other.
+        whole: what was found with s = 1.
+        solver: of the problem without friction.
+    """
+    impact, answer = whole
+    work = np.zeros(len(attempt.wanted)) if impact is None else work_of_each(impact)
+    parts: list[tuple[np.ndarray, FrictionImpact]] = []
+    for contacts in groups:
+        created = np.inf if impact is None else attempt.created(impact, answer, work[contacts].sum())
+        if impact is not None and created <= 0.0:
+            parts.append((contacts, impact))
+            continue
+        part, own, found = attempt.part(contacts), impact, answer
+        if own is None:
+            own, found = part(1.0, None, THOROUGH)
+            created = np.inf if own is None else part.created(own, found, own.work_after_jump)
+        if own is None or (created > 0.0 and part.scales):
+            own = _largest(part, created, (own, found), solver)
+        parts.append((contacts, own))
+    if all(part is impact for _, part in parts) and impact is not None:
+        return impact
+    return joined(attempt.collision, parts, exact=attempt.law.cone == "exact", problem=attempt.problem)
 
 
 def _largest(
@@ -185,19 +231,20 @@ def _largest(
     """
     best, answer = attempt(0.0, None, THOROUGH) if attempt.scales else whole
     if best is None:
-        attempt.law.law.resolve(attempt.collision, solver=solver)  # refuses what no velocity can do
+        attempt.law.law.resolve(attempt.all_of_it, solver=solver)  # refuses what no velocity can do
         raise SolverError(
             f"no impulses in the friction cones of contacts {', '.join(attempt.collision.labels)} were found: residual "
             f"{answer.residual:.1e} sqrt(J) after {answer.iterations} steps"
         )
-    low, high, kept, above, side = 0.0, 1.0, attempt.created(best, answer), created, 0
+    low, high, above, side = 0.0, 1.0, created, 0
+    kept = attempt.created(best, answer, best.work_after_jump)
     for k in range(_SEARCHES):
         if high - low <= (_FOUND if np.isfinite(above) else _SOLVABLE):
             break
         share = kept / (kept - above) if k % 3 != 2 and np.isfinite(above) and kept < above else 0.5
         s = low + min(max(share, 0.01), 0.99) * (high - low)
         impact, following = attempt(s, answer.impulse, BRIEF)
-        created = np.inf if impact is None else attempt.created(impact, following)
+        created = np.inf if impact is None else attempt.created(impact, following, impact.work_after_jump)
         if impact is None or created > 0.0:
             high, above, kept, side = s, created, kept * (0.5 if side > 0 else 1.0), 1
             continue

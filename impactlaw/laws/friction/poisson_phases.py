@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from impactlaw.errors import SolverError
+from impactlaw.laws.friction.groups import groups_of, joined, part_of
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_gradients
 from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem
@@ -136,11 +137,15 @@ class TwoPhases:
         impulse[copies] += friction
         return impulse
 
-    def created(self, jump: np.ndarray, impulse: np.ndarray) -> float:
-        """Return the work of the impulses of contact, relative to the kinetic energy before."""
-        work = float(impulse @ (self.before + 0.5 * (self.rows @ jump)))
+    def created(self, jump: np.ndarray, impulse: np.ndarray) -> np.ndarray:
+        """Return the work of the impulses of each contact, (h,), relative to the kinetic energy before."""
+        work = np.add.reduceat(impulse * (self.before + 0.5 * (self.rows @ jump)), self.first)
         speed = max(self.speed, float(np.linalg.norm(jump)))
-        return 2.0 * work / speed**2 if speed > 0 else 0.0
+        return 2.0 * work / speed**2 if speed > 0 else np.zeros(len(work))
+
+    def groups(self) -> list[np.ndarray]:
+        """Return the contacts that influence each other, group by group."""
+        return groups_of(ConeProblem(self.rows, self.before, self.sizes, exact=self.exact, speed=self.speed), None)
 
     def _solved(self, problem: ConeProblem, phase: str) -> ConeAnswer:
         rows = problem.start.size
@@ -172,25 +177,49 @@ def resolve_phases(law: Poisson, collision: Collision, *, exact: bool, effort: E
         SolverError: no answer passed its certificate.
     """
     collision = collision.after_surface_jump
-    phases = TwoPhases(collision, law.coefficients(collision), exact=exact, effort=effort)
-    s, low, high = 1.0, 0.0, 1.0
+    return _resolved(collision, law.coefficients(collision), exact=exact, effort=effort, alone=False)
+
+
+def _resolved(
+    collision: Collision, e: np.ndarray, *, exact: bool, effort: Effort | None, alone: bool
+) -> FrictionImpact:
+    """Return the impact with coefficients, (h,); `alone` are contacts that influence each other."""
+    phases = TwoPhases(collision, e, exact=exact, effort=effort)
     impulse, jump = phases.outcome(1.0)
-    if phases.created(jump, impulse) > _CREATED:
-        s, (impulse, jump) = 0.0, phases.outcome(0.0)
-        for _ in range(_SEARCHES):
-            if high - low <= _NARROW:
-                break
-            middle = 0.5 * (low + high)
-            try:
-                found = phases.outcome(middle)
-            except SolverError:
-                high = middle
-                continue
-            if phases.created(found[1], found[0]) > _CREATED:
-                high = middle
-            else:
-                s, low, (impulse, jump) = middle, middle, found
-    return phases.impact(impulse, s)
+    created = phases.created(jump, impulse)
+    if np.maximum(created, 0.0).sum() <= _CREATED:
+        return phases.impact(impulse, 1.0)
+    groups = [np.arange(len(e))] if alone else phases.groups()
+    gaining = [float(created[contacts].sum()) > _CREATED for contacts in groups]
+    if not any(gaining):
+        return phases.impact(impulse, 1.0)
+    if len(groups) == 1:
+        return _scaled(phases)
+    whole, parts = phases.impact(impulse, 1.0), []
+    for contacts, gains in zip(groups, gaining, strict=True):
+        part = part_of(collision, contacts)
+        own = _resolved(part, e[contacts], exact=exact, effort=effort, alone=True) if gains else whole
+        parts.append((contacts, own))
+    return joined(collision, parts, exact=exact)
+
+
+def _scaled(phases: TwoPhases) -> FrictionImpact:
+    """Return the impact of the largest s found, below 1, with which the two phases create no energy."""
+    low, high, (impulse, _) = 0.0, 1.0, phases.outcome(0.0)
+    for _ in range(_SEARCHES):
+        if high - low <= _NARROW:
+            break
+        middle = 0.5 * (low + high)
+        try:
+            found = phases.outcome(middle)
+        except SolverError:
+            high = middle
+            continue
+        if phases.created(found[1], found[0]).sum() > _CREATED:
+            high = middle
+        else:
+            low, impulse = middle, found[0]
+    return phases.impact(impulse, low)
 
 
 def _rounded(numbers: np.ndarray) -> np.ndarray:

@@ -173,7 +173,7 @@ class ContactProblem:
             met = self._meet(step, now, before, known, rounds, may, more=more and phase < PHASES - 1)
             cut = cut or met.cut or met.gives_up(step.left)
             more = more and met.solved
-            x, change, shift, _, miss, fast, _, _, done, part, z = met.answer
+            x, change, shift, _, miss, fast, _, _, done, part, z, _ = met.answer
             impulse[place[met.place]] += x
             after = after + change
             missed, fastest, work, rounding = max(missed, miss), max(fastest, fast), work + done, rounding + part
@@ -230,15 +230,15 @@ class ContactProblem:
         target, collides = contact_targets(
             rows.groups, rows.amounts, rows.rates, h, 0.0 if e is None else e, self._rest_speed, RESOLVED, may
         )
-        n, seen = len(rows.scale), None
+        n, seen, together = len(rows.scale), None, False
         some = bool(np.count_nonzero(collides))
         sliding = -self._sliding * rows.before if self._sliding and some else np.zeros(n)
         if some:
-            seen = self._collide(step, rows, before, target, sliding, collides)
+            seen, together = self._collide(step, rows, before, target, sliding, collides)
         project = scaled and self._on_inadmissible == "project"
         answer = resolve_step(
-            *rows, target, sliding, collides, *known, h, self._exact, project, rounds, step.left,
-            model.dof_treeid, factor, inverse, model.M_rownnz, model.M_rowadr, model.M_colind,
+            *rows, target, sliding, collides, *known, h, self._exact, project, together, rounds,
+            step.left, model.dof_treeid, factor, inverse, model.M_rownnz, model.M_rowadr, model.M_colind,
         )  # fmt: skip
         missed, created = answer[4], answer[7]
         if not np.isfinite(missed):
@@ -260,12 +260,15 @@ class ContactProblem:
         target: np.ndarray,
         sliding: np.ndarray,
         collides: np.ndarray,
-    ) -> Seen | None:
-        """Ask the law, and let equality constraints keep their velocity in the collision."""
-        data, seen = step.data, None
+    ) -> tuple[Seen | None, bool]:
+        """Ask the law, and let equality constraints keep their velocity in the collision.
+
+        Return what the law has been shown, and whether it couples contacts that do not influence each other.
+        """
+        data, seen, together = step.data, None, False
         if self.targets.restitution is None:
             seen = Seen.of(self._model, data, rows, self.names, self.limits, step.metric)
-            self._ask_law(seen, before, target, sliding, collides)
+            together = self._ask_law(seen, before, target, sliding, collides)
         close_gaps(
             rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, self._model.dof_treeid, collides, target
         )
@@ -280,12 +283,15 @@ class ContactProblem:
             kept = calm(rows.sparse, rows.value, rows.groups, rows.rates, collides, kinds)[rows.kind == BILATERAL]
             held = kept & ~given
             rows.compliance[equal[held]] = STIFF * data.efc_R[row[held]]
-        return seen
+        return seen, together
 
     def _ask_law(
         self, seen: Seen, velocity: np.ndarray, target: np.ndarray, sliding: np.ndarray, collides: np.ndarray
-    ) -> None:
-        """Write the law's targets of the contacts that collide, and of those in touch that a law of all looks at."""
+    ) -> bool:
+        """Write the law's targets of the contacts that collide, and of those in touch that a law of all looks at.
+
+        Return whether it couples contacts that do not influence each other.
+        """
         law, rows = self.targets, seen.rows
         if not law.alone:
             collides |= seen.reached(collides, np.zeros(len(collides), dtype=bool))
@@ -293,19 +299,20 @@ class ContactProblem:
         labels = seen.contacts(groups).labels
         if law.alone:
             target[groups] = law.of_each(labels, rows.before[rows.first[groups]])
-            return
+            return False
         collision = seen.collision(groups, velocity, labels, friction=law.rule is not None)
         ended = law.with_friction(collision)
         if ended is None:
             target[groups] = law.of_all(seen.collision(groups, velocity, labels, friction=False))
         else:
             target[groups], sliding[seen.tangential(groups)[0]] = ended
+        return law.couples(collision)
 
     def _record(self, step: _Step, met: _Phase, before: np.ndarray, after: np.ndarray) -> CollisionRecord:
         """Keep a collision as it was met."""
-        rows, (x, _, _, reached, _, _, share, *_) = met.rows, met.answer
+        rows, (x, _, _, reached, _, _, share, *_, aimed) = met.rows, met.answer
         seen = met.seen or Seen.of(self._model, step.data, rows, self.names, self.limits, step.metric)
         return CollisionRecord(
             seen, met.collides, x[rows.first] > 0.0, step.data.time - 0.5 * self._model.opt.timestep, step.middle,
-            before, after.copy(), reached, share * met.sliding, self._exact, float(share),
+            before, after.copy(), reached, aimed, self._exact, float(share),
         )  # fmt: skip

@@ -40,9 +40,10 @@ class CollisionRecord:
         velocity: v-, (nv,).
         after: velocity at the end of the step, (nv,).
         target: ``gamma^h`` of groups, (g,).
-        sliding: sliding velocities aimed at, (n,).
+        sliding: sliding velocities aimed at, what is left of them, (n,).
         exact: exact Coulomb friction, or its convex relaxation.
-        share: of the law's restitution that was left so that no energy is created, in [0, 1].
+        share: of the law's restitution that was left so that no energy is created, in [0, 1]; the least one, if there
+            are several.
     """
 
     seen: Seen

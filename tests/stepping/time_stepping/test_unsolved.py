@@ -26,7 +26,7 @@ def _resolved(direction: list[float], free: list[float], target: list[float]) ->
     answer = resolve_step(
         sparse, np.zeros(n, np.int32), np.array(direction), groups, np.arange(n), np.zeros((2, n)), rates,
         np.array(target), np.zeros(n), np.zeros(n, dtype=bool), np.zeros((4, 0), np.int32), np.zeros(0, np.int64), no,
-        no, 0.002, True, True, 1, np.ones(1), first, one, one, np.ones(1, np.int32), first, first,
+        no, 0.002, True, True, False, 1, np.ones(1), first, one, one, np.ones(1, np.int32), first, first,
     )  # fmt: skip
     return answer[1], answer[4]
 
@@ -55,7 +55,7 @@ def test_an_overlap_whose_gradient_nearly_vanishes_moves_a_joint_by_little():
     shift = resolve_step(
         np.array([[1], [0], [0]], np.int32), first, np.array([1e-9]), groups, np.zeros(1, np.int64), amounts, rates,
         np.zeros(1), np.zeros(1), np.zeros(1, dtype=bool), np.zeros((4, 0), np.int32), np.zeros(0, np.int64), no, no,
-        timestep, True, True, 1, np.ones(1), first, one, one, np.ones(1, np.int32), first, first,
+        timestep, True, True, False, 1, np.ones(1), first, one, one, np.ones(1, np.int32), first, first,
     )[2]  # fmt: skip
     np.testing.assert_allclose(timestep * shift, 0.1, rtol=1e-12)  # m; it would have been 2e6
 
@@ -98,7 +98,7 @@ def test_a_body_that_cannot_meet_its_law_takes_nothing_from_another():
         np.array([1.0, -1.0, 1.0]), np.ascontiguousarray([rows, one, np.full(3, CONE), rows], dtype=np.int32),
         np.arange(3), np.zeros((2, 3)), np.ascontiguousarray([one, free, free, np.zeros(3), np.zeros(3)]),
         np.array([1.0, 3.0, 1.0]), np.zeros(3), np.zeros(3, dtype=bool), np.zeros((4, 0), np.int32),
-        np.zeros(0, np.int64), no, no, 0.002, True, True, 1, np.ones(1), np.array([0, 1], np.int32),
+        np.zeros(0, np.int64), no, no, 0.002, True, True, False, 1, np.ones(1), np.array([0, 1], np.int32),
         one[:2], one[:2], np.ones(2, np.int32), np.array([0, 1], np.int32), first,
     )  # fmt: skip
     assert answer[4] > 0.5

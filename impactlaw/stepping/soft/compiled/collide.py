@@ -11,6 +11,7 @@ from impactlaw.solvers.cones.algebra.loops import (
     cleared,
     copied,
     indices,
+    integers,
     kernel,
     norm,
     numbers,
@@ -19,6 +20,7 @@ from impactlaw.solvers.cones.algebra.loops import (
     put,
     zeros,
 )
+from impactlaw.solvers.cones.rows import islands, lengths
 from impactlaw.solvers.cones.solve import linked_improve
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
@@ -108,23 +110,56 @@ def _solve(w, law, rows, members, last, b):
 
 
 @plain
-def _book(rows, members, x, z, before, smallest, sums):
-    """Add a collision to the sums, less its jump; return its work, J."""
+def _book(rows, members, x, z, before, smallest, done, sums):
+    """Add a collision to the sums, less its jump; write the work of each of its contacts, J."""
     work, distant = 0.0, False
-    for g in members:
+    for j in range(len(members)):
+        g, own = members[j], 0.0
         first = rows.first[g]
         for r in range(first, first + rows.sizes[g]):
             mean, length = before[r], 0.0
             for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
                 mean += 0.5 * rows.val[a] * z[rows.col[a]]
                 length += rows.val[a] * rows.val[a]
-            work += x[r] * mean
+            own += x[r] * mean
             length = np.sqrt(length)
             distant = distant or (r == first and x[r] * length > smallest and mean > smallest * length)
+        done[j], work = own, work + own
     sums[COUNT] += 1.0
     sums[ENERGY] += work
     sums[DISTANT] += distant
-    return work
+
+
+@kernel
+def _most_gained(rows, members, done, allowed, nv):
+    """Return the largest work, J, of contacts that influence each other; any that is allowed if none does more.
+
+    Args:
+        rows: whitened.
+        members: contacts that take part, int64 (k,).
+        done: work of each, (k,).
+        allowed: what may be rounding, J.
+        nv: degrees of freedom.
+    """
+    total, k = 0.0, len(members)
+    for work in done:
+        total += max(work, 0.0)
+    if total <= allowed or k == 1:
+        return total
+    length, label, parent, number_of, freedom = numbers(k), indices(k), indices(nv), indices(nv), integers(nv)
+    for i in range(nv):
+        freedom[i] = i
+    first, sizes = rows.first[members], rows.sizes[members]
+    lengths(rows.nnz, rows.adr, rows.val, first, sizes, zeros(len(rows.nnz)), length)
+    count = islands(
+        rows.nnz, rows.adr, rows.col, rows.val, freedom, first, sizes, length, label, parent, number_of
+    )  # fmt: skip
+    gained, most = zeros(count + 1), 0.0
+    for j in range(k):
+        gained[label[j]] += done[j]  # the last one: what cannot move
+    for work in gained:
+        most = max(most, work)
+    return most
 
 
 @kernel
@@ -167,9 +202,11 @@ def _resolve(w, law, found, gamma, calm, rounding, last, velocity, sums):
     if not residual <= _ENOUGH:
         return PYTHON
     speed, changed = norm(v), norm(z)
-    work, larger = _book(rows, members, x, z, before, SIGNIFICANT * speed, sums), max(speed, changed)
+    done, larger = numbers(len(members)), max(speed, changed)
+    _book(rows, members, x, z, before, SIGNIFICANT * speed, done, sums)
     sums[INTENSITY] += changed
-    if 2.0 * work > (_CREATED + 4.0 * residual) * larger * larger:
+    allowed = 0.5 * (_CREATED + 4.0 * residual) * larger * larger
+    if _most_gained(rows, members, done, allowed, w.nv) > allowed:
         return PYTHON
     unwhitened(z, factor, Mnnz, Madr, Mcol, root, v)
     for i in range(w.nv):

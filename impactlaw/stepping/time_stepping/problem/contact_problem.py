@@ -15,7 +15,8 @@ from impactlaw.stepping.time_stepping.tolerances import SLOWEST
 TOLERANCE = 1e-10
 """Natural map, relative to the largest velocity of the problem, that solvers aim at."""
 
-_UNSOLVED = 1e-8  # natural map above which normal velocities are corrected ...
+UNSOLVED = 1e-8
+"""Natural map above which normal velocities are corrected ..."""
 _CORRECTED = 1e-9  # ... up to this one ...
 _ONE = np.int64(1)  # ... in so many rounds of slower methods
 _CONVEX = np.bool_(False)
@@ -23,7 +24,8 @@ _FEW = 1  # rounds of slower methods in a search
 _CLOSE = 1e-10  # part of the energy that contacts exchange by which a search may end below what is allowed
 _SEARCHES = 12  # of the share of restitution that creates no energy, while work is left
 _JAMMED = 1e-3  # part of the largest contact velocity by which a law is missed, or natural map, where bodies jam
-_RESERVE = 0.2  # part of the work allowed that is there for a step without restitution in any case
+RESERVE = 0.2
+"""Part of the work allowed that is there for a step without restitution in any case."""
 _SAFE = np.int64(8)  # rounds of slower methods that it has
 
 
@@ -77,7 +79,7 @@ def shortfall(groups, rates, after, reached):
 def correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, solution, jump):
     """Make normal velocities of a solution and its z exact, and return the natural map of what was solved for that.
 
-    Where that is more than `_UNSOLVED`, nothing is changed.
+    Where that is more than `UNSOLVED`, nothing is changed.
 
     Friction is held: cut to its cone, and the same in a solution.
 
@@ -109,7 +111,7 @@ def correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, roun
         sparse[0], sparse[1], colind, value, tree, groups[0], one, groups[2], amounts[1], rates[4], offset, _CONVEX,
         _CORRECTED, min(rounds, _ONE), left, start, z,
     )  # fmt: skip
-    if not reached > _UNSOLVED:
+    if not reached > UNSOLVED:
         for g in range(groups.shape[1]):
             x[groups[0, g]] = start[groups[0, g]]
         put(solution, x)
@@ -123,7 +125,7 @@ def without_friction(sparse, colind, value, groups, amounts, rates, b, tree, rou
     """Overwrite a solution and its z by those without friction, and return whether normal velocities are met then."""
     x, z = zeros(len(b)), zeros(len(tree))
     reached = correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, x, z)
-    if reached > _UNSOLVED:
+    if reached > UNSOLVED:
         return False
     put(solution, x)
     put(jump, z)
@@ -155,7 +157,7 @@ def solve_scaled(
         TOLERANCE, rounds, left, x, z,
     )  # fmt: skip
     row_velocities(sparse, colind, value, rates, z, after)
-    if residual > _UNSOLVED or not is_met(*shortfall(groups, rates, after, scaled)):
+    if residual > UNSOLVED or not is_met(*shortfall(groups, rates, after, scaled)):
         correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, x, z)
         row_velocities(sparse, colind, value, rates, z, after)
     return residual
@@ -234,35 +236,73 @@ def largest_share(
 def _fails(groups, rates, after, reached, x, residual):
     """Return whether impulses miss the law by far, or are not solved and create energy."""
     missed, fastest = shortfall(groups, rates, after, reached)
-    return missed > _JAMMED * max(SLOWEST, fastest) or (residual > _UNSOLVED and creates(groups, rates, after, x))
+    return missed > _JAMMED * max(SLOWEST, fastest) or (residual > UNSOLVED and creates(groups, rates, after, x))
 
 
 @plain
-def solve_contacts(
-    sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, dissipative, rounds, left,
-    x, z, after, scaled, room,
-):  # fmt: skip
-    """Solve the problem of a step, with all restitution scaled so that collisions create no energy.
-
-    ``0 <= Lambda  ⊥  J v+ - s gamma^h >= 0`` where contacts collide, with friction in its cones. What is written is
-    what `solve_scaled` writes. Return s, the energy that the collision would create with s = 1, J, whether that or less
-    is solved, and whether s is 1 and the solution as good as `TOLERANCE`.
-
-    With friction there may be no solution where bodies jam. Then s = 0, which mostly has one, or there is no friction.
-    The same holds where what was found creates energy.
-    """
-    s, created, some = 1.0, 0.0, False
-    residual = solve_scaled(
-        sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds, left,
-        x, z, after, scaled, room,
-    )  # fmt: skip
+def has_restitution(groups, target, sliding, collides):
+    """Return whether some contact that collides has restitution."""
+    some = False
     for g in range(len(collides)):
         if collides[g]:
             some = some or target[g] > 0.0
             for k in range(groups[0, g] + 1, groups[0, g] + groups[1, g]):
                 some = some or sliding[k] != 0.0
-    sharp, failed = residual <= TOLERANCE, _fails(groups, rates, after, scaled, x, residual)
-    jammed = failed or (residual > _JAMMED and left[0] > 0.0)
+    return some
+
+
+@plain
+def solve_whole(
+    sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, rounds, left,
+    x, z, after, scaled, room,
+):  # fmt: skip
+    """Do what `solve_scaled` does, with all restitution; return the natural map, whether it fails, and whether it jams.
+
+    With friction there may be no solution where bodies jam.
+    """
+    residual = solve_scaled(
+        sparse, colind, value, groups, amounts, rates, target, sliding, collides, 1.0, tree, exact, rounds, left,
+        x, z, after, scaled, room,
+    )  # fmt: skip
+    failed = _fails(groups, rates, after, scaled, x, residual)
+    return residual, failed, failed or (residual > _JAMMED and left[0] > 0.0)
+
+
+@kernel
+def scale_down(
+    sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, dissipative, rounds, left,
+    reserve, found, x, z, after, scaled, room,
+):  # fmt: skip
+    """Scale all restitution so that collisions create no energy, or take it away where bodies jam.
+
+    Args:
+        sparse: see `rows.Rows`, like the five that follow.
+        colind: see there.
+        value: see there.
+        groups: see there.
+        amounts: see there.
+        rates: see there.
+        target: ``gamma^h``, (g,).
+        sliding: sliding velocities aimed at, (n,); what is left of them is written.
+        collides: bool (g,).
+        tree: of each degree of freedom, (nv,).
+        exact: exact Coulomb friction, or its convex relaxation.
+        dissipative: whether restitution is scaled so that it creates no energy.
+        rounds: of the slower solvers.
+        left: part of the work allowed that is left, (1,).
+        reserve: the part that there is for a problem without restitution in any case.
+        found: what `solve_whole` returns.
+        x: what that has written, like the four that follow; overwritten.
+        z: see there.
+        after: see there.
+        scaled: see there.
+        room: see there.
+
+    Returns:
+        What `apart.solve_contacts` does.
+    """
+    (residual, failed, jammed), s, created = found, 1.0, 0.0
+    some, sharp = has_restitution(groups, target, sliding, collides), residual <= TOLERANCE
     if some and not jammed:
         work, total = contact_work(groups, rates, after, x)
         if work > CREATED * total:
@@ -273,7 +313,7 @@ def solve_contacts(
             s = s if dissipative else 1.0
     while s < 1.0 or (jammed and some):
         if jammed:
-            s, left[0], rounds = 0.0, max(left[0], _RESERVE), max(rounds, _SAFE)
+            s, left[0], rounds = 0.0, max(left[0], reserve), max(rounds, _SAFE)
             clear(x)
         residual = solve_scaled(
             sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds, left,
@@ -288,4 +328,8 @@ def solve_contacts(
     ):  # fmt: skip
         row_velocities(sparse, colind, value, rates, z, after)
         s, residual = 0.0, 0.0
-    return s, created, residual <= _UNSOLVED, sharp and s == 1.0
+    for g in range(len(collides)):
+        if collides[g] and s < 1.0:
+            for k in range(groups[0, g] + 1, groups[0, g] + groups[1, g]):
+                sliding[k] *= s
+    return s, created, residual <= UNSOLVED, sharp and s == 1.0

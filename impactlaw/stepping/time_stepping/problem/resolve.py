@@ -9,14 +9,15 @@ from impactlaw.linked import linked
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.solvers.cones.algebra.loops import numbers, plain
 from impactlaw.stepping.compiled.whitening import unwhitened
-from impactlaw.stepping.time_stepping.problem.contact_problem import guess, shortfall, solve_contacts
+from impactlaw.stepping.time_stepping.problem.apart import solve_contacts
+from impactlaw.stepping.time_stepping.problem.contact_problem import guess, shortfall
 from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, is_met, lose_energy
 from impactlaw.stepping.time_stepping.problem.overlaps import move_apart, overlap_targets
 
 _ARRAYS = (
     "int32[:,::1],int32[::1],float64[::1],int32[:,::1],int64[::1],float64[:,::1],float64[:,::1],float64[::1],"
-    "float64[::1],boolean[::1],int32[:,::1],int64[::1],float64[::1],float64[::1],float64,boolean,boolean,int64,float64[::1],"
-    "int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1]"
+    "float64[::1],boolean[::1],int32[:,::1],int64[::1],float64[::1],float64[::1],float64,boolean,boolean,boolean,int64,"
+    "float64[::1],int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1]"
 )
 _FOUND = "boolean,float64,float64,float64,float64,float64,float64,boolean"
 
@@ -33,7 +34,7 @@ def _constrained(groups, collides):
 @plain
 def _resolve(
     sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
-    known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, left, tree,
+    known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
     factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z, room,
 ):  # fmt: skip
     """Do what `resolve` does with room for (3 n + 2 g + 2 nv,)."""
@@ -42,8 +43,8 @@ def _resolve(
     need, push, rest = room[n + 2 * nv :][:g], room[n + 2 * nv + g :][:g], room[n + 2 * nv + 2 * g :]
     guess(groups, key, rates[0], known_groups, known_key, known_scale, known, x)
     share, created, solved, sharp = solve_contacts(
-        sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, dissipative, rounds,
-        left, x, z, after, reached, rest,
+        sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative,
+        together, rounds, left, x, z, after, reached, rest,
     )  # fmt: skip
     missed, fastest = shortfall(groups, rates, after, reached)
     against = _constrained(groups, collides)
@@ -65,19 +66,20 @@ def _resolve(
 @compiled(f"Tuple(({_FOUND}))({_ARRAYS},float64[::1],float64[::1],float64[::1],float64[::1],float64[::1])")
 def resolve(
     sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
-    known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, left, tree,
+    known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
     factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z,
 ):  # fmt: skip
     """Write what the contacts of a step do; see `resolve_step`.
 
-    Written are impulses, change of velocity, the velocity that opens overlaps if some has to be opened, targets, and
-    the whitened change of velocity. Return whether some overlap has to be opened, the numbers of `resolve_step`,
-    and whether the impulses solve the problem as it was given, as well as solvers can.
+    Written are impulses, change of velocity, the velocity that opens overlaps if some has to be opened, targets, the
+    whitened change of velocity, and the sliding velocities reached for, over those given. Return whether some
+    overlap has to be opened, the numbers of `resolve_step`, and whether the impulses solve the problem as it was given,
+    as well as solvers can.
     """
     room = numbers(3 * len(x) + 2 * len(target) + 2 * len(z))
     return _resolve(
         sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
-        known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, left, tree,
+        known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
         factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z, room,
     )  # fmt: skip
 
@@ -88,29 +90,33 @@ linked_resolve = linked(resolve)
 
 @compiled(
     "Tuple((float64[::1],float64[::1],float64[::1],float64[::1],float64,float64,float64,float64,float64,float64,"
-    f"float64[::1]))({_ARRAYS})"
+    f"float64[::1],float64[::1]))({_ARRAYS})"
 )
 def resolve_step(
     sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
-    known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, left, tree,
+    known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
     factor, inverse, Mnnz, Madr, Mcol,
 ):  # fmt: skip
     """Return what the contacts of a step do.
+
+    Restitution that creates energy is scaled for each group of contacts that influence each other, or for all of them
+    `together`, as under a law that couples others.
 
     What solvers do is taken from `left` (1,), the part of the work allowed in the step, see `solvers.cones.hybrid`.
 
     Returns:
         Impulses (n,), in units of the problem; the change of velocity (nv,); the velocity that opens overlaps (nv,),
         empty if none has to be; the targets reached for (g,); the largest amount by which a contact velocity misses its
-        target, and the largest velocity of a row, m/s or rad/s; the share s of restitution; the energy that the
-        collision would create without it, J; the work of contact, J, with what of it is rounding; and the whitened
-        change of velocity (nv,).
+        target, and the largest velocity of a row, m/s or rad/s; the least share s of restitution; the energy that the
+        collision would create without it, J; the work of contact, J, with what of it is rounding; the whitened change
+        of velocity (nv,); and the sliding velocities reached for (n,).
     """
     x, z = np.empty(rates.shape[1]), np.empty(len(tree))
     change, shift, reached = np.empty(len(tree)), np.empty(len(tree)), np.empty(len(target))
+    aimed = sliding.copy()
     overlaps, missed, fastest, s, created, work, rounding, _ = linked_resolve(
-        sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
-        known_groups, known_key, known_scale, known, timestep, exact, dissipative, rounds, left, tree,
+        sparse, colind, value, groups, key, amounts, rates, target, aimed, collides,
+        known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
         factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z,
     )  # fmt: skip
-    return x, change, shift if overlaps else shift[:0], reached, missed, fastest, s, created, work, rounding, z
+    return x, change, shift if overlaps else shift[:0], reached, missed, fastest, s, created, work, rounding, z, aimed

@@ -20,6 +20,8 @@ from impactlaw.stepping.time_stepping.problem.resolve import linked_resolve
 from impactlaw.stepping.time_stepping.problem.targets import aim, close_gaps
 from impactlaw.stepping.time_stepping.tolerances import RESOLVED, STIFF
 
+_APART = np.bool_(False)  # laws in compiled code couple only contacts that influence each other
+
 
 class Solved(NamedTuple):
     """What is known of a solution; see `resolve.resolve_step`.
@@ -29,7 +31,7 @@ class Solved(NamedTuple):
         opens: whether overlaps have to be opened.
         missed: largest amount by which a contact velocity misses its target, m/s or rad/s.
         fastest: largest velocity of a row, m/s or rad/s.
-        share: of restitution that there is.
+        share: of restitution that there is, the least one.
         created: energy that the law would create, J.
         work: of contact, J.
         rounding: what of it is rounding, J.
@@ -117,11 +119,12 @@ def solve(w, rows, metric, known, rounds, law, answer, scaled):
         answer.sliding[r] = -sliding * rows.rates[1, r] if sliding != 0.0 else 0.0
     known_groups, known_key, known_scale, impulses = known
     Mnnz, Madr, Mcol = layout_of(w)
+    project = scaled and setting(w, SETTING.dissipative) > 0.0
     opens, missed, fastest, share, created, work, rounding, sharp = linked_resolve(
         rows.sparse, rows.colind, rows.value, rows.groups, rows.key, rows.amounts, rows.rates, answer.target,
         answer.sliding, answer.collides, known_groups, known_key, known_scale, impulses, w.timestep,
-        setting(w, SETTING.exact) != 0.0, scaled and setting(w, SETTING.dissipative) > 0.0, rounds, floats(w.work, 1),
-        tree, factor, inverse, Mnnz, Madr, Mcol, answer.x, answer.change, answer.shift, answer.reached, answer.z,
+        setting(w, SETTING.exact) != 0.0, project, _APART, rounds, floats(w.work, 1), tree, factor, inverse, Mnnz, Madr,
+        Mcol, answer.x, answer.change, answer.shift, answer.reached, answer.z,
     )  # fmt: skip
     if not np.isfinite(missed):
         status = NOT_FINITE

@@ -72,7 +72,7 @@ def _meet(w, rows, metric, before, known, rounds, law, may, more, block, sums):
         part, place = _some(rows, rows.rates, ~later)
         allowed = may[~later]
     if solved.status == FINE and solved.collided and setting(w, SETTING.told) != 0.0:
-        add_collision(w, part, answer, solved.share, metric, before, sums)
+        add_collision(w, part, answer, metric, before, sums)
     return solved, answer, place, later, waiting
 
 

@@ -45,14 +45,13 @@ def _aims(rows, members, v, speed, target, sliding, b):
 
 
 @kernel
-def add_collision(w, rows, answer, share, metric, velocity, sums):
+def add_collision(w, rows, answer, metric, velocity, sums):
     """Add a collision of a phase to the sums, (4,); NaN where it needs its event.
 
     Args:
         w: the world.
         rows: of the phase.
         answer: see `room.Answer`.
-        share: of restitution that there is.
         metric: L and 1 / D.
         velocity: v-, (nv,).
         sums: see `COUNT`, written.
@@ -66,14 +65,14 @@ def add_collision(w, rows, answer, share, metric, velocity, sums):
     members = np.flatnonzero(
         reached_groups(rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, tree, answer.collides, pushed)
     )
-    target, sliding = np.where(answer.collides, answer.reached, 0.0), share * answer.sliding
+    target = np.where(answer.collides, answer.reached, 0.0)
     root, v = numbers(w.nv), numbers(w.nv)
     for i in range(w.nv):
         root[i] = np.sqrt(inverse[i])
     Mnnz, Madr, Mcol = layout_of(w)
     whitened(velocity, factor, Mnnz, Madr, Mcol, root, v)
     b, k = zeros(n), len(members)
-    if not _aims(rows, members, v, norm(v), target, sliding, b):
+    if not _aims(rows, members, v, norm(v), target, answer.sliding, b):
         sums[COUNT] = np.nan
         return
     x, z, left = zeros(n), numbers(w.nv), zeros(1)

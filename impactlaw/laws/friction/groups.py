@@ -1,0 +1,117 @@
+"""Contacts that influence each other, group by group: restitution that creates energy is scaled in its own group."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy
+
+from impactlaw.laws.base import Law, RestitutionLaw
+from impactlaw.laws.compliant import Compliant
+from impactlaw.laws.restitution.coefficients import ContactCoefficients
+from impactlaw.laws.tolerances import INFLUENCE
+from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.friction import Friction
+from impactlaw.mechanics.friction_impact import FrictionImpact, cone_gradients
+from impactlaw.solvers.friction.problem import ConeProblem
+
+
+def groups_of(problem: ConeProblem, ties: np.ndarray | None) -> list[np.ndarray]:
+    """Return the contacts that influence each other, group by group, ascending.
+
+    They do where an impulse at one changes a velocity of the other, or where a law ties them.
+
+    Args:
+        problem: with the rows of all contacts.
+        ties: see `ties_of`; None for none.
+    """
+    h, m = problem.shape
+    coupled = np.count_nonzero((np.abs(problem.delassus) > INFLUENCE).reshape(h, m, h, m), axis=(1, 3)) > 0
+    return _components(coupled if ties is None else coupled | ties)
+
+
+def _components(coupled: np.ndarray) -> list[np.ndarray]:
+    """Return the contacts that one reaches from another, group by group; bool (h, h)."""
+    h = len(coupled)
+    if (np.count_nonzero(coupled, axis=1) == h).any():  # one that meets all others
+        return [np.arange(h)]
+    count, member = scipy.sparse.csgraph.connected_components(coupled, directed=False)
+    return [np.flatnonzero(member == group) for group in range(count)]
+
+
+def ties_of(law: Law, collision: Collision) -> np.ndarray | None:
+    """Return whether the target of a contact depends on the velocity of another, bool (h, h).
+
+    None if none does, or only of those that influence each other anyway. Of a law that is not one coefficient per
+    contact, and has no matrix, all may.
+    """
+    if law.common_coefficient is not None or isinstance(law, ContactCoefficients | Compliant):
+        return None
+    if isinstance(law, RestitutionLaw):
+        E = law.restitution_matrix(collision)
+        return (E if isinstance(E, np.ndarray) else E.toarray()) != 0.0
+    return np.ones((len(collision.labels),) * 2, dtype=bool)
+
+
+def part_of(collision: Collision, contacts: np.ndarray) -> Collision:
+    """Return the collision of some contacts alone, ascending."""
+    before, after, friction = collision.surface_velocity, collision.post_surface_velocity, collision.friction
+    chosen = None if friction is None else friction.select(contacts)
+    if chosen is None:
+        chosen = Friction(np.zeros((0, len(collision.pre_velocity))), np.zeros(0, dtype=int), np.zeros(0))
+    return replace(
+        collision,
+        jacobian=collision.jacobian[contacts],
+        labels=tuple(collision.labels[i] for i in contacts),
+        surface_velocity=None if before is None else before[contacts],
+        post_surface_velocity=None if after is None else after[contacts],
+        friction=chosen,
+    )
+
+
+def work_of_each(impact: FrictionImpact) -> np.ndarray:
+    """Return what each contact adds to `FrictionImpact.work_after_jump`, (h,), J."""
+    c, friction = impact.collision, impact.collision.friction
+    assert friction is not None
+    mean = impact.mean_contact_velocity
+    if c.surface_jump is not None:
+        mean = mean + 0.5 * c.surface_jump
+    sliding = 0.5 * (impact.pre_sliding_velocity + impact.post_sliding_velocity + friction.surface_jump)
+    rubbing = np.bincount(friction.contact, impact.friction_impulse * sliding, len(c.labels))
+    return impact.impulse * mean + rubbing
+
+
+def joined(
+    collision: Collision,
+    parts: Sequence[tuple[np.ndarray, FrictionImpact]],
+    *,
+    exact: bool,
+    problem: ConeProblem | None = None,
+) -> FrictionImpact:
+    """Return the impact of groups of contacts that do not influence each other.
+
+    Args:
+        collision: of all contacts.
+        parts: contacts of a group, ascending, and their impact: by themselves, see `part_of`, or with all others.
+        exact: exact Coulomb friction, or its convex relaxation.
+        problem: of all contacts, if it is to be kept.
+    """
+    friction, h = collision.friction, len(collision.labels)
+    assert friction is not None
+    normal, target, along, sliding = np.zeros(h), np.zeros(h), np.zeros(len(friction)), np.zeros(len(friction))
+    aimed = True
+    for contacts, impact in parts:
+        rows, whole = np.flatnonzero(np.isin(friction.contact, contacts)), len(impact.impulse) == h
+        own, rubs = (contacts, rows) if whole else (slice(None), slice(None))
+        normal[contacts], along[rows] = impact.impulse[own], impact.friction_impulse[rubs]
+        if impact.target_contact_velocity is None or impact.target_sliding_velocity is None:
+            aimed = False
+            continue
+        target[contacts] = impact.target_contact_velocity[own]
+        sliding[rows] = impact.target_sliding_velocity[rubs]
+    impulse = np.concatenate([normal, along / friction.coefficient])[friction.cone_rows(h).order]
+    jump, scale = impulse @ cone_gradients(collision), min(impact.restitution_scale for _, impact in parts)
+    targets = (target, sliding) if aimed else None
+    return FrictionImpact.of_cones(collision, impulse, jump, targets, scale=scale, exact=exact, problem=problem)

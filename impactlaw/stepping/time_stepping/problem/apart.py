@@ -1,0 +1,153 @@
+"""Contacts that influence each other, island by island: restitution that creates energy is scaled in its own island."""
+
+from __future__ import annotations
+
+from impactlaw.solvers.cones import CONE
+from impactlaw.solvers.cones.algebra.loops import cleared, indices, integers, kernel, numbers, plain, zeros
+from impactlaw.solvers.cones.rows import impulse_jump, islands, lengths
+from impactlaw.stepping.time_stepping.problem.contact_problem import (
+    RESERVE,
+    TOLERANCE,
+    UNSOLVED,
+    has_restitution,
+    scale_down,
+    solve_whole,
+)
+from impactlaw.stepping.time_stepping.problem.energy import CREATED, row_velocities
+from impactlaw.stepping.time_stepping.problem.phases import some_groups
+
+
+@plain
+def _work(groups, rates, after, x, g):
+    """Return what `energy.contact_work` returns for one contact."""
+    work, total = 0.0, 0.0
+    for k in range(groups[0, g], groups[0, g] + groups[1, g]):
+        impulse = 0.5 * x[k] * rates[0, k]
+        work += impulse * (rates[1, k] + after[k])
+        total += abs(impulse) * (abs(rates[1, k]) + abs(after[k]))
+    return work, total
+
+
+@plain
+def _may_gain(groups, rates, after, x):
+    """Return whether some contact adds energy: if none does, no island does."""
+    for g in range(groups.shape[1]):
+        if groups[2, g] == CONE:
+            work, total = _work(groups, rates, after, x, g)
+            if work > CREATED * total:
+                return True
+    return False
+
+
+@kernel
+def _find_islands(sparse, colind, value, groups, rates, nv, label):
+    """Write the island of each group, -1 for one that cannot move; return the number of islands.
+
+    Contacts of a tree that move no degree of freedom in common do not influence each other.
+    """
+    freedom, length, parent, number = integers(nv), numbers(len(label)), indices(nv), indices(nv)
+    for i in range(nv):
+        freedom[i] = i
+    lengths(sparse[0], sparse[1], value, groups[0], groups[1], rates[4], length)
+    return islands(
+        sparse[0], sparse[1], colind, value, freedom, groups[0], groups[1], length, label, parent, number
+    )  # fmt: skip
+
+
+@kernel
+def _solve_part(
+    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, keep, tree, exact, dissipative,
+    rounds, left, x, scaled,
+):  # fmt: skip
+    """Do what `solve_contacts` does for an island, from x; write x, targets and sliding velocities of its groups."""
+    part, place = some_groups(sparse, colind, value, groups, key, amounts, rates, keep)
+    table, columns, values, kinds, _, gaps, own = part
+    n, h, at = len(place), kinds.shape[1], 0
+    impulse, aimed, after, room, z = numbers(n), numbers(n), numbers(n), numbers(2 * n), numbers(len(tree))
+    wanted, reached, hits = numbers(h), numbers(h), cleared(h)
+    for g in range(len(keep)):
+        if keep[g]:
+            wanted[at], hits[at], at = target[g], collides[g], at + 1
+    for r in range(n):
+        impulse[r], aimed[r] = x[place[r]], sliding[place[r]]
+    found = solve_whole(
+        table, columns, values, kinds, gaps, own, wanted, aimed, hits, tree, exact, rounds, left, impulse, z, after,
+        reached, room,
+    )  # fmt: skip
+    s, created, solved, _ = scale_down(
+        table, columns, values, kinds, gaps, own, wanted, aimed, hits, tree, exact, dissipative, rounds, left,
+        RESERVE * n / len(x), found, impulse, z, after, reached, room,
+    )  # fmt: skip
+    at = 0
+    for g in range(len(keep)):
+        if keep[g]:
+            scaled[g], at = reached[at], at + 1
+    for r in range(n):
+        x[place[r]], sliding[place[r]] = impulse[r], aimed[r]
+    return s, created, solved
+
+
+@kernel
+def _solve_parts(
+    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative, rounds,
+    left, found, label, count, x, z, after, scaled,
+):  # fmt: skip
+    """Do what `solve_contacts` does island by island, where `solve_whole` has found that energy is created, or jams."""
+    residual, _, jammed = found
+    every, keep, sums = jammed or residual > UNSOLVED, cleared(len(label)), zeros(2 * count).reshape((2, count))
+    for g in range(len(label)):
+        if groups[2, g] == CONE and label[g] >= 0:
+            work, total = _work(groups, rates, after, x, g)
+            sums[0, label[g]] += work
+            sums[1, label[g]] += total
+    share, created, solved = 1.0, 0.0, True
+    for i in range(count):
+        if not every and not sums[0, i] > CREATED * sums[1, i]:
+            continue
+        for g in range(len(label)):
+            keep[g] = label[g] == i
+        s, more, well = _solve_part(
+            sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, keep, tree, exact,
+            dissipative, rounds, left, x, scaled,
+        )  # fmt: skip
+        share, created, solved = min(share, s), created + more, solved and well
+    for g in range(len(label)):
+        if every and label[g] < 0 and collides[g]:
+            scaled[g] = min(target[g], 0.0)
+    impulse_jump(sparse[0], sparse[1], colind, value, x, z)
+    row_velocities(sparse, colind, value, rates, z, after)
+    return share, created, solved, residual <= TOLERANCE and share == 1.0
+
+
+@kernel
+def solve_contacts(
+    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative, together,
+    rounds, left, x, z, after, scaled, room,
+):  # fmt: skip
+    """Solve the problem of a step, with restitution scaled so that collisions create no energy.
+
+    ``0 <= Lambda  ⊥  J v+ - s gamma^h >= 0`` where contacts collide, with friction in its cones. What is written is
+    what `solve_scaled` writes, and what is left of the sliding velocities aimed at. Return s, the energy that the
+    collision would create with s = 1, J, whether that or less is solved, and whether s is 1 and the solution as good as
+    `TOLERANCE`. There is one s for each island, unless contacts are judged `together`; what is returned is the least.
+
+    With friction there may be no solution where bodies jam. Then s = 0, which mostly has one, or there is no friction.
+    The same holds where what was found creates energy.
+    """
+    found = solve_whole(
+        sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, rounds, left, x, z,
+        after, scaled, room,
+    )  # fmt: skip
+    some = not together and has_restitution(groups, target, sliding, collides)
+    if some and (found[2] or _may_gain(groups, rates, after, x)):
+        label = indices(groups.shape[1])
+        count = _find_islands(sparse, colind, value, groups, rates, len(tree), label)
+        if count > 1:
+            return _solve_parts(
+                sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact,
+                dissipative, rounds, left, found, label, count, x, z, after, scaled,
+            )  # fmt: skip
+    return scale_down(
+        sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, dissipative, rounds,
+        left, RESERVE, found, x, z, after, scaled, room,
+    )  # fmt: skip
