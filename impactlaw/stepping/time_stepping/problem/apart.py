@@ -90,10 +90,17 @@ def _solve_part(
 @kernel
 def _solve_parts(
     sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative, rounds,
-    left, found, label, count, x, z, after, scaled,
+    left, found, x, z, after, scaled,
 ):  # fmt: skip
-    """Do what `solve_contacts` does island by island, where `solve_whole` has found that energy is created, or jams."""
+    """Do what `solve_contacts` does island by island, where `solve_whole` has found that energy is created, or jams.
+
+    First in what is returned is whether there are several islands; with one, nothing is done.
+    """
     residual, _, jammed = found
+    label = indices(groups.shape[1])
+    count = _find_islands(sparse, colind, value, groups, rates, len(tree), label)
+    if count <= 1:
+        return False, 1.0, 0.0, False, False
     every, keep, sums = jammed or residual > UNSOLVED, cleared(len(label)), zeros(2 * count).reshape((2, count))
     for g in range(len(label)):
         if groups[2, g] == CONE and label[g] >= 0:
@@ -116,10 +123,10 @@ def _solve_parts(
             scaled[g] = min(target[g], 0.0)
     impulse_jump(sparse[0], sparse[1], colind, value, x, z)
     row_velocities(sparse, colind, value, rates, z, after)
-    return share, created, solved, residual <= TOLERANCE and share == 1.0
+    return True, share, created, solved, residual <= TOLERANCE and share == 1.0
 
 
-@kernel
+@plain
 def solve_contacts(
     sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative, together,
     rounds, left, x, z, after, scaled, room,
@@ -140,13 +147,12 @@ def solve_contacts(
     )  # fmt: skip
     some = not together and has_restitution(groups, target, sliding, collides)
     if some and (found[2] or _may_gain(groups, rates, after, x)):
-        label = indices(groups.shape[1])
-        count = _find_islands(sparse, colind, value, groups, rates, len(tree), label)
-        if count > 1:
-            return _solve_parts(
-                sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact,
-                dissipative, rounds, left, found, label, count, x, z, after, scaled,
-            )  # fmt: skip
+        several, share, created, solved, sharp = _solve_parts(
+            sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative,
+            rounds, left, found, x, z, after, scaled,
+        )  # fmt: skip
+        if several:
+            return share, created, solved, sharp
     return scale_down(
         sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, dissipative, rounds,
         left, RESERVE, found, x, z, after, scaled, room,

@@ -268,7 +268,7 @@ def solve_whole(
     return residual, failed, failed or (residual > _JAMMED and left[0] > 0.0)
 
 
-@kernel
+@plain
 def scale_down(
     sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, dissipative, rounds, left,
     reserve, found, x, z, after, scaled, room,
