@@ -27,6 +27,7 @@ _PARTS = (
     "solvers/cones",
     "stepping/compiled",
     "stepping/time_stepping/problem",
+    "stepping/time_stepping/problem/solution",
     "stepping/time_stepping",
     "stepping/time_stepping/compiled/state",
     "stepping/time_stepping/compiled/impulses",

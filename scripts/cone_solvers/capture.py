@@ -19,7 +19,7 @@ from scipy import sparse
 from impactlaw import ImpactLawError, Moreau, Stepper
 from impactlaw.solvers.cones import CONE
 from impactlaw.stepping.time_stepping import contact_impulses
-from impactlaw.stepping.time_stepping.problem.contact_problem import recall
+from impactlaw.stepping.time_stepping.problem.solution.contact_problem import recall
 from impactlaw.stepping.time_stepping.problem.targets import offsets
 from scripts.robots import starts
 from scripts.robots.scenes import Loaded, Scene

@@ -19,9 +19,9 @@ from impactlaw.stepping.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.events import CollisionRecord, Known, Metric, StepImpulses
 from impactlaw.stepping.time_stepping.problem.drifts import calm, drifts
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups, struck_later
-from impactlaw.stepping.time_stepping.problem.resolve import resolve_step
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
+from impactlaw.stepping.time_stepping.problem.solution.resolve import resolve_step
 from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
 from impactlaw.stepping.time_stepping.tolerances import (
     FEW_ROUNDS,

@@ -7,7 +7,7 @@ import numpy as np
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
 from impactlaw.stepping.time_stepping.problem import energy
-from impactlaw.stepping.time_stepping.problem.resolve import resolve_step
+from impactlaw.stepping.time_stepping.problem.solution.resolve import resolve_step
 
 
 @compiled()

@@ -13,7 +13,7 @@ from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import BILATERAL, BOX, CONE
 from impactlaw.solvers.cones.algebra.loops import cleared, plain, put
 from impactlaw.solvers.cones.rows import trees_of
-from impactlaw.stepping.time_stepping.problem.contact_problem import row_velocities
+from impactlaw.stepping.time_stepping.problem.energy import row_velocities
 from impactlaw.stepping.time_stepping.problem.rows import NEAR
 
 

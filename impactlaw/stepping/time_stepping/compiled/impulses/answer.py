@@ -16,7 +16,7 @@ from impactlaw.stepping.time_stepping.compiled.state.status import CREATES, FINE
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.problem.drifts import find_calm, find_drifts
 from impactlaw.stepping.time_stepping.problem.phases import find_later
-from impactlaw.stepping.time_stepping.problem.resolve import linked_resolve
+from impactlaw.stepping.time_stepping.problem.solution.resolve import linked_resolve
 from impactlaw.stepping.time_stepping.problem.targets import aim, close_gaps
 from impactlaw.stepping.time_stepping.tolerances import RESOLVED, STIFF
 

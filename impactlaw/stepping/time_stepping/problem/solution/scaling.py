@@ -1,25 +1,21 @@
-"""The problem of one step: impulses of contacts, limits, equalities and dry friction all at once, and what follows."""
+"""Restitution scaled so that collisions create no energy, and taken away where bodies jam."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.compiled import compiled
-from impactlaw.solvers.cones import BILATERAL, CONE
-from impactlaw.solvers.cones.algebra.loops import clear, copied, integers, kernel, numbers, plain, put, zeros
-from impactlaw.solvers.cones.solve import linked_improve
-from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, creates, is_met, row_velocities
-from impactlaw.stepping.time_stepping.problem.targets import write_offsets
+from impactlaw.solvers.cones import BILATERAL
+from impactlaw.solvers.cones.algebra.loops import clear, copied, kernel, numbers, plain, put
+from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, creates, row_velocities
+from impactlaw.stepping.time_stepping.problem.solution.contact_problem import (
+    TOLERANCE,
+    UNSOLVED,
+    shortfall,
+    solve_scaled,
+    without_friction,
+)
 from impactlaw.stepping.time_stepping.tolerances import SLOWEST
 
-TOLERANCE = 1e-10
-"""Natural map, relative to the largest velocity of the problem, that solvers aim at."""
-
-UNSOLVED = 1e-8
-"""Natural map above which normal velocities are corrected ..."""
-_CORRECTED = 1e-9  # ... up to this one ...
-_ONE = np.int64(1)  # ... in so many rounds of slower methods
-_CONVEX = np.bool_(False)
 _FEW = 1  # rounds of slower methods in a search
 _CLOSE = 1e-10  # part of the energy that contacts exchange by which a search may end below what is allowed
 _SEARCHES = 12  # of the share of restitution that creates no energy, while work is left
@@ -27,140 +23,6 @@ _JAMMED = 1e-3  # part of the largest contact velocity by which a law is missed,
 RESERVE = 0.2
 """Part of the work allowed that is there for a step without restitution in any case."""
 _SAFE = np.int64(8)  # rounds of slower methods that it has
-
-
-@plain
-def guess(groups, key, scale, known_groups, known_key, known_scale, known, x):
-    """Write what `recall` returns, (n,)."""
-    clear(x)
-    m, at = len(known_key), 0
-    for g in range(len(key)):
-        for step in range(m):
-            j = at + step if at + step < m else at + step - m
-            if known_key[j] != key[g]:
-                continue
-            if known_groups[1, j] == groups[1, g]:
-                for k in range(groups[1, g]):
-                    old = known_groups[0, j] + k
-                    x[groups[0, g] + k] = known[old] * known_scale[old] / scale[groups[0, g] + k]
-            at = j + 1 if j + 1 < m else 0
-            break
-
-
-@compiled()
-def recall(groups, key, scale, known_groups, known_key, known_scale, known):
-    """Return the impulses of the step before where the same group has as many rows, else zeros, (n,).
-
-    Groups of one key are matched in their order. The search goes on where the last match was: the order rarely changes.
-    """
-    x = np.empty(len(scale))
-    guess(groups, key, scale, known_groups, known_key, known_scale, known, x)
-    return x
-
-
-@plain
-def shortfall(groups, rates, after, reached):
-    """Return the largest amount by which a contact velocity misses its target, and the largest velocity of a row.
-
-    Both are NaN where a velocity is.
-    """
-    missed, fastest, total = 0.0, 0.0, 0.0
-    for g in range(len(reached)):
-        if groups[2, g] == CONE:
-            row = groups[0, g]
-            missed = max(missed, reached[g] - after[row])
-            for k in range(row, row + groups[1, g]):
-                fastest = max(fastest, abs(rates[1, k]), abs(rates[2, k]))
-                total += rates[1, k] + after[k]
-    return (missed, fastest) if np.isfinite(total) else (np.nan, np.nan)
-
-
-@kernel
-def correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, solution, jump):
-    """Make normal velocities of a solution and its z exact, and return the natural map of what was solved for that.
-
-    Where that is more than `UNSOLVED`, nothing is changed.
-
-    Friction is held: cut to its cone, and the same in a solution.
-
-    It is what makes problems hard: what is left, ``0 <= Lambda_n  ⊥  u_n >= 0``, is convex.
-    """
-    x, offset, friction = copied(solution), copied(b), zeros(len(tree))
-    for g in range(groups.shape[1]):
-        if groups[2, g] != CONE:
-            continue
-        row, end = groups[0, g], groups[0, g] + groups[1, g]
-        size = 0.0
-        for k in range(row + 1, end):
-            size += x[k] * x[k]
-        share = min(1.0, x[row] / np.sqrt(size)) if size > 0.0 else 1.0
-        for k in range(row + 1, end):
-            for a in range(sparse[1, k], sparse[1, k] + sparse[0, k]):
-                friction[colind[a]] += share * x[k] * value[a]
-            x[k] *= share
-    for r in range(len(b)):
-        for a in range(sparse[1, r], sparse[1, r] + sparse[0, r]):
-            offset[r] += value[a] * friction[colind[a]]
-    start, one = copied(x), integers(groups.shape[1])
-    for g in range(groups.shape[1]):
-        for k in range(groups[0, g] + 1, groups[0, g] + groups[1, g]):
-            start[k] = 0.0
-        one[g] = 1
-    z = numbers(len(tree))
-    reached, _ = linked_improve(
-        sparse[0], sparse[1], colind, value, tree, groups[0], one, groups[2], amounts[1], rates[4], offset, _CONVEX,
-        _CORRECTED, min(rounds, _ONE), left, start, z,
-    )  # fmt: skip
-    if not reached > UNSOLVED:
-        for g in range(groups.shape[1]):
-            x[groups[0, g]] = start[groups[0, g]]
-        put(solution, x)
-        for i in range(len(z)):
-            jump[i] = z[i] + friction[i]
-    return reached
-
-
-@kernel
-def without_friction(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, solution, jump):
-    """Overwrite a solution and its z by those without friction, and return whether normal velocities are met then."""
-    x, z = zeros(len(b)), zeros(len(tree))
-    reached = correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, x, z)
-    if reached > UNSOLVED:
-        return False
-    put(solution, x)
-    put(jump, z)
-    return True
-
-
-@plain
-def solve_scaled(
-    sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds, left,
-    x, z, after, scaled, room,
-):  # fmt: skip
-    """Solve the problem of a step with all restitution of contacts that collide scaled by s.
-
-    Written are impulses (n,), in units of the problem, which are a guess before; whitened jump of velocities (nv,);
-    velocities of rows afterwards (n,); the targets with s, (g,). There is room for (2 n,). Return the natural map that
-    is left, relative to the largest velocity.
-    """
-    aimed, b = room[: len(x)], room[len(x) : 2 * len(x)]
-    put(scaled, target)
-    put(aimed, sliding)
-    for g in range(len(target)):
-        if collides[g] and s < 1.0:
-            scaled[g] = s * target[g] if target[g] > 0.0 else target[g]
-            for k in range(groups[0, g] + 1, groups[0, g] + groups[1, g]):
-                aimed[k] = s * sliding[k]
-    write_offsets(groups, rates, scaled, aimed, b)
-    residual, _ = linked_improve(
-        sparse[0], sparse[1], colind, value, tree, groups[0], groups[1], groups[2], amounts[1], rates[4], b, exact,
-        TOLERANCE, rounds, left, x, z,
-    )  # fmt: skip
-    row_velocities(sparse, colind, value, rates, z, after)
-    if residual > UNSOLVED or not is_met(*shortfall(groups, rates, after, scaled)):
-        correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, x, z)
-        row_velocities(sparse, colind, value, rates, z, after)
-    return residual
 
 
 @plain

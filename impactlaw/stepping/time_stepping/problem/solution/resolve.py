@@ -9,10 +9,10 @@ from impactlaw.linked import linked
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.solvers.cones.algebra.loops import numbers, plain
 from impactlaw.stepping.compiled.whitening import unwhitened
-from impactlaw.stepping.time_stepping.problem.apart import solve_contacts
-from impactlaw.stepping.time_stepping.problem.contact_problem import guess, shortfall
 from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, is_met, lose_energy
 from impactlaw.stepping.time_stepping.problem.overlaps import move_apart, overlap_targets
+from impactlaw.stepping.time_stepping.problem.solution.apart import solve_contacts
+from impactlaw.stepping.time_stepping.problem.solution.contact_problem import guess, shortfall
 
 _ARRAYS = (
     "int32[:,::1],int32[::1],float64[::1],int32[:,::1],int64[::1],float64[:,::1],float64[:,::1],float64[::1],"

@@ -5,16 +5,10 @@ from __future__ import annotations
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import cleared, indices, integers, kernel, numbers, plain, zeros
 from impactlaw.solvers.cones.rows import impulse_jump, islands, lengths
-from impactlaw.stepping.time_stepping.problem.contact_problem import (
-    RESERVE,
-    TOLERANCE,
-    UNSOLVED,
-    has_restitution,
-    scale_down,
-    solve_whole,
-)
 from impactlaw.stepping.time_stepping.problem.energy import CREATED, row_velocities
 from impactlaw.stepping.time_stepping.problem.phases import some_groups
+from impactlaw.stepping.time_stepping.problem.solution.contact_problem import TOLERANCE, UNSOLVED
+from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE, has_restitution, scale_down, solve_whole
 
 
 @plain
