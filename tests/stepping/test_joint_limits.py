@@ -215,10 +215,10 @@ def test_lower_and_upper_limit_are_told_apart():
         data.qpos[0] = position
         update_positions(model, data)
         with detector.options:
-            pattern, contacts, J, _ = detector.look(data, 1e-6)
-        assert contacts.labels == ("rail",)
-        assert J[0, 0] == (1.0 if position < 0 else -1.0)
-        keys.append(int(pattern.key[0]))
+            found = detector.look(data, 1e-6)
+        assert found.contacts.labels == ("rail",)
+        assert found.jacobian[0, 0] == (1.0 if position < 0 else -1.0)
+        keys.append(int(found.pattern.key[0]))
     assert keys[0] != keys[1]
     with detector.options:
         pattern = detector.look(data, 10.0).pattern

@@ -7,7 +7,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import scipy.linalg
+import scipy
 
 from impactlaw.scene.contacts import mass_matrix, update_positions
 from impactlaw.scene.moving_surfaces import Surfaces

@@ -27,6 +27,9 @@ class Counted:
     def rounds(self, rows: int) -> int:
         return BRIEF
 
+    def steps(self, rows: int) -> float:
+        return np.inf
+
     def attempt(self, rows: int, steps: int) -> None:
         self.count += 1
         if self.count > self.most:
