@@ -53,7 +53,7 @@ class ContactSet:
     """Contacts near each other or closed, at one configuration.
 
     What is computed when it is first asked for must be asked for at that configuration: `tangents`, `rows`, `along`,
-    `whitened`, `lengths`, and what uses them.
+    `whitened`, `yielding`, `lengths`, and what uses them.
 
     Attributes:
         pattern: what their geoms say.
@@ -122,7 +122,7 @@ class ContactSet:
 
     @property
     def along(self) -> np.ndarray:
-        """The rows ``J'`` along which impulses act, (h, nv): J where there are no equality constraints."""
+        """Rows ``J'`` along which equality constraints let bodies be moved apart, (h, nv); J if there are none."""
         along, _ = self._confined
         return along
 
@@ -135,7 +135,7 @@ class ContactSet:
     @cached_property
     def yielding(self) -> np.ndarray:
         """``J R^-T``, (h, nv), where equality constraints give way as MuJoCo's do."""
-        return self.whiten(self.jacobian)
+        return self.whitened if self.bilateral is None else self.whiten(self.jacobian)
 
     def whiten(self, rows: np.ndarray) -> np.ndarray:
         """Return rows whitened, (k, nv); 0 where equality constraints leave nothing of them."""
