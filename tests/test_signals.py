@@ -33,19 +33,25 @@ class Finalized:
 
 @pytest.mark.parametrize(("number", "code"), ENDS)
 def test_an_exit_that_a_finalizer_loses_is_raised_again(number, code, capsys):
+    went_on = []
     with pytest.raises(SystemExit) as ended, ended_by_signals():
         Finalized(number)
-        time.sleep(60.0)
+        time.sleep(30.0)
+        went_on.append(True)
     assert ended.value.code == code
+    assert not went_on
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
 def test_an_exit_that_is_lost_without_a_word_is_raised_again():
+    went_on = []
     with pytest.raises(SystemExit) as ended, ended_by_signals():
         with pytest.raises(SystemExit):
             signal.raise_signal(signal.SIGTERM)
-        time.sleep(600.0)
+        time.sleep(60.0)
+        went_on.append(True)
     assert ended.value.code == 143
+    assert not went_on
 
 
 def test_an_exit_that_is_lost_until_the_end_is_an_exit():

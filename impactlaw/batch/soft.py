@@ -65,21 +65,7 @@ class _OneSoftWorld:
 
 
 class SoftWorlds:
-    """What soft steps need of many worlds.
-
-    Args:
-        model: the scene.
-        plan: of the scene.
-        law: any of the laws.
-        options: of the batch.
-        pool: with the worlds.
-        fields: of the worlds.
-
-    Attributes:
-        address: of the entry.
-        context: what the entry is given, see `soft.compiled.many.Worlds`.
-        places: see there.
-        laws: of the worlds.
+    """What soft steps need of many worlds; arguments and attributes are those of `rigid.RigidWorlds`.
 
     Raises:
         SceneError: compiled code does not take the scene.

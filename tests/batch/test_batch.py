@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
@@ -30,8 +32,15 @@ def _throw(batch: Batch, seed: int = 0) -> np.ndarray:
     return velocity
 
 
-def _stepped(model: mujoco.MjModel, law: Moreau | Newton, velocity: np.ndarray, steps: int) -> mujoco.MjData:
-    stepper, data = Stepper(model, law, scheme="time-stepping", compiled="never"), mujoco.MjData(model)
+WAYS: dict[str, Any] = {"rigid": {"scheme": "time-stepping"}, "soft": {"contact_model": "soft"}}
+both = pytest.mark.parametrize("contact_model", WAYS)
+
+
+def _stepped(
+    model: mujoco.MjModel, law: Moreau | Newton, velocity: np.ndarray, steps: int, contact_model: str = "rigid"
+) -> mujoco.MjData:
+    options = WAYS[contact_model] | {"compiled": "never", "on_inadmissible": "project"}
+    stepper, data = Stepper(model, law, **options), mujoco.MjData(model)
     data.qvel[:] = velocity
     for _ in range(steps):
         stepper.step(data)
@@ -66,24 +75,26 @@ def test_results_do_not_depend_on_threads(model: mujoco.MjModel):
     assert np.array_equal(ends[0], ends[2])
 
 
-def test_worlds_have_laws_and_restitution_of_their_own(model: mujoco.MjModel):
+@both
+def test_worlds_have_laws_and_restitution_of_their_own(model: mujoco.MjModel, contact_model: Any):
     laws = [
         Moreau(0.1),
         Newton({("ball", "floor"): 0.9}, default=0.3),
         Coulomb(Moreau(0.7), tangential_restitution=0.2),
     ]
-    batch = Batch(model, laws * 2, 6, 2)
+    batch = Batch(model, laws * 2, 6, 2, contact_model=contact_model)
     velocity = _throw(batch)
     batch.restitution[3] = 0.8
     batch.step(nstep=100)
     own = [*laws, Moreau(0.8), *laws[1:]]
     for world in range(6):
-        data = _stepped(model, own[world], velocity[world], 100)
+        data = _stepped(model, own[world], velocity[world], 100, contact_model)
         np.testing.assert_allclose(batch.bind("qpos")[world], data.qpos, atol=1e-8)
 
 
-def test_worlds_have_parameters_of_their_own(model: mujoco.MjModel):
-    batch = Batch(model, Moreau(0.5), 3, 1)
+@both
+def test_worlds_have_parameters_of_their_own(model: mujoco.MjModel, contact_model: Any):
+    batch = Batch(model, Moreau(0.5), 3, 1, contact_model=contact_model)
     friction = batch.expand("geom_friction")
     friction[1, :, 0] = 0.1
     velocity = np.random.default_rng(3).normal(size=model.nv)
@@ -93,12 +104,13 @@ def test_worlds_have_parameters_of_their_own(model: mujoco.MjModel):
     assert np.array_equal(ends[0], ends[2])
     own = mujoco.MjModel.from_xml_string(SCENE)
     own.geom_friction[:, 0] = 0.1
-    np.testing.assert_allclose(ends[1], _stepped(own, Moreau(0.5), velocity, 150).qpos, atol=1e-8)
+    np.testing.assert_allclose(ends[1], _stepped(own, Moreau(0.5), velocity, 150, contact_model).qpos, atol=1e-8)
     assert np.abs(ends[1] - ends[0]).max() > 1e-3
 
 
-def test_some_worlds_are_stepped_and_reset(model: mujoco.MjModel):
-    batch = Batch(model, Moreau(0.5), 4, 2)
+@both
+def test_some_worlds_are_stepped_and_reset(model: mujoco.MjModel, contact_model: Any):
+    batch = Batch(model, Moreau(0.5), 4, 2, contact_model=contact_model)
     _throw(batch)
     batch.step(ids=[1, 3], nstep=60)
     assert batch.bind("time") == pytest.approx([0.0, 0.3, 0.0, 0.3])
@@ -110,8 +122,12 @@ def test_some_worlds_are_stepped_and_reset(model: mujoco.MjModel):
     assert np.array_equal(batch.get_data(3).qpos, batch.bind("qpos")[3])
 
 
-def test_a_world_fails_alone(model: mujoco.MjModel):
-    batch, other = Batch(model, Moreau(0.5), 4, 2), Batch(model, Moreau(0.5), 4, 1)
+@both
+def test_a_world_fails_alone(model: mujoco.MjModel, contact_model: Any):
+    batch, other = (
+        Batch(model, Moreau(0.5), 4, 2, contact_model=contact_model),
+        Batch(model, Moreau(0.5), 4, 1, contact_model=contact_model),
+    )
     _throw(batch)
     _throw(other)
     batch.bind("qvel")[2, 0] = np.nan
@@ -125,14 +141,18 @@ def test_a_world_fails_alone(model: mujoco.MjModel):
         assert np.array_equal(batch.state[world], other.state[world])
 
 
-def test_an_error_of_the_engine_is_one_of_its_world():
+@both
+def test_an_error_of_the_engine_is_one_of_its_world(contact_model: Any):
     tight = mujoco.MjModel.from_xml_string(SCENE.replace("<worldbody>", '<size memory="14K"/><worldbody>', 1))
-    batch = Batch(tight, Moreau(0.5), 3, 1)
+    batch = Batch(tight, Moreau(0.5), 3, 1, contact_model=contact_model)
     batch.bind("qpos")[0, 2], batch.bind("qpos")[0, 9] = 30.0, 40.0  # nothing is near in world 0
     with pytest.raises(WorldsFailedError, match="memory") as caught:
         for _ in range(200):
-            batch.step()
-    assert 0 not in caught.value.worlds
+            before = batch.state.copy()
+            batch.step(nstep=2)
+    failed = caught.value.worlds
+    assert 0 not in failed
+    np.testing.assert_array_equal(batch.state[failed], before[failed])
 
 
 def test_what_a_batch_does_not_take(model: mujoco.MjModel):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scenes import JAM_QPOS, JAM_QVEL
 
-from impactlaw import Batch, Coulomb, Moreau, Newton, Stepper
-from impactlaw.errors import RestitutionError, SceneError, WorldsFailedError
+from impactlaw import Batch, Moreau, Newton, Stepper
+from impactlaw.errors import RestitutionError, SceneError
 from impactlaw.laws import Reversal
 from impactlaw.stepping.compiled.law_table import Coefficients
 
@@ -83,36 +83,6 @@ def test_results_do_not_depend_on_threads(integrator):
     assert np.array_equal(ends[0], ends[2])
 
 
-def test_worlds_have_laws_and_restitution_of_their_own():
-    model = compiled()
-    laws = [
-        Moreau(0.1),
-        Newton({("ball", "floor"): 0.9}, default=0.3),
-        Coulomb(Moreau(0.7), tangential_restitution=0.2),
-    ]
-    batch = Batch(model, laws * 2, 6, 2, contact_model="soft")
-    velocity = thrown(batch)
-    batch.restitution[3] = 0.8
-    batch.step(nstep=100)
-    own = [*laws, Moreau(0.8), *laws[1:]]
-    for world in range(6):
-        data = stepped(model, own[world], velocity[world], 100)
-        np.testing.assert_allclose(batch.bind("qpos")[world], data.qpos, atol=1e-9)
-
-
-def test_worlds_have_parameters_of_their_own():
-    model, own = compiled(), compiled()
-    batch = Batch(model, Moreau(0.5), 3, 1, contact_model="soft")
-    batch.expand("geom_friction")[1, :, 0] = own.geom_friction[:, 0] = 0.1
-    velocity = np.random.default_rng(3).normal(size=model.nv)
-    batch.bind("qvel")[:] = velocity
-    batch.step(nstep=150)
-    ends = batch.bind("qpos")
-    assert np.array_equal(ends[0], ends[2])
-    np.testing.assert_allclose(ends[1], stepped(own, Moreau(0.5), velocity, 150).qpos, atol=1e-9)
-    assert np.abs(ends[1] - ends[0]).max() > 1e-3
-
-
 def jammed(law=None, steps: int = 3, **options) -> Batch:
     """Return two worlds, of which the second one has to take its first step in Python."""
     batch = Batch(gymnasium.make("HalfCheetah-v5").unwrapped.model, law or Moreau(0.0), 2, 1, contact_model="soft")
@@ -158,50 +128,6 @@ def test_steps_in_python_have_the_parameters_and_the_restitution_of_their_world(
     batch.restitution[1] = 0.3
     batch.step()
     np.testing.assert_allclose(batch.bind("qvel")[1], alone(batch.model, Moreau(0.3), 1)[0].qvel, atol=1e-9)
-
-
-def test_a_world_fails_alone():
-    batch, other = (Batch(compiled(), Moreau(0.5), 4, n, contact_model="soft") for n in (2, 1))
-    thrown(batch)
-    thrown(other)
-    batch.bind("qvel")[2, 0] = np.nan
-    before = batch.state[2].copy()
-    with pytest.raises(WorldsFailedError, match=r"^1 world has failed \(2\): .* not finite") as caught:
-        batch.step(nstep=50)
-    assert list(caught.value.worlds) == [2]
-    assert caught.value.diverged
-    np.testing.assert_array_equal(batch.state[2], before)
-    other.step(nstep=50)
-    for world in (0, 1, 3):
-        assert np.array_equal(batch.state[world], other.state[world])
-
-
-def test_an_error_of_the_engine_is_one_of_its_world():
-    tight = mujoco.MjModel.from_xml_string(
-        SCENE.format("Euler").replace("<worldbody>", '<size memory="14K"/><worldbody>', 1)
-    )
-    batch = Batch(tight, Moreau(0.5), 3, 1, contact_model="soft")
-    batch.bind("qpos")[0, 2], batch.bind("qpos")[0, 9] = 30.0, 40.0  # nothing is near in world 0
-    with pytest.raises(WorldsFailedError, match="memory") as caught:
-        for _ in range(200):
-            before = batch.state.copy()
-            batch.step(nstep=2)
-    failed = caught.value.worlds
-    assert 0 not in failed
-    np.testing.assert_array_equal(batch.state[failed], before[failed])
-
-
-def test_some_worlds_are_stepped_and_reset():
-    batch = Batch(compiled(), Moreau(0.5), 4, 2, contact_model="soft")
-    thrown(batch)
-    batch.step(ids=[1, 3], nstep=60)
-    assert batch.bind("time") == pytest.approx([0.0, 0.3, 0.0, 0.3])
-    assert (batch.impact_count[[1, 3]] > 0).all()
-    kept = batch.state[3].copy()
-    batch.reset([1])
-    assert np.array_equal(batch.bind("qpos")[1], batch.model.qpos0)
-    assert batch.impact_count[1] == 0
-    assert np.array_equal(batch.state[3], kept)
 
 
 def test_a_contact_that_the_law_does_not_know_leaves_worlds_as_they_were(monkeypatch):
