@@ -93,10 +93,11 @@ class VectorWorlds(VectorEnv):
         """Have what single environments or a `Batch` have, as it is here; setting it later is an error."""
         self.nthread, self.frame_skip, self.max_episode_steps = nthread, self._task.frame_skip, limit
         self.friction = options.get("friction", "coulomb")
-        self.on_inadmissible = options.get("on_inadmissible", "project")
         self.rest_speed = options.get("rest_speed")
         self.contact_model, self.log, self.log_every = self.batch.contact_model, None, 1
-        self.scheme = "time-stepping" if self.contact_model == "rigid" else None
+        rigid = self.contact_model == "rigid"
+        self.scheme = "time-stepping" if rigid else None
+        self.on_inadmissible = options.get("on_inadmissible") or ("project" if rigid else None)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None

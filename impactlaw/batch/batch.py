@@ -44,7 +44,8 @@ class Batch:
         nthread: number of threads; 0 for one per processor.
         contact_model: see `Stepper`: "rigid", which is time stepped, or "soft".
         friction: see `Stepper`.
-        on_inadmissible: see `Stepper`.
+        on_inadmissible: see `Stepper`; "project" if not given (rigid). A law of one coefficient per contact creates no
+            energy in a soft step.
         rest_speed: see `Stepper`.
 
     Attributes:
@@ -67,7 +68,7 @@ class Batch:
         *,
         contact_model: Literal["rigid", "soft"] = "rigid",
         friction: Literal["coulomb", "convex", "ignore"] = "coulomb",
-        on_inadmissible: Literal["raise", "project", "allow"] = "project",
+        on_inadmissible: Literal["raise", "project", "allow"] | None = None,
         rest_speed: float | None = None,
     ):
         check_model(model)
@@ -267,18 +268,17 @@ def _options(contact_model: Any, friction: Any, on_inadmissible: Any, rest_speed
     Raises:
         UnknownNameError: an option has no such value.
         OptionError: rest_speed is not a speed.
+        SceneError: an option means nothing to the contact model.
     """
-    for kind, value, known in (
-        ("friction option", friction, FRICTION),
-        ("on_inadmissible option", on_inadmissible, ("raise", "project", "allow")),
-    ):
-        if value not in known:
-            raise UnknownNameError(kind, value, known)
+    if friction not in FRICTION:
+        raise UnknownNameError("friction option", friction, FRICTION)
     soft = contact_model == "soft"
     options = Options(
         contact_model=contact_model, scheme=None if soft else "time-stepping", friction=friction, overlap=None,
-        on_inadmissible=on_inadmissible, on_unsolved=None, gap_tolerance=None, rest_speed=rest_speed,
+        on_inadmissible=on_inadmissible or "project", on_unsolved=None, gap_tolerance=None, rest_speed=rest_speed,
         max_events=None, solver=None, compiled="never" if soft else None,
     )  # fmt: skip
     options.check()
+    if soft and on_inadmissible is not None:
+        raise SceneError("on_inadmissible means nothing to a soft batch, whose laws create no energy; leave it out")
     return options

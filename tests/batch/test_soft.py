@@ -158,6 +158,19 @@ def test_what_a_soft_batch_does_not_take():
         Batch(mujoco.MjModel.from_xml_string(MOVED), Moreau(0.5), 2, contact_model="soft")
     with pytest.raises(ValueError, match="contact_model"):
         Batch(compiled(), Moreau(0.5), 2, contact_model="hard")
+    with pytest.raises(SceneError, match="on_inadmissible means nothing"):
+        Batch(compiled(), Moreau(0.5), 2, contact_model="soft", on_inadmissible="raise")
+
+
+@pytest.mark.parametrize("option", [{"friction": "convex"}, {"friction": "ignore"}, {"rest_speed": 3.0}], ids=str)
+def test_options_change_what_happens(option):
+    ends = []
+    for options in ({}, option):
+        batch = Batch(compiled(), Moreau(0.5), 2, 1, contact_model="soft", **options)
+        batch.bind("qvel")[:, :6] = 9.0, 0.0, -0.5, 0.0, 0.0, 3.0
+        batch.step(nstep=120)
+        ends.append(batch.state.copy())
+    assert np.abs(ends[0] - ends[1]).max() > 1e-5
 
 
 @pytest.mark.parametrize("contact_model", ["rigid", "soft"])

@@ -22,8 +22,8 @@ def training_worlds(conditions: Conditions, count: int) -> Worlds | None:
     if law.is_mujoco or spec is None or spec.vector_entry_point is None:
         return None
     options: dict[str, Any] = {"nthread": 1, "law": law.distribution()}
-    if conditions.scheme == "soft" and not is_own(task):  # what single environments do with energy that is created
-        options |= {"contact_model": "soft", "batch_options": {"on_inadmissible": "raise"}}
+    if conditions.scheme == "soft" and not is_own(task):
+        options["contact_model"] = "soft"
     elif conditions.scheme != "time-stepping":
         return None
     try:
