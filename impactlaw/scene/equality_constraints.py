@@ -17,6 +17,8 @@ TYING = 2
 """Kind of the equality constraints that tie two bodies to each other."""
 CALM = 0.1
 """Part of the fastest collision up to which the velocity of an equality constraint is one that it can keep there."""
+RESTING = 1e-9
+"""The same where constraints that give way have driven a collision: those that are at rest but for rounding."""
 DRIFT = 1e-3
 """Part of the fastest contact, in the kinetic metric, up to which a constraint that moves a gap is at rest."""
 TIED = 0.2

@@ -65,7 +65,7 @@ class _Data(NamedTuple):
 
 
 class _Model(NamedTuple):
-    """Places in the table of offsets of fields of mjModel; opt_ stands for those of its mjOption."""
+    """Places in the table of offsets of fields of mjModel; opt_ and stat_: those of its mjOption and mjStatistic."""
 
     nq: int
     nv: int
@@ -120,6 +120,8 @@ class _Model(NamedTuple):
     opt_noslip_iterations: int
     opt_disableflags: int
     opt_enableflags: int
+    stat_meansize: int
+    stat_meansize: int
 
 
 class _Contact(NamedTuple):

@@ -29,6 +29,10 @@ _NUMBERS: dict[str, Any] = {
     "unsigned char": ctypes.c_uint8,
     "unsigned int": ctypes.c_uint,
 }
+_INNER = {"opt": "mjOption", "stat": "mjStatistic"}
+"""Structures inside of mjModel, whose fields are named by both."""
+_INNER = {"opt": "mjOption", "stat": "mjStatistic"}
+"""Structures inside of mjModel, whose fields are named by both."""
 
 
 class LayoutError(ImpactLawError):
@@ -82,12 +86,13 @@ def table() -> np.ndarray:
     """
     known: dict[str, Any] = {}
     model, data, contact = (_named(name, known) for name in ("mjModel", "mjData", "mjContact"))
-    option = model.opt.offset
-    kind: Any = _named("mjOption", known)
     offsets = [getattr(data, name).offset for name in _names(DATA)]
     for name in _names(MODEL):
-        inner = name.removeprefix("opt_")
-        offsets.append(getattr(model, name).offset if inner == name else option + getattr(kind, inner).offset)
+        outer, _, inner = name.partition("_")
+        if outer in _INNER:
+            offsets.append(getattr(model, outer).offset + getattr(_named(_INNER[outer], known), inner).offset)
+        else:
+            offsets.append(getattr(model, name).offset)
     offsets += [getattr(contact, name).offset for name in _names(CONTACT)]
     offsets += [ctypes.sizeof(model), ctypes.sizeof(contact)]
     found = np.array(offsets, dtype=np.int64)

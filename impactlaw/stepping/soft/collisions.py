@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -11,10 +12,12 @@ from impactlaw.errors import SolverError, UnfinishedStepError, UnsolvableLawErro
 from impactlaw.laws import Coulomb, Law
 from impactlaw.laws.restitution.on_contacts import Chosen
 from impactlaw.mechanics.friction import Friction
+from impactlaw.mechanics.impact import Impact
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.scene.contacts import Contacts, active_contacts, closes, gap_gradients, geom_names
 from impactlaw.scene.equality_constraints import (
     CALM,
+    RESTING,
     TYING,
     are_tied,
     bilateral_constraints,
@@ -40,6 +43,14 @@ POSITION, VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTA
 NOTHING: tuple[tuple[ImpactEvent, ...], int] = (), VELOCITY
 """What `Collisions.resolve` returns where nothing collides."""
 _UNSOLVED = SolverError, UnsolvableLawError, UnfinishedStepError
+
+
+class _Resolved(NamedTuple):
+    """Collisions, the velocity after them, None if there were none, and whether they lost restitution."""
+
+    velocity: np.ndarray | None
+    events: list[ImpactEvent]
+    is_short: bool = False
 
 
 class Collisions:
@@ -86,29 +97,39 @@ class Collisions:
         if not still and not np.count_nonzero(gamma < -speed):
             return NOTHING
         closed = Closed(contacts, jacobian, None, drift, friction=friction)
+        found = self._resolved(data, closed, gamma, CALM)
+        if any(_is_driven(event.impact) for event in found.events):
+            found = self._resolved(data, closed, gamma, RESTING)
+        self.short_steps += found.is_short
+        if found.velocity is None:
+            return NOTHING
+        events = tuple(found.events)
+        self.unlocated += len(events) > self.collider.most
+        if np.array_equal(found.velocity, data.qvel):
+            return events, VELOCITY
+        data.qvel[:] = found.velocity
+        return events, POSITION
+
+    def _resolved(self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, share: float) -> _Resolved:
+        """Resolve the collisions; constraints that move faster than a share of the fastest contact are giving way."""
         if data.ne and self.bilateral.any():
-            closed, gamma = self._constrained(data, closed, gamma)
-            if not np.count_nonzero(gamma < -speed):
-                return NOTHING
+            closed, gamma = self._constrained(data, closed, gamma, share)
+            if not np.count_nonzero(gamma < -self.rest_speed):
+                return _Resolved(None, [])
         if self.chosen is not None:
             closed = closed.select(np.flatnonzero(self.chosen.mask(closed.contacts.labels)))
         events: list[ImpactEvent] = []
         try:
-            velocity = self._collide(self.collider, data, closed, gamma, events)
+            return _Resolved(self._collide(self.collider, data, closed, gamma, events), events)
         except _UNSOLVED as unsolved:
+            if share > RESTING and any(_is_driven(event.impact) for event in events):
+                return _Resolved(None, events)
             events = []
-            found = self._without_restitution(data, closed, gamma, events)
-            if found is not None and isinstance(unsolved, UnsolvableLawError):
+            velocity = self._without_restitution(data, closed, gamma, events)
+            does_not_fit = self.collider.law.normal_law.common_coefficient is None  # else constraints hold a body still
+            if velocity is not None and does_not_fit and isinstance(unsolved, UnsolvableLawError):
                 raise
-            self.short_steps += 1
-            if found is None:
-                return NOTHING
-            velocity = found
-        self.unlocated += len(events) > self.collider.most
-        if np.array_equal(velocity, data.qvel):
-            return tuple(events), VELOCITY
-        data.qvel[:] = velocity
-        return tuple(events), POSITION
+            return _Resolved(velocity, events, is_short=True)
 
     @staticmethod
     def bounces(data: mujoco.MjData) -> bool:
@@ -122,7 +143,9 @@ class Collisions:
             rest_speed=self.rest_speed, chosen=self.chosen, surfaces=self.surfaces,
         )  # fmt: skip
 
-    def _constrained(self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray) -> tuple[Closed, np.ndarray]:
+    def _constrained(
+        self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, share: float
+    ) -> tuple[Closed, np.ndarray]:
         """Return the contacts that equality constraints do not tie, with constraints to be kept, and velocities."""
         model = self._model
         ties = bilateral_rows(model, data, constraint_kinds(model) == TYING)
@@ -130,7 +153,7 @@ class Collisions:
             between = closed.contacts.geoms[:, 0] >= 0
             free = np.flatnonzero(~(between & are_tied(closed.jacobian, ties, lengths(model))))
             closed, gamma = closed.select(free), gamma[free]
-        calm = CALM * max(0.0, -gamma.min(initial=0.0))
+        calm = share * max(0.0, -gamma.min(initial=0.0))
         constraints = bilateral_rows(model, data, self.bilateral, calm=calm)
         if constraints is not None:
             limits = closed.contacts.geoms[:, 0] < 0
@@ -198,6 +221,12 @@ class Collisions:
         surfaces = self.surfaces
         found = active_friction(self._model, data, contacts.select(between), surfaces)
         return None if found is None else Friction(*found)
+
+
+def _is_driven(impact: Impact) -> bool:
+    """Return whether constraints that give way have driven bodies into each other: a part of the energy is theirs."""
+    constraints = impact.collision.bilateral_jacobian
+    return constraints is not None and impact.energy_change > 0.5 * CALM * impact.intensity**2
 
 
 def _is_same(law: Law, last: Law) -> bool:

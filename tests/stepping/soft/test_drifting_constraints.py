@@ -1,5 +1,6 @@
 """Limits of joints that a constraint drives: they act by the motion that it allows, not because it gives way."""
 
+import mujoco
 import numpy as np
 import pytest
 from scenes import compiled as compile_scene
@@ -54,3 +55,41 @@ def test_a_driven_limit_at_rest_holds_what_drives_it(way):
     assert "slip" in stepper.events[0].contacts.labels
     np.testing.assert_allclose(stepper.events[0].impact.post_velocity, 0.0, atol=1e-5)
     assert stepper.short_steps == 0
+
+
+FINGER = """<geom type="plane" size="5 5 .1"/>
+  <body pos="0 0 .12"><joint type="slide" axis="0 0 1"/><geom size=".01"/>
+   <body pos=".03 0 0"><joint axis="0 1 0" range="-60 .5"/>
+    <geom type="capsule" fromto="0 0 0 .03 0 -.03" size=".004"/>
+    <body name="coupler" pos=".03 0 -.03"><joint axis="0 1 0"/>
+     <geom type="capsule" fromto="0 0 0 0 0 -.04" size=".004"/></body></body>
+   <body name="follower" pos=".01 0 -.02"><joint axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 .03 0 -.03" size=".004"/></body></body>"""
+"""A finger of four bars that `LOOP` closes; a joint of it is at its end."""
+LOOP = '<equality><connect body1="coupler" body2="follower" anchor="0 0 -.02"/></equality>'
+
+
+def thrown(rng, model, data):
+    """The finger, pulled apart by millimetres, with velocities that the loop has but for a tenth at most."""
+    mujoco.mj_resetData(model, data)
+    data.qpos[:] = 0.0, np.deg2rad(0.5) + 1e-4, *rng.uniform(-0.02, 0.02, 2)
+    mujoco.mj_forward(model, data)
+    J = data.efc_J.reshape(-1, model.nv)[: data.ne]
+    v = rng.normal(0.0, 20.0, model.nv) * (0.05, 1.0, 1.0, 1.0)
+    data.qvel[:] = v - np.linalg.pinv(J, rcond=1e-6) @ J @ v * (1.0 - rng.uniform(0.0, 0.1))
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+def test_constraints_that_give_way_do_not_drive_collisions(e, way):
+    """Of the energy of each collision, that of its jump of velocity, a tenth at most can come out of the loop."""
+    rng, collisions = np.random.default_rng(0), 0
+    model, data = compile_scene(FINGER, LOOP, option='timestep="2e-3" jacobian="dense"')
+    for _ in range(100):
+        thrown(rng, model, data)
+        stepper = Stepper(model, Moreau(e), contact_model="soft", **way)
+        stepper.step(data)
+        for event in stepper.events:
+            collisions += 1
+            assert event.impact.energy_change <= 0.05 * event.impact.intensity**2
+    assert collisions > 30

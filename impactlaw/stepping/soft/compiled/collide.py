@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.mechanics.tolerances import SIGNIFICANT
-from impactlaw.scene.equality_constraints import CALM
+from impactlaw.scene.equality_constraints import CALM, RESTING
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import (
+    FIRST,
+    clear,
     cleared,
     copied,
+    dot,
     indices,
     integers,
     kernel,
@@ -53,8 +56,9 @@ SUMS = 5
 _TOLERANCE = 1e-13  # relative natural map that the solver aims at
 _ENOUGH = 1e-12  # what it must reach
 _ROUNDS = 24  # of its slower methods
-_AGAIN = 4  # times that it goes on from the best point in a last collision, before Python repeats all of them
+_AGAIN = 4  # times that it goes on from the best point, before Python repeats all of them
 _CREATED = 1e-12  # energy, relative to the one before, up to which its creation is rounding
+_DRIVEN = -1  # how a collision has ended that is resolved once more, see `_collide`
 
 
 @plain
@@ -96,7 +100,7 @@ def _solve(w, law, rows, members, last, b):
     first, count = rows.first[members[0]], rows.sizes[members[0]]
     if k == 1 and count <= 3 and (exact or count == 1):
         residual = 0.0 if solve_alone(rows, first, count, b, indices(3), numbers(24), x, z) else np.inf
-    for _ in range(0 if residual == 0.0 else _AGAIN if last else 1):
+    for _ in range(0 if residual == 0.0 else _AGAIN):
         left, before = numbers(1), residual
         left[0] = 1.0
         residual, _ = linked_improve(
@@ -111,8 +115,8 @@ def _solve(w, law, rows, members, last, b):
 
 @plain
 def _book(rows, members, x, z, before, smallest, done, sums):
-    """Add a collision to the sums, less its jump; write the work of each of its contacts, J."""
-    work, distant = 0.0, False
+    """Add a collision to the sums, less its jump and its energy; write the work of each of its contacts, J."""
+    distant = False
     for j in range(len(members)):
         g, own = members[j], 0.0
         first = rows.first[g]
@@ -124,9 +128,8 @@ def _book(rows, members, x, z, before, smallest, done, sums):
             own += x[r] * mean
             length = np.sqrt(length)
             distant = distant or (r == first and x[r] * length > smallest and mean > smallest * length)
-        done[j], work = own, work + own
+        done[j] = own
     sums[COUNT] += 1.0
-    sums[ENERGY] += work
     sums[DISTANT] += distant
 
 
@@ -163,10 +166,11 @@ def _most_gained(rows, members, done, allowed, nv):
 
 
 @kernel
-def _resolve(w, law, found, gamma, calm, rounding, last, velocity, sums):
+def _resolve(w, law, found, gamma, calm, rounding, last, guarded, velocity, sums):
     """Resolve one collision: change the velocity, (nv,), and add to the sums; return how it has ended.
 
-    The last one is of all contacts, with E = 0.
+    The last one is of all contacts, with E = 0. If `guarded`, that is `_DRIVEN` where much of the energy is that of
+    constraints that give way.
     """
     Mnnz, Madr, Mcol = layout_of(w)
     factor, inverse, root = (
@@ -179,12 +183,10 @@ def _resolve(w, law, found, gamma, calm, rounding, last, velocity, sums):
     jacobian = jacobian_of(w)
     basis = numbers((number(w, DATA.ne) + 1) * w.nv if len(law.bilateral) > 0 else 0)
     kept = span(w, law.bilateral, calm, jacobian, root, basis) if len(basis) > 0 else 0
-    if kept < 0:
-        return PYTHON
     reached = cleared(len(gamma))
-    if kept > 0 or last:  # constraints join trees
+    if last:
         for i in range(len(gamma)):
-            reached[i] = last or not gamma[i] > rounding
+            reached[i] = True
     else:
         within_reach(w, found, jacobian, gamma, law.rest_speed, rounding, cleared(size(w, MODEL.ntree)), reached)
     rows = read(w, found, jacobian, reached, root, law.frictional)
@@ -204,10 +206,14 @@ def _resolve(w, law, found, gamma, calm, rounding, last, velocity, sums):
     speed, changed = norm(v), norm(z)
     done, larger = numbers(len(members)), max(speed, changed)
     _book(rows, members, x, z, before, SIGNIFICANT * speed, done, sums)
+    gained = dot(v, FIRST, z, FIRST, w.nv) + 0.5 * changed * changed
+    sums[ENERGY] += gained
     sums[INTENSITY] += changed
     allowed = 0.5 * (_CREATED + 4.0 * residual) * larger * larger
     if _most_gained(rows, members, done, allowed, w.nv) > allowed:
         return PYTHON
+    if guarded and kept > 0 and gained > 0.5 * CALM * changed * changed:
+        return _DRIVEN
     unwhitened(z, factor, Mnnz, Madr, Mcol, root, v)
     for i in range(w.nv):
         velocity[i] += v[i]
@@ -234,28 +240,16 @@ def _same(one, other):
 
 
 @kernel
-def collide(w, law, sums):
-    """Resolve the collisions of now; qvel is the velocity after them.
+def _collide(w, law, share, sums):
+    """Do what `collide` does; constraints that move faster than a share of the fastest contact are giving way.
 
-    Args:
-        w: the world, velocities of its rows current.
-        law: see `world.Law`.
-        sums: over the collisions, zeros, (`SUMS`,), added to.
-
-    Returns:
-        How it has ended, and whether qvel is another one.
+    `_DRIVEN` is how it has ended where these have driven a collision, unless all were giving way that moved.
     """
-    n, first = number(w, DATA.nefc), number(w, DATA.ne) + number(w, DATA.nf)
-    speeds = data_floats(w, DATA.efc_vel, n)
-    lowest = 0.0
-    for r in range(first, n):
-        lowest = min(lowest, speeds[r])
-    if not lowest < -law.rest_speed:
-        return FINE, False
+    n, speeds = number(w, DATA.nefc), data_floats(w, DATA.efc_vel, number(w, DATA.nefc))
     found = find(w, law.bilateral)
     gamma, qvel = numbers(len(found.row)), velocity_of(w)
     lowest, rounding = normal_velocities(found, speeds, gamma), 0.0
-    calm = -CALM * lowest
+    calm = -share * lowest
     if lowest < -law.rest_speed and len(law.bilateral) > 0 and number(w, DATA.ne) > 0 and number(w, DATA.nl) > 0:
         h = leave_drifting_out(w, law.bilateral, calm, found, gamma)
         found, gamma = Found(found.row[:h], found.contact[:h], found.paired[:h]), gamma[:h]
@@ -268,7 +262,7 @@ def collide(w, law, sums):
     while status == FINE:
         last = sums[COUNT] >= law.most
         put(before, velocity)
-        status = _resolve(w, law, found, gamma, calm, rounding, last, velocity, sums)
+        status = _resolve(w, law, found, gamma, calm, rounding, last, share > RESTING, velocity, sums)
         if status == FINE:
             _tell(law.outcomes, velocity)
             sums[LAST] += last
@@ -283,4 +277,32 @@ def collide(w, law, sums):
             break
     if status == FINE:
         put(qvel, velocity)
+    return status, changed
+
+
+@kernel
+def collide(w, law, sums):
+    """Resolve the collisions of now; qvel is the velocity after them.
+
+    Args:
+        w: the world, velocities of its rows current.
+        law: see `world.Law`.
+        sums: over the collisions, zeros, (`SUMS`,), added to.
+
+    Returns:
+        How it has ended, and whether qvel is another one.
+    """
+    n, first = number(w, DATA.nefc), number(w, DATA.ne) + number(w, DATA.nf)
+    speeds, lowest = data_floats(w, DATA.efc_vel, n), 0.0
+    for r in range(first, n):
+        lowest = min(lowest, speeds[r])
+    if not lowest < -law.rest_speed:
+        return FINE, False
+    told, status, changed = law.outcomes[0] if len(law.outcomes) > 0 else 0.0, _DRIVEN, False
+    for share in (CALM, RESTING):
+        if status == _DRIVEN:
+            clear(sums)
+            if len(law.outcomes) > 0:
+                law.outcomes[0] = told
+            status, changed = _collide(w, law, share, sums)
     return status, changed

@@ -76,7 +76,7 @@ def leave_drifting_out(w, bilateral, calm, found, gamma):
         root[i] = np.sqrt(inverse[i])
     basis = numbers((number(w, DATA.ne) + 1) * nv)
     kept = span(w, bilateral, calm, jacobian, root, basis)
-    if kept <= 0:
+    if kept == 0:
         return many
     left, row, v = numbers(many * nv), numbers(nv), numbers(nv)
     lengths, before, allowed = numbers(many), numbers(many), numbers(many)

@@ -9,16 +9,21 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.mechanics.tolerances import FIXED
-from impactlaw.scene.tolerances import OWN_CONSTRAINT
-from impactlaw.solvers.cones.algebra.loops import clear, dot, integers, numbers, once, plain
+from impactlaw.scene.tolerances import GIVEN_WAY, OWN_CONSTRAINT
+from impactlaw.solvers.cones.algebra.loops import clear, dot, integers, norm, numbers, once, plain, put
 from impactlaw.solvers.tolerances import RANK
-from impactlaw.stepping.compiled.access import data_floats, data_ints, layout_of, number, size
-from impactlaw.stepping.compiled.fields import DATA, MODEL
+from impactlaw.stepping.compiled.access import data_floats, data_ints, layout_of, number, offset, size
+from impactlaw.stepping.compiled.fields import DATA, MODEL, float_at
 from impactlaw.stepping.compiled.ties import leave_out
 from impactlaw.stepping.soft.compiled.contacts.rows import Rows
 
-_CLEAR = 2.0 * OWN_CONSTRAINT
-"""Part of a gradient that no other constraint has, from which it is one of its own whatever has given way."""
+_CLEAR = 1.65 * OWN_CONSTRAINT
+"""Volume that rows of length one span, over the root of their number, from which no singular value is that small.
+
+The volume is the product of the singular values. All but the smallest have a product of sqrt(e) = 1.65 at most.
+"""
+_ORTHOGONAL = 1e-15  # cosine between two rows that is rounding
+_SWEEPS = 30  # of Jacobi's method, which takes ten at most
 
 
 @plain
@@ -34,10 +39,91 @@ def whitened_row(nnz, adr, col, val, row, factor, Mnnz, Madr, Mcol, root, out):
 
 
 @plain
+def _is_kept(bilateral, calm, source, speeds, r):
+    return bilateral[source[r]] != 0 and not abs(speeds[r]) > calm
+
+
+@plain
+def _scale(row, length):
+    for i in range(len(row)):
+        row[i] /= length
+
+
+@plain
+def _turn(one, other, cosine, sine):
+    for k in range(len(one)):
+        a, b = one[k], other[k]
+        one[k], other[k] = cosine * a - sine * b, sine * a + cosine * b
+
+
+@plain
+def _orthogonalize(basis, many, nv):
+    """Turn rows into each other until all are orthogonal: they are singular vectors, as long as singular values are.
+
+    This is the one-sided method of Jacobi, after Hestenes (1958).
+    """
+    for _ in range(_SWEEPS):
+        turned = False
+        for p in range(many):
+            for q in range(p + 1, many):
+                i, j = p * nv, q * nv
+                a, b = dot(basis, i, basis, i, nv), dot(basis, j, basis, j, nv)
+                c = dot(basis, i, basis, j, nv)
+                if abs(c) > _ORTHOGONAL * np.sqrt(a * b):
+                    turned, half = True, 0.5 * (b - a) / c
+                    t = np.copysign(1.0, half) / (abs(half) + np.sqrt(1.0 + half * half))
+                    cosine = 1.0 / np.sqrt(1.0 + t * t)
+                    _turn(basis[i : i + nv], basis[j : j + nv], cosine, t * cosine)
+        if not turned:
+            return
+
+
+@plain
+def _keep_long(basis, many, nv, rank):
+    """Move rows that are not short next to the longest to the front, of length one; return how many there are."""
+    longest, count = 0.0, 0
+    for r in range(many):
+        longest = max(longest, dot(basis, r * nv, basis, r * nv, nv))
+    for r in range(many):
+        length = np.sqrt(dot(basis, r * nv, basis, r * nv, nv))
+        if length > rank * np.sqrt(longest):
+            put(basis[count * nv : count * nv + nv], basis[r * nv : r * nv + nv])
+            _scale(basis[count * nv : count * nv + nv], length)
+            count += 1
+    return count
+
+
+@plain
+def _singular_vectors(w, bilateral, calm, jacobian, root, basis):
+    """Do what `span` does, by singular values: directions that only a giving way has made are left out."""
+    many, nv, given = 0, w.nv, 0.0
+    nnz, adr, col, val = jacobian
+    Mnnz, Madr, Mcol = layout_of(w)
+    n, factor = number(w, DATA.nefc), data_floats(w, DATA.qLD, size(w, MODEL.nC))
+    source, speeds, gaps = (
+        data_ints(w, DATA.efc_id, n),
+        data_floats(w, DATA.efc_vel, n),
+        data_floats(w, DATA.efc_pos, n),
+    )
+    for r in range(number(w, DATA.ne)):
+        if _is_kept(bilateral, calm, source, speeds, r):
+            row = basis[many * nv : many * nv + nv]
+            whitened_row(nnz, adr, col, val, r, factor, Mnnz, Madr, Mcol, root, row)
+            length = norm(row)
+            if length > 0.0:
+                _scale(row, length)
+                many += 1
+            given = max(given, abs(gaps[r]))
+    _orthogonalize(basis, many, nv)
+    size_of_bodies = float_at(w.model + offset(w, MODEL.stat_meansize))
+    return _keep_long(basis, many, nv, min(max(GIVEN_WAY * given / size_of_bodies, RANK), OWN_CONSTRAINT))
+
+
+@plain
 def span(w, bilateral, calm, jacobian, root, basis):
     """Write an orthonormal basis of the constraints that collisions keep, row by row; return how many there are.
 
-    It is -1 where rows depend on each other nearly: what counts then is decided in Python.
+    Rows that depend on each other nearly count as in `equality_constraints.bilateral_rows`.
 
     Args:
         w: the world.
@@ -47,40 +133,44 @@ def span(w, bilateral, calm, jacobian, root, basis):
         root: ``D^-1/2``, (nv,).
         basis: room for as many rows as there are constraints and one more, (ne + 1) nv.
     """
-    count, nv, many = 0, w.nv, number(w, DATA.ne)
+    count, nv, volume, many = 0, w.nv, 1.0, number(w, DATA.ne)
     nnz, adr, col, val = jacobian
     Mnnz, Madr, Mcol = layout_of(w)
     factor, source = data_floats(w, DATA.qLD, size(w, MODEL.nC)), data_ints(w, DATA.efc_id, number(w, DATA.nefc))
     speeds = data_floats(w, DATA.efc_vel, number(w, DATA.nefc))
     for r in range(many):
-        if bilateral[source[r]] == 0 or abs(speeds[r]) > calm:
+        if not _is_kept(bilateral, calm, source, speeds, r):
             continue
         at = count * nv
-        whitened_row(nnz, adr, col, val, r, factor, Mnnz, Madr, Mcol, root, basis[at : at + nv])
+        row = basis[at : at + nv]
+        whitened_row(nnz, adr, col, val, r, factor, Mnnz, Madr, Mcol, root, row)
         left = leave_out(basis, count, nv, basis, at)
-        if left >= _CLEAR:
-            length = np.sqrt(dot(basis, at, basis, at, nv))
-            for i in range(at, at + nv):
-                basis[i] /= length
-            count += 1
-        elif left > RANK:
-            return -1
+        if left <= RANK:
+            continue
+        _scale(row, norm(row))
+        count, volume = count + 1, volume * left
+        if volume < _CLEAR * np.sqrt(many):
+            return _singular_vectors(w, bilateral, calm, jacobian, root, basis)
     return count
 
 
 @plain
 def _project(rows, nv, basis, count, adr, nnz, col, val):
-    """Write the rows that are left, all columns; return whether something is left of each."""
+    """Write the rows that are left, all columns, and 0 for friction of which nothing is; return whether normals are."""
     clear(val)
-    for r in range(len(nnz)):
-        at = r * nv
-        adr[r], nnz[r] = at, nv
-        for i in range(nv):
-            col[at + i] = i
-        for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
-            val[at + rows.col[a]] = rows.val[a]
-        if not leave_out(basis, count, nv, val, at) > FIXED:
-            return False
+    for g in range(len(rows.first)):
+        for r in range(rows.first[g], rows.first[g] + rows.sizes[g]):
+            at = r * nv
+            adr[r], nnz[r] = at, nv
+            for i in range(nv):
+                col[at + i] = i
+            for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
+                val[at + rows.col[a]] = rows.val[a]
+            if leave_out(basis, count, nv, val, at) > FIXED:
+                continue
+            if r == rows.first[g]:
+                return False
+            clear(val[at : at + nv])
     return True
 
 
@@ -88,7 +178,7 @@ def _project(rows, nv, basis, count, adr, nnz, col, val):
 def projected(rows, nv, basis, count):
     """Return `Rows` without their part along a basis, which live as long as the function that asks for them.
 
-    And whether something is left of each.
+    And whether something is left of each normal.
     """
     n = len(rows.nnz)
     adr, nnz, col, val = integers(n), integers(n), integers(n * nv), numbers(n * nv)

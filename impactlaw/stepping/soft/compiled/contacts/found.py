@@ -74,8 +74,31 @@ def normal_velocities(found, velocity, gamma):
 
 
 @plain
+def _meets(jacobian, row, tree, mark):
+    """Return whether a row of MuJoCo's moves a tree that is marked."""
+    nnz, adr, col, val = jacobian
+    for a in range(adr[row], adr[row] + nnz[row]):
+        if val[a] != 0.0 and mark[tree[col[a]]]:
+            return True
+    return False
+
+
+@plain
+def _mark(jacobian, row, tree, mark):
+    """Mark the trees that a row of MuJoCo's moves; return whether one of them was not."""
+    nnz, adr, col, val = jacobian
+    new = False
+    for a in range(adr[row], adr[row] + nnz[row]):
+        if val[a] != 0.0 and not mark[tree[col[a]]]:
+            mark[tree[col[a]]] = new = True
+    return new
+
+
+@plain
 def within_reach(w, found, jacobian, gamma, speed, rounding, mark, reached):
     """Write which contacts that do not separate share a tree, in steps, with one that is faster than speed, bool (h,).
+
+    Equality constraints join the trees that they move.
 
     Args:
         w: the world.
@@ -87,18 +110,14 @@ def within_reach(w, found, jacobian, gamma, speed, rounding, mark, reached):
         mark: trees, all False, (ntree,); written.
         reached: all False, (h,); written.
     """
-    nnz, adr, col, val = jacobian
     tree, more = model_ints(w, MODEL.dof_treeid, w.nv), True
     while more:
         more = False
         for i in range(len(gamma)):
-            if reached[i] or gamma[i] > rounding:
-                continue
-            r, near = found.row[i], gamma[i] < -speed
-            for a in range(nnz[r]):
-                near = near or (val[adr[r] + a] != 0.0 and mark[tree[col[adr[r] + a]]])
-            if near:
+            row = found.row[i]
+            if not reached[i] and gamma[i] <= rounding and (gamma[i] < -speed or _meets(jacobian, row, tree, mark)):
                 reached[i] = more = True
-                for a in range(nnz[r]):
-                    if val[adr[r] + a] != 0.0:
-                        mark[tree[col[adr[r] + a]]] = True
+                _mark(jacobian, row, tree, mark)
+        for row in range(number(w, DATA.ne)):
+            if _meets(jacobian, row, tree, mark):
+                more = _mark(jacobian, row, tree, mark) or more
