@@ -57,6 +57,7 @@ _TOLERANCE = 1e-13  # relative natural map that the solver aims at
 _ENOUGH = 1e-12  # what it must reach
 _ROUNDS = 24  # of its slower methods
 _AGAIN = 4  # times that it goes on from the best point, before Python repeats all of them
+_WORTH_IT = 0.5  # part of the natural map that is left, up to which going on was of use
 _CREATED = 1e-12  # energy, relative to the one before, up to which its creation is rounding
 _DRIVEN = -1  # how a collision has ended that is resolved once more, see `_collide`
 
@@ -108,7 +109,7 @@ def _solve(w, law, rows, members, last, b):
             rows.sizes[members], np.full(k, CONE, np.int32), zeros(k), zeros(n), b, exact, _TOLERANCE, _ROUNDS,
             left, x, z,
         )  # fmt: skip
-        if residual <= _ENOUGH or not residual < before:
+        if residual <= _ENOUGH or not residual < _WORTH_IT * before:
             break
     return x, z, residual
 
