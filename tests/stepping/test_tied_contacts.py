@@ -78,6 +78,9 @@ def test_bricks_that_are_tied_fall_and_come_to_rest(way, tie):
         ("hinge", 0.9, "17 -29 -20"),
         ("connect", 0.9, "-58 65 7"),
         ("hinge", 0.2, "25 -41 -83"),
+        ("hinge", 0.9, "-63 -83 -3"),
+        ("hinge", 0.9, "68 -34 -5"),
+        ("hinge", 0.2, "58 -78 33"),
     ],
 )
 def test_contacts_that_a_hinge_jams_together_gain_no_energy(tie, e, turned, way):
