@@ -145,3 +145,26 @@ def test_glued_bricks_that_fall_askew_come_to_rest(way):
         stepper.step(data)
         assert np.abs(data.qvel).max() < 40.0
     assert np.abs(data.qvel).max() < 0.1
+
+
+LOOSE = """<mujoco><option timestep=".005"/><worldbody><geom type="plane" size="9 9 1"/>
+  <body name="beam" pos="0 0 .4"><freejoint align="false"/>
+    <geom type="box" size=".5 .05 .05" pos=".5 0 0" mass="1"/></body></worldbody>
+  <equality><weld body1="beam" torquescale="{}"/></equality></mujoco>"""
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("scale", [0.001, 0.1])
+def test_a_beam_that_a_weld_hardly_turns_falls_onto_the_floor_and_stays_there(way, scale):
+    """Its weld is a joint with a weak spring: taken for a tie of beam and floor, it would let the beam through."""
+    model = mujoco.MjModel.from_xml_string(LOOSE.format(scale))
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), on_inadmissible="project", **WAYS[way])
+    data.qvel[4] = 3.0
+    lowest, fastest = 0.0, 0.0
+    for _ in range(400):
+        stepper.step(data)
+        lowest = min(lowest, data.contact.dist.min(initial=0.0))
+        fastest = max(fastest, np.abs(data.qvel).max())
+    assert data.time == pytest.approx(2.0)
+    assert lowest > -0.02
+    assert fastest < 8.0
