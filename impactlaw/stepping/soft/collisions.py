@@ -32,7 +32,7 @@ from impactlaw.stepping.integration import is_huge, locked_joints
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.drifting import drifting
 from impactlaw.stepping.soft.rebounds import bounces, hold_back
-from impactlaw.stepping.soft.tolerances import LOCKED, ROUNDING, WORK
+from impactlaw.stepping.soft.tolerances import GAINED, LOCKED, ROUNDING, WORK
 from impactlaw.stepping.work import Work
 
 POSITION, VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
@@ -142,10 +142,14 @@ class Collisions:
     def _collide(
         self, collider: Collider, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, events: list[ImpactEvent]
     ) -> np.ndarray:
-        """Return the velocity after all collisions, (nv,), and append these."""
+        """Return the velocity after all collisions, (nv,), and append these.
+
+        Raises:
+            SolverError: equality constraints that give way would add energy by their drift, or nothing was found.
+        """
         h = len(closed.contacts)
         self._work.begin()
-        return collider.collide(
+        velocity = collider.collide(
             self._metric(data),
             closed,
             data.qvel.copy(),
@@ -156,6 +160,11 @@ class Collisions:
             events=events,
             work=self._work if isinstance(collider.law, Coulomb) else None,
         )
+        if closed.bilateral is not None and closed.drift is None and collider.on_inadmissible != "allow":
+            for impact in (event.impact for event in events):
+                if impact.energy_change > 0.5 * GAINED * impact.intensity**2:
+                    raise SolverError(f"equality constraints add {impact.energy_change:.3g} J to a collision")
+        return velocity
 
     def _metric(self, data: mujoco.MjData) -> KineticMetric:
         """Return the kinetic metric; joints that damping all but locks have the inertia with which they are moved."""

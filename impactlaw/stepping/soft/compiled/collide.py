@@ -8,8 +8,10 @@ from impactlaw.mechanics.tolerances import SIGNIFICANT
 from impactlaw.scene.equality_constraints import CALM
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import (
+    FIRST,
     cleared,
     copied,
+    dot,
     indices,
     integers,
     kernel,
@@ -42,7 +44,7 @@ from impactlaw.stepping.soft.compiled.contacts.equalities import projected, span
 from impactlaw.stepping.soft.compiled.contacts.found import Found, find, normal_velocities, within_reach
 from impactlaw.stepping.soft.compiled.contacts.rows import everyone, reached_by, read
 from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, UNKNOWN
-from impactlaw.stepping.soft.tolerances import ROUNDING
+from impactlaw.stepping.soft.tolerances import GAINED, ROUNDING
 
 COUNT, ENERGY, INTENSITY, DISTANT, LAST = 0, 1, 2, 3, 4
 """Places in the sums over collisions: their number, T+ - T-, |v+ - v-|, those with a distant effect, and those that
@@ -202,6 +204,8 @@ def _resolve(w, law, found, gamma, calm, rounding, last, velocity, sums):
     if not residual <= _ENOUGH:
         return PYTHON
     speed, changed = norm(v), norm(z)
+    if kept > 0 and dot(z, FIRST, v, FIRST, w.nv) > 0.5 * (GAINED - 1.0) * changed * changed:
+        return PYTHON
     done, larger = numbers(len(members)), max(speed, changed)
     _book(rows, members, x, z, before, SIGNIFICANT * speed, done, sums)
     sums[INTENSITY] += changed
