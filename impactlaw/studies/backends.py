@@ -48,7 +48,7 @@ def _joblib(backend: str, jobs: int) -> Iterator[Callable[[Jobs], Iterator[Any]]
     if backend not in BACKENDS and backend != DASK:  # which joblib registers when it is asked for
         raise UnknownNameError("backend", backend, {*BACKENDS, DASK, RAY})
     # Ctrl-C reaches the workers, too: they end without a word
-    quiet = {"initializer": _end_silently} if backend == PROCESSES else {}
+    quiet: dict[str, Any] = {"initializer": _end_silently} if backend == PROCESSES else {}
     with joblib.parallel_config(backend):
         try:
             parallel: Any = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", **quiet)
