@@ -23,6 +23,10 @@ DRIFT = 1e-3
 """Part of the fastest contact, in the kinetic metric, up to which a constraint that moves a gap is at rest."""
 TIED = 0.2
 """Part of a gap gradient, in units of `lengths`, that such constraints must leave for contact to act."""
+_TORQUE, _LOOSE = 10, 0.3
+"""Where a weld has its torquescale s among its numbers, and s below which it is a spring.
+
+MuJoCo's constraints give way by about 0.1 / s^2 of what they hold."""
 
 
 def constraint_kinds(model: mujoco.MjModel) -> np.ndarray:
@@ -42,14 +46,15 @@ def lengths(model: mujoco.MjModel) -> np.ndarray:
 def bilateral_constraints(model: mujoco.MjModel) -> np.ndarray:
     """Return which equality constraints an impact must not violate, bool (neq,): all but those to mocap bodies.
 
-    A constraint to a mocap body is a servo that drives what is held towards a target; it may lag behind.
+    A constraint to a mocap body is a servo that drives what is held towards a target; it may lag behind. A weld that
+    hardly turns what it holds, by a small torquescale, is a spring: it lets contact turn that.
     """
-    kept = np.ones(model.neq, dtype=bool)
+    kept = (model.eq_type != _WELD) | (model.eq_data[:, _TORQUE] >= _LOOSE)
     for i in range(model.neq):
         if model.eq_type[i] in (_CONNECT, _WELD):
             objects = [int(model.eq_obj1id[i]), int(model.eq_obj2id[i])]
             bodies = model.site_bodyid[objects] if model.eq_objtype[i] == _SITE else np.array(objects)
-            kept[i] = not (model.body_mocapid[model.body_rootid[bodies]] >= 0).any()
+            kept[i] &= not (model.body_mocapid[model.body_rootid[bodies]] >= 0).any()
     return kept
 
 

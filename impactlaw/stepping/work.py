@@ -17,7 +17,7 @@ _RUBBING, _DENSE = 0.6, 3e-6  # collisions with friction are dense: the cube of 
 _FACTOR = 5e-8  # the same for a step that collides once: what the mass matrix takes, without looks that follow
 _IMPACT = 0.3  # an impact with friction, made of impulses and audited
 _SHARING, _MOST_ROWS = 2e-7, 2  # and redundant contacts share: the cube of rows, up to so many per degree of freedom
-_ROWS = 3  # of a contact that slides
+_PART = 20.0  # what contacts that influence no others may take by themselves, in a step that collides once
 
 
 class Work:
@@ -74,10 +74,20 @@ class Work:
 
     def rounds(self, rows: int) -> int:
         """Return how many rounds of slower methods a problem of contacts with friction may have, 1 or more."""
-        return max(1, min(self._rounds, int(self.steps(rows) / STEPS_OF_A_ROUND)))
+        return max(1, min(self._rounds, int(self._left(rows) / STEPS_OF_A_ROUND)))
 
     def steps(self, rows: int) -> float:
-        """Return how many steps of a solver a problem of contacts with friction may take, 0 or more."""
+        """Return how many steps of a solver a problem of contacts with friction may take, 0 or more.
+
+        Raises:
+            UnfinishedStepError: what follows from its answer would be too much.
+        """
+        start, spent = cost(rows, self._freedoms)[0], self._spent
+        self._spend(self._impact(rows) + start)
+        self._spent = spent
+        return self._left(rows)
+
+    def _left(self, rows: int) -> float:
         start, step = cost(rows, self._freedoms)
         return max(0.0, (self._most - self._spent - start) / step)
 
@@ -91,21 +101,19 @@ class Work:
         self._spend(self._impact(rows))
         self.solve(rows, steps)
 
+    def begin_part(self) -> None:
+        """Begin with contacts that influence no others: in a step that collides once, they need not share all work."""
+        if self._sharing:
+            self._spent = min(self._spent, self._most - _PART)
+
     def _impact(self, rows: int) -> float:
         """Return what it takes to make an impact of an answer: redundant contacts share their impulses."""
         shared = min(rows, _MOST_ROWS * self._freedoms) if rows > self._freedoms else 0
         return _IMPACT + self._sharing * shared**3
 
     def collide(self, contacts: int, *, friction: bool) -> None:
-        """Count one collision, before it is resolved; one with friction without its `attempt`s.
-
-        Where a step collides once, that must not begin if its first attempt is too much already.
-        """
+        """Count one collision, before it is resolved; one with friction without its `attempt`s."""
         if friction:
             self._spend(_RUBBING + _PER_PARTNER * contacts + self._dense * self._freedoms**3)
-            if self._sharing:
-                spent, rows = self._spent, _ROWS * contacts
-                self._spend(self._impact(rows) + cost(rows, self._freedoms)[0])
-                self._spent = spent
         else:
             self._spend(_COLLISION + _PER_PARTNER * contacts)

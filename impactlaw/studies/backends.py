@@ -48,13 +48,41 @@ def _joblib(backend: str, jobs: int) -> Iterator[Callable[[Jobs], Iterator[Any]]
     if backend not in BACKENDS and backend != DASK:  # which joblib registers when it is asked for
         raise UnknownNameError("backend", backend, {*BACKENDS, DASK, RAY})
     # Ctrl-C reaches the workers, too: they end without a word
-    quiet = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_DFL)} if backend == PROCESSES else {}
+    quiet: dict[str, Any] = {"initializer": _end_silently} if backend == PROCESSES else {}
     with joblib.parallel_config(backend):
         try:
             parallel: Any = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", **quiet)
         except ValueError as error:
             raise StudyError(f"backend {backend!r} does not give results as they are done: {error}") from None
-        yield lambda calls: parallel(joblib.delayed(call)() for call in calls)
+
+        def results_of(calls: Jobs) -> Iterator[Any]:
+            with _without_ctrl_c():  # it is with processes that start here until they can end silently
+                return parallel(joblib.delayed(call)() for call in calls)
+
+        yield results_of
+
+
+@contextmanager
+def _without_ctrl_c() -> Iterator[None]:
+    """Let Ctrl-C wait until this is over, here and in processes that start meanwhile."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # which lets Ctrl-C through when it starts
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _end_silently() -> None:
+    """Let Ctrl-C end this process without a word, also one that has come while it started."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 @contextmanager

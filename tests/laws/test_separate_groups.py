@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy
 from laws.frictional import several_contacts
 
 from impactlaw import Collision, Coulomb, Friction, FrictionImpact, Newton, Poisson
+from impactlaw.laws.friction.groups import apart
 
 
 def _collision(seed: int, rough: float) -> Collision:
@@ -73,3 +76,27 @@ def test_poissons_law(seed: int):
     alone = np.concatenate([part.post_velocity for part in parts])
     np.testing.assert_allclose(both.post_velocity, alone, atol=1e-6 * c.pre_speed)
     assert both.residual < 1e-9
+
+
+@pytest.mark.parametrize("law", [Newton, Poisson])
+@pytest.mark.parametrize("joined", [False, True])
+def test_many_bodies_with_degrees_of_freedom_of_their_own(law: type, joined: bool):
+    """Each collides as if it were alone; two that an equality constraint joins collide as one."""
+    several = [_collision(seed, 0.3) for seed in range(8)]
+    c = several[0]
+    for other in several[1:]:
+        c, _ = _both(c, other)
+    tie = np.zeros((1, len(c.pre_velocity)))
+    tie[0, [0, -1]] = 1.0, -1.0
+    if joined:
+        c = replace(c, bilateral_jacobian=tie)
+    e = np.linspace(0.1, 0.9, len(c.labels))
+    impact = _resolved(Coulomb(law(list(e))), c)
+    assert impact.residual < 1e-9
+    assert impact.work_after_jump <= 1e-9
+    assert abs(tie @ (impact.post_velocity - c.pre_velocity)) < 1e-12 or not joined
+    assert len(apart(c, law(list(e)))) == (7 if joined else 8)
+    for contacts, part in apart(c, law(list(e))):
+        alone = _resolved(Coulomb(law(list(e[contacts]))), part)
+        np.testing.assert_allclose(impact.impulse[contacts], alone.impulse, rtol=1e-9)
+        assert alone.residual < 1e-9

@@ -78,6 +78,9 @@ def test_bricks_that_are_tied_fall_and_come_to_rest(way, tie):
         ("hinge", 0.9, "17 -29 -20"),
         ("connect", 0.9, "-58 65 7"),
         ("hinge", 0.2, "25 -41 -83"),
+        ("hinge", 0.9, "-63 -83 -3"),
+        ("hinge", 0.9, "68 -34 -5"),
+        ("hinge", 0.2, "58 -78 33"),
     ],
 )
 def test_contacts_that_a_hinge_jams_together_gain_no_energy(tie, e, turned, way):
@@ -142,3 +145,54 @@ def test_glued_bricks_that_fall_askew_come_to_rest(way):
         stepper.step(data)
         assert np.abs(data.qvel).max() < 40.0
     assert np.abs(data.qvel).max() < 0.1
+
+
+LOOSE = """<mujoco><option timestep=".005"/><worldbody><geom type="plane" size="9 9 1"/>
+  <body name="beam" pos="0 0 .4"><freejoint align="false"/>
+    <geom type="box" size=".5 .05 .05" pos=".5 0 0" mass="1"/></body></worldbody>
+  <equality><weld body1="beam" torquescale="{}"/></equality></mujoco>"""
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("scale", [0.001, 0.1])
+def test_a_beam_that_a_weld_hardly_turns_falls_onto_the_floor_and_stays_there(way, scale):
+    """Its weld is a joint with a weak spring: taken for a tie of beam and floor, it would let the beam through."""
+    model = mujoco.MjModel.from_xml_string(LOOSE.format(scale))
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), on_inadmissible="project", **WAYS[way])
+    data.qvel[4] = 3.0
+    lowest, fastest = 0.0, 0.0
+    for _ in range(400):
+        stepper.step(data)
+        lowest = min(lowest, data.contact.dist.min(initial=0.0))
+        fastest = max(fastest, np.abs(data.qvel).max())
+    assert data.time == pytest.approx(2.0)
+    assert lowest > -0.02
+    assert fastest < 8.0
+
+
+def link(end: str, inner: str) -> str:
+    return f"""<joint axis="0 1 0"/><geom type="capsule" fromto="0 0 0 {end}" size=".02" mass=".2"/>{inner}"""
+
+
+def leg(x: float, side: float, site: str) -> str:
+    last = link(f"{side} 0 .1", f'<site name="{site}" pos="{side} 0 .1"/>')
+    shin = f'<body pos="0 0 .3">{last}</body>'
+    return f'<body pos="{x} 0 0">{link("0 0 .3", shin)}</body>'
+
+
+FIVE_BARS = f"""<mujoco><option timestep=".002"><flag energy="enable"/></option><worldbody>
+  <geom type="plane" size="9 9 1"/><body pos="0 0 .5"><freejoint/>
+    <geom type="capsule" fromto="0 0 0 .3 0 0" size=".02" mass=".2"/>{leg(0.3, -0.15, "a")}{leg(0.0, 0.15, "b")}</body>
+  </worldbody><equality><connect site1="a" site2="b"/></equality></mujoco>"""
+
+
+@pytest.mark.parametrize("way", ["time-stepping", "time-stepping in Python", "soft", "soft in Python"])
+def test_a_loop_of_five_bars_that_falls_gains_no_energy(way):
+    """All its axes are parallel: a row of its connect depends on the others, but for what the connect has given way."""
+    model = mujoco.MjModel.from_xml_string(FIVE_BARS)
+    data, stepper, energy = mujoco.MjData(model), Stepper(model, Moreau(0.9), **WAYS[way]), []
+    data.qvel[:6] = 0.0, 0.0, -1.0, 0.5, 1.0, 0.3
+    for _ in range(2000):
+        stepper.step(data)
+        energy.append(data.energy.sum())
+    assert np.diff(energy).max() < 0.2

@@ -9,7 +9,7 @@ import numpy as np
 
 from impactlaw.errors import RestitutionError, SolverError, UnknownNameError
 from impactlaw.laws.base import Law, Target, aim, coefficient
-from impactlaw.laws.friction.groups import groups_of, joined, part_of, ties_of, work_of_each
+from impactlaw.laws.friction.groups import apart, groups_of, joined, part_of, ties_of, work_of_each
 from impactlaw.laws.friction.poisson_phases import resolve_phases
 from impactlaw.laws.poisson import Poisson
 from impactlaw.mechanics.collision import Collision
@@ -124,33 +124,33 @@ class Coulomb(Law):
         if isinstance(self.law, Poisson):
             return resolve_phases(self.law, collision, exact=self.cone == "exact", effort=effort)
         wanted = np.asarray(self.target(collision).contact_velocity, dtype=float)
-        attempt = _Attempt(self, collision, wanted, effort)
-        impact, answer = attempt(1.0, None, THOROUGH)
-        if not attempt.scales:
-            return _largest(attempt, np.inf, (impact, answer), solver) if impact is None else impact
-        if impact is not None and attempt.created(impact, answer, np.maximum(work_of_each(impact), 0.0).sum()) <= 0.0:
-            return impact
-        assert attempt.problem is not None
-        groups = groups_of(attempt.problem, ties_of(self.law, collision))
-        if len(groups) > 1:
-            return _by_group(attempt, groups, (impact, answer), solver)
-        created = np.inf if impact is None else attempt.created(impact, answer, impact.work_after_jump)
-        return impact if impact is not None and created <= 0.0 else _largest(attempt, created, (impact, answer), solver)
+        parts: list[tuple[np.ndarray, FrictionImpact]] = []
+        for contacts, part in apart(collision, self.law):
+            if effort is not None:
+                effort.begin_part()
+            parts.append((contacts, _resolved(_Attempt(self, part, wanted[contacts], effort, collision), solver)))
+        if not parts:
+            return _resolved(_Attempt(self, collision, wanted, effort, collision), solver)
+        exact = self.cone == "exact"
+        return joined(collision, parts, exact=exact, problem=cone_problem(collision, exact=exact))
 
 
 class _Attempt:
     """The law with its restitution scaled."""
 
-    def __init__(self, law: Coulomb, collision: Collision, wanted: np.ndarray, effort: Effort | None):
+    def __init__(
+        self, law: Coulomb, collision: Collision, wanted: np.ndarray, effort: Effort | None, all_of_it: Collision
+    ):
         self.law, self.collision, self.wanted, self.effort = law, collision, wanted, effort
-        self.all_of_it, self.shares = collision, False
+        self.all_of_it, self.shares = all_of_it, False
         self.problem: ConeProblem | None = None
         self.sliding = -law.tangential_restitution * collision.pre_sliding_velocity
 
     def part(self, contacts: np.ndarray) -> _Attempt:
         """Return the law for some contacts alone, ascending, with the targets that they have among all."""
-        part = _Attempt(self.law, part_of(self.collision, contacts), self.wanted[contacts], self.effort)
-        part.all_of_it, part.shares = self.collision, self.problem is not None and self.problem.is_redundant
+        chosen = part_of(self.collision, contacts)
+        part = _Attempt(self.law, chosen, self.wanted[contacts], self.effort, self.all_of_it)
+        part.shares = self.problem is not None and self.problem.is_redundant
         return part
 
     @property
@@ -187,6 +187,21 @@ class _Attempt:
         return 2.0 * work / speed**2 - _CREATED - 4.0 * answer.residual / speed
 
 
+def _resolved(attempt: _Attempt, solver: str) -> FrictionImpact:
+    """Return the impact: with all restitution, or what is left of it where that creates energy or has no solution."""
+    impact, answer = attempt(1.0, None, THOROUGH)
+    if not attempt.scales:
+        return _largest(attempt, np.inf, (impact, answer), solver) if impact is None else impact
+    if impact is not None and attempt.created(impact, answer, np.maximum(work_of_each(impact), 0.0).sum()) <= 0.0:
+        return impact
+    assert attempt.problem is not None
+    groups = groups_of(attempt.problem, ties_of(attempt.law.law, attempt.collision))
+    if len(groups) > 1:
+        return _by_group(attempt, groups, (impact, answer), solver)
+    created = np.inf if impact is None else attempt.created(impact, answer, impact.work_after_jump)
+    return impact if impact is not None and created <= 0.0 else _largest(attempt, created, (impact, answer), solver)
+
+
 def _by_group(
     attempt: _Attempt, groups: list[np.ndarray], whole: tuple[FrictionImpact | None, ConeAnswer], solver: str
 ) -> FrictionImpact:
@@ -206,6 +221,8 @@ def _by_group(
         if impact is not None and created <= 0.0:
             parts.append((contacts, impact))
             continue
+        if attempt.effort is not None:
+            attempt.effort.begin_part()
         part, own, found = attempt.part(contacts), impact, answer
         if own is None:
             own, found = part(1.0, None, THOROUGH)

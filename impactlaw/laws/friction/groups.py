@@ -15,7 +15,58 @@ from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction import Friction
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_gradients
+from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.solvers.friction.problem import ConeProblem
+
+_FEW = 8  # contacts up to which it is not worth a look which of them share degrees of freedom
+
+
+def apart(collision: Collision, law: Law) -> list[tuple[np.ndarray, Collision]]:
+    """Return contacts of bodies that share no degree of freedom with the others, ascending, and their collision alone.
+
+    That has these degrees of freedom only: what many bodies cost then grows with their number, not with its cube.
+
+    Args:
+        collision: with rows of friction, dense.
+        law: of the normal impulses.
+
+    Returns:
+        One entry for each such set of bodies; none if there is only one, or few contacts, or if the law ties them.
+    """
+    h, nv = collision.jacobian.shape
+    if h <= _FEW or ties_of(law, collision) is not None:
+        return []
+    touched, friction, bilateral = collision.jacobian != 0.0, collision.friction, collision.bilateral_jacobian
+    if friction is not None:
+        np.logical_or.at(touched, friction.contact, friction.jacobian != 0.0)
+    ties = touched if bilateral is None else np.vstack([touched, bilateral != 0.0])
+    rows = scipy.sparse.csr_array(ties)
+    graph = scipy.sparse.block_array([[scipy.sparse.csr_array(collision.mass_matrix != 0.0), rows.T], [rows, None]])
+    member = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    owner = member[nv : nv + h]
+    if not touched.any(axis=1).all() or (owner == owner[0]).all():
+        return []
+    parts = [(np.flatnonzero(owner == own), np.flatnonzero(member[:nv] == own)) for own in np.unique(owner)]
+    kept = [member[nv + h :] == owner[contacts[0]] for contacts, _ in parts]
+    return [
+        (contacts, _alone(part_of(collision, contacts), dofs, equal))
+        for (contacts, dofs), equal in zip(parts, kept, strict=True)
+    ]
+
+
+def _alone(collision: Collision, dofs: np.ndarray, equal: np.ndarray) -> Collision:
+    """Return a collision in some degrees of freedom, with some of its equality constraints, bool (m,)."""
+    friction, bilateral = collision.friction, collision.bilateral_jacobian
+    metric = KineticMetric(collision.mass_matrix[np.ix_(dofs, dofs)])
+    return replace(
+        collision,
+        mass_matrix=metric.mass_matrix,
+        metric=metric,
+        jacobian=collision.jacobian[:, dofs],
+        pre_velocity=collision.pre_velocity[dofs],
+        bilateral_jacobian=None if bilateral is None or not equal.any() else bilateral[equal][:, dofs],
+        friction=None if friction is None else replace(friction, jacobian=friction.jacobian[:, dofs]),
+    )
 
 
 def groups_of(problem: ConeProblem, ties: np.ndarray | None) -> list[np.ndarray]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from impactlaw.errors import SolverError
-from impactlaw.laws.friction.groups import groups_of, joined, part_of
+from impactlaw.laws.friction.groups import apart, groups_of, joined, part_of
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_gradients
 from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem
@@ -177,7 +177,14 @@ def resolve_phases(law: Poisson, collision: Collision, *, exact: bool, effort: E
         SolverError: no answer passed its certificate.
     """
     collision = collision.after_surface_jump
-    return _resolved(collision, law.coefficients(collision), exact=exact, effort=effort, alone=False)
+    e, parts = law.coefficients(collision), []
+    for contacts, part in apart(collision, law):
+        if effort is not None:
+            effort.begin_part()
+        parts.append((contacts, _resolved(part, e[contacts], exact=exact, effort=effort, alone=False)))
+    if parts:
+        return joined(collision, parts, exact=exact)
+    return _resolved(collision, e, exact=exact, effort=effort, alone=False)
 
 
 def _resolved(
@@ -197,6 +204,8 @@ def _resolved(
         return _scaled(phases)
     whole, parts = phases.impact(impulse, 1.0), []
     for contacts, gains in zip(groups, gaining, strict=True):
+        if effort is not None:
+            effort.begin_part()
         part = part_of(collision, contacts)
         own = _resolved(part, e[contacts], exact=exact, effort=effort, alone=True) if gains else whole
         parts.append((contacts, own))

@@ -32,11 +32,18 @@ class Effort(Protocol):
         ...
 
     def steps(self, rows: int) -> float:
-        """Return how many steps such a problem may take in all; an attempt that has begun may take more."""
+        """Return how many steps such a problem may take in all; an attempt that has begun may take more.
+
+        Raises where no attempt may begin.
+        """
         ...
 
     def attempt(self, rows: int, steps: int) -> None:
         """Count one attempt, which took so many steps; raise to end the matter."""
+        ...
+
+    def begin_part(self) -> None:
+        """Begin with contacts that influence none of the others: they may take some work of their own."""
         ...
 
 

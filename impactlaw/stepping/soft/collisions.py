@@ -35,7 +35,7 @@ from impactlaw.stepping.integration import is_huge, locked_joints
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.drifting import drifting
 from impactlaw.stepping.soft.rebounds import bounces, hold_back
-from impactlaw.stepping.soft.tolerances import LOCKED, ROUNDING, WORK
+from impactlaw.stepping.soft.tolerances import GAINED, LOCKED, ROUNDING, WORK
 from impactlaw.stepping.work import Work
 
 POSITION, VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
@@ -226,7 +226,7 @@ class Collisions:
 def _is_driven(impact: Impact) -> bool:
     """Return whether constraints that give way have driven bodies into each other: a part of the energy is theirs."""
     constraints = impact.collision.bilateral_jacobian
-    return constraints is not None and impact.energy_change > 0.5 * CALM * impact.intensity**2
+    return constraints is not None and impact.energy_change > 0.5 * GAINED * impact.intensity**2
 
 
 def _is_same(law: Law, last: Law) -> bool:

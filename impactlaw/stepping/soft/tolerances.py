@@ -17,3 +17,6 @@ UNDERDAMPED = 0.98
 
 STILL = 1e-9
 """Closing speed, m/s or rad/s, up to which a contact that a collision has stopped is at rest."""
+
+GAINED = 0.02
+"""Part of the energy of its jump that a collision may gain by the drift of equality constraints that it keeps."""

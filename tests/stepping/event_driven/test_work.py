@@ -35,6 +35,9 @@ class Counted:
         if self.count > self.most:
             raise UnfinishedStepError("enough")
 
+    def begin_part(self) -> None:
+        """All parts share what there is."""
+
 
 def test_every_attempt_of_a_search_for_restitution_is_counted():
     law, effort = Coulomb(Newton(1.0)), Counted()

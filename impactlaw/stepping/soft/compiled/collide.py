@@ -45,7 +45,7 @@ from impactlaw.stepping.soft.compiled.contacts.equalities import projected, span
 from impactlaw.stepping.soft.compiled.contacts.found import Found, find, normal_velocities, within_reach
 from impactlaw.stepping.soft.compiled.contacts.rows import everyone, reached_by, read
 from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, UNKNOWN
-from impactlaw.stepping.soft.tolerances import ROUNDING
+from impactlaw.stepping.soft.tolerances import GAINED, ROUNDING
 
 COUNT, ENERGY, INTENSITY, DISTANT, LAST = 0, 1, 2, 3, 4
 """Places in the sums over collisions: their number, T+ - T-, |v+ - v-|, those with a distant effect, and those that
@@ -213,7 +213,7 @@ def _resolve(w, law, found, gamma, calm, rounding, last, guarded, velocity, sums
     allowed = 0.5 * (_CREATED + 4.0 * residual) * larger * larger
     if _most_gained(rows, members, done, allowed, w.nv) > allowed:
         return PYTHON
-    if guarded and kept > 0 and gained > 0.5 * CALM * changed * changed:
+    if guarded and kept > 0 and gained > 0.5 * GAINED * changed * changed:
         return _DRIVEN
     unwhitened(z, factor, Mnnz, Madr, Mcol, root, v)
     for i in range(w.nv):
