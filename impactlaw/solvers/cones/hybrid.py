@@ -1,5 +1,8 @@
 """The order of attempts: Newton's method from the guess and from rest, then rounds of what is slower but safer.
 
+Piles of bodies have friction that is not unique, where Newton's method runs in circles: an interior point method comes
+first, and where hundreds of rows depend on each other, nothing comes after it.
+
 In turn alternating directions, and convex problems with accelerated correction; each goes on from where it was, and
 each is followed by Newton's method with another map, step and regularization. The best point of all is kept.
 """
@@ -149,7 +152,7 @@ def solve_island(
     work allowed that is left.
     """
     n, cost = len(x), flops(P, K)
-    large = n >= LARGE and len(K.width) > 1
+    large, total, least = n >= LARGE and len(K.width) > 1, 0, np.inf
     if large and not P.exact:
         total, least = solve_large(P, K, x, tolerance, _affordable(left, cost, n))
         spend(left, (total + _SET_UP) * cost, cost, n)
@@ -166,7 +169,7 @@ def solve_island(
     if few:
         delassus(P, G)
     delta = _DENSE if few else _REDUCED
-    start, point, total, least = copied(x), copied(x), 0, np.inf
+    start, point = copied(x), copied(x)
     patience = _ENDLESS if len(K.width) == 1 else _PATIENCE if n < LARGE else _HASTE
     warm = norm_of(x, FIRST, n) > 0.0
     for k in range(4):

@@ -16,10 +16,10 @@ from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.blocks import assemble, back_substitute, factor, room
 from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve_rows
-from impactlaw.solvers.cones.algebra.loops import FIRST, FLOATS, Array, clear, copied, indices, numbers, plain, put
+from impactlaw.solvers.cones.algebra.loops import FIRST, FLOATS, Array, clear, indices, numbers, plain, put, zeros
 from impactlaw.solvers.cones.algebra.ordering import BLOCKS, Blocks
 from impactlaw.solvers.cones.algebra.projection import norm_of, project, residual
-from impactlaw.solvers.cones.algebra.structure import BOX, CONE, ISLAND, Island, velocity
+from impactlaw.solvers.cones.algebra.structure import CONE, ISLAND, Island, velocity
 
 _BILATERAL = 1e-9  # least compliance of equality constraints
 _SHORT = 0.99  # part of the way to the border of the cones
@@ -223,49 +223,50 @@ def _begin(P: Island, x, v, r: float, size: float, t, point, u) -> None:
             u[P.start[g]] += inside
 
 
+@plain
+def _advance(P: Island, K: Blocks, x, u, S, eta, E, H, pivot, z) -> None:
+    """Take the step from x and u, H factored; S: what `_prepare` has written, and room."""
+    F, w, lam, r, t, p, dx, du = S[0], S[1], S[2], S[3], S[4], S[5], S[6], S[7]
+    for k in range(len(x)):
+        r[k] = -lam[k]
+    _direction(P, K, u, F, w, eta, E, H, pivot, r, z, t, dx, du)
+    gap = _gap(P, x, u, dx, du, 0.0)
+    after = _gap(P, x, u, dx, du, _length(P, x, u, dx, du))
+    _correct(P, w, eta, lam, dx, du, gap * min(1.0, max(0.0, after / gap)) ** 3, r, t, p)
+    _direction(P, K, u, F, w, eta, E, H, pivot, r, z, t, dx, du)
+    f = _length(P, x, u, dx, du)
+    for k in range(len(x)):
+        x[k] += f * dx[k]
+        u[k] += f * du[k]
+
+
 @compiled(types.int64(ISLAND, BLOCKS, FLOATS, types.float64, types.float64, types.int64))
 def interior(P: Island, K: Blocks, x: Array, size: float, tolerance: float, most: int) -> int:
     """Overwrite x by the best point of at most `most` steps, the guess among them; return steps taken.
 
-    Friction is exact. Nothing is done where there is dry friction of joints.
-
     Args:
-        P: the problem.
+        P: the problem, exact friction, without box rows.
         K: storage of the matrix of the size of the degrees of freedom.
         x: guess, written.
-        size: of velocities, where to start.
+        size: of velocities.
         tolerance: natural map that is small enough.
         most: steps.
     """
     n, groups, rows = len(x), len(P.kind), 1
     for g in range(groups):
         rows = max(rows, P.start[g + 1] - P.start[g])
-        if P.kind[g] == BOX:
-            return 0
-    point, u, v, F, w, lam, r = numbers(n), numbers(n), numbers(n), numbers(n), numbers(n), numbers(n), numbers(n)
-    dx, du, t, p, z, eta = copied(x), numbers(n), numbers(n), numbers(n), numbers(P.nv), numbers(groups)
-    E, H, B = numbers(P.square[groups]), numbers(K.size), numbers(rows * rows)
-    pivot, left, row = indices(max(rows, P.nv)), numbers(room(P)), numbers(max(P.nv, 1))
+    point, u, v, S = numbers(n), numbers(n), numbers(n), zeros(8 * n).reshape((8, n))
+    z, eta, E, H = numbers(P.nv), numbers(groups), numbers(P.square[groups]), numbers(K.size)
+    pivot, left, row, B = indices(max(rows, P.nv)), numbers(room(P)), numbers(max(P.nv, 1)), numbers(rows * rows)
     velocity(P, P.b, x, z, v)
     least, low, fruitless, taken = residual(P, x, v, P.exact), np.inf, 0, 0
-    _begin(P, x, v, least, size, t, point, u)
+    _begin(P, x, v, least, size, S[0], point, u)
+    velocity(P, P.b, point, z, v)
     while taken < most and least > tolerance and fruitless < _PATIENCE:
-        velocity(P, P.b, point, z, v)
-        _prepare(P, point, u, v, F, w, eta, lam, E, B, pivot)
+        _prepare(P, point, u, v, S[0], S[1], eta, S[2], E, B, pivot)
         assemble(P, K, E, H, left)
         factor(K, H, pivot, row)
-        for k in range(n):
-            r[k] = -lam[k]
-        _direction(P, K, u, F, w, eta, E, H, pivot, r, z, t, dx, du)
-        gap = _gap(P, point, u, dx, du, 0.0)
-        after = _gap(P, point, u, dx, du, _length(P, point, u, dx, du))
-        center = gap * min(1.0, max(0.0, after / gap)) ** 3
-        _correct(P, w, eta, lam, dx, du, center, r, t, p)
-        _direction(P, K, u, F, w, eta, E, H, pivot, r, z, t, dx, du)
-        f = _length(P, point, u, dx, du)
-        for k in range(n):
-            point[k] += f * dx[k]
-            u[k] += f * du[k]
+        _advance(P, K, point, u, S, eta, E, H, pivot, z)
         taken += 1
         velocity(P, P.b, point, z, v)
         s = residual(P, point, v, P.exact)
