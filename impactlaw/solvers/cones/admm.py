@@ -61,7 +61,7 @@ def _prepare(P: Island, K: Blocks, rho: float, W: Array, H: Array, pivot: Array,
         m = P.start[g + 1] - P.start[g]
         for k in range(m):
             W[P.square[g] + k * (m + 1)] = 1.0 / (P.c[P.start[g] + k] + rho)
-    assemble(P, K, W, H, left)
+    assemble(P, K, W, H, left, row)
     factor(K, H, pivot, row)
 
 

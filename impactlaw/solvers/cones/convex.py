@@ -86,7 +86,7 @@ def proximal_step(
             for i in range(m):
                 for j in range(m):
                     W[at + i * m + j] = D[i, j] / kappa[g]
-        assemble(P, K, W, H, left)
+        assemble(P, K, W, H, left, row)
         factor(K, H, pivot, row)
         solve(K, H, pivot, step)
         taken += 1

@@ -264,7 +264,7 @@ def interior(P: Island, K: Blocks, x: Array, size: float, tolerance: float, most
     velocity(P, P.b, point, z, v)
     while taken < most and least > tolerance and fruitless < _PATIENCE:
         _prepare(P, point, u, v, S[0], S[1], eta, S[2], E, B, pivot)
-        assemble(P, K, E, H, left)
+        assemble(P, K, E, H, left, row)
         factor(K, H, pivot, row)
         _advance(P, K, point, u, S, eta, E, H, pivot, z)
         taken += 1

@@ -183,7 +183,7 @@ def reduced_step(
         lu_factor(B, at, m, pivot, FIRST)
         lu_solve_rows(B, at, m, pivot, FIRST, E, at, m)
         lu_solve(B, at, m, pivot, FIRST, step, o)
-    assemble(P, K, E, H, left)
+    assemble(P, K, E, H, left, row)
     factor(K, H, pivot, row)
     back_substitute(P, K, E, H, pivot, z, w, step)
 

@@ -7,7 +7,18 @@ is one block, and this is then the dense LU.
 import numpy as np
 
 from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve, lu_solve_rows
-from impactlaw.solvers.cones.algebra.loops import FIRST, Array, add_three, dot, fill, indices, kernel, plain, subtract
+from impactlaw.solvers.cones.algebra.loops import (
+    FIRST,
+    Array,
+    add_at,
+    add_three,
+    dot,
+    fill,
+    indices,
+    kernel,
+    plain,
+    subtract,
+)
 from impactlaw.solvers.cones.algebra.ordering import Blocks
 from impactlaw.solvers.cones.algebra.structure import Island, jump, rows_times
 
@@ -37,28 +48,56 @@ def _add_rows(v: Array, to: int, w: Array, at: int, stride: int, f: Array, first
         k += 1
 
 
+@plain
+def _add_to_blocks(P: Island, K: Blocks, W: Array, H: Array, left: Array, runs: Array, g: int) -> None:
+    """Add what a group adds to a matrix of many blocks."""
+    m, begin, a = P.start[g + 1] - P.start[g], P.begin[g], P.entry[g]
+    width, count = P.begin[g + 1] - begin, _find_runs(K, begin, P.begin[g + 1] - begin, runs)
+    fill(left, FIRST, m * width, 0.0)
+    for k in range(m):
+        _add_rows(left, k * width, P.A, a, width, W, P.square[g] + k * m, np.int64(1), m, width)
+    for i in range(width):
+        q = K.first[g] + K.slot[begin + i] * K.many[g]
+        for r in range(count):
+            j = runs[r]
+            t = q + K.slot[begin + j]
+            base = K.place[t] + np.int64(K.inner[begin + i]) * K.pitch[t] + np.int64(K.inner[begin + j])
+            _add_rows(H, base, left, j, width, P.A, a + i, width, m, runs[r + 1] - j)
+
+
+@plain
+def _add_to_one(P: Island, K: Blocks, W: Array, H: Array, left: Array, row: Array, g: int) -> None:
+    """Add what a group adds to a matrix of one block."""
+    m, begin, a = P.start[g + 1] - P.start[g], P.begin[g], P.entry[g]
+    width, w = P.begin[g + 1] - begin, P.square[g]
+    for k in range(m):
+        fill(left, k * width, width, 0.0)
+        for i in range(m):
+            f = W[w + k * m + i]
+            if f != 0.0:
+                subtract(left, k * width, P.A, a + i * width, -f, width)
+    for i in range(width):
+        fill(row, FIRST, width, 0.0)
+        for k in range(m):
+            f = P.A[a + k * width + i]
+            if f != 0.0:
+                subtract(row, FIRST, left, k * width, -f, width)
+        add_at(H, np.int64(K.inner[begin + i]) * K.width[0], row, K.inner, begin, width)
+
+
 @kernel
-def assemble(P: Island, K: Blocks, W: Array, H: Array, left: Array) -> None:
-    """Write ``H = I + A^T W A``; W in the order of `Island.square`; `left`: `room`."""
+def assemble(P: Island, K: Blocks, W: Array, H: Array, left: Array, row: Array) -> None:
+    """Write ``H = I + A^T W A``; W in the order of `Island.square`; `left`, `row`: room for m x k and k numbers."""
     runs = indices(P.nv + 1)
     fill(H, FIRST, K.size, 0.0)
     for k in range(len(K.width)):
         for i in range(K.width[k]):
             H[K.diagonal[k] + i * (K.width[k] + 1)] = 1.0
     for g in range(len(P.kind)):
-        m, begin, a = P.start[g + 1] - P.start[g], P.begin[g], P.entry[g]
-        width, w = P.begin[g + 1] - begin, P.square[g]
-        count = _find_runs(K, begin, width, runs)
-        fill(left, FIRST, m * width, 0.0)
-        for k in range(m):
-            _add_rows(left, k * width, P.A, a, width, W, w + k * m, np.int64(1), m, width)
-        for i in range(width):
-            q = K.first[g] + K.slot[begin + i] * K.many[g]
-            for r in range(count):
-                j = runs[r]
-                t = q + K.slot[begin + j]
-                base = K.place[t] + np.int64(K.inner[begin + i]) * K.pitch[t] + np.int64(K.inner[begin + j])
-                _add_rows(H, base, left, j, width, P.A, a + i, width, m, runs[r + 1] - j)
+        if len(K.width) == 1:
+            _add_to_one(P, K, W, H, left, row, g)
+        else:
+            _add_to_blocks(P, K, W, H, left, runs, g)
 
 
 @plain

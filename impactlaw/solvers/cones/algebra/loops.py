@@ -202,3 +202,11 @@ def fill(v: Array, at: int, many: int, value: float) -> None:
     t = np.uint64(at)
     for k in range(np.uint64(many)):
         v[t + k] = value
+
+
+@plain
+def add_at(v: Array, base: int, w: Array, cols: Array, begin: int, many: int) -> None:
+    """Add ``w[:many]`` to the entries ``base + cols[begin:begin + many]`` of v."""
+    t, s = np.uint64(base), np.uint64(begin)
+    for k in range(np.uint64(many)):
+        v[t + cols[s + k]] += w[k]
