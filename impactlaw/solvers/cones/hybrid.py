@@ -1,5 +1,8 @@
 """The order of attempts: Newton's method from the guess and from rest, then rounds of what is slower but safer.
 
+Piles of bodies have friction that is not unique, where Newton's method runs in circles: an interior point method comes
+first, and where hundreds of rows depend on each other, nothing comes after it.
+
 In turn alternating directions, and convex problems with accelerated correction; each goes on from where it was, and
 each is followed by Newton's method with another map, step and regularization. The best point of all is kept.
 """
@@ -25,8 +28,9 @@ from impactlaw.solvers.cones.algebra.loops import (
 )
 from impactlaw.solvers.cones.algebra.ordering import Blocks, one_block
 from impactlaw.solvers.cones.algebra.projection import norm_of
-from impactlaw.solvers.cones.algebra.structure import Island, delassus
+from impactlaw.solvers.cones.algebra.structure import BOX, Island, delassus
 from impactlaw.solvers.cones.convex import linked_corrected
+from impactlaw.solvers.cones.interior import linked_interior
 from impactlaw.solvers.cones.large import solve_large
 from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, linked_newton
 
@@ -46,8 +50,6 @@ _OF_MANY = 30.0  # ... or of many blocks ...
 _OF_LARGE = 1.0  # ... or in an island of so many rows, where Newton's method soon gets no further
 LARGE = 300
 """Rows of such an island."""
-FEW = np.int64(0)
-"""Rounds of those that want Newton's method from the guess alone."""
 _ALLOWED = 5e7  # operations of one time step ...
 _STEPS_ALLOWED, _STEPS_OF_LARGE = 200.0, 60.0  # ... or Newton steps if these are more, the second in large islands
 _MANY = 1e9  # Newton steps, where nothing limits them
@@ -55,6 +57,9 @@ _OF_ROW = 800.0  # operations of a Newton step in each row, most of them in the 
 _SET_UP = 4  # Newton steps that it takes to set up a problem
 _ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances will do: such problems are degenerate
 _STAGNANT, _HOPELESS = 4, 8  # rounds without 10 % less after which to stop if they were long, and in any case
+_PILE = 40  # rows from which bodies are a pile
+_INTERIOR, _HANDED_ON = np.int64(15), 1e4  # steps of the interior point method, and tolerances that will do there
+_HURRY = np.int64(2)  # patience of Newton's method before and after it
 _SHORT = 0.25  # what is not long, as a part of the work allowed
 
 
@@ -112,6 +117,31 @@ def compressed(P: Island) -> tuple[Island, Blocks]:
     return Island(P.start, P.kind, P.bound, P.c, P.b, begin, columns, entry, A, P.square, n, P.exact), K
 
 
+@plain
+def _is_pile(P: Island, K: Blocks) -> bool:
+    """Return whether an island is one of many bodies with exact friction, and without dry friction of joints."""
+    if not P.exact or len(P.b) < _PILE or len(K.width) == 1:
+        return False
+    for kind in P.kind:
+        if kind == BOX:
+            return False
+    return True
+
+
+@once
+def _solve_pile(P: Island, K: Blocks, x: Array, scale: float, tolerance: float) -> tuple[int, float]:
+    """Overwrite the guess x by the best point found; return steps taken and its natural map."""
+    dense, one, ease, total, least = numbers(0), 1.0, _EASE[0] / scale, 0, np.inf
+    for k in range(2):
+        if k == 1:
+            total += linked_interior(P, K, x, scale, _HANDED_ON * tolerance, _INTERIOR)
+        taken, least = linked_newton(P, K, dense, x, tolerance, _BRIEF, DE_SAXCE, one, _REDUCED, ease, _HURRY)
+        total += taken
+        if least <= tolerance:
+            break
+    return total, least
+
+
 @once
 def solve_island(
     P: Island, K: Blocks, x: Array, scale: float, tolerance: float, rounds: int, left: Array
@@ -122,11 +152,16 @@ def solve_island(
     work allowed that is left.
     """
     n, cost = len(x), flops(P, K)
-    large = n >= LARGE and len(K.width) > 1
+    large, total, least = n >= LARGE and len(K.width) > 1, 0, np.inf
     if large and not P.exact:
         total, least = solve_large(P, K, x, tolerance, _affordable(left, cost, n))
         spend(left, (total + _SET_UP) * cost, cost, n)
         return total, least
+    if _is_pile(P, K):
+        total, least = _solve_pile(P, K, x, scale, tolerance)
+        spend(left, (total + _SET_UP) * cost, cost, n)
+        if large or rounds < 2 or least <= _NEAR * tolerance or left[0] <= 0.0:
+            return total, least
     few = n <= max(P.nv, 6) and float(n) ** 3 <= 1.5 * K.flops + 1e3
     step = cost if not few else float(n) ** 3 + 20.0 * n**2
     spend(left, _SET_UP * step, step, n)
@@ -134,12 +169,10 @@ def solve_island(
     if few:
         delassus(P, G)
     delta = _DENSE if few else _REDUCED
-    start, point, total, least = copied(x), copied(x), 0, np.inf
+    start, point = copied(x), copied(x)
     patience = _ENDLESS if len(K.width) == 1 else _PATIENCE if n < LARGE else _HASTE
     warm = norm_of(x, FIRST, n) > 0.0
     for k in range(4):
-        if rounds == FEW and k != 1:
-            continue
         if (k < 2) != warm and (k < 3 or rounds < 2 or large):
             continue
         put(point, start)
@@ -155,8 +188,6 @@ def solve_island(
             put(x, point)
         if least <= (_NEAR * tolerance if large else tolerance) or (P.exact and left[0] <= 0.0):
             return total, least
-    if rounds == FEW:
-        return total, least
     if few and n < P.nv:
         P, K = compressed(P)
     taken, least = _rounds(P, K, G, x, start, least, scale, tolerance, rounds, few, left)

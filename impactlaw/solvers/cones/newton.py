@@ -14,13 +14,12 @@ from numba import types
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.blocks import assemble, factor, room, solve
+from impactlaw.solvers.cones.algebra.blocks import assemble, back_substitute, factor, room
 from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve, lu_solve_rows
 from impactlaw.solvers.cones.algebra.loops import (
     FIRST,
     FLOATS,
     Array,
-    clear,
     copied,
     fill,
     indices,
@@ -28,12 +27,11 @@ from impactlaw.solvers.cones.algebra.loops import (
     once,
     plain,
     put,
-    scatter_add,
     subtract,
 )
 from impactlaw.solvers.cones.algebra.ordering import BLOCKS, Blocks
 from impactlaw.solvers.cones.algebra.projection import norm_of, project, projection_derivative, residual
-from impactlaw.solvers.cones.algebra.structure import CONE, ISLAND, Island, rows_times, velocity
+from impactlaw.solvers.cones.algebra.structure import CONE, ISLAND, Island, velocity
 
 ALART_CURNIER, DE_SAXCE, CONVEX = 0, 1, 2
 """Maps: on disk and half line; on the cone with de Saxcé's correction; on the cone without it."""
@@ -187,20 +185,7 @@ def reduced_step(
         lu_solve(B, at, m, pivot, FIRST, step, o)
     assemble(P, K, E, H, left, row)
     factor(K, H, pivot, row)
-    clear(z)
-    for g in range(len(P.kind)):
-        begin, a = P.begin[g], P.entry[g]
-        for i in range(P.start[g], P.start[g + 1]):
-            scatter_add(P.A, a, step[i], z, P.cols, begin, P.begin[g + 1] - begin)
-            a += P.begin[g + 1] - begin
-    solve(K, H, pivot, z)
-    rows_times(P, z, w)
-    for g in range(len(P.kind)):
-        o, at = P.start[g], P.square[g]
-        m = P.start[g + 1] - o
-        for k in range(m):
-            for j in range(m):
-                step[o + k] -= E[at + k * m + j] * w[o + j]
+    back_substitute(P, K, E, H, pivot, z, w, step)
 
 
 @compiled(

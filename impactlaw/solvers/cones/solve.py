@@ -10,22 +10,15 @@ from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import (
     Array,
-    cleared,
-    copied,
     counts,
     indices,
-    kernel,
     numbers,
     plain,
-    put,
     unset,
 )
-from impactlaw.solvers.cones.elimination import Given, far_from_solved, hold_others, rows_of, write_errors
-from impactlaw.solvers.cones.hybrid import FEW, LARGE, solve_island
+from impactlaw.solvers.cones.hybrid import solve_island
 from impactlaw.solvers.cones.islands import build
 from impactlaw.solvers.cones.rows import certificate, impulse_jump, islands, lengths, longest_group, trees_of
-
-_NEAR = 1e2  # tolerances that will do in a large island
 
 
 @compiled(
@@ -84,47 +77,6 @@ def _sort(label: Array, begin: Array, at: Array, order: Array) -> None:
             at[label[g]] += 1
 
 
-@plain
-def _solve_some(G, members, b, number, seen, x, scale, tolerance, rounds, left):
-    """Solve the problem of some groups of an island; see `_solve_one`."""
-    for i in range(len(number)):
-        number[i] = seen[i] = -1
-    return _linked_one(
-        members, G.rownnz, G.rowadr, G.colind, G.value, G.tree, G.first, G.size, G.kind, G.bound, G.compliance, b,
-        G.length, True, number, seen, x, scale, tolerance, rounds, left,
-    )  # fmt: skip
-
-
-@kernel
-def _solve_large(G, x, z, scale, tolerance, rounds, left):
-    """Do what `_solve_one` does in a large island, where friction is exact; z is that of x, also in the end."""
-    error, chosen, room = numbers(len(G.members)), indices(len(G.members)), numbers(2 * longest_group(G.size))
-    held, offset, best = numbers(len(z)), numbers(len(G.b)), copied(x)
-    number, seen, mark = indices(len(G.tree)), indices(len(G.tree)), cleared(trees_of(G.tree))
-    least, some, total = np.inf, 0, 0
-    for turn in range(3):
-        square = write_errors(G, x, z, error, room)
-        if square < least:
-            least = square
-            put(best, x)
-        if turn == 2 or np.sqrt(square) <= _NEAR * tolerance * scale or left[0] <= 0.0:
-            break
-        some = far_from_solved(G, error, mark, chosen)
-        if some == 0:
-            break
-        hold_others(G, chosen[:some], x, z, held, offset)
-        total += _solve_some(
-            G, chosen[:some], offset, number, seen, x, scale, _NEAR * tolerance, np.int64(1), left
-        )  # fmt: skip
-        if turn == 0:
-            total += _solve_some(G, G.members, G.b, number, seen, x, scale, tolerance, FEW, left)
-        impulse_jump(G.rownnz, G.rowadr, G.colind, G.value, x, z)
-    put(x, best)
-    if some == 0 and np.sqrt(least) > tolerance * scale:
-        total += _solve_some(G, G.members, G.b, number, seen, x, scale, tolerance, rounds, left)
-    return total
-
-
 @compiled(
     "Tuple((float64,int64))(int32[::1],int32[::1],int32[::1],float64[::1],int32[::1],int32[::1],int32[::1],int32[::1],"
     "float64[::1],float64[::1],float64[::1],boolean,float64,int64,float64[::1],float64[::1],float64[::1])"
@@ -158,16 +110,10 @@ def improve(
         if np.sqrt(squares[i]) <= tolerance * scale[i]:
             continue
         members = order[begin[i] : begin[i + 1]]
-        island = Given(
-            members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length
+        total += _linked_one(
+            members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, exact,
+            number, seen, x, scale[i], tolerance, rounds, left,
         )  # fmt: skip
-        if exact and rows_of(island) >= LARGE:
-            total += _solve_large(island, x, z, scale[i], tolerance, rounds, left)
-        else:
-            total += _linked_one(
-                members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, exact,
-                number, seen, x, scale[i], tolerance, rounds, left,
-            )  # fmt: skip
     impulse_jump(rownnz, rowadr, colind, value, x, z)
     worst = certificate(
         rownnz, rowadr, colind, value, first, size, kind, bound, compliance, b, x, z, exact, length, label, scale,

@@ -7,42 +7,97 @@ is one block, and this is then the dense LU.
 import numpy as np
 
 from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve, lu_solve_rows
-from impactlaw.solvers.cones.algebra.loops import FIRST, Array, add_at, dot, fill, plain, subtract
+from impactlaw.solvers.cones.algebra.loops import (
+    FIRST,
+    Array,
+    add_at,
+    add_three,
+    dot,
+    fill,
+    indices,
+    kernel,
+    plain,
+    subtract,
+)
 from impactlaw.solvers.cones.algebra.ordering import Blocks
-from impactlaw.solvers.cones.algebra.structure import Island
+from impactlaw.solvers.cones.algebra.structure import Island, jump, rows_times
 
 
 @plain
+def _find_runs(K: Blocks, begin: int, width: int, runs: Array) -> int:
+    """Write where stretches of columns of a group begin that are side by side in a block; return how many there are."""
+    count = 0
+    for j in range(begin, begin + width):
+        if j == begin or K.slot[j] != K.slot[j - 1] or K.inner[j] != K.inner[j - 1] + np.uint64(1):
+            runs[count] = j - begin
+            count += 1
+    runs[count] = width
+    return count
+
+
+@plain
+def _add_rows(v: Array, to: int, w: Array, at: int, stride: int, f: Array, first: int, step: int, m: int, many: int):
+    """Add the m rows that begin at w[at], a stride apart, times ``f[first]``, ``f[first + step]`` ... to v[to:]."""
+    k = 0
+    while k + 3 <= m:
+        i = first + k * step
+        add_three(v, to, w, at + k * stride, stride, f[i], f[i + step], f[i + 2 * step], many)
+        k += 3
+    while k < m:
+        subtract(v, to, w, at + k * stride, -f[first + k * step], many)
+        k += 1
+
+
+@plain
+def _add_to_blocks(P: Island, K: Blocks, W: Array, H: Array, left: Array, runs: Array, g: int) -> None:
+    """Add what a group adds to a matrix of many blocks."""
+    m, begin, a = P.start[g + 1] - P.start[g], P.begin[g], P.entry[g]
+    width, count = P.begin[g + 1] - begin, _find_runs(K, begin, P.begin[g + 1] - begin, runs)
+    fill(left, FIRST, m * width, 0.0)
+    for k in range(m):
+        _add_rows(left, k * width, P.A, a, width, W, P.square[g] + k * m, np.int64(1), m, width)
+    for i in range(width):
+        q = K.first[g] + K.slot[begin + i] * K.many[g]
+        for r in range(count):
+            j = runs[r]
+            t = q + K.slot[begin + j]
+            base = K.place[t] + np.int64(K.inner[begin + i]) * K.pitch[t] + np.int64(K.inner[begin + j])
+            _add_rows(H, base, left, j, width, P.A, a + i, width, m, runs[r + 1] - j)
+
+
+@plain
+def _add_to_one(P: Island, K: Blocks, W: Array, H: Array, left: Array, row: Array, g: int) -> None:
+    """Add what a group adds to a matrix of one block."""
+    m, begin, a = P.start[g + 1] - P.start[g], P.begin[g], P.entry[g]
+    width, w = P.begin[g + 1] - begin, P.square[g]
+    for k in range(m):
+        fill(left, k * width, width, 0.0)
+        for i in range(m):
+            f = W[w + k * m + i]
+            if f != 0.0:
+                subtract(left, k * width, P.A, a + i * width, -f, width)
+    for i in range(width):
+        fill(row, FIRST, width, 0.0)
+        for k in range(m):
+            f = P.A[a + k * width + i]
+            if f != 0.0:
+                subtract(row, FIRST, left, k * width, -f, width)
+        add_at(H, np.int64(K.inner[begin + i]) * K.width[0], row, K.inner, begin, width)
+
+
+@kernel
 def assemble(P: Island, K: Blocks, W: Array, H: Array, left: Array, row: Array) -> None:
     """Write ``H = I + A^T W A``; W in the order of `Island.square`; `left`, `row`: room for m x k and k numbers."""
+    runs = indices(P.nv + 1)
     fill(H, FIRST, K.size, 0.0)
     for k in range(len(K.width)):
         for i in range(K.width[k]):
             H[K.diagonal[k] + i * (K.width[k] + 1)] = 1.0
     for g in range(len(P.kind)):
-        m, begin, a = P.start[g + 1] - P.start[g], P.begin[g], P.entry[g]
-        width, w = P.begin[g + 1] - begin, P.square[g]
-        for k in range(m):
-            fill(left, k * width, width, 0.0)
-            for i in range(m):
-                f = W[w + k * m + i]
-                if f != 0.0:
-                    subtract(left, k * width, P.A, a + i * width, -f, width)
-        for i in range(width):
-            fill(row, FIRST, width, 0.0)
-            for k in range(m):
-                f = P.A[a + k * width + i]
-                if f != 0.0:
-                    subtract(row, FIRST, left, k * width, -f, width)
-            q = K.first[g] + K.slot[begin + i] * K.many[g]
-            if K.many[g] == 1:
-                base = K.place[q] + np.int64(K.inner[begin + i]) * K.pitch[q]
-                add_at(H, base, row, K.inner, begin, width)
-            else:
-                for j in range(width):
-                    t = q + K.slot[begin + j]
-                    base = K.place[t] + np.int64(K.inner[begin + i]) * K.pitch[t]
-                    H[base + np.int64(K.inner[begin + j])] += row[j]
+        if len(K.width) == 1:
+            _add_to_one(P, K, W, H, left, row, g)
+        else:
+            _add_to_blocks(P, K, W, H, left, runs, g)
 
 
 @plain
@@ -92,6 +147,20 @@ def solve(K: Blocks, H: Array, pivot: Array, v: Array) -> None:
                 s -= dot(H, at, v, K.offset[j], K.width[j])
                 at += K.width[j]
             v[o + i] = s
+
+
+@plain
+def back_substitute(P: Island, K: Blocks, E: Array, H: Array, pivot: Array, z: Array, w: Array, step: Array) -> None:
+    """Overwrite a `step` E q by ``E (q - A dz)``, ``H dz = A^T E q``, H factored; z and w are room."""
+    jump(P, step, z)
+    solve(K, H, pivot, z)
+    rows_times(P, z, w)
+    for g in range(len(P.kind)):
+        o, at = P.start[g], P.square[g]
+        m = P.start[g + 1] - o
+        for k in range(m):
+            for j in range(m):
+                step[o + k] -= E[at + k * m + j] * w[o + j]
 
 
 @plain

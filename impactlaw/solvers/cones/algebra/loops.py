@@ -139,6 +139,15 @@ def subtract(v: Array, to: int, w: Array, source: int, f: float, many: int) -> N
 
 
 @sums
+def add_three(v: Array, to: int, w: Array, source: int, stride: int, a: float, b: float, c: float, many: int) -> None:
+    """Add a, b and c times three stretches of w, a stride apart, to ``v[to:to + many]``."""
+    t, one = np.uint64(to), np.uint64(source)
+    two, three = np.uint64(source + stride), np.uint64(source + 2 * stride)
+    for k in range(np.uint64(many)):
+        v[t + k] += a * w[one + k] + b * w[two + k] + c * w[three + k]
+
+
+@sums
 def dot(v: Array, at: int, w: Array, source: int, many: int) -> float:
     """Return the product of ``v[at:at + many]`` and ``w[source:source + many]``."""
     t, s, r = np.uint64(at), np.uint64(source), 0.0

@@ -8,7 +8,13 @@ from impactlaw.solvers.cones.rows import impulse_jump, islands, lengths
 from impactlaw.stepping.time_stepping.problem.energy import CREATED, row_velocities
 from impactlaw.stepping.time_stepping.problem.phases import some_groups
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import TOLERANCE, UNSOLVED
-from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE, has_restitution, scale_down, solve_whole
+from impactlaw.stepping.time_stepping.problem.solution.scaling import (
+    RESERVE,
+    has_restitution,
+    judge,
+    scale_down,
+    solve_whole,
+)
 
 
 @plain
@@ -64,9 +70,8 @@ def _solve_part(
             wanted[at], hits[at], at = target[g], collides[g], at + 1
     for r in range(n):
         impulse[r], aimed[r] = x[place[r]], sliding[place[r]]
-    found = solve_whole(
-        table, columns, values, kinds, gaps, own, wanted, aimed, hits, tree, exact, rounds, left, impulse, z, after,
-        reached, room,
+    found = judge(
+        table, columns, values, kinds, gaps, own, wanted, aimed, tree, exact, left, impulse, z, after, reached, room
     )  # fmt: skip
     s, created, solved, _ = scale_down(
         table, columns, values, kinds, gaps, own, wanted, aimed, hits, tree, exact, dissipative, rounds, left,

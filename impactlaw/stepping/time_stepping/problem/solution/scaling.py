@@ -6,6 +6,7 @@ import numpy as np
 
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.solvers.cones.algebra.loops import clear, copied, kernel, numbers, plain, put
+from impactlaw.solvers.cones.solve import linked_improve
 from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, creates, row_velocities
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import (
     TOLERANCE,
@@ -14,6 +15,7 @@ from impactlaw.stepping.time_stepping.problem.solution.contact_problem import (
     solve_scaled,
     without_friction,
 )
+from impactlaw.stepping.time_stepping.problem.targets import write_offsets
 from impactlaw.stepping.time_stepping.tolerances import SLOWEST
 
 _FEW = 1  # rounds of slower methods in a search
@@ -22,6 +24,7 @@ _SEARCHES = 12  # of the share of restitution that creates no energy, while work
 _JAMMED = 1e-3  # part of the largest contact velocity by which a law is missed, or natural map, where bodies jam
 RESERVE = 0.2
 """Part of the work allowed that is there for a step without restitution in any case."""
+_ANY, _NONE = np.inf, np.int64(0)  # natural map, and rounds, where nothing is to be solved
 _SAFE = np.int64(8)  # rounds of slower methods that it has
 
 
@@ -126,6 +129,23 @@ def solve_whole(
         sparse, colind, value, groups, amounts, rates, target, sliding, collides, 1.0, tree, exact, rounds, left,
         x, z, after, scaled, room,
     )  # fmt: skip
+    failed = _fails(groups, rates, after, scaled, x, residual)
+    return residual, failed, failed or (residual > _JAMMED and left[0] > 0.0)
+
+
+@plain
+def judge(
+    sparse, colind, value, groups, amounts, rates, target, sliding, tree, exact, left, x, z, after, scaled, room
+):  # fmt: skip
+    """Return what `solve_whole` has found of a part of its contacts, whose impulses are x, and write what it writes."""
+    b = room[: len(x)]
+    put(scaled, target)
+    write_offsets(groups, rates, scaled, sliding, b)
+    residual, _ = linked_improve(
+        sparse[0], sparse[1], colind, value, tree, groups[0], groups[1], groups[2], amounts[1], rates[4], b, exact,
+        _ANY, _NONE, left, x, z,
+    )  # fmt: skip
+    row_velocities(sparse, colind, value, rates, z, after)
     failed = _fails(groups, rates, after, scaled, x, residual)
     return residual, failed, failed or (residual > _JAMMED and left[0] > 0.0)
 

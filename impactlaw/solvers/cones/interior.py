@@ -1,0 +1,284 @@
+"""An interior point method for ``K ∋ x  ⊥  u = A A^T x + c x + b + |u_t| e_n ∈ K``, de Saxcé's correction in u.
+
+Primal and dual steps with the scaling of Nesterov & Todd and the predictor and corrector of Mehrotra (Acary, Armand &
+Nguyen 2023 for contact with friction). It needs no guess, and about as many steps as Newton's method takes from a good
+one; what it leaves, about 1e-4, is degenerate: friction that is not unique, contacts that only touch.
+
+With W the scaling of a group, ``W u = W^-1 x``, and t the direction in which it slides, ``N = I - e_n t^T`` is the
+derivative of u without its correction. A step solves ``(G + c + N W^-2) dx = N W^-1 r - F``, that is with
+``E = (c + N W^-2)^-1`` the system ``(I + A^T E A) dz = A^T E q``.
+"""
+
+import numpy as np
+from numba import types
+
+from impactlaw.compiled import compiled
+from impactlaw.linked import linked
+from impactlaw.solvers.cones.algebra.blocks import assemble, back_substitute, factor, room
+from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve_rows
+from impactlaw.solvers.cones.algebra.loops import FIRST, FLOATS, Array, clear, indices, numbers, plain, put, zeros
+from impactlaw.solvers.cones.algebra.ordering import BLOCKS, Blocks
+from impactlaw.solvers.cones.algebra.projection import norm_of, project, residual
+from impactlaw.solvers.cones.algebra.structure import CONE, ISLAND, Island, velocity
+
+_BILATERAL = 1e-9  # least compliance of equality constraints
+_SHORT = 0.99  # part of the way to the border of the cones
+_PATIENCE = 3  # steps in a row without a natural map that is 10 % less
+_BETTER = 0.9
+_NEAR = 1e-1  # natural map next to velocities up to which the guess is a start
+
+
+@plain
+def _determinant(v: Array, o: int, e: int) -> float:
+    r = norm_of(v, o + 1, e)
+    return (v[o] - r) * (v[o] + r)
+
+
+@plain
+def _scaled(w: Array, o: int, e: int, eta: float, sign: float, v: Array, out: Array) -> None:
+    """Write ``W v`` of a group, or with ``1 / eta`` and the sign -1, ``W^-1 v``; out is another array."""
+    s = 0.0
+    for k in range(o + 1, e):
+        s += w[k] * v[k]
+    out[o] = eta * (w[o] * v[o] + sign * s)
+    f = sign * v[o] + s / (1.0 + w[o])
+    for k in range(o + 1, e):
+        out[k] = eta * (v[k] + f * w[k])
+
+
+@plain
+def _product(a: Array, b: Array, o: int, e: int, f: float, out: Array) -> None:
+    """Add f times the Jordan product of a and b."""
+    s = 0.0
+    for k in range(o, e):
+        s += a[k] * b[k]
+    out[o] += f * s
+    for k in range(o + 1, e):
+        out[k] += f * (a[o] * b[k] + b[o] * a[k])
+
+
+@plain
+def _quotient(a: Array, o: int, e: int, d: Array) -> None:
+    """Overwrite d by the y whose Jordan product with a it is."""
+    s = 0.0
+    for k in range(o + 1, e):
+        s += a[k] * d[k]
+    first = (a[o] * d[o] - s) / _determinant(a, o, e)
+    d[o] = first
+    for k in range(o + 1, e):
+        d[k] = (d[k] - first * a[k]) / a[o]
+
+
+@plain
+def _scale(P: Island, g: int, x: Array, u: Array, w: Array, E: Array, B: Array, pivot: Array) -> float:
+    """Write the point of scaling of a group, and E; return eta, whose square is the size of W^2."""
+    o, e, at = P.start[g], P.start[g + 1], P.square[g]
+    m, a, b, s = e - o, np.sqrt(_determinant(x, o, e)), np.sqrt(_determinant(u, o, e)), 0.0
+    for k in range(o, e):
+        s += x[k] * u[k]
+    f = 0.5 / np.sqrt(0.5 * (1.0 + s / (a * b)))
+    for k in range(o, e):
+        w[k] = f * (x[k] / a + (u[k] if k == o else -u[k]) / b)
+    slip, compliant = norm_of(u, o + 1, e), False
+    for i in range(m):
+        first = a / b * (2.0 * w[o + i] * w[o] - (1.0 if i == 0 else 0.0))
+        for j in range(m):
+            t = first
+            if j > 0:
+                t = a / b * (2.0 * w[o + i] * w[o + j] + (1.0 if i == j else 0.0))
+                t += first * u[o + j] / slip if slip > 0.0 else 0.0
+            E[at + i * m + j] = t
+            B[i * m + j] = t * P.c[o + j] + (1.0 if i == j else 0.0)
+        compliant = compliant or P.c[o + i] > 0.0
+    if compliant:
+        lu_factor(B, FIRST, m, pivot, FIRST)
+        lu_solve_rows(B, FIRST, m, pivot, FIRST, E, at, m)
+    return np.sqrt(a / b)
+
+
+@plain
+def _prepare(P: Island, x, u, v, F, w, eta, lam, E, B, pivot) -> None:
+    """Write what a step needs of each group; v is the velocity without correction."""
+    for g in range(len(P.kind)):
+        o, e = P.start[g], P.start[g + 1]
+        if P.kind[g] == CONE:
+            eta[g] = _scale(P, g, x, u, w, E, B, pivot)
+            _scaled(w, o, e, eta[g], 1.0, u, lam)
+            for k in range(o, e):
+                F[k] = v[k] - u[k]
+            F[o] += norm_of(u, o + 1, e)
+        else:
+            E[P.square[g]] = 1.0 / (P.c[o] + _BILATERAL)
+            F[o] = v[o]
+
+
+@plain
+def _direction(P: Island, K: Blocks, u, F, w, eta, E, H, pivot, r, z, t, dx, du) -> None:
+    """Write the step whose scaled parts, ``W^-1 dx + W du``, are r."""
+    for g in range(len(P.kind)):
+        o, e = P.start[g], P.start[g + 1]
+        if P.kind[g] == CONE:
+            _scaled(w, o, e, 1.0 / eta[g], -1.0, r, t)
+            s, slip = 0.0, norm_of(u, o + 1, e)
+            for k in range(o + 1, e):
+                s += u[k] * t[k]
+            t[o] -= s / slip if slip > 0.0 else 0.0
+        else:
+            t[o] = 0.0
+        m, at = e - o, P.square[g]
+        for k in range(o, e):
+            t[k] -= F[k]
+        for i in range(m):
+            s = 0.0
+            for j in range(m):
+                s += E[at + i * m + j] * t[o + j]
+            dx[o + i] = s
+    back_substitute(P, K, E, H, pivot, z, t, dx)
+    for g in range(len(P.kind)):
+        o, e = P.start[g], P.start[g + 1]
+        if P.kind[g] == CONE:
+            _scaled(w, o, e, 1.0 / eta[g], -1.0, dx, t)
+            for k in range(o, e):
+                t[k] = r[k] - t[k]
+            _scaled(w, o, e, 1.0 / eta[g], -1.0, t, du)
+
+
+@plain
+def _reach(x: Array, d: Array, o: int, e: int) -> float:
+    """Return how far along d the border of the cone is, 1e9 if it is not met."""
+    a, c = d[o] ** 2 - norm_of(d, o + 1, e) ** 2, _determinant(x, o, e)
+    b = x[o] * d[o]
+    for k in range(o + 1, e):
+        b -= x[k] * d[k]
+    far = -x[o] / d[o] if d[o] < 0.0 else 1e9
+    square = b * b - a * c
+    if square < 0.0:
+        return far
+    q = -(b + np.sqrt(square)) if b >= 0.0 else np.sqrt(square) - b
+    if q * a > 0.0:
+        far = min(far, q / a)
+    if q > 0.0:
+        far = min(far, c / q)
+    return far
+
+
+@plain
+def _length(P: Island, x, u, dx, du) -> float:
+    """Return how far the step stays inside of all cones, at most 1."""
+    far = 1.0
+    for g in range(len(P.kind)):
+        if P.kind[g] == CONE:
+            o, e = P.start[g], P.start[g + 1]
+            far = min(far, _SHORT * _reach(x, dx, o, e), _SHORT * _reach(u, du, o, e))
+    return far
+
+
+@plain
+def _gap(P: Island, x, u, dx, du, f: float) -> float:
+    """Return the mean of ``x^T u`` of a group after a part f of the step."""
+    s, count = 0.0, 0
+    for g in range(len(P.kind)):
+        if P.kind[g] == CONE:
+            count += 1
+            for k in range(P.start[g], P.start[g + 1]):
+                s += (x[k] + f * dx[k]) * (u[k] + f * du[k])
+    return s / max(count, 1)
+
+
+@plain
+def _correct(P: Island, w, eta, lam, dx, du, center: float, r, t, p) -> None:
+    """Write what a step aims at that follows the central path, from the step that does not."""
+    for g in range(len(P.kind)):
+        if P.kind[g] == CONE:
+            o, e = P.start[g], P.start[g + 1]
+            for k in range(o, e):
+                r[k] = 0.0
+            r[o] = center
+            _product(lam, lam, o, e, -1.0, r)
+            _scaled(w, o, e, 1.0 / eta[g], -1.0, dx, t)
+            _scaled(w, o, e, eta[g], 1.0, du, p)
+            _product(t, p, o, e, -1.0, r)
+            _quotient(lam, o, e, r)
+
+
+@plain
+def _begin(P: Island, x, v, r: float, size: float, t, point, u) -> None:
+    """Write where to start: inside of the cones, near the guess if its natural map r is small next to velocities."""
+    inside = size
+    if r < _NEAR * size:
+        inside = np.sqrt(r * size)
+        for g in range(len(P.kind)):
+            o = P.start[g]
+            for k in range(o, P.start[g + 1]):
+                t[k] = v[k]
+            t[o] += norm_of(v, o + 1, P.start[g + 1])
+        project(P, x, point)
+        project(P, t, u)
+    else:
+        clear(point)
+        clear(u)
+    for g in range(len(P.kind)):
+        if P.kind[g] == CONE:
+            point[P.start[g]] += inside
+            u[P.start[g]] += inside
+
+
+@plain
+def _advance(P: Island, K: Blocks, x, u, S, eta, E, H, pivot, z) -> None:
+    """Take the step from x and u, H factored; S: what `_prepare` has written, and room."""
+    F, w, lam, r, t, p, dx, du = S[0], S[1], S[2], S[3], S[4], S[5], S[6], S[7]
+    for k in range(len(x)):
+        r[k] = -lam[k]
+    _direction(P, K, u, F, w, eta, E, H, pivot, r, z, t, dx, du)
+    gap = _gap(P, x, u, dx, du, 0.0)
+    after = _gap(P, x, u, dx, du, _length(P, x, u, dx, du))
+    _correct(P, w, eta, lam, dx, du, gap * min(1.0, max(0.0, after / gap)) ** 3, r, t, p)
+    _direction(P, K, u, F, w, eta, E, H, pivot, r, z, t, dx, du)
+    f = _length(P, x, u, dx, du)
+    for k in range(len(x)):
+        x[k] += f * dx[k]
+        u[k] += f * du[k]
+
+
+@compiled(types.int64(ISLAND, BLOCKS, FLOATS, types.float64, types.float64, types.int64))
+def interior(P: Island, K: Blocks, x: Array, size: float, tolerance: float, most: int) -> int:
+    """Overwrite x by the best point of at most `most` steps, the guess among them; return steps taken.
+
+    Args:
+        P: the problem, exact friction, without box rows.
+        K: storage of the matrix of the size of the degrees of freedom.
+        x: guess, written.
+        size: of velocities.
+        tolerance: natural map that is small enough.
+        most: steps.
+    """
+    n, groups, rows = len(x), len(P.kind), 1
+    for g in range(groups):
+        rows = max(rows, P.start[g + 1] - P.start[g])
+    point, u, v, S = numbers(n), numbers(n), numbers(n), zeros(8 * n).reshape((8, n))
+    z, eta, E, H = numbers(P.nv), numbers(groups), numbers(P.square[groups]), numbers(K.size)
+    pivot, left, row, B = indices(max(rows, P.nv)), numbers(room(P)), numbers(max(P.nv, 1)), numbers(rows * rows)
+    velocity(P, P.b, x, z, v)
+    least, low, fruitless, taken = residual(P, x, v, P.exact), np.inf, 0, 0
+    _begin(P, x, v, least, size, S[0], point, u)
+    velocity(P, P.b, point, z, v)
+    while taken < most and least > tolerance and fruitless < _PATIENCE:
+        _prepare(P, point, u, v, S[0], S[1], eta, S[2], E, B, pivot)
+        assemble(P, K, E, H, left, row)
+        factor(K, H, pivot, row)
+        _advance(P, K, point, u, S, eta, E, H, pivot, z)
+        taken += 1
+        velocity(P, P.b, point, z, v)
+        s = residual(P, point, v, P.exact)
+        if not s < 1e100:
+            break
+        fruitless = 0 if s < _BETTER * low else fruitless + 1
+        low = min(low, s)
+        if s < least:
+            least = s
+            put(x, point)
+    return taken
+
+
+linked_interior = linked(interior)
+"""What compiled functions call."""
