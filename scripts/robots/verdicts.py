@@ -104,5 +104,5 @@ def _named(missed: list[tuple[str, float]], unit: str) -> str:
 
 def failures(table: pd.DataFrame) -> pd.DataFrame:
     """Return the cases that did not take all their steps, and were not merely out of time."""
-    columns = ["scene", "way", "e", "start", "stopped_at", "outcome"]
+    columns = ["scene", "way", "e", "start", "steps", "outcome"]
     return pd.DataFrame([row for row in cases(table) if row["outcome"] not in (FINE, CUT)], columns=columns)
