@@ -238,10 +238,9 @@ def _case(
     *expected: Expected,
     laws: tuple[str, ...] = BASIC,
     one: bool = False,
-    shortened: str = "",
 ) -> Case:
     rules = (*expected, *_ITERATIVE) if one else (*expected, _ONE_CONTACT, *_ITERATIVE)
-    return Case(name, "law", partial(_measure, numbers), laws, EVERY, rules, shortened=shortened)
+    return Case(name, "law", partial(_measure, numbers), laws, EVERY, rules)
 
 
 def cases() -> list[Case]:
@@ -266,7 +265,7 @@ def _contact_cases() -> Iterator[Case]:
     for tilt in (0.0, 0.4):
         yield _case(f"64 coplanar contacts, tilt {tilt:g}", partial(_coplanar, 8, 8, tilt), _REDUNDANT)
         points = partial(_coplanar, 40, 25, tilt)
-        yield _case(f"1000 coplanar contacts, tilt {tilt:g}", points, _REDUNDANT, shortened="200 contacts")
+        yield _case(f"1000 coplanar contacts, tilt {tilt:g}", points, _REDUNDANT)
     for angle in (1e-4, 1e-8, 1e-12):
         yield _case(f"six normals within {angle:g} rad", partial(_parallel, angle), _REDUNDANT, _SINGULAR)
         rules = () if angle > 1e-6 else (_CANCELS, _SINGULAR)
