@@ -43,7 +43,7 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
 
 def _told(table: pd.DataFrame) -> pd.DataFrame:
     """Return the cases, with all columns of these tables, ways in their order."""
-    told = pd.DataFrame(cases(table)).reindex(columns=["scene", "way", "outcome", *_WORST])
+    told = cases(table).reindex(columns=["scene", "way", "outcome", *_WORST])
     told["way"] = pd.Categorical(told.way, list(WAYS))
     return told
 
