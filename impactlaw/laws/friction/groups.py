@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
-import scipy
 
 from impactlaw.laws.base import Law, RestitutionLaw
 from impactlaw.laws.compliant import Compliant
 from impactlaw.laws.restitution.coefficients import ContactCoefficients
 from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.mechanics.collision import Collision
-from impactlaw.mechanics.friction import Friction
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_gradients
 from impactlaw.solvers.friction.problem import ConeProblem
+from impactlaw.solvers.sparsity import components
 
 
 def groups_of(problem: ConeProblem, ties: np.ndarray | None) -> list[np.ndarray]:
@@ -29,16 +27,7 @@ def groups_of(problem: ConeProblem, ties: np.ndarray | None) -> list[np.ndarray]
     """
     h, m = problem.shape
     coupled = np.count_nonzero((np.abs(problem.delassus) > INFLUENCE).reshape(h, m, h, m), axis=(1, 3)) > 0
-    return _components(coupled if ties is None else coupled | ties)
-
-
-def _components(coupled: np.ndarray) -> list[np.ndarray]:
-    """Return the contacts that one reaches from another, group by group; bool (h, h)."""
-    h = len(coupled)
-    if (np.count_nonzero(coupled, axis=1) == h).any():  # one that meets all others
-        return [np.arange(h)]
-    count, member = scipy.sparse.csgraph.connected_components(coupled, directed=False)
-    return [np.flatnonzero(member == group) for group in range(count)]
+    return components(coupled if ties is None else coupled | ties)
 
 
 def ties_of(law: Law, collision: Collision) -> np.ndarray | None:
@@ -53,22 +42,6 @@ def ties_of(law: Law, collision: Collision) -> np.ndarray | None:
         E = law.restitution_matrix(collision)
         return (E if isinstance(E, np.ndarray) else E.toarray()) != 0.0
     return np.ones((len(collision.labels),) * 2, dtype=bool)
-
-
-def part_of(collision: Collision, contacts: np.ndarray) -> Collision:
-    """Return the collision of some contacts alone, ascending."""
-    before, after, friction = collision.surface_velocity, collision.post_surface_velocity, collision.friction
-    chosen = None if friction is None else friction.select(contacts)
-    if chosen is None:
-        chosen = Friction(np.zeros((0, len(collision.pre_velocity))), np.zeros(0, dtype=int), np.zeros(0))
-    return replace(
-        collision,
-        jacobian=collision.jacobian[contacts],
-        labels=tuple(collision.labels[i] for i in contacts),
-        surface_velocity=None if before is None else before[contacts],
-        post_surface_velocity=None if after is None else after[contacts],
-        friction=chosen,
-    )
 
 
 def work_of_each(impact: FrictionImpact) -> np.ndarray:
@@ -94,7 +67,7 @@ def joined(
 
     Args:
         collision: of all contacts.
-        parts: contacts of a group, ascending, and their impact: by themselves, see `part_of`, or with all others.
+        parts: contacts of a group, ascending, and their impact: alone, see `Collision.part`, or with all others.
         exact: exact Coulomb friction, or its convex relaxation.
         problem: of all contacts, if it is to be kept.
     """
