@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -44,16 +44,7 @@ class Compare:
         from impactlaw.comparison.compare import Comparison, compare, format_table
         from impactlaw.comparison.new_files import new_files_in
 
-        study = Comparison(
-            scene=self.scene,
-            laws=self.laws,
-            restitution=self.restitution,
-            duration=self.duration,
-            timestep=self.timestep,
-            friction=self.friction,
-            scheme=self.scheme,
-            view=self.view,
-        )
+        study = Comparison(**{field.name: getattr(self, field.name) for field in fields(Comparison)})
         out = Path("out") / Path(self.scene).stem if self.out is None else self.out
         with new_files_in(out) as folder:
             table = compare(study, folder)
