@@ -127,17 +127,17 @@ class RunStudy:
     schemes: tuple[Literal["soft", "time-stepping", "event-driven"], ...] | None = None
     """Ways to step; the tasks' usual ones if not given."""
     seeds: tuple[int, ...] | None = None
-    """Of trainings and of episodes; 0 1 2 if not given."""
+    """Seeds of trainings and of episodes; 0 1 2 if not given."""
     episodes: int | None = None
-    """Of a cell; 20 if not given."""
+    """Episodes of each cell of the table; 20 if not given."""
     steps: int | None = None
-    """Of a training; 100 000 if not given."""
+    """Timesteps of each training; 100 000 if not given."""
     quick: bool = False
     """The scripted controllers on this package's own tasks, instead of all of the above."""
     backend: str = "loky"
     """Where cells run: loky (processes of this machine), dask, ray, or another backend of joblib."""
     address: str | None = None
-    """Of the cluster's scheduler; one on this machine is started if not given."""
+    """Address of the cluster's scheduler; one on this machine is started if not given."""
     jobs: int = -1
     """Cells at a time; -1 for one per processor."""
     out: Path = Path("out/study")
@@ -195,7 +195,7 @@ class Plan:
     scheme: Literal["event-driven", "time-stepping"] | None = None
     """How rigid contact is stepped; event-driven if not given."""
     friction: Literal["coulomb", "convex", "ignore"] | None = None
-    """Of rigid contacts and soft collisions: exact Coulomb friction, if not given, its convex relaxation, or none."""
+    """Friction of rigid contacts and soft collisions: exact Coulomb friction, its default; its convex relaxation; or none."""
 
     def __call__(self) -> None:
         """Print the plan."""

@@ -215,7 +215,7 @@ class TaskCost:
     times: int = 3
     """Times that they are taken."""
     worlds: int = 256
-    """Of the tasks that can be stepped many at a time; all its threads."""
+    """Worlds of each task that can be stepped many at a time, by all threads."""
 
 
 def run_tasks(study: TaskCost, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:

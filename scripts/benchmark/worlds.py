@@ -65,7 +65,7 @@ class VectorEnvironments:
     """Worlds of Hopper next to processes."""
 
     worlds: int = 256
-    """Of ours; there are as many processes as processors."""
+    """Worlds in this process; there are as many other processes as processors."""
     steps: int = 20_000
     """Environment steps of each."""
 

@@ -30,13 +30,13 @@ class Study:
     """Which problems, and for whom."""
 
     problems: int = 1080
-    """Of all scenes together, as many of each."""
+    """Number of problems, as many from each scene."""
     only: tuple[str, ...] = ()
     """Names of scenes, or parts of names; all without."""
     friction: capture.FrictionModel = "coulomb"
     """Exact friction, or the convex relaxation."""
     seed: int = 0
-    """Of drops, speeds and controls."""
+    """Seed of drops, speeds and controls."""
     most_rows: int = 300
     """Rows of a problem up to which Clarabel gets it."""
 

@@ -50,7 +50,7 @@ class Study:
     longest: float = 300.0
     """Wall time of a case under time stepping and MuJoCo, s."""
     seed: int = 0
-    """Of random controls."""
+    """Seed of random controls."""
 
     def quickly(self) -> Study:
         """Return the same with few scenes and short cases, less than two minutes."""

@@ -12,7 +12,7 @@ _LIMITS = [int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT), int(mujoco.mjtConstrai
 _SINGLE, _OVERRIDE = int(mujoco.mjtDisableBit.mjDSBL_MULTICCD), int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 _SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 _STAGES = mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_collision, mujoco.mj_makeConstraint
-"""Of `mj_fwdPosition` what contacts and limits take; the rest fails where hundreds of contacts fill the arena."""
+"""The stages of `mj_fwdPosition` that find contacts and limits; others fail where contacts fill the arena."""
 _CCD_TOLERANCE, _CCD_ITERATIONS = 1e-10, 100
 
 

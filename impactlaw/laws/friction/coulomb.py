@@ -92,7 +92,7 @@ class Coulomb(Law):
 
     @property
     def contact_labels(self) -> frozenset[str]:
-        """Those of the inner law."""
+        """Labels that the inner law is keyed with."""
         return self.law.contact_labels
 
     def seeded(self, seed: int) -> Coulomb:

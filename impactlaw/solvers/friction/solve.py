@@ -80,7 +80,7 @@ def solve_cones(
 
 
 def solve_within(problem: ConeProblem, guess: np.ndarray | None, rounds: int, effort: Effort | None) -> ConeAnswer:
-    """Do the same with what an effort allows, and count it there; without one it is not limited."""
+    """Call `solve_cones` with what an effort allows, and count there what it took; None is no limit."""
     if effort is None:
         return solve_cones(problem, guess, rounds=rounds)
     rows = problem.start.size
