@@ -195,7 +195,7 @@ class Plan:
     scheme: Literal["event-driven", "time-stepping"] | None = None
     """How rigid contact is stepped; event-driven if not given."""
     friction: Literal["coulomb", "convex", "ignore"] | None = None
-    """Friction of rigid contacts and soft collisions: exact Coulomb friction, its default; its convex relaxation; or none."""
+    """Friction of rigid contacts and soft collisions: exact Coulomb friction (the default), its relaxation, or none."""
 
     def __call__(self) -> None:
         """Print the plan."""
