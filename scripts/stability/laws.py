@@ -35,13 +35,11 @@ def law_of(name: str, h: int) -> Law:
         return Fremond.reversal()
     if name == "maximal-dissipation":
         return MaximalDissipation()
-    return Moreau(_COMMON[name]) if name in _COMMON else Newton(_coefficients(name, h).tolist())
+    return Newton(_coefficients(name, h).tolist()) if name == "newton 0 .. 1" else Moreau(_COMMON[name])
 
 
 def _coefficients(name: str, h: int) -> np.ndarray:
-    if name in _COMMON:
-        return np.full(h, _COMMON[name])
-    return np.resize([0.0, 1.0, ALMOST_ONE, 0.3, 0.7], h)
+    return np.resize([0.0, 1.0, ALMOST_ONE, 0.3, 0.7], h) if name == "newton 0 .. 1" else np.full(h, _COMMON[name])
 
 
 def _wanted(name: str, gamma: np.ndarray) -> np.ndarray:
