@@ -49,7 +49,7 @@ class LawInForce:
 
     @property
     def in_force(self) -> LawOptions:
-        """What the episode of now is stepped by."""
+        """The law and options of this episode."""
         return self._in_force
 
     def use(self, options: LawOptions) -> None:

@@ -51,7 +51,7 @@ class LawOptions:
 
     @property
     def scheme_in_force(self) -> Literal["event-driven", "time-stepping"] | None:
-        """Of rigid contact; soft contact has none."""
+        """The scheme that rigid contact is stepped by; soft contact has none."""
         return (self.scheme or self.usual_scheme) if self.contact_model == "rigid" else self.scheme
 
     def law_for(self, model: mujoco.MjModel) -> Law:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -44,16 +44,7 @@ class Compare:
         from impactlaw.comparison.compare import Comparison, compare, format_table
         from impactlaw.comparison.new_files import new_files_in
 
-        study = Comparison(
-            scene=self.scene,
-            laws=self.laws,
-            restitution=self.restitution,
-            duration=self.duration,
-            timestep=self.timestep,
-            friction=self.friction,
-            scheme=self.scheme,
-            view=self.view,
-        )
+        study = Comparison(**{field.name: getattr(self, field.name) for field in fields(Comparison)})
         out = Path("out") / Path(self.scene).stem if self.out is None else self.out
         with new_files_in(out) as folder:
             table = compare(study, folder)
@@ -136,17 +127,17 @@ class RunStudy:
     schemes: tuple[Literal["soft", "time-stepping", "event-driven"], ...] | None = None
     """Ways to step; the tasks' usual ones if not given."""
     seeds: tuple[int, ...] | None = None
-    """Of trainings and of episodes; 0 1 2 if not given."""
+    """Seeds of trainings and of episodes; 0 1 2 if not given."""
     episodes: int | None = None
-    """Of a cell; 20 if not given."""
+    """Episodes of each cell of the table; 20 if not given."""
     steps: int | None = None
-    """Of a training; 100 000 if not given."""
+    """Timesteps of each training; 100 000 if not given."""
     quick: bool = False
     """The scripted controllers on this package's own tasks, instead of all of the above."""
     backend: str = "loky"
     """Where cells run: loky (processes of this machine), dask, ray, or another backend of joblib."""
     address: str | None = None
-    """Of the cluster's scheduler; one on this machine is started if not given."""
+    """Address of the cluster's scheduler; one on this machine is started if not given."""
     jobs: int = -1
     """Cells at a time; -1 for one per processor."""
     out: Path = Path("out/study")
@@ -204,7 +195,7 @@ class Plan:
     scheme: Literal["event-driven", "time-stepping"] | None = None
     """How rigid contact is stepped; event-driven if not given."""
     friction: Literal["coulomb", "convex", "ignore"] | None = None
-    """Of rigid contacts and soft collisions: exact Coulomb friction, if not given, its convex relaxation, or none."""
+    """Friction of rigid contacts and soft collisions: exact Coulomb friction (the default), its relaxation, or none."""
 
     def __call__(self) -> None:
         """Print the plan."""

@@ -10,18 +10,12 @@ from pathlib import Path
 PACKAGES = ("impactlaw", "mujoco", "numpy", "scipy", "daqp", "osqp")
 
 
-def describe() -> dict[str, str]:
-    """Return the processor, the cores this process may use, the operating system, Python and the packages."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    machine = {"processor": _processor(), "cores": str(cores), "system": platform.system()}
-    return machine | {"python": platform.python_version()} | {name: version(name) for name in PACKAGES}
-
-
 def one_line() -> str:
-    """Return `describe` as one line for the foot of a table or a picture."""
-    machine = describe()
-    versions = ", ".join(f"{name} {value}" for name, value in machine.items() if name in ("python", *PACKAGES))
-    return f"{machine['processor']}, {machine['cores']} cores, {machine['system']}; {versions}"
+    """Return it as one line for the foot of a table or a picture; the cores are those that this process may use."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    versions = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
+    machine = f"{_processor()}, {cores} cores, {platform.system()}"
+    return f"{machine}; python {platform.python_version()}, {versions}"
 
 
 def _processor() -> str:

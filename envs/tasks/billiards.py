@@ -12,11 +12,11 @@ from impactlaw.envs.base import ImpactEnv
 BALLS = 16
 """The cue ball and fifteen others."""
 DURATION = 1.5
-"""Of a shot, s."""
+"""Duration of a shot, s."""
 WIDEST_AIM = 0.35
 """Largest angle of the shot to the table's long axis, rad."""
 SPEED = (1.0, 4.0)
-"""Of the cue ball, m/s."""
+"""Least and largest speed of the cue ball, m/s."""
 POCKETS = tuple((x, y, 0.07 if x == 0 else 0.1) for x in (-1.25, 0.0, 1.25) for y in (-0.625, 0.625))
 """Places on the cushions' edge and radii, m."""
 TRAY = -0.9

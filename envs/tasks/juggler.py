@@ -12,7 +12,7 @@ from impactlaw.envs.tasks.driven import Beginning, DrivenEnv, Numbers
 from impactlaw.envs.tasks.scenery import add_mark
 
 DRIVE = Drive(stroke=0.25, acceleration=45.0)
-"""Of the paddle, m and m/s^2."""
+"""Drive of the paddle, m and m/s^2."""
 LOST = 2.0
 """Height of the ball above which it is lost, m."""
 

@@ -13,7 +13,7 @@ from impactlaw.envs.tasks.scenery import add_actuator, add_mark
 PULL = 6.0
 """Largest torque of the string that pulls the first ball, N m; it holds the ball at 38 degrees."""
 LENGTH = 1.0
-"""Of the pendulums, m."""
+"""Length of the pendulums, m."""
 CLOSE = 0.95
 """Closeness of the last ball's apex to the target with which an episode ends."""
 

@@ -10,7 +10,7 @@ from impactlaw.envs.tasks.drive import Drive
 from impactlaw.envs.tasks.driven import Beginning, DrivenEnv, Numbers
 
 DRIVE = Drive(stroke=0.25, acceleration=70.0)
-"""Of the platform's tilt, rad and rad/s^2."""
+"""Drive of the platform's tilt, rad and rad/s^2."""
 TOPPLED = 0.5
 """Angle of the block, rad, from which it counts as toppled: twice the one beyond which it falls by itself."""
 HALF_WIDTH, HALF_HEIGHT = 0.125, 0.5

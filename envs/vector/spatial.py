@@ -12,10 +12,8 @@ from impactlaw.batch import Batch
 from impactlaw.envs.vector.task import Outcome, step_worlds
 
 
-class Spatial:
-    """The task of a robot of gymnasium that moves in space, whose numbers are those of gymnasium's own environment.
-
-    ``cfrc_ext`` has what contact does in the last timestep of a step, as under rigid time stepping of one environment.
+class Robot:
+    """The task of a robot of gymnasium, whose numbers are those of gymnasium's own environment.
 
     Args:
         name: of that environment.
@@ -23,14 +21,40 @@ class Spatial:
     """
 
     keyframe = -1
+    _batch: Batch
 
     def __init__(self, name: str, **options: Any):
         env: Any = gymnasium.make(name, **options).unwrapped
-        self._ant, self._env = name.startswith("Ant"), env
-        self.model, self.action_space = env.model, env.action_space
+        self._env, self.model, self.action_space = env, env.model, env.action_space
         self.frame_skip: int = env.frame_skip
         self.observation_space: spaces.Box = env.observation_space
         self._first = env.init_qpos.copy(), env.init_qvel.copy()
+        self._normal = name.startswith(("Ant", "HalfCheetah"))  # whose first velocities are normally distributed
+        env.close()
+
+    def bind(self, batch: Batch) -> None:
+        """Take worlds."""
+        self._batch = batch
+        self._qpos, self._qvel, self._ctrl = (batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
+
+    def start(self, world: int, rng: np.random.Generator) -> None:
+        """Draw a state about the first one."""
+        noise, (qpos, qvel), nv = self._env._reset_noise_scale, self._first, self.model.nv
+        self._qpos[world] = qpos + rng.uniform(-noise, noise, self.model.nq)
+        drawn = noise * rng.standard_normal(nv) if self._normal else rng.uniform(-noise, noise, nv)
+        self._qvel[world] = qvel + drawn
+
+
+class Spatial(Robot):
+    """The task of a robot that moves in space.
+
+    ``cfrc_ext`` has what contact does in the last timestep of a step, as under rigid time stepping of one environment.
+    """
+
+    def __init__(self, name: str, **options: Any):
+        super().__init__(name, **options)
+        env = self._env
+        self._ant = name.startswith("Ant")
         self._hidden = 2 * int(env._exclude_current_positions_from_observation)
         mass = np.zeros(self.model.nbody)
         if self._ant:
@@ -38,12 +62,10 @@ class Spatial:
         else:
             mass[:] = self.model.body_mass / self.model.body_mass.sum()
         self._share = mass
-        env.close()
 
     def bind(self, batch: Batch) -> None:
         """Take worlds."""
-        self._batch = batch
-        self._qpos, self._qvel, self._ctrl = (batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
+        super().bind(batch)
         self._places = batch.bind("xpos" if self._ant else "xipos")
         self._felt, self._force = batch.bind("cfrc_ext"), np.zeros((batch.nsim, self.model.nbody, 6))
         parts = () if self._ant else ("cinert", "cvel", "qfrc_actuator")
@@ -52,10 +74,7 @@ class Spatial:
 
     def start(self, world: int, rng: np.random.Generator) -> None:
         """Draw a state about the first one."""
-        noise, (qpos, qvel) = self._env._reset_noise_scale, self._first
-        self._qpos[world] = qpos + rng.uniform(-noise, noise, self.model.nq)
-        drawn = noise * rng.standard_normal(self.model.nv) if self._ant else rng.uniform(-noise, noise, self.model.nv)
-        self._qvel[world] = qvel + drawn
+        super().start(world, rng)
         self._batch.forward([world])
         self._force[world], self._where[world] = 0.0, self._positions(np.array([world]))[0]
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
-import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from impactlaw.batch import Batch
 from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.vector.asked_laws import asked_laws
-from impactlaw.envs.vector.spatial import Spatial
+from impactlaw.envs.vector.spatial import Robot, Spatial
 from impactlaw.envs.vector.task import Outcome, step_worlds
 from impactlaw.envs.vector.worlds import VectorWorlds
 from impactlaw.errors import OptionError
@@ -25,44 +23,17 @@ _PICTURES = ("width", "height", "camera_id", "camera_name")
 _OF_SINGLE = (*_IS, *_OF_BATCH, *_PICTURES, "log_every", "contacts", "limits", "impulse_in_cfrc_ext")
 
 
-class Planar:
-    """The task of a planar robot of gymnasium, whose numbers are those of gymnasium's own environment.
-
-    Args:
-        name: of that environment.
-        options: of that environment, such as ``ctrl_cost_weight``.
-    """
-
-    keyframe = -1
+class Planar(Robot):
+    """The task of a planar robot."""
 
     def __init__(self, name: str, **options: Any):
-        env: Any = gymnasium.make(name, **options).unwrapped
+        super().__init__(name, **options)
+        env = self._env
         self._cheetah = name.startswith("HalfCheetah")
-        self.model, self.frame_skip, self._dt = env.model, env.frame_skip, env.dt
-        self.action_space, shape = env.action_space, env.observation_space.shape
-        self.observation_space: spaces.Box = spaces.Box(-np.inf, np.inf, shape, np.float64)
-        self._forward, self._cost = env._forward_reward_weight, env._ctrl_cost_weight
-        self._noise, self._hidden = env._reset_noise_scale, int(env._exclude_current_positions_from_observation)
-        self._first = env.init_qpos.copy(), env.init_qvel.copy()
+        self.observation_space: spaces.Box = spaces.Box(-np.inf, np.inf, env.observation_space.shape, np.float64)
+        self._hidden = int(env._exclude_current_positions_from_observation)
         self._healthy = getattr(env, "_healthy_reward", 0.0)
         self._ends = bool(getattr(env, "_terminate_when_unhealthy", False))
-        self._height = getattr(env, "_healthy_z_range", (-np.inf, np.inf))
-        self._angle = getattr(env, "_healthy_angle_range", (-np.inf, np.inf))
-        self._state = getattr(env, "_healthy_state_range", (-np.inf, np.inf))
-        env.close()
-
-    def bind(self, batch: Batch) -> None:
-        """Take worlds."""
-        self._batch = batch
-        self._qpos, self._qvel, self._ctrl = (batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
-
-    def start(self, world: int, rng: np.random.Generator) -> None:
-        """Draw a state about the first one."""
-        self._qpos[world] = self._first[0] + rng.uniform(-self._noise, self._noise, self.model.nq)
-        if self._cheetah:
-            self._qvel[world] = self._first[1] + self._noise * rng.standard_normal(self.model.nv)
-        else:
-            self._qvel[world] = self._first[1] + rng.uniform(-self._noise, self._noise, self.model.nv)
 
     def observe(self) -> np.ndarray:
         """Return observations of all worlds."""
@@ -75,9 +46,10 @@ class Planar:
         self._ctrl[worlds] = action
         diverged = step_worlds(self._batch, worlds, self.frame_skip)
         qpos, qvel = self._qpos[worlds], self._qvel[worlds]
-        velocity = (qpos[:, 0] - before[:, 0]) / self._dt
+        velocity = (qpos[:, 0] - before[:, 0]) / self._env.dt
         healthy = self._is_healthy(qpos, qvel)
-        forward, cost = self._forward * velocity, self._cost * np.square(action).sum(axis=1, dtype=action.dtype)
+        forward = self._env._forward_reward_weight * velocity
+        cost = self._env._ctrl_cost_weight * np.square(action).sum(axis=1, dtype=action.dtype)
         reward = forward + self._healthy * healthy - cost
         info = {"x_position": qpos[:, 0], "x_velocity": velocity, "reward_forward": forward, "reward_ctrl": -cost}
         if not self._cheetah:
@@ -88,8 +60,9 @@ class Planar:
         if self._cheetah:
             return np.ones(len(qpos), bool)
         state = np.concatenate([qpos[:, 2:], qvel], axis=1)
-        parts = (qpos[:, 1], self._height), (qpos[:, 2], self._angle), (state, self._state)
-        inside = [(low < value) & (value < high) for value, (low, high) in parts]
+        parts = (qpos[:, 1], "z"), (qpos[:, 2], "angle"), (state, "state")
+        ranges = [(value, *getattr(self._env, f"_healthy_{name}_range", (-np.inf, np.inf))) for value, name in parts]
+        inside = [(low < value) & (value < high) for value, low, high in ranges]
         return inside[0] & inside[1] & inside[2].all(axis=1)
 
 

@@ -36,7 +36,7 @@ _DIVERGED = {status.HUGE_INPUT, status.HUGE_OUTPUT, status.NOT_FINITE}
 
 
 class _OneRigidWorld:
-    """See `laws.OneWorld`."""
+    """One world of time stepping, as `laws.OneWorld`."""
 
     restitution_at = SETTING.restitution
 

@@ -38,7 +38,7 @@ _HUGE = "MuJoCo met a state that is not finite, or huge"
 
 
 class _OneSoftWorld:
-    """See `laws.OneWorld`."""
+    """One world of soft steps, as `laws.OneWorld`."""
 
     restitution_at = SETTING.restitution
 

@@ -29,7 +29,12 @@ def draw(runs: Sequence[Run], path: Path, title: str, names: Sequence[str]) -> N
     from matplotlib.figure import Figure
 
     first = next((run.first for run in runs if run.first is not None), None)
-    planar = first is not None and first.collision.has_admissible_set and _is_planar(first.collision)
+    planar = (
+        first is not None
+        and first.collision.has_admissible_set
+        and len(first.collision.labels) == 2
+        and np.linalg.matrix_rank(first.collision.jacobian) == 2
+    )
     rows = len(runs)
     figure = Figure(figsize=(11.0 if planar else 8.0, max(5.0, 1.25 * rows)), layout="constrained")
     FigureCanvasAgg(figure)
@@ -65,10 +70,6 @@ def freedom_names(model: mujoco.MjModel) -> list[str]:
         name = joint.name or model.body(model.jnt_bodyid[i]).name or f"joint{i}"
         names += [name] if size == 1 else [f"{name}[{k}]" for k in range(size)]
     return names
-
-
-def _is_planar(collision: Collision) -> bool:
-    return len(collision.labels) == 2 and bool(np.linalg.matrix_rank(collision.jacobian) == 2)
 
 
 def draw_admissible_set(axes: Any, collision: Collision, runs: Sequence[Run]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from math import prod
 from numbers import Integral
@@ -98,11 +98,7 @@ def fit(
         UnknownNameError: no such family.
         MeasurementError: the data cannot tell.
     """
-    if family not in FAMILIES:
-        raise UnknownNameError("family", family, FAMILIES)
-    measured = Measurements(collisions, post_velocities)
-    if contacts is not None:
-        measured = _of_set(measured, contacts)
+    measured = _checked(collisions, post_velocities, family, contacts)
     make = FAMILIES[family]
     if admissible and make is not None:
         raise MeasurementError(f"admissible=True restricts a full matrix, family 'fremond', not {family!r}")
@@ -111,10 +107,21 @@ def fit(
         return found
     law = Scattered(found.law, 0.0)
     errors = measured.errors([law.resolve(c).post_velocity for c in measured.collisions])
-    return Identified(family, law, found.parameters, found.confidence, _lengths(errors), found.certificate, found.rank)
+    return replace(found, law=law, residuals=_lengths(errors))
 
 
-def _of_set(measured: Measurements, contacts: Sequence[str]) -> Measurements:
+def _checked(
+    collisions: Sequence[Collision],
+    post_velocities: Sequence[ArrayLike] | np.ndarray,
+    family: str,
+    contacts: Sequence[str] | None,
+) -> Measurements:
+    """Return the measurements of the set of contacts, of all if None."""
+    if family not in FAMILIES:
+        raise UnknownNameError("family", family, FAMILIES)
+    measured = Measurements(collisions, post_velocities)
+    if contacts is None:
+        return measured
     wanted = tuple(sorted(map(canonical, contacts)))
     if wanted not in measured.contact_sets:
         known = "; ".join(" ".join(labels) for labels in measured.contact_sets)
@@ -182,12 +189,9 @@ def _certificate(law: Law, measured: Measurements, family: Family, x: np.ndarray
         return float(np.sqrt(max(energy_gain(c, law.restitution_matrix(c)) for c in measured.collisions)))
     after = family.predicted(measured, x)
     pairs = zip(measured.collisions, after, strict=True)
-    return max(float(np.sqrt(max(0.0, 2.0 * _energy(c, v)))) / c.pre_speed for c, v in pairs)
-
-
-def _energy(c: Collision, v: np.ndarray) -> float:
-    z = c.relative_velocity + c.metric.whiten(v - c.pre_velocity)
-    return 0.5 * float(z @ z)
+    return max(
+        float(np.linalg.norm(c.relative_velocity + c.metric.whiten(v - c.pre_velocity))) / c.pre_speed for c, v in pairs
+    )
 
 
 def _lengths(errors: Sequence[np.ndarray]) -> np.ndarray:
@@ -273,11 +277,7 @@ def cross_validate(
         UnknownNameError: no such family.
         MeasurementError: fewer collisions than folds, fewer than two folds, or see `fit`.
     """
-    if family not in FAMILIES:
-        raise UnknownNameError("family", family, FAMILIES)
-    measured = Measurements(collisions, post_velocities)
-    if contacts is not None:
-        measured = _of_set(measured, contacts)
+    measured = _checked(collisions, post_velocities, family, contacts)
     n = len(measured)
     if not isinstance(folds, Integral) or not 2 <= folds <= n:
         raise MeasurementError(f"{n} collision{'s' if n > 1 else ''} cannot be split into {folds!r} folds, 2 or more")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError, RestitutionError, SolverError
 from impactlaw.laws.base import Law, Target, coefficient
-from impactlaw.laws.restitution.labels import canonical, find, patterns_of, put
+from impactlaw.laws.restitution.labels import canonical, check_count, checked_values, find, patterns_of
 from impactlaw.mechanics.collision import Collision
 
 _STEP = 0.05  # timestep, in units of one over the largest frequency: energy is kept to 1e-9
@@ -57,19 +57,7 @@ class Compliant(Law):
     restitution: float = field(default=1.0, kw_only=True)
 
     def __post_init__(self):
-        value = self.stiffness
-        if isinstance(value, Mapping):
-            table: dict[str, float] = {}
-            for key, k in value.items():
-                put(table, canonical(key), _positive(k, f"stiffness of {canonical(key)}"))
-            value = table
-        elif isinstance(value, Set):
-            raise RestitutionError(f"Compliant takes stiffnesses in order, but a set has none: {value!r}")
-        elif np.iterable(value) and not isinstance(value, str | bytes):
-            value = tuple(_positive(k, f"stiffness of contact {i}") for i, k in enumerate(value))
-        else:
-            value = _positive(value, "stiffness")
-        object.__setattr__(self, "stiffness", value)
+        object.__setattr__(self, "stiffness", checked_values(self.stiffness, "stiffness", _positive, "Compliant"))
         p, e = _positive(self.exponent, "exponent"), coefficient(self.restitution)
         if not 1.0 <= p <= 4.0:
             raise RestitutionError(f"exponent must lie in [1, 4], got {p:g}; Hertz's contact has 1.5")
@@ -181,11 +169,7 @@ class Compliant(Law):
                 raise RestitutionError(f"no stiffness for contact {labels[found.index(None)]}")
             return np.array(found)
         if isinstance(value, tuple):
-            if len(value) != len(labels):
-                raise RestitutionError(
-                    f"Compliant has {len(value)} stiffnesses but {len(labels)} contacts collide ({', '.join(labels)}); "
-                    "key them by contact label so that they follow the contacts"
-                )
+            check_count(value, labels, "stiffnesses", "Compliant")
             return np.array(value)
         return np.full(len(labels), value)
 

@@ -66,12 +66,12 @@ class Scattered(Law):
 
     @property
     def contact_labels(self) -> frozenset[str]:
-        """Those of the law in the middle."""
+        """Labels that the law in the middle is keyed with."""
         return self.law.contact_labels
 
     @property
     def contact_count(self) -> int | None:
-        """That of the covariance, or else of the law in the middle."""
+        """Number of contacts that the covariance, or else the law in the middle, is for; None if for any."""
         own = None if np.ndim(self.covariance) == 0 else len(np.asarray(self.covariance))
         return self.law.contact_count if own is None else own
 

@@ -208,6 +208,21 @@ class Collision:
             return np.zeros(0)
         return _kept(self.friction.jacobian @ self.pre_velocity + self.friction.surface_velocity)
 
+    def part(self, contacts: np.ndarray) -> Collision:
+        """Return the collision of some contacts alone, int (k,), ascending, with their friction."""
+        before, after, friction = self.surface_velocity, self.post_surface_velocity, self.friction
+        if friction is not None:
+            none = Friction(np.zeros((0, len(self.pre_velocity))), np.zeros(0, dtype=int), np.zeros(0))
+            friction = friction.select(contacts) or none
+        return replace(
+            self,
+            jacobian=self.jacobian[contacts],
+            labels=tuple(self.labels[i] for i in contacts),
+            surface_velocity=None if before is None else before[contacts],
+            post_surface_velocity=None if after is None else after[contacts],
+            friction=friction,
+        )
+
     def contact_velocity_after(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``J v + w+``, shape (h,), m/s, for a velocity after the impact, shape (nv,)."""
         gamma = self.jacobian @ velocity

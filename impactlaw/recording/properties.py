@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -42,16 +41,6 @@ def law_name(law: Any) -> str | None:
     if law is None or isinstance(law, str):
         return law
     return " ".join(repr(law).split())
-
-
-def encode(value: Any) -> str:
-    """Return a property as JSON text; floats come back exactly."""
-    return json.dumps(value)
-
-
-def decode(text: str) -> Any:
-    """Return the property that `encode` made the text of."""
-    return json.loads(text)
 
 
 def _plain(value: Any) -> Any:

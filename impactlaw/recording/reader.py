@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ import numpy as np
 from impactlaw.errors import RecordingError, UnknownNameError
 from impactlaw.recording import layout
 from impactlaw.recording.episodes import Episode, episode_table, read_episodes
-from impactlaw.recording.properties import PROPERTY_NAMES, decode
+from impactlaw.recording.properties import PROPERTY_NAMES
 from impactlaw.recording.rrd import Entity, read_entities
 
 if TYPE_CHECKING:
@@ -163,7 +164,7 @@ def _properties(path: Path, entities: dict[str, Entity]) -> dict[str, Any]:
     entity = entities.get(f"__properties/{layout.PROPERTIES}")
     if entity is None or "format" not in entity.static:
         raise RecordingError(f"{path} is not a recording of a run: it has no properties")
-    properties = {name: decode(entity.static[name][0]) for name in PROPERTY_NAMES if name in entity.static}
+    properties = {name: json.loads(entity.static[name][0]) for name in PROPERTY_NAMES if name in entity.static}
     found = properties.pop("format")
     if found != layout.FORMAT:
         raise RecordingError(f"{path} has format {found}, this version of impactlaw reads format {layout.FORMAT}")

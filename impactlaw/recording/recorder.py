@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -18,7 +19,7 @@ from impactlaw.recording.geometry import Group, body_names, read_geometry
 from impactlaw.recording.layout import EPISODE_COLUMNS, Column
 from impactlaw.recording.output.file import RecordingFile
 from impactlaw.recording.output.frames import Frames
-from impactlaw.recording.properties import encode, law_name, run_properties
+from impactlaw.recording.properties import law_name, run_properties
 
 if TYPE_CHECKING:
     from impactlaw.scene.contacts import Contacts
@@ -124,9 +125,9 @@ class Recorder:
         self._coming = {
             "number": self._episode + 1 if number is None else int(number),
             "seed": None if seed is None else int(seed),
-            "generator": None if generator is None else encode(dict(generator)),
-            "settings": None if settings is None else encode(dict(settings)),
-            "made": None if made is None else encode(dict(made)),
+            "generator": None if generator is None else json.dumps(dict(generator)),
+            "settings": None if settings is None else json.dumps(dict(settings)),
+            "made": None if made is None else json.dumps(dict(made)),
         }
 
     def change_law(self, law: Any, value: Any = None) -> None:
@@ -137,7 +138,7 @@ class Recorder:
             value: the law as plain values.
         """
         self.law = law
-        self._changed = {"law": self.law, "value": None if value is None else encode(value)}
+        self._changed = {"law": self.law, "value": None if value is None else json.dumps(value)}
 
     def end_step(self, action: Any, reward: Any, *, terminated: bool = False, truncated: bool = False) -> None:
         """Record an environment step, which ends with the last frame: what it was told, and what it gave.
@@ -218,7 +219,7 @@ class Recorder:
             if group.fixed:
                 stream.log(group.path, self._frames.initial_pose(group), static=True, strict=True)
         viewer.log_styles(stream)
-        texts = {name: encode(value) for name, value in properties.items()}
+        texts = {name: json.dumps(value) for name, value in properties.items()}
         stream.send_property(layout.PROPERTIES, rr.AnyValues(drop_untyped_nones=True, **texts))
 
 

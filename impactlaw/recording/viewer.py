@@ -91,9 +91,5 @@ def spawn_viewer() -> Any:
     try:
         rr.spawn(port=_PORT, connect=False, executable_path=shutil.which("rerun", path=places))
     except RuntimeError as error:
-        raise RecordingError(f"the rerun viewer did not open: {_first_line(error)}") from None
+        raise RecordingError(f"the rerun viewer did not open: {str(error).strip().splitlines()[0]}") from None
     return rr.GrpcSink(f"rerun+http://127.0.0.1:{_PORT}/proxy")
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[0]

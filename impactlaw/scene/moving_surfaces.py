@@ -204,7 +204,7 @@ class Surfaces:
             data.mocap_quat[i] = turned
 
     def jumps(self, data: mujoco.MjData) -> bool:
-        """Whether it is the start of the step, and a velocity is another one than at the end of the step before."""
+        """Whether data is at the start of a step in which surfaces have another velocity than in the step before."""
         return data.time == self._time and self._first is not self._before
 
     @property

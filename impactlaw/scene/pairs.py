@@ -56,18 +56,9 @@ def geom_pairs(model: mujoco.MjModel) -> GeomPairs:
 
 def thickness(model: mujoco.MjModel) -> np.ndarray:
     """Smallest half-extent of each geom, m, (ngeom,); planes have no end."""
-    result = np.empty(model.ngeom)
-    for geom in range(model.ngeom):
-        kind, size = model.geom_type[geom], model.geom_size[geom]
-        if kind == int(mujoco.mjtGeom.mjGEOM_PLANE):
-            result[geom] = np.inf
-        elif kind in (int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)):
-            result[geom] = size[0]
-        elif kind == int(mujoco.mjtGeom.mjGEOM_CYLINDER):
-            result[geom] = min(size[:2])
-        else:
-            result[geom] = model.geom_aabb[geom, 3:].min()
-    return result
+    kind, size, box = model.geom_type, model.geom_size, model.geom_aabb[:, 3:].min(axis=1, initial=np.inf)
+    known = [_PLANE[kind], _THREAD[kind], _CYLINDER[kind]]
+    return np.select(known, [np.full(len(kind), np.inf), size[:, 0], size[:, :2].min(axis=1)], box)
 
 
 def _kinds(*names: str) -> np.ndarray:
@@ -77,6 +68,9 @@ def _kinds(*names: str) -> np.ndarray:
     return table
 
 
+_PLANE = _kinds("PLANE")
+_THREAD = _kinds("SPHERE", "CAPSULE")  # as thick as its radius says
+_CYLINDER = _kinds("CYLINDER")
 _BOX = _kinds("BOX")
 _SPHERE = _kinds("SPHERE")
 _ROUND = _kinds("SPHERE", "ELLIPSOID")

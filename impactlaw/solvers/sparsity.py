@@ -25,11 +25,16 @@ def has_structure(problem: Problem) -> bool:
 def groups(problem: Problem) -> list[np.ndarray]:
     """Return the indices of contacts that an impulse can reach through each other, group by group."""
     Y = problem.gradients / problem.lengths[:, None]
-    coupled = np.abs(Y @ Y.T) > COUPLED
-    if coupled.all(axis=1).any():  # one that meets all others; the general way costs as much as several solvers
-        return [np.arange(len(Y))]
-    _, member = scipy.sparse.csgraph.connected_components(coupled, directed=False)
-    return [np.flatnonzero(member == group) for group in range(member.max() + 1)]
+    return components(np.abs(Y @ Y.T) > COUPLED)
+
+
+def components(coupled: np.ndarray) -> list[np.ndarray]:
+    """Return the indices that one reaches from another, ascending, group by group, of who meets whom, bool (n, n)."""
+    n = len(coupled)
+    if (np.count_nonzero(coupled, axis=1) == n).any():  # one that meets all others: the general way costs 100 us
+        return [np.arange(n)]
+    count, member = scipy.sparse.csgraph.connected_components(coupled, directed=False)
+    return [np.flatnonzero(member == group) for group in range(count)]
 
 
 def as_dense(problem: Problem, most: int = MOST_DENSE) -> Problem | None:

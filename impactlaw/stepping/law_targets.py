@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,9 +13,6 @@ from impactlaw.laws.friction.groups import groups_of, ties_of
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.solvers.friction.problem import ConeProblem
-
-CollisionOf = Callable[[np.ndarray], Collision]
-"""Makes the collision of some groups of rows, int (k,)."""
 
 
 class LawTargets:

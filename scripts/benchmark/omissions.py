@@ -44,7 +44,7 @@ class Omissions:
     )
     """Names from `benchmark_scenes`, or "pendulum", which nothing can touch."""
     steps: int = 100
-    """Of each run, from the start."""
+    """Timesteps of each run, from the start."""
     seconds: float = 2.0
     """Processor time per scene."""
 

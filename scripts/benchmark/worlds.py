@@ -26,7 +26,7 @@ import pandas as pd
 from impactlaw import Batch, Moreau
 from impactlaw.envs import ImpactLaw
 
-from .environments import ENVIRONMENTS
+from .environments import ENVIRONMENTS, steps_per_second
 
 OURS, SOFT, SHIPPED, EULER = "impactlaw", "impactlaw, soft", "mujoco", "mujoco, Euler"
 _TIMESTEPS = 5  # of a call
@@ -65,7 +65,7 @@ class VectorEnvironments:
     """Worlds of Hopper next to processes."""
 
     worlds: int = 256
-    """Of ours; there are as many processes as processors."""
+    """Worlds in this process; there are as many other processes as processors."""
     steps: int = 20_000
     """Environment steps of each."""
 
@@ -130,21 +130,6 @@ def run(study: Worlds, progress: Callable[[], object] = lambda: None) -> pd.Data
     return pd.DataFrame(rows)
 
 
-def _steps_per_second(env: gymnasium.vector.VectorEnv, steps: int) -> float:
-    env.reset(seed=0)
-    env.action_space.seed(0)
-    calls = max(1, steps // env.num_envs)
-    actions = [env.action_space.sample() for _ in range(10)]
-    for action in actions:
-        env.step(action)
-    start = time.perf_counter()
-    for call in range(calls):
-        env.step(actions[call % 10])
-    taken = time.perf_counter() - start
-    env.close()
-    return calls * env.num_envs / taken
-
-
 def _wrapped() -> gymnasium.Env:
     return ImpactLaw(gymnasium.make("Hopper-v5"), "moreau", 0.5, contact_model="rigid", scheme="time-stepping")
 
@@ -152,11 +137,11 @@ def _wrapped() -> gymnasium.Env:
 def run_vector(study: VectorEnvironments, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
     """Return environment steps a second of worlds, and of the wrapper in processes."""
     ours = gymnasium.make_vec("impactlaw.envs:impactlaw/Hopper-v5", study.worlds, "vector_entry_point")
-    rows = [{"environments": f"{study.worlds} worlds", "steps_per_s": _steps_per_second(ours, study.steps)}]
+    rate, many = steps_per_second(ours, max(1, study.steps // study.worlds)), os.cpu_count() or 1
+    rows = [{"environments": f"{study.worlds} worlds", "steps_per_s": rate}]
     progress()
-    many = os.cpu_count() or 1
     processes = gymnasium.vector.AsyncVectorEnv([_wrapped] * many)
-    rate = _steps_per_second(processes, max(many, study.steps // 10))
+    rate = steps_per_second(processes, max(1, study.steps // 10 // many))
     rows.append({"environments": f"{many} processes", "steps_per_s": rate})
     progress()
     return pd.DataFrame(rows)

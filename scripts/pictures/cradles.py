@@ -25,9 +25,9 @@ class Cradles:
     out: Path = Path("out/cradles.gif")
     """The file."""
     seconds: float = 4.0
-    """Of motion, about two periods of the pendulums."""
+    """Duration of the motion: about two periods of the pendulums."""
     frames_per_second: int = 15
-    """Of the animation, which runs at the speed of the scene."""
+    """Pictures per second of the animation, which runs at the speed of the scene."""
 
 
 def swings(law: Law | None, times: np.ndarray) -> np.ndarray:

@@ -42,7 +42,7 @@ class RandomScenes:
     piles: int = 40
     """Piles in a bin."""
     seconds: float = 1.0
-    """Of each, simulated."""
+    """Simulated time of each scene and pile."""
     first: int = 0
     """Seed of the first."""
     scheme: Literal["event-driven", "time-stepping"] = "event-driven"

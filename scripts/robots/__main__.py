@@ -18,6 +18,9 @@ import pandas as pd
 import tyro
 from tqdm import tqdm
 
+from impactlaw.stepping.time_stepping.make import warm_up as compile_steps
+from scripts.apart import Worker
+
 from . import processes, report, scenes
 from .case import Case, Row
 from .starts import Start
@@ -47,7 +50,7 @@ class Study:
     longest: float = 300.0
     """Wall time of a case under time stepping and MuJoCo, s."""
     seed: int = 0
-    """Of random controls."""
+    """Seed of random controls."""
 
     def quickly(self) -> Study:
         """Return the same with few scenes and short cases, less than two minutes."""
@@ -89,12 +92,13 @@ def run(cases: list[Case], jobs: int = 1) -> Iterator[Row]:
     mean_us of a step, mj_us of MuJoCo's beside it, ratio; largest_ms, over_mean and largest_at, the largest step;
     depth, depth_between and depth_at, the deepest contact after the first steps, m; limit, the same for limits of
     joints and tendons, m or rad; growth of a passive scene's energy beyond its largest so far, relative; met, the share
-    of steps whose shortfall is below 1e-6 of the speed, short and short_at, the largest; height, mj_height and stands;
-    unlocated; warnings, MuJoCo's; outcome, "fine" or why it stopped; stopped_at, the last step begun.
+    of steps whose shortfall is below 1e-6 of the speed, short and short_at, the largest; unlocated; warnings, MuJoCo's;
+    outcome, "fine" or why it stopped.
     """
     processes.prepare()
     if any(case.way in ("time-stepping", "event-driven") for case in cases):
-        processes.compile_first("time-stepping")
+        with Worker(compile_steps) as worker:  # what is compiled once, and kept on disk, takes longer than a case may
+            worker.begin()
     parallel = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator")
     for row in parallel(joblib.delayed(processes.apart)(case) for case in cases):
         assert row is not None

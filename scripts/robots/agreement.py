@@ -89,7 +89,7 @@ class Agreement:
     only: tuple[str, ...] = ()
     """Names of scenes, or parts of names; all without."""
     states: int = 1000
-    """Of each scene and law."""
+    """States of each scene and law."""
     restitution: tuple[float, ...] = (0.5,)
     """Coefficients of Moreau's law."""
     longest: float = 60.0

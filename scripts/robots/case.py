@@ -19,7 +19,6 @@ from .tally import Tally
 from .watch import Watch
 
 Row = dict[str, object]
-Report = Callable[[Row], None]
 FINE = "fine"
 CUT = "out of time"
 NO_CONTROLS = "no controls"
@@ -60,15 +59,8 @@ class Case:
         }
 
 
-def run(case: Case, report: Report = lambda row: None, begin: Callable[[int], None] = lambda step: None) -> Row:
-    """Step a case to its end, or to an exception, and return its row.
-
-    Args:
-        case: which one.
-        report: told the row so far about once a second.
-        begin: told the number of each step before it is taken.
-    """
-    report(case.row())
+def run(case: Case) -> Row:
+    """Step a case to its end, or to an exception, and return its row."""
     try:
         loaded = load(case.scene)
         data = starts.start(loaded, case.scene.raised)
@@ -77,83 +69,48 @@ def run(case: Case, report: Report = lambda row: None, begin: Callable[[int], No
     model = loaded.model
     if case.start == "random" and model.nu == 0:
         return case.row() | {"nv": model.nv, "outcome": NO_CONTROLS}
-    watch = Watch(model)
-    tally = Tally(case.steps, watch, data)
+    tally = Tally(case.steps, Watch(model), data)
     try:
-        ways.warm_up(case.way, case.restitution)
         ways.rehearse(model, data, case.way, case.restitution)
         ours = None if case.way == "mujoco" else ways.stepper(model, case.way, case.restitution)
     except Exception as error:
         return case.row() | {"nv": model.nv, "steps": 0, "outcome": described(error)}
-    run = _Run(case, model, data, ours, tally)
     gc.collect()
     gc.freeze()  # what was loaded is not looked at again while steps are timed
-    outcome = run.all(report, begin)
+    outcome = _step(case, model, data, ours, tally)
     gc.unfreeze()
-    return run.row() | {"outcome": outcome}
+    row = case.row() | {"nv": model.nv, "dt": model.opt.timestep} | tally.row(bare=ours is not None)
+    warned = sum(int(w.number) for w in data.warning)
+    return row | {"unlocated": np.nan if ours is None else ours.unlocated, "warnings": warned, "outcome": outcome}
 
 
-class _Run:
-    """Two motions side by side, a block of steps of one after a block of the other, so that both caches stay warm."""
-
-    def __init__(self, case: Case, model: mujoco.MjModel, data: mujoco.MjData, ours: Stepper | None, tally: Tally):
-        self._case, self._model, self._ours, self._tally = case, model, ours, tally
-        self._data, self._bare = data, copy.copy(data)
-        blocks = -(-case.steps // starts.HELD)
-        self._controls = starts.controls(model, case.start, data.ctrl.copy(), blocks, case.seed)
-        self._step = ways.step_of(model, case.way, ours)
-        self._since = self._told = time.perf_counter()
-
-    def all(self, report: Report, begin: Callable[[int], None]) -> str:
-        """Take all steps and return the outcome."""
-        begin(0)
-        report(self.row())
-        for block, ctrl in enumerate(self._controls):
-            first = block * starts.HELD
-            numbers = range(first, min(first + starts.HELD, self._case.steps))
-            self._data.ctrl[:] = self._bare.ctrl[:] = ctrl
-            if self._ours is not None:
-                for number in numbers:
-                    self._tally.bare[number] = _timed(mujoco.mj_step, self._model, self._bare)
-            outcome = self._block(numbers, report, begin)
-            self._tally.look(self._data)
-            if outcome != FINE:
-                return outcome
-        return FINE
-
-    def _block(self, numbers: range, report: Report, begin: Callable[[int], None]) -> str:
+def _step(case: Case, model: mujoco.MjModel, data: mujoco.MjData, ours: Stepper | None, tally: Tally) -> str:
+    """Take all steps, a block of MuJoCo's before a block of ours, so that both caches stay warm; return the outcome."""
+    bare, since = copy.copy(data), time.perf_counter()
+    step = ways.step_of(model, ours)
+    controls = starts.controls(model, case.start, data.ctrl.copy(), -(-case.steps // starts.HELD), case.seed)
+    for block, ctrl in enumerate(controls):
+        first = block * starts.HELD
+        numbers = range(first, min(first + starts.HELD, case.steps))
+        data.ctrl[:] = bare.ctrl[:] = ctrl
+        if ours is not None:
+            for number in numbers:
+                tally.bare[number] = _timed(mujoco.mj_step, model, bare)
         for number in numbers:
-            now = time.perf_counter()
-            if now - self._since > self._case.seconds:
+            if time.perf_counter() - since > case.seconds:
                 return CUT
-            if now - self._told > 1.0:
-                self._told = now
-                self._tally.look(self._data)
-                report(self.row())
-            begin(number)
-            before = self._data.qvel.copy()
+            before = data.qvel.copy()
             try:
-                spent = _timed(self._step, self._data)
+                spent = _timed(step, data)
             except Exception as error:
                 return described(error)
-            self._tally.add(number, spent, self._data, before, self._shortfall())
-            if not np.isfinite(self._data.qpos).all():
+            # other schemes than time stepping refuse what they miss
+            missed = ours.shortfall if ours is not None and case.way == "time-stepping" else np.nan
+            tally.add(number, spent, data, before, missed)
+            if not np.isfinite(data.qpos).all():
                 return "position is not finite"
-        return FINE
-
-    def _shortfall(self) -> float:
-        """Return by how much the last step missed its law; other schemes than time stepping refuse what they miss."""
-        return self._ours.shortfall if self._ours is not None and self._case.way == "time-stepping" else np.nan
-
-    def row(self) -> Row:
-        """Return what is known so far."""
-        kept = {"nv": self._model.nv, "dt": self._model.opt.timestep}
-        warned = [int(w.number) for w in self._data.warning]
-        kept |= self._tally.row(bare=self._ours is not None)
-        bare = self._bare if self._ours is not None else self._data
-        kept |= self._tally.heights(self._data, bare, drop=self._case.start == "drop")
-        unlocated = np.nan if self._ours is None else self._ours.unlocated
-        return self._case.row() | kept | {"unlocated": unlocated, "warnings": sum(warned)}
+        tally.look(data)
+    return FINE
 
 
 def _timed(call: Callable[..., object], *arguments: object) -> float:

@@ -29,7 +29,6 @@ def by_scene(table: pd.DataFrame) -> pd.DataFrame:
     groups: Any = told.groupby(["scene", "way"], observed=True)
     shown = groups[list(_WORST)].agg(_WORST)
     shown.insert(0, "fine", groups.outcome.agg(lambda found: f"{(found == FINE).sum()}/{len(found)}"))
-    shown["stands"] = groups.stands.agg(lambda found: min(set(found) & {"yes", "no"}, default="-"))
     return shown.reset_index()
 
 
@@ -44,7 +43,7 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
 
 def _told(table: pd.DataFrame) -> pd.DataFrame:
     """Return the cases, with all columns of these tables, ways in their order."""
-    told = pd.DataFrame(cases(table)).reindex(columns=["scene", "way", "outcome", "stands", *_WORST])
+    told = cases(table).reindex(columns=["scene", "way", "outcome", *_WORST])
     told["way"] = pd.Categorical(told.way, list(WAYS))
     return told
 

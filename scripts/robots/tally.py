@@ -14,8 +14,6 @@ SHORT = 1e-6
 _SLOWEST = 1e-2  # m/s, of what a shortfall is relative to
 _TINY = 1e-12  # J
 _MICRO, _MILLI = 1e6, 1e3
-_FALLEN = 0.8  # of the height at the start, below which MuJoCo's own run counts as fallen
-_STANDING = 0.1  # of MuJoCo's height, by which ours may be lower
 
 
 class Tally:
@@ -31,7 +29,6 @@ class Tally:
         self._depth, self._limit = np.zeros(steps), np.zeros(steps)
         self._states: list[tuple[int, np.ndarray, np.ndarray]] = []
         self._seen = watch.look(data, data.qpos, data.qvel)
-        self._start_height = watch.height(data.qpos)
         self._energy = self._largest = self._seen.energy
         self._scale, self._growth = max(_TINY, abs(self._seen.energy)), 0.0
         self._deepest, self._pair, self._count = 0.0, "", 0
@@ -76,12 +73,4 @@ class Tally:
         row |= {"growth": self._growth if self._watch.passive else np.nan}
         if not np.isnan(short).any():  # infinite where contacts were lost
             row |= {"met": float((short < SHORT).mean()), "short": short.max(), "short_at": int(short.argmax())}
-        return row
-
-    def heights(self, ours: mujoco.MjData, bare: mujoco.MjData, *, drop: bool) -> dict[str, object]:
-        """Return the columns about standing, which is asked after a drop only: height now and of MuJoCo's own run."""
-        first, height, theirs = self._start_height, self._watch.height(ours.qpos), self._watch.height(bare.qpos)
-        row: dict[str, object] = {"height": height, "mj_height": theirs, "stands": "-"}
-        if drop and first > 0.0 and theirs > _FALLEN * first:
-            row["stands"] = "yes" if height > (1.0 - _STANDING) * theirs else "no"
         return row

@@ -1,4 +1,4 @@
-"""What a state shows by itself, whoever stepped to it: depth, limits, energy, height. Nothing of it is timed."""
+"""What a state shows by itself, whoever stepped to it: depth, limits, energy. Nothing of it is timed."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from .starts import lifting
-
 _LIMITS = [int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT), int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON)]
 _SINGLE, _OVERRIDE = int(mujoco.mjtDisableBit.mjDSBL_MULTICCD), int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 _SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 _STAGES = mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_collision, mujoco.mj_makeConstraint
-"""Of `mj_fwdPosition` what contacts and limits take; the rest fails where hundreds of contacts fill the arena."""
+"""The stages of `mj_fwdPosition` that find contacts and limits; others fail where contacts fill the arena."""
 _CCD_TOLERANCE, _CCD_ITERATIONS = 1e-10, 100
 
 
@@ -52,7 +50,6 @@ class Watch:
         self._data = mujoco.MjData(own)
         fed = model.nu or model.nmocap or model.geom_surfacevel.any() or model.body_gravcomp.any()
         self.passive = not fed
-        self._base = _base(model)
 
     def look(self, data: mujoco.MjData, qpos: np.ndarray, qvel: np.ndarray) -> Seen:
         """Return what position and velocity show; mocap poses and active constraints are those of data."""
@@ -74,28 +71,6 @@ class Watch:
             energy = float(own.energy.sum())
         pair = "/".join(_name(model, int(g)) for g in own.contact.geom[worst]) if deep else ""
         return Seen(-float(dist[worst]) if deep else 0.0, pair, 0.0 - float(of_limits.min(initial=0.0)), energy)
-
-    def height(self, qpos: np.ndarray) -> float:
-        """Return the height of the floating base, or of the centre of mass where many bodies float, m; else nan."""
-        if self._base < 0:
-            return np.nan
-        self._data.qpos[:] = qpos
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_comPos(self._model, self._data)
-        places = self._data.subtree_com if self._base == 0 else self._data.xpos
-        return float(places[self._base, 2])
-
-
-def _base(model: mujoco.MjModel) -> int:
-    """Return the body whose height tells whether the scene stands: 0 for all of them, -1 for none."""
-    floating = {int(model.jnt_bodyid[np.flatnonzero(model.jnt_qposadr <= place)[-1]]) for place in lifting(model)}
-    if not floating:
-        return -1
-    heaviest = max(floating, key=lambda body: model.body_subtreemass[body])
-    moving = sum(model.body_subtreemass[body] for body in np.unique(model.body_rootid[model.dof_bodyid]))
-    if 2.0 * model.body_subtreemass[heaviest] > moving:
-        return heaviest
-    return 0 if len(floating) > 2 else -1
 
 
 def _name(model: mujoco.MjModel, geom: int) -> str:

@@ -75,8 +75,7 @@ def run_case(case: Case, quick: bool, worker: Worker) -> list[dict[str, object]]
             row |= {"reason": outcome.reason, "expected_reason": expected.reason}
             row |= {name: float("nan") if m is None else getattr(m, name) for name in MEASURED}
             row |= {"collisions": 0 if m is None else m.collisions, "seconds": outcome.seconds}
-            notes = (m.note if m else "", case.shortened if quick else "")
-            rows.append(row | {"note": "; ".join(filter(None, notes))})
+            rows.append(row | {"note": m.note if m else ""})
     return rows
 
 

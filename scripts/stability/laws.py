@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from impactlaw import Collision, Fremond, Law, MaximalDissipation, Moreau, Newton
 from impactlaw.errors import UnsolvableLawError
@@ -24,39 +25,26 @@ ALMOST_ONE = 1.0 - 1e-16
 BASIC = ("maximal-dissipation", "moreau 0.5", "moreau 1", "moreau 1 - 1e-16", "newton 0 .. 1")
 CHAIN = (*BASIC, "reversal 1")
 EVERY = (*SOLVERS, "auto")
+_COMMON = {"maximal-dissipation": 0.0, "moreau 0.5": 0.5, "moreau 1": 1.0, "moreau 1 - 1e-16": ALMOST_ONE}
+"""Restitution of laws that have one coefficient for all contacts."""
 
 
 def law_of(name: str, h: int) -> Law:
     """Return a law of the study for h contacts."""
-    match name:
-        case "maximal-dissipation":
-            return MaximalDissipation()
-        case "moreau 0.5":
-            return Moreau(0.5)
-        case "moreau 1":
-            return Moreau(1.0)
-        case "moreau 1 - 1e-16":
-            return Moreau(ALMOST_ONE)
-        case "newton 0 .. 1":
-            return Newton(_coefficients(h).tolist())
-        case "reversal 1":
-            return Fremond.reversal()
-    raise ValueError(name)
+    if name == "reversal 1":
+        return Fremond.reversal()
+    if name == "maximal-dissipation":
+        return MaximalDissipation()
+    return Newton(_coefficients(name, h).tolist()) if name == "newton 0 .. 1" else Moreau(_COMMON[name])
 
 
-def _coefficients(h: int) -> np.ndarray:
-    return np.array([0.0, 1.0, ALMOST_ONE, 0.3, 0.7])[np.arange(h) % 5]
+def _coefficients(name: str, h: int) -> np.ndarray:
+    return np.resize([0.0, 1.0, ALMOST_ONE, 0.3, 0.7], h) if name == "newton 0 .. 1" else np.full(h, _COMMON[name])
 
 
 def _wanted(name: str, gamma: np.ndarray) -> np.ndarray:
     """``gamma^h = -E gamma-`` by the definition of the law."""
-    if name == "maximal-dissipation":
-        return np.zeros_like(gamma)
-    if name.startswith("moreau"):
-        return -{"moreau 0.5": 0.5, "moreau 1": 1.0, "moreau 1 - 1e-16": ALMOST_ONE}[name] * gamma
-    if name.startswith("newton"):
-        return -_coefficients(len(gamma)) * gamma
-    return -gamma[::-1]
+    return -gamma[::-1] if name == "reversal 1" else -_coefficients(name, len(gamma)) * gamma
 
 
 def _measure(numbers: Callable[[bool], Numbers], law: str, solver: str, quick: bool) -> Measurement:
@@ -102,22 +90,11 @@ def _check_ray(ray: np.ndarray, M: np.ndarray, J: np.ndarray, v: np.ndarray, wan
 
 def _blocks(J: np.ndarray, M: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return contacts and velocities of the parts with contacts that have nothing to do with each other."""
-    owner = np.arange(J.shape[1])
-    links = [np.flatnonzero(row) for row in (*J, *M)]
-    changed = True
-    while changed:
-        changed = False
-        for link in links:
-            if len(link) and (owner[link] != owner[link].min()).any():
-                owner[link] = owner[link].min()
-                changed = True
-    found = []
-    for block in np.unique(owner):
-        columns = np.flatnonzero(owner == block)
-        rows = np.flatnonzero((J[:, columns] != 0).any(axis=1))
-        if len(rows):
-            found.append((rows, columns))
-    return found
+    moves = (J != 0).astype(int)
+    count, member = connected_components(moves.T @ moves + (M != 0), directed=False)
+    columns = [np.flatnonzero(member == part) for part in range(count)]
+    parts = [(np.flatnonzero(moves[:, these].any(axis=1)), these) for these in columns]
+    return [part for part in parts if len(part[0])]
 
 
 # --- the numbers of the cases ----------------------------------------------------------------------------------------
@@ -238,10 +215,9 @@ def _case(
     *expected: Expected,
     laws: tuple[str, ...] = BASIC,
     one: bool = False,
-    shortened: str = "",
 ) -> Case:
     rules = (*expected, *_ITERATIVE) if one else (*expected, _ONE_CONTACT, *_ITERATIVE)
-    return Case(name, "law", partial(_measure, numbers), laws, EVERY, rules, shortened=shortened)
+    return Case(name, "law", partial(_measure, numbers), laws, EVERY, rules)
 
 
 def cases() -> list[Case]:
@@ -266,7 +242,7 @@ def _contact_cases() -> Iterator[Case]:
     for tilt in (0.0, 0.4):
         yield _case(f"64 coplanar contacts, tilt {tilt:g}", partial(_coplanar, 8, 8, tilt), _REDUNDANT)
         points = partial(_coplanar, 40, 25, tilt)
-        yield _case(f"1000 coplanar contacts, tilt {tilt:g}", points, _REDUNDANT, shortened="200 contacts")
+        yield _case(f"1000 coplanar contacts, tilt {tilt:g}", points, _REDUNDANT)
     for angle in (1e-4, 1e-8, 1e-12):
         yield _case(f"six normals within {angle:g} rad", partial(_parallel, angle), _REDUNDANT, _SINGULAR)
         rules = () if angle > 1e-6 else (_CANCELS, _SINGULAR)

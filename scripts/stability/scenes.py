@@ -10,7 +10,7 @@ import numpy as np
 
 from impactlaw.models import builder
 
-from .verdicts import REFUSED, Case, Expected, Limits, Measurement
+from .verdicts import REFUSED, Case, Expected, Measurement, stepped
 from .watch import Watch, coefficient, compiled
 
 G = 9.81
@@ -155,55 +155,41 @@ def cases() -> list[Case]:
 def _stacks() -> Iterator[Case]:
     for n in (10, 50, 200):
         for ratio in (1, 1000) if n < 200 else (1,):
-            name = f"stack of {n} boxes at rest, mass ratio {ratio}"
-            limits = Limits(energy=1e-9, deviation=2e-9)
-            short = "" if n == 10 else f"{3 if n == 50 else 1} steps instead of 10"
             laws = ("maximal-dissipation", "moreau 1") if n < 200 else ("moreau 1",)
-            yield Case(name, "stepping", partial(_stack, n, ratio), laws, limits=limits, shortened=short, budget=300.0)
-        limits = Limits(energy=1e-6, deviation=1e-9)
-        dropped = partial(_dropped_stack, n)
-        short = "40 steps instead of 400"
-        yield Case(
-            f"dropped column of {n} balls", "stepping", dropped, LAWS, limits=limits, shortened=short, budget=300.0
-        )
+            yield stepped(
+                f"stack of {n} boxes at rest, mass ratio {ratio}", partial(_stack, n, ratio), laws, deviation=2e-9
+            )
+        yield stepped(f"dropped column of {n} balls", partial(_dropped_stack, n), LAWS, energy=1e-6)
 
 
 def _stiff() -> Iterator[Case]:
     for integrator in ("Euler", "implicitfast", "RK4"):
         for timestep in (1e-4, 1e-3, 1e-2):
             name = f"position actuator kp 1e6, {integrator}, {timestep:g} s"
-            short = "40 ms instead of 100 ms"
-            yield Case(name, "stepping", partial(_actuator, integrator, timestep), LAWS, shortened=short)
+            yield stepped(name, partial(_actuator, integrator, timestep), LAWS)
     reason = "stiffer than MuJoCo integrates at this timestep: mj_step alone resets itself too"
     unstable = Expected(REFUSED, reason, "DivergenceError")
     for kind in ("weld", "connect"):
         measure = partial(_equality, kind, "-1e5 -600", "rigid")
         # Constraints of MuJoCo give; one that moves does work in a collision as a moving surface does.
-        limits = Limits(energy=2e-2, deviation=1e-3)
-        yield Case(f"stiff {kind} during impact, rigid", "stepping", measure, LAWS, limits=limits)
+        yield stepped(f"stiff {kind} during impact, rigid", measure, LAWS, energy=2e-2, deviation=1e-3)
         for stiffness, rules in (("-1e5 -600", ()), ("0.002 1", ()), ("-1e6 -2000", (unstable,))):
             soft = partial(_equality, kind, stiffness, "soft")
-            limits = Limits(energy=2e-2, penetration=5e-3, deviation=5e-3)
-            short = "300 steps instead of 1 000"
             name = f"stiff {kind} during impact, soft, solref {stiffness}"
-            yield Case(name, "stepping", soft, LAWS, expected=rules, limits=limits, shortened=short)
+            yield stepped(name, soft, LAWS, *rules, energy=2e-2, penetration=5e-3, deviation=5e-3)
 
 
 def _plates() -> Iterator[Case]:
     for half in (5e-3, 5e-4, 5e-5):
-        for kind in ("box", "mesh"):
-            limits = Limits(deviation=1e-7 if kind == "box" else 1e-5)
+        for kind, deviation in (("box", 1e-7), ("mesh", 1e-5)):
             name = f"plate of {2e3 * half:g} mm ({kind}) hit at 1 km/s"
-            yield Case(name, "stepping", partial(_plate, half, kind), LAWS, limits=limits)
+            yield stepped(name, partial(_plate, half, kind), LAWS, deviation=deviation)
 
 
 def _lands() -> Iterator[Case]:
+    laws = ("maximal-dissipation", "moreau 0.5", "moreau 1")
     for shape in ("round mesh", "box mesh", "box", "cylinder"):
         for hills in (True, False):
             name = f"{shape} {'over a hilly' if hills else 'on a flat'} height field"
-            limits = Limits(energy=2e-3)  # contacts that jump let a body tip for one step: first order
-            short = "100 steps instead of 300"
-            run = partial(_land, shape, hills)
-            yield Case(
-                name, "stepping", run, ("maximal-dissipation", "moreau 0.5", "moreau 1"), limits=limits, shortened=short
-            )
+            # contacts that jump let a body tip for one step: energy is of first order
+            yield stepped(name, partial(_land, shape, hills), laws, energy=2e-3)

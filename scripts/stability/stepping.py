@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from .verdicts import REFUSED, Case, Expected, Limits, Measurement
+from .verdicts import REFUSED, Case, Expected, Measurement, stepped
 from .watch import Watch, bounce, coefficient, compiled
 
 G = 9.81
@@ -139,12 +139,6 @@ def _elastic(law: str, solver: str, quick: bool) -> Measurement:
     return watch.measurement(energy=drift / (G * height))
 
 
-def _limit(size: float, scaled: bool) -> float:
-    """A rebound below the gap tolerance is rest: twice that, relative to the size."""
-    tolerance = 1e-9 if scaled else 1e-9 / size
-    return max(2.0 * tolerance, 1e-8)
-
-
 def _drops() -> Iterator[Case]:
     refused = Expected(REFUSED, "the gap tolerance is below the rounding of positions", "SceneError: a gap tolerance")
     for power in (-6, -3, 0, 3, 6):
@@ -153,35 +147,27 @@ def _drops() -> Iterator[Case]:
             tolerance = 1e-9 * (size if scaled else 1.0)
             rules = (refused,) if power == 6 and not scaled else ()
             name = f"of 1e{power:+d} m, gap tolerance {tolerance:g} m"
-            limits = Limits(energy=1e-8, penetration=tolerance, deviation=_limit(size, scaled))
-            ball = partial(_dropped_ball, size, scaled)
-            yield Case(f"bouncing ball {name}", "stepping", ball, LAWS, expected=rules, limits=limits)
-            limits = Limits(energy=1e-5, penetration=tolerance)
-            if tolerance < 1e-11 * size:  # more collisions than max_events, then time stepping
-                limits = Limits(energy=1e-2, penetration=tolerance)
+            rest = max(2.0 * tolerance / size, 1e-8)  # a rebound below the gap tolerance is rest
+            ball, limits = partial(_dropped_ball, size, scaled), {"energy": 1e-8, "penetration": tolerance}
+            yield stepped(f"bouncing ball {name}", ball, LAWS, *rules, **limits, deviation=rest)
+            # where there are more collisions than max_events, time stepping takes the step
+            energy = 1e-2 if tolerance < 1e-11 * size else 1e-5
             for steps in (25, 12):
                 box = partial(_dropped_box, size, scaled, steps)
                 title = f"tumbling box {name}, {steps} steps per fall"
-                yield Case(title, "stepping", box, LAWS, expected=rules, limits=limits)
+                yield stepped(title, box, LAWS, *rules, energy=energy, penetration=tolerance)
 
 
-def cases() -> list[Case]:
+def cases() -> Iterator[Case]:
     """Return the cases."""
-    found = list(_drops())
+    yield from _drops()
     for power in range(-6, 0):
-        limits = Limits(energy=max(1e-8, 1e-8 * 10.0 ** (-8 - 2 * power)), deviation=2e-9)
+        energy = max(1e-8, 1e-8 * 10.0 ** (-8 - 2 * power))
         small = partial(_small_steps, 10.0**power)
-        short = "500 steps instead of 2 000" if power < -3 else ""
-        found.append(
-            Case(f"bouncing ball, timestep 1e{power}", "stepping", small, LAWS, limits=limits, shortened=short)
-        )
-    limits = Limits(deviation=1e-8)
+        yield stepped(f"bouncing ball, timestep 1e{power}", small, LAWS, energy=energy, deviation=2e-9)
     laws = ("maximal-dissipation", "moreau 0.02", "moreau 0.05", "newton 0.07", "moreau 0.08", "moreau 0.5")
-    found.append(Case("inelastic collapse of three balls", "stepping", _collapse, laws, limits=limits))
-    limits = Limits(energy=1e-8, deviation=1e-7)
+    yield stepped("inelastic collapse of three balls", _collapse, laws, deviation=1e-8)
     for timestep in (0.1, 0.01):
-        slope = partial(_slope, timestep)
-        found.append(Case(f"Zeno on a slope, timestep {timestep:g}", "stepping", slope, LAWS, limits=limits))
-    short = "5 000 steps instead of 1 000 000"
-    found.append(Case("elastic ball, 1e6 steps", "stepping", _elastic, ("moreau 1",), shortened=short, budget=1800.0))
-    return found
+        name = f"Zeno on a slope, timestep {timestep:g}"
+        yield stepped(name, partial(_slope, timestep), LAWS, energy=1e-8, deviation=1e-7)
+    yield stepped("elastic ball, 1e6 steps", _elastic, ("moreau 1",), budget=1800.0)

@@ -91,7 +91,6 @@ class Case:
         solvers: names of the solvers it is run with.
         expected: verdicts other than right; the first whose patterns match a row holds.
         limits: of a right result.
-        shortened: what the quick form leaves out.
         budget: s that one row may take, in the full form.
     """
 
@@ -102,7 +101,6 @@ class Case:
     solvers: tuple[str, ...] = ("auto",)
     expected: tuple[Expected, ...] = ()
     limits: Limits = Limits()
-    shortened: str = ""
     budget: float = 120.0
 
     def expects(self, law: str, solver: str) -> Expected:
@@ -111,6 +109,18 @@ class Case:
             if fnmatch(law, expected.law) and fnmatch(solver, expected.solver):
                 return expected
         return Expected(RIGHT, "")
+
+
+def stepped(
+    name: str,
+    measure: Callable[[str, str, bool], Measurement],
+    laws: tuple[str, ...],
+    *expected: Expected,
+    budget: float = 300.0,
+    **limits: float,
+) -> Case:
+    """Return a case that steps a scene, with limits other than the usual ones by the names of `Limits`."""
+    return Case(name, "stepping", measure, laws, expected=expected, limits=Limits(**limits), budget=budget)
 
 
 class WrongRefusalError(Exception):

@@ -1,29 +1,19 @@
-"""Rows of the stability study in a process of their own, so that what hangs is a row and not a hang of the study."""
+"""One row of the stability study, measured in a process of its own, with its verdict."""
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import signal
-import tempfile
 import time
 import traceback
 import warnings
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures import TimeoutError as Late
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 
 from threadpoolctl import threadpool_limits
 
 from impactlaw.errors import ImpactLawError
+from scripts import apart
 
-from .verdicts import CRASHES, HANGS, REFUSED, WRONG, Case, Measurement, WrongRefusalError, verdict
-
-_START = 600.0  # s that importing everything, and compiling it the first time, may take on a busy machine
+from .verdicts import CRASHES, HANGS, REFUSED, WRONG, Measurement, WrongRefusalError, verdict
 
 
 @dataclass(frozen=True)
@@ -53,47 +43,29 @@ class Outcome:
     seconds: float
 
 
-class Worker:
-    """A process that measures one row after the other; it is ended and replaced when a row exceeds its budget."""
+class Worker(apart.Worker):
+    """Measures one row after the other."""
 
     def __init__(self):
-        self._pool: ProcessPoolExecutor | None = None
-        self._process = 0
-
-    def __enter__(self) -> Worker:
-        return self
-
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
+        super().__init__(_prepare)
 
     def run(self, task: Task, budget: float) -> Outcome:
         """Return the outcome of a row that may take ``budget`` seconds."""
-        if self._pool is None:
-            self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
-            self._process = self._pool.submit(_prepare).result(_START)
         start = time.perf_counter()
+        found: tuple[str, str, Measurement | None]
         try:
-            return self._pool.submit(_measured, task).result(budget)
-        except Late:
-            ended = HANGS, f"no result within {budget:g} s"
-        except BrokenProcessPool:
-            ended = CRASHES, "the process ended"
-        self.close()
-        return Outcome(*ended, None, time.perf_counter() - start)
-
-    def close(self) -> None:
-        """End the process."""
-        if self._pool is not None:
-            with suppress(ProcessLookupError):
-                os.kill(self._process, signal.SIGKILL)
-            self._pool.shutdown()
-        self._pool = None
+            found = self.call(_measured, task, budget=budget)
+        except apart.HangsError as error:
+            found = HANGS, str(error), None
+        except apart.CrashesError as error:
+            found = CRASHES, str(error), None
+        return Outcome(*found, time.perf_counter() - start)
 
 
-def _prepare() -> int:
+def _prepare() -> None:
     """Import and compile what a row may use, so that none pays for it; let overflow and invalid numbers be loud.
 
-    With one thread for BLAS: several cost 100 times as much on a busy machine. Returns the process.
+    With one thread for BLAS: several cost 100 times as much on a busy machine.
     """
     from impactlaw.solvers import load_solvers
     from impactlaw.stepping.time_stepping.make import warm_up
@@ -102,33 +74,20 @@ def _prepare() -> int:
     warm_up()
     threadpool_limits(1, "blas")
     warnings.simplefilter("error", RuntimeWarning)
-    return os.getpid()
 
 
-def _measured(task: Task) -> Outcome:
+def _measured(task: Task) -> tuple[str, str, Measurement | None]:
+    """Return verdict, reason and measurement."""
     from .cases import CASES
 
-    with tempfile.TemporaryDirectory() as folder:
-        os.chdir(folder)  # MuJoCo writes its warnings to a file there
-        try:
-            return _outcome(CASES[task.case], task)
-        finally:
-            os.chdir("/")
-
-
-def _outcome(case: Case, task: Task) -> Outcome:
-    start = time.perf_counter()
-
-    def ended(verdict: str, reason: str, measurement: Measurement | None = None) -> Outcome:
-        return Outcome(verdict, reason, measurement, time.perf_counter() - start)
-
+    case = CASES[task.case]
     try:
         measurement = case.measure(task.law, task.solver, task.quick)
     except ImpactLawError as error:
-        return ended(REFUSED, f"{type(error).__name__}: {error}")
+        return REFUSED, f"{type(error).__name__}: {error}", None
     except WrongRefusalError as error:
-        return ended(WRONG, str(error))
+        return WRONG, str(error), None
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
-        return ended(CRASHES, f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})")
-    return ended(*verdict(measurement, case.limits), measurement)
+        return CRASHES, f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})", None
+    return *verdict(measurement, case.limits), measurement

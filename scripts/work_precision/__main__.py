@@ -6,7 +6,6 @@ the errors of event-driven and of time stepping are than that of MuJoCo's best s
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,8 +18,8 @@ from scripts import machine
 
 from . import stepping
 from .orders import OrderStudy, time_stepping_orders
-from .pictures import draw_all, draw_compact
-from .results import advantage, orders
+from .pictures import COMPACT, draw
+from .results import advantage, orders, where
 from .stepping import SteppingStudy
 
 QUICK_STEPPING = SteppingStudy(
@@ -86,14 +85,14 @@ def run(study: WorkPrecision) -> Results:
 
 
 def write(results: Results, study: WorkPrecision) -> None:
-    """Write every table as CSV, the machine as JSON beside them, and the pictures."""
+    """Write every table as CSV, the machine beside them, and the pictures."""
     study.out.mkdir(parents=True, exist_ok=True)
     for name in ("stepping", "orders", "time_stepping", "advantage"):
         getattr(results, name).to_csv(study.out / f"{name}.csv", index=False)
-    (study.out / "machine.json").write_text(json.dumps(machine.describe(), indent=2) + "\n")
-    footer = machine.one_line()
-    draw_all(results.stepping, study.out / "stepping.png", footer)
-    draw_compact(results.stepping, study.picture or study.out / "compact.png", footer)
+    footer, stepped = machine.one_line(), results.stepping
+    (study.out / "machine.txt").write_text(footer + "\n")
+    draw(stepped, study.out / "stepping.png", footer)
+    draw(where(stepped, stepped.scene.isin(COMPACT)), study.picture or study.out / "compact.png", footer)
 
 
 def show(results: Results) -> str:

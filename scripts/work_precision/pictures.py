@@ -22,44 +22,44 @@ STYLES = {
 """Colour (distinguishable by the colour-blind), marker and line of each family of methods."""
 COMPACT = ("bouncing ball", "cradle, Moreau", "rod with friction", "quadruped")
 """Scenes of the README's picture."""
+_COLUMNS, _SIZE = 2, 12  # panels beside each other; of letters, points
 _LEAST = 1e-17  # errors of exactly zero are drawn here
 _MOST = 10.0  # errors from here on, of simulations that have gone astray, are not drawn
 
 
-def draw_all(table: pd.DataFrame, path: Path, footer: str) -> None:
-    """Draw one panel per scene: every family of methods as the envelope of its runs, the runs themselves faintly."""
-    _draw(table, tuple(dict.fromkeys(table.scene)), path, footer, columns=3, size=11, dpi=110)
+def draw(table: pd.DataFrame, path: Path, footer: str) -> None:
+    """Draw one panel per scene, two beside each other, to be read at a width of 800 pixels.
 
+    Every family of methods is the envelope of its runs, the runs themselves faint.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
-def draw_compact(table: pd.DataFrame, path: Path, footer: str) -> None:
-    """Draw four scenes: the picture of the README, to be read at a width of 800 pixels."""
-    scenes = tuple(scene for scene in COMPACT if scene in set(table.scene))
-    _draw(table, scenes, path, footer, columns=2, size=12, dpi=90)
-
-
-def _draw(
-    table: pd.DataFrame, scenes: tuple[str, ...], path: Path, footer: str, *, columns: int, size: float, dpi: int
-) -> None:
-    rows = -(-len(scenes) // columns)
-    figure = _figure((4.5 * columns, 3.1 * rows + 1.2))
-    figure.suptitle("Error of the trajectory against run time of the simulation", fontsize=size + 1)
-    axes = figure.subplots(rows, columns, sharey="row", squeeze=False)
+    scenes = tuple(dict.fromkeys(table.scene))
+    rows = -(-len(scenes) // _COLUMNS)
+    figure: Any = Figure(figsize=(4.5 * _COLUMNS, 3.1 * rows + 1.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle("Error of the trajectory against run time of the simulation", fontsize=_SIZE + 1)
+    axes = figure.subplots(rows, _COLUMNS, sharey="row", squeeze=False)
     for axis, scene in zip(axes.flat, scenes, strict=False):
         _draw_scene(axis, where(table, table.scene == scene))
-        axis.set_title(scene, loc="left", fontsize=size)
-        axis.tick_params(labelsize=size - 2)
+        axis.set_title(scene, loc="left", fontsize=_SIZE)
+        axis.tick_params(labelsize=_SIZE - 2)
     for axis in axes.flat[len(scenes) :]:
         axis.set_visible(False)
     for row, axis in enumerate(axes[:, 0]):
-        shown = scenes[columns * row : columns * (row + 1)]
+        shown = scenes[_COLUMNS * row : _COLUMNS * (row + 1)]
         _limit(axes[row], where(table, table.scene.isin(shown)))
-        axis.set_ylabel("distance from the reference's\ngraph in (t, q), scaled", fontsize=size - 1)
+        axis.set_ylabel("distance from the reference's\ngraph in (t, q), scaled", fontsize=_SIZE - 1)
     for axis in axes[-1]:
-        axis.set_xlabel("run time (processor), s", fontsize=size - 1)
+        axis.set_xlabel("run time (processor), s", fontsize=_SIZE - 1)
     handles, labels = axes.flat[0].get_legend_handles_labels()
     place = {"loc": "outside lower center", "ncols": 3, "frameon": False, "borderaxespad": 1.6}
-    figure.legend(handles, labels, fontsize=size - 1, **place)
-    _finish(figure, path, footer, dpi=dpi)
+    figure.legend(handles, labels, fontsize=_SIZE - 1, **place)
+    height = 0.18 / figure.get_figheight()
+    figure.get_layout_engine().set(rect=(0, height, 1, 1 - height))
+    figure.text(0.995, 0.3 * height, footer, fontsize=6.5, color="0.35", ha="right")
+    figure.savefig(path, dpi=90)
 
 
 def _limit(axes: Any, table: pd.DataFrame) -> None:
@@ -81,19 +81,3 @@ def _draw_scene(axis: Any, table: pd.DataFrame) -> None:
         axis.loglog(runs.seconds, runs.error.clip(_LEAST), marker, color=color, markersize=3, alpha=0.3)
         axis.loglog(best.seconds, best.error.clip(_LEAST), line, marker=marker, color=color, markersize=5, label=family)
     axis.grid(alpha=0.3)
-
-
-def _figure(size: tuple[float, float]) -> Any:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=size, layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def _finish(figure: Any, path: Path, footer: str, *, dpi: int) -> None:
-    height = 0.18 / figure.get_figheight()
-    figure.get_layout_engine().set(rect=(0, height, 1, 1 - height))
-    figure.text(0.995, 0.3 * height, footer, fontsize=6.5, color="0.35", ha="right")
-    figure.savefig(path, dpi=dpi)

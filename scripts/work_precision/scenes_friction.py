@@ -8,17 +8,17 @@ import numpy as np
 Loaded = tuple[mujoco.MjModel, mujoco.MjData]
 
 FRICTION, SPEED = 0.3, 1.0
-"""Of the block: its coefficient of friction, and the speed that it starts with, m/s."""
+"""The block's coefficient of friction, and the speed that it starts with, m/s."""
 ROD_FRICTION, HALF_LENGTH, TIP = 0.3, 0.5, 0.03
-"""Of the rod: its coefficient of friction, half of its length and the radius of its tips, m; its mass is 1 kg."""
+"""The rod's coefficient of friction, half of its length and the radius of its tips, m; its mass is 1 kg."""
 ROD_START = (0.0, 0.4, 0.6, -0.6, 0.0, 0.0)
-"""Of the rod: x, height and angle, and their velocities."""
+"""Start of the rod: x, height and angle, and their velocities."""
 LEGS = {"front_left": (0.2, 0.12), "front_right": (0.2, -0.12), "rear_left": (-0.2, 0.12), "rear_right": (-0.2, -0.12)}
-"""Of the quadruped: where its hips are on the trunk, m. Its feet bear the names of the legs."""
+"""Where the hips of the quadruped are on the trunk, m. Its feet bear the names of the legs."""
 FOOT, DROP = 0.02, 0.05
-"""Of the quadruped: the radius of its feet, and how high above the floor they start, m."""
+"""The radius of the quadruped's feet, and how high above the floor they start, m."""
 STANCE = np.tile([0.6, -1.2], len(LEGS))
-"""Of the quadruped: the angles of hips and knees that its servos hold, rad."""
+"""The angles of hips and knees that the quadruped's servos hold, rad."""
 
 _HEAD = '<option integrator="RK4" cone="elliptic"/><worldbody><geom name="floor" type="plane" size="5 5 1"/>'
 _PLANAR = '<joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide" axis="0 0 1"/>'

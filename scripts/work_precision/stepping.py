@@ -17,7 +17,7 @@ from .trajectories import Trajectory, Way, rigid, soft, tuned
 
 RK4, EULER = int(mujoco.mjtIntegrator.mjINT_RK4), int(mujoco.mjtIntegrator.mjINT_EULER)
 Graphs = tuple[CompletedGraph, CompletedGraph]
-"""Of positions, and of positions and velocities."""
+"""The graph of positions, and that of positions and velocities."""
 LOCATED, TIME_STEPPING = "event-driven RK4", "time stepping"
 """The methods whose errors are compared with MuJoCo's."""
 TUNED, DEFAULT = "MuJoCo tuned", "MuJoCo default"

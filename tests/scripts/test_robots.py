@@ -40,12 +40,10 @@ def test_rows(table):
     assert list(table["outcome"]) == [FINE, NO_CONTROLS, FINE, FINE]
     known = pd.DataFrame(cases(table))
     assert (known["steps"] == STEPS).all()
-    assert (known["stopped_at"] == STEPS - 1).all()
     assert (known[["mean_us", "mj_us", "ratio"]] > 0).all(axis=None)
     assert (known["over_mean"] >= 1).all()
     ball = known.iloc[0]
     assert ball["growth"] < 1e-12  # it falls freely for 20 steps
-    assert ball["stands"] == "yes"
     assert known["growth"].iloc[1:].isna().all()
 
 
@@ -61,7 +59,6 @@ def test_in_this_process(folder, way):
     row = run_here(Case(of_files((folder / "ball.xml",))[0], way, 0.0, "drop", 150, 60.0))
     assert row["outcome"] == FINE
     assert row["depth"] < 1e-8 if way == "event-driven" else row["depth"] > 1e-4
-    assert row["height"] == pytest.approx(0.1, abs=1e-2)
 
 
 def test_what_fails_costs_a_row(tmp_path):
@@ -74,7 +71,7 @@ def test_what_fails_costs_a_row(tmp_path):
 def test_verdicts():
     fine = {"way": "time-stepping", "outcome": FINE, "nv": 6, "mean_us": 100.0, "mj_us": 10.0, "over_mean": 3.0}
     fine |= {"largest_ms": 1.0, "depth": 1e-7, "met": 1.0, "short": 1e-9, "growth": np.nan, "ratio": 10.0, "e": 0.0}
-    fine |= {"start": "drop", "stopped_at": 9}
+    fine |= {"start": "drop", "steps": 9}
     slow = {"scene": "slow", "nv": 400, "largest_ms": 30.0, "ratio": 9.0, "depth": 5e-4, "met": 0.5}
     stopped = {"scene": "stopped", "outcome": "SolverError: no", "mean_us": 200.0}
     table = pd.DataFrame([fine | {"scene": "good"}, fine | slow, fine | stopped])

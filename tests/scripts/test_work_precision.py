@@ -153,8 +153,8 @@ def test_rigid_stepping_is_ten_thousand_times_nearer_than_soft_contacts_at_equal
 def test_files_carry_the_machine_and_every_table(quick):
     study, results = quick
     names = {path.name for path in study.out.iterdir()}
-    assert {"stepping.csv", "orders.csv", "advantage.csv", "machine.json"} <= names
+    assert {"stepping.csv", "orders.csv", "advantage.csv", "machine.txt"} <= names
     assert {"stepping.png", "compact.png"} <= names
-    assert '"mujoco"' in (study.out / "machine.json").read_text()
+    assert "mujoco" in (study.out / "machine.txt").read_text()
     assert "cores" in work_precision.show(results)
     assert (study.out / "compact.png").stat().st_size < 120_000

@@ -9,14 +9,14 @@ import numpy as np
 
 from impactlaw.errors import RestitutionError, SolverError, UnknownNameError
 from impactlaw.laws.base import Law, Target, aim, coefficient
-from impactlaw.laws.friction.groups import apart, groups_of, joined, part_of, ties_of, work_of_each
+from impactlaw.laws.friction.groups import apart, groups_of, joined, ties_of, work_of_each
 from impactlaw.laws.friction.poisson_phases import resolve_phases
 from impactlaw.laws.poisson import Poisson
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
 from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem
-from impactlaw.solvers.friction.solve import BRIEF, THOROUGH, Effort, shared, solve_cones
+from impactlaw.solvers.friction.solve import BRIEF, THOROUGH, Effort, shared, solve_within
 from impactlaw.solvers.problem import Status
 
 _CREATED = 1e-12
@@ -92,7 +92,7 @@ class Coulomb(Law):
 
     @property
     def contact_labels(self) -> frozenset[str]:
-        """Those of the inner law."""
+        """Labels that the inner law is keyed with."""
         return self.law.contact_labels
 
     def seeded(self, seed: int) -> Coulomb:
@@ -148,8 +148,7 @@ class _Attempt:
 
     def part(self, contacts: np.ndarray) -> _Attempt:
         """Return the law for some contacts alone, ascending, with the targets that they have among all."""
-        chosen = part_of(self.collision, contacts)
-        part = _Attempt(self.law, chosen, self.wanted[contacts], self.effort, self.all_of_it)
+        part = _Attempt(self.law, self.collision.part(contacts), self.wanted[contacts], self.effort, self.all_of_it)
         part.shares = self.problem is not None and self.problem.is_redundant
         return part
 
@@ -163,13 +162,7 @@ class _Attempt:
         targets = np.where(self.wanted > 0, s * self.wanted, self.wanted), s * self.sliding
         exact = self.law.cone == "exact"
         problem = self.problem = cone_problem(self.collision, *targets, exact=exact, known=self.problem)
-        rows = problem.start.size
-        effort = self.effort
-        if effort is None:
-            answer = solve_cones(problem, guess, rounds=rounds)
-        else:
-            answer = solve_cones(problem, guess, rounds=effort.rounds(rows), most=effort.steps(rows))
-            effort.attempt(rows, answer.iterations)
+        answer = solve_within(problem, guess, rounds, self.effort)
         if answer.status is not Status.SOLVED:
             return None, answer
         if problem.is_redundant or self.shares:

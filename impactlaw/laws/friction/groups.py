@@ -13,10 +13,10 @@ from impactlaw.laws.compliant import Compliant
 from impactlaw.laws.restitution.coefficients import ContactCoefficients
 from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.mechanics.collision import Collision
-from impactlaw.mechanics.friction import Friction
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_gradients
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.solvers.friction.problem import ConeProblem
+from impactlaw.solvers.sparsity import components
 
 _FEW = 8  # contacts up to which it is not worth a look which of them share degrees of freedom
 
@@ -49,7 +49,7 @@ def apart(collision: Collision, law: Law) -> list[tuple[np.ndarray, Collision]]:
     parts = [(np.flatnonzero(owner == own), np.flatnonzero(member[:nv] == own)) for own in np.unique(owner)]
     kept = [member[nv + h :] == owner[contacts[0]] for contacts, _ in parts]
     return [
-        (contacts, _alone(part_of(collision, contacts), dofs, equal))
+        (contacts, _alone(collision.part(contacts), dofs, equal))
         for (contacts, dofs), equal in zip(parts, kept, strict=True)
     ]
 
@@ -80,16 +80,7 @@ def groups_of(problem: ConeProblem, ties: np.ndarray | None) -> list[np.ndarray]
     """
     h, m = problem.shape
     coupled = np.count_nonzero((np.abs(problem.delassus) > INFLUENCE).reshape(h, m, h, m), axis=(1, 3)) > 0
-    return _components(coupled if ties is None else coupled | ties)
-
-
-def _components(coupled: np.ndarray) -> list[np.ndarray]:
-    """Return the contacts that one reaches from another, group by group; bool (h, h)."""
-    h = len(coupled)
-    if (np.count_nonzero(coupled, axis=1) == h).any():  # one that meets all others
-        return [np.arange(h)]
-    count, member = scipy.sparse.csgraph.connected_components(coupled, directed=False)
-    return [np.flatnonzero(member == group) for group in range(count)]
+    return components(coupled if ties is None else coupled | ties)
 
 
 def ties_of(law: Law, collision: Collision) -> np.ndarray | None:
@@ -104,22 +95,6 @@ def ties_of(law: Law, collision: Collision) -> np.ndarray | None:
         E = law.restitution_matrix(collision)
         return (E if isinstance(E, np.ndarray) else E.toarray()) != 0.0
     return np.ones((len(collision.labels),) * 2, dtype=bool)
-
-
-def part_of(collision: Collision, contacts: np.ndarray) -> Collision:
-    """Return the collision of some contacts alone, ascending."""
-    before, after, friction = collision.surface_velocity, collision.post_surface_velocity, collision.friction
-    chosen = None if friction is None else friction.select(contacts)
-    if chosen is None:
-        chosen = Friction(np.zeros((0, len(collision.pre_velocity))), np.zeros(0, dtype=int), np.zeros(0))
-    return replace(
-        collision,
-        jacobian=collision.jacobian[contacts],
-        labels=tuple(collision.labels[i] for i in contacts),
-        surface_velocity=None if before is None else before[contacts],
-        post_surface_velocity=None if after is None else after[contacts],
-        friction=chosen,
-    )
 
 
 def work_of_each(impact: FrictionImpact) -> np.ndarray:
@@ -145,7 +120,7 @@ def joined(
 
     Args:
         collision: of all contacts.
-        parts: contacts of a group, ascending, and their impact: by themselves, see `part_of`, or with all others.
+        parts: contacts of a group, ascending, and their impact: alone, see `Collision.part`, or with all others.
         exact: exact Coulomb friction, or its convex relaxation.
         problem: of all contacts, if it is to be kept.
     """

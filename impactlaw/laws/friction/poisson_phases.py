@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from impactlaw.errors import SolverError
-from impactlaw.laws.friction.groups import apart, groups_of, joined, part_of
+from impactlaw.laws.friction.groups import apart, groups_of, joined
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_gradients
 from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem
-from impactlaw.solvers.friction.solve import Effort, solve_cones
+from impactlaw.solvers.friction.solve import THOROUGH, Effort, solve_within
 from impactlaw.solvers.problem import Status
 
 if TYPE_CHECKING:
@@ -148,13 +148,7 @@ class TwoPhases:
         return groups_of(ConeProblem(self.rows, self.before, self.sizes, exact=self.exact, speed=self.speed), None)
 
     def _solved(self, problem: ConeProblem, phase: str) -> ConeAnswer:
-        rows = problem.start.size
-        effort = self.effort
-        if effort is None:
-            answer = solve_cones(problem)
-        else:
-            answer = solve_cones(problem, rounds=effort.rounds(rows), most=effort.steps(rows))
-            effort.attempt(rows, answer.iterations)
+        answer = solve_within(problem, None, THOROUGH, self.effort)
         if answer.status is not Status.SOLVED:
             raise SolverError(
                 f"no impulses in the friction cones were found for the {phase} of contacts "
@@ -206,7 +200,7 @@ def _resolved(
     for contacts, gains in zip(groups, gaining, strict=True):
         if effort is not None:
             effort.begin_part()
-        part = part_of(collision, contacts)
+        part = collision.part(contacts)
         own = _resolved(part, e[contacts], exact=exact, effort=effort, alone=True) if gains else whole
         parts.append((contacts, own))
     return joined(collision, parts, exact=exact)

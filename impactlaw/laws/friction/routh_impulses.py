@@ -154,7 +154,8 @@ def impulses(G: np.ndarray, gamma: np.ndarray, phases: Iterable[Phase], e: float
                 rest = -velocity[0] / rates[0] if rates[0] > 0.0 else np.inf
             if rest <= length:
                 return impulse + max(rest, 0.0) * direction
-            taken += 0.0 if hypothesis == "poisson" else _returned(velocity[0], rates[0], length, e)
+            if hypothesis != "poisson" and e:  # normal work done in restitution, in units of work taken
+                taken += (velocity[0] + 0.5 * rates[0] * length) * length / (e * e)
             energy += _work(direction, velocity, rates, length)
         impulse, velocity, begin = impulse + length * direction, velocity + length * rates, phase.end
     raise SolverError(
@@ -168,11 +169,6 @@ def _rates(G: np.ndarray, direction: np.ndarray) -> np.ndarray:
     rates = G @ direction
     rates[np.abs(rates) <= _ROUNDING * (np.abs(G) @ np.abs(direction))] = 0.0
     return rates
-
-
-def _returned(speed: float, rate: float, length: float, e: float) -> float:
-    """Return what normal work done in restitution leaves of the work to be returned, in units of work taken."""
-    return (speed + 0.5 * rate * length) * length / (e * e) if e else 0.0
 
 
 def _work(direction: np.ndarray, velocity: np.ndarray, rates: np.ndarray, length: float) -> float:

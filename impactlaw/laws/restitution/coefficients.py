@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice
@@ -12,7 +12,7 @@ import numpy as np
 
 from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import coefficient
-from impactlaw.laws.restitution.labels import canonical, find, patterns_of, put
+from impactlaw.laws.restitution.labels import check_count, checked_values, find, patterns_of
 from impactlaw.mechanics.collision import Collision
 
 _MOST_SHOWN = 32  # entries of a mapping
@@ -48,20 +48,9 @@ class ContactCoefficients:
     default: Coefficient | None = field(default=None, kw_only=True)
 
     def __post_init__(self):
-        value = self.restitution
-        if isinstance(value, Mapping):
-            table: dict[str, Coefficient] = {}
-            for key, e in value.items():
-                put(table, canonical(key), _checked(e, f"restitution of {canonical(key)}"))
-            value = table
-            if not table and self.default is None:
-                raise RestitutionError(f"{type(self).__name__} has no coefficient: an empty mapping, and no default")
-        elif isinstance(value, Set):
-            raise RestitutionError(f"{type(self).__name__} takes coefficients in order, but a set has none: {value!r}")
-        elif callable(value) or isinstance(value, str) or not np.iterable(value):
-            value = _checked(value, "restitution")
-        else:
-            value = tuple(_checked(e, f"restitution of contact {i}") for i, e in enumerate(value))  # pyright: ignore[reportArgumentType]
+        value = checked_values(self.restitution, "restitution", _checked, type(self).__name__)
+        if value == {} and self.default is None:
+            raise RestitutionError(f"{type(self).__name__} has no coefficient: an empty mapping, and no default")
         object.__setattr__(self, "restitution", value)
         if self.default is not None:
             if not isinstance(value, dict):
@@ -103,12 +92,7 @@ class ContactCoefficients:
         if self._table is not None:
             given = [self._lookup(label) for label in labels]
         elif isinstance(value, tuple):
-            if len(value) != len(labels):
-                raise RestitutionError(
-                    f"{type(self).__name__} has {len(value)} coefficients but {len(labels)} contacts collide "
-                    f"({', '.join(labels)}); key them by contact label so that they follow the contacts, or give one "
-                    "for all (a stepper whose law is changed goes on from before the step)"
-                )
+            check_count(value, labels, "coefficients", type(self).__name__)
             given = value
         elif callable(value):
             given = (value,) * len(labels)

@@ -8,9 +8,11 @@ of their joint or tendon. A key with ``*``, ``?`` or ``[...]`` is a pattern, as 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from fnmatch import fnmatchcase
 from typing import Any
+
+import numpy as np
 
 from impactlaw.errors import RestitutionError, UnknownNameError
 
@@ -38,6 +40,44 @@ def put(table: dict, key: object, value: float) -> None:
     if table.setdefault(key, value) != value:
         raise RestitutionError(
             f"{key} has two restitutions, {table[key]} and {value}; the order of names does not matter"
+        )
+
+
+def checked_values(value: Any, name: str, check: Callable[[Any, str], Any], law: str) -> Any:
+    """Return what a law was given for its contacts, checked: one value for all, a tuple, or a dict by canonical labels.
+
+    Args:
+        value: one for every contact, one for each in their order, or by labels of contacts.
+        name: of the value, for messages.
+        check: returns the value of a contact that is named to it, or raises.
+        law: name of the law, for messages.
+
+    Raises:
+        RestitutionError: a contact has two values, or values are a set, which has no order.
+    """
+    if isinstance(value, Mapping):
+        table: dict[str, Any] = {}
+        for key, one in value.items():
+            put(table, canonical(key), check(one, f"{name} of {canonical(key)}"))
+        return table
+    if isinstance(value, Set):
+        raise RestitutionError(f"{law} takes one {name} for each contact in order, but a set has none: {value!r}")
+    if callable(value) or isinstance(value, str | bytes) or not np.iterable(value):
+        return check(value, name)
+    return tuple(check(one, f"{name} of contact {i}") for i, one in enumerate(value))
+
+
+def check_count(values: tuple, labels: tuple[str, ...], what: str, law: str) -> None:
+    """Check that a law that has one value for each contact, in order, has as many as contacts collide.
+
+    Raises:
+        RestitutionError: it has more or fewer.
+    """
+    if len(values) != len(labels):
+        raise RestitutionError(
+            f"{law} has {len(values)} {what} but {len(labels)} contacts collide ({', '.join(labels)}); key them by "
+            "contact label so that they follow the contacts, or give one for all (a stepper whose law is changed goes "
+            "on from before the step)"
         )
 
 

@@ -60,7 +60,7 @@ class OnContacts(Law):
             return aim(self.law, collision)
         wanted = np.zeros(len(collision.labels))
         if len(which):
-            wanted[which] = aim(self.law, _part(collision, which)).contact_velocity
+            wanted[which] = aim(self.law, replace(collision, friction=None).part(which)).contact_velocity
         return Target(wanted)
 
 
@@ -96,16 +96,3 @@ def _with_zeros(law: Any, chosen: Chosen) -> Law:
         return replace(law, restitution=zeros, default=law.restitution)
     table = {label: law.named(label) if keyed else law.restitution for label in sorted(chosen.labels)}
     return replace(law, restitution=table, default=0.0)
-
-
-def _part(collision: Collision, which: np.ndarray) -> Collision:
-    """Return the collision of some of its contacts, int (k,), without friction."""
-    before, after = collision.surface_velocity, collision.post_surface_velocity
-    return replace(
-        collision,
-        jacobian=collision.jacobian[which],
-        labels=tuple(collision.labels[i] for i in which),
-        surface_velocity=None if before is None else np.asarray(before)[which],
-        post_surface_velocity=None if after is None else np.asarray(after)[which],
-        friction=None,
-    )

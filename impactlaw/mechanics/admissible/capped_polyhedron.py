@@ -137,8 +137,10 @@ class CappedPolyhedron:
             excess = float(self.excess(x))
             if excess <= SET_ROUNDING * unit:
                 best, low = x, t
-                if excess >= -SET_ROUNDING * unit or t == last or (np.isinf(high) and self._is_last(x, ray)):
+                if excess >= -SET_ROUNDING * unit or t == last:
                     return x
+                if np.isinf(high) and np.linalg.norm(self._pushing(x, ray)[1]) <= TIGHT:
+                    return x  # no point of the polyhedron is farther along the ray
             else:
                 high = t
             if high - low <= SET_ROUNDING * max(1.0, abs(low), abs(t)) or low > unit / SET_ROUNDING:
@@ -191,10 +193,6 @@ class CappedPolyhedron:
         tight = np.flatnonzero(self.normals @ x - self.offsets <= TIGHT)
         push = nearest_in_cone(self.normals[tight], -pull)
         return tight[push > 0], pull + push @ self.normals[tight]
-
-    def _is_last(self, x: np.ndarray, ray: np.ndarray) -> bool:
-        """Whether no point of the polyhedron is farther along the ray than x."""
-        return bool(np.linalg.norm(self._pushing(x, ray)[1]) <= TIGHT)
 
 
 class _Flat:

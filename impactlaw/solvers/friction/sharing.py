@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 
 from impactlaw.solvers.friction.problem import ConeProblem, project, projection_derivative
+from impactlaw.solvers.sparsity import components
 
 _TINY = 1e-300
 _LEAST = 1e-6  # of the diagonal of G, at most 1, that the steps of the map are made of
@@ -46,12 +47,8 @@ def _parts(problem: ConeProblem) -> list[np.ndarray]:
     rows = np.arange(h * m)
     if h <= _FEW:
         return [rows]
-    coupled = (problem.delassus != 0.0).reshape(h, m, h, m).any(axis=(1, 3))
-    if coupled.all(axis=1).any():  # one that meets all others
-        return [rows]
-    count, member = scipy.sparse.csgraph.connected_components(coupled, directed=False)
-    owner = np.repeat(member, m)
-    return [rows[owner == group] for group in range(count)]
+    groups = components((problem.delassus != 0.0).reshape(h, m, h, m).any(axis=(1, 3)))
+    return [rows.reshape(h, m)[group].ravel() for group in groups]
 
 
 def _linearized(problem: ConeProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -86,6 +86,16 @@ def solve_cones(
     return answer._replace(iterations=total)
 
 
+def solve_within(problem: ConeProblem, guess: np.ndarray | None, rounds: int, effort: Effort | None) -> ConeAnswer:
+    """Call `solve_cones` with what an effort allows, and count there what it took; None is no limit."""
+    if effort is None:
+        return solve_cones(problem, guess, rounds=rounds)
+    rows = problem.start.size
+    answer = solve_cones(problem, guess, rounds=effort.rounds(rows), most=effort.steps(rows))
+    effort.attempt(rows, answer.iterations)
+    return answer
+
+
 def _attempt(problem: ConeProblem, guess: np.ndarray | None, rounds: int, most: float) -> ConeAnswer:
     """Return what the compiled solver finds from a guess, and from there again, in so many steps or a few more."""
     x, residual, total = np.zeros(problem.shape), np.inf, 0

@@ -91,7 +91,7 @@ class Configuration:
         self._current, self._factored = True, False
 
     def refresh(self) -> None:
-        """Do the same if the configuration has changed meanwhile."""
+        """Call `update` if the configuration has changed since the last time."""
         if not self._current:
             self.update()
 

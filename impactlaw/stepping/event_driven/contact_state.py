@@ -89,12 +89,12 @@ class ContactState(NamedTuple):
 
     @property
     def configuration(self) -> Configuration:
-        """At which the contacts are."""
+        """The configuration that the contacts are of."""
         return self.contact_set.configuration
 
     @property
     def pattern(self) -> Pattern:
-        """What the geoms of the contacts say."""
+        """Properties of the contacts that follow from their geoms."""
         return self.contact_set.pattern
 
     @property
@@ -176,7 +176,7 @@ class PhaseEnd(NamedTuple):
 
     @property
     def contact_set(self) -> ContactSet:
-        """Those contacts."""
+        """The contacts at the end of the phase."""
         return self.now.contact_set
 
     @property

@@ -93,7 +93,7 @@ def _put_back(configuration: Configuration) -> None:
 
 
 def _smallest_shift(phases: SmoothPhases, start: ContactState) -> ContactState:
-    """Do what `push_out` says, by Gauss-Newton on the gaps."""
+    """Push bodies out of each other, see `push_out`, by Gauss-Newton on the gaps."""
     configuration, nv = phases.configuration, phases.configuration.model.nv
     qpos, reach = configuration.data.qpos.copy(), 2.0 * float(-start.gap.min())
     now, shift, allowed = phases.look(reach), np.zeros(nv), CORRECTED * phases.tolerance

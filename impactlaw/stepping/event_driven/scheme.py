@@ -114,7 +114,7 @@ class RigidStepping:
 
     @property
     def short_steps(self) -> int:
-        """Of these steps, those that have not met the law, see `time_stepping.scheme.TimeStepping`."""
+        """Time-stepped steps that have not met the law, see `time_stepping.scheme.TimeStepping`."""
         return 0 if self._rest is None else self._rest.short_steps
 
     def set_law(self, law: Law) -> None:

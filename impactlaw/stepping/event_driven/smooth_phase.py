@@ -131,7 +131,7 @@ class SmoothPhases:
         return self._try_timestep(before, start) and self._dips.is_clear(start, before, timestep)
 
     def stay_together(self, pattern: Pattern) -> bool:
-        """Do so where the contacts of a plain pattern are closed; whether they still are, without a correction."""
+        """Advance by a timestep in one go where contacts are closed; return whether all still are, uncorrected."""
         before, timestep = self.configuration.data.qvel.copy(), self.options.timestep
         gaps = (-CORRECTED * self.tolerance, self.tolerance)
         return self._try_timestep(before) and self._dips.are_together(pattern, before, timestep, gaps)

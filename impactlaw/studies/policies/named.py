@@ -52,7 +52,8 @@ def policies_of(name: str, task: str, scheme: Scheme, laws: Sequence[StatedLaw])
     """
     if name == PPO:
         needs_training_extra(f"training by {PPO!r}")
-        return [_to_be_trained(law, Conditions(task, law, scheme)) for law in laws]
+        pairs = [(law, Conditions(task, law, scheme)) for law in laws]
+        return [Policy(PPO, law.text, {"policy": PPO, "under": own.settings()}, training=own) for law, own in pairs]
     if name == SCRIPTED:
         return _scripted(task, laws)
     if name.endswith(".zip"):
@@ -70,10 +71,6 @@ def opened(content: Controller | type | partial | bytes) -> Callable[[], Control
     if isinstance(content, type | partial):
         return content
     return lambda: content
-
-
-def _to_be_trained(law: StatedLaw, training: Conditions) -> Policy:
-    return Policy(PPO, law.text, {"policy": PPO, "under": training.settings()}, training=training)
 
 
 def _scripted(task: str, laws: Sequence[StatedLaw]) -> list[Policy]:

@@ -52,15 +52,9 @@ class Travel:
         self._pairs = pairs.geoms[finite]
         self._thickness = thin[self._pairs].sum(axis=1)
         self._thinnest = self._thickness.min(initial=np.inf)
-        self._spins = np.zeros(model.nv, dtype=bool)
-        for joint in range(model.njnt):
-            kind, dof = int(model.jnt_type[joint]), int(model.jnt_dofadr[joint])
-            if kind == int(mujoco.mjtJoint.mjJNT_FREE):
-                self._spins[dof + 3 : dof + 6] = True
-            elif kind == int(mujoco.mjtJoint.mjJNT_BALL):
-                self._spins[dof : dof + 3] = True
-            elif kind == int(mujoco.mjtJoint.mjJNT_HINGE):
-                self._spins[dof] = True
+        kind, first = model.jnt_type[model.dof_jntid], model.jnt_dofadr[model.dof_jntid]
+        turns = (kind == mujoco.mjtJoint.mjJNT_FREE) & (np.arange(model.nv) >= first + 3)
+        self._spins = turns | (kind == mujoco.mjtJoint.mjJNT_BALL) | (kind == mujoco.mjtJoint.mjJNT_HINGE)
         self._round = not turning
         self._passable = passing or turning
         self._chains = self._reaches(pairs.geoms[np.isfinite(thin[pairs.geoms])])

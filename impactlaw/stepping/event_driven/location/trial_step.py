@@ -46,7 +46,7 @@ class TrialStep(NamedTuple):
 
     @property
     def duration(self) -> float:
-        """Of the phase, s."""
+        """Duration of the phase, s."""
         return self.phase.duration
 
     @property

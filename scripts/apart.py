@@ -1,0 +1,84 @@
+"""Calls in a process of their own, so that what hangs or crashes costs one row of a study and not the study."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import tempfile
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from typing import Any, Self
+
+_START = 600.0  # s that importing everything, and compiling it the first time, may take on a busy machine
+
+
+class HangsError(Exception):
+    """A call that took longer than it may."""
+
+
+class CrashesError(Exception):
+    """A call that has ended its process."""
+
+
+class Worker:
+    """A process that takes one call after the other; it is ended and replaced when a call exceeds its budget.
+
+    It works in a temporary folder, where MuJoCo writes its warnings to a file.
+
+    Args:
+        prepare: what the process does first, so that no call pays for it.
+    """
+
+    def __init__(self, prepare: Callable[[], object]):
+        self._prepare = prepare
+        self._pool: ProcessPoolExecutor | None = None
+        self._process = 0
+        self._folder = tempfile.TemporaryDirectory()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end()
+        self._folder.cleanup()
+
+    def begin(self) -> ProcessPoolExecutor:
+        """Start the process, if there is none, and let it prepare."""
+        if self._pool is None:
+            self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
+            self._process = self._pool.submit(_begin, self._prepare, self._folder.name).result(_START)
+        return self._pool
+
+    def call(self, function: Callable[..., Any], *arguments: Any, budget: float) -> Any:
+        """Return what a function returns, which may take ``budget`` seconds.
+
+        Raises:
+            HangsError: it takes longer.
+            CrashesError: the process has ended.
+        """
+        pool = self.begin()
+        try:
+            return pool.submit(function, *arguments).result(budget)
+        except TimeoutError:
+            self._end()
+            raise HangsError(f"no result within {budget:g} s") from None
+        except BrokenProcessPool:
+            self._end()
+            raise CrashesError("the process ended") from None
+
+    def _end(self) -> None:
+        if self._pool is not None:
+            with suppress(ProcessLookupError):
+                os.kill(self._process, signal.SIGKILL)
+            self._pool.shutdown()
+        self._pool = None
+
+
+def _begin(prepare: Callable[[], object], folder: str) -> int:
+    """Return the process."""
+    os.chdir(folder)
+    prepare()
+    return os.getpid()
