@@ -1,4 +1,4 @@
-"""The part of a step before contact: bodies in the middle of the step, velocities where forces lead."""
+"""A step up to its contact problem: bodies at the midpoint, and the velocity that forces alone lead to."""
 
 from __future__ import annotations
 

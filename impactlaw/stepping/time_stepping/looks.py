@@ -1,4 +1,4 @@
-"""The looks at contacts of one step: the problem is solved again while its velocity closes contacts left out of it."""
+"""Contacts are found and the problem is solved in turn, while its velocity closes contacts that were left out."""
 
 from __future__ import annotations
 

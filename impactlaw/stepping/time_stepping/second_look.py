@@ -1,4 +1,4 @@
-"""A look at the end of a step: contacts of bodies that turn fast are not where their gradients of the middle say."""
+"""Correction at the end of a step: contacts of bodies that turn fast are not where gradients at the midpoint say."""
 
 from __future__ import annotations
 

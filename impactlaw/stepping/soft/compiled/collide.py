@@ -14,7 +14,6 @@ from impactlaw.solvers.cones.algebra.loops import (
     copied,
     dot,
     indices,
-    integers,
     kernel,
     norm,
     numbers,
@@ -23,7 +22,6 @@ from impactlaw.solvers.cones.algebra.loops import (
     put,
     zeros,
 )
-from impactlaw.solvers.cones.rows import islands, lengths
 from impactlaw.solvers.cones.solve import linked_improve
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
@@ -44,6 +42,7 @@ from impactlaw.stepping.soft.compiled.contacts.drifting import leave_drifting_ou
 from impactlaw.stepping.soft.compiled.contacts.equalities import projected, span
 from impactlaw.stepping.soft.compiled.contacts.found import Found, find, normal_velocities, within_reach
 from impactlaw.stepping.soft.compiled.contacts.rows import everyone, reached_by, read
+from impactlaw.stepping.soft.compiled.contacts.work import most_gained, work_of_each
 from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, UNKNOWN
 from impactlaw.stepping.soft.tolerances import GAINED, ROUNDING
 
@@ -114,58 +113,6 @@ def _solve(w, law, rows, members, last, b):
     return x, z, residual
 
 
-@plain
-def _book(rows, members, x, z, before, smallest, done, sums):
-    """Add a collision to the sums, less its jump and its energy; write the work of each of its contacts, J."""
-    distant = False
-    for j in range(len(members)):
-        g, own = members[j], 0.0
-        first = rows.first[g]
-        for r in range(first, first + rows.sizes[g]):
-            mean, length = before[r], 0.0
-            for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
-                mean += 0.5 * rows.val[a] * z[rows.col[a]]
-                length += rows.val[a] * rows.val[a]
-            own += x[r] * mean
-            length = np.sqrt(length)
-            distant = distant or (r == first and x[r] * length > smallest and mean > smallest * length)
-        done[j] = own
-    sums[COUNT] += 1.0
-    sums[DISTANT] += distant
-
-
-@kernel
-def _most_gained(rows, members, done, allowed, nv):
-    """Return the largest work, J, of contacts that influence each other; any that is allowed if none does more.
-
-    Args:
-        rows: whitened.
-        members: contacts that take part, int64 (k,).
-        done: work of each, (k,).
-        allowed: what may be rounding, J.
-        nv: degrees of freedom.
-    """
-    total, k = 0.0, len(members)
-    for work in done:
-        total += max(work, 0.0)
-    if total <= allowed or k == 1:
-        return total
-    length, label, parent, number_of, freedom = numbers(k), indices(k), indices(nv), indices(nv), integers(nv)
-    for i in range(nv):
-        freedom[i] = i
-    first, sizes = rows.first[members], rows.sizes[members]
-    lengths(rows.nnz, rows.adr, rows.val, first, sizes, zeros(len(rows.nnz)), length)
-    count = islands(
-        rows.nnz, rows.adr, rows.col, rows.val, freedom, first, sizes, length, label, parent, number_of
-    )  # fmt: skip
-    gained, most = zeros(count + 1), 0.0
-    for j in range(k):
-        gained[label[j]] += done[j]  # the last one: what cannot move
-    for work in gained:
-        most = max(most, work)
-    return most
-
-
 @kernel
 def _resolve(w, law, found, gamma, calm, rounding, last, guarded, velocity, sums):
     """Resolve one collision: change the velocity, (nv,), and add to the sums; return how it has ended.
@@ -174,11 +121,8 @@ def _resolve(w, law, found, gamma, calm, rounding, last, guarded, velocity, sums
     constraints that give way.
     """
     Mnnz, Madr, Mcol = layout_of(w)
-    factor, inverse, root = (
-        data_floats(w, DATA.qLD, size(w, MODEL.nC)),
-        data_floats(w, DATA.qLDiagInv, w.nv),
-        numbers(w.nv),
-    )
+    factor, root = data_floats(w, DATA.qLD, size(w, MODEL.nC)), numbers(w.nv)
+    inverse = data_floats(w, DATA.qLDiagInv, w.nv)
     for i in range(w.nv):
         root[i] = np.sqrt(inverse[i])
     jacobian = jacobian_of(w)
@@ -206,15 +150,17 @@ def _resolve(w, law, found, gamma, calm, rounding, last, guarded, velocity, sums
         return PYTHON
     speed, changed = norm(v), norm(z)
     done, larger = numbers(len(members)), max(speed, changed)
-    _book(rows, members, x, z, before, SIGNIFICANT * speed, done, sums)
-    gained = dot(v, FIRST, z, FIRST, w.nv) + 0.5 * changed * changed
-    sums[ENERGY] += gained
-    sums[INTENSITY] += changed
+    distant = work_of_each(rows, members, x, z, before, SIGNIFICANT * speed, done)
     allowed = 0.5 * (_CREATED + 4.0 * residual) * larger * larger
-    if _most_gained(rows, members, done, allowed, w.nv) > allowed:
+    if most_gained(rows, members, done, allowed, w.nv) > allowed:
         return PYTHON
+    gained = dot(v, FIRST, z, FIRST, w.nv) + 0.5 * changed * changed
     if guarded and kept > 0 and gained > 0.5 * GAINED * changed * changed:
         return _DRIVEN
+    sums[COUNT] += 1.0
+    sums[ENERGY] += gained
+    sums[INTENSITY] += changed
+    sums[DISTANT] += distant
     unwhitened(z, factor, Mnnz, Madr, Mcol, root, v)
     for i in range(w.nv):
         velocity[i] += v[i]

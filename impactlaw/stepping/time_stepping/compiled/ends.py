@@ -1,4 +1,4 @@
-"""What follows the contact problem of a step in compiled code: forces, the look at the end, frames, energy."""
+"""The end of a compiled step, after its contact problem: forces left in data, corrected gaps, frames and energy."""
 
 from __future__ import annotations
 

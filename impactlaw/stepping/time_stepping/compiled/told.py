@@ -1,4 +1,4 @@
-"""What a compiled step tells of its collisions when somebody asks: it is taken once more.
+"""The collisions of a compiled step as events: when somebody asks for them, the step is taken once more.
 
 Where sums were asked for, the steps that follow find theirs at once.
 """

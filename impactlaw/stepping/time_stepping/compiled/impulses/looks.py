@@ -1,4 +1,4 @@
-"""The looks at contacts of one step in compiled code: what is near, what contact does, and what energy that has."""
+"""Contacts found and the problem solved in turn, as in `looks`, in compiled code; the energy of what contact does."""
 
 from __future__ import annotations
 

@@ -1,0 +1,69 @@
+"""What each contact of a collision does, in compiled code: its work, and whether it has a distant effect."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlaw.solvers.cones.algebra.loops import indices, integers, kernel, numbers, plain, zeros
+from impactlaw.solvers.cones.rows import islands, lengths
+
+
+@plain
+def work_of_each(rows, members, x, z, before, smallest, done):
+    """Write the work of each contact of a collision, J, and return whether one of them has a distant effect.
+
+    Args:
+        rows: whitened.
+        members: contacts that take part, int64 (k,).
+        x: impulses of all rows, (n,).
+        z: jump of the velocity, whitened, (nv,).
+        before: velocities of rows before it, (n,).
+        smallest: whitened velocity up to which an impulse or a mean velocity is rounding.
+        done: written, (k,).
+    """
+    distant = False
+    for j in range(len(members)):
+        g, own = members[j], 0.0
+        first = rows.first[g]
+        for r in range(first, first + rows.sizes[g]):
+            mean, length = before[r], 0.0
+            for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
+                mean += 0.5 * rows.val[a] * z[rows.col[a]]
+                length += rows.val[a] * rows.val[a]
+            own += x[r] * mean
+            length = np.sqrt(length)
+            distant = distant or (r == first and x[r] * length > smallest and mean > smallest * length)
+        done[j] = own
+    return distant
+
+
+@kernel
+def most_gained(rows, members, done, allowed, nv):
+    """Return the largest work, J, of contacts that influence each other; any that is allowed if none does more.
+
+    Args:
+        rows: whitened.
+        members: contacts that take part, int64 (k,).
+        done: work of each, (k,).
+        allowed: what may be rounding, J.
+        nv: degrees of freedom.
+    """
+    total, k = 0.0, len(members)
+    for work in done:
+        total += max(work, 0.0)
+    if total <= allowed or k == 1:
+        return total
+    length, label, parent, number_of, freedom = numbers(k), indices(k), indices(nv), indices(nv), integers(nv)
+    for i in range(nv):
+        freedom[i] = i
+    first, sizes = rows.first[members], rows.sizes[members]
+    lengths(rows.nnz, rows.adr, rows.val, first, sizes, zeros(len(rows.nnz)), length)
+    count = islands(
+        rows.nnz, rows.adr, rows.col, rows.val, freedom, first, sizes, length, label, parent, number_of
+    )  # fmt: skip
+    gained, most = zeros(count + 1), 0.0
+    for j in range(k):
+        gained[label[j]] += done[j]  # the last one: what cannot move
+    for work in gained:
+        most = max(most, work)
+    return most
