@@ -1,4 +1,4 @@
-"""The study "cone solvers": problems of contact with friction from time stepping, by our solver and by Clarabel."""
+"""The study "cone solvers": problems of contact with friction from time stepping, by our solver and by others."""
 
 import os
 

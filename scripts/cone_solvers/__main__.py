@@ -1,8 +1,9 @@
-"""Problems of contact with friction, captured from time stepping of 15 scenes, by our solver and by Clarabel.
+"""Problems of contact with friction, captured from time stepping of 15 scenes, by our solver and by others.
 
 Each problem is solved from the guess that the scheme had, and from rest. A solver is judged by the largest natural map
-of a contact, relative to the largest offset of one, and by processor time. Clarabel solves convex programs, in a fixed
-point where friction is exact. Two tables are printed, and written with all rows: by solver, and by scene for ours.
+of a contact, relative to the largest offset of one, and by processor time. The others are nonsmooth Gauss-Seidel,
+Clarabel (convex programs, in a fixed point where friction is exact) and, for contacts of three rows, Pinocchio's ADMM,
+where these are installed. Two tables are printed, and written with all rows: by solver, and by scene for ours.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from scripts.robots.scenes import Scene, chosen
 from . import capture, measure, report
 from .catalogue import QUICK, catalogue
 from .problem import Problem
-from .solvers import Solvers, solvers
+from .solvers import Solver, solvers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +39,7 @@ class Study:
     seed: int = 0
     """Seed of drops, speeds and controls."""
     most_rows: int = 300
-    """Rows of a problem up to which Clarabel gets it."""
+    """Rows of a problem up to which Clarabel and Pinocchio get it."""
 
     def quickly(self) -> Study:
         """Return the same with 100 problems of 5 scenes, less than a minute."""
@@ -65,7 +66,7 @@ def captured(study: Study, scenes: list[Scene]) -> list[Problem]:
     return found
 
 
-def run(study: Study, problems: Iterable[Problem], who: Solvers) -> pd.DataFrame:
+def run(study: Study, problems: Iterable[Problem], who: list[Solver]) -> pd.DataFrame:
     """Return one row per problem, solver and start; see `measure.rows_of`."""
     rows = []
     for number, problem in enumerate(problems):
@@ -80,7 +81,7 @@ def main() -> None:
     who = solvers()
     problems = captured(study, chosen(catalogue(), study.only))
     print(f"{len(problems)} problems of {len({problem.scene for problem in problems})} scenes")
-    measure.warm_up(who, problems[0])
+    measure.warm_up(who, problems)
     table = run(study, tqdm(problems, desc="solving", unit="problem", disable=None), who)
     print(report.show(table))
     print(machine.one_line())

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from .problem import Problem
-from .solvers import COMPILED, Call, Solvers
+from .solvers import Call, Solver
 
 STARTS = ("guess", "rest")
 Row = dict[str, object]
@@ -17,27 +17,30 @@ _LONG = 0.02  # s: a call of this length is timed once
 _BLOCKS, _BLOCK = 3, 5e-4  # medians of blocks of calls, s each
 
 
-def warm_up(solvers: Solvers, problem: Problem) -> None:
-    """Let every solver solve a problem: what is loaded or compiled once is not counted."""
-    for bind in solvers.values():
-        bind(problem, problem.guess)()
+def warm_up(solvers: list[Solver], problems: list[Problem]) -> None:
+    """Let every solver solve the first problem it takes: what is loaded or compiled once is not counted."""
+    for solver in solvers:
+        for problem in problems:
+            if solver.takes(problem):
+                solver.bind(problem, problem.guess)()
+                break
 
 
-def rows_of(number: int, problem: Problem, solvers: Solvers, most_rows: int) -> Iterator[Row]:
-    """Yield a row per solver and start; of problems with more than so many rows for ours alone.
+def rows_of(number: int, problem: Problem, solvers: list[Solver], most_rows: int) -> Iterator[Row]:
+    """Yield a row per solver and start.
 
     Columns: problem, its number; scene, rows, singular; solver, start; missed, the natural map; us, processor time;
     iterations; slides, whether a contact that carries an impulse slides.
     """
     about = {"problem": number, "scene": problem.scene, "rows": len(problem.offset), "singular": problem.is_singular()}
-    for name, bind in solvers.items():
-        if name != COMPILED and len(problem.offset) > most_rows:
+    for solver in solvers:
+        if not solver.takes(problem) or not (solver.any_size or len(problem.offset) <= most_rows):
             continue
         for start in STARTS:
             guess = problem.guess if start == "guess" else np.zeros(len(problem.offset))
-            (x, iterations), spent = _timed(bind(problem, guess))
+            (x, iterations), spent = _timed(solver.bind(problem, guess))
             yield about | {
-                "solver": name, "start": start, "missed": problem.natural_map(x), "us": 1e6 * spent,
+                "solver": solver.name, "start": start, "missed": problem.natural_map(x), "us": 1e6 * spent,
                 "iterations": iterations, "slides": problem.slides(x),
             }  # fmt: skip
 

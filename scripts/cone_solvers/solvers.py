@@ -4,32 +4,51 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib.util import find_spec
+from typing import NamedTuple
 
 import numpy as np
 
 from impactlaw.solvers.cones import solve
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import TOLERANCE
 
-from . import clarabel_cones
+from . import clarabel_cones, gauss_seidel, pinocchio_admm
 from .problem import Problem
 
-COMPILED, CLARABEL = "impactlaw", "Clarabel"
+COMPILED = "impactlaw"
+_SWEEPS = 1000
+_ENOUGH = 1e-10
 
 Call = Callable[[], tuple[np.ndarray, int]]
 """What is timed; it returns impulses and iterations."""
-Solvers = dict[str, Callable[[Problem, np.ndarray], Call]]
-"""By name, what binds a problem and a guess to the call that solves it."""
 
 
-def solvers() -> Solvers:
-    """Return our solver, and Clarabel where it is installed."""
-    if find_spec("clarabel") is None:
-        print(f"clarabel is not installed: {CLARABEL} is left out")
-        return {COMPILED: compiled}
-    return {
-        COMPILED: compiled,
-        CLARABEL: lambda problem, guess: lambda: clarabel_cones.fixed_point(problem, guess),
-    }
+class Solver(NamedTuple):
+    """One solver.
+
+    Attributes:
+        name: in tables.
+        package: import name of what it needs.
+        takes: whether it can solve a problem.
+        any_size: whether it gets large problems too.
+        bind: a problem and a guess to the call that solves it.
+    """
+
+    name: str
+    package: str
+    takes: Callable[[Problem], bool]
+    any_size: bool
+    bind: Callable[[Problem, np.ndarray], Call]
+
+
+def solvers() -> list[Solver]:
+    """Return the solvers that are installed; the others are named on screen."""
+    found = []
+    for solver in _ALL:
+        if find_spec(solver.package) is None:
+            print(f"{solver.package} is not installed: {solver.name} is left out")
+        else:
+            found.append(solver)
+    return found
 
 
 def compiled(problem: Problem, guess: np.ndarray) -> Call:
@@ -46,3 +65,27 @@ def compiled(problem: Problem, guess: np.ndarray) -> Call:
         return x, taken
 
     return call
+
+
+def _gauss_seidel(problem: Problem, guess: np.ndarray) -> Call:
+    arrays = gauss_seidel.arrays(problem)
+
+    def call() -> tuple[np.ndarray, int]:
+        x = guess.copy()
+        return x, gauss_seidel.sweep(arrays, x, _ENOUGH * problem.scale, _SWEEPS)
+
+    return call
+
+
+_ALL = (
+    Solver(COMPILED, "impactlaw", lambda problem: True, True, compiled),
+    Solver("Gauss-Seidel", "numba", lambda problem: problem.exact, True, _gauss_seidel),
+    Solver(
+        "Clarabel", "clarabel", lambda problem: True, False,
+        lambda problem, guess: lambda: clarabel_cones.fixed_point(problem, guess),
+    ),
+    Solver(
+        "Pinocchio ADMM", "pinocchio", pinocchio_admm.takes, False,
+        lambda problem, guess: lambda: pinocchio_admm.admm(problem, guess),
+    ),
+)  # fmt: skip
