@@ -12,8 +12,8 @@ from impactlaw.stepping.time_stepping import tolerances
 
 CREATED = 1e-9  # part of the largest energy of a contact, up to which its creation is rounding
 _ROUNDING = 1e-14  # part of a sum of energies
-_CANCEL = 1e-5  # part of the energy of impulses each by itself, below which they cancel each other
-_DRIFTS = 0.02  # part of the energy of all together that the drift of constraints gives at least
+_CANCEL = 2e-6  # part of the energy of impulses each by itself, below which they cancel each other
+_DRIFTS = 0.25  # part of the energy of all together that the drift of constraints gives at least
 
 
 is_met: Any = plain(tolerances.is_met)
