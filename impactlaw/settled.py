@@ -19,6 +19,7 @@ class Settled(property):
 
     def __init__(self, instead: str, name: str = ""):
         super().__init__(attrgetter(f"_settled_{name}"))
+        self.__doc__ = f"As it was when this was made; for another one, {instead}."
         self._instead = instead
         self._name = name
 

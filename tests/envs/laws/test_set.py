@@ -8,7 +8,7 @@ import pytest
 from envs_with_laws import JUGGLER, every_maker, juggler, kept
 from wrapped import hopper, theirs
 
-from impactlaw import Moreau, Newton
+from impactlaw import Moreau, Newton, Stepper
 from impactlaw.envs import ImpactLaw
 from impactlaw.errors import ImpactLawError, RestitutionError, SettledError
 from impactlaw.laws import MaximalDissipation
@@ -131,6 +131,11 @@ def test_other_arguments_of_the_wrapper_are_settled(name):
     env = gymnasium.wrappers.TimeLimit(hopper(), 10)
     with pytest.raises(SettledError, match=f"{name} of ImpactLaw is settled"):
         env.set_wrapper_attr(name, 3)
+
+
+@pytest.mark.parametrize("owner", [Stepper, ImpactLaw])
+def test_the_reference_says_of_what_is_settled_how_to_have_another_one(owner):
+    assert owner.friction.__doc__.startswith("As it was when this was made; for another one, ")
 
 
 def test_a_law_that_was_removed_cannot_be_set():
