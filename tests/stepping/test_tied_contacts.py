@@ -69,7 +69,7 @@ def test_bricks_that_are_tied_fall_and_come_to_rest(way, tie):
     assert np.abs(data.qvel).max() < 0.05
 
 
-@pytest.mark.parametrize("way", ["time-stepping", "time-stepping in Python", "event-driven"])
+@pytest.mark.parametrize("way", ["time-stepping", "time-stepping in Python"])
 @pytest.mark.parametrize(
     ("tie", "e", "turned"),
     [

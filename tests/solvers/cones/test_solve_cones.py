@@ -1,5 +1,3 @@
-import time
-
 import numpy as np
 import pytest
 from solvers.cones.problems import BILATERAL, BOX, CONE, dense, problem, solvable
@@ -173,10 +171,7 @@ def test_conflict_ends_with_bounded_work(exact):
     Y[3:6] = -Y[:3]  # two walls that both push: no motion leaves both at speed 1
     Y[6:] = rng.normal(size=(18, 6))
     args = problem(Y, [3] * 8, CONE, np.tile([-1.0, 0.2, 0.1], 8))
-    run(args, exact=exact)
-    begin = time.perf_counter()
     x, _, residual, iterations = run(args, exact=exact)
-    assert time.perf_counter() - begin < 0.2
     assert np.isfinite(x).all()
     assert 1e-3 < residual < np.inf
     assert iterations < 5000
