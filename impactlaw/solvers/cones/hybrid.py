@@ -28,7 +28,7 @@ from impactlaw.solvers.cones.algebra.loops import (
 )
 from impactlaw.solvers.cones.algebra.ordering import Blocks, one_block
 from impactlaw.solvers.cones.algebra.projection import norm_of
-from impactlaw.solvers.cones.algebra.structure import BOX, Island, delassus
+from impactlaw.solvers.cones.algebra.structure import BOX, CONE, Island, delassus
 from impactlaw.solvers.cones.convex import linked_corrected
 from impactlaw.solvers.cones.interior import linked_interior
 from impactlaw.solvers.cones.large import solve_large
@@ -142,6 +142,16 @@ def _solve_pile(P: Island, K: Blocks, x: Array, scale: float, tolerance: float) 
     return total, least
 
 
+@plain
+def _solve_one_contact(P: Island, x: Array) -> tuple[int, float]:
+    """Do what `solve_island` does for one contact without friction: its velocity is exact, and so is its energy."""
+    square = P.c[0]
+    for a in P.A:
+        square += a * a
+    x[0] = max(0.0, -P.b[0] / square)
+    return 0, 0.0
+
+
 @once
 def solve_island(
     P: Island, K: Blocks, x: Array, scale: float, tolerance: float, rounds: int, left: Array
@@ -152,6 +162,8 @@ def solve_island(
     work allowed that is left.
     """
     n, cost = len(x), flops(P, K)
+    if n == 1 and P.kind[0] == CONE:
+        return _solve_one_contact(P, x)
     large, total, least = n >= LARGE and len(K.width) > 1, 0, np.inf
     if large and not P.exact:
         total, least = solve_large(P, K, x, tolerance, _affordable(left, cost, n))

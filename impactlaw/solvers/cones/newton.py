@@ -215,7 +215,8 @@ def newton(
         G: ``A A^T + c`` where the dense system of all rows is to be used, row by row, else empty.
         x: where to start.
         tolerance: natural map that is small enough.
-        most: steps; up to twice as many while they converge.
+        most: steps; up to twice as many while they converge. Without friction one more follows the tolerance: it is
+            exact but for rounding, and so is the energy of elastic bodies.
         kind: which map.
         scale: of R.
         delta: least regularization.
@@ -239,9 +240,9 @@ def newton(
     least = residual(P, point, u, exact)
     merit = mapping(P, point, u, kind, rn, rt, y, p, F)
     taken, r, before = 0, least, least
-    fruitless = 0
-    while least > tolerance and (taken < most or (r < _QUICK * before and taken < 2 * most)):
-        before = r
+    fruitless, spare = 0, least > tolerance and most_rows == 1  # see `most`
+    while spare or (least > tolerance and (taken < most or (r < _QUICK * before and taken < 2 * most))):
+        spare, before = spare and least > tolerance and taken < most, r
         if fruitless == patience:
             break
         derivatives(P, y, u, kind, rn, rt, max(delta, min(share * r, _MOST)), not dense, B, E, D)

@@ -22,6 +22,7 @@ from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
 from impactlaw.stepping.time_stepping.problem.solution.resolve import resolve_step
+from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
 from impactlaw.stepping.time_stepping.tolerances import (
     FEW_ROUNDS,
@@ -142,9 +143,9 @@ class ContactProblem:
         """Return what contact does in a step.
 
         In phases, contacts that are hit only through others, across a gap that is open, are left out first and collide
-        from the velocity to which that leads. There are at most `PHASES` of these, while work is left,
-        none after one whose problem was not solved; in the last one such a contact just touches. Restitution is
-        scaled so that it creates no energy only where nothing more is left out.
+        from the velocity to which that leads. There are at most `PHASES` of these, while more work than `RESERVE` is
+        left, none after one whose problem was not solved; in the last one such a contact just touches. Restitution is
+        scaled so that it creates no energy only where nothing more is left out: what is reserved is for that.
 
         Args:
             data: in the middle of the step, contacts current.
@@ -198,7 +199,7 @@ class ContactProblem:
             met = self._solve(step, part, before, known, rounds, may[keep], scaled=False)
             new = self._later(met)
             cut = bool(np.count_nonzero(new))
-            if not cut or not more or not met.solved or step.left[0] <= 0.0:
+            if not cut or not more or not met.solved or step.left[0] <= RESERVE:
                 break
             later[keep] |= new
             known, rounds = (met.rows.groups, met.rows.key, met.rows.scale, met.answer[0]), FEW_ROUNDS

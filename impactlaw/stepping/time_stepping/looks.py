@@ -78,7 +78,8 @@ class Looks:
         """Add what contact does to the velocity of data, and return what the last look has found.
 
         Contacts that are far from closing are left out. If the velocity found would close one of them, it takes part.
-        Where contacts are hit only through others, these collide first, which may close further ones.
+        Where contacts are hit only through others, these collide first, which may close further ones. The same is
+        tried where a few looks do not find all that is closed.
         Where Coriolis and gyroscopic forces create energy because of a collision, it is between two half steps.
 
         Args:
@@ -94,8 +95,8 @@ class Looks:
             allowed = len(found.rows.row) <= PHASE_LOOK_ROWS if looks.phases else look < LOOKS
             if more and unseen and allowed:
                 near = near | new
-            elif more and found.loses and found.met and not looks.phases and self.work[0] > 0.0:
-                looks = replace(looks, phases=True)
+            elif more and (unseen or found.loses) and found.met and not looks.phases and self.work[0] > 0.0:
+                near, looks = near | new, replace(looks, phases=True)
             else:
                 break
             look += 1

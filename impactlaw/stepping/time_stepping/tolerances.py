@@ -23,7 +23,7 @@ PHASE_LOOKS = 8
 """Looks beyond these, where collisions are one after another: each of them can close another contact."""
 PHASE_LOOK_ROWS = 50
 """Rows of a contact problem up to which that is looked at again."""
-PHASES = 8
+PHASES = 64
 """Collisions one after another within a step at most, where contacts are hit through others across open gaps."""
 FARTHER_LOOKS = 8
 """Times at most that a step looks farther for contacts: each collision one after another can throw another body."""

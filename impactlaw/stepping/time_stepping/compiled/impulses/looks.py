@@ -89,10 +89,12 @@ def find_impulses(
         near(w, jacobian, qvel, qvel, h, seen)
         more, unseen = look < LOOKS + PHASE_LOOKS, sees_more(chosen, seen)
         allowed = found.rows <= PHASE_LOOK_ROWS if phases else look < LOOKS
+        met = is_met(found.solved.missed, found.solved.fastest)
         if more and unseen and allowed:
             take_over(chosen, seen)
-        elif more and found.later and not phases and work_left(w) and is_met(found.solved.missed, found.solved.fastest):
-            phases = found.later
+        elif more and not phases and (unseen or found.later) and work_left(w) and met:
+            take_over(chosen, seen)
+            phases = unseen or found.later
         else:
             break
         if look == 1:

@@ -9,7 +9,7 @@ from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import clear, copied, kernel, once, put, zeros
 from impactlaw.stepping.compiled.access import model_ints, velocity_of
-from impactlaw.stepping.compiled.fields import MODEL, address_of, keep
+from impactlaw.stepping.compiled.fields import MODEL, address_of, floats, keep
 from impactlaw.stepping.time_stepping.compiled.impulses.answer import (
     SOLVED,
     Solved,
@@ -17,7 +17,6 @@ from impactlaw.stepping.time_stepping.compiled.impulses.answer import (
     lost,
     scalable,
     solve,
-    work_left,
 )
 from impactlaw.stepping.time_stepping.compiled.state.kinds import (
     ANSWER,
@@ -37,6 +36,7 @@ from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setti
 from impactlaw.stepping.time_stepping.problem.energy import is_met
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups
 from impactlaw.stepping.time_stepping.problem.rows import Rows
+from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASES
 
 
@@ -63,7 +63,7 @@ def _meet(w, rows, metric, before, known, rounds, law, may, more, block, sums):
         put(answer.may, allowed)
         solved = solve(w, part, metric, known, rounds, law, answer, False)
         waiting = solved.status == FINE and goes_on(w, part, solved, answer)
-        if not more or not work_left(w) or not waiting or not is_met(solved.missed, solved.fastest):
+        if not more or floats(w.work, 1)[0] <= RESERVE or not waiting or not is_met(solved.missed, solved.fastest):
             if scalable(w, solved):
                 solved = solve(w, part, metric, known, rounds, law, answer, True)
             break

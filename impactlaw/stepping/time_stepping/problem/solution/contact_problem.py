@@ -75,7 +75,8 @@ def correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, roun
 
     Friction is held: cut to its cone, and the same in a solution.
 
-    It is what makes problems hard: what is left, ``0 <= Lambda_n  ⊥  u_n >= 0``, is convex.
+    It is what makes problems hard: what is left, ``0 <= Lambda_n  ⊥  u_n >= 0``, is convex. Without friction that is
+    the problem that was to be solved, and it is begun anew from rest.
     """
     x, offset, friction = copied(solution), copied(b), zeros(len(tree))
     for g in range(groups.shape[1]):
@@ -93,7 +94,10 @@ def correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, roun
     for r in range(len(b)):
         for a in range(sparse[1, r], sparse[1, r] + sparse[0, r]):
             offset[r] += value[a] * friction[colind[a]]
-    start, one = copied(x), integers(groups.shape[1])
+    start, one, tolerance = copied(x), integers(groups.shape[1]), _CORRECTED
+    if len(x) == groups.shape[1]:
+        clear(start)
+        tolerance = TOLERANCE
     for g in range(groups.shape[1]):
         for k in range(groups[0, g] + 1, groups[0, g] + groups[1, g]):
             start[k] = 0.0
@@ -101,7 +105,7 @@ def correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, roun
     z = numbers(len(tree))
     reached, _ = linked_improve(
         sparse[0], sparse[1], colind, value, tree, groups[0], one, groups[2], amounts[1], rates[4], offset, _CONVEX,
-        _CORRECTED, min(rounds, _ONE), left, start, z,
+        tolerance, min(rounds, _ONE), left, start, z,
     )  # fmt: skip
     if not reached > UNSOLVED:
         for g in range(groups.shape[1]):
@@ -150,6 +154,8 @@ def solve_scaled(
     )  # fmt: skip
     row_velocities(sparse, colind, value, rates, z, after)
     if residual > UNSOLVED or not is_met(*shortfall(groups, rates, after, scaled)):
-        correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, x, z)
+        reached = correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, x, z)
         row_velocities(sparse, colind, value, rates, z, after)
+        if reached <= UNSOLVED and len(x) == groups.shape[1]:  # no friction: that was all of the problem
+            residual = reached
     return residual

@@ -20,10 +20,10 @@ from impactlaw.stepping.time_stepping.tolerances import SLOWEST
 
 _FEW = 1  # rounds of slower methods in a search
 _CLOSE = 1e-10  # part of the energy that contacts exchange by which a search may end below what is allowed
-_SEARCHES = 12  # of the share of restitution that creates no energy, while work is left
+_SEARCHES = 40  # most, of the share of restitution that creates no energy, while work is left
 _JAMMED = 1e-3  # part of the largest contact velocity by which a law is missed, or natural map, where bodies jam
 RESERVE = 0.2
-"""Part of the work allowed that is there for a step without restitution in any case."""
+"""Part of the work allowed that is there for a step without restitution in any case; further phases need more."""
 _ANY, _NONE = np.inf, np.int64(0)  # natural map, and rounds, where nothing is to be solved
 _SAFE = np.int64(8)  # rounds of slower methods that it has
 
