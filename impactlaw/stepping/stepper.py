@@ -42,9 +42,9 @@ class Stepper:
     Args:
         model: the compiled scene. Its options are read at every step, so they may be changed between steps (contacts
             and limits that they disable are off), but for the override of contacts. What else of it is changed later
-            has its effect where MuJoCo reads it again; event-driven steps keep shapes and friction as they were when a
-            contact was first seen. Friction, contact, limits and belts that it comes to have, but had not when the
-            stepper was made, are refused by the next step, and so are other limits of joints if it is event-driven.
+            has its effect where MuJoCo reads it again; event-driven steps keep shapes as they were when a contact was
+            first seen. Friction, contact, limits and belts that it comes to have, but had not when the stepper was
+            made, are refused by the next step, and so are other limits of joints if it is event-driven.
         law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`laws.restitution.from_scene`).
         contact_model: "rigid" or "soft".
         scheme: "event-driven", if not given, or "time-stepping" (rigid).
@@ -240,8 +240,8 @@ class Stepper:
         """
         if not isinstance(data, mujoco.MjData) or data.signature != self._model.signature:
             raise _other_model(data)
-        if self._left_out is not None:
-            self._left_out.check()
+        if self._left_out is not None and self._left_out.check() and isinstance(self._stepping, RigidStepping):
+            self._stepping.learn_friction()
         if steps.__class__ is not int or steps < 1:
             check_count("steps", steps)
         if self._at_once:
