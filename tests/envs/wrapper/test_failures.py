@@ -134,7 +134,7 @@ class StepsInStep(Falling):
 def test_an_environment_that_steps_past_the_law(kind):
     env = ImpactLaw(kind(), "moreau", 0.5)
     env.reset(seed=0)
-    with pytest.raises(WrapperError, match="steps MuJoCo in a way of its own.*: the law has no effect"):
+    with pytest.raises(WrapperError, match=r"steps MuJoCo in a way of its own.*: the law has no effect"):
         env.step(np.zeros(0))
 
 
