@@ -20,7 +20,7 @@ def impact_info(sums: ImpactSums, *, short: int = 0, diverged: bool = False) -> 
     |---|---|---|
     | ``impact/count`` | collisions | int |
     | ``impact/energy_change`` | sum of T+ - T- | float, J |
-    | ``impact/surface_work`` | what moving surfaces did of that, 0 where none moves | float, J |
+    | ``impact/surface_work`` | what moving surfaces did of that, and equality constraints that had drifted | float, J |
     | ``impact/intensity`` | sum of \|v+ - v-\| in the kinetic metric | float, sqrt(J) |
     | ``impact/distant`` | collisions with a distant effect (an antidissipative contact) | int |
     | ``impact/inadmissible`` | collisions whose outcome by the law left S(v-) and was projected or let through | int |

@@ -215,11 +215,13 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
 
         Raises:
             ImpactLawError: as by `Stepper.step`, but for `DivergenceError`, which ends the episode.
+            WrapperError: the environment does not step MuJoCo in a known way, which shows only now.
         """
         placed = self._placed
         if placed is None:
             return self.env.step(action)
         placed.clear()
+        start = placed.simulation()[1].time
         if _is_bad(action):
             placed.diverged = True
             return self._cut_off(placed, action)
@@ -229,6 +231,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
             if not placed.diverged:
                 raise
             return self._cut_off(placed, action)
+        placed.check_stepped(start)
         self._observation = observation
         truncated = truncated or placed.diverged
         placed.record_step(action, reward, terminated, truncated)

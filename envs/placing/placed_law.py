@@ -67,7 +67,7 @@ class PlacedLaw(LawInForce, ABC):
     def clear(self) -> None:
         """Forget the last environment step."""
         self._met, self._sums, self._short = [], NOTHING, 0
-        self.diverged = False
+        self.diverged = self._stepped = False
         if self._forces is not None:
             self._forces.clear()
 
@@ -89,6 +89,16 @@ class PlacedLaw(LawInForce, ABC):
         """Record an environment step that is over."""
         if self._log is not None:
             self._log.end_step(action, reward, terminated, truncated)
+
+    def check_stepped(self, since: float) -> None:
+        """Refuse an environment that has stepped MuJoCo since a time, s, without the law.
+
+        Raises:
+            WrapperError: it has.
+        """
+        if not self._stepped and self.simulation()[1].time > since:
+            name = name_of(self._target())
+            raise WrapperError(f"{name} steps MuJoCo in a way of its own, not by {self.method}: the law has no effect")
 
     def close(self) -> None:
         """End the recording."""
@@ -169,7 +179,7 @@ class PlacedLaw(LawInForce, ABC):
 
     def _advance(self, model: mujoco.MjModel, data: mujoco.MjData, steps: int, *, half: bool = False) -> None:
         """Advance by so many timesteps; the first one by its second half only."""
-        stepper = self._stepper_for(model)
+        stepper, self._stepped = self._stepper_for(model), True
         if self._log is not None:
             self._log.watch(stepper, data, self._in_force)
         while steps:

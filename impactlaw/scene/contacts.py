@@ -61,6 +61,20 @@ class Contacts:
         return Contacts(self.labels + others.labels, *parts)
 
 
+_SIZES = "nq", "nv", "na", "nu", "nbody", "njnt", "ngeom", "nsite", "nmocap", "neq", "ntendon", "nsensordata"
+
+
+def is_data_of(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
+    """Return whether data are of a model, or of one with the same bodies, joints and geoms.
+
+    MuJoCo's signature tells. Models out of a binary file or a pickle have none: their sizes tell.
+    """
+    if data.signature != model.signature:
+        return False
+    other = data.model
+    return model.signature != 0 or other is model or all(getattr(other, n) == getattr(model, n) for n in _SIZES)
+
+
 def geom_names(model: mujoco.MjModel) -> tuple[str, ...]:
     """Return the name by which each geom appears in contact labels: its own, its body's, or ``geom<id>``."""
     names = []

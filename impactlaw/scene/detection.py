@@ -97,6 +97,10 @@ class Detector:
         nothing = np.zeros((0, 2), int)
         self.empty = self._patterns.of(nothing), Contacts((), nothing, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
 
+    def forget_patterns(self) -> None:
+        """Learn anew what geoms say, such as their friction."""
+        self._patterns.forget()
+
     def near(self, data: mujoco.MjData, within: float) -> Found:
         """Return the contacts with a gap of at most ``within``, m or rad; the pattern is that of more.
 

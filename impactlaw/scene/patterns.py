@@ -90,6 +90,10 @@ class Patterns:
         self._faces, self._friction, self._alone = faces, friction, alone
         self._known: dict[bytes, Pattern] = {}
 
+    def forget(self) -> None:
+        """Learn them anew from the model of now."""
+        self._known.clear()
+
     def of(self, geoms: np.ndarray) -> Pattern:
         """Return what geom ids in MuJoCo's order, int32 (h, 2), say."""
         seen = geoms.tobytes()

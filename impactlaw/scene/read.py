@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import DivergenceError, InvalidCollisionError, OptionError, SceneError
-from impactlaw.scene.contacts import Contacts, mass_matrix, update_positions
+from impactlaw.scene.contacts import Contacts, is_data_of, mass_matrix, update_positions
 from impactlaw.scene.detection import Detector, Found
 from impactlaw.scene.tolerances import GAP_TOLERANCE
 
@@ -62,7 +62,7 @@ def _check_state(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     if not isinstance(model, mujoco.MjModel) or not isinstance(data, mujoco.MjData):
         kinds = f"{type(model).__name__} and {type(data).__name__}"
         raise SceneError(f"contacts are read from a mujoco.MjModel and its mujoco.MjData, got {kinds}")
-    if data.signature != model.signature:
+    if not is_data_of(model, data):
         raise SceneError("data belongs to another model than the one it is given with")
 
 

@@ -36,7 +36,7 @@ class ImpactSums(NamedTuple):
     Attributes:
         collisions: how many.
         energy_change: of ``T+ - T-``, J.
-        surface_work: what moving surfaces did of that, J.
+        surface_work: what moving surfaces did of that, and equality constraints that had drifted, J.
         intensity: of ``|v+ - v-|`` in the kinetic metric, sqrt(J).
         distant: collisions with a distant effect.
         inadmissible: collisions whose outcome by the law left S(v-) and was projected or let through.

@@ -1,4 +1,7 @@
-"""What a plan has left out, and whether the scene has come to need it: then steps end, rather than go on without."""
+"""What a plan has left out, and whether the scene has come to need it: then steps end, rather than go on without.
+
+Event-driven steps learn friction when a contact is first seen; here they are told to learn it anew.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +36,7 @@ def watched_fields(plan: Plan, friction: Literal["coulomb", "convex", "ignore"])
     """
     if not plan.detection:
         fields = _CONTACT
-    elif not plan.friction and friction != "ignore":
+    elif friction != "ignore" and (not plan.friction or plan.scheme == "event-driven"):
         fields = _FRICTION
     else:
         fields = ()
@@ -65,17 +68,19 @@ class LeftOut:
         """Whether there is anything to look at."""
         return len(self._names) > 0
 
-    def check(self) -> None:
-        """Refuse to go on where the model has come to need what was left out.
+    def check(self) -> bool:
+        """Refuse to go on where the model has come to need what was left out; return whether friction was changed.
 
         Raises:
             SceneError: it has, or limits of joints are other ones (event-driven); says what has changed.
         """
-        model = self._model
+        model, rubs = self._model, False
         for name, kept in self._kept:
             if getattr(model, name).tobytes() != kept:
                 self._compare(name)
                 self._keep()
+                rubs = rubs or name in _FRICTION
+        return rubs
 
     def _keep(self) -> None:
         self._kept = [(name, getattr(self._model, name).tobytes()) for name in self._names]

@@ -11,6 +11,7 @@ import mujoco
 from impactlaw.errors import ManyCollisionsWarning, SceneError, UnknownNameError
 from impactlaw.laws import Law
 from impactlaw.laws.restitution.from_scene import scene_law
+from impactlaw.scene.contacts import is_data_of
 from impactlaw.settled import Settled
 from impactlaw.solvers import load_solvers
 from impactlaw.stepping.compatibility import check_count, check_friction, check_law, check_model, check_override
@@ -42,9 +43,9 @@ class Stepper:
     Args:
         model: the compiled scene. Its options are read at every step, so they may be changed between steps (contacts
             and limits that they disable are off), but for the override of contacts. What else of it is changed later
-            has its effect where MuJoCo reads it again; event-driven steps keep shapes and friction as they were when a
-            contact was first seen. Friction, contact, limits and belts that it comes to have, but had not when the
-            stepper was made, are refused by the next step, and so are other limits of joints if it is event-driven.
+            has its effect where MuJoCo reads it again; event-driven steps keep shapes as they were when a contact was
+            first seen. Friction, contact, limits and belts that it comes to have, but had not when the stepper was
+            made, are refused by the next step, and so are other limits of joints if it is event-driven.
         law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`laws.restitution.from_scene`).
         contact_model: "rigid" or "soft".
         scheme: "event-driven", if not given, or "time-stepping" (rigid).
@@ -238,10 +239,10 @@ class Stepper:
             SceneError: data is no MjData, or of a model with other bodies, joints or geoms; or the model has come to
                 need what the plan has left out, such as friction, or has other limits of joints (event-driven).
         """
-        if not isinstance(data, mujoco.MjData) or data.signature != self._model.signature:
+        if not isinstance(data, mujoco.MjData) or not is_data_of(self._model, data):
             raise _other_model(data)
-        if self._left_out is not None:
-            self._left_out.check()
+        if self._left_out is not None and self._left_out.check() and isinstance(self._stepping, RigidStepping):
+            self._stepping.learn_friction()
         if steps.__class__ is not int or steps < 1:
             check_count("steps", steps)
         if self._at_once:
@@ -270,7 +271,7 @@ class Stepper:
             SceneError: the contact model is not "soft", or data is no MjData, or of another model.
             ImpactLawError: as by `step`.
         """
-        if not isinstance(data, mujoco.MjData) or data.signature != self._model.signature:
+        if not isinstance(data, mujoco.MjData) or not is_data_of(self._model, data):
             raise _other_model(data)
         if not self._is_soft:
             raise SceneError('only soft stepping can be cut in two halves; use step(), or contact_model="soft"')

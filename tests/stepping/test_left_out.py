@@ -86,6 +86,63 @@ def test_a_copy_looks_at_its_own_model():
         other.step(mujoco.MjData(other.model))
 
 
+rigid_ways = pytest.mark.parametrize("way", [way for way in WAYS if not way.startswith("soft")])
+
+
+@rigid_ways
+@pytest.mark.parametrize(
+    ("name", "value", "lost"), [("geom_friction", 0.1, 0.981), ("geom_friction", 1.0, 9.81), ("geom_condim", 1, 0.0)]
+)
+def test_friction_that_is_changed_later(way, name, value, lost):
+    """What slides loses mu g t of its speed, with the mu of now."""
+    model, data = block('friction="0.3"')
+    stepper = Stepper(model, Moreau(0.0), **WAYS[way])
+    stepper.step(data, 50)
+    before, start = data.qvel[0], data.time
+    getattr(model, name)[:] = value if name == "geom_condim" else (value, 0.005, 0.0001)
+    stepper.step(data, 50)
+    assert before - data.qvel[0] == pytest.approx(lost * (data.time - start), abs=1e-9)
+
+
+@rigid_ways
+def test_what_rests_on_a_slope_slides_when_friction_is_taken_away(way):
+    model, data = block('friction="1"')
+    data.qvel[0], model.opt.gravity[:] = 0.0, (6.0, 0.0, -8.0)
+    stepper = Stepper(model, Moreau(0.0), **WAYS[way])
+    stepper.step(data, 20)
+    assert abs(data.qvel[0]) < 1e-9
+    model.geom_friction[:, 0] = 0.5
+    stepper.step(data, 50)
+    assert data.qvel[0] == pytest.approx((6.0 - 0.5 * 8.0) * 50 * model.opt.timestep, abs=1e-6)
+
+
+def no_contact(model):
+    model.geom_contype[:] = model.body_contype[:] = 0
+    model.geom_conaffinity[:] = model.body_conaffinity[:] = 0
+
+
+def lower_table(model):
+    model.body_pos[1, 2] = -0.2
+
+
+def thinner(model):
+    model.geom_size[1, 2] = 0.05
+
+
+@rigid_ways
+@pytest.mark.parametrize(("change", "falls"), [(no_contact, 1.0), (lower_table, 0.2), (thinner, 0.05)])
+def test_what_rests_falls_when_what_carries_it_is_changed(way, change, falls):
+    model, data = compiled("""<body><geom type="box" size="1 1 .1"/></body>
+      <body pos="0 0 .2"><freejoint/><geom type="box" size=".1 .1 .1"/></body>""")
+    stepper = Stepper(model, Moreau(0.0), **WAYS[way])
+    stepper.step(data, 20)
+    assert data.qpos[2] == pytest.approx(0.2, abs=1e-9)
+    change(model)
+    while data.qpos[2] > 0.2 - falls + 1e-4:
+        stepper.step(data)
+        assert data.time < 2.0
+
+
 ARM = '<body pos="0 {} 1"><joint axis="0 1 0" range="-30 30" limited="{}"/><geom size=".1" pos=".4 0 0"/></body>'
 
 

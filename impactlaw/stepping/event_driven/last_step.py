@@ -54,6 +54,10 @@ class LastStep:
         """Keep the configuration of now, to which another way to step has led."""
         self._left, self._contacts, self._shortcut = self._now(), None, None
 
+    def forget(self) -> None:
+        """Let the next step look at the contacts of now."""
+        self._contacts = self._shortcut = None
+
     def contacts(self) -> ContactState | None:
         """Return the contacts of now if nothing has changed since the last step; None otherwise."""
         surfaces = self._phases.surfaces

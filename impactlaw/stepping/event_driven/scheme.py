@@ -123,6 +123,11 @@ class RigidStepping:
         if self._rest is not None:
             self._rest.set_law(law)
 
+    def learn_friction(self) -> None:
+        """Read the friction of the model anew; contacts and forces of the last step had another."""
+        self._last.forget()
+        self._phases.learn_friction()
+
     def step(self, data: mujoco.MjData) -> Told:
         """Advance by one timestep and return the collisions; data is back where it was if an error is raised."""
         self._configuration.bind(data)

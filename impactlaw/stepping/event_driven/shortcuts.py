@@ -69,21 +69,25 @@ class Rest:
 
     The impulse ``P = M (v+ - v)`` of the contacts in the last phase is known. The next one gets ``P / tau`` as an
     applied force. If nothing has moved at its end, neither in position nor in velocity, the same contacts are
-    closed, and their forces lie in the same cones as before.
+    closed, and their forces lie in the same cones as before, unless somebody has changed geoms: that shows in gaps.
 
     Attributes:
         qpos: where the contacts were looked at, (nq,).
         force: that the contacts exert on all degrees of freedom, N or N m, (nv,).
         distance: of all coordinates together, below which no gap changes by more than a correction, m or rad.
         speed: of all coordinates together, below which every contact velocity is rounding, m/s or rad/s.
+        correction: of gaps, all together, m.
         pattern: of the contacts.
+        gaps: that MuJoCo has found, m.
     """
 
     qpos: np.ndarray
     force: np.ndarray
     distance: float
     speed: float
+    correction: float
     pattern: Pattern
+    gaps: np.ndarray
 
     def lasts(self, phases: SmoothPhases) -> Shortcut | None:
         """See `Shortcut`."""
@@ -94,7 +98,9 @@ class Rest:
         moved = _difference(phases, self.qpos, data.qpos)
         if mujoco.mju_norm(moved) <= self.distance and mujoco.mju_norm(data.qvel) <= self.speed:
             phases.leave_contacts(self.pattern)
-            return self
+            gaps = data.contact.dist
+            if len(gaps) == len(self.gaps) and mujoco.mju_norm(gaps - self.gaps) <= self.correction:
+                return self
         return None
 
 
@@ -120,7 +126,8 @@ def find_rest(phases: SmoothPhases, state: np.ndarray, end: ContactState) -> Res
     if not is_still(phases, saved_qvel(configuration.model, state), end.still):
         return None
     data, qpos = configuration.data, configuration.data.qpos.copy()
-    distance, speed = CORRECTED * phases.tolerance / _farthest(phases), SILENT * end.still / _farthest(phases)
+    correction = CORRECTED * phases.tolerance
+    distance, speed = correction / _farthest(phases), SILENT * end.still / _farthest(phases)
     if mujoco.mju_norm(_difference(phases, saved_qpos(configuration.model, state), qpos)) > distance:
         return None
     after = configuration.save()
@@ -130,7 +137,8 @@ def find_rest(phases: SmoothPhases, state: np.ndarray, end: ContactState) -> Res
     change = end.velocity - data.qvel
     configuration.restore(after)
     phases.leave_contacts(end.pattern)
-    return Rest(qpos, configuration.momentum(change / timestep), distance, speed, end.pattern)
+    force = configuration.momentum(change / timestep)
+    return Rest(qpos, force, distance, speed, 2.0 * correction, end.pattern, data.contact.dist.copy())
 
 
 def _farthest(phases: SmoothPhases) -> float:

@@ -77,6 +77,10 @@ class SmoothPhases:
         """Whether no surface moves by itself in this step, nor is a belt that the model may start or stop."""
         return self.surfaces is None or (self.surfaces.still and not self.surfaces.run)
 
+    def learn_friction(self) -> None:
+        """Read the friction of the model anew."""
+        self._detector.forget_patterns()
+
     def advance(self, duration: float, force: np.ndarray | None = None) -> None:
         """Integrate for ``duration`` s without contacts, or with this force of theirs applied, (nv,)."""
         data = self.configuration.data

@@ -119,6 +119,25 @@ def test_an_environment_that_does_not_step_mujoco(make, reason):
         ImpactLaw(make(), "moreau", 0.5)
 
 
+class StepsInDoSimulation(Falling):
+    def do_simulation(self, ctrl, n_frames):
+        mujoco.mj_step(self.model, self.data, n_frames)
+
+
+class StepsInStep(Falling):
+    def step(self, action):
+        mujoco.mj_step(self.model, self.data, self.frame_skip)
+        return self.data.qpos.copy(), 0.0, False, False, {}
+
+
+@pytest.mark.parametrize("kind", [StepsInDoSimulation, StepsInStep])
+def test_an_environment_that_steps_past_the_law(kind):
+    env = ImpactLaw(kind(), "moreau", 0.5)
+    env.reset(seed=0)
+    with pytest.raises(WrapperError, match=r"steps MuJoCo in a way of its own.*: the law has no effect"):
+        env.step(np.zeros(0))
+
+
 @pytest.mark.parametrize(
     ("law", "options", "error"),
     [

@@ -1,6 +1,8 @@
 """Rigid stepping against closed forms: bouncing ball, cradle, contact at rest and on curved surfaces."""
 
+import copy
 import math
+import pickle
 
 import mujoco
 import numpy as np
@@ -224,3 +226,13 @@ def test_data_of_another_model_are_refused(contact_model):
     _, data = load("bouncing_ball")
     with pytest.raises(SceneError, match="another model"):
         Stepper(model, Moreau(1), contact_model=contact_model).step(data)
+
+
+@pytest.mark.parametrize("options", [{}, {"scheme": "time-stepping"}, {"contact_model": "soft"}], ids=str)
+def test_data_of_another_model_are_refused_where_models_have_no_signature(options):
+    """Those out of a pickle or a binary file have none; data of a copy are still theirs."""
+    model, other = (pickle.loads(pickle.dumps(load(name)[0])) for name in ("billiard_rack", "bouncing_ball"))
+    stepper = Stepper(model, Moreau(1), **options)
+    with pytest.raises(SceneError, match="another model"):
+        stepper.step(mujoco.MjData(other))
+    stepper.step(mujoco.MjData(copy.copy(model)))

@@ -134,3 +134,24 @@ def test_a_joint_with_more_damping_than_inertia_gives_way_as_fast_as_its_damping
     assert model.opt.timestep * model.dof_damping[2] > 15 * model.dof_M0[2]
     end, _ = run(model, [0.0] * 3, 0.1, friction)
     np.testing.assert_allclose(end, exact, rtol=0.03, atol=1e-4)
+
+
+@pytest.mark.parametrize("inertia", [1e-4, 1e-6])
+def test_a_point_mass_on_a_light_leg_turns_about_its_foot(inertia):
+    """As a pendulum upside down does: w^2 / 2 + g cos(angle) / l stays, and the foot stays on the ground."""
+    model = scene(
+        f"""<geom type="plane" size="9 9 1" friction="5"/><body pos="0 0 1"><joint type="slide" axis="1 0 0"/>
+        <joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>
+        <inertial pos="0 0 0" mass="1" diaginertia="{inertia} {inertia} {inertia}"/>
+        <geom size=".001" pos="0 0 -.999" friction="5"/></body>""",
+        0.002,
+    )
+    data, stepper = mujoco.MjData(model), Stepper(model, MaximalDissipation())
+    data.qpos[:] = 0.999 * np.sin(-0.3), 0.999 * (np.cos(-0.3) - 1), -0.3
+    data.qvel[:] = 1.2 * (0.999 * np.cos(-0.3) + 0.001), 1.2 * 0.999 * np.sin(0.3), 1.2
+    before = 1.2**2 / 2 + 9.81 * np.cos(-0.3)
+    for _ in range(150):
+        stepper.step(data)
+        assert stepper.events == ()
+    assert data.qvel[2] ** 2 / 2 + 9.81 * np.cos(data.qpos[2]) == pytest.approx(before, abs=5e-3)
+    assert data.qpos[1] + 1 - 0.999 * np.cos(data.qpos[2]) == pytest.approx(0.001, abs=2e-9)

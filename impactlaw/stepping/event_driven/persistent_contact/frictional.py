@@ -88,14 +88,20 @@ def hold_with_friction(
 
 
 def _hold_velocity(phase_end: PhaseEnd, phase: Phase, felt: FeltForce, free: np.ndarray, guess: np.ndarray) -> PhaseEnd:
-    """Give the sustained contacts the velocity that they have after impulses; return them with these impulses."""
+    """Give the sustained contacts the velocity that they have after impulses; return them with these impulses.
+
+    What the rows of the start add (`_turned`) is half of an impulse; it is left out where a contact would not push
+    after it, which the impulse has been found for: so light limbs would be thrown off the ground.
+    """
     now, configuration = phase_end.now, phase_end.now.configuration
     configuration.damp(phase.duration)  # other phases may have been tried meanwhile
     impulses = _solve(phase_end, phase, free, guess)
     turned = _turned(phase_end, phase, impulses.rows)
     if turned is not None:
-        free = free + configuration.jump(turned, 0.5 * impulses.each)
-        impulses = _solve(phase_end, phase, free, impulses.table)
+        other = free + configuration.jump(turned, 0.5 * impulses.each)
+        again = _solve(phase_end, phase, other, impulses.table)
+        if not np.count_nonzero((impulses.table[:, 0] > 0) & (again.table[:, 0] <= 0)):
+            free, impulses = other, again
     total = impulses.each.dot(impulses.rows.jacobian)
     change = configuration.velocity(total)
     configuration.data.qvel[:] = free + change
