@@ -23,3 +23,6 @@ STILL = 1e-9
 
 GAINED = 0.02
 """Part of the energy of its jump that a collision may gain by the drift of equality constraints that it keeps."""
+
+DRAGGED = 1.01
+"""Ratio of the speed after a collision, in the kinetic metric, to the largest that one moving surface can give."""
