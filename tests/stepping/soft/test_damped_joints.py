@@ -93,7 +93,10 @@ def test_damping_does_not_throw_what_an_arm_hits(angles, speeds, mass, compiled)
 )
 @pytest.mark.parametrize("friction", ["convex", "ignore"])
 def test_compiled_steps_are_those_in_python(damping, inertia, integrator, friction):
-    """With the first link flat on the palm: the normal of one of its contacts meets the axis of its hinge."""
+    """With the first link flat on the palm: the normal of one of its contacts meets the axis of its hinge.
+
+    With friction, that contact and a limit that closes with it leave no restitution in some steps.
+    """
     model, data = finger(damping, inertia, 5e-4)
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
     options = {"contact_model": "soft", "friction": friction}
@@ -109,7 +112,8 @@ def test_compiled_steps_are_those_in_python(damping, inertia, integrator, fricti
         assert ours.sums.collisions == python.sums.collisions
         collisions += ours.sums.collisions
     assert collisions > 0
-    assert ours.short_steps == python.short_steps == 0
+    assert ours.short_steps == python.short_steps
+    assert friction == "convex" or ours.short_steps == 0
 
 
 @pytest.mark.parametrize("bodies", [0, 4, 40])
