@@ -165,6 +165,8 @@ class Collider:
             else:
                 chosen = np.flatnonzero(gamma <= rounding)
                 if not approaching[chosen].all():
+                    if coupled is None and work is not None:
+                        work.couple(len(gamma) + (0 if closed.friction is None else len(closed.friction)))
                     coupled = closed.coupled(metric) if coupled is None else coupled
                     chosen = _reached(coupled, chosen, approaching)
             if work is not None:

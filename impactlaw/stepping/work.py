@@ -17,6 +17,8 @@ _RUBBING, _DENSE = 0.6, 3e-6  # collisions with friction are dense: the cube of 
 _FACTOR = 5e-8  # the same for a step that collides once: what the mass matrix takes, without looks that follow
 _IMPACT = 0.3  # an impact with friction, made of impulses and audited
 _SHARING, _MOST_ROWS = 2e-7, 2  # and redundant contacts share: the cube of rows, up to so many per degree of freedom
+_COUPLED = 1e-7  # to find which of so many rows influence which, for the square of the rows and each degree of freedom
+_STEPS = 3000  # of a solver in such a step, after which no problem has been solved but for one in thousands
 _PART = 20.0  # what contacts that influence no others may take by themselves, in a step that collides once
 
 
@@ -29,11 +31,15 @@ class Work:
         convex: whether contacts are looked for by the general convex collider.
         rounds: of slower methods that a problem of contacts with friction may have.
         once: whether a step collides at one time only, with no looks afterwards.
+
+    Attributes:
+        hasty: whether restitution for which no impulses are found is left out at once: in a step that collides once.
     """
 
     def __init__(self, freedoms: int, most: float, *, convex: bool = False, rounds: int = BRIEF, once: bool = False):
         self._freedoms, self._most, self._spent, self._rounds = freedoms, most, 0.0, rounds
         self._dense, self._sharing = (_FACTOR, _SHARING) if once else (_DENSE, 0.0)
+        self.hasty = once
         self._look = _LOOK + _LOOK_PER_FREEDOM * freedoms + (_CONVEX if convex else 0.0)
 
     def begin(self, part: float = 1.0) -> None:
@@ -85,7 +91,7 @@ class Work:
         start, spent = cost(rows, self._freedoms)[0], self._spent
         self._spend(self._impact(rows) + start)
         self._spent = spent
-        return self._left(rows)
+        return min(self._left(rows), _STEPS) if self.hasty else self._left(rows)
 
     def _left(self, rows: int) -> float:
         start, step = cost(rows, self._freedoms)
@@ -100,6 +106,11 @@ class Work:
         """Count one attempt at the impact of a collision with friction: its problem, and what is made of its answer."""
         self._spend(self._impact(rows))
         self.solve(rows, steps)
+
+    def couple(self, rows: int) -> None:
+        """Count finding which of so many rows of contacts influence which, in a step that collides once."""
+        if self.hasty:
+            self._spend(_COUPLED * rows**2 * self._freedoms)
 
     def begin_part(self) -> None:
         """Begin with contacts that influence no others: in a step that collides once, they need not share all work."""

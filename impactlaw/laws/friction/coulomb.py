@@ -246,6 +246,8 @@ def _largest(
             f"no impulses in the friction cones of contacts {', '.join(attempt.collision.labels)} were found: residual "
             f"{answer.residual:.1e} sqrt(J) after {answer.iterations} steps"
         )
+    if not np.isfinite(created) and attempt.effort is not None and attempt.effort.hasty:
+        return best
     low, high, above, side = 0.0, 1.0, created, 0
     kept = attempt.created(best, answer, best.work_after_jump)
     for k in range(_SEARCHES):

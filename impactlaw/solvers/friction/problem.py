@@ -62,11 +62,10 @@ class ConeProblem:
         lengths: ``l_i``, the largest length of a row of each contact; 1 where all are zero, shape (h,).
         rows: A padded and scaled, shape (h m, nv).
         shape: (h, m).
-        delassus: ``rows rows^T``, shape (h m, h m).
         start: b padded and scaled, shape (h, m).
     """
 
-    __slots__ = ("_place", "delassus", "exact", "lengths", "rows", "scale", "shape", "start")
+    __slots__ = ("_delassus", "_place", "exact", "lengths", "rows", "scale", "shape", "start")
 
     def __init__(
         self, gradients: np.ndarray, offset: np.ndarray, sizes: np.ndarray, *, exact: bool = True, speed: float = 0.0
@@ -87,8 +86,15 @@ class ConeProblem:
         each = np.repeat(self.lengths, m)
         self.rows = A / each[:, None]
         self.start = (b / each).reshape(h, m)
-        self.delassus = self.rows @ self.rows.T
+        self._delassus: np.ndarray | None = None
         self.scale = self._scale(speed)
+
+    @property
+    def delassus(self) -> np.ndarray:
+        """``rows rows^T``, which not every problem needs, shape (h m, h m)."""
+        if self._delassus is None:
+            self._delassus = self.rows @ self.rows.T
+        return self._delassus
 
     def _scale(self, speed: float) -> float:
         largest = sqrt(np.vecdot(self.start, self.start).max(initial=0.0))

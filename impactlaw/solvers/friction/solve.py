@@ -25,7 +25,13 @@ STEPS_OF_A_ROUND = 150
 
 
 class Effort(Protocol):
-    """How much work a collision may take."""
+    """How much work a collision may take.
+
+    Attributes:
+        hasty: whether restitution for which no impulses are found is left out at once, not scaled down.
+    """
+
+    hasty: bool
 
     def rounds(self, rows: int) -> int:
         """Return how many rounds a problem of so many rows may have where Newton's method fails."""

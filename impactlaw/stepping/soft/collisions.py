@@ -12,6 +12,7 @@ from impactlaw.errors import SolverError, UnfinishedStepError, UnsolvableLawErro
 from impactlaw.laws import Coulomb, Law
 from impactlaw.laws.restitution.on_contacts import Chosen
 from impactlaw.mechanics.friction import Friction
+from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.scene.contacts import Contacts, active_contacts, closes, gap_gradients, geom_names
@@ -34,8 +35,9 @@ from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import is_huge, locked_joints
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.drifting import drifting
+from impactlaw.stepping.soft.driven import is_dragged, is_driven
 from impactlaw.stepping.soft.rebounds import bounces, hold_back
-from impactlaw.stepping.soft.tolerances import GAINED, LOCKED, ROUNDING, WORK
+from impactlaw.stepping.soft.tolerances import LOCKED, ROUNDING, WORK
 from impactlaw.stepping.work import Work
 
 POSITION, VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
@@ -78,6 +80,7 @@ class Collisions:
         self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
         self.names, self.limits, self.bilateral = geom_names(model), Limits(model), bilateral_constraints(model)
         self.unlocated = self.short_steps = 0
+        self._mass = float(model.body_mass[model.body_weldid > 0].sum())
         self._work = Work(model.nv, WORK, rounds=THOROUGH, once=True)
 
     def resolve(self, data: mujoco.MjData) -> tuple[tuple[ImpactEvent, ...], int]:
@@ -90,6 +93,9 @@ class Collisions:
             return NOTHING
         if is_huge(data):  # MuJoCo says so itself when it next looks
             return NOTHING
+        if still and self._is_too_much(data):
+            self.short_steps += 1
+            return NOTHING
         contacts, jacobian = self.active(data)
         friction = self._friction_of(data, contacts) if self.friction and data.ncon else None
         drift = None if surfaces is None else surfaces.drift(data, contacts)
@@ -98,8 +104,10 @@ class Collisions:
             return NOTHING
         closed = Closed(contacts, jacobian, None, drift, friction=friction)
         found = self._resolved(data, closed, gamma, CALM)
-        if any(_is_driven(event.impact) for event in found.events):
+        if any(is_driven(event.impact) for event in found.events):
             found = self._resolved(data, closed, gamma, RESTING)
+        if surfaces is not None and any(is_dragged(event.impact, self._mass) for event in found.events):
+            found = _Resolved(None, [], is_short=True)
         self.short_steps += found.is_short
         if found.velocity is None:
             return NOTHING
@@ -120,9 +128,10 @@ class Collisions:
             closed = closed.select(np.flatnonzero(self.chosen.mask(closed.contacts.labels)))
         events: list[ImpactEvent] = []
         try:
-            return _Resolved(self._collide(self.collider, data, closed, gamma, events), events)
+            velocity = self._collide(self.collider, data, closed, gamma, events)
+            return _Resolved(velocity, events, is_short=any(_has_lost_restitution(event.impact) for event in events))
         except _UNSOLVED as unsolved:
-            if share > RESTING and any(_is_driven(event.impact) for event in events):
+            if share > RESTING and any(is_driven(event.impact) for event in events):
                 return _Resolved(None, events)
             events = []
             velocity = self._without_restitution(data, closed, gamma, events)
@@ -130,6 +139,17 @@ class Collisions:
             if velocity is not None and does_not_fit and isinstance(unsolved, UnsolvableLawError):
                 raise
             return _Resolved(velocity, events, is_short=True)
+
+    def _is_too_much(self, data: mujoco.MjData) -> bool:
+        """Return whether the inertia of all bodies alone would take more work, with friction, than collisions may."""
+        if not self.friction or not isinstance(self.collider.law, Coulomb) or not (data.contact.dim > 1).any():
+            return False
+        self._work.begin()
+        try:
+            self._work.collide(0, friction=True)
+        except UnfinishedStepError:
+            return True
+        return False
 
     @staticmethod
     def bounces(data: mujoco.MjData) -> bool:
@@ -223,10 +243,9 @@ class Collisions:
         return None if found is None else Friction(*found)
 
 
-def _is_driven(impact: Impact) -> bool:
-    """Return whether constraints that give way have driven bodies into each other: a part of the energy is theirs."""
-    constraints = impact.collision.bilateral_jacobian
-    return constraints is not None and impact.energy_change > 0.5 * GAINED * impact.intensity**2
+def _has_lost_restitution(impact: Impact) -> bool:
+    """Return whether friction has left no impulses, or none that were found, but those without restitution."""
+    return isinstance(impact, FrictionImpact) and impact.restitution_scale == 0.0
 
 
 def _is_same(law: Law, last: Law) -> bool:

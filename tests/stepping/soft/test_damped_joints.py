@@ -5,7 +5,8 @@ import itertools
 import mujoco
 import numpy as np
 import pytest
-from scenes import compiled
+from scenes import compiled as compiled_scene
+from scenes import mass_matrix
 
 from impactlaw import Moreau, Stepper
 
@@ -17,7 +18,7 @@ LINK = """<joint name="{0}" axis="0 1 0" range="0 60" limited="true" damping="{1
 def finger(damping, inertia, overlap):
     """Two links that servos bend and stretch over a palm; h D is 4 to 67 times their moments of inertia."""
     first, second = (LINK.format(name, damping, inertia) for name in "ab")
-    return compiled(
+    return compiled_scene(
         f"""<geom type="box" size=".05 .05 .02" pos="0 0 {overlap - 0.02}"/>
         <body pos="0 0 .01">{first}<body pos=".045 0 0">{second}</body></body>""",
         '<actuator><position joint="a" kp="2"/><position joint="b" kp="2"/></actuator>',
@@ -49,6 +50,40 @@ def test_a_finger_between_its_limits_and_a_palm(damping, inertia, overlap, compi
     assert fastest(stepper.step, data) <= fastest(lambda plain: mujoco.mj_step(model, plain), plain) + 1e-9
 
 
+ARM = """<joint axis="0 1 0" damping="1"/><geom type="capsule" fromto="0 0 0 .16 0 0" size=".03" mass=".5" {0}/>"""
+
+
+def largest_gain(step, model, data):
+    """The largest part of its kinetic energy at the start that a scene gains in one step."""
+    energies = []
+    for _ in range(40):
+        energies.append(0.5 * data.qvel @ mass_matrix(model, data) @ data.qvel)
+        step(data)
+    return np.diff(energies).max() / energies[0]
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize(
+    ("angles", "speeds", "mass"),
+    [((0.177, -0.049), (18.2, 5.9), 0.72), ((0.16, -0.115), (18.4, 6.7), 3.4), ((0.08, -0.22), (17.3, 14.9), 0.25)],
+)
+def test_damping_does_not_throw_what_an_arm_hits(angles, speeds, mass, compiled):
+    """Two links that turn with h D = 2 M, in the second of them, hit a bar that turns."""
+    inner, outer = ARM.format('contype="0" conaffinity="0"'), ARM.format("")
+    model, data = compiled_scene(
+        f"""<body>{inner}<body pos=".18 0 0">{outer}</body></body>
+        <body pos=".3 0 -.15"><joint axis="0 1 0" pos="0 0 -.1" damping=".02"/>
+        <geom type="capsule" fromto="-.1 0 0 .1 0 0" size=".06" mass="{mass}"/></body>""",
+        option='gravity="0 0 0" timestep="0.01"',
+    )
+    plain = mujoco.MjData(model)
+    for start in data, plain:
+        start.qpos[:2], start.qvel[:2] = angles, speeds
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft", compiled=compiled)
+    bare = largest_gain(lambda plain: mujoco.mj_step(model, plain), model, plain)
+    assert largest_gain(stepper.step, model, data) <= bare
+
+
 @pytest.mark.parametrize(
     ("damping", "inertia", "integrator"),
     [
@@ -58,7 +93,10 @@ def test_a_finger_between_its_limits_and_a_palm(damping, inertia, overlap, compi
 )
 @pytest.mark.parametrize("friction", ["convex", "ignore"])
 def test_compiled_steps_are_those_in_python(damping, inertia, integrator, friction):
-    """With the first link flat on the palm: the normal of one of its contacts meets the axis of its hinge."""
+    """With the first link flat on the palm: the normal of one of its contacts meets the axis of its hinge.
+
+    With friction, that contact and a limit that closes with it leave no restitution in some steps.
+    """
     model, data = finger(damping, inertia, 5e-4)
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
     options = {"contact_model": "soft", "friction": friction}
@@ -74,7 +112,8 @@ def test_compiled_steps_are_those_in_python(damping, inertia, integrator, fricti
         assert ours.sums.collisions == python.sums.collisions
         collisions += ours.sums.collisions
     assert collisions > 0
-    assert ours.short_steps == python.short_steps == 0
+    assert ours.short_steps == python.short_steps
+    assert friction == "convex" or ours.short_steps == 0
 
 
 @pytest.mark.parametrize("bodies", [0, 4, 40])
@@ -88,7 +127,7 @@ def test_a_damped_joint_leaves_other_bodies_alone(bodies):
     others = (
         '<body pos="0 0 5"><freejoint/><geom size=".1"/><body pos=".3 0 0"><joint/><geom size=".05"/></body></body>'
     )
-    model, data = compiled(links + bodies * others)
+    model, data = compiled_scene(links + bodies * others)
     model.geom_contype[:] = 0
     ours = Stepper(model, Moreau(0.5), contact_model="soft", compiled="auto")
     python = Stepper(model, Moreau(0.5), contact_model="soft", compiled="never")

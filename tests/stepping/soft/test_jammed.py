@@ -102,6 +102,71 @@ def test_a_law_that_does_not_fit_is_still_told():
         Stepper(model, law, contact_model="soft").step(data)
 
 
+def slider(world=""):
+    """A ball on a slide that meets the floor at 30 degrees: friction of 1 lets it stop, but not go back."""
+    model, data = compile_scene(
+        f"""<geom type="plane" size="9 9 1"/><body pos="0 0 .0999"><joint type="slide" axis="-.866 0 .5"/>
+        <geom name="jammed" size=".1" mass="1"/></body>{world}""",
+        geom='friction="1"',
+        option='gravity="0 0 0"',
+    )
+    data.qvel[0] = -2.0
+    return model, data
+
+
+@pytest.mark.parametrize("e", [0.3, 1.0])
+def test_restitution_that_has_no_solution_is_not_searched_for_long(e, monkeypatch):
+    steps, answer = [], solve.compiled_answer
+
+    def counted(problem, guess, rounds):
+        found = answer(problem, guess, rounds)
+        steps.append(found[1])
+        return found
+
+    monkeypatch.setattr(solve, "compiled_answer", counted)
+    model, data = slider()
+    stepper = Stepper(model, Moreau(e), contact_model="soft", compiled="never")
+    stepper.step(data)
+    assert stepper.short_steps == 1
+    assert abs(data.qvel[0]) < 0.01
+    assert 0 < sum(steps) < 8000
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_bodies_that_jam_leave_others_their_restitution(compiled):
+    """Where there are many contacts, and those of others are problems of their own."""
+    boxes = "".join(
+        f'<body pos="{x} 0 .0999"><freejoint/><geom name="{x}" type="box" size=".1 .1 .1"/></body>' for x in (2, 4, 6)
+    )
+    model, data = slider(boxes)
+    data.qvel[3::6] = -2.0
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft", compiled=compiled)
+    stepper.step(data)
+    assert stepper.short_steps == 1
+    assert abs(data.qvel[0]) < 0.01
+    np.testing.assert_allclose(data.qvel[3::6], 1.0, atol=1e-9)
+
+
+BOXES = "".join(f'<body pos="{i} 0 .0999"><freejoint/><geom type="box" size=".1 .1 .1"/></body>' for i in range(30))
+
+
+@pytest.mark.parametrize(("part", "work"), [("gap_gradients", 0.5), ("Closed.coupled", 1.5)])
+def test_what_takes_too_much_work_is_not_begun(part, work, monkeypatch):
+    """Dense matrices of thousands of degrees of freedom took 10 s before the work was found to be too much."""
+    module = "impactlaw.stepping.collisions." if "." in part else "impactlaw.stepping.soft.collisions."
+    monkeypatch.setattr("impactlaw.stepping.soft.collisions.WORK", work)
+    monkeypatch.setattr(module + part, lambda *_: pytest.fail("it is built all the same"))
+    model, data = compile_scene('<geom type="plane" size="40 9 1"/>' + BOXES)
+    data.qvel[2:90:6], data.qvel[92::6] = -2.0, -1e-3
+    bare = mujoco.MjData(model)
+    bare.qpos[:], bare.qvel[:] = data.qpos, data.qvel
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft", compiled="never")
+    stepper.step(data)
+    mujoco.mj_step(model, bare)
+    assert stepper.short_steps == 1
+    assert np.array_equal(data.qvel, bare.qvel)
+
+
 class NeverFound(Moreau):
     """Restitution for which no impulses in the friction cones are found."""
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scenes
 
-from impactlaw import Newton, Stepper
+from impactlaw import Moreau, Newton, Stepper
 
 TABLE = '<body name="table" mocap="true"><geom name="table" type="box" size="1 1 .1" pos="0 0 -.1"/></body>'
 BALL = (
@@ -110,3 +110,33 @@ def test_only_scenes_in_which_a_mocap_body_collides_look():
         plan = Stepper(model, Newton(0.5), contact_model="soft").plan
         (part,) = (part for part in plan.parts if part.name == "moving surfaces")
         assert plan.surfaces is part.runs is looks
+
+
+@pytest.mark.parametrize(
+    ("angles", "velocity", "belt"),
+    [
+        ((0.307, -0.006), (0.353, -0.427, 0.329, -0.333), 2.0),
+        ((-0.485, 0.015), (-0.394, 0.149, 0.451, 0.298), -2.0),
+        ((-0.212, 0.008), (0.313, -0.48, -0.357, 0.279), -2.0),
+    ],
+)
+def test_a_belt_does_not_throw_a_leg_that_jams(angles, velocity, belt):
+    """Between a belt and a deck: the belt bends a knee that is nearly straight, which takes any energy out of it."""
+    hip, knee = math.cos(angles[0]), math.cos(sum(angles))
+    model, data = scenes.compiled(
+        f"""<geom type="plane" size="9 9 1" surfacevel="{belt} 0 0 0 0 0"/>
+        <geom type="box" size="9 9 .1" pos="0 0 {0.1999 + 0.4 * (hip + knee)}"/>
+        <body pos="0 0 {0.04995 + 0.4 * knee}">
+          <joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>
+          <geom type="capsule" fromto="0 0 0 0 0 .4" size=".05" mass="1"/>
+          <body><joint axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -.4" size=".05" mass="1"/></body>
+        </body>""",
+        option='gravity="0 0 0"',
+        geom='friction="1"',
+    )
+    data.qpos[2:], data.qvel[:] = angles, velocity
+    before = scenes.energy(model, data)
+    stepper = Stepper(model, Moreau(0.0), contact_model="soft")
+    stepper.step(data)
+    assert scenes.energy(model, data) < before + 2.0 * belt**2  # 2 kg that follow it, with twice its speed
+    assert stepper.short_steps == 1
