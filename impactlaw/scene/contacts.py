@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -61,7 +62,9 @@ class Contacts:
         return Contacts(self.labels + others.labels, *parts)
 
 
-_SIZES = "nq", "nv", "na", "nu", "nbody", "njnt", "ngeom", "nsite", "nmocap", "neq", "ntendon", "nsensordata"
+_sizes = attrgetter(
+    "nq", "nv", "na", "nu", "nbody", "njnt", "ngeom", "nsite", "nmocap", "neq", "ntendon", "nsensordata"
+)
 
 
 def is_data_of(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
@@ -69,10 +72,10 @@ def is_data_of(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
 
     MuJoCo's signature tells. Models out of a binary file or a pickle have none: their sizes tell.
     """
-    if data.signature != model.signature:
+    signature = data.signature
+    if signature != model.signature:
         return False
-    other = data.model
-    return model.signature != 0 or other is model or all(getattr(other, n) == getattr(model, n) for n in _SIZES)
+    return signature != 0 or data.model is model or _sizes(data.model) == _sizes(model)
 
 
 def geom_names(model: mujoco.MjModel) -> tuple[str, ...]:
