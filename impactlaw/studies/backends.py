@@ -79,8 +79,9 @@ def _without_ctrl_c() -> Iterator[None]:
 
 
 def _end_silently() -> None:
-    """Let Ctrl-C end this process without a word, also one that has come while it started."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    """Let Ctrl-C end this process without a word, also one that has come while it started; not in the background."""
+    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 

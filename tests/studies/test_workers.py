@@ -20,6 +20,15 @@ if any("popen_loky" in word for word in sys.orig_argv):
 """
 
 
+@pytest.fixture
+def heeded():
+    """Ctrl-C, which processes in the background ignore."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("heeded")
 def test_ctrl_c_of_a_terminal_ends_workers_without_a_traceback():
     with workers("loky", None, 2) as call:
         assert list(call([partial(signal.getsignal, signal.SIGINT)] * 2)) == [signal.SIG_DFL] * 2
@@ -29,13 +38,18 @@ def test_ctrl_c_of_a_terminal_ends_workers_without_a_traceback():
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no groups of processes")
-def test_it_ends_workers_that_are_still_starting(tmp_path: Path):
-    """They stand for 1.5 s before anything of theirs is imported."""
+@pytest.mark.parametrize(
+    ("handler", "message", "code"), [("default_int_handler", "impactlaw: interrupted\n", 130), ("SIG_IGN", "", 0)]
+)
+def test_it_ends_workers_that_are_still_starting(handler, message, code, tmp_path: Path):
+    """They stand for 1.5 s before anything of theirs is imported. In the background they go on."""
     started = tmp_path / "started"
     (tmp_path / "sitecustomize.py").write_text(SLOW.format(started=str(started)))
-    script = """if True:
+    script = f"""if True:
+        import signal
         from impactlaw.signals import ended_by_signals
         from impactlaw.studies.backends import workers
+        signal.signal(signal.SIGINT, signal.{handler})
         with ended_by_signals(), workers("loky", None, 2) as call:
             list(call([int] * 2))"""
     command = subprocess.Popen(
@@ -50,5 +64,5 @@ def test_it_ends_workers_that_are_still_starting(tmp_path: Path):
         time.sleep(0.05)
     os.killpg(command.pid, signal.SIGINT)
     _, told = command.communicate(timeout=60)  # when the workers have ended, too: they have this pipe
-    assert told == "impactlaw: interrupted\n"
-    assert command.returncode == 130
+    assert told == message
+    assert command.returncode == code
