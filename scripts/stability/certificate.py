@@ -75,6 +75,7 @@ def certify(
     bilateral=None,
     surfaces: tuple[np.ndarray, np.ndarray] | None = None,
     sliding: Sliding | None = None,
+    rounding: float = 0.0,
     kind: type = np.longdouble,
 ) -> Certificate:
     """Check one collision.
@@ -89,6 +90,7 @@ def certify(
         bilateral: ``J_eq``, (m, nv).
         surfaces: ``w-`` and ``w+``, (h,) each.
         sliding: friction.
+        rounding: contact velocity up to which bodies at rest cannot be told from such that close, m/s.
         kind: of floating-point number to compute with.
     """
     M, J, before, after, impulse, wanted = (np.asarray(a, kind) for a in (M, J, before, after, impulse, wanted))
@@ -115,9 +117,9 @@ def certify(
     lengths, sides = np.sqrt((Y * Y).sum(axis=1)), np.sqrt((Yt * Yt).sum(axis=1))
     old, new = R.T @ before, R.T @ after
     jump = new - old
-    rounding = _rounding(M, jump) + 64 * _EPS * float(impulse @ lengths + np.abs(rest) @ sides)
+    inexact = _rounding(M, jump) + 64 * _EPS * float(impulse @ lengths + np.abs(rest) @ sides)
     left = jump - Y.T @ impulse - Yt.T @ rest
-    errors = [off, max(0.0, float(np.sqrt(left @ left)) - rounding)]
+    errors = [off, max(0.0, float(np.sqrt(left @ left)) - inexact)]
     gamma, slide = J @ after + w[1], T @ after + wt[1]
     moves = lengths > 0
     natural = np.minimum((impulse * lengths)[moves], (gamma - wanted)[moves] / lengths[moves])
@@ -133,9 +135,9 @@ def certify(
     balance = abs(float(jump @ (old + jump / 2)) - own)
     return Certificate(
         max(errors) / size,
-        max(0.0, balance - rounding * size) / energy,
+        max(0.0, balance - inexact * size) / energy,
         work / energy,
-        float((-gamma[moves] / lengths[moves]).max(initial=0.0)) / size,
+        float(((-rounding - gamma[moves]) / lengths[moves]).max(initial=0.0)) / size,
     )
 
 
