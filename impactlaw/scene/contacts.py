@@ -61,7 +61,10 @@ class Contacts:
         return Contacts(self.labels + others.labels, *parts)
 
 
-_SIZES = "nq", "nv", "na", "nu", "nbody", "njnt", "ngeom", "nsite", "nmocap", "neq", "ntendon", "nsensordata"
+_SIZES = (
+    "nq", "nv", "na", "nu", "nbody", "njnt", "ngeom", "nsite", "nmocap", "neq", "ntendon", "nsensordata", "ntree", "nM",
+    "nC", "nD", "nJmom", "nwrap", "nuserdata",
+)  # fmt: skip
 
 
 def is_data_of(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
