@@ -45,7 +45,7 @@ class PlacedLaw(LawInForce, ABC):
         for name in _OPTIONS:
             setattr(self, name, getattr(options, name))
         self.log, self.log_every = (None, 1) if log is None else (log.path, log.every)
-        self.diverged = self._removed = False
+        self.diverged = self._removed = self._stepped = False
         self._met: list[Told]
         self._options = self._in_force = options
         self._log = log
@@ -67,7 +67,7 @@ class PlacedLaw(LawInForce, ABC):
     def clear(self) -> None:
         """Forget the last environment step."""
         self._met, self._sums, self._short = [], NOTHING, 0
-        self.diverged = self._stepped = False
+        self.diverged = False
         if self._forces is not None:
             self._forces.clear()
 
@@ -79,6 +79,7 @@ class PlacedLaw(LawInForce, ABC):
 
     def begin_episode(self, scene: str | None, seed: int | None, generator: Any) -> None:
         """Record the start of an episode, as the reset has left it."""
+        self._stepped = False
         if self._log is not None:
             model, data = self.simulation()
             self._log.name_run(scene, seed, self.frame_skip)
@@ -91,7 +92,9 @@ class PlacedLaw(LawInForce, ABC):
             self._log.end_step(action, reward, terminated, truncated)
 
     def check_stepped(self, since: float) -> None:
-        """Refuse an environment that has stepped MuJoCo since a time, s, without the law.
+        """Refuse an environment that has stepped MuJoCo since a time, s, where the law has not stepped in this episode.
+
+        Later time may pass without the law: a reset in a step lets a robot settle, or moves it by hand.
 
         Raises:
             WrapperError: it has.

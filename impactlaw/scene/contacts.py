@@ -63,8 +63,9 @@ class Contacts:
 
 
 _sizes = attrgetter(
-    "nq", "nv", "na", "nu", "nbody", "njnt", "ngeom", "nsite", "nmocap", "neq", "ntendon", "nsensordata"
-)
+    "nq", "nv", "na", "nu", "nbody", "njnt", "ngeom", "nsite", "nmocap", "neq", "ntendon", "nsensordata", "ntree", "nM",
+    "nC", "nD", "nJmom", "nwrap", "nuserdata",
+)  # fmt: skip
 
 
 def is_data_of(model: mujoco.MjModel, data: mujoco.MjData) -> bool:

@@ -54,6 +54,7 @@ from impactlaw.stepping.time_stepping.looks import Look, Looks
 from impactlaw.stepping.time_stepping.problem.forces import sense, write_forces
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Rows
+from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.second_look import SecondLook
 from impactlaw.stepping.time_stepping.tolerances import FARTHER_LOOKS, FEW_ROUNDS, MANY_ROUNDS
 
@@ -268,8 +269,11 @@ class TimeStepping:
             np.ones(1), MANY_ROUNDS if self.solved else FEW_ROUNDS,
         )  # fmt: skip
         free = data.qvel.copy()
-        look, farther = looks.find(data, self._known), 0
-        while (outruns := self._outruns(data, look)) and farther < FARTHER_LOOKS and looks.work[0] > 0.0:
+        look, farther, work = looks.find(data, self._known), 0, 1.0
+        while outruns := self._outruns(data, look):
+            work, used = looks.work[0], work - looks.work[0]
+            if farther == FARTHER_LOOKS or not work - RESERVE > used:  # what another try finds would be worse
+                break
             self._overflown = look_farther(
                 self._model, data, self._borrowed, self._velocity, free, self._middle, self._sizes, self._meet
             )

@@ -138,6 +138,22 @@ def test_an_environment_that_steps_past_the_law(kind):
         env.step(np.zeros(0))
 
 
+class SettlesInStep(Falling):
+    def step(self, action):
+        if self.data.time > 0.0:
+            mujoco.mj_step(self.model, self.data)
+            return self.data.qpos.copy(), 0.0, False, False, {}
+        return super().step(action)
+
+
+def test_time_may_pass_without_the_law_where_it_has_stepped_before():
+    env = ImpactLaw(SettlesInStep(), "moreau", 0.5)
+    for seed in range(2):
+        env.reset(seed=seed)
+        for _ in range(3):
+            env.step(np.zeros(0))
+
+
 @pytest.mark.parametrize(
     ("law", "options", "error"),
     [

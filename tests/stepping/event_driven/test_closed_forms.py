@@ -236,3 +236,14 @@ def test_data_of_another_model_are_refused_where_models_have_no_signature(option
     with pytest.raises(SceneError, match="another model"):
         stepper.step(mujoco.MjData(other))
     stepper.step(mujoco.MjData(copy.copy(model)))
+
+
+def test_data_of_as_many_bodies_that_hang_otherwise_are_refused():
+    """Without signatures, too: three links in a chain have a larger mass matrix than three by themselves."""
+    link = '<body pos="0 0 .3"><joint axis="0 1 0"/><geom size=".05"/>'
+    chain, apart = (
+        pickle.loads(pickle.dumps(mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{x}</worldbody></mujoco>")))
+        for x in (3 * link + 3 * "</body>", 3 * (link + "</body>"))
+    )
+    with pytest.raises(SceneError, match="another model"):
+        Stepper(chain, Moreau(1), scheme="time-stepping").step(mujoco.MjData(apart))

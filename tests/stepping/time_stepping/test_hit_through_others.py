@@ -201,3 +201,15 @@ def test_a_third_collision_of_a_step_that_the_second_one_leads_to(compiled, inad
     assert len(stepper.events) == 3
     assert stepper.short_steps == 0
     assert mass @ data.qvel**2 == pytest.approx(before, rel=1e-11)
+
+
+@DRIVERS
+def test_looking_farther_leaves_work_for_the_collisions_of_a_row(compiled):
+    """Twenty elastic balls, each of which is hit several times in a step, throw each other far."""
+    model = line([1e-3] * 19)
+    for seed in range(12):
+        data = mujoco.MjData(model)
+        data.qvel[:] = np.random.default_rng(seed).normal(size=20)
+        before = data.qvel @ data.qvel
+        Stepper(model, Moreau(1.0), scheme="time-stepping", compiled=compiled).step(data)
+        assert data.qvel @ data.qvel == pytest.approx(before, rel=1e-9)

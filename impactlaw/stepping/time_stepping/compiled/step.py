@@ -33,7 +33,6 @@ from impactlaw.stepping.time_stepping.compiled.ends import (
     write_acceleration,
     write_forces,
 )
-from impactlaw.stepping.time_stepping.compiled.impulses.answer import work_left
 from impactlaw.stepping.time_stepping.compiled.impulses.contact import count_entries
 from impactlaw.stepping.time_stepping.compiled.impulses.looks import find_impulses
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, passes_limit
@@ -59,6 +58,7 @@ from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import aim_surfaces, end_surfaces
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, setting
 from impactlaw.stepping.time_stepping.problem.energy import is_met
+from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.tolerances import FARTHER_LOOKS, FEW_ROUNDS, HUGE, MANY_ROUNDS
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -98,11 +98,12 @@ def _finish(w, memory, counts, left, collided, missed):
 @plain
 def _constrain(
     w, law, memory, counts, held, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen, mark,
-    force, room, narrow, may,
+    force, room, narrow, may, work,
 ):  # fmt: skip
     """Take the rest of a step that has constraints, from its middle.
 
-    If it `may` look farther for contacts, nothing is done where it was not far enough.
+    If it `may` look farther for contacts, nothing is done where it was not far enough, and where of the `work` that
+    there was as much is left as was used: what another try finds would be worse.
 
     Return how it has ended, whether some contact collides, and by how much contact velocities miss the law.
     """
@@ -117,7 +118,7 @@ def _constrain(
         return solved.status, False, 0.0
     answer, touched = answer_at(room.answer, found.groups, found.rows, w.nv), found.rows > 0
     outruns = not full and solved.collided and outrun(w)
-    if outruns and may and work_left(w):
+    if outruns and may and floats(w.work, 1)[0] - RESERVE > work - floats(w.work, 1)[0]:
         remember_so_far(counts, rows.groups, rows.key, rows.rates[0], answer.x)
         return FARTHER, False, 0.0
     clear(held)
@@ -155,7 +156,7 @@ def _step(w, law, memory, margins, cone, loaded, narrow):
     full = to_middle(
         w, counts, left, gained, held, start, middle, bias, turning, gravity, margins, work, loaded, narrow
     )  # fmt: skip
-    free, status, collided, missed, farther = copied(velocity_of(w)), FARTHER, False, 0.0, 0
+    free, status, collided, missed, farther, allowed = copied(velocity_of(w)), FARTHER, False, 0.0, 0, 1.0
     while status == FARTHER:
         n = number(w, DATA.nefc)
         if narrow and passes_limit(w, middle, 2.0 * w.timestep):
@@ -176,11 +177,12 @@ def _step(w, law, memory, margins, cone, loaded, narrow):
         room = lay_out(address_of(block), n, entries, nv)[0]
         status, collided, missed = _constrain(
             w, law, memory, counts, held, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen,
-            mark, force, room, narrow, farther < FARTHER_LOOKS,
+            mark, force, room, narrow, farther < FARTHER_LOOKS, allowed,
         )  # fmt: skip
         keep(block)
         if status == FARTHER:
             full, narrow, farther = look_farther(w, start, free, middle, margins, work), False, farther + 1
+            allowed = floats(w.work, 1)[0]
     if status == FINE:
         if setting(w, SETTING.inertial) != 0.0 and turning.any():
             limit_energy(w, begun, start, turning, gravity)
