@@ -36,17 +36,15 @@ class EpisodeMarks:
     """Starts of episodes, and environment steps, since the last `send`."""
 
     def __init__(self) -> None:
-        self._starts: list[tuple[float, int, dict[str, Any]]] = []
-        self._steps: list[tuple[float, int, dict[str, Any]]] = []
-        self._changes: list[tuple[float, int, dict[str, Any]]] = []
+        self._rows: dict[str, list[tuple[float, int, dict[str, Any]]]] = {EPISODES: [], STEPS: [], CHANGES: []}
 
     def begin(self, clock: float, frame: int, start: dict[str, Any]) -> None:
         """Take up how the episode begins whose first frame this is; ``clock`` is its place on the timeline, s."""
-        self._starts.append((clock, frame, start))
+        self._rows[EPISODES].append((clock, frame, start))
 
     def change_law(self, clock: float, frame: int, change: dict[str, Any]) -> None:
         """Take up another law, under which this frame is the first one."""
-        self._changes.append((clock, frame, change))
+        self._rows[CHANGES].append((clock, frame, change))
 
     def end_step(self, clock: float, frame: int, action: Any, reward: Any, ended: tuple[bool, bool]) -> None:
         """Take up an environment step that ends with this frame."""
@@ -59,20 +57,17 @@ class EpisodeMarks:
             "terminated": bool(terminated),
             "truncated": bool(truncated),
         }
-        self._steps.append((clock, frame, step))
+        self._rows[STEPS].append((clock, frame, step))
 
     def send(self, stream: Any) -> None:
         """Send what was added to a rerun stream."""
-        for path, kind, names, rows in (
-            (EPISODES, EPISODE, EPISODE_COLUMNS, self._starts),
-            (STEPS, TAKEN, STEP_COLUMNS, self._steps),
-            (CHANGES, CHANGE, CHANGE_COLUMNS, self._changes),
-        ):
+        kinds = {EPISODES: (EPISODE, EPISODE_COLUMNS), STEPS: (TAKEN, STEP_COLUMNS), CHANGES: (CHANGE, CHANGE_COLUMNS)}
+        for path, rows in self._rows.items():
             if rows:
-                clocks, frames, cells = zip(*rows, strict=True)
+                (kind, names), (clocks, frames, cells) = kinds[path], zip(*rows, strict=True)
                 columns = [Column(f"{kind}:{name}", what, [c[name] for c in cells]) for name, what in names.items()]
                 stream.send_columns(path, time_columns(clocks, frames), columns, strict=True)
-        self._starts, self._steps, self._changes = [], [], []
+                rows.clear()
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,12 +219,15 @@ def episode_table(episodes: tuple[Episode, ...], collisions: pd.DataFrame) -> pd
     import pandas as pd
 
     counts = Counter(collisions["episode"].tolist())
-    columns = ["episode", "seed", "law", "frames", "steps", "duration", "return", "ended", "collisions"]
-    rows = [
-        [
-            e.number, e.seed, e.law, len(e.time), len(e.rewards), float(e.time[-1] - e.time[0]),
-            float(e.rewards.sum()) if len(e.rewards) else float("nan"), e.ended, counts[e.number],
-        ]
-        for e in episodes
-    ]  # fmt: skip
-    return pd.DataFrame(rows, columns=columns).astype({"seed": "Int64"})
+    columns = {
+        "episode": [e.number for e in episodes],
+        "seed": pd.array([e.seed for e in episodes], dtype="Int64"),
+        "law": [e.law for e in episodes],
+        "frames": [len(e.time) for e in episodes],
+        "steps": [len(e.rewards) for e in episodes],
+        "duration": [float(e.time[-1] - e.time[0]) for e in episodes],
+        "return": [float(e.rewards.sum()) if len(e.rewards) else float("nan") for e in episodes],
+        "ended": [e.ended for e in episodes],
+        "collisions": [counts[e.number] for e in episodes],
+    }
+    return pd.DataFrame(columns)

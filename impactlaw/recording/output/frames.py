@@ -14,8 +14,6 @@ from impactlaw.scene.tolerances import GAP_TOLERANCE
 if TYPE_CHECKING:
     from impactlaw.scene.contacts import Contacts
 
-_NOWHERE = np.zeros((0, 3))
-
 
 class Frames:
     """The frames since the last `send`.
@@ -35,9 +33,7 @@ class Frames:
         self._data = mujoco.MjData(model)
         self._moving = [group for group in groups if not group.fixed]
         self._bodies = np.concatenate([np.zeros(0, int), *(group.bodies for group in self._moving)]).astype(int)
-        self._time = np.zeros(capacity)
-        self._clock = np.zeros(capacity)
-        self._energy = np.zeros((capacity, 3))
+        self._time, self._clock, self._energy = np.zeros(capacity), np.zeros(capacity), np.zeros((capacity, 3))
         self._qpos, self._qvel = np.zeros((capacity, model.nq)), np.zeros((capacity, model.nv))
         self._position = np.zeros((capacity, len(self._bodies), 3), dtype=np.float32)
         self._quaternion = np.zeros((capacity, len(self._bodies), 4), dtype=np.float32)
@@ -54,20 +50,16 @@ class Frames:
     def add(self, data: mujoco.MjData, clock: float, contacts: Contacts | None) -> None:
         """Take a frame up; ``clock`` is its place on the timeline, s."""
         own, i = self._data, len(self._contacts)
-        own.qpos[:] = data.qpos
-        own.qvel[:] = data.qvel
-        if self._model.nmocap:
-            own.mocap_pos[:] = data.mocap_pos
-            own.mocap_quat[:] = data.mocap_quat
+        own.qpos[:], own.qvel[:] = data.qpos, data.qvel
+        own.mocap_pos[:], own.mocap_quat[:] = data.mocap_pos, data.mocap_quat
         self._update()
         potential, kinetic = own.energy
-        self._time[i] = data.time
-        self._clock[i] = clock
+        self._time[i], self._clock[i] = data.time, clock
         self._qpos[i], self._qvel[i] = data.qpos, data.qvel
         self._energy[i] = kinetic, potential, kinetic + potential
-        self._position[i] = own.xpos[self._bodies]
-        self._quaternion[i] = own.xquat[self._bodies]
-        self._contacts.append(_closed_positions(data) if contacts is None else contacts.position)
+        self._position[i], self._quaternion[i] = own.xpos[self._bodies], own.xquat[self._bodies]
+        closed = data.contact.pos[data.contact.dist <= GAP_TOLERANCE] if contacts is None else contacts.position
+        self._contacts.append(closed)
 
     def initial_pose(self, group: Group) -> Any:
         """Return the poses of the group's bodies at the model's reference configuration, for rerun."""
@@ -113,13 +105,6 @@ class Frames:
         mujoco.mj_makeM(model, own)
         mujoco.mj_energyPos(model, own)
         mujoco.mj_energyVel(model, own)
-
-
-def _closed_positions(data: mujoco.MjData) -> np.ndarray:
-    if data.ncon == 0:
-        return _NOWHERE
-    found = data.contact
-    return found.pos[found.dist <= GAP_TOLERANCE]
 
 
 def _poses(position: np.ndarray, quaternion: np.ndarray) -> dict[str, Any]:
