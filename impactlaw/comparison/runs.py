@@ -175,19 +175,16 @@ def run_soft(
         progress: called after every step.
     """
     data, seen = _copy(model, start), _copy(model, start)
-    trajectory = _Trajectory(model)
+    trajectory, collisions, spent = _Trajectory(model), SoftCollisions(model), 0.0
     trajectory.add(seen)
-    collisions = None if recorder is None else SoftCollisions(model)
-    if collisions is not None:
-        collisions.look(seen)
-    spent = 0.0
+    collisions.look(seen)
     for _ in range(steps):
         begin = time.perf_counter()
         mujoco.mj_step(model, data)
         spent += time.perf_counter() - begin
         _assign(model, data, seen)  # looking at contacts must not disturb the solver
         trajectory.add(seen)
-        if recorder is not None and collisions is not None:
+        if recorder is not None:
             recorder.step(seen, collisions.look(seen))
         progress()
     first = None
