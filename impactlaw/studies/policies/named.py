@@ -52,8 +52,8 @@ def policies_of(name: str, task: str, scheme: Scheme, laws: Sequence[StatedLaw])
     """
     if name == PPO:
         needs_training_extra(f"training by {PPO!r}")
-        pairs = [(law, Conditions(task, law, scheme)) for law in laws]
-        return [Policy(PPO, law.text, {"policy": PPO, "under": own.settings()}, training=own) for law, own in pairs]
+        each = [Conditions(task, law, scheme) for law in laws]
+        return [Policy(PPO, own.law.text, {"policy": PPO, "under": own.settings()}, training=own) for own in each]
     if name == SCRIPTED:
         return _scripted(task, laws)
     if name.endswith(".zip"):
