@@ -70,16 +70,12 @@ class OnPhysics(PlacedLaw):
 
     def _step(self, nstep: int) -> None:
         """Step as `Physics.step` does: with ``legacy_step`` from half of a step to half of a step, except for RK4."""
-        physics = self._physics
-        model, data = physics.model.ptr, physics.data.ptr
-        if not physics.legacy_step:
-            self._advance(model, data, nstep)
-            self._write_forces(model, data)
-            return
-        half = self._options.contact_model == "soft" and model.opt.integrator != _RK4
+        (model, data), legacy = self.simulation(), self._physics.legacy_step
+        half = legacy and self._options.contact_model == "soft" and model.opt.integrator != _RK4
         self._advance(model, data, nstep, half=half)
         self._write_forces(model, data)
-        mujoco.mj_step1(model, data)
+        if legacy:
+            mujoco.mj_step1(model, data)
 
 
 class OnDmControl(OnPhysics):
@@ -104,9 +100,8 @@ class OnDmControl(OnPhysics):
         self._told: Any = None
         self._composer = hasattr(env, "add_extra_hook")
         if self._composer:
-            composed: Any = env
-            composed.add_extra_hook("after_compile", self._after_compile)
-            composed.add_extra_hook("before_step", self._before_step)
+            self._env.add_extra_hook("after_compile", self._after_compile)
+            self._env.add_extra_hook("before_step", self._before_step)
 
     @property
     def frame_skip(self) -> int | None:

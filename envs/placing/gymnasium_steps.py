@@ -100,8 +100,8 @@ def place(env: gymnasium.Env, options: LawOptions, log: EpisodeLog | None, *, re
     for target in (base, *held):
         kind = _kind(target)
         if kind is not None:
-            if replace:
-                _lift(target, kind.method)
+            if replace and isinstance(getattr(vars(target).get(kind.method), "__self__", None), PlacedLaw):
+                delattr(target, kind.method)
             return kind(target, options, log)
     inner: Any = getattr(base, "_env", None)
     if "dm_control.mujoco.engine" in sys.modules and hasattr(inner, "physics"):
@@ -137,8 +137,3 @@ def _kind(target: Any) -> type[OnGymnasium | OnRobotics] | None:
                 raise WrapperError(f"{name_of(target)} steps MuJoCo in a way of its own ({kind.method} is overridden)")
             return kind
     return None
-
-
-def _lift(target: Any, method: str) -> None:
-    if isinstance(getattr(vars(target).get(method), "__self__", None), PlacedLaw):
-        delattr(target, method)

@@ -45,10 +45,9 @@ class PlacedLaw(LawInForce, ABC):
         for name in _OPTIONS:
             setattr(self, name, getattr(options, name))
         self.log, self.log_every = (None, 1) if log is None else (log.path, log.every)
-        self.diverged = self._removed = False
+        self._removed, self._log = False, log
         self._met: list[Told]
         self._options = self._in_force = options
-        self._log = log
         self._forces: ContactForces | None = None
         self.clear()
         self._named: tuple[Law | None, dict[str, Any]] = None, {}
@@ -82,8 +81,7 @@ class PlacedLaw(LawInForce, ABC):
         if self._log is not None:
             model, data = self.simulation()
             self._log.name_run(scene, seed, self.frame_skip)
-            stepper = self._stepper_for(model)
-            self._log.begin(stepper, data, self._in_force, seed=seed, generator=generator)
+            self._log.begin(self._stepper_for(model), data, self._in_force, seed=seed, generator=generator)
 
     def record_step(self, action: Any, reward: Any, terminated: bool, truncated: bool) -> None:
         """Record an environment step that is over."""

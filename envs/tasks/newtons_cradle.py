@@ -66,8 +66,7 @@ class NewtonsCradle(ImpactEnv):
     def start(self) -> None:
         """Draw the target."""
         self._target = float(self.np_random.uniform(0.02, 0.12))
-        self._best = self._gained = 0.0
-        self._speed = 0.0
+        self._best = self._gained = self._speed = 0.0
         angle = np.arccos(1.0 - self._target / LENGTH)
         hang = LENGTH * np.array([np.sin(angle), 0.0, -np.cos(angle)])
         self.data.mocap_pos[0] = self.model.body("ball5").pos + hang

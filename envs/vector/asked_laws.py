@@ -47,11 +47,7 @@ def several(value: Any) -> bool:
 
 
 def _each(what: str, value: Any, count: int) -> list[Any]:
-    """Return one value for each world.
-
-    Raises:
-        OptionError: there are more or less.
-    """
+    """Return one value for each world; refuse more or less."""
     each = list(value) if several(value) else [value] * count
     if len(each) != count:
         raise OptionError(

@@ -127,13 +127,7 @@ def _check_options(options: Any) -> None:
 
 
 def _first_laws(law: Any, model: mujoco.MjModel, count: int) -> Law | list[Law]:
-    """Return the law that so many worlds begin with, or one for each.
-
-    Raises:
-        OptionError: there is not one for each world.
-        UnknownNameError: no such law.
-        RestitutionError: a law needs a restitution.
-    """
+    """Return the law that so many worlds begin with, or one for each."""
     if isinstance(law, LawDistribution):
         return _examples(law, model)[0]
     if not several(law):
@@ -144,11 +138,7 @@ def _first_laws(law: Any, model: mujoco.MjModel, count: int) -> Law | list[Law]:
 
 
 def _examples(laws: LawDistribution, model: mujoco.MjModel) -> list[Law]:
-    """Return one law of each kind.
-
-    Raises:
-        OptionError: friction is to be drawn, too.
-    """
+    """Return one law of each kind; refuse friction that is to be drawn, too."""
     if laws.friction is not None:
         raise OptionError("friction of many worlds is settled when they are made (batch_options): leave it out of laws")
     return [choose_law(model, given["law"], given.get("restitution")) for given in laws.examples()]

@@ -87,17 +87,13 @@ class VectorWorlds(VectorEnv):
         self._rngs = [seeding.np_random(None)[0] for _ in range(num_envs)]
         self._elapsed, self._over = np.zeros(num_envs, int), np.ones(num_envs, bool)
         self._begun = False
-        self._settle(nthread, max_episode_steps, options or {})
-
-    def _settle(self, nthread: int, limit: int | None, options: Mapping[str, Any]) -> None:
-        """Have what single environments or a `Batch` have, as it is here; setting it later is an error."""
-        self.nthread, self.frame_skip, self.max_episode_steps = nthread, self._task.frame_skip, limit
-        self.friction = options.get("friction", "coulomb")
-        self.rest_speed = options.get("rest_speed")
+        # what single environments or a `Batch` have, as it is here; setting it later is an error
+        given, rigid = options or {}, self.batch.contact_model == "rigid"
+        self.nthread, self.frame_skip, self.max_episode_steps = nthread, task.frame_skip, max_episode_steps
+        self.friction, self.rest_speed = given.get("friction", "coulomb"), given.get("rest_speed")
         self.contact_model, self.log, self.log_every = self.batch.contact_model, None, 1
-        rigid = self.contact_model == "rigid"
         self.scheme = "time-stepping" if rigid else None
-        self.on_inadmissible = options.get("on_inadmissible") or ("project" if rigid else None)
+        self.on_inadmissible = given.get("on_inadmissible") or ("project" if rigid else None)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -132,11 +128,7 @@ class VectorWorlds(VectorEnv):
         return self._task.observe(), self._laws.info()
 
     def _chosen(self, mask: Any) -> np.ndarray:
-        """Return the numbers of the worlds of a mask.
-
-        Raises:
-            OptionError: it is not one bool for each world.
-        """
+        """Return the numbers of the worlds of a mask; refuse what is not one bool for each world."""
         mask = np.asarray(mask)
         if mask.dtype != bool or mask.shape != (self.num_envs,):
             raise OptionError(
@@ -145,11 +137,7 @@ class VectorWorlds(VectorEnv):
         return np.flatnonzero(mask)
 
     def _seeds(self, seed: Any) -> list[int | None]:
-        """Return the seed of each world, None for none.
-
-        Raises:
-            OptionError: it is neither a whole number, 0 or more, nor one for each world.
-        """
+        """Return the seed of each world, None for none; refuse what is no whole number, 0 or more, nor one for each."""
         if isinstance(seed, int | np.integer):
             seeds: list[Any] = [int(seed) + i for i in range(self.num_envs)] if seed >= 0 else [seed]
         else:
@@ -237,11 +225,7 @@ class VectorWorlds(VectorEnv):
         return self._task.observe(), reward, terminated, truncated, info
 
     def _checked(self, actions: Any) -> np.ndarray:
-        """Return actions of all worlds.
-
-        Raises:
-            ActionError: they are not numbers, or have the wrong shape.
-        """
+        """Return actions of all worlds; refuse what is no numbers, or has the wrong shape."""
         wanted = self.action_space.shape
         try:
             found = np.asarray(actions)
