@@ -16,12 +16,7 @@ _CONSTANT = 1e-3  # misfit, relative to the jumps, up to which one G explains al
 
 
 def collision_of(
-    G: np.ndarray,
-    before: np.ndarray,
-    after: np.ndarray,
-    labels: tuple[str, ...],
-    contact: np.ndarray,
-    mu: np.ndarray,
+    G: np.ndarray, before: np.ndarray, after: np.ndarray, labels: tuple[str, ...], contact: np.ndarray, mu: np.ndarray
 ) -> tuple[Collision, np.ndarray]:
     """Return a collision with M = 1, ``J J^T = G`` and these contact velocities, and v+.
 

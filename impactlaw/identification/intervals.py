@@ -16,11 +16,7 @@ _NAN = (float("nan"), float("nan"))
 
 
 def parameter_intervals(
-    residual: Callable[[np.ndarray], np.ndarray],
-    x: np.ndarray,
-    sizes: Sequence[int],
-    low: np.ndarray,
-    high: np.ndarray,
+    residual: Callable[[np.ndarray], np.ndarray], x: np.ndarray, sizes: Sequence[int], low: np.ndarray, high: np.ndarray
 ) -> tuple[list[tuple[float, float]], int]:
     """Return the intervals of the parameters x, and how many of these the data tell; see `_widths`.
 

@@ -190,9 +190,7 @@ def _same_states(study: StepCost, scene: Scene) -> tuple[Costs, Costs]:
 
 
 def timed(
-    step: Callable[[mujoco.MjData], object],
-    data: mujoco.MjData,
-    clock: Callable[[], float] = time.perf_counter,
+    step: Callable[[mujoco.MjData], object], data: mujoco.MjData, clock: Callable[[], float] = time.perf_counter
 ) -> float:
     """Return how long a step takes by a clock, s."""
     with no_collection():

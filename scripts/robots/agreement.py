@@ -30,17 +30,7 @@ from .starts import HELD, controls, start
 CLOSE = 1e-10
 """Difference that is rounding."""
 
-DERIVED = (
-    "qpos",
-    "qvel",
-    "qacc",
-    "sensordata",
-    "qfrc_constraint",
-    "act",
-    "xpos",
-    "cvel",
-    "qacc_warmstart",
-)
+DERIVED = ("qpos", "qvel", "qacc", "sensordata", "qfrc_constraint", "act", "xpos", "cvel", "qacc_warmstart")
 
 
 def compiled_stepper(model: mujoco.MjModel, law: Law, **options: object) -> Stepper:

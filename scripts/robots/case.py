@@ -50,13 +50,7 @@ class Case:
     def row(self) -> Row:
         """Return the columns that say which case it is."""
         e = np.nan if self.way == "mujoco" else self.restitution
-        return {
-            "scene": self.scene.name,
-            "source": self.scene.source,
-            "way": self.way,
-            "e": e,
-            "start": self.start,
-        }
+        return {"scene": self.scene.name, "source": self.scene.source, "way": self.way, "e": e, "start": self.start}
 
 
 def run(case: Case) -> Row:

@@ -210,11 +210,7 @@ _ITERATIVE = tuple(
 
 
 def _case(
-    name: str,
-    numbers: Callable[[bool], Numbers],
-    *expected: Expected,
-    laws: tuple[str, ...] = BASIC,
-    one: bool = False,
+    name: str, numbers: Callable[[bool], Numbers], *expected: Expected, laws: tuple[str, ...] = BASIC, one: bool = False
 ) -> Case:
     rules = (*expected, *_ITERATIVE) if one else (*expected, _ONE_CONTACT, *_ITERATIVE)
     return Case(name, "law", partial(_measure, numbers), laws, EVERY, rules)
