@@ -69,7 +69,7 @@ def goals(tables: dict[str, pd.DataFrame]) -> list[Goal]:
 
 def records(table: Table) -> list[dict[str, Any]]:
     """Return one dictionary per row."""
-    return [{str(name): value for name, value in row.items()} for row in table.to_dict("records")]
+    return table.to_dict("records")
 
 
 def as_table(lines: list[Goal]) -> pd.DataFrame:
@@ -154,9 +154,8 @@ def _robot_goals(table: Table) -> Iterator[Goal]:
 
 def _heap_goals(table: Table) -> Iterator[Goal]:
     for row in records(table):
-        yield _most(
-            f"soft step <= {HEAP_RATIO:g} x mj_step, {row['bodies']} bodies in a heap", row["ratio"], HEAP_RATIO
-        )
+        name = f"soft step <= {HEAP_RATIO:g} x mj_step, {row['bodies']} bodies in a heap"
+        yield _most(name, row["ratio"], HEAP_RATIO)
 
 
 def _task_goals(table: Table) -> Iterator[Goal]:

@@ -40,8 +40,8 @@ class Omissions:
     """Which scenes, how many steps from the start, for how long each."""
 
     scenes: tuple[str, ...] = (
-        *("pendulum", "bouncing_ball", "cradle 5", "box_drop", "box at rest", "billiard_rack", "juggler"),
-    )
+        "pendulum", "bouncing_ball", "cradle 5", "box_drop", "box at rest", "billiard_rack", "juggler",
+    )  # fmt: skip
     """Names from `benchmark_scenes`, or "pendulum", which nothing can touch."""
     steps: int = 100
     """Timesteps of each run, from the start."""
