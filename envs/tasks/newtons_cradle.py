@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.envs.base import ImpactEnv
-from impactlaw.envs.tasks.scenery import add_actuator, add_mark
+from impactlaw.envs.tasks.scenery import add_mark
 
 PULL = 6.0
 """Largest torque of the string that pulls the first ball, N m; it holds the ball at 38 degrees."""
@@ -60,7 +60,9 @@ class NewtonsCradle(ImpactEnv):
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the string, and a mark at the target."""
-        add_actuator(spec, "swing1", -PULL, (0.0, 1.0))
+        string = spec.add_actuator(name="swing1", target="swing1", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        string.set_to_motor()
+        string.gear[0], string.ctrlrange, string.ctrllimited = -PULL, (0.0, 1.0), True
         add_mark(spec, "target", 0.125)
 
     def start(self) -> None:
