@@ -6,8 +6,6 @@ law's own preparations are; forming G and the programs' matrices is not. Residua
 natural map of the law's own complementarity.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time

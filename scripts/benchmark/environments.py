@@ -4,8 +4,6 @@ What is compared takes the same steps again and again, in one process, in turns 
 time of each piece counts: what other processes take from the machine is left out.
 """
 
-from __future__ import annotations
-
 import copy
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The acceptance lines: each goal the project has set itself, the number measured, and whether it is met."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """What ``import impactlaw`` adds to ``import mujoco``, in fresh processes, and which large packages it loads."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

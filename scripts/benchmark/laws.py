@@ -5,8 +5,6 @@ velocities, the target, the certificate) is in the time "law". Bare NNLS gets th
 nothing, and its answer is not checked.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 The trial of the last contact forces, which leaves out contacts while nothing moves, is taken away instead.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace

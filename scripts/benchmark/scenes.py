@@ -1,7 +1,5 @@
 """The scenes whose steps are timed: models, starts, laws and inputs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial

@@ -7,8 +7,6 @@ together. A soft step is compared with `mj_step` from a copy of its own state: w
 to the last bit.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Batches take the same random controls in turns. MuJoCo's is run as the model is shipped and with its Euler integrator.
 """
 
-from __future__ import annotations
-
 import copy
 import json
 import os

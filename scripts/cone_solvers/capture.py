@@ -4,8 +4,6 @@ A scene is stepped from drops and with random controls, with e = 0 and 0.5, unde
 the scheme hands to its solver is copied. Problems that no impulse solves already are left out.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The fifteen scenes: what the package, its dependencies and its development tools ship, two of them built here."""
 
-from __future__ import annotations
-
 import mujoco
 
 from impactlaw import models

@@ -1,7 +1,5 @@
 """The study's tables: by solver, and by scene for ours; as text on the screen, as files in full."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ of an episode; an environment counts as solved from the ``reward_threshold`` of 
 (seeds) are played under every law, so that the law alone makes the difference.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

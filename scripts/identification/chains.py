@@ -1,7 +1,5 @@
 """Chains of balls with Hertzian contacts: which impact law a real Newton's cradle obeys."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The picture of chains: outcomes of three balls in S, over exponent and ratio of stiffness."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Newton's cradle under two laws and under MuJoCo's contacts, side by side: ``python -m scripts.pictures.cradles``."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path

@@ -5,8 +5,6 @@ other; unit rows of the Jacobian are limits, without friction. Laws, restitution
 coefficients of friction from 0.01 to 2 and masses up to 1e6 apart are drawn at random too.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable

@@ -5,8 +5,6 @@ normal distributions, and one coefficient per contact, uniform in [0, 1]. "Some 
 both kinds of contacts; "all close" turns every gradient so that its contact closes.
 """
 
-from __future__ import annotations
-
 from contextlib import suppress
 
 import numpy as np

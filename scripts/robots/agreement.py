@@ -4,8 +4,6 @@
 the scheme in Python, from what compiled code has begun with. Differences are relative to the size of each field.
 """
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Iterator

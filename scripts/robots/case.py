@@ -1,7 +1,5 @@
 """One case: a scene stepped in one way under one law from one start, beside MuJoCo on the same controls."""
 
-from __future__ import annotations
-
 import copy
 import gc
 import time

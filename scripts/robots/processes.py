@@ -1,7 +1,5 @@
 """Each case in a process of its own: a crash or a hang costs one row."""
 
-from __future__ import annotations
-
 import os
 
 import mujoco

@@ -1,7 +1,5 @@
 """Which scenes there are, and how each is loaded, which the process does that steps it."""
 
-from __future__ import annotations
-
 import copy
 import importlib.util
 import warnings

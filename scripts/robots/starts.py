@@ -1,7 +1,5 @@
 """Where a case starts, and what its actuators are told."""
 
-from __future__ import annotations
-
 import copy
 from typing import Literal
 

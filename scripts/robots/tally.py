@@ -1,7 +1,5 @@
 """The numbers of one case: what each step took, and what the state after it showed."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -3,8 +3,6 @@
 In all of them every contact closes (``gamma- <= 0``), so that no law that is tried may leave one penetrating.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 

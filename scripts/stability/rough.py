@@ -3,8 +3,6 @@
 A body that stops within a timestep h stops late by up to mu g h^2 / 8: its friction acts through all of that step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 

@@ -1,7 +1,5 @@
 """The cases of the stability study with many bodies, stiff forces, thin bodies and changing contacts."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 from typing import Literal

@@ -1,7 +1,5 @@
 """The cases of the stability study in which a few bodies are stepped and the answer is known in closed form."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 

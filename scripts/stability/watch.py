@@ -1,7 +1,5 @@
 """A scene that is stepped, and measured by MuJoCo's own means and the study's, not by the package's."""
 
-from __future__ import annotations
-
 import copy
 import time
 from typing import Any, Literal

@@ -4,8 +4,6 @@ Writes tables (CSV) and pictures into a folder, prints measured orders beside th
 the errors of event-driven and of time stepping are than that of MuJoCo's best soft contact at equal run time.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Pictures of work and precision on log-log axes: run time to the right, error upwards; the lower left is better."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -4,8 +4,6 @@ Each function returns the smooth pieces of the trajectory up to `duration`. None
 equations uses the package; the billiard break, whose balls fly straight, is rigid stepping with a tighter tolerance.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial

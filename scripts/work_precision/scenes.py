@@ -1,7 +1,5 @@
 """The scenes of the study of work and precision, with their laws, references and the orders expected on them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """Work and precision of stepping: error of trajectories against run time, over timesteps, methods and scenes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from operator import attrgetter

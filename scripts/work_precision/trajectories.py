@@ -1,7 +1,5 @@
 """One simulation of a scene by one method at one timestep: the states it passes through and the time it takes."""
 
-from __future__ import annotations
-
 import copy
 import time
 from collections.abc import Callable
