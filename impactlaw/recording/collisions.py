@@ -9,17 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from impactlaw.mechanics.friction_impact import FrictionImpact
-from impactlaw.recording.layout import (
-    COLLISION,
-    COLLISION_COLUMNS,
-    COLLISIONS,
-    EXTRA_COLUMNS,
-    MARKS,
-    MOST_COUPLED,
-    PLOTTED,
-    Column,
-    time_columns,
-)
+from impactlaw.recording import layout
+from impactlaw.recording.layout import Column, time_columns
 from impactlaw.scene.friction_rows import tangential_impulses
 
 if TYPE_CHECKING:
@@ -77,7 +68,7 @@ def _friction(model: mujoco.MjModel, event: ImpactEvent) -> dict[str, Any]:
 
 def _delassus(c: Collision) -> list[float]:
     k = 0 if c.friction is None else len(c.friction)
-    if not 0 < len(c.labels) + k <= MOST_COUPLED:
+    if not 0 < len(c.labels) + k <= layout.MOST_COUPLED:
         return []
     rows = np.vstack([c.dense_gradients, c.whitened_friction]) if k else c.dense_gradients
     return (rows @ rows.T).ravel().tolist()
@@ -143,21 +134,23 @@ class CollisionLog:
                 *rr.Points3D.columns(positions=points).partition(lengths),
                 *rr.Arrows3D.columns(origins=points, vectors=np.concatenate(arrows)).partition(lengths),
             ]
-            stream.send_columns(MARKS, time_columns(clocks, steps), columns, strict=True)
+            stream.send_columns(layout.MARKS, time_columns(clocks, steps), columns, strict=True)
         if self._rows:
             clocks, records, texts, levels = zip(*self._rows, strict=True)
             cells = {
                 name: [record.get(name) for record in records]
-                for name in COLLISION_COLUMNS | EXTRA_COLUMNS
+                for name in layout.COLLISION_COLUMNS | layout.EXTRA_COLUMNS
                 if any(name in record for record in records)
             }
-            kinds = COLLISION_COLUMNS | EXTRA_COLUMNS
-            columns = [Column(f"{COLLISION}:{name}", kinds[name], values) for name, values in cells.items()]
+            kinds = layout.COLLISION_COLUMNS | layout.EXTRA_COLUMNS
+            columns = [Column(f"{layout.COLLISION}:{name}", kinds[name], values) for name, values in cells.items()]
             index = time_columns(clocks, cells["step"])
-            for name in PLOTTED:
-                stream.send_columns(f"{COLLISIONS}/{name}", index, rr.Scalars.columns(scalars=cells[name]), strict=True)
+            for name in layout.PLOTTED:
+                stream.send_columns(
+                    f"{layout.COLLISIONS}/{name}", index, rr.Scalars.columns(scalars=cells[name]), strict=True
+                )
             log = rr.TextLog.columns(text=texts, level=levels)
-            stream.send_columns(COLLISIONS, index, [*columns, *log], strict=True)
+            stream.send_columns(layout.COLLISIONS, index, [*columns, *log], strict=True)
         self._forget()
 
     def _clear_marks(self, clock: float) -> None:
