@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
-from typing import Literal
 
 import mujoco
 import pandas as pd
 from tqdm import tqdm
 
+from impactlaw.comparison import Comparison
 from impactlaw.comparison.pictures import draw, freedom_names
 from impactlaw.comparison.runs import Run, run_law, run_soft
 from impactlaw.comparison.soft_contact import tuned_contacts
@@ -27,20 +26,6 @@ from impactlaw.recording import Recorder
 
 DEFAULT_LAWS = ("maximal-dissipation", "moreau", "scene", "reversal")
 _WIDTH = 5  # velocities shown in the printed table
-
-
-@dataclass(frozen=True, kw_only=True)
-class Comparison:
-    """What to compare; see the fields of `impactlaw.cli.Compare`."""
-
-    scene: str = "newtons_cradle"
-    laws: tuple[str, ...] | None = None
-    restitution: float | None = None
-    duration: float | None = None
-    timestep: float | None = None
-    friction: Literal["coulomb", "convex", "ignore"] = "coulomb"
-    scheme: Literal["event-driven", "time-stepping"] = "event-driven"
-    view: bool = False
 
 
 def compare(study: Comparison, folder: Path) -> pd.DataFrame:
