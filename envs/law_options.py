@@ -129,7 +129,7 @@ def as_plain(law: Law) -> Any:
         return None
 
 
-def check_reset(options: Mapping[str, Any] | None) -> None:
+def check_reset(options: Mapping[str, Any] | None, known: Sequence[str] = RESET) -> None:
     """Refuse options of a reset that would be ignored.
 
     Raises:
@@ -137,10 +137,10 @@ def check_reset(options: Mapping[str, Any] | None) -> None:
         OptionError: they are not a mapping.
     """
     if options is not None and not isinstance(options, Mapping):
-        raise OptionError(f"options of a reset are a mapping of {', '.join(RESET)} to values, got {options!r}")
+        raise OptionError(f"options of a reset are a mapping of {', '.join(known)} to values, got {options!r}")
     for name in options or ():
-        if name not in RESET:
-            raise UnknownNameError("option of reset", name, RESET)
+        if name not in known:
+            raise UnknownNameError("option of reset", name, known)
 
 
 def choose_law(model: mujoco.MjModel, law: str | Law | Mapping[str, Any], restitution: Any = None) -> Law:

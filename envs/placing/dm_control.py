@@ -15,6 +15,7 @@ from impactlaw.envs.placing.placed_law import PlacedLaw
 from impactlaw.errors import DivergenceError, WrapperError
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+_BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC", "CTRL")]
 
 
 class OnPhysics(PlacedLaw):
@@ -65,7 +66,7 @@ class OnPhysics(PlacedLaw):
             with physics.check_invalid_state(), contextlib.suppress(DivergenceError):
                 self._step(nstep)
         except PhysicsError:
-            self.diverged = self.diverged or _has_bad_state(physics)
+            self.diverged |= bool(physics.data.ptr.warning.number[_BAD].any())
             raise
 
     def _step(self, nstep: int) -> None:
@@ -157,8 +158,3 @@ def _remade(kind: type[Physics], data: Any, standing: LawOptions, in_force: LawO
 def _with_law(physics: Any, standing: LawOptions, in_force: LawOptions) -> Any:
     OnPhysics(physics, standing, None).use(in_force)
     return physics
-
-
-def _has_bad_state(physics: Any) -> bool:
-    bad = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC", "CTRL")]
-    return bool(physics.data.ptr.warning.number[bad].any())

@@ -45,9 +45,7 @@ class OnGymnasium(_OnEnv):
     def _simulate(self, ctrl: np.ndarray, n_frames: int) -> None:
         env = self._env
         env.data.ctrl[:] = ctrl
-        self._refuse_bad_controls(env.data)
-        self._advance(env.model, env.data, n_frames)
-        self._refuse_bad_state(env.data)
+        self._advance_checked(env.model, env.data, n_frames)
         if self._forces is None:
             mujoco.mj_rnePostConstraint(env.model, env.data)
         self._write_forces(env.model, env.data)
@@ -65,9 +63,7 @@ class OnRobotics(_OnEnv):
 
     def _simulate(self, action: np.ndarray) -> None:
         env = self._env
-        self._refuse_bad_controls(env.data)
-        self._advance(env.model, env.data, env.n_substeps)
-        self._refuse_bad_state(env.data)
+        self._advance_checked(env.model, env.data, env.n_substeps)
         self._write_forces(env.model, env.data)
 
 

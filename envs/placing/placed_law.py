@@ -211,14 +211,15 @@ class PlacedLaw(LawInForce, ABC):
             mujoco.mj_rnePostConstraint(model, data)
             self._forces.write(data)
 
-    def _refuse_bad_controls(self, data: mujoco.MjData) -> None:
-        """Raise where MuJoCo would go on without any control: it sets all to 0 if one is not finite, or huge."""
+    def _advance_checked(self, model: mujoco.MjModel, data: mujoco.MjData, steps: int) -> None:
+        """Advance by so many timesteps; refuse controls and states that are not finite, or huge.
+
+        MuJoCo would set all controls to 0 and go on; under RK4 such a state shows in the next timestep only.
+        """
         if not mujoco.mju_norm(data.ctrl) <= mujoco.mjMAXVAL:
             self.diverged = True
             raise DivergenceError(f"the controls at t = {data.time:g} s are not finite, or huge")
-
-    def _refuse_bad_state(self, data: mujoco.MjData) -> None:
-        """Under RK4 a state that is not finite, or huge, shows in the next timestep only."""
+        self._advance(model, data, steps)
         if is_huge(data):
             self.diverged = True
             raise DivergenceError(f"the state at t = {data.time:g} s is not finite, or huge")

@@ -13,10 +13,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from impactlaw.envs.law_distribution import LawDistribution
-from impactlaw.envs.law_options import describe_law
+from impactlaw.envs.law_options import check_reset, describe_law
 from impactlaw.envs.vector.laws_of_worlds import LawsOfWorlds
 from impactlaw.envs.vector.task import Task
-from impactlaw.errors import ActionError, OptionError, SettledError, UnknownNameError
+from impactlaw.errors import ActionError, OptionError, SettledError
 from impactlaw.laws import Law
 from impactlaw.settled import Settled
 from impactlaw.stepping.compatibility import check_count
@@ -111,13 +111,9 @@ class VectorWorlds(VectorEnv):
             OptionError: the seeds or the mask do not fit the worlds, or the options are no mapping.
             RestitutionError: the restitution does not fit the law.
         """
-        if options is not None and not isinstance(options, Mapping):
-            raise OptionError(f"options of a reset are a mapping, got {options!r}")
+        check_reset(options, ("reset_mask", *_OPTIONS))
         given = dict(options or {})
         mask = given.pop("reset_mask", np.ones(self.num_envs, bool))
-        for name in given:
-            if name not in _OPTIONS:
-                raise UnknownNameError("option of reset", name, ("reset_mask", *_OPTIONS))
         chosen, seeds = self._chosen(mask), self._seeds(seed)
         for i in chosen:
             if seeds[i] is not None:
