@@ -33,33 +33,26 @@ class Frames:
         self._data = mujoco.MjData(model)
         self._moving = [group for group in groups if not group.fixed]
         self._bodies = np.concatenate([np.zeros(0, int), *(group.bodies for group in self._moving)]).astype(int)
-        self._time, self._clock, self._energy = np.zeros(capacity), np.zeros(capacity), np.zeros((capacity, 3))
-        self._qpos, self._qvel = np.zeros((capacity, model.nq)), np.zeros((capacity, model.nv))
-        self._position = np.zeros((capacity, len(self._bodies), 3), dtype=np.float32)
-        self._quaternion = np.zeros((capacity, len(self._bodies), 4), dtype=np.float32)
-        self._contacts: list[np.ndarray] = []
+        self._capacity, self._rows = capacity, list[tuple[Any, ...]]()
 
     def __len__(self) -> int:
-        return len(self._contacts)
+        return len(self._rows)
 
     @property
     def is_full(self) -> bool:
         """Whether there is no room for another frame."""
-        return len(self._contacts) == len(self._time)
+        return len(self._rows) == self._capacity
 
     def add(self, data: mujoco.MjData, clock: float, contacts: Contacts | None) -> None:
         """Take a frame up; ``clock`` is its place on the timeline, s."""
-        own, i = self._data, len(self._contacts)
+        own = self._data
         own.qpos[:], own.qvel[:] = data.qpos, data.qvel
         own.mocap_pos[:], own.mocap_quat[:] = data.mocap_pos, data.mocap_quat
         self._update()
         potential, kinetic = own.energy
-        self._time[i], self._clock[i] = data.time, clock
-        self._qpos[i], self._qvel[i] = data.qpos, data.qvel
-        self._energy[i] = kinetic, potential, kinetic + potential
-        self._position[i], self._quaternion[i] = own.xpos[self._bodies], own.xquat[self._bodies]
+        state = data.time, clock, data.qpos.copy(), data.qvel.copy(), (kinetic, potential, kinetic + potential)
         closed = data.contact.pos[data.contact.dist <= GAP_TOLERANCE] if contacts is None else contacts.position
-        self._contacts.append(closed)
+        self._rows.append((*state, own.xpos[self._bodies], own.xquat[self._bodies], closed))
 
     def initial_pose(self, group: Group) -> Any:
         """Return the poses of the group's bodies at the model's reference configuration, for rerun."""
@@ -76,23 +69,22 @@ class Frames:
         n = len(self)
         if n == 0:
             return
-        index = time_columns(self._clock[:n], np.arange(first_step, first_step + n))
-        start = 0
+        time, clock, qpos, qvel, energy, position, quaternion, contacts = zip(*self._rows, strict=True)
+        index = time_columns(clock, np.arange(first_step, first_step + n))
+        placed, start = (np.array(position, np.float32), np.array(quaternion, np.float32)), 0
         for group in self._moving:
             size = len(group.bodies)
-            part = np.s_[:n, start : start + size]
-            poses = rr.InstancePoses3D.columns(**_poses(self._position[part], self._quaternion[part]))
+            poses = rr.InstancePoses3D.columns(**_poses(*(part[:, start : start + size] for part in placed)))
             stream.send_columns(group.path, index, poses.partition(np.full(n, size)), strict=True)
             start += size
-        points = rr.Points3D.columns(positions=np.concatenate(self._contacts))
-        lengths = [len(part) for part in self._contacts]
-        stream.send_columns(CONTACTS, index, points.partition(lengths), strict=True)
-        energies = rr.Scalars.columns(scalars=self._energy[:n].ravel()).partition(np.full(n, 3))
+        points = rr.Points3D.columns(positions=np.concatenate(contacts)).partition([len(part) for part in contacts])
+        stream.send_columns(CONTACTS, index, points, strict=True)
+        energies = rr.Scalars.columns(scalars=np.ravel(energy)).partition(np.full(n, 3))
         stream.send_columns(ENERGY, index, energies, strict=True)
-        state = [Column(QPOS, "floats", self._qpos[:n]), Column(QVEL, "floats", self._qvel[:n])]
+        state = [Column(QPOS, "floats", qpos), Column(QVEL, "floats", qvel)]
         stream.send_columns(STATE, index, state, strict=True)
-        stream.send_columns(FRAMES, index, [Column(FRAME_TIME, "float", self._time[:n])], strict=True)
-        self._contacts = []
+        stream.send_columns(FRAMES, index, [Column(FRAME_TIME, "float", time)], strict=True)
+        self._rows = []
 
     def _update(self) -> None:
         model, own = self._model, self._data
