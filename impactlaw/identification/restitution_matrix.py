@@ -51,13 +51,12 @@ class MatrixFit:
     """
 
     def __init__(self, measured: Measurements, order: np.ndarray):
-        self.measured, self.order = measured, order
+        self.measured, self.order, self.speeds = measured, order, measured.speeds
         cs = measured.collisions
         each = list(zip(cs, measured.post_velocities, order, strict=True))
         self.G = np.array([c.delassus[np.ix_(o, o)] for c, _, o in each])
         self.before = np.array([c.pre_contact_velocity[o] for c, _, o in each])
         self.after = np.array([c.contact_velocity_after(v)[o] for c, v, o in each])
-        self.speeds = measured.speeds
         self.mean_G = self.G.mean(axis=0)
         w, V = np.linalg.eigh(self.mean_G)
         if w[0] <= 1e-10 * w[-1]:
@@ -174,16 +173,8 @@ class MatrixFit:
             x = factor @ (weight * maps.T @ (z - u) - q.g)
             y = maps @ x + u
             for_F, for_E, for_impulse = np.split(y, 3)
-            before, z = (
-                z,
-                np.concatenate(
-                    [
-                        clipped(for_F.reshape(h, h)).ravel(),
-                        np.maximum(for_E, 0.0),
-                        np.maximum(for_impulse, least / scale),
-                    ]
-                ),
-            )
+            before, pushes = z, np.maximum(for_impulse, least / scale)
+            z = np.concatenate([clipped(for_F.reshape(h, h)).ravel(), np.maximum(for_E, 0.0), pushes])
             u = y - z
             if max(np.abs(maps @ x - z).max(), np.abs(z - before).max()) < _SPLIT_DONE:
                 break

@@ -171,8 +171,9 @@ def _same_states(study: StepCost, scene: Scene) -> tuple[Costs, Costs]:
             for number in range(scene.episode):
                 scene.drive(soft, number)
                 mujoco.mj_copyData(copy, model, soft)
-                ways = [(stepper.step, soft), (bare_step, copy)][:: -1 if number % 2 else 1]
-                seconds, bare_seconds = [timed(*way) for way in ways][:: -1 if number % 2 else 1]
+                bare_first = timed(bare_step, copy) if number % 2 else None
+                seconds = timed(stepper.step, soft)
+                bare_seconds = bare_first if bare_first is not None else timed(bare_step, copy)
                 phase = "collision" if stepper.events else "contact" if soft.ncon else "flight"
                 costs.book(phase, seconds)
                 bare_costs.book(phase, bare_seconds)

@@ -95,10 +95,9 @@ def _from_file(path: Path, name: str) -> Policy:
     needs_training_extra(f"the trained policy {name}")
     try:
         content = path.read_bytes()
+        load(io.BytesIO(content))
     except OSError as error:
         raise StudyError(f"cannot read the policy {name}: {error.strerror}") from None
-    try:
-        load(io.BytesIO(content))
     except StudyError as error:
         raise StudyError(f"{name} is no trained policy: {error}") from None
     return Policy(name, "", {"policy": "file", "content": hashlib.sha256(content).hexdigest()}, content)
