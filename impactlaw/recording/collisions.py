@@ -10,7 +10,7 @@ import numpy as np
 
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.recording import layout
-from impactlaw.recording.layout import Column, time_columns
+from impactlaw.recording.layout import COLLISION_COLUMNS, Column, time_columns
 from impactlaw.scene.friction_rows import tangential_impulses
 
 if TYPE_CHECKING:
@@ -139,10 +139,10 @@ class CollisionLog:
             clocks, records, texts, levels = zip(*self._rows, strict=True)
             cells = {
                 name: [record.get(name) for record in records]
-                for name in layout.COLLISION_COLUMNS | layout.EXTRA_COLUMNS
+                for name in COLLISION_COLUMNS | layout.EXTRA_COLUMNS
                 if any(name in record for record in records)
             }
-            kinds = layout.COLLISION_COLUMNS | layout.EXTRA_COLUMNS
+            kinds = COLLISION_COLUMNS | layout.EXTRA_COLUMNS
             columns = [Column(f"{layout.COLLISION}:{name}", kinds[name], values) for name, values in cells.items()]
             index = time_columns(clocks, cells["step"])
             for name in layout.PLOTTED:
