@@ -15,18 +15,9 @@ from impactlaw.envs.tasks.rocking_block import RockingBlock
 from impactlaw.envs.wrapper import ImpactLaw
 
 __all__ = [
-    "Billiards",
-    "ImpactEnv",
-    "ImpactLaw",
-    "Juggler",
-    "LawDistribution",
-    "NewtonsCradle",
-    "RandomLaw",
-    "RockingBlock",
-    "placed_law",
-    "put_law",
-    "restart",
-]
+    "Billiards", "ImpactEnv", "ImpactLaw", "Juggler", "LawDistribution", "NewtonsCradle", "RandomLaw", "RockingBlock",
+    "placed_law", "put_law", "restart",
+]  # fmt: skip
 
 for _entry_point, _worlds, _steps, _solved in (
     (NewtonsCradle, None, 300, 0.95),

@@ -114,8 +114,8 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
     ):
         self.frame_skip = self.FRAME_SKIP if frame_skip is None else frame_skip
         check_arguments(self.frame_skip, render_mode, self.metadata["render_modes"])
-        for name, pixels in (("width", width), ("height", height)):
-            check_count(name, pixels)
+        check_count("width", width)
+        check_count("height", height)
         self.contact_model, self.scheme, self.friction = contact_model, scheme, friction
         self.log, self.log_every, self.width, self.height = log, log_every, width, height
         self._log = episode_log(log, log_every)
@@ -124,14 +124,9 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self._options = self._in_force = LawOptions(
-            law=self.LAW if law is None else law,
-            restitution=restitution,
-            contact_model=contact_model,
-            scheme=scheme,
-            friction=friction,
-            usual_scheme="event-driven",
-            overlap=None,
-        )
+            law=self.LAW if law is None else law, restitution=restitution, contact_model=contact_model, scheme=scheme,
+            friction=friction, usual_scheme="event-driven", overlap=None,
+        )  # fmt: skip
         self._seeds = EpisodeSeeds(OUTCOMES)
         self._stepper = self._options.stepper(self.model)
         self._named = describe_law(self.law)

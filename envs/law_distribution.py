@@ -40,12 +40,12 @@ class LawDistribution:
     friction: Sequence[str] | None = None
 
     def __post_init__(self):
-        if isinstance(self.laws, str | Law | Mapping) or not np.iterable(self.laws) or not len(self.laws):
+        if isinstance(self.laws, Law) or not _is_choice(self.laws):
             raise OptionError(f'laws is a sequence of laws to choose from, such as ("moreau",), got {self.laws!r}')
         object.__setattr__(self, "laws", tuple(map(restored, self.laws)))
         object.__setattr__(self, "restitution", _distribution(self.restitution))
         if self.friction is not None:
-            if isinstance(self.friction, str) or not np.iterable(self.friction) or not len(self.friction):
+            if not _is_choice(self.friction):
                 raise OptionError(f'friction is a sequence to choose from, such as ["coulomb"], got {self.friction!r}')
             for option in self.friction:
                 if option not in FRICTION:
@@ -111,12 +111,12 @@ class LawDistribution:
         return [] if e is None else list(e)
 
 
-def _distribution(value: Any) -> Any:
-    """Return a tuple of two ends, a list of choices, a frozen distribution, or None.
+def _is_choice(value: Any) -> bool:
+    return not isinstance(value, str | Mapping) and np.iterable(value) and len(value) > 0  # pyright: ignore[reportArgumentType]
 
-    Raises:
-        OptionError: it is none of these, or reaches beyond [0, 1].
-    """
+
+def _distribution(value: Any) -> Any:
+    """Return a tuple of two ends, a list of choices, a frozen distribution, or None; refuse anything else."""
     if isinstance(value, Mapping) and _UNIFORM in value:
         value = tuple(value[_UNIFORM])
     if isinstance(value, Mapping) and _SCIPY in value:
@@ -124,10 +124,9 @@ def _distribution(value: Any) -> Any:
 
         value = getattr(scipy.stats, value[_SCIPY])(*value["args"], **value["kwds"])
     if hasattr(value, "rvs"):
-        frozen: Any = value
         if not hasattr(value, "support") or not hasattr(value, "dist"):
             raise OptionError(f"a distribution is a frozen one of scipy.stats, such as beta(2, 5), got {value!r}")
-        low, high = frozen.support()
+        low, high = value.support()  # pyright: ignore[reportAttributeAccessIssue]
         if not 0.0 <= low <= high <= 1.0:
             raise OptionError(
                 f"restitution lies in [0, 1], but the distribution reaches from {low:g} to {high:g}; take one that "
@@ -141,7 +140,7 @@ def _distribution(value: Any) -> Any:
         return low, high
     if value is None:
         return None
-    if isinstance(value, str | Mapping) or not np.iterable(value) or not len(value):  # pyright: ignore[reportArgumentType]
+    if not _is_choice(value):
         raise OptionError(
             "restitution is an interval (low, high), a list to choose from, a frozen distribution of scipy.stats or "
             f"None, got {value!r}"
@@ -150,12 +149,7 @@ def _distribution(value: Any) -> Any:
 
 
 def _takes_restitution(law: Any, examples: list[Any]) -> bool:
-    """Return whether a law takes such restitution.
-
-    Raises:
-        UnknownNameError: no such law.
-        RestitutionError: it takes some, but not that.
-    """
+    """Return whether a law takes a restitution; refuse one that takes some, but not that."""
     if law == "scene" or not takes_restitution(law):
         return False
     for e in examples:

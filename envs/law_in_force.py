@@ -32,8 +32,7 @@ class LawInForce:
 
     @law.setter
     def law(self, law: str | Law | Mapping[str, Any]) -> None:
-        needs = isinstance(law, str) and law in LAWS and takes_restitution(law)
-        with _way_out(needs):
+        with _way_out(_takes_restitution(law)):
             self._set(law=law, restitution=None)
 
     @property
@@ -43,8 +42,7 @@ class LawInForce:
 
     @restitution.setter
     def restitution(self, restitution: Any) -> None:
-        law = self._options.law
-        with _way_out(not (isinstance(law, str) and law in LAWS and takes_restitution(law))):
+        with _way_out(not _takes_restitution(self._options.law)):
             self._set(restitution=restitution)
 
     @property
@@ -67,6 +65,10 @@ class LawInForce:
             in_force = replace(self._in_force, **changes)
         self.use(in_force)
         self._options = standing
+
+
+def _takes_restitution(law: Any) -> bool:
+    return isinstance(law, str) and law in LAWS and takes_restitution(law)
 
 
 @contextmanager

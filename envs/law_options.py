@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -16,7 +17,6 @@ from impactlaw.errors import OptionError, RestitutionError, SceneError, UnknownN
 from impactlaw.laws import Law, MaximalDissipation, make_law, portable
 from impactlaw.laws.restitution.from_scene import scene_law, scene_number
 from impactlaw.recording.properties import law_name
-from impactlaw.stepping.compatibility import check_count
 from impactlaw.stepping.stepper import Stepper
 
 RESET = ("law", "restitution", "friction", "scheme")
@@ -76,28 +76,18 @@ class LawOptions:
             OptionError: impulse_in_cfrc_ext is neither True nor False.
         """
         rigid = self.contact_model == "rigid"
-        self._check_forces()
-        return Stepper(
-            model,
-            self.law_for(model),
-            contact_model=self.contact_model,
-            scheme=self.scheme_in_force,
-            friction=self.friction,
-            overlap=self.overlap if rigid else None,
-            contacts=self.contacts,
-            limits=self.limits,
-            rest_speed=self.rest_speed,
-            on_inadmissible=self.on_inadmissible,
-        )
-
-    def _check_forces(self) -> None:
         if not isinstance(self.impulse_in_cfrc_ext, bool):
             raise OptionError(f"impulse_in_cfrc_ext is True or False, got {self.impulse_in_cfrc_ext!r}")
-        if self.impulse_in_cfrc_ext and self.contact_model == "rigid" and self.scheme_in_force == "event-driven":
+        if self.impulse_in_cfrc_ext and rigid and self.scheme_in_force == "event-driven":
             raise SceneError(
                 "impulse_in_cfrc_ext means nothing to event-driven steps, which leave no forces of contact; use "
                 'scheme="time-stepping" or contact_model="soft"'
             )
+        return Stepper(
+            model, self.law_for(model), contact_model=self.contact_model, scheme=self.scheme_in_force,
+            friction=self.friction, overlap=self.overlap if rigid else None, contacts=self.contacts,
+            limits=self.limits, rest_speed=self.rest_speed, on_inadmissible=self.on_inadmissible,
+        )  # fmt: skip
 
     def changed_stepper(self, stepper: Stepper, before: LawOptions) -> Stepper:
         """Return the stepper, which was by the options before, with the law of these; or another one if need be."""
@@ -127,7 +117,7 @@ class LawOptions:
         if plain is None:
             return None
         given = {"law": plain, "friction": self.friction, "scheme": self.scheme_in_force}
-        given["contact_model"] = self.contact_model
+        given |= {"contact_model": self.contact_model}
         return {name: value for name, value in given.items() if value is not None}
 
 
@@ -139,7 +129,7 @@ def as_plain(law: Law) -> Any:
         return None
 
 
-def check_reset(options: Mapping[str, Any] | None) -> None:
+def check_reset(options: Mapping[str, Any] | None, known: Sequence[str] = RESET) -> None:
     """Refuse options of a reset that would be ignored.
 
     Raises:
@@ -147,21 +137,10 @@ def check_reset(options: Mapping[str, Any] | None) -> None:
         OptionError: they are not a mapping.
     """
     if options is not None and not isinstance(options, Mapping):
-        raise OptionError(f"options of a reset are a mapping of {', '.join(RESET)} to values, got {options!r}")
+        raise OptionError(f"options of a reset are a mapping of {', '.join(known)} to values, got {options!r}")
     for name in options or ():
-        if name not in RESET:
-            raise UnknownNameError("option of reset", name, RESET)
-
-
-def check_log_every(log: object, log_every: int) -> None:
-    """Refuse to record every so many episodes nowhere.
-
-    Raises:
-        OptionError: there is no log, or it is not a whole number of 1 or more.
-    """
-    check_count("log_every", log_every)
-    if log is None and log_every != 1:
-        raise OptionError(f"log_every={log_every} means nothing without log")
+        if name not in known:
+            raise UnknownNameError("option of reset", name, known)
 
 
 def choose_law(model: mujoco.MjModel, law: str | Law | Mapping[str, Any], restitution: Any = None) -> Law:
@@ -209,13 +188,9 @@ def describe_law(law: Law) -> dict[str, str | float]:
 def portable_options(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return constructor arguments as `gymnasium.EnvSpec` can write them into JSON; what it cannot stays as it is."""
     result = dict(options)
-    for name in ("law", "restitution"):
-        try:
-            result[name] = portable(result[name]) if name in result else None
-        except RestitutionError:  # json will say so
-            continue
-        if name not in options:
-            del result[name]
+    for name in {"law", "restitution"} & result.keys():
+        with suppress(RestitutionError):  # json will say so
+            result[name] = portable(result[name])
     if isinstance(result.get("contacts"), tuple | set | frozenset):
         result["contacts"] = list(result["contacts"])
     if result.get("log") is not None:

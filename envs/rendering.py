@@ -52,9 +52,7 @@ class Pictures:
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, width: int, height: int):
-        self._model = model
-        self._data = data
-        self.size = width, height
+        self._model, self._data, self.size = model, data, (width, height)
         self._renderer: MujocoRenderer | None = None
 
     def draw(self, mode: str) -> np.ndarray | None:

@@ -111,24 +111,19 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         log: str | Path | None = None,
         log_every: int = 1,
     ):
-        asked = {
-            "law": law,
-            "restitution": restitution,
-            "contact_model": contact_model,
-            "scheme": scheme,
-            "friction": friction,
-            "rest_speed": rest_speed,
-            "on_inadmissible": on_inadmissible,
-        }
-        some = {"contacts": contacts, "limits": limits, "impulse_in_cfrc_ext": impulse_in_cfrc_ext}
+        settled = {
+            "contact_model": contact_model, "scheme": scheme, "friction": friction, "rest_speed": rest_speed,
+            "on_inadmissible": on_inadmissible, "contacts": contacts, "limits": limits,
+            "impulse_in_cfrc_ext": impulse_in_cfrc_ext,
+        }  # fmt: skip
         logged = {"log": log, "log_every": log_every}
-        RecordConstructorArgs.__init__(self, **portable_options(asked | some | logged))
+        given = {"law": law, "restitution": restitution, **settled, **logged}
+        RecordConstructorArgs.__init__(self, **portable_options(given))
         super().__init__(env)
-        for name, value in (asked | some).items():
-            if name not in ("law", "restitution"):
-                setattr(self, name, value)
-        self.log, self.log_every = log, log_every
-        self._placed: PlacedLaw | None = place(env, LawOptions(**asked, **some), episode_log(log, log_every))
+        for name, value in (settled | logged).items():
+            setattr(self, name, value)
+        options = LawOptions(law=law, restitution=restitution, **settled)
+        self._placed: PlacedLaw | None = place(env, options, episode_log(log, log_every))
         self._seeds = EpisodeSeeds(OUTCOMES)
         self._observation: Any = None
 
@@ -202,12 +197,12 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
             check_reset(options)
         self._seeds.begin(seed)
         placed.prepare_reset(options, self._seeds)
-        generator = None if seed is not None else _generator(self.env)
+        drawn = self.env.unwrapped.np_random if seed is None else None
+        generator = drawn.bit_generator.state if isinstance(drawn, np.random.Generator) else None  # only numpy's own
         others = {name: value for name, value in (options or {}).items() if name not in RESET}
         self._observation, info = self.env.reset(seed=seed, options=others if options and others else None)
         placed.clear()
-        scene = self.env.spec.id if self.env.spec else None
-        placed.begin_episode(scene, seed, generator)
+        placed.begin_episode(self.env.spec.id if self.env.spec else None, seed, generator)
         return self._observation, info | placed.info()
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
@@ -265,17 +260,14 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what the environment inside is stepped by: most of them are copied without it."""
-        return self.__dict__ | {
-            "_placed": None if self._placed is None else self._placed.options,
-            "_observation": None,
-        }
+        placed = None if self._placed is None else self._placed.options
+        return self.__dict__ | {"_placed": placed, "_observation": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Put the law into the copy."""
         self.__dict__.update(state)
-        options = state["_placed"]
-        if options is not None:
-            standing, in_force = options
+        if state["_placed"] is not None:
+            standing, in_force = state["_placed"]
             self._placed = place(self.env, standing, None, replace=True)
             self._placed.use(in_force)
 
@@ -284,9 +276,3 @@ def _is_bad(action: Any) -> bool:
     """Return whether an action holds numbers that are not finite."""
     values = np.asarray(action)
     return values.dtype.kind == "f" and not math.isfinite(np.vdot(values, values)) and not np.isfinite(values).all()
-
-
-def _generator(env: gymnasium.Env) -> Mapping[str, Any] | None:
-    """Return the state of the generator that the environment draws an episode from; None if it is not numpy's own."""
-    generator = env.unwrapped.np_random
-    return generator.bit_generator.state if isinstance(generator, np.random.Generator) else None

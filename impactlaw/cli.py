@@ -4,50 +4,32 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
 
+from impactlaw.comparison import Comparison
 from impactlaw.errors import ImpactLawError, RecordingError, SceneError, StudyError
 from impactlaw.signals import ended_by_signals
 
 
-@dataclass(frozen=True)
-class Compare:
+@dataclass(frozen=True, kw_only=True)
+class Compare(Comparison):
     """Simulate a scene under impact laws and under MuJoCo's soft contacts, and put the outcomes side by side."""
 
-    scene: Annotated[str, tyro.conf.Positional] = "newtons_cradle"
-    """Name of a scene (see `impactlaw scenes`) or path of an MJCF file."""
-    laws: tuple[str, ...] | None = None
-    """Laws by name (see `impactlaw laws`), but fremond, which needs a matrix; "scene" is what the MJCF itself carries.
-    If not given: maximal-dissipation, moreau, reversal, and scene where that differs between pairs of geoms."""
-    restitution: float | None = None
-    """Coefficient of restitution, of every law that takes one: all but maximal-dissipation and scene. The scene's own,
-    or 1, if not given."""
-    duration: float | None = None
-    """Simulated time, s; the scene's own, or 2, if not given."""
-    timestep: float | None = None
-    """Timestep, s; the scene's own if not given."""
     out: Path | None = None
     """Folder for table, picture and recordings; out/<scene> if not given."""
-    friction: Literal["coulomb", "convex", "ignore"] = "coulomb"
-    """Friction of rigid contacts: exact Coulomb friction, its convex relaxation, or none."""
-    scheme: Literal["event-driven", "time-stepping"] = "event-driven"
-    """How the laws are stepped: collisions located in time, or all contact once a step at a bounded price."""
-    view: bool = False
-    """Open the rerun viewer on the runs as they happen; needs a display."""
 
     def __call__(self) -> None:
         """Simulate, write the files and print the table."""
-        from impactlaw.comparison.compare import Comparison, compare, format_table
+        from impactlaw.comparison.compare import compare, format_table
         from impactlaw.comparison.new_files import new_files_in
 
-        study = Comparison(**{field.name: getattr(self, field.name) for field in fields(Comparison)})
         out = Path("out") / Path(self.scene).stem if self.out is None else self.out
         with new_files_in(out) as folder:
-            table = compare(study, folder)
+            table = compare(self, folder)
             written = sorted(path.name for path in folder.iterdir())
         print(format_table(table))
         print(f"\nin {out}: {', '.join(written)}")

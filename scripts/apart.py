@@ -1,7 +1,5 @@
 """Calls in a process of their own, so that what hangs or crashes costs one row of a study and not the study."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

@@ -1,7 +1,5 @@
 """What a table was measured on: the processor, its cores, and the versions of everything that was timed."""
 
-from __future__ import annotations
-
 import os
 import platform
 from importlib.metadata import version

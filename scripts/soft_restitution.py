@@ -4,8 +4,6 @@ A ball falls from several heights; the effective coefficient is the root of the 
 Contacts that are tuned to bounce by themselves, as those of a table tennis task, add nothing to what the law decides.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import os
 import string
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from impactlaw.envs.law_options import LawOptions, as_plain, check_log_every
+from impactlaw.envs.law_options import LawOptions, as_plain
 from impactlaw.envs.logs.how_made import how_made
 from impactlaw.errors import OptionError, RecordingError
-from impactlaw.laws import Law
 from impactlaw.recording import Recorder
 from impactlaw.stepping.compatibility import check_count
 from impactlaw.stepping.impact_event import ImpactEvent
@@ -49,22 +49,18 @@ class EpisodeLog:
             raise OptionError(f'log is the path of a file, such as "run.rrd", got {path!r}')
         self.path, self.every = path, every
         self._path, self._fields = str(path), _fields(str(path))
-        self._scene: str | None = None
-        self._seed: int | None = None
-        self._timesteps: int | None = None
+        self.name_run(None, None, None)
         self._env: int | None = None
-        self._episode, self._models = -1, 1
-        self._on = self._told = False
-        self._time = np.inf
+        self._episode, self._models, self._last = -1, 1, Path()
+        self._on, self._told, self._time = False, False, np.inf
         self._model: mujoco.MjModel | None = None
         self._law: Any = None
-        self._last = Path()
         self._recorder: Recorder | None = None
-        path = self._named(0)
-        if not path.parent.is_dir():
-            raise RecordingError(f"cannot write the recording {path}: there is no folder {path.parent}")
-        if not self._fields and path.exists():
-            raise _exists(path)
+        first = self._named(0)
+        if not first.parent.is_dir():
+            raise RecordingError(f"cannot write the recording {first}: there is no folder {first.parent}")
+        if not self._fields and first.exists():
+            raise _exists(first)
 
     def pause(self) -> None:
         """Record nothing until the next episode begins: a reset is on its way."""
@@ -98,12 +94,11 @@ class EpisodeLog:
             self.finish()
         if not self._on:
             return
-        self._open(stepper)
-        assert self._recorder is not None
-        self._law = self._recorder.law = stepper.law
+        recorder = self._open(stepper)
+        self._law = recorder.law = stepper.law
         settings, made = options.settings(stepper.law), how_made(options, stepper.model, self._timesteps)
-        self._recorder.begin_episode(self._episode, seed=seed, generator=generator, settings=settings, made=made)
-        self._recorder.step(data)
+        recorder.begin_episode(self._episode, seed=seed, generator=generator, settings=settings, made=made)
+        recorder.step(data)
 
     def watch(self, stepper: Stepper, data: mujoco.MjData, options: LawOptions) -> None:
         """Look at the state before a timestep: where nobody tells of resets, time that goes back is one."""
@@ -115,12 +110,13 @@ class EpisodeLog:
         self._time = data.time
         if not self._on:
             return
-        if stepper.model is not self._model:
-            self._open(stepper)
-        assert self._recorder is not None
+        recorder = self._open(stepper)
         if stepper.law is not self._law:
-            self._change_law(self._recorder, stepper.law)
-        self._recorder.step(data, events)
+            before, after = as_plain(self._law), as_plain(stepper.law)
+            self._law = stepper.law
+            if after is None or after != before:  # not the same one made anew
+                recorder.change_law(stepper.law, after)
+        recorder.step(data, events)
 
     def end_step(self, action: Any, reward: Any, terminated: bool, truncated: bool) -> None:
         """Record an environment step, which the last timestep has ended."""
@@ -133,17 +129,10 @@ class EpisodeLog:
             self._recorder.close()
             self._recorder = None
 
-    def _change_law(self, recorder: Recorder, law: Law) -> None:
-        """Record another law from the next frame on; the same one made anew is none."""
-        before, after = as_plain(self._law), as_plain(law)
-        self._law = law
-        if after is None or after != before:
-            recorder.change_law(law, after)
-
-    def _open(self, stepper: Stepper) -> None:
+    def _open(self, stepper: Stepper) -> Recorder:
         """Begin a file, unless the one of now is of the same model."""
         if self._recorder is not None and stepper.model is self._model:
-            return
+            return self._recorder
         self.finish()
         path = self._claim()
         self._model = stepper.model
@@ -152,14 +141,13 @@ class EpisodeLog:
         except BaseException:
             path.unlink(missing_ok=True)
             raise
+        return self._recorder
 
     def _claim(self) -> Path:
         """Return the path of a file that was not there; it is now, so that nobody else takes it."""
         if "env" in self._fields and self._env is None:
-            number = 0
-            while not _made(self._named(number)):
-                number += 1
-            self._env, self._last = number, self._named(number)
+            self._env = next(number for number in count() if _made(self._named(number)))
+            self._last = self._named(self._env)
             return self._last
         path = self._named(self._env or 0)
         self._models = self._models + 1 if path == self._last else 1
@@ -181,7 +169,9 @@ def episode_log(path: str | Path | None, every: int) -> EpisodeLog | None:
         OptionError: the path has other fields, or ``every`` is not a whole number of 1 or more, or means nothing.
         RecordingError: there is no such folder; or the path has no fields, and there is such a file.
     """
-    check_log_every(path, every)
+    check_count("log_every", every)
+    if path is None and every != 1:
+        raise OptionError(f"log_every={every} means nothing without log")
     return None if path is None else EpisodeLog(path, every=every)
 
 
@@ -197,11 +187,7 @@ def _fields(path: str) -> set[str]:
 
 
 def _made(path: Path) -> bool:
-    """Make an empty file; return whether there was none.
-
-    Raises:
-        RecordingError: none can be made.
-    """
+    """Make an empty file; return whether there was none."""
     try:
         path.open("x").close()
     except FileExistsError:

@@ -44,8 +44,13 @@ def restart(env: gymnasium.Env, episode: Episode, *, allow_law_changes: bool = F
         )
     holder = law_holder(env)
     _check_same(env, holder, episode)
-    if not allow_law_changes:
-        _check_law_stays(episode)
+    if episode.law_changes and not allow_law_changes:
+        first = episode.law_changes[0]
+        raise RecordingError(
+            f"the law was set during episode {episode.number}: before step {first.step} to {first.law:.200}; pass "
+            "allow_law_changes=True, and set the law of the environment to the value of each of episode.law_changes "
+            "before its step"
+        )
     if episode.seed is None and episode.generator is not None:
         env.unwrapped.np_random.bit_generator.state = episode.generator
     found = env.reset(seed=episode.seed, options=dict(episode.settings) or None)
@@ -56,11 +61,7 @@ def restart(env: gymnasium.Env, episode: Episode, *, allow_law_changes: bool = F
 
 
 def _check_same(env: gymnasium.Env, holder: ImpactLaw | ImpactEnv, episode: Episode) -> None:
-    """Refuse an environment in which the episode cannot have been recorded, which a reset would not tell so well.
-
-    Raises:
-        RecordingError: it has another name, scene or contact model.
-    """
+    """Refuse another name, scene or contact model, which a reset would not tell so well."""
     spec = env.unwrapped.spec
     if holder.stepper is not None and episode.qpos.size:
         model = holder.stepper.model
@@ -73,28 +74,8 @@ def _check_same(env: gymnasium.Env, holder: ImpactLaw | ImpactEnv, episode: Epis
         raise _other(episode, f"contact_model={episode.contact_model!r}", f"contact_model={holder.contact_model!r}")
 
 
-def _check_law_stays(episode: Episode) -> None:
-    """Refuse an episode in which the law was set.
-
-    Raises:
-        RecordingError: it was.
-    """
-    if not episode.law_changes:
-        return
-    first = episode.law_changes[0]
-    raise RecordingError(
-        f"the law was set during episode {episode.number}: before step {first.step} to {first.law:.200}; pass "
-        "allow_law_changes=True, and set the law of the environment to the value of each of episode.law_changes "
-        "before its step"
-    )
-
-
 def _check_made(holder: ImpactLaw | ImpactEnv, episode: Episode) -> None:
-    """Refuse an environment that steps otherwise than the recorded one.
-
-    Raises:
-        RecordingError: it does.
-    """
+    """Refuse an environment that steps otherwise than the recorded one."""
     inside = holder if isinstance(holder, ImpactEnv) else holder.placed
     mine = how_made(inside.in_force, _simulation(holder)[0], inside.frame_skip)
     other = [name for name, value in episode.made.items() if name in mine and value != mine[name]]
@@ -104,27 +85,16 @@ def _check_made(holder: ImpactLaw | ImpactEnv, episode: Episode) -> None:
 
 
 def _check_law(holder: ImpactLaw | ImpactEnv, episode: Episode) -> None:
-    """Refuse another law, where the recorded one could not be written down so that a reset takes it.
-
-    Raises:
-        RecordingError: it is another one.
-    """
-    law = law_name(holder.law) or ""
-    if not episode.settings and episode.law is not None and _no_places(law) != _no_places(episode.law):
-        raise _other(episode, f"law {episode.law:.200}", f"one with {law:.200}")
-
-
-def _no_places(law: str) -> str:
-    """Return the text of a law without the addresses of functions in it, which are others in every process."""
-    return re.sub(r" at 0x[0-9a-fA-F]+", "", law)
+    """Refuse another law, where the recorded one could not be written down so that a reset takes it."""
+    law, recorded = law_name(holder.law) or "", episode.law
+    if not episode.settings and recorded is not None:
+        mine, theirs = (re.sub(r" at 0x[0-9a-fA-F]+", "", text) for text in (law, recorded))  # of functions
+        if mine != theirs:
+            raise _other(episode, f"law {recorded:.200}", f"one with {law:.200}")
 
 
 def _check_start(holder: ImpactLaw | ImpactEnv, episode: Episode) -> None:
-    """Refuse an environment that starts elsewhere.
-
-    Raises:
-        RecordingError: it does.
-    """
+    """Refuse an environment that starts elsewhere."""
     data = _simulation(holder)[1]
     for name, mine, recorded in (("qpos", data.qpos, episode.qpos), ("qvel", data.qvel, episode.qvel)):
         if not len(recorded) or np.array_equal(mine, recorded[0], equal_nan=True):

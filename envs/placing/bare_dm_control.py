@@ -72,17 +72,10 @@ def put_law(
     from impactlaw.envs.placing.dm_control import OnDmControl
 
     options = LawOptions(
-        law=law,
-        restitution=restitution,
-        contact_model=contact_model,
-        scheme=scheme,
-        friction=friction,
-        rest_speed=rest_speed,
-        on_inadmissible=on_inadmissible,
-        contacts=contacts,
-        limits=limits,
+        law=law, restitution=restitution, contact_model=contact_model, scheme=scheme, friction=friction,
+        rest_speed=rest_speed, on_inadmissible=on_inadmissible, contacts=contacts, limits=limits,
         impulse_in_cfrc_ext=impulse_in_cfrc_ext,
-    )
+    )  # fmt: skip
     placed = OnDmControl(env, options, episode_log(log, log_every))
     placed.record_steps(env)
     return placed

@@ -89,10 +89,9 @@ def on_bodies(
         torque: the same.
     """
     total = np.zeros((model.nbody, 6))
-    for geoms, position, f, t in zip(contacts.geoms, contacts.position, force, torque, strict=True):
-        for sign, geom in ((-1.0, geoms[0]), (1.0, geoms[1])):
-            body = model.geom_bodyid[geom] if geom >= 0 else 0
-            if body:
-                arm = position - data.subtree_com[model.body_rootid[body]]
-                total[body] += sign * np.concatenate([t + np.cross(arm, f), f])
+    bodies = np.append(model.geom_bodyid, 0)[contacts.geoms]  # -1 is the world
+    for side, sign in ((0, -1.0), (1, 1.0)):
+        arm = contacts.position - data.subtree_com[model.body_rootid[bodies[:, side]]]
+        np.add.at(total, bodies[:, side], sign * np.hstack([torque + np.cross(arm, force), force]))
+    total[0] = 0.0
     return total

@@ -15,6 +15,7 @@ from impactlaw.envs.placing.placed_law import PlacedLaw
 from impactlaw.errors import DivergenceError, WrapperError
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+_BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC", "CTRL")]
 
 
 class OnPhysics(PlacedLaw):
@@ -65,21 +66,17 @@ class OnPhysics(PlacedLaw):
             with physics.check_invalid_state(), contextlib.suppress(DivergenceError):
                 self._step(nstep)
         except PhysicsError:
-            self.diverged = self.diverged or _has_bad_state(physics)
+            self.diverged |= bool(physics.data.ptr.warning.number[_BAD].any())
             raise
 
     def _step(self, nstep: int) -> None:
         """Step as `Physics.step` does: with ``legacy_step`` from half of a step to half of a step, except for RK4."""
-        physics = self._physics
-        model, data = physics.model.ptr, physics.data.ptr
-        if not physics.legacy_step:
-            self._advance(model, data, nstep)
-            self._write_forces(model, data)
-            return
-        half = self._options.contact_model == "soft" and model.opt.integrator != _RK4
+        (model, data), legacy = self.simulation(), self._physics.legacy_step
+        half = legacy and self._options.contact_model == "soft" and model.opt.integrator != _RK4
         self._advance(model, data, nstep, half=half)
         self._write_forces(model, data)
-        mujoco.mj_step1(model, data)
+        if legacy:
+            mujoco.mj_step1(model, data)
 
 
 class OnDmControl(OnPhysics):
@@ -104,9 +101,8 @@ class OnDmControl(OnPhysics):
         self._told: Any = None
         self._composer = hasattr(env, "add_extra_hook")
         if self._composer:
-            composed: Any = env
-            composed.add_extra_hook("after_compile", self._after_compile)
-            composed.add_extra_hook("before_step", self._before_step)
+            self._env.add_extra_hook("after_compile", self._after_compile)
+            self._env.add_extra_hook("before_step", self._before_step)
 
     @property
     def frame_skip(self) -> int | None:
@@ -162,8 +158,3 @@ def _remade(kind: type[Physics], data: Any, standing: LawOptions, in_force: LawO
 def _with_law(physics: Any, standing: LawOptions, in_force: LawOptions) -> Any:
     OnPhysics(physics, standing, None).use(in_force)
     return physics
-
-
-def _has_bad_state(physics: Any) -> bool:
-    bad = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC", "CTRL")]
-    return bool(physics.data.ptr.warning.number[bad].any())

@@ -45,9 +45,7 @@ class OnGymnasium(_OnEnv):
     def _simulate(self, ctrl: np.ndarray, n_frames: int) -> None:
         env = self._env
         env.data.ctrl[:] = ctrl
-        self._refuse_bad_controls(env.data)
-        self._advance(env.model, env.data, n_frames)
-        self._refuse_bad_state(env.data)
+        self._advance_checked(env.model, env.data, n_frames)
         if self._forces is None:
             mujoco.mj_rnePostConstraint(env.model, env.data)
         self._write_forces(env.model, env.data)
@@ -65,9 +63,7 @@ class OnRobotics(_OnEnv):
 
     def _simulate(self, action: np.ndarray) -> None:
         env = self._env
-        self._refuse_bad_controls(env.data)
-        self._advance(env.model, env.data, env.n_substeps)
-        self._refuse_bad_state(env.data)
+        self._advance_checked(env.model, env.data, env.n_substeps)
         self._write_forces(env.model, env.data)
 
 
@@ -100,8 +96,8 @@ def place(env: gymnasium.Env, options: LawOptions, log: EpisodeLog | None, *, re
     for target in (base, *held):
         kind = _kind(target)
         if kind is not None:
-            if replace:
-                _lift(target, kind.method)
+            if replace and isinstance(getattr(vars(target).get(kind.method), "__self__", None), PlacedLaw):
+                delattr(target, kind.method)
             return kind(target, options, log)
     inner: Any = getattr(base, "_env", None)
     if "dm_control.mujoco.engine" in sys.modules and hasattr(inner, "physics"):
@@ -137,8 +133,3 @@ def _kind(target: Any) -> type[OnGymnasium | OnRobotics] | None:
                 raise WrapperError(f"{name_of(target)} steps MuJoCo in a way of its own ({kind.method} is overridden)")
             return kind
     return None
-
-
-def _lift(target: Any, method: str) -> None:
-    if isinstance(getattr(vars(target).get(method), "__self__", None), PlacedLaw):
-        delattr(target, method)

@@ -45,10 +45,9 @@ class PlacedLaw(LawInForce, ABC):
         for name in _OPTIONS:
             setattr(self, name, getattr(options, name))
         self.log, self.log_every = (None, 1) if log is None else (log.path, log.every)
-        self.diverged = self._removed = self._stepped = False
+        self._removed, self._stepped, self._log = False, False, log
         self._met: list[Told]
         self._options = self._in_force = options
-        self._log = log
         self._forces: ContactForces | None = None
         self.clear()
         self._named: tuple[Law | None, dict[str, Any]] = None, {}
@@ -83,8 +82,7 @@ class PlacedLaw(LawInForce, ABC):
         if self._log is not None:
             model, data = self.simulation()
             self._log.name_run(scene, seed, self.frame_skip)
-            stepper = self._stepper_for(model)
-            self._log.begin(stepper, data, self._in_force, seed=seed, generator=generator)
+            self._log.begin(self._stepper_for(model), data, self._in_force, seed=seed, generator=generator)
 
     def record_step(self, action: Any, reward: Any, terminated: bool, truncated: bool) -> None:
         """Record an environment step that is over."""
@@ -216,14 +214,15 @@ class PlacedLaw(LawInForce, ABC):
             mujoco.mj_rnePostConstraint(model, data)
             self._forces.write(data)
 
-    def _refuse_bad_controls(self, data: mujoco.MjData) -> None:
-        """Raise where MuJoCo would go on without any control: it sets all to 0 if one is not finite, or huge."""
+    def _advance_checked(self, model: mujoco.MjModel, data: mujoco.MjData, steps: int) -> None:
+        """Advance by so many timesteps; refuse controls and states that are not finite, or huge.
+
+        MuJoCo would set all controls to 0 and go on; under RK4 such a state shows in the next timestep only.
+        """
         if not mujoco.mju_norm(data.ctrl) <= mujoco.mjMAXVAL:
             self.diverged = True
             raise DivergenceError(f"the controls at t = {data.time:g} s are not finite, or huge")
-
-    def _refuse_bad_state(self, data: mujoco.MjData) -> None:
-        """Under RK4 a state that is not finite, or huge, shows in the next timestep only."""
+        self._advance(model, data, steps)
         if is_huge(data):
             self.diverged = True
             raise DivergenceError(f"the state at t = {data.time:g} s is not finite, or huge")

@@ -61,12 +61,7 @@ class Billiards(ImpactEnv):
     SCENE: ClassVar[str] = "billiard_rack"
     LAW: ClassVar[str] = "moreau"
     FRAME_SKIP: ClassVar[int] = 5
-    OBSERVATION: ClassVar = (
-        (2 * BALLS, -2.0, 2.0),
-        (2 * BALLS, -4.0, 4.0),
-        (BALLS, 0.0, 1.0),
-        (1, 0.0, DURATION),
-    )
+    OBSERVATION: ClassVar = ((2 * BALLS, -2.0, 2.0), (2 * BALLS, -4.0, 4.0), (BALLS, 0.0, 1.0), (1, 0.0, DURATION))
     ACTION: ClassVar = ((2, -1.0, 1.0),)
 
     def edit(self, spec: mujoco.MjSpec) -> None:

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.envs.base import ImpactEnv
-from impactlaw.envs.tasks.scenery import add_actuator, add_mark
+from impactlaw.envs.tasks.scenery import add_mark
 
 PULL = 6.0
 """Largest torque of the string that pulls the first ball, N m; it holds the ball at 38 degrees."""
@@ -60,14 +60,15 @@ class NewtonsCradle(ImpactEnv):
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the string, and a mark at the target."""
-        add_actuator(spec, "swing1", -PULL, (0.0, 1.0))
+        string = spec.add_actuator(name="swing1", target="swing1", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        string.set_to_motor()
+        string.gear[0], string.ctrlrange, string.ctrllimited = -PULL, (0.0, 1.0), True
         add_mark(spec, "target", 0.125)
 
     def start(self) -> None:
         """Draw the target."""
         self._target = float(self.np_random.uniform(0.02, 0.12))
-        self._best = self._gained = 0.0
-        self._speed = 0.0
+        self._best = self._gained = self._speed = 0.0
         angle = np.arccos(1.0 - self._target / LENGTH)
         hang = LENGTH * np.array([np.sin(angle), 0.0, -np.cos(angle)])
         self.data.mocap_pos[0] = self.model.body("ball5").pos + hang

@@ -62,13 +62,8 @@ class RockingBlock(DrivenEnv):
     DRIVEN: ClassVar[str] = "platform"
     FRAME_SKIP: ClassVar[int] = 8
     OBSERVATION: ClassVar = (
-        (1, -1.0, 1.0),
-        (1, -0.5, 0.5),
-        (1, -1.0, 1.0),
-        (1, -20.0, 20.0),
-        (1, -10.0, 10.0),
-        (1, -20.0, 20.0),
-    )
+        (1, -1.0, 1.0), (1, -0.5, 0.5), (1, -1.0, 1.0), (1, -20.0, 20.0), (1, -10.0, 10.0), (1, -20.0, 20.0),
+    )  # fmt: skip
     ACTION: ClassVar = ((1, -1.0, 1.0),)
 
     def draw(self, rng: np.random.Generator) -> Beginning:

@@ -1,17 +1,8 @@
-"""What tasks add to scenes: actuators and marks."""
+"""What tasks add to scenes: marks."""
 
 from __future__ import annotations
 
 import mujoco
-
-
-def add_actuator(spec: mujoco.MjSpec, joint: str, gear: float, control: tuple[float, float]) -> None:
-    """Add a motor that pushes a joint with ``gear`` times its control, which is limited to a range."""
-    actuator = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    actuator.set_to_motor()
-    actuator.gear[0] = gear
-    actuator.ctrlrange = control
-    actuator.ctrllimited = True
 
 
 def add_mark(spec: mujoco.MjSpec, name: str, radius: float) -> None:

@@ -37,7 +37,7 @@ def asked_laws(
         return law
     if not several(law) and not several(restitution):
         return _chosen(model, law, restitution, usual)
-    laws, values = _each("laws", law, count), _each("values of restitution", restitution, count)
+    laws, values = each("laws", law, count), each("values of restitution", restitution, count)
     return [_chosen(model, *pair, usual) for pair in zip(laws, values, strict=True)]
 
 
@@ -46,19 +46,19 @@ def several(value: Any) -> bool:
     return isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
 
 
-def _each(what: str, value: Any, count: int) -> list[Any]:
+def each(what: str, value: Any, count: int) -> list[Any]:
     """Return one value for each world.
 
     Raises:
         OptionError: there are more or less.
     """
-    each = list(value) if several(value) else [value] * count
-    if len(each) != count:
+    values = list(value) if several(value) else [value] * count
+    if len(values) != count:
         raise OptionError(
-            f"{count} worlds need as many {what}, got {len(each)}: give one for each world, or one for all; what "
+            f"{count} worlds need as many {what}, got {len(values)}: give one for each world, or one for all; what "
             "differs from contact to contact is in a law, such as Newton([0.4, 0.5])"
         )
-    return each
+    return values
 
 
 def _chosen(model: mujoco.MjModel, law: Any, restitution: Any, usual: float | None) -> Law:

@@ -105,17 +105,7 @@ def _make(kind: type[DrivenEnv], num_envs: int, **options: Any) -> VectorEnv:
 
 
 def _side_by_side(name: str, num_envs: int, options: dict[str, Any], single: str) -> SyncVectorEnv:
-    """Return single environments, and warn that they are no compiled worlds.
-
-    Args:
-        name: of the environment.
-        num_envs: number of environments.
-        options: of each of them.
-        single: the options that only single environments have, for the message.
-
-    Raises:
-        OptionError: there are options, too, that only worlds have.
-    """
+    """Return single environments, and warn that they, for these options, are no compiled worlds."""
     check_count("num_envs", num_envs)
     for worlds in ("nthread", "batch_options"):
         if worlds in options:

@@ -12,7 +12,7 @@ from impactlaw.batch import Batch
 from impactlaw.envs.episode_seeds import LAWS, EpisodeSeeds
 from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.law_options import choose_law, describe_law
-from impactlaw.envs.vector.asked_laws import several
+from impactlaw.envs.vector.asked_laws import each, several
 from impactlaw.errors import OptionError, UnknownNameError
 from impactlaw.laws import Law
 
@@ -81,11 +81,8 @@ class LawsOfWorlds:
             UnknownNameError: no such law; all stay what they were.
             RestitutionError: the restitution does not fit the law; all stay what they were.
         """
-        count = len(self._own)
-        each = list(values) if several(values) else [values] * count
-        if len(each) != count:
-            raise OptionError(f"{count} worlds need as many values of {name}, got {len(each)}")
-        chosen = [self._asked(world, {name: value}) for world, value in enumerate(each)]
+        every = each(f"values of {name}", values, len(self._own))
+        chosen = [self._asked(world, {name: value}) for world, value in enumerate(every)]
         for world, law in enumerate(chosen):
             self._use(world, law)
         self._own, self._distribution = chosen, None
@@ -127,28 +124,14 @@ def _check_options(options: Any) -> None:
 
 
 def _first_laws(law: Any, model: mujoco.MjModel, count: int) -> Law | list[Law]:
-    """Return the law that so many worlds begin with, or one for each.
-
-    Raises:
-        OptionError: there is not one for each world.
-        UnknownNameError: no such law.
-        RestitutionError: a law needs a restitution.
-    """
+    """Return the law that so many worlds begin with, or one for each."""
     if isinstance(law, LawDistribution):
         return _examples(law, model)[0]
-    if not several(law):
-        return choose_law(model, law)
-    if len(law) != count:
-        raise OptionError(f"{count} worlds need as many laws, got {len(law)}: give one for each, or one for all")
-    return [choose_law(model, one) for one in law]
+    return [choose_law(model, one) for one in each("laws", law, count)] if several(law) else choose_law(model, law)
 
 
 def _examples(laws: LawDistribution, model: mujoco.MjModel) -> list[Law]:
-    """Return one law of each kind.
-
-    Raises:
-        OptionError: friction is to be drawn, too.
-    """
+    """Return one law of each kind; refuse friction that is to be drawn, too."""
     if laws.friction is not None:
         raise OptionError("friction of many worlds is settled when they are made (batch_options): leave it out of laws")
     return [choose_law(model, given["law"], given.get("restitution")) for given in laws.examples()]

@@ -53,15 +53,11 @@ class Spatial(Robot):
 
     def __init__(self, name: str, **options: Any):
         super().__init__(name, **options)
-        env = self._env
+        env, mass = self._env, self.model.body_mass
         self._ant = name.startswith("Ant")
         self._hidden = 2 * int(env._exclude_current_positions_from_observation)
-        mass = np.zeros(self.model.nbody)
-        if self._ant:
-            mass[self.model.body(env._main_body).id] = 1.0
-        else:
-            mass[:] = self.model.body_mass / self.model.body_mass.sum()
-        self._share = mass
+        trunk = np.arange(len(mass)) == self.model.body(env._main_body).id if self._ant else None
+        self._share = mass / mass.sum() if trunk is None else trunk.astype(float)
 
     def bind(self, batch: Batch) -> None:
         """Take worlds."""

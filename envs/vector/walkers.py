@@ -110,11 +110,7 @@ def make_robots(
 
 
 def _of_robots(name: str, options: dict[str, Any], contact_model: str) -> dict[str, Any]:
-    """Return the options of gymnasium's environment, without those that say what worlds are anyway.
-
-    Raises:
-        OptionError: some are for single environments only, or for rigid worlds.
-    """
+    """Return the options of gymnasium's environment alone; refuse what is for single environments or rigid worlds."""
     if contact_model == "soft" and options.get("scheme") is not None:
         raise OptionError("scheme means nothing to soft steps; leave it out")
     left = {option: value for option, value in options.items() if option not in _IS or value != _IS[option]}

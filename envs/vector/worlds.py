@@ -13,10 +13,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from impactlaw.envs.law_distribution import LawDistribution
-from impactlaw.envs.law_options import describe_law
+from impactlaw.envs.law_options import check_reset, describe_law
 from impactlaw.envs.vector.laws_of_worlds import LawsOfWorlds
 from impactlaw.envs.vector.task import Task
-from impactlaw.errors import ActionError, OptionError, SettledError, UnknownNameError
+from impactlaw.errors import ActionError, OptionError, SettledError
 from impactlaw.laws import Law
 from impactlaw.settled import Settled
 from impactlaw.stepping.compatibility import check_count
@@ -87,17 +87,13 @@ class VectorWorlds(VectorEnv):
         self._rngs = [seeding.np_random(None)[0] for _ in range(num_envs)]
         self._elapsed, self._over = np.zeros(num_envs, int), np.ones(num_envs, bool)
         self._begun = False
-        self._settle(nthread, max_episode_steps, options or {})
-
-    def _settle(self, nthread: int, limit: int | None, options: Mapping[str, Any]) -> None:
-        """Have what single environments or a `Batch` have, as it is here; setting it later is an error."""
-        self.nthread, self.frame_skip, self.max_episode_steps = nthread, self._task.frame_skip, limit
-        self.friction = options.get("friction", "coulomb")
-        self.rest_speed = options.get("rest_speed")
+        # what single environments or a `Batch` have, as it is here; setting it later is an error
+        given, rigid = options or {}, self.batch.contact_model == "rigid"
+        self.nthread, self.frame_skip, self.max_episode_steps = nthread, task.frame_skip, max_episode_steps
+        self.friction, self.rest_speed = given.get("friction", "coulomb"), given.get("rest_speed")
         self.contact_model, self.log, self.log_every = self.batch.contact_model, None, 1
-        rigid = self.contact_model == "rigid"
         self.scheme = "time-stepping" if rigid else None
-        self.on_inadmissible = options.get("on_inadmissible") or ("project" if rigid else None)
+        self.on_inadmissible = given.get("on_inadmissible") or ("project" if rigid else None)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -115,13 +111,9 @@ class VectorWorlds(VectorEnv):
             OptionError: the seeds or the mask do not fit the worlds, or the options are no mapping.
             RestitutionError: the restitution does not fit the law.
         """
-        if options is not None and not isinstance(options, Mapping):
-            raise OptionError(f"options of a reset are a mapping, got {options!r}")
+        check_reset(options, ("reset_mask", *_OPTIONS))
         given = dict(options or {})
         mask = given.pop("reset_mask", np.ones(self.num_envs, bool))
-        for name in given:
-            if name not in _OPTIONS:
-                raise UnknownNameError("option of reset", name, ("reset_mask", *_OPTIONS))
         chosen, seeds = self._chosen(mask), self._seeds(seed)
         for i in chosen:
             if seeds[i] is not None:
@@ -132,11 +124,7 @@ class VectorWorlds(VectorEnv):
         return self._task.observe(), self._laws.info()
 
     def _chosen(self, mask: Any) -> np.ndarray:
-        """Return the numbers of the worlds of a mask.
-
-        Raises:
-            OptionError: it is not one bool for each world.
-        """
+        """Return the numbers of the worlds of a mask; refuse what is not one bool for each world."""
         mask = np.asarray(mask)
         if mask.dtype != bool or mask.shape != (self.num_envs,):
             raise OptionError(
@@ -145,11 +133,7 @@ class VectorWorlds(VectorEnv):
         return np.flatnonzero(mask)
 
     def _seeds(self, seed: Any) -> list[int | None]:
-        """Return the seed of each world, None for none.
-
-        Raises:
-            OptionError: it is neither a whole number, 0 or more, nor one for each world.
-        """
+        """Return the seed of each world, None for none; refuse what is no whole number, 0 or more, nor one for each."""
         if isinstance(seed, int | np.integer):
             seeds: list[Any] = [int(seed) + i for i in range(self.num_envs)] if seed >= 0 else [seed]
         else:
@@ -237,11 +221,7 @@ class VectorWorlds(VectorEnv):
         return self._task.observe(), reward, terminated, truncated, info
 
     def _checked(self, actions: Any) -> np.ndarray:
-        """Return actions of all worlds.
-
-        Raises:
-            ActionError: they are not numbers, or have the wrong shape.
-        """
+        """Return actions of all worlds; refuse what is no numbers, or has the wrong shape."""
         wanted = self.action_space.shape
         try:
             found = np.asarray(actions)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
-from typing import Literal
 
 import mujoco
 import pandas as pd
 from tqdm import tqdm
 
+from impactlaw.comparison import Comparison
 from impactlaw.comparison.pictures import draw, freedom_names
 from impactlaw.comparison.runs import Run, run_law, run_soft
 from impactlaw.comparison.soft_contact import tuned_contacts
@@ -26,20 +26,6 @@ from impactlaw.recording import Recorder
 
 DEFAULT_LAWS = ("maximal-dissipation", "moreau", "scene", "reversal")
 _WIDTH = 5  # velocities shown in the printed table
-
-
-@dataclass(frozen=True, kw_only=True)
-class Comparison:
-    """What to compare; see the fields of `impactlaw.cli.Compare`."""
-
-    scene: str = "newtons_cradle"
-    laws: tuple[str, ...] | None = None
-    restitution: float | None = None
-    duration: float | None = None
-    timestep: float | None = None
-    friction: Literal["coulomb", "convex", "ignore"] = "coulomb"
-    scheme: Literal["event-driven", "time-stepping"] = "event-driven"
-    view: bool = False
 
 
 def compare(study: Comparison, folder: Path) -> pd.DataFrame:
@@ -101,13 +87,11 @@ def choose_laws(model: mujoco.MjModel, names: Sequence[str] | None, restitution:
         names = [name for name in DEFAULT_LAWS if name != "scene" or own]
     if not names:
         raise RestitutionError(f"no law to compare; choose from {', '.join([*LAWS, 'scene'])}")
-    laws = {}
-    for name in names:
-        if name == "scene":
-            laws[name] = scene_law(model)
-        else:
-            laws[name] = make_law(name, restitution if takes_restitution(name) else None)
-    return laws
+
+    def law(name: str) -> Law:
+        return scene_law(model) if name == "scene" else make_law(name, restitution if takes_restitution(name) else None)
+
+    return {name: law(name) for name in names}
 
 
 def format_table(table: pd.DataFrame) -> str:
@@ -115,9 +99,9 @@ def format_table(table: pd.DataFrame) -> str:
     shown = table.drop(columns=["law", "refused"]).copy()
     shown["v+"] = [_short(v) for v in table["v+"]]
     shown["T+/T-"] = table["T+/T-"].astype(float).round(4) + 0.0
-    shown["antidissipative"] = [_first(labels) for labels in table["antidissipative"]]
-    shown["events"] = ["" if pd.isna(n) else str(int(n)) for n in table["events"]]
+    shown["antidissipative"] = [_first((labels or "").split()) for labels in table["antidissipative"]]
     formats = {
+        "events": "{:.0f}",
         "T+/T-": "{:.4f}",
         "distance from S": "{:.1e}",
         "energy kept": "{:.6f}",
@@ -141,9 +125,8 @@ def _short(values: list[float] | None) -> str:
     return f"({moving}{', ...' if len(values) > _WIDTH else ''})"
 
 
-def _first(labels: str | None) -> str:
-    names = (labels or "").split()
-    return names[0] + (f" and {len(names) - 1} more" if len(names) > 1 else "") if names else ""
+def _first(names: Sequence[str]) -> str:
+    return f"{names[0]} and {len(names) - 1} more" if len(names) > 1 else "".join(names)
 
 
 def _positive(name: str, value: float) -> float:
@@ -166,34 +149,25 @@ def tabulate(runs: Sequence[Run]) -> pd.DataFrame:
 
 
 def _row(run: Run, lowest: float) -> dict[str, object]:
-    first = run.first
-    begin = run.kinetic[0] + run.potential[0] - lowest
-    row: dict[str, object] = {
-        "run": run.name,
-        "law": run.law,
-        "v+": None,
-        "T+/T-": None,
-        "admissible": None,
-        "distance from S": None,
-        "antidissipative": None,
-        "energy kept": (run.kinetic[-1] + run.potential[-1] - lowest) / begin if begin > 0 else 1.0,
+    begin, end = (run.kinetic[i] + run.potential[i] - lowest for i in (0, -1))
+    row: dict[str, object] = {"run": run.name, "law": run.law}
+    row |= dict.fromkeys(("v+", "T+/T-", "admissible", "distance from S", "antidissipative"))
+    if run.first is not None:
+        impact, collision = run.first, run.first.collision
+        row["v+"] = [float(v) for v in impact.post_velocity]
+        row["T+/T-"] = 1.0 + impact.energy_change / collision.kinetic_energy
+        row["admissible"] = describe_violations(impact)
+        if collision.has_admissible_set:
+            row["distance from S"] = collision.admissible_set.distance(impact.post_velocity)
+        row["antidissipative"] = " ".join(compress(collision.labels, impact.antidissipative))
+    return row | {
+        "energy kept": end / begin if begin > 0 else 1.0,
         "penetration": max(0.0, -run.deepest),
         "events": run.events,
         "unlocated": run.unlocated,
         "us/step": 1e6 * run.seconds_per_step,
         "refused": run.refusal,
     }
-    if first is not None:
-        collision = first.collision
-        row["v+"] = [float(v) for v in first.post_velocity]
-        row["T+/T-"] = 1.0 + first.energy_change / collision.kinetic_energy
-        row["admissible"] = describe_violations(first)
-        if collision.has_admissible_set:
-            row["distance from S"] = collision.admissible_set.distance(first.post_velocity)
-        row["antidissipative"] = " ".join(
-            label for label, gives in zip(collision.labels, first.antidissipative, strict=True) if gives
-        )
-    return row
 
 
 def describe_violations(impact: Impact) -> str:

@@ -33,29 +33,28 @@ def new_files_in(folder: Path) -> Iterator[Path]:
             made = [p for p in (folder, *folder.parents) if not p.exists()]
             folder.mkdir(parents=True, exist_ok=True)
             with _held(folder):  # until the new one is held, too
-                _remove_abandoned(folder)
+                for path in filter(Path.is_dir, folder.glob(f"{_UNFINISHED}*")):
+                    with _held(path, wait=False) as abandoned:
+                        if abandoned:
+                            shutil.rmtree(path, ignore_errors=True)
                 temporary = Path(tempfile.mkdtemp(prefix=_UNFINISHED, dir=folder))
                 stack.enter_context(_held(temporary))
         except OSError as error:
             raise SceneError(f"cannot write into {folder}: {error.strerror}") from None
         try:
             yield temporary
-            _move(temporary, folder)
+            written = list(temporary.iterdir())
+            for path in written:  # all are looked at before the first one moves
+                if (folder / path.name).is_dir():
+                    raise SceneError(f"cannot write {folder / path.name}: there is a folder of that name")
+            for path in written:
+                path.replace(folder / path.name)
         except BaseException:
             shutil.rmtree(temporary, ignore_errors=True)
             for path in made:
                 path.rmdir()
             raise
         temporary.rmdir()
-
-
-def _move(temporary: Path, folder: Path) -> None:
-    """Move all files into a folder."""
-    for path in temporary.iterdir():  # all are looked at before the first one moves
-        if (folder / path.name).is_dir():
-            raise SceneError(f"cannot write {folder / path.name}: there is a folder of that name")
-    for path in temporary.iterdir():
-        path.replace(folder / path.name)
 
 
 @contextmanager
@@ -74,12 +73,3 @@ def _held(folder: Path, *, wait: bool = True) -> Iterator[bool]:
             yield True
     finally:
         os.close(place)
-
-
-def _remove_abandoned(folder: Path) -> None:
-    """Remove temporary folders that no process holds any more."""
-    for path in folder.glob(f"{_UNFINISHED}*"):
-        if path.is_dir():
-            with _held(path, wait=False) as abandoned:
-                if abandoned:
-                    shutil.rmtree(path, ignore_errors=True)

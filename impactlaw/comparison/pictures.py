@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -25,22 +26,17 @@ def draw(runs: Sequence[Run], path: Path, title: str, names: Sequence[str]) -> N
         title: of the picture.
         names: of the degrees of freedom, `freedom_names`.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     first = next((run.first for run in runs if run.first is not None), None)
-    planar = (
-        first is not None
-        and first.collision.has_admissible_set
-        and len(first.collision.labels) == 2
-        and np.linalg.matrix_rank(first.collision.jacobian) == 2
-    )
+    c = None if first is None else first.collision
+    planar = c is not None and c.has_admissible_set and len(c.labels) == 2 and np.linalg.matrix_rank(c.jacobian) == 2
     rows = len(runs)
     figure = Figure(figsize=(11.0 if planar else 8.0, max(5.0, 1.25 * rows)), layout="constrained")
-    FigureCanvasAgg(figure)
     figure.suptitle(title)
     grid = figure.add_gridspec(rows, 2 if planar else 1)
-    lines = _moving(runs)
+    span = np.max([np.ptp(run.velocities, axis=0) for run in runs], axis=0)
+    lines = np.sort(np.argsort(-span, kind="stable")[:_MOST_LINES])
     shared = None
     for row, run in enumerate(runs):
         shared = axes = figure.add_subplot(grid[row, 0], sharex=shared, sharey=shared)
@@ -56,8 +52,8 @@ def draw(runs: Sequence[Run], path: Path, title: str, names: Sequence[str]) -> N
         if len(lines) > 1:
             handles = shared.get_legend_handles_labels()
             figure.legend(*handles, loc="outside lower center", ncols=6, fontsize=9)
-    if planar and first is not None:
-        draw_admissible_set(figure.add_subplot(grid[:, 1]), first.collision, runs)
+    if planar and c is not None:
+        draw_admissible_set(figure.add_subplot(grid[:, 1]), c, runs)
     figure.savefig(path, dpi=110)
 
 
@@ -79,7 +75,8 @@ def draw_admissible_set(axes: Any, collision: Collision, runs: Sequence[Run]) ->
     up = Y[1] - (Y[1] @ across) * across
     plane = np.stack([across, up / np.linalg.norm(up)])
     before = plane @ collision.whitened_velocity
-    radius = np.sqrt(max(0.0, collision.pre_speed**2 - _outside(plane, collision.whitened_velocity)))
+    unchanged = collision.whitened_velocity - plane.T @ before  # what no contact can change
+    radius = math.sqrt(max(0.0, collision.pre_speed**2 - unchanged @ unchanged))
     gradients = Y @ plane.T
     angle = np.linspace(0, 2 * np.pi, 721)
     axes.plot(radius * np.cos(angle), radius * np.sin(angle), color="0.6", linewidth=1, label="|v| = |v-|")
@@ -96,13 +93,8 @@ def draw_admissible_set(axes: Any, collision: Collision, runs: Sequence[Run]) ->
     axes.plot(*before, "k*", markersize=13, label="v-")
     for marker, run in zip("osD^vP*Xphd<>", runs, strict=False):
         if run.first is not None:
-            axes.plot(
-                *(plane @ collision.metric.whiten(run.first.post_velocity)),
-                marker,
-                markersize=9,
-                label=run.name,
-                alpha=0.8,
-            )
+            outcome = plane @ collision.metric.whiten(run.first.post_velocity)
+            axes.plot(*outcome, marker, markersize=9, label=run.name, alpha=0.8)
     axes.set_aspect("equal")
     axes.set_title("S(v-) in the kinetic metric, sqrt(J)", fontsize=11)
     axes.legend(fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=4)
@@ -111,8 +103,10 @@ def draw_admissible_set(axes: Any, collision: Collision, runs: Sequence[Run]) ->
 
 def _boundary(gradients: np.ndarray, before: np.ndarray, radius: float) -> np.ndarray:
     """Return points along the boundary of S in the plane, by angle around a point inside, (n, 2)."""
+    from impactlaw.solvers import nonnegative_combination
+
     dual = np.linalg.inv(gradients)  # columns: velocities that move one contact alone
-    least = _least(gradients, before)
+    least = before + nonnegative_combination(gradients, -before) @ gradients
     # inequalities a.x >= b of the two half-planes of T_C and of the two of v- - T_C^perp
     a = np.vstack([gradients, dual.T])
     b = np.concatenate([np.zeros(2), dual.T @ before])
@@ -128,20 +122,3 @@ def _boundary(gradients: np.ndarray, before: np.ndarray, radius: float) -> np.nd
         limits = room[slope < 0] / -slope[slope < 0]
         points.append(inside + max(0.0, min(reach, limits.min(initial=np.inf))) * d)
     return np.array(points)
-
-
-def _least(gradients: np.ndarray, before: np.ndarray) -> np.ndarray:
-    from impactlaw.solvers import nonnegative_combination
-
-    return before + nonnegative_combination(gradients, -before) @ gradients
-
-
-def _outside(plane: np.ndarray, z: np.ndarray) -> float:
-    """Energy (times two) of the part of z that no contact can change."""
-    rest = z - plane.T @ (plane @ z)
-    return float(rest @ rest)
-
-
-def _moving(runs: Sequence[Run]) -> np.ndarray:
-    span = np.max([np.ptp(run.velocities, axis=0) for run in runs], axis=0)
-    return np.sort(np.argsort(-span, kind="stable")[:_MOST_LINES])

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -60,34 +60,27 @@ class Run:
     law: str | None = None
 
 
-@dataclass
 class _Trajectory:
     """What a run collects on its way."""
 
-    model: mujoco.MjModel
-    times: list[float] = field(default_factory=list)
-    positions: list[np.ndarray] = field(default_factory=list)
-    velocities: list[np.ndarray] = field(default_factory=list)
-    kinetic: list[float] = field(default_factory=list)
-    potential: list[float] = field(default_factory=list)
-    deepest: float = 0.0
+    def __init__(self, model: mujoco.MjModel):
+        self._model, self._detector = model, Detector(model)
+        self._states: list[tuple[Any, ...]] = []
+        self.deepest = 0.0
 
-    def __post_init__(self):
-        self._detector = Detector(self.model)
+    def __len__(self) -> int:
+        return len(self._states)
 
     def add(self, data: mujoco.MjData) -> None:
-        self.deepest = min(self.deepest, deepest_gap(self.model, data, self._detector))
-        mujoco.mj_energyPos(self.model, data)
-        mujoco.mj_energyVel(self.model, data)
-        self.times.append(data.time)
-        self.positions.append(data.qpos.copy())
-        self.velocities.append(data.qvel.copy())
-        self.potential.append(float(data.energy[0]))
-        self.kinetic.append(float(data.energy[1]))
+        self.deepest = min(self.deepest, deepest_gap(self._model, data, self._detector))
+        mujoco.mj_energyPos(self._model, data)
+        mujoco.mj_energyVel(self._model, data)
+        potential, kinetic = data.energy
+        self._states.append((data.time, data.qpos.copy(), data.qvel.copy(), kinetic, potential))
 
-    def arrays(self) -> tuple[np.ndarray, ...]:
-        columns = (self.times, self.positions, self.velocities, self.kinetic, self.potential)
-        return tuple(np.array(column) for column in columns)
+    def arrays(self) -> Iterator[np.ndarray]:
+        """Return times, positions, velocities, kinetic and potential energies."""
+        return map(np.array, zip(*self._states, strict=True))
 
 
 def run_law(
@@ -143,7 +136,7 @@ def run_law(
         deepest=trajectory.deepest,
         events=events,
         unlocated=stepper.unlocated,
-        seconds_per_step=spent / max(1, len(trajectory.times) - 1),
+        seconds_per_step=spent / max(1, len(trajectory) - 1),
         first=None if first is None else first.impact,
         qpos=None if first is None else first.qpos,
         refusal=refusal,
@@ -175,19 +168,16 @@ def run_soft(
         progress: called after every step.
     """
     data, seen = _copy(model, start), _copy(model, start)
-    trajectory = _Trajectory(model)
+    trajectory, collisions, spent = _Trajectory(model), SoftCollisions(model), 0.0
     trajectory.add(seen)
-    collisions = None if recorder is None else SoftCollisions(model)
-    if collisions is not None:
-        collisions.look(seen)
-    spent = 0.0
+    collisions.look(seen)
     for _ in range(steps):
         begin = time.perf_counter()
         mujoco.mj_step(model, data)
         spent += time.perf_counter() - begin
         _assign(model, data, seen)  # looking at contacts must not disturb the solver
         trajectory.add(seen)
-        if recorder is not None and collisions is not None:
+        if recorder is not None:
             recorder.step(seen, collisions.look(seen))
         progress()
     first = None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import numpy as np
 
@@ -17,6 +19,8 @@ from impactlaw.stepping.impact_event import ImpactEvent
 
 _OVERLAP = 1e-12  # m, up to which geoms in touch do not overlap
 _REACH = 4.0  # steps of the fastest contact within which the contacts of a collision were closed, or will be
+State = tuple[np.ndarray, np.ndarray, float]
+"""Positions, velocities and time, s."""
 
 
 class SoftCollisions:
@@ -36,7 +40,7 @@ class SoftCollisions:
         self._detector = Detector(model)
         self._bilateral = bilateral_constraints(model)
         self._scratch = mujoco.MjData(model)
-        self._free: tuple[np.ndarray, np.ndarray, float] | None = None
+        self._free: State | None = None
         self._pairs: set[tuple[int, int]] = set()
 
     def look(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
@@ -57,9 +61,7 @@ class SoftCollisions:
         event = self._event(before, state, pairs)
         return () if event is None else (event,)
 
-    def _event(
-        self, before: tuple[np.ndarray, np.ndarray, float], after: tuple[np.ndarray, np.ndarray, float], pairs: set
-    ) -> ImpactEvent | None:
+    def _event(self, before: State, after: State, pairs: set) -> ImpactEvent | None:
         model, (qpos, velocity, time) = self._model, before
         gap, J, rate = self._contacts(after, pairs)
         gamma = J @ after[1]
@@ -80,20 +82,12 @@ class SoftCollisions:
         if rows is not None:
             tangential, _ = find_tangents(model, self._scratch, near, rows, None)
             friction = Friction(tangential, rows.contact, rows.coefficient)
-        collision = Collision(
-            mass_matrix(model, self._scratch),
-            J,
-            pre,
-            labels=near.labels,
-            bilateral_jacobian=bilateral,
-            friction=friction,
-        )
+        others: dict[str, Any] = {"labels": near.labels, "bilateral_jacobian": bilateral, "friction": friction}
+        collision = Collision(mass_matrix(model, self._scratch), J, pre, **others)
         audit = Impact.observed if friction is None else FrictionImpact.observed
         return ImpactEvent(time + wait, near, audit(collision, post), qpos)
 
-    def _contacts(
-        self, state: tuple[np.ndarray, np.ndarray, float], pairs: set
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _contacts(self, state: State, pairs: set) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return gaps, (h,), gradients, (h, nv), and acceleration without contact, (nv,), of a state beside contact."""
         model, scratch = self._model, self._scratch
         scratch.qpos[:], scratch.qvel[:], scratch.time = state

@@ -6,14 +6,6 @@ from impactlaw.identification.fitting import CrossValidation, Identified, cross_
 from impactlaw.identification.reading import Collisions, read_collisions
 
 __all__ = [
-    "FAMILIES",
-    "Audit",
-    "Cause",
-    "Collisions",
-    "CrossValidation",
-    "Identified",
-    "audit",
-    "cross_validate",
-    "fit",
+    "FAMILIES", "Audit", "Cause", "Collisions", "CrossValidation", "Identified", "audit", "cross_validate", "fit",
     "read_collisions",
-]
+]  # fmt: skip

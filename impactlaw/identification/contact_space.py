@@ -16,12 +16,7 @@ _CONSTANT = 1e-3  # misfit, relative to the jumps, up to which one G explains al
 
 
 def collision_of(
-    G: np.ndarray,
-    before: np.ndarray,
-    after: np.ndarray,
-    labels: tuple[str, ...],
-    contact: np.ndarray,
-    mu: np.ndarray,
+    G: np.ndarray, before: np.ndarray, after: np.ndarray, labels: tuple[str, ...], contact: np.ndarray, mu: np.ndarray
 ) -> tuple[Collision, np.ndarray]:
     """Return a collision with M = 1, ``J J^T = G`` and these contact velocities, and v+.
 
@@ -72,17 +67,14 @@ def delassus_by_contacts(
     keys = [(own, tuple(rows)) for own, rows in zip(labels, contacts, strict=True)]
     for key in dict.fromkeys(keys):
         which = [i for i, other in enumerate(keys) if other == key]
-        n = len(before[which[0]])
-        mine = [impulses[i] for i in which]
-        if any(impulse is None for impulse in mine):
-            if n > 1:
-                raise MeasurementError(
-                    f"contacts {', '.join(key[0])} have neither delassus nor impulses, row {which[0]}"
-                )
+        mine = [impulse for i in which if (impulse := impulses[i]) is not None]
+        if len(mine) == len(which):
+            jumps = np.array([after[i] - before[i] for i in which])
+            known[key] = symmetric_least_squares(np.array(mine), jumps, key[0])
+        elif len(before[which[0]]) == 1:
             known[key] = np.ones((1, 1))
-            continue
-        L, D = np.array(mine), np.array([after[i] - before[i] for i in which])
-        known[key] = symmetric_least_squares(L, D, key[0])
+        else:
+            raise MeasurementError(f"contacts {', '.join(key[0])} have neither delassus nor impulses, row {which[0]}")
     return [known[key] for key in keys]
 
 
@@ -93,15 +85,12 @@ def symmetric_least_squares(L: np.ndarray, D: np.ndarray, labels: tuple[str, ...
         MeasurementError: too few collisions, or no G explains them.
     """
     n = L.shape[1]
-    pairs = [(i, j) for i in range(n) for j in range(i, n)]
-    A = np.zeros((*D.shape, len(pairs)))
-    for p, (i, j) in enumerate(pairs):
-        A[:, i, p] += L[:, j]
-        if i != j:
-            A[:, j, p] += L[:, i]
-    A = A.reshape(-1, len(pairs))
+    rows, columns = np.triu_indices(n)
+    basis = np.zeros((len(rows), n, n))  # symmetric matrices with one entry, or two, of 1
+    basis[np.arange(len(rows)), rows, columns] = basis[np.arange(len(rows)), columns, rows] = 1.0
+    A = np.einsum("mj,pij->mip", L, basis).reshape(-1, len(rows))
     x, _, rank, _ = np.linalg.lstsq(A, D.ravel(), rcond=1e-9)
-    if rank < len(pairs):
+    if rank < len(rows):
         raise MeasurementError(
             f"{len(L)} collisions of contacts {', '.join(labels)} are too few, or too alike, to tell their Delassus "
             "matrix; record it in a column delassus"
@@ -111,7 +100,4 @@ def symmetric_least_squares(L: np.ndarray, D: np.ndarray, labels: tuple[str, ...
             f"no Delassus matrix explains all collisions of contacts {', '.join(labels)}: it changes with the "
             "configuration; record it in a column delassus"
         )
-    G = np.zeros((n, n))
-    for p, (i, j) in enumerate(pairs):
-        G[i, j] = G[j, i] = x[p]
-    return G
+    return np.einsum("p,pij->ij", x, basis)

@@ -55,11 +55,15 @@ class Family:
 
     def predicted(self, measured: Measurements, values: np.ndarray) -> list[np.ndarray]:
         """Return v+ of all collisions, (nv,) each."""
-        law = self.make(values)
-        cs: Sequence[Collision] = measured.collisions
-        if self.friction:
-            cs = [with_friction(c, float(values[-1])) for c in cs]
-        return [law.resolve(c).post_velocity for c in cs]
+        mu = float(values[-1]) if self.friction else None
+        return outcomes(self.make(values), measured.collisions, mu)
+
+
+def outcomes(law: Law, collisions: Sequence[Collision], friction: float | None = None) -> list[np.ndarray]:
+    """Return v+ of collisions, (nv,) each, with another coefficient of friction where one is given."""
+    if friction is not None:
+        collisions = [with_friction(c, friction) for c in collisions]
+    return [law.resolve(c).post_velocity for c in collisions]
 
 
 def with_friction(collision: Collision, coefficient: float) -> Collision:
@@ -83,10 +87,6 @@ def _restitution(name: str = "restitution") -> Parameter:
     return Parameter(name, 0.0, 1.0, (0.5, 0.95))
 
 
-def _friction() -> Parameter:
-    return Parameter("friction", 1e-6, 5.0, (0.3,))
-
-
 def _single(name: str, law: Callable[[float], Law]) -> Callable[[Measurements], Family]:
     return lambda measured: Family(name, (_restitution(),), lambda x: law(float(x[0])))
 
@@ -95,28 +95,31 @@ def _per_contact(name: str, law: Callable[[object], Law]) -> Callable[[Measureme
     def family(measured: Measurements) -> Family:
         labels = measured.labels
         if len(labels) == 1:
-            return Family(name, (_restitution(),), lambda x: law(float(x[0])))
+            return _single(name, law)(measured)
         parameters = tuple(_restitution(f"restitution {label}") for label in labels)
         return Family(name, parameters, lambda x: law(dict(zip(labels, x.tolist(), strict=True))))
 
     return family
 
 
-def _coulomb(measured: Measurements) -> Family:
-    need_friction(measured, "coulomb")
-    return Family("coulomb", (_restitution(), _friction()), lambda x: Coulomb(Newton(float(x[0]))), friction=True)
+def _sliding(name: str, law: Callable[[float], Law]) -> Callable[[Measurements], Family]:
+    def family(measured: Measurements) -> Family:
+        for i, c in enumerate(measured.collisions):
+            if c.friction is None or not len(c.friction):
+                raise MeasurementError(
+                    f"family {name!r} needs tangential directions, but collision {i} of {', '.join(c.labels)} has "
+                    "none: give friction_jacobian, or sliding velocities"
+                )
+        mu = Parameter("friction", 1e-6, 5.0, (0.3,))
+        return Family(name, (_restitution(), mu), lambda x: law(float(x[0])), friction=True)
 
-
-def _routh(measured: Measurements) -> Family:
-    need_friction(measured, "routh")
-    return Family("routh", (_restitution(), _friction()), lambda x: Routh(float(x[0])), friction=True)
+    return family
 
 
 def _compliant(measured: Measurements) -> Family:
     labels = measured.labels
-    several = len(labels) > 1
     e = Parameter("restitution", 0.01, 1.0, (0.98, 0.5))
-    if not several:
+    if len(labels) == 1:
         return Family("compliant", (e,), lambda x: Compliant(1.0, restitution=float(x[0])))
     exponent = Parameter("exponent", 1.0, 4.0, (1.5,))
     starts = _RATIOS[len(labels)] if len(labels) < len(_RATIOS) else (0.0,)
@@ -133,28 +136,14 @@ def _compliant(measured: Measurements) -> Family:
     return Family("compliant", (e, exponent, *ratios), make, searches=_SEARCHES)
 
 
-def need_friction(measured: Measurements, family: str) -> None:
-    """Refuse collisions without rows of friction.
-
-    Raises:
-        MeasurementError: one has none.
-    """
-    for i, c in enumerate(measured.collisions):
-        if c.friction is None or not len(c.friction):
-            raise MeasurementError(
-                f"family {family!r} needs tangential directions, but collision {i} of {', '.join(c.labels)} has none: "
-                "give friction_jacobian, or sliding velocities"
-            )
-
-
 FAMILIES: dict[str, Callable[[Measurements], Family] | None] = {
     "moreau": _single("moreau", Moreau),
     "newton": _per_contact("newton", Newton),  # pyright: ignore[reportArgumentType]
     "poisson": _per_contact("poisson", Poisson),  # pyright: ignore[reportArgumentType]
     "reversal": _single("reversal", Reversal),
     "fremond": None,  # see restitution_matrix
-    "coulomb": _coulomb,
-    "routh": _routh,
+    "coulomb": _sliding("coulomb", lambda e: Coulomb(Newton(e))),
+    "routh": _sliding("routh", Routh),
     "compliant": _compliant,
 }
 """What `fit` knows."""

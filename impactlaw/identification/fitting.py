@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import ImpactLawError, MeasurementError, UnknownNameError
-from impactlaw.identification.families import FAMILIES, Family, with_friction
+from impactlaw.identification.families import FAMILIES, Family, outcomes
 from impactlaw.identification.intervals import matrix_intervals, parameter_intervals
 from impactlaw.identification.measurements import Measurements, rms
 from impactlaw.identification.restitution_matrix import MatrixFit
@@ -66,10 +66,7 @@ class Identified:
         Raises:
             MeasurementError: the law has friction, and a collision has no tangential directions.
         """
-        if "friction" not in self.parameters:
-            return [self.law.resolve(c).post_velocity for c in collisions]
-        mu = self.parameters["friction"]
-        return [self.law.resolve(with_friction(c, mu)).post_velocity for c in collisions]
+        return outcomes(self.law, collisions, self.parameters.get("friction"))
 
 
 def fit(
@@ -106,8 +103,7 @@ def fit(
     if not projected:
         return found
     law = Scattered(found.law, 0.0)
-    errors = measured.errors([law.resolve(c).post_velocity for c in measured.collisions])
-    return replace(found, law=law, residuals=_lengths(errors))
+    return replace(found, law=law, residuals=_lengths(measured.errors(outcomes(law, measured.collisions))))
 
 
 def _checked(
@@ -145,24 +141,22 @@ def _fit_parameters(measured: Measurements, family: Family) -> Identified:
     starts = [np.clip(start, low + _LIMIT, high - _LIMIT) for start in _starts(family)]
     costs = [np.sum(residual(start) ** 2) for start in starts] if len(starts) > 1 else [0.0]
     options: dict[str, Any] = {"bounds": (low, high), "x_scale": 0.1, "xtol": 1e-12, "ftol": 1e-14, "gtol": 1e-12}
-    options["max_nfev"] = _MOST_STEPS
     searches = []
     for i in np.argsort(costs, kind="stable")[: family.searches]:
-        searches.append(least_squares(residual, starts[i], **options))
+        searches.append(least_squares(residual, starts[i], max_nfev=_MOST_STEPS, **options))
         if searches[-1].cost < _SOLVED * len(sizes):
             break
     best = min(searches, key=lambda search: search.cost)
     x = _at_bounds(best.x, low, high, residual)
     intervals, rank = parameter_intervals(residual, x, sizes, low, high)
     names = [p.name for p in family.parameters]
-    errors = np.split(residual(x), np.cumsum(sizes)[:-1])
     law = family.make(x)
     return Identified(
         family.name,
         law,
         dict(zip(names, x.tolist(), strict=True)),
         dict(zip(names, intervals, strict=True)),
-        _lengths(errors),
+        _lengths(np.split(residual(x), np.cumsum(sizes)[:-1])),
         _certificate(law, measured, family, x),
         rank,
     )
@@ -187,11 +181,9 @@ def _at_bounds(x: np.ndarray, low: np.ndarray, high: np.ndarray, residual) -> np
 def _certificate(law: Law, measured: Measurements, family: Family, x: np.ndarray) -> float:
     if isinstance(law, RestitutionLaw):
         return float(np.sqrt(max(energy_gain(c, law.restitution_matrix(c)) for c in measured.collisions)))
-    after = family.predicted(measured, x)
-    pairs = zip(measured.collisions, after, strict=True)
-    return max(
-        float(np.linalg.norm(c.relative_velocity + c.metric.whiten(v - c.pre_velocity))) / c.pre_speed for c, v in pairs
-    )
+    pairs = zip(measured.collisions, family.predicted(measured, x), strict=True)
+    after = ((c.relative_velocity + c.metric.whiten(v - c.pre_velocity), c.pre_speed) for c, v in pairs)
+    return max(float(np.linalg.norm(velocity)) / before for velocity, before in after)
 
 
 def _lengths(errors: Sequence[np.ndarray]) -> np.ndarray:
@@ -211,7 +203,7 @@ def _fit_matrix(measured: Measurements, *, admissible: bool) -> Identified:
         raise MeasurementError("family 'fremond' is for contacts without friction; leave tangential directions out")
     labels = tuple(map(canonical, first.labels))
     unique = len(set(labels)) == len(labels)
-    here = np.arange(len(labels))
+    here = range(len(labels))
     order = np.array(
         [[list(map(canonical, c.labels)).index(a) for a in labels] if unique else here for c in measured.collisions]
     )
@@ -219,17 +211,16 @@ def _fit_matrix(measured: Measurements, *, admissible: bool) -> Identified:
     F, active = problem.solve(admissible=admissible)
     E = problem.matrix(F)
     intervals, rank = matrix_intervals(problem, F, active)
-    pairs = [(i, j) for i in here.tolist() for j in here.tolist()]
+    pairs = list(product(here, here))
     names = labels if unique else tuple(map(str, here))
     keys = [f"E {names[i]}, {names[j]}" for i, j in pairs]
     law = Fremond({(labels[i], labels[j]): float(E[i, j]) for i, j in pairs} if unique else E)
-    errors = measured.errors([law.resolve(c).post_velocity for c in measured.collisions])
     return Identified(
         "fremond",
         law,
         {key: float(E[pair]) for key, pair in zip(keys, pairs, strict=True)},
         {key: intervals[pair] for key, pair in zip(keys, pairs, strict=True)},
-        _lengths(errors),
+        _lengths(measured.errors(outcomes(law, measured.collisions))),
         problem.bound(F),
         rank,
     )
@@ -281,14 +272,12 @@ def cross_validate(
     n = len(measured)
     if not isinstance(folds, Integral) or not 2 <= folds <= n:
         raise MeasurementError(f"{n} collision{'s' if n > 1 else ''} cannot be split into {folds!r} folds, 2 or more")
-    parts = np.array_split(np.random.default_rng(seed).permutation(n), folds)
-    squares, fold_rms, parameters = [], [], []
-    for part in parts:
-        rest = measured.select(np.setdiff1d(np.arange(n), part))
-        held = measured.select(part)
+    errors, fold_rms, parameters = [], [], []
+    for part in np.array_split(np.random.default_rng(seed).permutation(n), folds):
+        rest, held = measured.select(np.setdiff1d(np.arange(n), part)), measured.select(part)
         found = fit(rest.collisions, rest.post_velocities, family, projected=projected)
-        errors = held.errors(found.predict(held.collisions))
-        squares += [error @ error for error in errors]
-        fold_rms.append(rms(errors))
+        own = held.errors(found.predict(held.collisions))
+        errors += own
+        fold_rms.append(rms(own))
         parameters.append(found.parameters)
-    return CrossValidation(family, float(np.sqrt(np.mean(squares))), np.array(fold_rms), tuple(parameters))
+    return CrossValidation(family, rms(errors), np.array(fold_rms), tuple(parameters))

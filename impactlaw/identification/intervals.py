@@ -16,11 +16,7 @@ _NAN = (float("nan"), float("nan"))
 
 
 def parameter_intervals(
-    residual: Callable[[np.ndarray], np.ndarray],
-    x: np.ndarray,
-    sizes: Sequence[int],
-    low: np.ndarray,
-    high: np.ndarray,
+    residual: Callable[[np.ndarray], np.ndarray], x: np.ndarray, sizes: Sequence[int], low: np.ndarray, high: np.ndarray
 ) -> tuple[list[tuple[float, float]], int]:
     """Return the intervals of the parameters x, and how many of these the data tell; see `_widths`.
 
@@ -61,11 +57,12 @@ def matrix_intervals(
     """
     h = len(F)
     weighted = problem.before @ problem.inverse_root / problem.speeds[:, None]
-    ranks = [_numerical_rank(weighted[active[:, i]]) for i in range(h)]
-    nothing = {(i, j): _NAN for i in range(h) for j in range(h)}
+    pushed = [weighted[active[:, i]] for i in range(h)]
+    rank = min(int(np.linalg.matrix_rank(rows, tol=1e-8 * np.sqrt(len(rows)))) if len(rows) else 0 for rows in pushed)
+    nothing = dict.fromkeys(np.ndindex(h, h), _NAN)
     w = np.linalg.eigvalsh(problem.quadratic(active).H)
     if w[0] <= _RANK * max(w[-1], 1e-300) or problem.bound(F) >= 1.0 - 1e-9:
-        return nothing, min(ranks)
+        return nothing, rank
     E, derivatives, errors = problem.matrix(F), [], []
     for i in range(len(active)):
         A = np.flatnonzero(active[i])
@@ -75,7 +72,7 @@ def matrix_intervals(
         left = (problem.after[i] + E @ problem.before[i])[A] / problem.speeds[i]
         errors.append(np.linalg.solve(L, left))
     widths = _widths(derivatives, errors, np.kron(problem.root, problem.inverse_root.T)).reshape(h, h)
-    return {(i, j): (float(E[i, j] - widths[i, j]), float(E[i, j] + widths[i, j])) for i, j in nothing}, min(ranks)
+    return {at: (float(E[at] - widths[at]), float(E[at] + widths[at])) for at in nothing}, rank
 
 
 def _widths(derivatives: Sequence[np.ndarray], errors: Sequence[np.ndarray], wanted: np.ndarray) -> np.ndarray:
@@ -123,7 +120,3 @@ def _enlarged(felt: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, np.ndarra
     s, V = np.linalg.eigh(left)
     seen, parts = s > _FITTED, V.T @ felt
     return (V[:, seen] / np.sqrt(s[seen])) @ parts[seen], (parts[~seen] ** 2).sum(axis=0)
-
-
-def _numerical_rank(a: np.ndarray) -> int:
-    return int(np.linalg.matrix_rank(a, tol=1e-8 * np.sqrt(max(len(a), 1)))) if len(a) else 0

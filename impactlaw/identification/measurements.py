@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import count
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,12 +42,8 @@ class Measurements:
             if not isinstance(c, Collision):
                 raise MeasurementError(f"collisions must be impactlaw.Collision, got {c!r:.60}")
         if len(post_velocities) != len(self.collisions):
-            raise MeasurementError(
-                f"{len(self.collisions)} collisions, but {len(post_velocities)} velocities after them"
-            )
-        self.post_velocities = tuple(
-            _velocity(v, c, i) for i, (v, c) in enumerate(zip(post_velocities, self.collisions, strict=True))
-        )
+            raise MeasurementError(f"{len(self)} collisions, but {len(post_velocities)} velocities after them")
+        self.post_velocities = tuple(map(_velocity, post_velocities, self.collisions, count()))
         slow = np.flatnonzero(self.speeds <= _STILL * np.maximum([c.pre_speed for c in self.collisions], 1e-300))
         if len(slow):
             raise MeasurementError(
@@ -65,7 +62,8 @@ class Measurements:
     @cached_property
     def bases(self) -> tuple[np.ndarray, ...]:
         """Orthonormal rows that span the gradients of each collision, normal and sliding, (r, nv)."""
-        return tuple(_span(np.vstack([c.dense_gradients, c.whitened_friction])) for c in self.collisions)
+        whole = (np.linalg.svd(np.vstack([c.dense_gradients, c.whitened_friction]), False) for c in self.collisions)
+        return tuple(V[s > _RANK * s.max(initial=0.0)] for _, s, V in whole)
 
     @cached_property
     def speeds(self) -> np.ndarray:
@@ -102,11 +100,6 @@ class Measurements:
 def rms(errors: Sequence[np.ndarray]) -> float:
     """Return the root of the mean of ``|error|^2``."""
     return float(np.sqrt(np.mean([error @ error for error in errors])))
-
-
-def _span(gradients: np.ndarray) -> np.ndarray:
-    _, s, V = np.linalg.svd(gradients, full_matrices=False)
-    return V[s > _RANK * s.max(initial=0.0)]
 
 
 def _velocity(value: ArrayLike, collision: Collision, index: int) -> np.ndarray:

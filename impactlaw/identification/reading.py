@@ -89,32 +89,20 @@ def _full(table: pd.DataFrame) -> Collisions:
     for i, row in enumerate(table.to_dict("records")):
         M, J = (_array(row, name, i, 2) for name in ("mass_matrix", "jacobian"))
         v, post = (_array(row, name, i, 1) for name in ("pre_velocity", "post_velocity"))
-        friction = None
-        if _given(row, "friction_jacobian"):
-            J_t = _array(row, "friction_jacobian", i, 2)
-            contact = _array(row, "friction_contact", i, 1) if _given(row, "friction_contact") else np.zeros(len(J_t))
-            friction = J_t, contact, _coefficients(row, i, len(J_t))
-        collisions.append(_made(i, M, J, v, friction, _labels(row, i, len(J))))
+        friction, labels = None, _labels(row, i, len(J))
+        try:
+            if _given(row, "friction_jacobian"):
+                J_t = _array(row, "friction_jacobian", i, 2)
+                friction = Friction(J_t, _friction_contact(row, i, len(J_t)), _coefficients(row, i, len(J_t)))
+            collisions.append(Collision(M, J, v, labels=labels, friction=friction))
+        except MeasurementError:
+            raise
+        except ImpactLawError as error:
+            raise MeasurementError(f"row {i}: {error}") from None
         if post.shape != v.shape:
             raise MeasurementError(f"row {i}: post_velocity has {len(post)} numbers, pre_velocity {len(v)}")
         after.append(post)
     return Collisions(collisions, after)
-
-
-def _made(index: int, M: Any, J: Any, v: Any, friction: Any, labels: tuple[str, ...]) -> Collision:
-    try:
-        rows = None
-        if friction is not None:
-            J_t, contact, mu = friction
-            whole = contact.astype(int)
-            if (whole != contact).any():
-                raise MeasurementError(f"row {index}: friction_contact must be whole numbers")
-            rows = Friction(J_t, whole, mu)
-        return Collision(M, J, v, labels=labels, friction=rows)
-    except MeasurementError:
-        raise
-    except ImpactLawError as error:
-        raise MeasurementError(f"row {index}: {error}") from None
 
 
 def _contact(table: pd.DataFrame) -> Collisions:
@@ -125,14 +113,17 @@ def _contact(table: pd.DataFrame) -> Collisions:
         if gamma.shape != plus.shape:
             raise MeasurementError(f"row {i}: {len(gamma)} contact velocities before, {len(plus)} after")
         labels.append(_labels(row, i, len(gamma)))
-        _refuse_jumps(row, i)
+        if _given(row, "surface_velocity") and _given(row, "post_surface_velocity"):
+            surfaces = [_array(row, name, i, 1) for name in ("surface_velocity", "post_surface_velocity")]
+            if not np.array_equal(surfaces[0], surfaces[1]):
+                raise MeasurementError(f"row {i}: a surface whose velocity jumps has struck; leave such collisions out")
         sliding = [np.zeros(0), np.zeros(0)]
         if _given(row, "pre_sliding_velocity") or _given(row, "post_sliding_velocity"):
             sliding = [_array(row, name, i, 1) for name in ("pre_sliding_velocity", "post_sliding_velocity")]
             if sliding[0].shape != sliding[1].shape:
                 raise MeasurementError(f"row {i}: {len(sliding[0])} sliding velocities before, {len(sliding[1])} after")
         k = len(sliding[0])
-        contact = _array(row, "friction_contact", i, 1) if _given(row, "friction_contact") else np.zeros(k)
+        contact = _friction_contact(row, i, k)
         if len(contact) != k:
             raise MeasurementError(f"row {i}: friction_contact has {len(contact)} entries for {k} sliding velocities")
         before.append(np.concatenate([gamma, sliding[0]]))
@@ -147,19 +138,12 @@ def _contact(table: pd.DataFrame) -> Collisions:
     for i, row in enumerate(rows):
         mu = _coefficients(row, i, len(contacts[i]))
         try:
-            c, v = collision_of(known[i], before[i], after[i], labels[i], contacts[i].astype(int), mu)
+            c, v = collision_of(known[i], before[i], after[i], labels[i], contacts[i], mu)
         except ImpactLawError as error:
             raise MeasurementError(f"row {i}: {error}") from None
         collisions.append(c)
         velocities.append(v)
     return Collisions(collisions, velocities)
-
-
-def _refuse_jumps(row: dict[Any, Any], i: int) -> None:
-    if _given(row, "surface_velocity") and _given(row, "post_surface_velocity"):
-        one, two = (_array(row, name, i, 1) for name in ("surface_velocity", "post_surface_velocity"))
-        if not np.array_equal(one, two):
-            raise MeasurementError(f"row {i}: a surface whose velocity jumps has struck; leave such collisions out")
 
 
 def _delassus(row: dict[Any, Any], i: int, h: int, k: int) -> np.ndarray | None:
@@ -185,6 +169,15 @@ def _impulses(row: dict[Any, Any], i: int, h: int, k: int) -> np.ndarray | None:
         if len(impulse) != h + k:
             raise MeasurementError(f"row {i}: {len(impulse) - h} friction impulses for {k} sliding velocities")
     return impulse
+
+
+def _friction_contact(row: dict[Any, Any], i: int, k: int) -> np.ndarray:
+    if not _given(row, "friction_contact"):
+        return np.zeros(k, dtype=int)
+    contact = _array(row, "friction_contact", i, 1)
+    if (contact % 1 != 0).any():
+        raise MeasurementError(f"row {i}: friction_contact must be whole numbers")
+    return contact.astype(int)
 
 
 def _coefficients(row: dict[Any, Any], i: int, k: int) -> np.ndarray:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from impactlaw.errors import ImpactLawError, MeasurementError
 from impactlaw.identification.auditing import TOLERANCE, Audit, audit
 from impactlaw.identification.families import FAMILIES
 from impactlaw.identification.fitting import CrossValidation, Identified, cross_validate, fit
-from impactlaw.identification.measurements import Measurements
 from impactlaw.identification.reading import Collisions, read_collisions
 from impactlaw.laws.restitution.portable import portable
 
@@ -74,21 +73,15 @@ def study(path: Path, *, family: str | None = None, folds: int = 5, contacts: Se
     if not fitted:
         raise MeasurementError(f"{path}: {rows[0].reason}" if family else f"{path}: no family fits: {rows[0].reason}")
     least = min(row.error for row in fitted)
-    best = next(row for row in sorted(fitted, key=_size) if row.error <= least * (1 + 1e-3) + 1e-9)
+    good = [row for row in fitted if row.error <= least * (1 + 1e-3) + 1e-9]
+    best = min(good, key=lambda row: len(row.law.parameters) if row.law else 0)
     return Study(measured, found, tuple(rows), best)
-
-
-def _size(row: Row) -> int:
-    assert row.law is not None
-    return len(row.law.parameters)
 
 
 def _row(name: str, measured: Collisions, folds: int, contacts: Sequence[str] | None) -> Row:
     try:
         law = fit(*measured, name, contacts=contacts)
         return Row(name, law, cross_validate(*measured, name, folds=folds, contacts=contacts))
-    except MeasurementError as error:
-        return Row(name, None, None, str(error))
     except ImpactLawError as error:
         if name not in FAMILIES:
             raise
@@ -105,15 +98,11 @@ def refusal(found: Audit) -> str:
     )
     if not found.likely_causes:
         return f"{text}; check units and signs"
-    return f"{text}; likely cause: {described(found.likely_causes[0])}"
-
-
-def described(cause: Any) -> str:
-    """Return a cause in words."""
+    cause = found.likely_causes[0]
     value = "" if np.isnan(cause.value) else f" {cause.value:.3g}"
     return (
-        f"{cause.name}{value} (with another one {cause.better:.0%} of collisions fit better, median "
-        f"{cause.before:.3g} -> {cause.after:.3g})"
+        f"{text}; likely cause: {cause.name}{value} (with another one {cause.better:.0%} of collisions fit better, "
+        f"median {cause.before:.3g} -> {cause.after:.3g})"
     )
 
 
@@ -123,11 +112,9 @@ def format_study(found: Study) -> str:
     lines = [f"{n} collisions, {found.audit.admissible:.0%} admissible within {TOLERANCE:g} |v-|", ""]
     lines.append(f"{'family':<11}{'held out':>9}{'fit':>9}{'certificate':>13}{'rank':>6}  parameters (95 %)")
     for row in sorted(found.rows, key=lambda row: row.error):
-        if row.law is None or row.held_out is None:
-            continue
-        law = row.law
-        numbers = f"{row.held_out.rms:>9.4f}{law.rms:>9.4f}{law.certificate:>13.6f}{law.rank:>6}"
-        lines.append(f"{row.family:<11}{numbers}  {parameters_in_words(law)}")
+        if row.law is not None:
+            numbers = f"{row.error:>9.4f}{row.law.rms:>9.4f}{row.law.certificate:>13.6f}{row.law.rank:>6}"
+            lines.append(f"{row.family:<11}{numbers}  {parameters_in_words(row.law)}")
     lines += [f"{row.family:<11}not fitted: {row.reason}" for row in found.rows if row.law is None]
     lines.append(f"\nbest: {found.best.family}")
     return "\n".join(lines)
@@ -149,12 +136,11 @@ def write_law(law: Identified, path: Path, source: str) -> None:
     Raises:
         MeasurementError: the file cannot be written.
     """
-    confidence = {name: [None if np.isnan(x) else x for x in pair] for name, pair in law.confidence.items()}
     value = {
         "law": portable(law.law),
         "family": law.family,
         "parameters": dict(law.parameters),
-        "confidence": confidence,
+        "confidence": {name: [None if np.isnan(x) else x for x in pair] for name, pair in law.confidence.items()},
         "rms": law.rms,
         "certificate": law.certificate,
         "rank": law.rank,
@@ -169,21 +155,16 @@ def write_law(law: Identified, path: Path, source: str) -> None:
 
 def draw(found: Study, path: Path, title: str) -> None:
     """Write a picture: contact velocities predicted by the best law over those observed, and errors of all families."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 4.0), layout="constrained")
-    FigureCanvasAgg(figure)
     figure.suptitle(title, fontsize=10)
     left, right = figure.subplots(1, 2)
     law = found.best.law
     assert law is not None
-    measured = Measurements(*found.measured)
-    fits = [set(c.labels) for c in measured.collisions]
-    for i, (c, seen, after) in enumerate(
-        zip(measured.collisions, measured.post_velocities, _predicted(law, measured), strict=True)
-    ):
-        if after is not None and fits[i]:
+    for c, seen in zip(*found.measured, strict=True):
+        with suppress(ImpactLawError):  # a collision of another set of contacts
+            after = law.predict([c])[0]
             left.plot(c.contact_velocity_after(seen), c.contact_velocity_after(after), ".", color="C0", markersize=3)
     ends = np.array(left.get_xlim())
     left.plot(ends, ends, color="0.6", linewidth=0.8)
@@ -193,13 +174,3 @@ def draw(found: Study, path: Path, title: str) -> None:
     right.barh([row.family for row in rows], [row.error for row in rows], color="C0")
     right.set_xlabel("error on unseen collisions, of |v-|")
     figure.savefig(path, dpi=80)
-
-
-def _predicted(law: Identified, measured: Measurements) -> list[np.ndarray | None]:
-    after: list[np.ndarray | None] = []
-    for c in measured.collisions:
-        try:
-            after.append(law.predict([c])[0])
-        except ImpactLawError:  # of another set of contacts
-            after.append(None)
-    return after

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,13 +51,12 @@ class MatrixFit:
     """
 
     def __init__(self, measured: Measurements, order: np.ndarray):
-        self.measured, self.order = measured, order
+        self.measured, self.order, self.speeds = measured, order, measured.speeds
         cs = measured.collisions
-        self.G = np.array([c.delassus[np.ix_(o, o)] for c, o in zip(cs, order, strict=True)])
-        self.before = np.array([c.pre_contact_velocity[o] for c, o in zip(cs, order, strict=True)])
-        after = zip(cs, measured.post_velocities, order, strict=True)
-        self.after = np.array([c.contact_velocity_after(v)[o] for c, v, o in after])
-        self.speeds = measured.speeds
+        each = list(zip(cs, measured.post_velocities, order, strict=True))
+        self.G = np.array([c.delassus[np.ix_(o, o)] for c, _, o in each])
+        self.before = np.array([c.pre_contact_velocity[o] for c, _, o in each])
+        self.after = np.array([c.contact_velocity_after(v)[o] for c, v, o in each])
         self.mean_G = self.G.mean(axis=0)
         w, V = np.linalg.eigh(self.mean_G)
         if w[0] <= 1e-10 * w[-1]:
@@ -76,11 +76,7 @@ class MatrixFit:
         """Return the sum of squares over the contacts that carry impulses, bool (n, h), as a function of F."""
         h = self.before.shape[1]
         H, g = np.zeros((h, h, h, h)), np.zeros((h, h))
-        for pattern in np.unique(active, axis=0):
-            which = np.flatnonzero((active == pattern).all(axis=1))
-            A = np.flatnonzero(pattern)
-            if not len(A):
-                continue
+        for which, A in _by_contacts(active):
             W = np.zeros((len(which), h, h))
             W[:, A[:, None], A] = np.linalg.inv(self.G[which][:, A[:, None], A])
             W = self.root @ W @ self.root / (self.speeds[which] ** 2)[:, None, None]
@@ -112,11 +108,9 @@ class MatrixFit:
     def bound(self, F: np.ndarray) -> float:
         """Return ``max |G^-1/2 E G^1/2|_2`` over the Delassus matrices of all collisions: above 1, E creates energy."""
         E = self.matrix(F)
-        norms = []
-        for G in self.G if np.abs(self.G - self.mean_G).max() > _SAME * np.abs(self.mean_G).max() else self.G[:1]:
-            L = np.linalg.cholesky(G)
-            norms.append(np.linalg.norm(np.linalg.solve(L, E @ L), 2))
-        return float(max(norms))
+        same = np.abs(self.G - self.mean_G).max() <= _SAME * np.abs(self.mean_G).max()
+        L = np.linalg.cholesky(self.G[:1] if same else self.G)
+        return float(np.linalg.norm(np.linalg.solve(L, E @ L), 2, axis=(1, 2)).max())
 
     def solve(self, *, admissible: bool) -> tuple[np.ndarray, np.ndarray]:
         """Return the best F found, and which contacts carry impulses with it.
@@ -145,12 +139,10 @@ class MatrixFit:
         """Return the gradient of the sum of squares, (h, h), from the residuals, with digits that H and g have lost."""
         E, total = self.matrix(F), np.zeros_like(F)
         residual = self.after + self.before @ E.T
-        for pattern in np.unique(active, axis=0):
-            which, A = np.flatnonzero((active == pattern).all(axis=1)), np.flatnonzero(pattern)
-            if len(A):
-                force = np.linalg.solve(self.G[which][:, A[:, None], A], residual[which][:, A, None])[..., 0]
-                weighted = force / (self.speeds[which] ** 2)[:, None]
-                total += self.root[:, A] @ (weighted.T @ (self.before[which] @ self.inverse_root))
+        for which, A in _by_contacts(active):
+            force = np.linalg.solve(self.G[which][:, A[:, None], A], residual[which][:, A, None])[..., 0]
+            weighted = force / (self.speeds[which] ** 2)[:, None]
+            total += self.root[:, A] @ (weighted.T @ (self.before[which] @ self.inverse_root))
         return total
 
     def _best(self, active: np.ndarray, admissible: bool) -> np.ndarray:
@@ -159,12 +151,11 @@ class MatrixFit:
             F = self._admissible(q)
         else:
             F = constrained(q, h)
-            w, V = np.linalg.eigh(q.H)
-            large = w > _RANK * max(w[-1], 0.0)
+            inverse = np.linalg.pinv(q.H, rcond=_RANK, hermitian=True)
             for _ in range(_REFINEMENTS):
                 if np.linalg.norm(F, 2) >= 1.0 - 1e-9:
                     break
-                F = F - (V[:, large] @ ((V[:, large].T @ self.gradient(F, active).ravel()) / w[large])).reshape(h, h)
+                F = F - (inverse @ self.gradient(F, active).ravel()).reshape(h, h)
         return F / max(1.0, self.bound(F))
 
     def _admissible(self, q: Quadratic) -> np.ndarray:
@@ -177,19 +168,24 @@ class MatrixFit:
         maps = np.vstack([np.eye(h * h), to_E, to_impulse / scale])
         weight = max(np.linalg.norm(q.H, 2), 1e-300) ** 0.5 * max(np.median(np.linalg.eigvalsh(q.H)), 1e-12) ** 0.5
         factor = np.linalg.inv(q.H + weight * maps.T @ maps)
-        z, u = np.zeros(3 * h * h), np.zeros(3 * h * h)
-        x = np.zeros(h * h)
+        (z, u), x = np.zeros((2, 3 * h * h)), np.zeros(h * h)
         for _ in range(_SPLIT_STEPS):
             x = factor @ (weight * maps.T @ (z - u) - q.g)
             y = maps @ x + u
-            before, z = z, y.copy()
-            z[: h * h] = clipped(y[: h * h].reshape(h, h)).ravel()
-            z[h * h : 2 * h * h] = np.maximum(y[h * h : 2 * h * h], 0.0)
-            z[2 * h * h :] = np.maximum(y[2 * h * h :], least / scale)
+            for_F, for_E, for_impulse = np.split(y, 3)
+            before, pushes = z, np.maximum(for_impulse, least / scale)
+            z = np.concatenate([clipped(for_F.reshape(h, h)).ravel(), np.maximum(for_E, 0.0), pushes])
             u = y - z
             if max(np.abs(maps @ x - z).max(), np.abs(z - before).max()) < _SPLIT_DONE:
                 break
         return clipped(x.reshape(h, h))
+
+
+def _by_contacts(active: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Give the collisions in which the same contacts carry impulses, and these contacts, where there are any."""
+    for pattern in np.unique(active, axis=0):
+        if pattern.any():
+            yield np.flatnonzero((active == pattern).all(axis=1)), np.flatnonzero(pattern)
 
 
 def clipped(F: np.ndarray) -> np.ndarray:

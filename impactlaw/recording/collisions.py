@@ -9,17 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from impactlaw.mechanics.friction_impact import FrictionImpact
-from impactlaw.recording.layout import (
-    COLLISION,
-    COLLISION_COLUMNS,
-    COLLISIONS,
-    EXTRA_COLUMNS,
-    MARKS,
-    MOST_COUPLED,
-    PLOTTED,
-    Column,
-    time_columns,
-)
+from impactlaw.recording import layout
+from impactlaw.recording.layout import COLLISION_COLUMNS, Column, time_columns
 from impactlaw.scene.friction_rows import tangential_impulses
 
 if TYPE_CHECKING:
@@ -77,7 +68,7 @@ def _friction(model: mujoco.MjModel, event: ImpactEvent) -> dict[str, Any]:
 
 def _delassus(c: Collision) -> list[float]:
     k = 0 if c.friction is None else len(c.friction)
-    if not 0 < len(c.labels) + k <= MOST_COUPLED:
+    if not 0 < len(c.labels) + k <= layout.MOST_COUPLED:
         return []
     rows = np.vstack([c.dense_gradients, c.whitened_friction]) if k else c.dense_gradients
     return (rows @ rows.T).ravel().tolist()
@@ -110,9 +101,7 @@ class CollisionLog:
     """
 
     def __init__(self, model: mujoco.MjModel, law: str, arrow_scale: float):
-        self._model = model
-        self.law = law
-        self._arrow_scale = arrow_scale
+        self._model, self.law, self._arrow_scale = model, law, arrow_scale
         self._mark_steps = max(1, math.ceil(MARK_TIME / model.opt.timestep))
         self._count = 0
         self._clear_at: tuple[float, int] | None = None
@@ -120,18 +109,11 @@ class CollisionLog:
 
     def add(self, event: ImpactEvent, clock: float, *, episode: int, step: int) -> None:
         """Take a collision up; ``clock`` is its place on the timeline, s."""
-        record = collision_record(self._model, event) | {
-            "index": self._count,
-            "episode": episode,
-            "step": step,
-            "law": self.law,
-        }
+        where = {"index": self._count, "episode": episode, "step": step, "law": self.law}
+        record = collision_record(self._model, event) | where
         self._count += 1
-        self._records.append(record)
-        self._clocks.append(clock)
         admissible = event.impact.violations.is_admissible()
-        self._texts.append(_summary(record, admissible))
-        self._levels.append("INFO" if admissible else "WARN")
+        self._rows.append((clock, record, _summary(record, admissible), "INFO" if admissible else "WARN"))
         impulse = event.contacts.normal * event.impact.impulse[:, None]
         if "tangential_impulse" in record:
             impulse = impulse + record["tangential_impulse"]
@@ -152,23 +134,23 @@ class CollisionLog:
                 *rr.Points3D.columns(positions=points).partition(lengths),
                 *rr.Arrows3D.columns(origins=points, vectors=np.concatenate(arrows)).partition(lengths),
             ]
-            stream.send_columns(MARKS, time_columns(clocks, steps), columns, strict=True)
-        if self._records:
-            index = time_columns(self._clocks, [record["step"] for record in self._records])
-            columns = [
-                Column(f"{COLLISION}:{name}", kind, [record[name] for record in self._records])
-                for name, kind in COLLISION_COLUMNS.items()
-            ]
-            columns += [
-                Column(f"{COLLISION}:{name}", kind, [record.get(name) for record in self._records])
-                for name, kind in EXTRA_COLUMNS.items()
-                if any(name in record for record in self._records)
-            ]
-            log = rr.TextLog.columns(text=self._texts, level=self._levels)
-            for name in PLOTTED:
-                values = rr.Scalars.columns(scalars=[record[name] for record in self._records])
-                stream.send_columns(f"{COLLISIONS}/{name}", index, values, strict=True)
-            stream.send_columns(COLLISIONS, index, [*columns, *log], strict=True)
+            stream.send_columns(layout.MARKS, time_columns(clocks, steps), columns, strict=True)
+        if self._rows:
+            clocks, records, texts, levels = zip(*self._rows, strict=True)
+            cells = {
+                name: [record.get(name) for record in records]
+                for name in COLLISION_COLUMNS | layout.EXTRA_COLUMNS
+                if any(name in record for record in records)
+            }
+            kinds = COLLISION_COLUMNS | layout.EXTRA_COLUMNS
+            columns = [Column(f"{layout.COLLISION}:{name}", kinds[name], values) for name, values in cells.items()]
+            index = time_columns(clocks, cells["step"])
+            for name in layout.PLOTTED:
+                stream.send_columns(
+                    f"{layout.COLLISIONS}/{name}", index, rr.Scalars.columns(scalars=cells[name]), strict=True
+                )
+            log = rr.TextLog.columns(text=texts, level=levels)
+            stream.send_columns(layout.COLLISIONS, index, [*columns, *log], strict=True)
         self._forget()
 
     def _clear_marks(self, clock: float) -> None:
@@ -177,16 +159,13 @@ class CollisionLog:
             self._clear_at = None
 
     def _forget(self) -> None:
-        self._records: list[dict[str, Any]] = []
-        self._clocks: list[float] = []
-        self._texts: list[str] = []
-        self._levels: list[str] = []
+        self._rows: list[tuple[float, dict[str, Any], str, str]] = []
         self._marks: list[tuple[float, int, np.ndarray, np.ndarray]] = []
 
 
 def _summary(record: dict[str, Any], admissible: bool) -> str:
-    contacts = Counter(record["contacts"])
-    names = ", ".join(f"{count} x {name}" if count > 1 else name for name, count in contacts.items())
+    contacts = Counter(record["contacts"]).items()
+    names = ", ".join(f"{count} x {name}" if count > 1 else name for name, count in contacts)
     text = (
         f"{names}: impulse {record['induced_impulse']:.4g} N s, intensity {record['intensity']:.4g} sqrt(J), "
         f"energy {record['energy_change']:+.4g} J"

@@ -9,22 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from impactlaw.recording.layout import (
-    CHANGE,
-    CHANGE_COLUMNS,
-    CHANGES,
-    EPISODE,
-    EPISODE_COLUMNS,
-    EPISODES,
-    QPOS,
-    QVEL,
-    STATE,
-    STEP_COLUMNS,
-    STEPS,
-    TAKEN,
-    Column,
-    time_columns,
-)
+from impactlaw.recording import layout
+from impactlaw.recording.layout import Column, time_columns
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,17 +22,15 @@ class EpisodeMarks:
     """Starts of episodes, and environment steps, since the last `send`."""
 
     def __init__(self) -> None:
-        self._starts: list[tuple[float, int, dict[str, Any]]] = []
-        self._steps: list[tuple[float, int, dict[str, Any]]] = []
-        self._changes: list[tuple[float, int, dict[str, Any]]] = []
+        self._rows: dict[str, list[tuple[float, int, dict[str, Any]]]] = {path: [] for path in layout.MARKED}
 
     def begin(self, clock: float, frame: int, start: dict[str, Any]) -> None:
         """Take up how the episode begins whose first frame this is; ``clock`` is its place on the timeline, s."""
-        self._starts.append((clock, frame, start))
+        self._rows[layout.EPISODES].append((clock, frame, start))
 
     def change_law(self, clock: float, frame: int, change: dict[str, Any]) -> None:
         """Take up another law, under which this frame is the first one."""
-        self._changes.append((clock, frame, change))
+        self._rows[layout.CHANGES].append((clock, frame, change))
 
     def end_step(self, clock: float, frame: int, action: Any, reward: Any, ended: tuple[bool, bool]) -> None:
         """Take up an environment step that ends with this frame."""
@@ -59,20 +43,16 @@ class EpisodeMarks:
             "terminated": bool(terminated),
             "truncated": bool(truncated),
         }
-        self._steps.append((clock, frame, step))
+        self._rows[layout.STEPS].append((clock, frame, step))
 
     def send(self, stream: Any) -> None:
         """Send what was added to a rerun stream."""
-        for path, kind, names, rows in (
-            (EPISODES, EPISODE, EPISODE_COLUMNS, self._starts),
-            (STEPS, TAKEN, STEP_COLUMNS, self._steps),
-            (CHANGES, CHANGE, CHANGE_COLUMNS, self._changes),
-        ):
+        for path, rows in self._rows.items():
             if rows:
-                clocks, frames, cells = zip(*rows, strict=True)
+                (kind, names), (clocks, frames, cells) = layout.MARKED[path], zip(*rows, strict=True)
                 columns = [Column(f"{kind}:{name}", what, [c[name] for c in cells]) for name, what in names.items()]
                 stream.send_columns(path, time_columns(clocks, frames), columns, strict=True)
-        self._starts, self._steps, self._changes = [], [], []
+                rows.clear()
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,13 +121,13 @@ def read_episodes(entities: dict[str, Entity], time: np.ndarray, scene: str | No
     n = len(time)
     if not n:
         return ()
-    entity = entities.get(EPISODES)
+    entity = entities.get(layout.EPISODES)
     if entity is None:
         first = np.flatnonzero(np.diff(time, prepend=np.inf) <= 0)
         starts: list[dict[str, Any]] = [{"number": number} for number in range(len(first))]
     else:
         first = entity.step
-        cells = {name: entity.cells(f"{EPISODE}:{name}") for name in EPISODE_COLUMNS}
+        cells = {name: entity.cells(f"{layout.EPISODE}:{name}") for name in layout.EPISODE_COLUMNS}
         known = {name: row for name, row in cells.items() if row}  # files of older versions have less
         starts = [{name: row[i][0] if row[i] else None for name, row in known.items()} for i in range(len(first))]
     ends = np.append(first[1:], n)
@@ -160,18 +140,19 @@ def read_episodes(entities: dict[str, Entity], time: np.ndarray, scene: str | No
 
 def _episode(entities: dict[str, Entity], time: np.ndarray, start: dict[str, Any], begin: int, end: int) -> Episode:
     part = slice(begin, min(end, len(time)))
-    state, steps = entities.get(STATE), entities.get(STEPS)
+    state, steps = entities.get(layout.STATE), entities.get(layout.STEPS)
     length = len(time[part])
     qpos, qvel = (
-        np.zeros((length, 0)) if state is None else state.numbers(name)[: len(time)][part] for name in (QPOS, QVEL)
+        np.zeros((length, 0)) if state is None else state.numbers(name)[: len(time)][part]
+        for name in (layout.QPOS, layout.QVEL)
     )
-    taken: dict[str, list[Any]] = {name: [] for name in STEP_COLUMNS}
+    taken: dict[str, list[Any]] = {name: [] for name in layout.STEP_COLUMNS}
     frame = np.zeros(0, dtype=int)
     if steps is not None:
         mine = np.flatnonzero((steps.step >= begin) & (steps.step < part.stop))
         frame = steps.step[mine] - begin
-        for name in STEP_COLUMNS:
-            cells = steps.cells(f"{TAKEN}:{name}")
+        for name in layout.STEP_COLUMNS:
+            cells = steps.cells(f"{layout.TAKEN}:{name}")
             taken[name] = [cells[i] if name == "action" else cells[i][0] for i in mine]
     last = [word for word in ("terminated", "truncated") if taken[word] and taken[word][-1]]
     generator, settings = start.get("generator"), json.loads(start.get("settings") or "{}")
@@ -191,7 +172,7 @@ def _episode(entities: dict[str, Entity], time: np.ndarray, start: dict[str, Any
         scene=start["scene"],
         contact_model=settings.get("contact_model"),
         made=json.loads(start.get("made") or "{}"),
-        law_changes=_law_changes(entities.get(CHANGES), begin, part.stop, frame),
+        law_changes=_law_changes(entities.get(layout.CHANGES), begin, part.stop, frame),
     )
 
 
@@ -199,7 +180,7 @@ def _law_changes(entity: Entity | None, begin: int, end: int, frame: np.ndarray)
     """Return the changes between two frames of a recording, in an episode whose environment steps end with frames."""
     if entity is None:
         return ()
-    laws, values = (entity.cells(f"{CHANGE}:{name}") for name in CHANGE_COLUMNS)
+    laws, values = (entity.cells(f"{layout.CHANGE}:{name}") for name in layout.CHANGE_COLUMNS)
     found = []
     for i in np.flatnonzero((entity.step >= begin) & (entity.step < end)):
         first = int(entity.step[i]) - begin
@@ -224,12 +205,15 @@ def episode_table(episodes: tuple[Episode, ...], collisions: pd.DataFrame) -> pd
     import pandas as pd
 
     counts = Counter(collisions["episode"].tolist())
-    columns = ["episode", "seed", "law", "frames", "steps", "duration", "return", "ended", "collisions"]
-    rows = [
-        [
-            e.number, e.seed, e.law, len(e.time), len(e.rewards), float(e.time[-1] - e.time[0]),
-            float(e.rewards.sum()) if len(e.rewards) else float("nan"), e.ended, counts[e.number],
-        ]
-        for e in episodes
-    ]  # fmt: skip
-    return pd.DataFrame(rows, columns=columns).astype({"seed": "Int64"})
+    columns = {
+        "episode": [e.number for e in episodes],
+        "seed": pd.array([e.seed for e in episodes], dtype="Int64"),
+        "law": [e.law for e in episodes],
+        "frames": [len(e.time) for e in episodes],
+        "steps": [len(e.rewards) for e in episodes],
+        "duration": [float(e.time[-1] - e.time[0]) for e in episodes],
+        "return": [float(e.rewards.sum()) if len(e.rewards) else float("nan") for e in episodes],
+        "ended": [e.ended for e in episodes],
+        "collisions": [counts[e.number] for e in episodes],
+    }
+    return pd.DataFrame(columns)

@@ -68,8 +68,7 @@ def body_names(model: mujoco.MjModel) -> list[str]:
 def _primitives(model: mujoco.MjModel, kind: str, geoms: np.ndarray) -> Any:
     import rerun as rr
 
-    names = geom_names(model)
-    size, center = model.geom_size[geoms], model.geom_pos[geoms]
+    names, size, center = geom_names(model), model.geom_size[geoms], model.geom_pos[geoms]
     axis = np.array([_rotation(model.geom_quat[geom])[:, 2] for geom in geoms])
     style: dict[str, Any] = {
         "quaternions": model.geom_quat[geoms][:, [1, 2, 3, 0]],
@@ -100,11 +99,8 @@ def _primitives(model: mujoco.MjModel, kind: str, geoms: np.ndarray) -> Any:
 def _surface(model: mujoco.MjModel, geom: int) -> Any:
     import rerun as rr
 
-    shape = int(model.geom_dataid[geom])
-    if int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_HFIELD):
-        corners, normals = _height_field(model, shape)
-    else:
-        corners, normals = _mesh(model, shape)
+    is_field = int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_HFIELD)
+    corners, normals = (_height_field if is_field else _mesh)(model, int(model.geom_dataid[geom]))
     rotation = _rotation(model.geom_quat[geom])
     return rr.Mesh3D(
         vertex_positions=corners @ rotation.T + model.geom_pos[geom],

@@ -35,32 +35,16 @@ EPISODE_COLUMNS = {"number": "int", "seed": "int"} | dict.fromkeys(("law", "gene
 CHANGES, CHANGE = "episodes/laws", "impactlaw.LawChange"
 CHANGE_COLUMNS = {"law": "text", "value": "text"}
 """A law that was set within an episode, at the first frame under it; ``value`` is JSON."""
+MARKED = {EPISODES: (EPISODE, EPISODE_COLUMNS), STEPS: (TAKEN, STEP_COLUMNS), CHANGES: (CHANGE, CHANGE_COLUMNS)}
 GEOMETRY_BODIES = "impactlaw.Geometry:bodies"
 COLLISION = "impactlaw.Collision"
 COLLISION_COLUMNS = {
-    "index": "int",
-    "episode": "int",
-    "step": "int",
-    "time": "float",
-    "law": "text",
-    "contacts": "texts",
-    "pre_contact_velocity": "floats",
-    "post_contact_velocity": "floats",
-    "impulse": "floats",
-    "topology": "floats",
-    "antidissipative": "bools",
-    "position": "vectors",
-    "normal": "vectors",
-    "intensity": "float",
-    "induced_impulse": "float",
-    "kinetic_energy": "float",
-    "energy_change": "float",
-    "kinematic_violation": "float",
-    "kinetic_violation": "float",
-    "energetic_violation": "float",
-    "residual": "float",
-    "delassus": "floats",
-}
+    "index": "int", "episode": "int", "step": "int", "time": "float", "law": "text", "contacts": "texts",
+    "pre_contact_velocity": "floats", "post_contact_velocity": "floats", "impulse": "floats", "topology": "floats",
+    "antidissipative": "bools", "position": "vectors", "normal": "vectors", "intensity": "float",
+    "induced_impulse": "float", "kinetic_energy": "float", "energy_change": "float", "kinematic_violation": "float",
+    "kinetic_violation": "float", "energetic_violation": "float", "residual": "float", "delassus": "floats",
+}  # fmt: skip
 """The collision table: what one cell is; plural means one value per contact. Floats are float64.
 
 ``delassus`` is G of the contacts, and of their rows of friction after these, (h + k, h + k), row by row; empty where
@@ -68,29 +52,19 @@ there are more than `MOST_COUPLED` rows, and in files of older versions, which h
 MOST_COUPLED = 64
 
 EXTRA_COLUMNS = {
-    "friction_contact": "ints",
-    "friction_impulse": "floats",
-    "pre_sliding_velocity": "floats",
-    "post_sliding_velocity": "floats",
-    "tangential_impulse": "vectors",
-    "restitution_scale": "float",
-    "surface_velocity": "floats",
-    "post_surface_velocity": "floats",
-    "surface_work": "float",
-    "pre_speed": "float",
+    "friction_contact": "ints", "friction_impulse": "floats", "pre_sliding_velocity": "floats",
+    "post_sliding_velocity": "floats", "tangential_impulse": "vectors", "restitution_scale": "float",
+    "surface_velocity": "floats", "post_surface_velocity": "floats", "surface_work": "float", "pre_speed": "float",
     "bilateral_rows": "int",
-}
+}  # fmt: skip
 """Columns that a file has only if a collision in it has friction, moving surfaces or bilateral constraints.
 
 Friction impulses (N s, or N m s) and sliding velocities (m/s, or rad/s) have one value per row of friction, which
 belongs to the contact ``friction_contact``; ``tangential_impulse`` is that of sliding, per contact, in the world frame.
 Of a collision without any of it a cell is empty, or has the value in `EXTRA_DEFAULTS`."""
 EXTRA_DEFAULTS: dict[str, float | int] = {
-    "restitution_scale": 1.0,
-    "surface_work": 0.0,
-    "pre_speed": float("nan"),
-    "bilateral_rows": 0,
-}
+    "restitution_scale": 1.0, "surface_work": 0.0, "pre_speed": float("nan"), "bilateral_rows": 0,
+}  # fmt: skip
 
 
 def cell_type(kind: str) -> pyarrow.DataType:

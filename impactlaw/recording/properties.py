@@ -38,9 +38,7 @@ def run_properties(
 
 def law_name(law: Any) -> str | None:
     """Return the law in one line: its repr, or the name it goes by."""
-    if law is None or isinstance(law, str):
-        return law
-    return " ".join(repr(law).split())
+    return law if law is None or isinstance(law, str) else " ".join(repr(law).split())
 
 
 def _plain(value: Any) -> Any:

@@ -182,9 +182,8 @@ def _collision_table(entity: Entity | None) -> pd.DataFrame:
         if not cells and entity is not None:  # a file of an older version
             cells = [None] * len(entity.step)
         default = layout.EXTRA_DEFAULTS.get(name)
-        values = (
-            [cell or [] for cell in cells] if kind.endswith("s") else [cell[0] if cell else default for cell in cells]
-        )
+        several = kind.endswith("s")
+        values = [(cell or []) if several else cell[0] if cell else default for cell in cells]
         table[name] = pd.Series(values, dtype={"int": "int64", "float": "float64"}.get(kind, "object"))
     return pd.DataFrame(table)
 

@@ -122,12 +122,11 @@ class Recorder:
             made: how the environment was made, plain values.
         """
         self._told = True
+        plain = {"generator": generator, "settings": settings, "made": made}
         self._coming = {
             "number": self._episode + 1 if number is None else int(number),
             "seed": None if seed is None else int(seed),
-            "generator": None if generator is None else json.dumps(dict(generator)),
-            "settings": None if settings is None else json.dumps(dict(settings)),
-            "made": None if made is None else json.dumps(dict(made)),
+            **{name: None if value is None else json.dumps(dict(value)) for name, value in plain.items()},
         }
 
     def change_law(self, law: Any, value: Any = None) -> None:

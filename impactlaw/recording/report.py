@@ -21,16 +21,11 @@ def describe(recording: Recording, *, limit: int = 50) -> str:
         recording: from `read_log`.
         limit: most episodes, and most collisions, listed.
     """
-    parts = [
-        _properties(recording),
-        _extent(recording),
-        _episodes(recording, limit),
-        "contacts\n" + _table(recording.contact_summary().reset_index()),
-        _violation(recording),
-        _collisions(recording.collisions, limit),
-    ]
-    if recording.collisions.empty:
-        parts[3:] = []
+    parts = [_properties(recording), _extent(recording), _episodes(recording, limit)]
+    if not recording.collisions.empty:
+        pairs = recording.contact_summary().reset_index()
+        parts += ["contacts\n" + _table(pairs, len(pairs)), _violation(recording)]
+        parts.append(_collisions(recording.collisions, limit))
     return "\n\n".join(part for part in parts if part)
 
 
@@ -61,8 +56,7 @@ def _episodes(recording: Recording, limit: int) -> str:
     shown = table.head(limit).fillna({"law": "-"})
     if not told:
         shown = shown.drop(columns=["steps", "return", "ended"])
-    left = len(table) - len(shown)
-    return "episodes\n" + _table(shown) + (f"\n... and {left} more" if left else "")
+    return "episodes\n" + _table(shown, len(table))
 
 
 def _violation(recording: Recording) -> str:
@@ -86,10 +80,10 @@ def _collisions(collisions: pd.DataFrame, limit: int) -> str:
         shown = shown.assign(friction=[sum(map(np.linalg.norm, cell)) for cell in shown["tangential_impulse"]])
         columns += ["friction", "restitution_scale"]
     columns += [name for name in ("surface_work", "bilateral_rows") if name in shown]
-    text = "collisions\n" + _table(shown.loc[:, columns], index=True)
-    left = len(collisions) - len(shown)
-    return text + (f"\n... and {left} more" if left else "")
+    return "collisions\n" + _table(shown.loc[:, columns], len(collisions), index=True)
 
 
-def _table(table: pd.DataFrame, *, index: bool = False) -> str:
-    return table.to_string(index=index, float_format=lambda x: f"{x:.6g}", max_colwidth=60)
+def _table(shown: pd.DataFrame, rows: int, *, index: bool = False) -> str:
+    """Return what is shown of a table with so many rows, and how many more there are."""
+    text = shown.to_string(index=index, float_format=lambda x: f"{x:.6g}", max_colwidth=60)
+    return text if len(shown) == rows else f"{text}\n... and {rows - len(shown)} more"

@@ -25,30 +25,20 @@ def blueprint(model: mujoco.MjModel) -> Any:
     azimuth, elevation = np.radians([model.vis.global_.azimuth, model.vis.global_.elevation])
     forward = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
     target = model.stat.center
-    eye = rrb.EyeControls3D(
-        position=target - _DISTANCE * model.stat.extent * np.array(forward), look_target=target, eye_up=[0, 0, 1]
-    )
+    place = target - _DISTANCE * model.stat.extent * np.array(forward)
+    eye = rrb.EyeControls3D(position=place, look_target=target, eye_up=[0, 0, 1])
 
+    shown, plots = (f"{SCENE}/**", CONTACTS, MARKS), [f"{COLLISIONS}/{name}" for name in PLOTTED]
+    columns = rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Spatial3DView(
-                name="scene",
-                origin="/",
-                contents=[f"+ {SCENE}/**", f"+ {CONTACTS}", f"+ {MARKS}"],
-                eye_controls=eye,
-                line_grid=False,
+                name="scene", origin="/", contents=[f"+ {path}" for path in shown], eye_controls=eye, line_grid=False
             ),
             rrb.Vertical(
                 rrb.TimeSeriesView(name="energy, J", origin="/", contents=[f"+ {ENERGY}"]),
-                rrb.TimeSeriesView(
-                    name="collisions", origin="/", contents=[f"+ {COLLISIONS}/{name}" for name in PLOTTED]
-                ),
-                rrb.TextLogView(
-                    name="collision log",
-                    origin="/",
-                    contents=[f"+ {COLLISIONS}"],
-                    columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]),
-                ),
+                rrb.TimeSeriesView(name="collisions", origin="/", contents=[f"+ {path}" for path in plots]),
+                rrb.TextLogView(name="collision log", origin="/", contents=[f"+ {COLLISIONS}"], columns=columns),
             ),
             column_shares=[3, 2],
         ),

@@ -34,6 +34,9 @@ def workers(backend: str, address: str | None, jobs: int) -> Iterator[Callable[[
         raise StudyError(f"jobs must be 1 or more, or -1 for one per processor, got {jobs!r}")
     if address is not None and backend not in (DASK, RAY):
         raise StudyError(f"an address means nothing to {backend!r}; it is that of a cluster of {DASK!r} or {RAY!r}")
+    module = {DASK: "distributed", RAY: "ray"}.get(backend)
+    if module is not None and importlib.util.find_spec(module) is None:
+        raise MissingExtraError(f"the backend {backend!r}", module, "cluster")
     with ExitStack() as stack:
         if backend == DASK:
             stack.enter_context(_dask(address, jobs))
@@ -88,7 +91,6 @@ def _end_silently() -> None:
 
 @contextmanager
 def _dask(address: str | None, jobs: int) -> Iterator[None]:
-    _needs("distributed", DASK)
     from distributed import Client
 
     local: dict[str, Any] = {"threads_per_worker": 1, "dashboard_address": None}
@@ -105,7 +107,6 @@ def _dask(address: str | None, jobs: int) -> Iterator[None]:
 @contextmanager
 def _ray(address: str | None, jobs: int) -> Iterator[Callable[[Jobs], Iterator[Any]]]:
     """Use Ray's own pool: its backend for joblib gives results only when all are done."""
-    _needs("ray", RAY)
     import ray
     from ray.util.multiprocessing import Pool
 
@@ -126,8 +127,3 @@ def _ray(address: str | None, jobs: int) -> Iterator[Callable[[Jobs], Iterator[A
 
 def _call(call: Callable[[], Any]) -> Any:
     return call()
-
-
-def _needs(module: str, backend: str) -> None:
-    if importlib.util.find_spec(module) is None:
-        raise MissingExtraError(f"the backend {backend!r}", module, "cluster")

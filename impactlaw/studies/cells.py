@@ -7,9 +7,11 @@ import importlib.metadata
 import json
 import threading
 import traceback
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +28,20 @@ _ALONE = threading.Lock()  # torch draws from one generator per process, and thr
 _VERSIONS = {name: importlib.metadata.version(name) for name in ("impactlaw", "mujoco")}
 
 
+class _Keyed(ABC):
+    @property
+    @abstractmethod
+    def settings(self) -> dict[str, Any]:
+        """All that the result depends on, as plain values."""
+
+    @property
+    def key(self) -> str:
+        """A digest of the settings."""
+        return hashlib.sha256(json.dumps(self.settings, sort_keys=True).encode()).hexdigest()[:20]
+
+
 @dataclass(frozen=True)
-class Training:
+class Training(_Keyed):
     """A policy that is to be trained.
 
     Attributes:
@@ -46,11 +60,6 @@ class Training:
         how = {"environments": ENVIRONMENTS, **PPO_SETTINGS}
         return {"training": self.conditions.settings(), "steps": self.steps, "seed": self.seed, **how, **_VERSIONS}
 
-    @property
-    def key(self) -> str:
-        """A digest of the settings."""
-        return digest(self.settings)
-
     def work(self) -> bytes:
         """Train."""
         return train(self.conditions, self.steps, training_seed(self.seed))
@@ -61,7 +70,7 @@ class Training:
 
 
 @dataclass(frozen=True)
-class Cell:
+class Cell(_Keyed):
     """Episodes of a policy under a law.
 
     Attributes:
@@ -84,11 +93,6 @@ class Cell:
         policy = self.policy.settings if self.training is None else self.training.settings
         acting = {"acting": self.conditions.settings(), "policy": policy}
         return acting | {"seed": self.seed, "episodes": self.episodes, **_VERSIONS}
-
-    @property
-    def key(self) -> str:
-        """A digest of the settings."""
-        return digest(self.settings)
 
     def names(self) -> dict[str, Any]:
         """Return the columns of the table that say which cell it is."""
@@ -121,14 +125,12 @@ def cells_of(study: Study) -> Iterator[Cell]:
         MissingExtraError: a policy needs a package that is not installed.
     """
     for task in study.tasks:
-        for scheme in study.schemes or (usual_scheme(task),):
-            for name in study.policies:
-                for policy in policies_of(name, task, scheme, study.train_laws):
-                    for law in study.act_laws:
-                        for seed in study.seeds:
-                            under = policy.training
-                            training = None if under is None else Training(under, study.training_steps, seed)
-                            yield Cell(Conditions(task, law, scheme), policy, seed, study.episodes, training)
+        for scheme, name in product(study.schemes or (usual_scheme(task),), study.policies):
+            policies = policies_of(name, task, scheme, study.train_laws)
+            for policy, law, seed in product(policies, study.act_laws, study.seeds):
+                under = policy.training
+                training = None if under is None else Training(under, study.training_steps, seed)
+                yield Cell(Conditions(task, law, scheme), policy, seed, study.episodes, training)
 
 
 def attempt(key: str, name: str, work: Callable[[], Any]) -> tuple[str, Any, str | None]:
@@ -151,8 +153,3 @@ def job(of: Training | Cell, trained: bytes | None = None) -> Callable[[], tuple
     """Return what a worker is to call."""
     work = partial(of.work, trained) if isinstance(of, Cell) else of.work
     return partial(attempt, of.key, str(of), work)
-
-
-def digest(settings: dict[str, Any]) -> str:
-    """Return the key of settings."""
-    return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:20]

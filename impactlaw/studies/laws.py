@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 from impactlaw.envs.law_distribution import LawDistribution
@@ -83,9 +84,8 @@ def read_law(text: str) -> StatedLaw:
         taking = [law for law in laws if law not in (_SCENE, MUJOCO) and takes_restitution(law)]
         if not taking:
             raise StudyError(f"{text!r}: {names} takes no restitution")
-        for law in taking:
-            for e in restitution:
-                make_law(law, e)
+        for law, e in product(taking, restitution):
+            make_law(law, e)  # which refuses what does not fit
     return StatedLaw(text, laws, restitution)
 
 

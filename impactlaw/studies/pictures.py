@@ -16,7 +16,6 @@ _MARGIN = 0.9  # inches, for the axis' name and the title
 
 def draw(matrix: TransferMatrix, path: Path) -> None:
     """Write the picture as PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     shown, (rows, columns) = matrix.shown(), matrix.score.shape
@@ -24,7 +23,6 @@ def draw(matrix: TransferMatrix, path: Path) -> None:
     below = 0.065 * max(len(str(name)) for name in matrix.score.columns)
     width = len(shown) * max(columns * _CELL[0], 3.2) + beside + 2 * _MARGIN
     figure = Figure(figsize=(width, rows * _CELL[1] + below + 2 * _MARGIN), layout="constrained")
-    FigureCanvasAgg(figure)
     figure.suptitle(matrix.title(), fontsize=11)
     panels = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
     _panel(panels[0], matrix.score, shown["score"], "score", "viridis")

@@ -45,15 +45,9 @@ def play(conditions: Conditions, begin: Callable[[], Callable[[Any], Any]], seed
     finally:
         env.close()
     returns, steps, collisions, diverged = episodes.T
-    return {
-        "score": float(returns.mean()),
-        "deviation": float(returns.std()),
-        "lowest": float(returns.min()),
-        "highest": float(returns.max()),
-        "steps": float(steps.mean()),
-        "collisions": float(collisions.mean()),
-        "diverged": float(diverged.sum()),
-    }
+    found = {"score": returns.mean(), "deviation": returns.std(), "lowest": returns.min(), "highest": returns.max()}
+    found |= {"steps": steps.mean(), "collisions": collisions.mean(), "diverged": diverged.sum()}
+    return {name: float(value) for name, value in found.items()}
 
 
 def _episode(env: gymnasium.Env, act: Callable[[Any], Any], seed: int) -> tuple[float, int, float, float]:

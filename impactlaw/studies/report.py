@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pandas as pd
@@ -21,11 +22,9 @@ def report(table: pd.DataFrame, folder: Path) -> str:
     try:
         (folder / "transfer.md").write_text("\n".join(m.to_markdown() for m in matrices), encoding="utf-8")
         pd.concat([m.to_frame() for m in matrices]).to_csv(folder / "transfer.csv", index=False)
-        pictures = []
-        for matrix in matrices:
-            name = f"{matrix.task}-{matrix.scheme}.png".replace("/", "-").replace(":", "-")
+        pictures = [re.sub("[/:]", "-", f"{matrix.task}-{matrix.scheme}.png") for matrix in matrices]
+        for matrix, name in zip(matrices, pictures, strict=True):
             draw(matrix, folder / name)
-            pictures.append(name)
     except OSError as error:
         raise StudyError(f"cannot write into {folder}: {error.strerror}") from None
     text = "\n\n".join(map(str, matrices))

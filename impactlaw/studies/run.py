@@ -71,21 +71,12 @@ def run(
 
 def _check(cells: Iterable[Cell]) -> None:
     """Make each environment of the study once, and take a step: what does not fit is refused before anything runs."""
-    conditions = {}
-    for cell in cells:
-        for one in (cell.conditions, cell.training and cell.training.conditions):
-            if one is not None:
-                conditions[str(one.settings())] = one
-    for one in conditions.values():
+    each = (part.conditions for cell in cells for part in (cell, cell.training) if part is not None)
+    for one in {str(one.settings()): one for one in each}.values():
         env = one.make()
         env.reset(seed=0)
         env.step(env.action_space.sample())
         env.close()
-
-
-def _trained(cell: Cell, store: Store) -> bytes | None:
-    path = None if cell.training is None else store.policy(cell.training.key)
-    return None if path is None else path.read_bytes()
 
 
 def _finish(
@@ -94,16 +85,19 @@ def _finish(
     """Let all of these be done, keep what comes, and return how some have failed."""
     from impactlaw.studies.cells import Cell, job
 
-    jobs = (job(one, _trained(one, store)) if isinstance(one, Cell) else job(one) for one in todo.values())
+    def job_of(one: Cell | Training) -> Callable[[], Any]:
+        path = store.policy(one.training.key) if isinstance(one, Cell) and one.training else None
+        return job(one, path and path.read_bytes())
+
+    jobs = map(job_of, todo.values())
     failed = []
     for key, result, failure in results_of(jobs):
         bar.update()
         if failure is not None:
             failed.append(failure)
-        elif isinstance(todo[key], Cell):
-            store.keep_row(key, todo[key].settings, result)
         else:
-            store.keep_policy(key, todo[key].settings, result)
+            keep = store.keep_row if isinstance(todo[key], Cell) else store.keep_policy
+            keep(key, todo[key].settings, result)
     return failed
 
 

@@ -26,11 +26,11 @@ class Store:
 
     def __init__(self, folder: Path):
         self.folder = folder
-        for name in ("cells", "policies"):
-            try:
+        try:
+            for name in ("cells", "policies"):
                 (folder / name).mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise StudyError(f"cannot write into {folder}: {error.strerror}") from None
+        except OSError as error:
+            raise StudyError(f"cannot write into {folder}: {error.strerror}") from None
 
     def row(self, key: str) -> dict[str, Any] | None:
         """Return the row of a finished cell, or None.

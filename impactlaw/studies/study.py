@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 from impactlaw.errors import StudyError, UnknownNameError
@@ -52,9 +52,8 @@ class Study:
     steps: int | None = None
 
     def __post_init__(self):
-        for field in fields(self):
-            if field.name not in ("episodes", "steps"):
-                self._check_several(field.name)
+        for name in ("tasks", "act", "train", "policies", "schemes", "seeds"):
+            self._check_several(name)
         for scheme in self.schemes:
             if scheme not in get_args(Scheme):
                 raise UnknownNameError("scheme", scheme, get_args(Scheme))

@@ -139,19 +139,10 @@ def _matrix(
     regret_half = half_interval(difference, confidence)
     regret_half[mean.argmax(axis=0), np.arange(len(columns))] = math.nan
 
-    def frame(values: np.ndarray) -> pd.DataFrame:
-        return pd.DataFrame(values, index=pd.Index(rows, name="policy"), columns=pd.Index(columns, name="acted_under"))
-
-    return TransferMatrix(
-        task=task,
-        scheme=scheme,
-        score=frame(mean),
-        half=frame(half_interval(scores, confidence)),
-        regret=frame(difference.mean(axis=2)),
-        regret_half=frame(regret_half),
-        seeds=scores.shape[2],
-        confidence=confidence,
-    )
+    values = mean, half_interval(scores, confidence), difference.mean(axis=2), regret_half
+    named = pd.Index(rows, name="policy"), pd.Index(columns, name="acted_under")
+    frames = {name: pd.DataFrame(value, *named) for name, value in zip(_NUMBERS, values, strict=True)}
+    return TransferMatrix(task=task, scheme=scheme, **frames, seeds=scores.shape[2], confidence=confidence)
 
 
 def half_interval(values: np.ndarray, confidence: float) -> np.ndarray:

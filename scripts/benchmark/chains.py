@@ -6,8 +6,6 @@ law's own preparations are; forming G and the programs' matrices is not. Residua
 natural map of the law's own complementarity.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time
@@ -26,6 +24,7 @@ import scipy.sparse as sp
 
 from impactlaw import Collision, Impact, Moreau
 
+from .laws import fresh
 from .timing import in_turns
 
 TOLERANCE = 1e-9
@@ -148,10 +147,7 @@ def _rows(study: ChainCost, problem: Chain, start: str, h: int) -> list[dict[str
 
 def _law(problem: Chain) -> Impact:
     """Resolve a collision of which M, J, v-, Y and R^T v- are known: v+ and its certificate."""
-    c = problem.collision
-    known = Collision(c.mass_matrix, c.jacobian, c.pre_velocity, labels=c.labels, metric=c.metric)
-    known.__dict__.update(whitened_jacobian=c.whitened_jacobian, whitened_velocity=c.whitened_velocity)
-    return Moreau(_RESTITUTION).resolve(known)
+    return Moreau(_RESTITUTION).resolve(fresh(problem.collision))
 
 
 def _osqp(program: Program, form: str) -> np.ndarray | str:

@@ -4,8 +4,6 @@ What is compared takes the same steps again and again, in one process, in turns 
 time of each piece counts: what other processes take from the machine is left out.
 """
 
-from __future__ import annotations
-
 import copy
 import time
 from collections.abc import Callable
@@ -22,6 +20,7 @@ from gymnasium.vector import VectorEnv
 
 from impactlaw import Moreau, Stepper
 from impactlaw.envs import ImpactLaw
+from scripts.robots.starts import controls
 
 from .timing import MICRO, no_collection
 
@@ -48,8 +47,8 @@ def run(study: WrapperCost, progress: Callable[[], object] = lambda: None) -> pd
     """Return one row per environment: microseconds of a step, plain and wrapped, their ratio, collisions per step."""
     rows = []
     for name in study.wrapped:
-        envs: dict[str, Any] = {"plain": gymnasium.make(name)}
-        envs["wrapped"] = ImpactLaw(gymnasium.make(name), "moreau", study.restitution)
+        wrapped = ImpactLaw(gymnasium.make(name), "moreau", study.restitution)
+        envs: dict[str, Any] = {"plain": gymnasium.make(name), "wrapped": wrapped}
         envs["plain"].action_space.seed(0)
         actions = [envs["plain"].action_space.sample() for _ in range(study.steps)]
         best = {kind: np.full(-(-study.steps // _PIECE), np.inf) for kind in envs}
@@ -136,16 +135,15 @@ def _robot(name: str) -> mujoco.MjModel:
 
 def _drive(model: mujoco.MjModel, step: Callable[[mujoco.MjData], object], steps: int) -> float:
     """Return the microseconds of a step; controls are random in their range, and the same each time."""
-    data, limited = mujoco.MjData(model), model.actuator_ctrllimited.astype(bool)
-    low, high = np.where(limited, model.actuator_ctrlrange.T, [[-1.0], [1.0]])
-    controls = np.random.default_rng(0).uniform(low, high, (-(-steps // _HELD), model.nu))
+    data = mujoco.MjData(model)
+    told = controls(model, "random", data.ctrl, -(-steps // _HELD), 0)
     with no_collection():
         start = time.perf_counter()
-        for control in controls:
+        for control in told:
             data.ctrl[:] = control
             for _ in range(_HELD):
                 step(data)
-        return MICRO * (time.perf_counter() - start) / (len(controls) * _HELD)
+        return MICRO * (time.perf_counter() - start) / (len(told) * _HELD)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,7 +1,5 @@
 """The acceptance lines: each goal the project has set itself, the number measured, and whether it is met."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -69,7 +67,7 @@ def goals(tables: dict[str, pd.DataFrame]) -> list[Goal]:
 
 def records(table: Table) -> list[dict[str, Any]]:
     """Return one dictionary per row."""
-    return [{str(name): value for name, value in row.items()} for row in table.to_dict("records")]
+    return table.to_dict("records")
 
 
 def as_table(lines: list[Goal]) -> pd.DataFrame:
@@ -154,9 +152,8 @@ def _robot_goals(table: Table) -> Iterator[Goal]:
 
 def _heap_goals(table: Table) -> Iterator[Goal]:
     for row in records(table):
-        yield _most(
-            f"soft step <= {HEAP_RATIO:g} x mj_step, {row['bodies']} bodies in a heap", row["ratio"], HEAP_RATIO
-        )
+        name = f"soft step <= {HEAP_RATIO:g} x mj_step, {row['bodies']} bodies in a heap"
+        yield _most(name, row["ratio"], HEAP_RATIO)
 
 
 def _task_goals(table: Table) -> Iterator[Goal]:

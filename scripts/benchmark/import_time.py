@@ -1,7 +1,5 @@
 """What ``import impactlaw`` adds to ``import mujoco``, in fresh processes, and which large packages it loads."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -11,18 +9,8 @@ from dataclasses import dataclass
 import pandas as pd
 
 HEAVY = (
-    "scipy.linalg",
-    "scipy.sparse",
-    "scipy.sparse.csgraph",
-    "scipy.optimize",
-    "scipy.spatial",
-    "pandas",
-    "matplotlib",
-    "rerun",
-    "gymnasium",
-    "dm_control",
-    "osqp",
-    "daqp",
+    *("scipy.linalg", "scipy.sparse", "scipy.sparse.csgraph", "scipy.optimize", "scipy.spatial"),
+    *("pandas", "matplotlib", "rerun", "gymnasium", "dm_control", "osqp", "daqp"),
 )
 _CODE = f"""
 import json, sys, time
@@ -50,8 +38,7 @@ def run(study: ImportTime, progress: Callable[[], object] = lambda: None) -> pd.
     """Return one row per process: mujoco_s, added_s, how many modules impactlaw loads, and the heavy ones of them."""
     rows = []
     for _ in range(study.processes):
-        done = subprocess.run([sys.executable, "-c", _CODE], capture_output=True, text=True, check=True)
-        row = json.loads(done.stdout)
+        row = json.loads(subprocess.check_output([sys.executable, "-c", _CODE], text=True))
         rows.append(row | {"heavy": " ".join(row["heavy"])})
         progress()
     return pd.DataFrame(rows)

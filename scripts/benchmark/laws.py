@@ -5,8 +5,6 @@ velocities, the target, the certificate) is in the time "law". Bare NNLS gets th
 nothing, and its answer is not checked.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -107,8 +105,9 @@ def _resolve_and_audit(law: Law, collision: Collision) -> tuple[Impact, float]:
 
 def fresh(collision: Collision) -> Collision:
     """Return a collision that knows M, J, v-, Y and R^T v-, and has not yet derived anything from them."""
-    known = Collision(collision.mass_matrix, collision.jacobian, collision.pre_velocity, metric=collision.metric)
-    known.__dict__.update(whitened_jacobian=collision.whitened_jacobian, whitened_velocity=collision.whitened_velocity)
+    c = collision
+    known = Collision(c.mass_matrix, c.jacobian, c.pre_velocity, labels=c.labels, metric=c.metric)
+    known.__dict__.update(whitened_jacobian=c.whitened_jacobian, whitened_velocity=c.whitened_velocity)
     return known
 
 
@@ -116,8 +115,6 @@ def problem(law: Law, collision: Collision) -> Problem:
     """Return the law's problem, with the d of bare NNLS: the law's own one, or a least-squares one."""
     wanted, _, coefficient = law.target(collision)
     c, Y = wanted - collision.pre_contact_velocity, collision.whitened_jacobian
-    if coefficient is not None:
-        d = -(1.0 + coefficient) * collision.whitened_velocity
-    else:
-        d = np.linalg.lstsq(Y, c, rcond=None)[0]
+    common = coefficient is not None
+    d = -(1.0 + coefficient) * collision.whitened_velocity if common else np.linalg.lstsq(Y, c, rcond=None)[0]
     return Problem(Y, c, d, collision.pre_speed, norms=collision.gradient_norms)

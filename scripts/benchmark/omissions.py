@@ -3,8 +3,6 @@
 The trial of the last contact forces, which leaves out contacts while nothing moves, is taken away instead.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -40,8 +38,8 @@ class Omissions:
     """Which scenes, how many steps from the start, for how long each."""
 
     scenes: tuple[str, ...] = (
-        *("pendulum", "bouncing_ball", "cradle 5", "box_drop", "box at rest", "billiard_rack", "juggler"),
-    )
+        "pendulum", "bouncing_ball", "cradle 5", "box_drop", "box at rest", "billiard_rack", "juggler",
+    )  # fmt: skip
     """Names from `benchmark_scenes`, or "pendulum", which nothing can touch."""
     steps: int = 100
     """Timesteps of each run, from the start."""

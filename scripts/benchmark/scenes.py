@@ -1,9 +1,8 @@
 """The scenes whose steps are timed: models, starts, laws and inputs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import gymnasium
@@ -74,21 +73,16 @@ def builders(sizes: tuple[int, ...], environments: tuple[str, ...], *, full: boo
         environments: ids of gymnasium's.
         full: with every scene of models/, and cradle and box with both integrators.
     """
-    found: dict[str, Callable[[], Scene]] = {}
-    for n in sizes:
-        found[f"cradle {n}"] = lambda n=n: _cradle(n)
-    found["box at rest"] = lambda: _own("box_drop", name="box at rest", resting=True)
-    found["64 coplanar"] = _coplanar
-    for scene in scene_names() if full else ("box_drop", "billiard_rack"):
-        found[scene] = lambda scene=scene: _own(scene)
+    box = partial(_own, "box_drop", name="box at rest", resting=True)
+    found: dict[str, Callable[[], Scene]] = {f"cradle {n}": partial(_cradle, n) for n in sizes}
+    found |= {"box at rest": box, "64 coplanar": _coplanar}
+    found |= {name: partial(_own, name) for name in (scene_names() if full else ("box_drop", "billiard_rack"))}
     if full:
-        found["ball stack at rest"] = lambda: _own("ball_stack", name="ball stack at rest", resting=True)
+        found["ball stack at rest"] = partial(_own, "ball_stack", name="ball stack at rest", resting=True)
         found["cradle 5, Euler"] = lambda: _with_euler(_cradle(5))
         found["box_drop, Euler"] = lambda: _with_euler(_own("box_drop"))
-        found["box at rest, Euler"] = lambda: _with_euler(_own("box_drop", name="box at rest", resting=True))
-    for environment in environments:
-        found[environment] = lambda environment=environment: _environment(environment)
-    return found
+        found["box at rest, Euler"] = lambda: _with_euler(box())
+    return found | {name: partial(_environment, name) for name in environments}
 
 
 def _own(scene: str, *, name: str = "", resting: bool = False) -> Scene:
@@ -136,16 +130,9 @@ def _environment(name: str, episodes: int = 5) -> Scene:
         env.reset(seed=seed)
         starts.append((_within_limits(model, data.qpos), data.qvel.copy()))
     low, high = model.actuator_ctrlrange.T
-    held = np.random.default_rng(0).uniform(low, high, (_STEPS // HELD, model.nu))
-    return Scene(
-        name=name,
-        model=model,
-        law=Moreau(0.5),
-        starts=tuple(starts),
-        episode=_STEPS,
-        friction="ignore",
-        controls=np.repeat(held, HELD, axis=0),
-    )
+    held = np.repeat(np.random.default_rng(0).uniform(low, high, (_STEPS // HELD, model.nu)), HELD, axis=0)
+    options = {"name": name, "model": model, "law": Moreau(0.5), "starts": tuple(starts), "controls": held}
+    return Scene(**options, episode=_STEPS, friction="ignore")
 
 
 def _within_limits(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:

@@ -1,7 +1,5 @@
 """Timing of several calls against each other in one process: in turns, so that what slows one slows all."""
 
-from __future__ import annotations
-
 import gc
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -3,8 +3,6 @@
 Batches take the same random controls in turns. MuJoCo's is run as the model is shipped and with its Euler integrator.
 """
 
-from __future__ import annotations
-
 import copy
 import json
 import os
@@ -14,6 +12,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -103,30 +102,25 @@ def run(study: Worlds, progress: Callable[[], object] = lambda: None) -> pd.Data
     rows = []
     for task in study.tasks:
         model: Any = gymnasium.make(task).unwrapped.model  # pyright: ignore[reportAttributeAccessIssue]
-        for worlds in study.counts:
-            for threads in study.threads:
-                before = _resident()
-                batches, rng = _batches(model, study, worlds, threads), np.random.default_rng(0)
-                seconds: dict[str, list[float]] = {name: [] for name in batches}
-                for call in range(2 * study.calls):
-                    controls = rng.uniform(-1.0, 1.0, (worlds, model.nu))
-                    for name, batch in batches.items():
-                        batch.bind("ctrl")[:] = controls
-                        start = time.perf_counter()
-                        batch.step(nstep=_TIMESTEPS)
-                        if call >= study.calls:
-                            seconds[name].append(time.perf_counter() - start)
-                rate = {name: worlds * _TIMESTEPS / float(np.median(taken)) for name, taken in seconds.items()}
-                row = {"task": task, "worlds": worlds, "threads": threads, "steps_per_s": rate[OURS]}
-                shipped = (
-                    np.nan
-                    if model.opt.integrator == int(mujoco.mjtIntegrator.mjINT_EULER)
-                    else rate[OURS] / rate[SHIPPED]
-                )
-                row |= {"to_shipped": shipped, "to_euler": rate[OURS] / rate[EULER]}
-                row |= {"soft_to_shipped": rate[SOFT] / rate[SHIPPED]}
-                rows.append(row | {"all_four_mb": _resident() - before})
-                progress()
+        for worlds, threads in product(study.counts, study.threads):
+            before = _resident()
+            batches, rng = _batches(model, study, worlds, threads), np.random.default_rng(0)
+            seconds: dict[str, list[float]] = {name: [] for name in batches}
+            for call in range(2 * study.calls):
+                controls = rng.uniform(-1.0, 1.0, (worlds, model.nu))
+                for name, batch in batches.items():
+                    batch.bind("ctrl")[:] = controls
+                    start = time.perf_counter()
+                    batch.step(nstep=_TIMESTEPS)
+                    if call >= study.calls:
+                        seconds[name].append(time.perf_counter() - start)
+            rate = {name: worlds * _TIMESTEPS / float(np.median(taken)) for name, taken in seconds.items()}
+            row = {"task": task, "worlds": worlds, "threads": threads, "steps_per_s": rate[OURS]}
+            euler = model.opt.integrator == int(mujoco.mjtIntegrator.mjINT_EULER)
+            row |= {"to_shipped": np.nan if euler else rate[OURS] / rate[SHIPPED]}
+            row |= {"to_euler": rate[OURS] / rate[EULER], "soft_to_shipped": rate[SOFT] / rate[SHIPPED]}
+            rows.append(row | {"all_four_mb": _resident() - before})
+            progress()
     return pd.DataFrame(rows)
 
 
@@ -156,9 +150,7 @@ def run_compiling(study: Compiling, progress: Callable[[], object] = lambda: Non
     with tempfile.TemporaryDirectory() as cache:
         for number in range(1 + study.loads):
             environment = inherited | {"NUMBA_CACHE_DIR": cache, "PYTHONPYCACHEPREFIX": cache}
-            done = subprocess.run(
-                [sys.executable, "-c", _COMPILE], capture_output=True, text=True, check=True, env=environment
-            )
-            rows.append({"process": "compiles" if number == 0 else "loads", "processor_s": json.loads(done.stdout)})
+            seconds = json.loads(subprocess.check_output([sys.executable, "-c", _COMPILE], text=True, env=environment))
+            rows.append({"process": "compiles" if number == 0 else "loads", "processor_s": seconds})
             progress()
     return pd.DataFrame(rows)

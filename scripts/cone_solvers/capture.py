@@ -4,8 +4,6 @@ A scene is stepped from drops and with random controls, with e = 0 and 0.5, unde
 the scheme hands to its solver is copied. Problems that no impulse solves already are left out.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -57,15 +55,12 @@ def problems_of_run(
     """Return the problems of one run, whose number decides about restitution and controls."""
     model = loaded.model
     data = _start(scene, loaded, rng)
-    law = Moreau((0.0, 0.5)[run % 2])
-    stepper = Stepper(
-        model, law, scheme="time-stepping", friction=friction, overlap="push-out", compiled="never"
-    )  # whose problems Python sees
+    options: dict[str, Any] = {"scheme": "time-stepping", "friction": friction, "overlap": "push-out"}
+    stepper = Stepper(model, Moreau((0.0, 0.5)[run % 2]), compiled="never", **options)  # whose problems Python sees
     steps, between = (_STEPS, _BETWEEN) if model.nv < _MANY else (_FEW_STEPS, _FEW_BETWEEN)
     kind = "drop" if run // 2 % 2 or not model.nu else "random"
     controls = starts.controls(model, kind, data.ctrl.copy(), -(-steps // starts.HELD), int(rng.integers(1 << 31)))
-    taken: list[Problem] = []
-    seen: list[Problem] = []
+    taken, seen = list[Problem](), list[Problem]()
     due = int(rng.integers(*between))
     with _watched(lambda arguments: seen.append(problem_of(scene.name, arguments))):
         for step in range(steps):

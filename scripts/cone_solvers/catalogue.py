@@ -1,13 +1,9 @@
 """The fifteen scenes: what the package, its dependencies and its development tools ship, two of them built here."""
 
-from __future__ import annotations
-
-import importlib.util
-
 import mujoco
 
 from impactlaw import models
-from scripts.robots.scenes import NEEDS, Loaded, Scene, load
+from scripts.robots.scenes import Loaded, Scene, installed, load
 
 QUICK = ("Hopper-v5", "Ant-v5", "Humanoid-v5", "dm/stacker", "box_drop")
 _GYMNASIUM = ("Hopper", "Walker2d", "HalfCheetah", "Ant", "Humanoid")
@@ -24,10 +20,7 @@ def catalogue() -> list[Scene]:
     known += [Scene("HandManipulateBlock", "gymnasium-robotics", "HandManipulateBlock")]
     known += [Scene(name, "file", str(models.scene_path(name))) for name in _OWN]
     known += [Scene(name, "built", name, raised=0.0) for name in _BUILT]
-    missing = {source for source, package in NEEDS.items() if importlib.util.find_spec(package) is None}
-    for source in sorted(missing & {scene.source for scene in known}):
-        print(f"{source} is not installed: its scenes are left out")
-    return [scene for scene in known if scene.source not in missing]
+    return installed(known, {scene.source for scene in known})
 
 
 def load_with_friction(scene: Scene) -> Loaded:

@@ -5,8 +5,6 @@ The convex relaxation is ``min |z|^2 / 2 + |w|^2 / 2 + bound^T |u|`` over whiten
 correction ``s = |u_t|`` is added to b, held in every program, and taken anew from its solution.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Any
 

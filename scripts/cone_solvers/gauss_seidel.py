@@ -4,8 +4,6 @@
 contact and its friction, a quadratic problem on a disc, are solved in turn until they agree. Exact friction only.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

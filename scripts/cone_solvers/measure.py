@@ -1,7 +1,5 @@
 """Every problem by every solver, from the guess and from rest."""
 
-from __future__ import annotations
-
 import statistics
 import time
 from collections.abc import Iterator

@@ -4,8 +4,6 @@
 2024.) Pinocchio orders the rows of a contact tangents first; its coefficients of friction are 1, ours are in the rows.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from importlib import import_module
 from typing import Any

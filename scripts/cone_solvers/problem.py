@@ -4,8 +4,6 @@
 impulses x are in sqrt(J), and solvers can be compared whatever the units of a scene are.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any

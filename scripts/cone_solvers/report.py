@@ -1,7 +1,5 @@
 """The study's tables: by solver, and by scene for ours; as text on the screen, as files in full."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -36,17 +34,11 @@ def by_solver(table: pd.DataFrame) -> pd.DataFrame:
     own = table.loc[table.solver == COMPILED].set_index(["problem", "start"]).us
     told = table.assign(ours=own.reindex(pd.MultiIndex.from_arrays([table.problem, table.start])).to_numpy())
     columns: dict[str, Any] = {"n": ("us", "size")}
-    columns |= {
-        "<= 1e-8 %": ("missed", _share(SOLVED)),
-        "<= 1e-10 %": ("missed", _share(SHARP)),
-        "us p50": ("us", "median"),
-    }
+    columns |= {"<= 1e-8 %": ("missed", _share(SOLVED)), "<= 1e-10 %": ("missed", _share(SHARP))}
+    columns |= {"us p50": ("us", "median")}
     columns |= {f"p{q}": ("us", lambda us, q=q: us.quantile(q / 100)) for q in (90, 99)} | {"max": ("us", "max")}
-    columns |= {
-        "iterations p50": ("iterations", "median"),
-        "its max": ("iterations", "max"),
-        "ours us p50": ("ours", "median"),
-    }
+    columns |= {"iterations p50": ("iterations", "median"), "its max": ("iterations", "max")}
+    columns |= {"ours us p50": ("ours", "median")}
     return told.groupby(["solver", "start"], sort=False).agg(**columns).reset_index()
 
 

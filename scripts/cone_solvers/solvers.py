@@ -1,7 +1,5 @@
 """The solvers that are compared, ours first, in one form: from a problem and a guess to impulses and iterations."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib.util import find_spec
 from typing import NamedTuple

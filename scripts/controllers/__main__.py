@@ -5,8 +5,6 @@ of an episode; an environment counts as solved from the ``reward_threshold`` of 
 (seeds) are played under every law, so that the law alone makes the difference.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,22 +18,11 @@ from tqdm import tqdm
 import impactlaw.envs  # noqa: F401  (registers the environments)
 from impactlaw.studies.policies.controllers import CONTROLLERS, Controller
 
+_INELASTIC = "maximal-dissipation", None
 LAWS: dict[str, tuple[tuple[str, float | None], ...]] = {
-    "NewtonsCradle-v0": (
-        ("reversal", 1.0),
-        ("reversal", 0.8),
-        ("moreau", 1.0),
-        ("moreau", 0.5),
-        ("maximal-dissipation", None),
-    ),
-    "Juggler-v0": (("newton", 0.8), ("newton", 1.0), ("newton", 0.9), ("newton", 0.5), ("maximal-dissipation", None)),
-    "Billiards-v0": (
-        ("moreau", 0.95),
-        ("moreau", 0.8),
-        ("moreau", 0.5),
-        ("maximal-dissipation", None),
-        ("reversal", 0.95),
-    ),
+    "NewtonsCradle-v0": (("reversal", 1.0), ("reversal", 0.8), ("moreau", 1.0), ("moreau", 0.5), _INELASTIC),
+    "Juggler-v0": (("newton", 0.8), ("newton", 1.0), ("newton", 0.9), ("newton", 0.5), _INELASTIC),
+    "Billiards-v0": (("moreau", 0.95), ("moreau", 0.8), ("moreau", 0.5), _INELASTIC, ("reversal", 0.95)),
     "RockingBlock-v0": (("moreau", 0.0), ("moreau", 0.5), ("moreau", 1.0), ("reversal", 0.8), ("reversal", 1.0)),
 }
 """Laws that a controller is played under; it is tuned to the first one."""

@@ -1,7 +1,5 @@
 """Measure, and write the tables into the page of `impactlaw.identification`: ``python -m scripts.identification``."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

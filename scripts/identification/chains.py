@@ -1,7 +1,5 @@
 """Chains of balls with Hertzian contacts: which impact law a real Newton's cradle obeys."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -60,16 +58,9 @@ def study_chain(masses: np.ndarray, law: Law, *, n: int = 300) -> Chain:
         return rms(measured.errors([candidate.resolve(c).post_velocity for c in measured.collisions]))
 
     found = fit(*seen, "fremond")
-    newton = fit(*seen, "newton").law
-    errors = {
-        "full E": error(found.law),
-        "reversal": error(Reversal()),
-        "Moreau": error(Moreau(1.0)),
-        "Newton": error(newton),
-    }
-    start = np.zeros(len(masses))
-    start[0] = 1.0
-    launched = law.resolve(chain(masses, start)).post_velocity
+    laws = {"full E": found.law, "reversal": Reversal(), "Moreau": Moreau(1.0), "Newton": fit(*seen, "newton").law}
+    errors = {name: error(candidate) for name, candidate in laws.items()}
+    launched = law.resolve(chain(masses, np.eye(len(masses))[0])).post_velocity
     return Chain(len(masses), bool(np.ptp(masses) == 0), launched, found, errors)
 
 

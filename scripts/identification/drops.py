@@ -1,7 +1,5 @@
 """Measured drops of an ellipse: the sign error of the file, and held-out errors of families of laws."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Laws with friction on random collisions: does any of them create energy?"""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

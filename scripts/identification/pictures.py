@@ -1,7 +1,5 @@
 """The picture of chains: outcomes of three balls in S, over exponent and ratio of stiffness."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +10,9 @@ from scripts.identification.chains import outcomes
 
 def draw_paths(path: Path) -> None:
     """Draw ``gamma+`` of three equal balls, the first launched, where S is a sector of 60 degrees."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(5.6, 4.6), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots()
     # gamma+ = (a, b) lies at a e_1 + b e_2 with |e| = sqrt(2/3) and 60 degrees between
     base = np.sqrt(2.0 / 3.0) * np.array([[1.0, 0.0], [0.5, np.sqrt(0.75)]])

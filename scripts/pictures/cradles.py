@@ -1,8 +1,7 @@
 """Newton's cradle under two laws and under MuJoCo's contacts, side by side: ``python -m scripts.pictures.cradles``."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import matplotlib as mpl
@@ -34,17 +33,13 @@ def swings(law: Law | None, times: np.ndarray) -> np.ndarray:
     """Return the angles of the five balls at some times, rad, (n, 5); without a law contacts are MuJoCo's."""
     model, data = load("newtons_cradle")
     data.qpos[0], data.qvel[0] = -_LIFTED, 0.0
-    step = (lambda: mujoco.mj_step(model, data)) if law is None else _step(Stepper(model, law), data)
+    step = partial(mujoco.mj_step, model) if law is None else Stepper(model, law).step
     angles = []
     for time in times:
         while data.time < time - 1e-9:
-            step()
+            step(data)
         angles.append(data.qpos.copy())
     return np.array(angles)
-
-
-def _step(stepper: Stepper, data: mujoco.MjData):
-    return lambda: stepper.step(data)
 
 
 def main(options: Cradles) -> None:

@@ -5,15 +5,13 @@ other; unit rows of the Jacobian are limits, without friction. Laws, restitution
 coefficients of friction from 0.01 to 2 and masses up to 1e6 apart are drawn at random too.
 """
 
-from __future__ import annotations
-
 import sys
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
+import joblib
 import numpy as np
 import pandas as pd
 import tyro
@@ -25,7 +23,6 @@ from scripts import machine
 
 TOLERANCE = 1e-9
 """Violation of energy, and of the cones, relative to |v-|, that the study allows; and the residual of an answer."""
-_CHUNK = 250
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,26 +47,12 @@ def run(study: RandomCollisions, progress: Callable[[int], object] = lambda n: N
     Columns: k, contacts, rows (of the cone problem), law, cone, restitution_scale, residual, energetic and kinetic
     (violations relative to |v-|), seconds, and error, the refusal where there is one.
     """
-    count = 300 if study.quick else study.count
-    chunks = [replace(study, count=min(_CHUNK, count - k), seed=study.seed) for k in range(0, count, _CHUNK)]
-    starts = range(0, count, _CHUNK)
+    parallel = joblib.Parallel(study.processes, return_as="generator")
     rows = []
-    for found in _each(study.processes, chunks, starts):
-        rows += found
-        progress(len(found))
+    for row in parallel(joblib.delayed(row_of)(study, k) for k in range(300 if study.quick else study.count)):
+        rows.append(row)
+        progress(1)
     return pd.DataFrame(rows)
-
-
-def _each(processes: int, chunks: list[RandomCollisions], starts: range) -> Iterator[list[dict[str, object]]]:
-    if processes == 1:
-        yield from map(_chunk, chunks, starts)
-        return
-    with ProcessPoolExecutor(processes) as pool:
-        yield from pool.map(_chunk, chunks, starts)
-
-
-def _chunk(study: RandomCollisions, start: int) -> list[dict[str, object]]:
-    return [row_of(study, k) for k in range(start, start + study.count)]
 
 
 def row_of(study: RandomCollisions, k: int) -> dict[str, object]:
@@ -87,25 +70,22 @@ def row_of(study: RandomCollisions, k: int) -> dict[str, object]:
         return row | {"seconds": time.perf_counter() - began, "error": f"{type(error).__name__}: {error}"}
     row["seconds"] = time.perf_counter() - began
     violations, speed = impact.violations, collision.pre_speed
-    row |= {
-        "residual": impact.residual,
-        "energetic": violations.energetic / speed,
-        "kinetic": violations.kinetic / speed,
-    }
+    row |= {"residual": impact.residual, "energetic": violations.energetic / speed}
+    row |= {"kinetic": violations.kinetic / speed}
     return row | {"restitution_scale": impact.restitution_scale if isinstance(impact, FrictionImpact) else 1.0}
 
 
 def random_law(rng: np.random.Generator, collision: Collision) -> Coulomb:
     """Return Coulomb friction beside a random law."""
     e, h = rng.uniform(), len(collision.labels)
-    inner: Law = MaximalDissipation()
-    kind = rng.integers(5)
-    if kind in (1, 2):
-        inner = Moreau(float(e) if kind == 1 else 1.0)
-    elif kind == 3:
-        inner = Newton(list(rng.uniform(size=h)))
-    elif kind == 4:
-        inner = Fremond(rng.normal(size=(h, h)) / h)
+    kinds: tuple[Callable[[], Law], ...] = (
+        MaximalDissipation,
+        lambda: Moreau(float(e)),
+        lambda: Moreau(1.0),
+        lambda: Newton(list(rng.uniform(size=h))),
+        lambda: Fremond(rng.normal(size=(h, h)) / h),
+    )
+    inner = kinds[rng.integers(5)]()
     along = float(rng.choice([0.0, rng.uniform(), 1.0]))
     return Coulomb(inner, tangential_restitution=along, cone="exact" if rng.random() < 0.7 else "convex")
 

@@ -5,7 +5,7 @@ normal distributions, and one coefficient per contact, uniform in [0, 1]. "Some 
 both kinds of contacts; "all close" turns every gradient so that its contact closes.
 """
 
-from __future__ import annotations
+from contextlib import suppress
 
 import numpy as np
 import pandas as pd
@@ -41,16 +41,13 @@ def shares(count: int, seed: int, *, closing: bool) -> pd.DataFrame:
         e = list(rng.uniform(size=len(collision.labels)))
         for law in (Newton(e), Poisson(e)):
             row: dict[str, object] = {"law": type(law).__name__, "refused": True}
-            try:
+            with suppress(ImpactLawError):
                 impact = law.resolve(collision)
-            except ImpactLawError:
-                rows.append(row)
-                continue
-            kinematic, gain = (
-                x / collision.pre_speed for x in (impact.violations.kinematic, impact.violations.energetic)
-            )
-            row |= {"refused": False, "penetrates": float(kinematic > _ROUNDING), "gains": float(gain > _ROUNDING)}
-            rows.append(row | {"distant": float(impact.has_distant_effect), "largest_gain": gain})
+                found, speed = impact.violations, collision.pre_speed
+                row |= {"refused": False, "penetrates": float(found.kinematic / speed > _ROUNDING)}
+                row |= {"gains": float(found.energetic / speed > _ROUNDING), "largest_gain": found.energetic / speed}
+                row |= {"distant": float(impact.has_distant_effect)}
+            rows.append(row)
     told = dict.fromkeys(("refused", "penetrates", "gains", "distant"), "mean")
     return pd.DataFrame(rows).groupby("law").agg({**told, "largest_gain": "max"})
 

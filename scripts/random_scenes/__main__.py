@@ -5,8 +5,6 @@ nowhere; it counts under RK4, as the other integrators gain some by themselves w
 a step from the same state without contact is left out.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 import warnings

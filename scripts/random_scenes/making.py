@@ -1,7 +1,5 @@
 """Scenes made of random numbers: trees of joints that fall on a floor, and things that fall into a bin."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import mujoco

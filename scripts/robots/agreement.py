@@ -4,8 +4,6 @@
 the scheme in Python, from what compiled code has begun with. Differences are relative to the size of each field.
 """
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Iterator
@@ -30,17 +28,7 @@ from .starts import HELD, controls, start
 CLOSE = 1e-10
 """Difference that is rounding."""
 
-DERIVED = (
-    "qpos",
-    "qvel",
-    "qacc",
-    "sensordata",
-    "qfrc_constraint",
-    "act",
-    "xpos",
-    "cvel",
-    "qacc_warmstart",
-)
+DERIVED = ("qpos", "qvel", "qacc", "sensordata", "qfrc_constraint", "act", "xpos", "cvel", "qacc_warmstart")
 
 
 def compiled_stepper(model: mujoco.MjModel, law: Law, **options: object) -> Stepper:

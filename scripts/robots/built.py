@@ -1,7 +1,5 @@
 """Scenes with hundreds of degrees of freedom: a row of dominoes, and a house of cards that stands or is kicked over."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import mujoco

@@ -1,7 +1,5 @@
 """One case: a scene stepped in one way under one law from one start, beside MuJoCo on the same controls."""
 
-from __future__ import annotations
-
 import copy
 import gc
 import time
@@ -50,13 +48,7 @@ class Case:
     def row(self) -> Row:
         """Return the columns that say which case it is."""
         e = np.nan if self.way == "mujoco" else self.restitution
-        return {
-            "scene": self.scene.name,
-            "source": self.scene.source,
-            "way": self.way,
-            "e": e,
-            "start": self.start,
-        }
+        return {"scene": self.scene.name, "source": self.scene.source, "way": self.way, "e": e, "start": self.start}
 
 
 def run(case: Case) -> Row:

@@ -1,7 +1,5 @@
 """Each case in a process of its own: a crash or a hang costs one row."""
 
-from __future__ import annotations
-
 import os
 
 import mujoco
@@ -26,10 +24,8 @@ def apart(case: Case) -> Row:
     with Worker(_silence) as worker:
         try:
             return worker.call(_measured, case, budget=case.seconds + LOADING)
-        except HangsError as error:
-            return case.row() | {"outcome": f"hangs: {error}"}
-        except CrashesError as error:
-            return case.row() | {"outcome": f"crashes: {error}"}
+        except (HangsError, CrashesError) as error:
+            return case.row() | {"outcome": f"{'hangs' if isinstance(error, HangsError) else 'crashes'}: {error}"}
 
 
 def _silence() -> None:

@@ -1,7 +1,5 @@
 """The study's tables: as text on the screen, as files in full."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

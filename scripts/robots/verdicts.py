@@ -1,7 +1,5 @@
 """What the study asks of time stepping, goal by goal: met or not, and the worst scenes by name."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a state shows by itself, whoever stepped to it: depth, limits, energy. Nothing of it is timed."""
 
-from __future__ import annotations
-
 import copy
 from typing import NamedTuple
 

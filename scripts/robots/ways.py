@@ -1,7 +1,5 @@
 """The ways to step a scene, MuJoCo's own among them."""
 
-from __future__ import annotations
-
 import contextlib
 import copy
 import time

@@ -6,8 +6,6 @@ own result: "right", "refused" (a typed error), "WRONG" (a silent error), "NaN",
 if any verdict is not the expected one.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """All cases of the stability study by name."""
 
-from __future__ import annotations
-
 from . import laws, rough, scenes, stepping
 from .verdicts import Case
 

@@ -15,8 +15,6 @@ surface. Rounding v+ and Lambda to doubles alone makes a momentum error of a few
 where M is no diagonal matrix, of cond(M) eps times the jump; as much is left out of it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 In all of them every contact closes (``gamma- <= 0``), so that no law that is tried may leave one penetrating.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 
@@ -210,11 +208,7 @@ _ITERATIVE = tuple(
 
 
 def _case(
-    name: str,
-    numbers: Callable[[bool], Numbers],
-    *expected: Expected,
-    laws: tuple[str, ...] = BASIC,
-    one: bool = False,
+    name: str, numbers: Callable[[bool], Numbers], *expected: Expected, laws: tuple[str, ...] = BASIC, one: bool = False
 ) -> Case:
     rules = (*expected, *_ITERATIVE) if one else (*expected, _ONE_CONTACT, *_ITERATIVE)
     return Case(name, "law", partial(_measure, numbers), laws, EVERY, rules)

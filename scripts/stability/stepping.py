@@ -1,18 +1,14 @@
 """The cases of the stability study in which a few bodies are stepped and the answer is known in closed form."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
 
 from .verdicts import REFUSED, Case, Expected, Measurement, stepped
-from .watch import Watch, bounce, coefficient, compiled
+from .watch import FLOOR, G, Watch, bounce, coefficient, compiled
 
-G = 9.81
 LAWS = ("maximal-dissipation", "moreau 0.5", "moreau 1", "newton 0.3")
-_FLOOR = '<geom name="floor" type="plane" size="1 1 1" condim="1"/>'
 
 
 def _body(name: str, pos: tuple[float, ...], joint: str, kind: str, size: float, euler: str = "0 0 0") -> str:
@@ -29,15 +25,14 @@ def _slide(*axes: str) -> str:
 
 
 def _ball(size: float, height: float) -> str:
-    return _FLOOR + _body("ball", (0.0, 0.0, size + height), _slide("0 0 1"), "sphere", size)
+    return FLOOR + _body("ball", (0.0, 0.0, size + height), _slide("0 0 1"), "sphere", size)
 
 
 def _bounce(
     size: float, height: float, timestep: float, steps: int, tolerance: float, law: str, unit: float
 ) -> Measurement:
     """Drop a ball; deviation is that of its height from the closed form, in this unit of length."""
-    option = f'gravity="0 0 {-G}" timestep="{timestep!r}" integrator="RK4"'
-    watch = Watch(compiled(option, _ball(size, height)), law, gap_tolerance=tolerance)
+    watch = Watch(compiled(_ball(size, height), timestep=timestep), law, gap_tolerance=tolerance)
     start = watch.model.body_pos[1, 2] - size
     for _ in range(steps):
         watch.step()
@@ -61,9 +56,9 @@ def _small_steps(timestep: float, law: str, solver: str, quick: bool) -> Measure
 def _dropped_box(size: float, scaled: bool, steps: int, law: str, solver: str, quick: bool) -> Measurement:
     """A tilted box falls from its own size and tumbles; energy is relative to that of the drop."""
     timestep = float(np.sqrt(2.0 * size / G)) / steps
-    world = _FLOOR + _body("box", (0.0, 0.0, 3.0 * size), "<freejoint/>", "box", size, "20 30 40")
-    model = compiled(f'gravity="0 0 {-G}" timestep="{timestep!r}" integrator="RK4"', world)
-    watch = Watch(model, law, gap_tolerance=1e-9 * (size if scaled else 1.0), size=size)
+    world = FLOOR + _body("box", (0.0, 0.0, 3.0 * size), "<freejoint/>", "box", size, "20 30 40")
+    tolerance = 1e-9 * (size if scaled else 1.0)
+    watch = Watch(compiled(world, timestep=timestep), law, gap_tolerance=tolerance, size=size)
     before = sum(watch.energy())
     watch.step(6 * steps)
     energy = abs(sum(watch.energy()) - before) / (G * size) if law == "moreau 1" else None
@@ -75,7 +70,7 @@ def _collapse(law: str, solver: str, quick: bool) -> Measurement:
     gap, velocity = np.array([0.25, 0.5]), np.array([1.0, 0.125, -1.0])
     radius, at = 0.125, np.array([0.0, 0.5, 1.25])
     world = "".join(_body(f"b{i}", (x, 0.0, 0.0), _slide("1 0 0"), "sphere", radius) for i, x in enumerate(at))
-    watch = Watch(compiled('gravity="0 0 0" timestep="0.05"', world), law)
+    watch = Watch(compiled(world, timestep=0.05, gravity=0.0, integrator="Euler"), law)
     watch.data.qvel[:] = velocity
     expected = _exact_line(gap, velocity, coefficient(law), watch.model.opt.timestep, 40)
     for row in expected:
@@ -117,7 +112,7 @@ def _slope(timestep: float, law: str, solver: str, quick: bool) -> Measurement:
     start = (radius + height) * across
     world = '<geom name="slope" type="plane" size="1 1 1" euler="0 30 0" condim="1"/>'
     world += _body("ball", (start[0], 0.0, start[1]), _slide("1 0 0", "0 0 1"), "sphere", radius)
-    watch = Watch(compiled(f'gravity="0 0 {-G}" timestep="{timestep!r}" integrator="RK4"', world), law)
+    watch = Watch(compiled(world, timestep=timestep), law)
     for _ in range(round(2.0 / timestep)):
         watch.step()
         t, q = watch.data.time, watch.data.qpos
@@ -129,8 +124,7 @@ def _slope(timestep: float, law: str, solver: str, quick: bool) -> Measurement:
 def _elastic(law: str, solver: str, quick: bool) -> Measurement:
     """A ball bounces elastically; energy is its largest drift relative to that of the drop."""
     height, size, timestep = 1.0, 0.1, 1e-3
-    option = f'gravity="0 0 {-G}" timestep="{timestep}" integrator="RK4"'
-    watch = Watch(compiled(option, _ball(size, height)), law, every=1000)
+    watch = Watch(compiled(_ball(size, height), timestep=timestep), law, every=1000)
     q, v, drift = watch.data.qpos, watch.data.qvel, 0.0
     for _ in range(5_000 if quick else 1_000_000):
         watch.step()

@@ -3,8 +3,6 @@
 A verdict never uses what the package says of its own result; what it uses instead is in `stability_certificate`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from fnmatch import fnmatch

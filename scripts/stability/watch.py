@@ -1,8 +1,8 @@
 """A scene that is stepped, and measured by MuJoCo's own means and the study's, not by the package's."""
 
-from __future__ import annotations
-
 import copy
+import time
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -12,6 +12,8 @@ from impactlaw import Fremond, FrictionImpact, ImpactEvent, Law, MaximalDissipat
 from .certificate import Sliding, certify
 from .verdicts import Measurement
 
+G = 9.81
+FLOOR = '<geom name="floor" type="plane" size="1 1 1" condim="1"/>'
 MOST = 100  # collisions of a step: if there are more, a rigid one is time stepped, and E = 0 ends a soft one
 _EXTENDED = 64  # velocities up to which collisions are checked in extended precision; Python's is slow beyond
 _ROUNDING = 16 * float(np.finfo(float).eps)  # of contact velocities, as a part of the fastest of the run
@@ -30,9 +32,12 @@ def law_of(law: str) -> Law:
     return {"moreau": Moreau, "newton": Newton, "reversal": Fremond.reversal}[kind](coefficient(law))
 
 
-def compiled(option: str, world: str, rest: str = "") -> mujoco.MjModel:
-    """Compile a scene from its options, bodies and other sections."""
-    return mujoco.MjModel.from_xml_string(f"<mujoco><option {option}/><worldbody>{world}</worldbody>{rest}</mujoco>")
+def compiled(
+    world: str, rest: str = "", *, timestep: float = 2e-3, gravity: float = G, integrator: str = "RK4"
+) -> mujoco.MjModel:
+    """Compile a scene from its bodies and other sections."""
+    option = f'<option gravity="0 0 {-gravity}" timestep="{timestep!r}" integrator="{integrator}"/>'
+    return mujoco.MjModel.from_xml_string(f"<mujoco>{option}<worldbody>{world}</worldbody>{rest}</mujoco>")
 
 
 class Watch:
@@ -56,7 +61,7 @@ class Watch:
         model: mujoco.MjModel,
         law: str,
         *,
-        contact_model: str = "rigid",
+        contact_model: Literal["rigid", "soft"] = "rigid",
         gap_tolerance: float = 1e-9,
         every: int = 1,
         size: float = 0.1,
@@ -65,20 +70,14 @@ class Watch:
         if model.nkey:
             mujoco.mj_resetDataKeyframe(model, self.data, 0)
         self._law = law
-        self._stepper = Stepper(
-            model,
-            law_of(law),
-            contact_model=contact_model,  # pyright: ignore[reportArgumentType]
-            gap_tolerance=gap_tolerance if contact_model == "rigid" else None,
-            max_events=MOST,
-        )
+        options: dict[str, Any] = {"gap_tolerance": gap_tolerance} if contact_model == "rigid" else {}
+        self._stepper = Stepper(model, law_of(law), contact_model=contact_model, max_events=MOST, **options)
         self._every, self._size = every, size
         self._own = copy.copy(model)
         self._own.opt.ccd_tolerance, self._own.opt.ccd_iterations = 1e-12, 100
-        self._own.geom_margin[:] = 0.0
-        self._own.geom_gap[:] = 0.0
+        self._own.geom_margin[:] = self._own.geom_gap[:] = 0.0
         self._scratch = mujoco.MjData(self._own)
-        self.residual = self.penetration = self.deviation = self.first_order = self.gain = 0.0
+        self.residual = self.penetration = self.deviation = self.first_order = self.gain = self.slowest = 0.0
         self.steps = self.collisions = self.scaled = 0
         self._fastest = 0.0
         self._lowest: float | None = None
@@ -98,8 +97,9 @@ class Watch:
         if self._lowest is None:
             self._look()
         for _ in range(steps):
-            located = self.unlocated
+            located, begun = self.unlocated, time.perf_counter()
             self._stepper.step(self.data)
+            self.slowest = max(self.slowest, time.perf_counter() - begun)
             self.steps += 1
             errors = [self._certify(event, final=number >= MOST) for number, event in enumerate(self.events)]
             depth = self._look() if self.steps % self._every == 0 else 0.0
@@ -128,6 +128,14 @@ class Watch:
     def deviates(self, distance: float) -> None:
         """Keep the largest distance from the closed form; one that is not a number stays."""
         self.deviation = float(np.maximum(self.deviation, distance))
+
+    def rest(self, steps: int) -> None:
+        """Advance; what moves deviates, by how far it is from its place, m, and by its velocity at the end, m/s."""
+        start = self.data.qpos.copy()
+        for _ in range(steps):
+            self.step()
+            self.deviates(float(np.abs(self.data.qpos - start).max()))
+        self.deviates(float(np.abs(self.data.qvel).max()))
 
     def measurement(self, *, energy: float | None = None, energy_scale: float = 1.0, note: str = "") -> Measurement:
         """Return what has been measured; the energy error is the largest gain unless another one is given."""

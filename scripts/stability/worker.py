@@ -1,7 +1,5 @@
 """One row of the stability study, measured in a process of its own, with its verdict."""
 
-from __future__ import annotations
-
 import time
 import traceback
 import warnings

@@ -4,8 +4,6 @@ Needs ``impactlaw[train]``, and up to an hour of one core for each task. What is
 on where it was stopped. ``juggler.csv`` and ``hopper.csv`` beside this file hold what it printed.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal

@@ -20,8 +20,6 @@ forgives what a method does to velocities while a collision of several contacts 
 soft contacts, and time stepping that resolves such a collision over several steps, leave the segment from v- to v+.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Order of time stepping, averaged over where impacts fall within a step."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

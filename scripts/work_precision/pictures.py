@@ -1,7 +1,5 @@
 """Pictures of work and precision on log-log axes: run time to the right, error upwards; the lower left is better."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -32,13 +30,11 @@ def draw(table: pd.DataFrame, path: Path, footer: str) -> None:
 
     Every family of methods is the envelope of its runs, the runs themselves faint.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     scenes = tuple(dict.fromkeys(table.scene))
     rows = -(-len(scenes) // _COLUMNS)
     figure: Any = Figure(figsize=(4.5 * _COLUMNS, 3.1 * rows + 1.2), layout="constrained")
-    FigureCanvasAgg(figure)
     figure.suptitle("Error of the trajectory against run time of the simulation", fontsize=_SIZE + 1)
     axes = figure.subplots(rows, _COLUMNS, sharey="row", squeeze=False)
     for axis, scene in zip(axes.flat, scenes, strict=False):

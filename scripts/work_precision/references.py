@@ -4,8 +4,6 @@ Each function returns the smooth pieces of the trajectory up to `duration`. None
 equations uses the package; the billiard break, whose balls fly straight, is rigid stepping with a tighter tolerance.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial
@@ -116,17 +114,12 @@ def falling_rod(duration: float, tolerance: float) -> list[Arc]:
     def held(q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return np.sin(q), np.cos(q), -np.sin(q)
 
+    def collide(y: np.ndarray) -> np.ndarray:
+        return np.array([0.0, -y[1]])
+
     field, embed = _on_one_foot(held, inertia=1 / 3, gravity=1.0)
-    flights = _flights(
-        field,
-        np.array([0.0, 0.5]),
-        lambda _, y: -y[0],
-        lambda y: np.array([0.0, -y[1]]),
-        embed,
-        (1.0, duration),
-        tolerance,
-    )
-    return [Arc(0.0, 1.0, fall), *flights]
+    start, span = np.array([0.0, 0.5]), (1.0, duration)
+    return [Arc(0.0, 1.0, fall), *_flights(field, start, lambda _, y: -y[0], collide, embed, span, tolerance)]
 
 
 def rocking_block(duration: float, tolerance: float) -> list[Arc]:
@@ -134,8 +127,12 @@ def rocking_block(duration: float, tolerance: float) -> list[Arc]:
     arcs: list[Arc] = []
     begin, y, side = 0.0, np.array([0.125, 0.0]), 1.0
     while begin < duration:
+
+        def closing(_: float, y: np.ndarray, side: float = side) -> float:
+            return -side * y[0]
+
         field, embed = _on_one_foot(partial(_block_height, side), inertia=(0.25**2 + 1) / 12, gravity=G)
-        arc, y = flight(field, y, partial(_towards_upright, side), embed, (begin, duration), tolerance)
+        arc, y = flight(field, y, closing, embed, (begin, duration), tolerance)
         arcs.append(arc)
         begin, side, y = arc.end, -side, np.array([0.0, 0.7 * y[1]])
     return arcs
@@ -145,10 +142,6 @@ def _block_height(side: float, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
     """Return the height over that of the upright block at the angle q on the foot of this side, and two derivatives."""
     s, c = side * 0.125 * np.sin(q), side * 0.125 * np.cos(q)
     return s + 0.5 * np.cos(q) - 0.5, c - 0.5 * np.sin(q), -s - 0.5 * np.cos(q)
-
-
-def _towards_upright(side: float, _: float, y: np.ndarray) -> float:
-    return -side * y[0]
 
 
 def billiard_break(duration: float, tolerance: float) -> list[Arc]:
@@ -234,16 +227,9 @@ def flight(
 
     event.terminal, event.direction = True, 1.0  # pyright: ignore[reportFunctionMemberAccess]
     found = solve_ivp(
-        field,
-        span,
-        start,
-        method="DOP853",
-        rtol=tolerance,
-        atol=1e-2 * tolerance,
-        dense_output=True,
-        events=event,
+        field, span, start, method="DOP853", rtol=tolerance, atol=1e-2 * tolerance, dense_output=True, events=event,
         max_step=_LONGEST,
-    )
+    )  # fmt: skip
     end = float(found.t[-1])
     times = np.linspace(span[0], end, max(16, math.ceil((end - span[0]) / spacing)))
     spline = make_interp_spline(times, embed(found.sol(times).T), k=7)  # keeps the digits, and is faster to evaluate

@@ -1,7 +1,5 @@
 """Reference trajectories of the scenes with friction: a closed form and reduced equations; no stepper is used."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import mujoco

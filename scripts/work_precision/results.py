@@ -1,7 +1,5 @@
 """What follows from a table of work and precision: measured orders, lower envelopes, errors at equal run time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike

@@ -1,7 +1,5 @@
 """The scenes of the study of work and precision, with their laws, references and the orders expected on them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -61,89 +59,24 @@ def _inelastic(_: mujoco.MjModel) -> Law:
 
 
 _ALL = (
-    Scene(
-        "bouncing ball",
-        partial(load, "bouncing_ball"),
-        scene_law,
-        1.2,
-        references.bouncing_ball,
-        0.5,
-        EXACT,
-        smallest=1e-5,
-    ),
-    Scene(
-        "cradle, reversal",
-        partial(load, "newtons_cradle"),
-        lambda _: Fremond.reversal(),
-        2.5,
-        references.cradle_reversal,
-        1.0,
-        4.0,
-        2.0,
-        smallest=1e-5,
-        time_stepping_from=1.6e-3,
-    ),
-    Scene(
-        "cradle, Moreau",
-        partial(load, "newtons_cradle"),
-        lambda _: Moreau(1.0),
-        2.5,
-        references.cradle_moreau,
-        1.0,
-        4.0,
-        2.0,
-        smallest=1e-5,
-    ),
-    Scene(
-        "falling rod",
-        partial(load, "falling_rod"),
-        scene_law,
-        3.0,
-        references.falling_rod,
-        {"left": 1.0, "right": 0.0},
-        2.0,
-    ),
-    Scene(
-        "rocking block",
-        partial(load, "rocking_block"),
-        scene_law,
-        0.7,
-        references.rocking_block,
-        0.0,
-        2.0,
-        coarsest=4e-3,
-        smallest=1e-5,
-        time_stepping_from=4e-3,
-    ),
-    Scene(
-        "billiard break", partial(load, "billiard_rack"), scene_law, 0.8, references.billiard_break, 0.95, EXACT, EXACT
-    ),
-    Scene(
-        "sliding block",
-        friction.sliding_block,
-        _inelastic,
-        0.5,
-        references_friction.sliding_block,
-        {"floor": 0.0},
-        2.0,
-        time_stepping_order=2.0,
-        smallest=1e-5,
-    ),
-    Scene(
-        "rod with friction", friction.rod, _inelastic, 0.6, references_friction.rod, {"floor": 0.0}, 2.0, smallest=1e-5
-    ),
-    Scene(
-        "quadruped",
-        friction.quadruped,
-        _inelastic,
-        1.0,
-        references_friction.quadruped_landing,
-        {"floor": 0.0},
-        1.0,
-        coarsest=4e-3,
-        smallest=1e-5,
-        time_stepping_from=4e-3,
-    ),
-)
+    Scene("bouncing ball", partial(load, "bouncing_ball"), scene_law, 1.2, references.bouncing_ball, 0.5, EXACT,
+          smallest=1e-5),
+    Scene("cradle, reversal", partial(load, "newtons_cradle"), lambda _: Fremond.reversal(), 2.5,
+          references.cradle_reversal, 1.0, 4.0, 2.0, smallest=1e-5, time_stepping_from=1.6e-3),
+    Scene("cradle, Moreau", partial(load, "newtons_cradle"), lambda _: Moreau(1.0), 2.5, references.cradle_moreau,
+          1.0, 4.0, 2.0, smallest=1e-5),
+    Scene("falling rod", partial(load, "falling_rod"), scene_law, 3.0, references.falling_rod,
+          {"left": 1.0, "right": 0.0}, 2.0),
+    Scene("rocking block", partial(load, "rocking_block"), scene_law, 0.7, references.rocking_block, 0.0, 2.0,
+          coarsest=4e-3, smallest=1e-5, time_stepping_from=4e-3),
+    Scene("billiard break", partial(load, "billiard_rack"), scene_law, 0.8, references.billiard_break, 0.95, EXACT,
+          EXACT),
+    Scene("sliding block", friction.sliding_block, _inelastic, 0.5, references_friction.sliding_block,
+          {"floor": 0.0}, 2.0, time_stepping_order=2.0, smallest=1e-5),
+    Scene("rod with friction", friction.rod, _inelastic, 0.6, references_friction.rod, {"floor": 0.0}, 2.0,
+          smallest=1e-5),
+    Scene("quadruped", friction.quadruped, _inelastic, 1.0, references_friction.quadruped_landing, {"floor": 0.0},
+          1.0, coarsest=4e-3, smallest=1e-5, time_stepping_from=4e-3),
+)  # fmt: skip
 
 SCENES = {scene.name: scene for scene in _ALL}

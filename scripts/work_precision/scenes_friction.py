@@ -1,7 +1,5 @@
 """Scenes with friction for the study of work and precision: a block that slides and stops, a rod, a quadruped."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

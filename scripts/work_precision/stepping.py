@@ -1,9 +1,8 @@
 """Work and precision of stepping: error of trajectories against run time, over timesteps, methods and scenes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from operator import attrgetter
 
 import mujoco
 import numpy as np
@@ -16,6 +15,7 @@ from .scenes import SCENES, Scene
 from .trajectories import Trajectory, Way, rigid, soft, tuned
 
 RK4, EULER = int(mujoco.mjtIntegrator.mjINT_RK4), int(mujoco.mjtIntegrator.mjINT_EULER)
+Simulate = Callable[[Scene, mujoco.MjModel, mujoco.MjData, int], Trajectory]
 Graphs = tuple[CompletedGraph, CompletedGraph]
 """The graph of positions, and that of positions and velocities."""
 LOCATED, TIME_STEPPING = "event-driven RK4", "time stepping"
@@ -39,16 +39,16 @@ class Method:
 
     name: str
     family: str
-    simulate: Callable[[Scene, mujoco.MjModel, mujoco.MjData, int], Trajectory]
+    simulate: Simulate
     integrator: int
     order: Callable[[Scene], float]
 
 
-def _with_law(way: Way) -> Callable[[Scene, mujoco.MjModel, mujoco.MjData, int], Trajectory]:
+def _with_law(way: Way) -> Simulate:
     return lambda scene, model, start, steps: rigid(model, start, scene.law(model), steps, way=way)
 
 
-def _default(timeconst: float | None) -> Callable[[Scene, mujoco.MjModel, mujoco.MjData, int], Trajectory]:
+def _default(timeconst: float | None) -> Simulate:
     def simulate(scene: Scene, model: mujoco.MjModel, start: mujoco.MjData, steps: int) -> Trajectory:
         if timeconst is not None:
             model.geom_solref[:, 0] = timeconst
@@ -57,31 +57,23 @@ def _default(timeconst: float | None) -> Callable[[Scene, mujoco.MjModel, mujoco
     return simulate
 
 
-def _tuned(steps_in_contact: float) -> Callable[[Scene, mujoco.MjModel, mujoco.MjData, int], Trajectory]:
+def _tuned(steps_in_contact: float) -> Simulate:
     return lambda scene, model, start, steps: soft(tuned(model, scene.restitution, steps_in_contact), start, steps)
 
 
 def _methods() -> Iterator[Method]:
     integrators = (("RK4", RK4), ("Euler", EULER))
-    for name, integrator in integrators:
-        yield Method(
-            f"event-driven {name}",
-            f"event-driven {name}",
-            _with_law("event-driven"),
-            integrator,
-            (lambda scene: scene.smooth_order) if integrator == RK4 else (lambda scene: scene.euler_order),
-        )
-    yield Method(
-        TIME_STEPPING, TIME_STEPPING, _with_law("time-stepping"), EULER, lambda scene: scene.time_stepping_order
-    )
+    for (name, integrator), order in zip(integrators, ("smooth_order", "euler_order"), strict=True):
+        located = f"event-driven {name}"
+        yield Method(located, located, _with_law("event-driven"), integrator, attrgetter(order))
+    order = attrgetter("time_stepping_order")
+    yield Method(TIME_STEPPING, TIME_STEPPING, _with_law("time-stepping"), EULER, order)
     for name, integrator in integrators:
         yield Method(f"soft layer {name}", "soft layer", _with_law("soft"), integrator, lambda _: np.nan)
     for name, integrator in integrators:
-        yield Method(f"{DEFAULT} {name}", DEFAULT, _default(None), integrator, lambda _: 0.0)
-        for constant in (5e-3, 1e-3):
-            yield Method(
-                f"MuJoCo timeconst {constant:g} {name}", DEFAULT, _default(constant), integrator, lambda _: 0.0
-            )
+        for constant in (None, 5e-3, 1e-3):
+            what = DEFAULT if constant is None else f"MuJoCo timeconst {constant:g}"
+            yield Method(f"{what} {name}", DEFAULT, _default(constant), integrator, lambda _: 0.0)
         for steps in (10, 30, 100, 300):
             yield Method(f"{TUNED} {steps} {name}", TUNED, _tuned(steps), integrator, lambda _: np.nan)
 

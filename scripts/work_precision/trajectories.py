@@ -1,7 +1,5 @@
 """One simulation of a scene by one method at one timestep: the states it passes through and the time it takes."""
 
-from __future__ import annotations
-
 import copy
 import time
 from collections.abc import Callable
@@ -65,20 +63,12 @@ def tuned(model: mujoco.MjModel, restitution: float | dict[str, float], steps_in
         restitution: of all contacts, or of each geom by name (its contact with any geom that is not named).
         steps_in_contact: timesteps that one bounce lasts, see `impactlaw.comparison.soft_contact`.
     """
-    timestep = model.opt.timestep
-    if isinstance(restitution, dict):
-        return _tuned_geoms(model, restitution, steps_in_contact)
-    model.opt.timestep = timestep * steps_in_contact / 10
-    try:
-        found = tuned_contacts(model, restitution)
-    finally:
-        model.opt.timestep = timestep
-    found.opt.timestep = timestep
-    return found
-
-
-def _tuned_geoms(model: mujoco.MjModel, restitution: dict[str, float], steps_in_contact: float) -> mujoco.MjModel:
     found = copy.deepcopy(model)
+    if not isinstance(restitution, dict):
+        found.opt.timestep *= steps_in_contact / 10
+        found = tuned_contacts(found, restitution)
+        found.opt.timestep = model.opt.timestep
+        return found
     for name, e in restitution.items():
         like = tuned(model, e, steps_in_contact).opt
         geom = found.geom(name).id
@@ -114,12 +104,9 @@ def _stepped(stepper: Stepper, model: mujoco.MjModel, start: mujoco.MjData, step
         if located and stepper.events:
             events += stepper.events
     seconds = time.process_time() - begin
-    return Trajectory(_points(model, np.vstack([states, *(_before_and_after(event) for event in events)])), seconds)
-
-
-def _before_and_after(event: ImpactEvent) -> np.ndarray:
-    velocities = event.impact.collision.pre_velocity, event.impact.post_velocity
-    return np.array([np.concatenate([[event.time], event.qpos, v]) for v in velocities])
+    sides = ((event, v) for event in events for v in (event.impact.collision.pre_velocity, event.impact.post_velocity))
+    around = [np.concatenate([[event.time], event.qpos, v]) for event, v in sides]
+    return Trajectory(_points(model, np.vstack([states, *around])), seconds)
 
 
 def _mujoco(model: mujoco.MjModel, start: mujoco.MjData, steps: int) -> Trajectory:

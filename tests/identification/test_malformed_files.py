@@ -102,6 +102,10 @@ MALFORMED = {
     "negative friction": (
         full(friction_jacobian=[[0.0, 1.0]], friction_coefficient=[-1.0]), "row 0: a friction coefficient must be"
     ),
+    "half a contact of sliding": (
+        changed(pre_sliding_velocity=[1.0], post_sliding_velocity=[0.5], friction_contact=[0.5]),
+        "row 0: friction_contact must be whole numbers",
+    ),
     "sliding before only": (changed(pre_sliding_velocity=[1.0]), "row 0: post_sliding_velocity"),
 }  # fmt: skip
 

@@ -65,10 +65,8 @@ class RecordingFile:
         try:
             self.path.write_bytes(bytes(_ROOM))
             self._stream.set_sinks(rr.FileSink(self.path), *sinks)
-        except OSError as error:
-            raise self._cannot_write(error.strerror or str(error)) from None
-        except RuntimeError as error:
-            raise self._cannot_write(str(error)) from None
+        except (OSError, RuntimeError) as error:
+            raise self._cannot_write(getattr(error, "strerror", None) or str(error)) from None
         self._stream.send_blueprint(viewer.blueprint(model), make_active=False, make_default=True)
         self.sync()
 

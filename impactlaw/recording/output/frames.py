@@ -14,8 +14,6 @@ from impactlaw.scene.tolerances import GAP_TOLERANCE
 if TYPE_CHECKING:
     from impactlaw.scene.contacts import Contacts
 
-_NOWHERE = np.zeros((0, 3))
-
 
 class Frames:
     """The frames since the last `send`.
@@ -35,39 +33,26 @@ class Frames:
         self._data = mujoco.MjData(model)
         self._moving = [group for group in groups if not group.fixed]
         self._bodies = np.concatenate([np.zeros(0, int), *(group.bodies for group in self._moving)]).astype(int)
-        self._time = np.zeros(capacity)
-        self._clock = np.zeros(capacity)
-        self._energy = np.zeros((capacity, 3))
-        self._qpos, self._qvel = np.zeros((capacity, model.nq)), np.zeros((capacity, model.nv))
-        self._position = np.zeros((capacity, len(self._bodies), 3), dtype=np.float32)
-        self._quaternion = np.zeros((capacity, len(self._bodies), 4), dtype=np.float32)
-        self._contacts: list[np.ndarray] = []
+        self._capacity, self._rows = capacity, list[tuple[Any, ...]]()
 
     def __len__(self) -> int:
-        return len(self._contacts)
+        return len(self._rows)
 
     @property
     def is_full(self) -> bool:
         """Whether there is no room for another frame."""
-        return len(self._contacts) == len(self._time)
+        return len(self._rows) == self._capacity
 
     def add(self, data: mujoco.MjData, clock: float, contacts: Contacts | None) -> None:
         """Take a frame up; ``clock`` is its place on the timeline, s."""
-        own, i = self._data, len(self._contacts)
-        own.qpos[:] = data.qpos
-        own.qvel[:] = data.qvel
-        if self._model.nmocap:
-            own.mocap_pos[:] = data.mocap_pos
-            own.mocap_quat[:] = data.mocap_quat
+        own = self._data
+        own.qpos[:], own.qvel[:] = data.qpos, data.qvel
+        own.mocap_pos[:], own.mocap_quat[:] = data.mocap_pos, data.mocap_quat
         self._update()
         potential, kinetic = own.energy
-        self._time[i] = data.time
-        self._clock[i] = clock
-        self._qpos[i], self._qvel[i] = data.qpos, data.qvel
-        self._energy[i] = kinetic, potential, kinetic + potential
-        self._position[i] = own.xpos[self._bodies]
-        self._quaternion[i] = own.xquat[self._bodies]
-        self._contacts.append(_closed_positions(data) if contacts is None else contacts.position)
+        state = data.time, clock, data.qpos.copy(), data.qvel.copy(), (kinetic, potential, kinetic + potential)
+        closed = data.contact.pos[data.contact.dist <= GAP_TOLERANCE] if contacts is None else contacts.position
+        self._rows.append((*state, own.xpos[self._bodies], own.xquat[self._bodies], closed))
 
     def initial_pose(self, group: Group) -> Any:
         """Return the poses of the group's bodies at the model's reference configuration, for rerun."""
@@ -84,23 +69,22 @@ class Frames:
         n = len(self)
         if n == 0:
             return
-        index = time_columns(self._clock[:n], np.arange(first_step, first_step + n))
-        start = 0
+        time, clock, qpos, qvel, energy, position, quaternion, contacts = zip(*self._rows, strict=True)
+        index = time_columns(clock, np.arange(first_step, first_step + n))
+        placed, start = (np.array(position, np.float32), np.array(quaternion, np.float32)), 0
         for group in self._moving:
             size = len(group.bodies)
-            part = np.s_[:n, start : start + size]
-            poses = rr.InstancePoses3D.columns(**_poses(self._position[part], self._quaternion[part]))
+            poses = rr.InstancePoses3D.columns(**_poses(*(part[:, start : start + size] for part in placed)))
             stream.send_columns(group.path, index, poses.partition(np.full(n, size)), strict=True)
             start += size
-        points = rr.Points3D.columns(positions=np.concatenate(self._contacts))
-        lengths = [len(part) for part in self._contacts]
-        stream.send_columns(CONTACTS, index, points.partition(lengths), strict=True)
-        energies = rr.Scalars.columns(scalars=self._energy[:n].ravel()).partition(np.full(n, 3))
+        points = rr.Points3D.columns(positions=np.concatenate(contacts)).partition([len(part) for part in contacts])
+        stream.send_columns(CONTACTS, index, points, strict=True)
+        energies = rr.Scalars.columns(scalars=np.ravel(energy)).partition(np.full(n, 3))
         stream.send_columns(ENERGY, index, energies, strict=True)
-        state = [Column(QPOS, "floats", self._qpos[:n]), Column(QVEL, "floats", self._qvel[:n])]
+        state = [Column(QPOS, "floats", qpos), Column(QVEL, "floats", qvel)]
         stream.send_columns(STATE, index, state, strict=True)
-        stream.send_columns(FRAMES, index, [Column(FRAME_TIME, "float", self._time[:n])], strict=True)
-        self._contacts = []
+        stream.send_columns(FRAMES, index, [Column(FRAME_TIME, "float", time)], strict=True)
+        self._rows = []
 
     def _update(self) -> None:
         model, own = self._model, self._data
@@ -113,13 +97,6 @@ class Frames:
         mujoco.mj_makeM(model, own)
         mujoco.mj_energyPos(model, own)
         mujoco.mj_energyVel(model, own)
-
-
-def _closed_positions(data: mujoco.MjData) -> np.ndarray:
-    if data.ncon == 0:
-        return _NOWHERE
-    found = data.contact
-    return found.pos[found.dist <= GAP_TOLERANCE]
 
 
 def _poses(position: np.ndarray, quaternion: np.ndarray) -> dict[str, Any]:

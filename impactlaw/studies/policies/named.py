@@ -52,8 +52,8 @@ def policies_of(name: str, task: str, scheme: Scheme, laws: Sequence[StatedLaw])
     """
     if name == PPO:
         needs_training_extra(f"training by {PPO!r}")
-        pairs = [(law, Conditions(task, law, scheme)) for law in laws]
-        return [Policy(PPO, law.text, {"policy": PPO, "under": own.settings()}, training=own) for law, own in pairs]
+        each = [Conditions(task, law, scheme) for law in laws]
+        return [Policy(PPO, own.law.text, {"policy": PPO, "under": own.settings()}, training=own) for own in each]
     if name == SCRIPTED:
         return _scripted(task, laws)
     if name.endswith(".zip"):
@@ -95,10 +95,9 @@ def _from_file(path: Path, name: str) -> Policy:
     needs_training_extra(f"the trained policy {name}")
     try:
         content = path.read_bytes()
+        load(io.BytesIO(content))
     except OSError as error:
         raise StudyError(f"cannot read the policy {name}: {error.strerror}") from None
-    try:
-        load(io.BytesIO(content))
     except StudyError as error:
         raise StudyError(f"{name} is no trained policy: {error}") from None
     return Policy(name, "", {"policy": "file", "content": hashlib.sha256(content).hexdigest()}, content)

@@ -14,7 +14,6 @@ from impactlaw.studies.environments import Conditions
 ENVIRONMENTS = 64
 PPO_SETTINGS = {"n_steps": 256, "batch_size": 256}
 """As many steps between updates, 16 384, as by default in eight environments; larger batches for so many."""
-_PACKAGE = "stable_baselines3"
 
 
 def needs_training_extra(what: str) -> None:
@@ -23,7 +22,7 @@ def needs_training_extra(what: str) -> None:
     Raises:
         MissingExtraError: it is not.
     """
-    if importlib.util.find_spec(_PACKAGE) is None:
+    if importlib.util.find_spec("stable_baselines3") is None:
         raise MissingExtraError(what, "stable-baselines3", "train")
 
 

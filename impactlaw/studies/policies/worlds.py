@@ -43,7 +43,7 @@ class Worlds(VecEnv):
 
     def reset(self) -> np.ndarray:
         """Begin an episode in all worlds, from the seeds that were set before."""
-        observed, _ = self._begin(np.ones(self.num_envs, bool), self._seeds)
+        observed, _ = self._worlds.reset(seed=self._seeds)
         self._reset_seeds()
         return observed
 
@@ -59,7 +59,7 @@ class Worlds(VecEnv):
         for i in np.flatnonzero(over):
             infos[i] = {"terminal_observation": observed[i].copy(), "TimeLimit.truncated": not terminated[i]}
         if over.any():
-            observed, _ = self._begin(over, None)
+            observed, _ = self._worlds.reset(options={"reset_mask": over})
         return observed, reward.astype(np.float32), over, infos
 
     def close(self) -> None:
@@ -95,6 +95,3 @@ class Worlds(VecEnv):
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
         """Say that no world is wrapped."""
         return [False for _ in self._get_indices(indices)]
-
-    def _begin(self, chosen: np.ndarray, seeds: Any) -> tuple[np.ndarray, dict[str, Any]]:
-        return self._worlds.reset(seed=seeds, options={"reset_mask": chosen})
