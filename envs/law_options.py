@@ -116,8 +116,8 @@ class LawOptions:
         plain = as_plain(law)
         if plain is None:
             return None
-        given = {"law": plain, "friction": self.friction, "scheme": self.scheme_in_force}
-        given |= {"contact_model": self.contact_model}
+        scheme, kind = self.scheme_in_force, self.contact_model
+        given = {"law": plain, "friction": self.friction, "scheme": scheme, "contact_model": kind}
         return {name: value for name, value in given.items() if value is not None}
 
 
