@@ -13,6 +13,7 @@ from impactlaw.envs import ImpactLaw, RandomLaw, restart
 from impactlaw.envs.law_holder import law_holder
 from impactlaw.errors import RecordingError
 from impactlaw.recording import read_log
+from impactlaw.recording.layout import EPISODE_COLUMNS
 
 pytestmark = theirs
 
@@ -213,12 +214,9 @@ def test_a_random_law_around_makes_no_difference(tmp_path):
 
 
 def test_a_recording_of_before_tells_less_and_is_read(tmp_path, monkeypatch):
-    from impactlaw.recording import episodes
-
-    less = {name: kind for name, kind in episodes.EPISODE_COLUMNS.items() if name != "made"}
     env = bare(JUGGLER, log=tmp_path / "run.rrd")
     with monkeypatch.context() as patch:
-        patch.setattr(episodes, "EPISODE_COLUMNS", less)
+        patch.delitem(EPISODE_COLUMNS, "made")
         play(env, 1, 3)
         env.close()
     episode = read_log(tmp_path / "run.rrd").episode(0)
