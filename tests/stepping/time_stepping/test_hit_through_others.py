@@ -144,14 +144,10 @@ def test_a_light_ball_between_a_wall_and_a_heavy_one(compiled, ratio, gaps):
     assert data.qvel[0] ** 2 + ratio * data.qvel[1] ** 2 == pytest.approx(1.0, rel=1e-6)
 
 
-@pytest.mark.parametrize("law", [Moreau(1.0), Newton({}, default=1.0)])
-@pytest.mark.parametrize(
-    ("masses", "timestep"), [([1] * 4, 0.002), ([1] * 4, 0.01), ([0.1, 1, 3, 10], 0.002), ([1, 100], 0.002)]
-)
-def test_elastic_billiards_keep_their_energy_to_rounding(law, masses, timestep):
-    """Disks that are jammed between others and the walls collide dozens of times within a step."""
+def billiard(masses, reach, timestep):
+    """Disks without friction between four walls that are as far from the middle."""
     walls = "".join(
-        f'<geom type="plane" size="1 1 .1" pos="{0.2 * x} {0.2 * y} 0" zaxis="{-x} {-y} 0"/>'
+        f'<geom type="plane" size="1 1 .1" pos="{reach * x} {reach * y} 0" zaxis="{-x} {-y} 0"/>'
         for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1))
     )
     disks = "".join(
@@ -159,10 +155,19 @@ def test_elastic_billiards_keep_their_energy_to_rounding(law, masses, timestep):
         f'<geom size=".05" mass="{mass}"/></body>'
         for mass in masses
     )
-    model = mujoco.MjModel.from_xml_string(
+    return mujoco.MjModel.from_xml_string(
         f'<mujoco><option timestep="{timestep}" gravity="0 0 0"/><default><geom friction="0"/></default>'
         f"<worldbody>{walls}{disks}</worldbody></mujoco>"
     )
+
+
+@pytest.mark.parametrize("law", [Moreau(1.0), Newton({}, default=1.0)])
+@pytest.mark.parametrize(
+    ("masses", "timestep"), [([1] * 4, 0.002), ([1] * 4, 0.01), ([0.1, 1, 3, 10], 0.002), ([1, 100], 0.002)]
+)
+def test_elastic_billiards_keep_their_energy_to_rounding(law, masses, timestep):
+    """Disks that are jammed between others and the walls collide dozens of times within a step."""
+    model = billiard(masses, 0.2, timestep)
     batch, rng = Batch(model, law, 32, 1), np.random.default_rng(0)
     qvel = batch.bind("qvel")
     qvel[:] = 2.0 * rng.normal(size=qvel.shape)
@@ -179,19 +184,7 @@ def test_elastic_billiards_keep_their_energy_to_rounding(law, masses, timestep):
 @pytest.mark.parametrize("inadmissible", ["project", "raise", "allow"])
 def test_a_third_collision_of_a_step_that_the_second_one_leads_to(compiled, inadmissible):
     """A disk hits another, is thrown at a wall, and back: held by that contact alone, it would create energy."""
-    walls = "".join(
-        f'<geom type="plane" size="1 1 .1" pos="{0.4 * x} {0.4 * y} 0" zaxis="{-x} {-y} 0"/>'
-        for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1))
-    )
-    disks = "".join(
-        '<body><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/>'
-        f'<geom size=".05" mass="{mass}"/></body>'
-        for mass in (1.3, 1.9)
-    )
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><option timestep=".01" gravity="0 0 0"/><default><geom friction="0"/></default>'
-        f"<worldbody>{walls}{disks}</worldbody></mujoco>"
-    )
+    model = billiard((1.3, 1.9), 0.4, 0.01)
     data, mass = mujoco.MjData(model), np.repeat([1.3, 1.9], 2)
     data.qpos[:] = [0.15413107, -0.33467055, 0.09136956, -0.22399240]
     data.qvel[:] = [-1.84697450, 0.72284809, 0.32397793, -1.43798958]
