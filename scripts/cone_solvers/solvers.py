@@ -55,7 +55,7 @@ def compiled(problem: Problem, guess: np.ndarray) -> Call:
     arguments = (
         np.diff(rows.indptr), rows.indptr[:-1].copy(), rows.indices, rows.data, rows.shape[1], problem.tree,
         problem.first, problem.size, problem.kind, problem.bound, problem.compliance, problem.offset, guess,
-        problem.exact, TOLERANCE, problem.rounds,
+        problem.exact, TOLERANCE, problem.rounds, np.inf,
     )  # fmt: skip
 
     def call() -> tuple[np.ndarray, int]:

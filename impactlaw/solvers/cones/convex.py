@@ -29,12 +29,14 @@ from impactlaw.solvers.cones.algebra.loops import (
 )
 from impactlaw.solvers.cones.algebra.ordering import BLOCKS, Blocks
 from impactlaw.solvers.cones.algebra.projection import norm_of, project, projection_derivative, residual, slips
-from impactlaw.solvers.cones.algebra.structure import ISLAND, Island, jump, rows_times, velocity
+from impactlaw.solvers.cones.algebra.structure import BOX, ISLAND, Island, jump, rows_times, velocity
 
 _START, _END = 1e-1, 1e-6  # compliance of the first and of the last proximal step
 _STEPS = 50  # of Newton's method for one proximal step
 _MEMORY = 5
 _EXACT = np.bool_(False)  # the convex problem is not
+_FAR = 1e3  # change of velocity, relative to the scale of a problem, that no impulses make in practice
+_COMPLIANCES = np.array([1e-2, 1e-4, 1e-6])  # of proximal steps that look for a velocity as near as that
 
 
 @plain
@@ -149,6 +151,41 @@ def held(P: Island, K: Blocks, b: Array, x: Array, tolerance: float, outer: int,
             break
         least = max(0.1 * least, _END)
     return taken
+
+
+@plain
+def _separates(P: Island, x: Array, z: Array, scale: float) -> bool:
+    """Return whether an impulse x proves that no velocity within reach is in the dual cones.
+
+    For x in the cones and each solution y, ``x^T (A (A^T y) + C y + b) >= 0``, and therefore
+    ``|(A^T y, sqrt(C) y)| >= -b^T x / |(A^T x, sqrt(C) x)|``. Box rows, whose velocity is free, take no part.
+    """
+    given = square = 0.0
+    for g in range(len(P.kind)):
+        for i in range(P.start[g], P.start[g + 1]):
+            if P.kind[g] == BOX:
+                x[i] = 0.0
+            given -= P.b[i] * x[i]
+            square += P.c[i] * x[i] * x[i]
+    jump(P, x, z)
+    return given > _FAR * scale * np.sqrt(square + norm_of(z, FIRST, P.nv) ** 2)
+
+
+@kernel
+def out_of_reach(P: Island, K: Blocks, scale: float) -> tuple[int, bool]:
+    """Return Newton steps taken, and whether the convex problem has no solution, or one that is too far away.
+
+    Then nothing says that there are impulses with exact friction (V. Acary, F. Cadoux, C. Lemaréchal and J. Malick,
+    ZAMM 91, 2011, whose condition for their existence this is), and bodies that jam are of this kind.
+    """
+    x, y, z, proof, taken = zeros(len(P.b)), numbers(len(P.b)), zeros(P.nv), numbers(P.nv), 0
+    W, H = numbers(P.square[len(P.kind)]), numbers(K.size)
+    for least in _COMPLIANCES:
+        taken += proximal_step(P, K, P.b, x, z, least, 1e-10 * scale, W, H)
+        put(y, x)
+        if _separates(P, y, proof, scale):
+            return taken, True
+    return taken, False
 
 
 @kernel

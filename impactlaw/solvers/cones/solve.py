@@ -128,7 +128,7 @@ linked_improve = linked(improve)
 
 @compiled(
     "Tuple((float64[::1],float64[::1],float64,int64))(int32[::1],int32[::1],int32[::1],float64[::1],int64,int32[::1],"
-    "int32[::1],int32[::1],int32[::1],float64[::1],float64[::1],float64[::1],float64[::1],boolean,float64,int64)"
+    "int32[::1],int32[::1],int32[::1],float64[::1],float64[::1],float64[::1],float64[::1],boolean,float64,int64,float64)"
 )
 def solve(
     rownnz: Array,
@@ -147,6 +147,7 @@ def solve(
     exact: bool,
     tolerance: float,
     rounds: int,
+    work: float,
 ) -> tuple[Array, Array, float, int]:
     """Return x, ``z = Y^T x``, its relative natural map, and all steps taken.
 
@@ -167,8 +168,9 @@ def solve(
         exact: exact Coulomb friction, or its convex relaxation.
         tolerance: of the natural map, relative to the scale of each island.
         rounds: most rounds of what follows where Newton's method fails.
+        work: the part of the work of a time step that is allowed; infinite if none is spared.
     """
-    x, z, left = x0.copy(), np.zeros(nv), np.full(1, np.inf)
+    x, z, left = x0.copy(), np.zeros(nv), np.full(1, work)
     worst, total = linked_improve(
         rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, exact, tolerance, rounds, left,
         x, z,

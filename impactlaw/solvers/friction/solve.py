@@ -15,6 +15,7 @@ from impactlaw.solvers.problem import Status
 _ALONE = 1e-13  # relative residual with which the answer for a contact alone needs no Newton step
 _SHARP = 1e-13  # relative residual that the compiled solver aims at
 _AGAIN = 4  # times that a thorough search begins again from the best point that it has found
+_WORTH_IT = 0.5  # part of the residual that is left, up to which beginning again was of use
 _FACTORS = 1.0, 4.0  # of impulses of the convex problem, where others lead nowhere
 THOROUGH = 24
 """Rounds of what is slower and safer than Newton's method, after which none has helped more."""
@@ -28,7 +29,8 @@ class Effort(Protocol):
     """How much work a collision may take.
 
     Attributes:
-        hasty: whether restitution for which no impulses are found is left out at once, not scaled down.
+        hasty: whether restitution for which no impulses are found is left out at once, not scaled down, and little is
+            tried where nothing says that there are any.
     """
 
     hasty: bool
@@ -54,7 +56,12 @@ class Effort(Protocol):
 
 
 def solve_cones(
-    problem: ConeProblem, guess: np.ndarray | None = None, *, rounds: int = THOROUGH, most: float = np.inf
+    problem: ConeProblem,
+    guess: np.ndarray | None = None,
+    *,
+    rounds: int = THOROUGH,
+    most: float = np.inf,
+    hasty: bool = False,
 ) -> ConeAnswer:
     """Solve a problem of contacts with friction.
 
@@ -69,6 +76,7 @@ def solve_cones(
         guess: an impulse near the solution, (n,), such as that of a step before.
         rounds: most rounds where Newton's method fails.
         most: steps after which nothing more is tried.
+        hasty: whether little is tried where nothing says that there is a solution, see `cones.convex.out_of_reach`.
 
     Returns:
         The best answer found; its status is "solved" if its residual is at most 1e-10 of the problem's scale.
@@ -77,16 +85,16 @@ def solve_cones(
         x = single(problem, guess)
         if x is not None and (residual := problem.residual(x, problem.velocity(x))) <= _ALONE * problem.scale:
             return problem.answer(x, residual, Status.SOLVED, 0)
-    answer = _attempt(problem, guess, rounds, most)
+    answer = _attempt(problem, guess, rounds, most, hasty)
     total = answer.iterations
     if answer.status is Status.SOLVED or not problem.exact or rounds <= BRIEF or total >= most:
         return answer
-    relaxed = _attempt(problem.relaxed, None, rounds, most - total)
+    relaxed = _attempt(problem.relaxed, None, rounds, most - total, hasty)
     total += relaxed.iterations
-    for factor in _FACTORS:
+    for factor in _FACTORS if relaxed.status is Status.SOLVED else ():
         if total >= most:
             break
-        other = _attempt(problem, factor * relaxed.impulse, rounds, most - total)
+        other = _attempt(problem, factor * relaxed.impulse, rounds, most - total, hasty)
         total += other.iterations
         answer = other if other.residual < answer.residual else answer
     return answer._replace(iterations=total)
@@ -97,21 +105,21 @@ def solve_within(problem: ConeProblem, guess: np.ndarray | None, rounds: int, ef
     if effort is None:
         return solve_cones(problem, guess, rounds=rounds)
     rows = problem.start.size
-    answer = solve_cones(problem, guess, rounds=effort.rounds(rows), most=effort.steps(rows))
+    answer = solve_cones(problem, guess, rounds=effort.rounds(rows), most=effort.steps(rows), hasty=effort.hasty)
     effort.attempt(rows, answer.iterations)
     return answer
 
 
-def _attempt(problem: ConeProblem, guess: np.ndarray | None, rounds: int, most: float) -> ConeAnswer:
+def _attempt(problem: ConeProblem, guess: np.ndarray | None, rounds: int, most: float, hasty: bool) -> ConeAnswer:
     """Return what the compiled solver finds from a guess, and from there again, in so many steps or a few more."""
     x, residual, total = np.zeros(problem.shape), np.inf, 0
     for _ in range(_AGAIN if rounds > BRIEF else 2):
-        found, taken = compiled_answer(problem, guess, rounds)
+        found, taken = compiled_answer(problem, guess, rounds, hasty=hasty)
         total += taken
         with np.errstate(all="ignore"):
             reached = problem.residual(found, problem.velocity(found))
         enough = residual <= ENOUGH * problem.scale  # and once more from there made it sharper, or did not
-        again = reached >= residual < np.inf  # no better than where it began, where it would begin once more
+        again = reached > _WORTH_IT * residual  # little better than where it began, where it would begin once more
         if reached < residual:
             x, residual = found, reached
         hopeless = again or (residual > ENOUGH * problem.scale and rounds <= BRIEF)
@@ -130,7 +138,9 @@ def cost(rows: int, freedoms: int) -> tuple[float, float]:
     return 0.1 + 3e-7 * rows**2 * freedoms, 6e-3 + 1.5e-4 * rows + 1e-7 * min(rows, freedoms) ** 3
 
 
-def compiled_answer(problem: ConeProblem, guess: np.ndarray | None, rounds: int) -> tuple[np.ndarray, int]:
+def compiled_answer(
+    problem: ConeProblem, guess: np.ndarray | None, rounds: int, *, hasty: bool = False
+) -> tuple[np.ndarray, int]:
     """Return what the compiled solver finds: scaled impulse, (h, m), and all its steps."""
     from impactlaw.compiled import compile_together
 
@@ -157,6 +167,7 @@ def compiled_answer(problem: ConeProblem, guess: np.ndarray | None, rounds: int)
         problem.exact,
         _SHARP,
         rounds,
+        1.0 if hasty else np.inf,
     )
     return x.reshape(h, m), int(taken)
 

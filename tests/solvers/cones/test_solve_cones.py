@@ -9,7 +9,7 @@ TOLERANCE = 1e-10
 
 def run(args, x0=None, *, exact=True, tolerance=TOLERANCE, rounds=24):
     x0 = np.zeros(len(args[-1])) if x0 is None else x0
-    return solve(*args, x0, exact, tolerance, rounds)
+    return solve(*args, x0, exact, tolerance, rounds, np.inf)
 
 
 def permuted(args, order):

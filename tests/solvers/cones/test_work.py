@@ -13,7 +13,7 @@ def run(args, work, rounds=24, *, exact=True):
     rownnz, rowadr, colind, value, nv, tree, *rest, b = args
     x, z, left = np.zeros(len(b)), np.zeros(nv), np.array([work])
     residual, steps = improve(rownnz, rowadr, colind, value, tree, *rest, b, exact, TOLERANCE, rounds, left, x, z)
-    return residual, steps, work - left[0]
+    return residual, steps, work - left[0] if np.isfinite(work) else np.nan
 
 
 def without_solution(contacts):
@@ -35,6 +35,28 @@ def test_what_has_no_solution_takes_little_more_than_all_of_it(contacts):
     residual, _, spent = run(without_solution(contacts), 1.0, rounds=1000)
     assert residual > 1e-3
     assert spent < 1.7
+
+
+@pytest.mark.parametrize("exact", [True, False])
+@pytest.mark.parametrize("contacts", [2, 20, 60])
+def test_what_cannot_be_reached_is_soon_given_up_where_work_is_limited(contacts, exact):
+    residual, steps, _ = run(without_solution(contacts), 1e9, exact=exact)
+    thorough = run(without_solution(contacts), np.inf, exact=exact)[1]
+    assert residual > 1e-3
+    assert steps < 150 < thorough
+
+
+@pytest.mark.parametrize("spread", [0.0, 1.0, 3.0])
+def test_nothing_that_can_be_reached_is_given_up(spread):
+    """All these convex problems have solutions."""
+    hard = 0
+    for seed in range(200):
+        args, _ = solvable(np.random.default_rng(seed), 8, 12, 3, exact=False, extra=2, spread=spread)
+        residual, steps, _ = run(args, 1e9, exact=False)
+        if steps > 60:
+            hard += 1
+            assert residual <= TOLERANCE or run(args, np.inf, exact=False)[0] > TOLERANCE
+    assert hard > 5
 
 
 @pytest.mark.parametrize("contacts", [2, 20, 60])
