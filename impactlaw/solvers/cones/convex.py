@@ -36,7 +36,7 @@ _STEPS = 50  # of Newton's method for one proximal step
 _MEMORY = 5
 _EXACT = np.bool_(False)  # the convex problem is not
 _FAR = 1e3  # change of velocity, relative to the scale of a problem, that no impulses make in practice
-_COMPLIANCES = np.array([1e-2, 1e-4, 1e-6])  # of proximal steps that look for a velocity as near as that
+_COMPLIANCES = np.array([1e-2, 1e-4, 1e-6, 1e-8])  # of proximal steps that look for a velocity as near as that
 
 
 @plain
