@@ -9,6 +9,7 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 
 from impactlaw.errors import RecordingError
 from impactlaw.recording import Recorder, read_log, viewer
@@ -100,6 +101,23 @@ def test_unwritable_path(tmp_path, scene):
 def test_full_disk(scene):
     with pytest.raises(RecordingError, match="No space left"):
         Recorder(scene[0], "/dev/full")
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts threads as Linux tells them")
+def test_closed_recordings_leave_no_threads(tmp_path, scene):
+    record(tmp_path / "first.rrd", *scene, 1)
+    before = len(list(Path("/proc/self/task").iterdir()))
+    for number in range(8):
+        record(tmp_path / f"{number}.rrd", *scene, 1)
+    assert len(list(Path("/proc/self/task").iterdir())) <= before
+
+
+def test_a_recording_has_a_layout(tmp_path, scene):
+    record(tmp_path / "run.rrd", *scene, 1)
+    file = RrdReader(tmp_path / "run.rrd")
+    (layout,) = file.blueprints()
+    paths = {chunk.entity_path.split("/")[1] for chunk in file.stream(store=layout).to_chunks()}
+    assert {"viewport", "container", "view"} <= paths
 
 
 LIMITED = """
