@@ -54,7 +54,7 @@ def send_blueprint(stream: Any, model: mujoco.MjModel) -> None:
 
     Rerun's own function keeps the stream that the layout is made on, and its two threads, for ever.
     """
-    from rerun import bindings
+    import rerun_bindings as bindings
     from rerun.recording_stream import RecordingStream
 
     options = dict.fromkeys(("make_default", "make_thread_default"), False)

@@ -171,6 +171,8 @@ def test_closed_recorder(tmp_path, scene):
     recorder.flush()
     with pytest.raises(RecordingError, match="closed"):
         recorder.step(data)
+    with pytest.raises(RecordingError, match="closed"):
+        recorder.end_step([0.0], 1.0)
     assert read_log(tmp_path / "run.rrd").collisions.empty
 
 
@@ -194,6 +196,13 @@ def test_an_exception_in_the_run_keeps_what_was_recorded(tmp_path, scene):
     with pytest.raises(KeyError):
         run()
     assert len(read_log(tmp_path / "run.rrd").series("energy/total")[0]) == 1
+
+
+@pytest.mark.parametrize("path", [None, 3, b"run.rrd", ["run.rrd"]], ids=str)
+def test_paths_that_are_none(scene, path):
+    for use in (read_log, lambda path: Recorder(scene[0], path)):
+        with pytest.raises(RecordingError, match="a recording is a file"):
+            use(path)
 
 
 def test_not_a_recording(tmp_path, scene):

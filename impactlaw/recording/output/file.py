@@ -111,7 +111,7 @@ class RecordingFile:
             self.close()
 
     def _disconnect(self) -> None:
-        from rerun import bindings
+        import rerun_bindings as bindings
 
         if self._stream is not None:
             self._stream.disconnect()
