@@ -187,13 +187,14 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
 
         Raises:
             UnknownNameError: neither the wrapper nor the environment has such an option.
+            OptionError: the options are not a mapping.
             RestitutionError: the restitution does not fit the law.
             SceneError: the option means nothing to the contact model.
         """
         placed = self._placed
         if placed is None:
             return self.env.reset(seed=seed, options=options)
-        if ignores_options(self.env):
+        if ignores_options(self.env) or not isinstance(options, Mapping | None):
             check_reset(options)
         self._seeds.begin(seed)
         placed.prepare_reset(options, self._seeds)
