@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -54,7 +54,7 @@ class Laws:
         self._one = one
         self.settings = np.zeros((worlds, settings))
         self.places = np.zeros((worlds, 3), np.int64)
-        self.given: list[Law | None] = [None] * worlds
+        self.given: list[Any] = [None] * worlds
         self._by_contact = np.zeros(worlds, dtype=bool)
         self._tables: list[Coefficients | None] = [None] * worlds
 
