@@ -259,6 +259,12 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
             raise WrapperError("the law was removed from this wrapper; put another ImpactLaw around the environment")
         return self._placed
 
+    def __copy__(self) -> ImpactLaw:
+        """Return another wrapper around the same environment, under the same law in its place."""
+        twin = object.__new__(type(self))
+        twin.__dict__.update(self.__dict__)
+        return twin
+
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what the environment inside is stepped by: most of them are copied without it."""
         placed = None if self._placed is None else self._placed.options

@@ -189,14 +189,14 @@ class Batch:
         Raises:
             UnknownNameError: there is no such field.
             UnsupportedError: MuJoCo's batches do not have it.
-            SceneError: it tells about friction or contact, and the model of all worlds has none: worlds of this batch
-                would not see it.
+            SceneError: it tells about contact, friction or moving surfaces, and the model of all worlds has none:
+                worlds of this batch would not see it.
         """
         check_name(name)
         if name in self._left_out:
             raise SceneError(
-                f"model.{name} of each world would have no effect: the model of this batch has no contact, or none "
-                "with friction, and its steps leave that out; make the Batch of a model in which some contact has it"
+                f"model.{name} of each world would have no effect: the model of this batch has no contact, none with "
+                "friction, or no surface that moves, and its steps leave that out; make a Batch of a model that has it"
             )
         found = self._fields.expand(name)
         self._worlds.expand(name)
