@@ -65,13 +65,12 @@ class LawsOfWorlds:
         """Let the laws that a world draws begin anew."""
         self._seeds[world].begin(seed)
 
-    def begin(self, world: int, given: Mapping[str, Any]) -> None:
-        """Let a world have the law of the episode that begins: as given, drawn, or its own."""
-        if self._distribution is not None:
-            given = self._distribution.draw(self._seeds[world].generator, given) | dict(given)
-        law = self._asked(world, given) if given else self._own[world]
-        if law is not self.in_force[world] or self._distribution is not None:
-            self._use(world, law)
+    def begin(self, worlds: Sequence[int], given: Mapping[str, Any]) -> None:
+        """Let worlds have the laws of the episodes that begin: as given, drawn, or their own; or none, if one fails."""
+        laws = [self._of_episode(world, given) for world in worlds]
+        for world, law in zip(worlds, laws, strict=True):
+            if law is not self.in_force[world] or self._distribution is not None:
+                self._use(world, law)
 
     def set(self, name: str, values: Any) -> None:
         """Let "law" or "restitution" of all worlds be another, or one for each, from now on.
@@ -92,6 +91,11 @@ class LawsOfWorlds:
         every = np.ones(len(self._own), bool)
         told = {name: value.copy() for name, value in self._named.items()}
         return told | {f"_{name}": every for name in told}
+
+    def _of_episode(self, world: int, given: Mapping[str, Any]) -> Law:
+        if self._distribution is not None:
+            given = self._distribution.draw(self._seeds[world].generator, given) | dict(given)
+        return self._asked(world, given) if given else self._own[world]
 
     def _asked(self, world: int, given: Mapping[str, Any]) -> Law:
         """Return the law that options ask for; the world's own with another restitution if they name none."""

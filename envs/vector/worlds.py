@@ -182,9 +182,9 @@ class VectorWorlds(VectorEnv):
         self.set_attr("restitution", restitution)
 
     def _begin(self, worlds: np.ndarray, given: Mapping[str, Any] = MappingProxyType({})) -> None:
+        self._laws.begin(worlds.tolist(), given)  # first: what is refused changes nothing
         self.batch.reset(worlds.tolist(), self._task.keyframe)
         for i in worlds:
-            self._laws.begin(int(i), given)
             self._task.start(int(i), self._rngs[i])
         self._elapsed[worlds], self._over[worlds] = 0, False
 
