@@ -150,6 +150,8 @@ class Batch:
     def set_law(self, law: Law | Sequence[Law], ids: Sequence[int] | None = None) -> None:
         """Let the collisions of the next steps of some worlds, or all, be by another law, or one for each of them.
 
+        Where one of the laws is refused, all stay what they were.
+
         Raises:
             SceneError: there is not one law for each of these worlds, or compiled code does not take it.
             RestitutionError: a law does not fit the scene.
@@ -160,11 +162,7 @@ class Batch:
         laws = one_each(law, len(worlds))
         for own in laws[:1] if isinstance(law, Law) else laws:
             check_law(self.model, own)
-        if isinstance(law, Law):
-            self._laws.set(law, worlds)
-            return
-        for world, own in zip(worlds, laws, strict=True):
-            self._laws.set(own, [world])
+        self._laws.set(laws, worlds)
 
     def bind(self, name: str) -> np.ndarray:
         """Return a live array over a field of mjData, (nsim, ..): of the state to be written, of others to be read.

@@ -9,7 +9,7 @@ import pytest
 from gymnasium.error import ResetNeeded
 
 import impactlaw.envs  # noqa: F401
-from impactlaw import Moreau, Newton, make_law
+from impactlaw import AnyOutcome, Moreau, Newton, make_law
 from impactlaw.envs import LawDistribution
 from impactlaw.errors import (
     ActionError,
@@ -81,6 +81,15 @@ def test_a_reset_that_is_refused_leaves_worlds_where_they_are(vec, options, erro
         vec.reset(options=options)
     np.testing.assert_array_equal(vec.batch.state, state)
     assert vec.law == laws
+
+
+def test_a_law_of_some_world_that_is_refused_leaves_all_laws(vec):
+    vec.reset(seed=0)
+    for set_laws in (vec.batch.set_law, lambda laws: vec.set_attr("law", laws)):
+        with pytest.raises(SceneError, match="looks at all contacts"):
+            set_laws([Newton(0.1), Newton(0.2), AnyOutcome()])
+        np.testing.assert_array_equal(vec.batch.restitution, 0.8)
+        assert vec.law == vec.batch.law == (Newton(0.8),) * 3
 
 
 def test_what_worlds_do_not_have_is_refused(vec):
