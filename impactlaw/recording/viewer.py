@@ -58,9 +58,8 @@ def send_blueprint(stream: Any, model: mujoco.MjModel) -> None:
     from rerun.recording_stream import RecordingStream
 
     options = dict.fromkeys(("make_default", "make_thread_default"), False)
-    own = RecordingStream._from_native(
-        bindings.new_blueprint(application_id=APPLICATION, default_enabled=True, **options)
-    )
+    own = RecordingStream(APPLICATION, send_properties=False)
+    own.inner = bindings.new_blueprint(application_id=APPLICATION, default_enabled=True, **options)
     own.set_time("blueprint", sequence=0)
     blueprint(model)._log_to_stream(own)
     bindings.send_blueprint(own.memory_recording().storage, False, True, recording=stream.to_native())
