@@ -112,7 +112,9 @@ class LawDistribution:
 
 
 def _is_choice(value: Any) -> bool:
-    return not isinstance(value, str | Mapping) and np.iterable(value) and len(value) > 0  # pyright: ignore[reportArgumentType]
+    """Return whether these are several, in an order: that of a set differs from process to process."""
+    ordered = isinstance(value, Sequence) or (isinstance(value, np.ndarray) and value.ndim > 0)
+    return ordered and not isinstance(value, str | bytes) and len(value) > 0
 
 
 def _distribution(value: Any) -> Any:

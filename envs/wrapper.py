@@ -187,13 +187,14 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
 
         Raises:
             UnknownNameError: neither the wrapper nor the environment has such an option.
+            OptionError: the options are not a mapping.
             RestitutionError: the restitution does not fit the law.
             SceneError: the option means nothing to the contact model.
         """
         placed = self._placed
         if placed is None:
             return self.env.reset(seed=seed, options=options)
-        if ignores_options(self.env):
+        if ignores_options(self.env) or not isinstance(options, Mapping | None):
             check_reset(options)
         self._seeds.begin(seed)
         placed.prepare_reset(options, self._seeds)
@@ -257,6 +258,12 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         if self._placed is None:
             raise WrapperError("the law was removed from this wrapper; put another ImpactLaw around the environment")
         return self._placed
+
+    def __copy__(self) -> ImpactLaw:
+        """Return another wrapper around the same environment, under the same law in its place."""
+        twin = object.__new__(type(self))
+        twin.__dict__.update(self.__dict__)
+        return twin
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what the environment inside is stepped by: most of them are copied without it."""

@@ -14,6 +14,7 @@ A new scene is a new file; its name is the file's.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
@@ -87,6 +88,8 @@ def load(name_or_path: str | Path) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def _resolve(name_or_path: str | Path) -> Path:
+    if not isinstance(name_or_path, str | os.PathLike):
+        raise UnknownNameError("scene", name_or_path, SCENES)
     path = Path(name_or_path)
     if isinstance(name_or_path, str):
         is_name = not name_or_path or (len(path.parts) == 1 and not path.suffix and not path.exists())

@@ -149,13 +149,13 @@ class EpisodeLog:
             self._env = next(number for number in count() if _made(self._named(number)))
             self._last = self._named(self._env)
             return self._last
-        path = self._named(self._env or 0)
-        self._models = self._models + 1 if path == self._last else 1
-        self._last = path
-        if self._models > 1:
-            path = path.with_name(f"{path.stem}-{self._models}{path.suffix}")
+        path = named = self._named(self._env or 0)
+        models = self._models + 1 if named == self._last else 1
+        if models > 1:
+            path = named.with_name(f"{named.stem}-{models}{named.suffix}")
         if not _made(path):
             raise _exists(path)
+        self._last, self._models = named, models
         return path
 
     def _named(self, env: int) -> Path:

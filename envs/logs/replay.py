@@ -33,10 +33,12 @@ def restart(env: gymnasium.Env, episode: Episode, *, allow_law_changes: bool = F
             to the `value` of each of ``episode.law_changes`` before its `step`.
 
     Raises:
-        RecordingError: the recording does not say what the episode was drawn from, or is of an environment that was
-            made otherwise, or the law was set during the episode.
+        RecordingError: it is no episode, or the recording does not say what the episode was drawn from, or is of an
+            environment that was made otherwise, or the law was set during the episode.
         WrapperError: the environment has no impact law.
     """
+    if not isinstance(episode, Episode):
+        raise RecordingError(f"an episode is one of read_log(path).episodes, got {type(episode).__name__}")
     if episode.seed is None and episode.generator is None:
         raise RecordingError(
             f"episode {episode.number} was recorded without a seed and without the state of a random generator; "

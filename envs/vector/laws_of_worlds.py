@@ -65,13 +65,12 @@ class LawsOfWorlds:
         """Let the laws that a world draws begin anew."""
         self._seeds[world].begin(seed)
 
-    def begin(self, world: int, given: Mapping[str, Any]) -> None:
-        """Let a world have the law of the episode that begins: as given, drawn, or its own."""
-        if self._distribution is not None:
-            given = self._distribution.draw(self._seeds[world].generator, given) | dict(given)
-        law = self._asked(world, given) if given else self._own[world]
-        if law is not self.in_force[world] or self._distribution is not None:
-            self._use(world, law)
+    def begin(self, worlds: Sequence[int], given: Mapping[str, Any]) -> None:
+        """Let worlds have the laws of the episodes that begin: as given, drawn, or their own; or none, if one fails."""
+        laws = {world: self._of_episode(world, given) for world in worlds}
+        drawn = self._distribution is not None
+        changed = [world for world, law in laws.items() if drawn or law is not self.in_force[world]]
+        self._use(changed, [laws[world] for world in changed])
 
     def set(self, name: str, values: Any) -> None:
         """Let "law" or "restitution" of all worlds be another, or one for each, from now on.
@@ -80,11 +79,11 @@ class LawsOfWorlds:
             OptionError: there is not one for each world.
             UnknownNameError: no such law; all stay what they were.
             RestitutionError: the restitution does not fit the law; all stay what they were.
+            SceneError: compiled code does not take a law; all stay what they were.
         """
         every = each(f"values of {name}", values, len(self._own))
         chosen = [self._asked(world, {name: value}) for world, value in enumerate(every)]
-        for world, law in enumerate(chosen):
-            self._use(world, law)
+        self._use(range(len(chosen)), chosen)
         self._own, self._distribution = chosen, None
 
     def info(self) -> dict[str, np.ndarray]:
@@ -93,15 +92,21 @@ class LawsOfWorlds:
         told = {name: value.copy() for name, value in self._named.items()}
         return told | {f"_{name}": every for name in told}
 
+    def _of_episode(self, world: int, given: Mapping[str, Any]) -> Law:
+        if self._distribution is not None:
+            given = self._distribution.draw(self._seeds[world].generator, given) | dict(given)
+        return self._asked(world, given) if given else self._own[world]
+
     def _asked(self, world: int, given: Mapping[str, Any]) -> Law:
         """Return the law that options ask for; the world's own with another restitution if they name none."""
         law = given["law"] if "law" in given else self._own[world].name
         return choose_law(self._model, law, given.get("restitution"))
 
-    def _use(self, world: int, law: Law) -> None:
-        self.batch.set_law(law, [world])
-        self.in_force[world] = law
-        self._name(world, law)
+    def _use(self, worlds: Sequence[int], laws: Sequence[Law]) -> None:
+        self.batch.set_law(laws, worlds)
+        for world, law in zip(worlds, laws, strict=True):
+            self.in_force[world] = law
+            self._name(world, law)
 
     def _name(self, world: int, law: Law) -> None:
         for name, value in describe_law(law).items():

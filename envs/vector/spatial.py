@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import gymnasium
+import mujoco
 import numpy as np
 from gymnasium import spaces
 
@@ -43,6 +44,17 @@ class Robot:
         self._qpos[world] = qpos + rng.uniform(-noise, noise, self.model.nq)
         drawn = noise * rng.standard_normal(nv) if self._normal else rng.uniform(-noise, noise, nv)
         self._qvel[world] = qvel + drawn
+
+    def _advance(self, worlds: np.ndarray, action: np.ndarray) -> np.ndarray:
+        """Step worlds; return which have left the finite numbers, bool (n,): they are not stepped.
+
+        MuJoCo would set controls that are not finite, or huge, to 0 and go on.
+        """
+        self._ctrl[worlds] = action
+        fine = np.abs(self._ctrl[worlds]).max(axis=1) <= mujoco.mjMAXVAL
+        diverged = ~fine
+        diverged[fine] = step_worlds(self._batch, worlds[fine], self.frame_skip)
+        return diverged
 
 
 class Spatial(Robot):
@@ -95,8 +107,7 @@ class Spatial(Robot):
     def step(self, worlds: np.ndarray, action: np.ndarray) -> Outcome:
         """Take one step of the environment in some worlds."""
         env, before = self._env, self._where[worlds]
-        self._ctrl[worlds] = action
-        diverged = step_worlds(self._batch, worlds, env.frame_skip)
+        diverged = self._advance(worlds, action)
         stepped = worlds[~diverged]
         self._force[stepped], self._where[stepped] = self._felt[stepped], self._positions(stepped)
         velocity = (self._where[worlds] - before) / env.dt

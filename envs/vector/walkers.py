@@ -11,7 +11,7 @@ from gymnasium import spaces
 from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.vector.asked_laws import asked_laws
 from impactlaw.envs.vector.spatial import Robot, Spatial
-from impactlaw.envs.vector.task import Outcome, step_worlds
+from impactlaw.envs.vector.task import Outcome
 from impactlaw.envs.vector.worlds import VectorWorlds
 from impactlaw.errors import OptionError
 from impactlaw.laws import Law
@@ -43,8 +43,7 @@ class Planar(Robot):
     def step(self, worlds: np.ndarray, action: np.ndarray) -> Outcome:
         """Take one step of the environment in some worlds."""
         before = self._qpos[worlds, :1]
-        self._ctrl[worlds] = action
-        diverged = step_worlds(self._batch, worlds, self.frame_skip)
+        diverged = self._advance(worlds, action)
         qpos, qvel = self._qpos[worlds], self._qvel[worlds]
         velocity = (qpos[:, 0] - before[:, 0]) / self._env.dt
         healthy = self._is_healthy(qpos, qvel)

@@ -182,9 +182,9 @@ class VectorWorlds(VectorEnv):
         self.set_attr("restitution", restitution)
 
     def _begin(self, worlds: np.ndarray, given: Mapping[str, Any] = MappingProxyType({})) -> None:
+        self._laws.begin(worlds.tolist(), given)  # first: what is refused changes nothing
         self.batch.reset(worlds.tolist(), self._task.keyframe)
         for i in worlds:
-            self._laws.begin(int(i), given)
             self._task.start(int(i), self._rngs[i])
         self._elapsed[worlds], self._over[worlds] = 0, False
 
@@ -201,19 +201,18 @@ class VectorWorlds(VectorEnv):
         over, going = np.flatnonzero(self._over), np.flatnonzero(~self._over)
         reward, terminated = np.zeros(self.num_envs), np.zeros(self.num_envs, bool)
         truncated, info = np.zeros(self.num_envs, bool), dict[str, Any]()
-        if len(going):
-            short = self.batch.short_steps[going]
-            found = self._task.step(going, actions[going])
-            told = {"impact/short": self.batch.short_steps[going] - short, "impact/diverged": found.diverged}
-            reward[going] = np.where(found.diverged, 0.0, found.reward)
-            terminated[going], truncated[going] = found.terminated & ~found.diverged, found.diverged
-            for name, value in (found.info | told).items():
-                info[name] = np.zeros(self.num_envs)
-                info[name][going] = value
-                info[f"_{name}"] = ~self._over
-            self._elapsed[going] += 1
-            if self._limit is not None:
-                truncated[going] |= self._elapsed[going] >= self._limit
+        short = self.batch.short_steps[going]
+        found = self._task.step(going, actions[going])
+        told = {"impact/short": self.batch.short_steps[going] - short, "impact/diverged": found.diverged}
+        reward[going] = np.where(found.diverged, 0.0, found.reward)
+        terminated[going], truncated[going] = found.terminated & ~found.diverged, found.diverged
+        for name, value in (found.info | told).items():
+            info[name] = np.zeros(self.num_envs)
+            info[name][going] = value
+            info[f"_{name}"] = ~self._over
+        self._elapsed[going] += 1
+        if self._limit is not None:
+            truncated[going] |= self._elapsed[going] >= self._limit
         if len(over):
             self._begin(over)
         info |= self._laws.info()

@@ -9,17 +9,19 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
-from impactlaw.batch.given import check_threads, keyframes, one_each, world_numbers
+from impactlaw.batch.given import check_name, check_threads, keyframes, one_each, world_numbers
 from impactlaw.batch.rows import Fields
 from impactlaw.compiled import compile_together
 from impactlaw.errors import CopyError, SceneError, UnknownNameError, WorldsFailedError
 from impactlaw.laws import Law
+from impactlaw.settled import Settled
 from impactlaw.stepping.compatibility import FRICTION, check_count, check_law, check_model, check_override
 from impactlaw.stepping.compiled.engine import Pool, functions
 from impactlaw.stepping.left_out import watched_fields
 from impactlaw.stepping.options import Options
 from impactlaw.stepping.plan import make_plan
 
+_ANEW = "make another Batch"
 _FORCES = ("cfrc_ext", "cfrc_int", "cacc")
 """Fields of mjData, which MuJoCo computes only where somebody asks: after the last step of a call."""
 
@@ -50,7 +52,8 @@ class Batch:
 
     Attributes:
         model: the scene.
-        state: MuJoCo's state rows, (nsim, nstate).
+        state: MuJoCo's state rows, (nsim, nstate), to be written.
+        law: the law of each world; set it as `set_law` does.
         restitution: e of each world, (nsim,), to be written; NaN where a law has more than one.
 
     Raises:
@@ -58,6 +61,9 @@ class Batch:
         OptionError: a number of worlds or threads, or a speed, that cannot be.
         UnknownNameError: an option has no such value, or a law is none.
     """
+
+    model, nsim, contact_model = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
+    state = Settled("write into it, as state[:] = ...")
 
     def __init__(
         self,
@@ -113,6 +119,15 @@ class Batch:
         return self._pool.threads
 
     @property
+    def law(self) -> tuple[Law, ...]:
+        """The law that each world was given, whatever was written to `restitution` since; set it as `set_law` does."""
+        return tuple(self._laws.given)
+
+    @law.setter
+    def law(self, law: Law | Sequence[Law]) -> None:
+        self.set_law(law)
+
+    @property
     def restitution(self) -> np.ndarray:
         """E of each world, (nsim,), to be written, in [0, 1]; NaN where a law has more than one."""
         return self._laws.restitution
@@ -135,6 +150,8 @@ class Batch:
     def set_law(self, law: Law | Sequence[Law], ids: Sequence[int] | None = None) -> None:
         """Let the collisions of the next steps of some worlds, or all, be by another law, or one for each of them.
 
+        Where one of the laws is refused, all stay what they were.
+
         Raises:
             SceneError: there is not one law for each of these worlds, or compiled code does not take it.
             RestitutionError: a law does not fit the scene.
@@ -145,11 +162,7 @@ class Batch:
         laws = one_each(law, len(worlds))
         for own in laws[:1] if isinstance(law, Law) else laws:
             check_law(self.model, own)
-        if isinstance(law, Law):
-            self._laws.set(law, worlds)
-            return
-        for world, own in zip(worlds, laws, strict=True):
-            self._laws.set(own, [world])
+        self._laws.set(laws, worlds)
 
     def bind(self, name: str) -> np.ndarray:
         """Return a live array over a field of mjData, (nsim, ..): of the state to be written, of others to be read.
@@ -158,6 +171,7 @@ class Batch:
             UnknownNameError: there is no such field.
             UnsupportedError: MuJoCo's batches do not have it, such as one without a fixed size.
         """
+        check_name(name)
         found = self._fields.bind(name)
         context, places = self._worlds.context, self._worlds.places
         context[places.forces] |= name in _FORCES
@@ -173,13 +187,14 @@ class Batch:
         Raises:
             UnknownNameError: there is no such field.
             UnsupportedError: MuJoCo's batches do not have it.
-            SceneError: it tells about friction or contact, and the model of all worlds has none: worlds of this batch
-                would not see it.
+            SceneError: it tells about contact, friction or moving surfaces, and the model of all worlds has none:
+                worlds of this batch would not see it.
         """
+        check_name(name)
         if name in self._left_out:
             raise SceneError(
-                f"model.{name} of each world would have no effect: the model of this batch has no contact, or none "
-                "with friction, and its steps leave that out; make the Batch of a model in which some contact has it"
+                f"model.{name} of each world would have no effect: the model of this batch has no contact, none with "
+                "friction, or no surface that moves, and its steps leave that out; make a Batch of a model that has it"
             )
         found = self._fields.expand(name)
         self._worlds.expand(name)

@@ -47,6 +47,16 @@ def keyframes(keyframe: int | Sequence[int], worlds: int, count: int) -> np.ndar
     return np.ascontiguousarray(np.broadcast_to(keys.astype(np.int32), (worlds,)))
 
 
+def check_name(name: object) -> None:
+    """Refuse what cannot be the name of a field.
+
+    Raises:
+        UnknownNameError: it is no text.
+    """
+    if not isinstance(name, str):
+        raise UnknownNameError("field", name, ('a name as text, such as "qpos"',))
+
+
 def one_each(law: Any, count: int) -> list[Law]:
     """Return one law for each of so many worlds.
 

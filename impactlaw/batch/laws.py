@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -54,7 +54,7 @@ class Laws:
         self._one = one
         self.settings = np.zeros((worlds, settings))
         self.places = np.zeros((worlds, 3), np.int64)
-        self.given: list[Law | None] = [None] * worlds
+        self.given: list[Any] = [None] * worlds
         self._by_contact = np.zeros(worlds, dtype=bool)
         self._tables: list[Coefficients | None] = [None] * worlds
 
@@ -63,21 +63,25 @@ class Laws:
         """E of each world, (nsim,), NaN where a law has more than one."""
         return self.settings[:, self._one.restitution_at]
 
-    def set(self, law: Law, worlds: Sequence[int]) -> None:
-        """Give a law to some worlds.
+    def set(self, laws: Sequence[Law], worlds: Sequence[int]) -> None:
+        """Give some worlds a law each, or none of them if one is refused.
 
         Raises:
             SceneError: compiled code does not take it.
         """
+        made = {key: self._as_compiled(law) for key, law in {id(law): law for law in laws}.items()}
+        for world, law in zip(worlds, laws, strict=True):
+            table, row = made[id(law)]
+            self._by_contact[world] = np.isnan(row[self._one.restitution_at])
+            self.settings[world], self._tables[world], self.given[world] = row, table, law
+            self._place(world)
+
+    def _as_compiled(self, law: Law) -> tuple[Coefficients, Sequence[float]]:
         self._one.set_law(law)
         why = self._one.reason()
         if why is not None:
             raise SceneError(f"a batch cannot be under this law: {why}; use Stepper, or another law")
-        table, row = self._one.coefficients(), self._one.settings()
-        self._by_contact[list(worlds)] = np.isnan(row[self._one.restitution_at])
-        for world in worlds:
-            self.settings[world], self._tables[world], self.given[world] = row, table, law
-            self._place(world)
+        return self._one.coefficients(), self._one.settings()
 
     def check(self) -> None:
         """Refuse restitution that was written and is none.

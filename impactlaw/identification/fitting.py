@@ -88,18 +88,21 @@ def fit(
             matrix (fremond) belongs to one set.
         admissible: restrict E (fremond) to ``E >= 0`` and ``G^-1 (1 + E) >= 0``, so that no ``gamma- <= 0`` leads to
             penetration or pulling.
-        projected: let the law found project its outcome onto S(v-), which is never worse; the law is a `Scattered` one
-            of variance 0 then.
+        projected: let the law found project its outcome onto S(v-), which is never worse for what was measured in
+            S(v-); the law is a `Scattered` one of variance 0 then. Not for laws with friction, "coulomb" and "routh".
 
     Raises:
         UnknownNameError: no such family.
-        MeasurementError: the data cannot tell.
+        MeasurementError: the data cannot tell, or the family does not know the option.
     """
     measured = _checked(collisions, post_velocities, family, contacts)
     make = FAMILIES[family]
     if admissible and make is not None:
         raise MeasurementError(f"admissible=True restricts a full matrix, family 'fremond', not {family!r}")
-    found = _fit_matrix(measured, admissible=admissible) if make is None else _fit_parameters(measured, make(measured))
+    fitted = None if make is None else make(measured)
+    if projected and fitted is not None and fitted.friction:
+        raise MeasurementError(f"projected=True leaves out the friction that family {family!r} is about")
+    found = _fit_matrix(measured, admissible=admissible) if fitted is None else _fit_parameters(measured, fitted)
     if not projected:
         return found
     law = Scattered(found.law, 0.0)

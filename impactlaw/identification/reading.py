@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import math
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -49,6 +50,8 @@ def read_collisions(path: str | Path) -> Collisions:
         MeasurementError: no such file, not one of these, or what is in it is not a collision; names row and column.
         RecordingError: not a recording of this package.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise MeasurementError(f"collisions are read from a file, got {path!r:.100}")
     path = Path(path)
     table = _table(path)
     if table.empty:

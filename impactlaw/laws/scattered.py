@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import Law, Target, square_matrix
 from impactlaw.laws.drawn.drawing import checked_seed, generator
-from impactlaw.laws.friction.coulomb import Coulomb
 from impactlaw.mechanics.admissible.sampling import check_number
 from impactlaw.mechanics.collision import Collision
 
@@ -40,7 +39,7 @@ class Scattered(Law):
     seed: int | None = field(default=None, kw_only=True)
 
     def __post_init__(self):
-        if not isinstance(self.law, Law) or isinstance(self.law, Coulomb):
+        if not isinstance(self.law, Law) or self.law.has_friction:
             raise RestitutionError(
                 f"Scattered takes a law without friction, got {self.law!r}; friction goes around it: "
                 "Coulomb(Scattered(law, covariance))"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from impactlaw.errors import RecordingError
 from impactlaw.recording import layout
 from impactlaw.recording.layout import Column, time_columns
 
@@ -33,13 +34,24 @@ class EpisodeMarks:
         self._rows[layout.CHANGES].append((clock, frame, change))
 
     def end_step(self, clock: float, frame: int, action: Any, reward: Any, ended: tuple[bool, bool]) -> None:
-        """Take up an environment step that ends with this frame."""
+        """Take up an environment step that ends with this frame.
+
+        Raises:
+            RecordingError: its action is not made of numbers, or its reward is not one number.
+        """
         terminated, truncated = ended
         told = np.asarray(action)
+        try:
+            numbers, gained = told.ravel().astype(float).tolist(), float(reward)
+        except (TypeError, ValueError):
+            raise RecordingError(
+                f"a recording takes numbers as an action, got {action!r:.100}, and one number as a reward, got "
+                f"{reward!r:.100}: put a wrapper around the environment, inside of what records, that makes them so"
+            ) from None
         step = {
-            "action": told.ravel().astype(float).tolist(),
+            "action": numbers,
             "kind": json.dumps([told.dtype.str, told.shape]),
-            "reward": float(reward),
+            "reward": gained,
             "terminated": bool(terminated),
             "truncated": bool(truncated),
         }
@@ -85,7 +97,8 @@ class Episode:
         time: of the frames, s, (n,): the start, and the end of every timestep.
         qpos: (n, nq).
         qvel: (n, nv).
-        actions: one per environment step, of its type and shape, (k, ...); none where no environment was told.
+        actions: one per environment step, of its type and shape, (k, ...); where these differ, objects, (k,); none
+            where no environment was told.
         rewards: (k,).
         frame: which frame each environment step ends with, int (k,).
         ended: "terminated", "truncated", or "" where it was given up, or ended by what is around the environment.
@@ -192,6 +205,10 @@ def _law_changes(entity: Entity | None, begin: int, end: int, frame: np.ndarray)
 def _actions(rows: list[list[float]], kinds: list[str]) -> np.ndarray:
     if not rows:
         return np.zeros((0, 0))
+    if len(set(kinds)) > 1:
+        actions = np.empty(len(rows), object)
+        actions[:] = [_actions([row], [kind])[0] for row, kind in zip(rows, kinds, strict=True)]
+        return actions
     dtype, shape = json.loads(kinds[0])
     return np.array([row or [] for row in rows], dtype=float).astype(dtype).reshape(len(rows), *shape)
 

@@ -13,7 +13,7 @@ from impactlaw.errors import RecordingError, UnknownNameError
 from impactlaw.recording import layout
 from impactlaw.recording.episodes import Episode, episode_table, read_episodes
 from impactlaw.recording.properties import PROPERTY_NAMES
-from impactlaw.recording.rrd import Entity, read_entities
+from impactlaw.recording.rrd import Entity, file_path, read_entities
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -150,7 +150,7 @@ def read_log(path: str | Path) -> Recording:
     Raises:
         RecordingError: there is no such file, or it is not a recording of this package.
     """
-    path = Path(path)
+    path = file_path(path)
     entities = read_entities(path)
     properties = _properties(path, entities)
     collisions = _collision_table(entities.get(layout.COLLISIONS))

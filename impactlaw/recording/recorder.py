@@ -20,6 +20,7 @@ from impactlaw.recording.layout import EPISODE_COLUMNS, Column
 from impactlaw.recording.output.file import RecordingFile
 from impactlaw.recording.output.frames import Frames
 from impactlaw.recording.properties import law_name, run_properties
+from impactlaw.recording.rrd import file_path
 
 if TYPE_CHECKING:
     from impactlaw.scene.contacts import Contacts
@@ -68,7 +69,7 @@ class Recorder:
         seed: int | None = None,
         view: bool = False,
     ):
-        self.path = Path(path)
+        self.path = file_path(path)
         self._episode = -1
         self._coming: dict[str, Any] | None = None
         self._changed: dict[str, Any] | None = None
@@ -143,9 +144,10 @@ class Recorder:
         """Record an environment step, which ends with the last frame: what it was told, and what it gave.
 
         Raises:
-            RecordingError: no frame has been recorded.
+            RecordingError: no frame has been recorded, the recorder is closed, the action is not made of numbers, or
+                the reward is not one number.
         """
-        file = self._file
+        file = self._opened()
         if not file.step:
             raise RecordingError(f"an environment step ends with a frame, but {self.path} has none yet")
         self._marks.end_step(file.clock, file.step - 1, action, reward, (terminated, truncated))
@@ -161,9 +163,7 @@ class Recorder:
         Raises:
             RecordingError: the recorder is closed, the data are of another model, or the file can no longer be written.
         """
-        file = self._file
-        if not file.is_open:
-            raise RecordingError(f"the recording {self.path} is closed")
+        file = self._opened()
         if (data.qpos.size, data.qvel.size) != self._sizes:
             raise RecordingError(f"the data are not of the model that {self.path} records; a new model needs a new one")
         self._advance(data.time)
@@ -191,6 +191,11 @@ class Recorder:
         atexit.unregister(self._end)
         self._end.detach()
         self._file.close()
+
+    def _opened(self) -> RecordingFile:
+        if not self._file.is_open:
+            raise RecordingError(f"the recording {self.path} is closed")
+        return self._file
 
     def _advance(self, time: float) -> None:
         file, again = self._file, time <= self._time

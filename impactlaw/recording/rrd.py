@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import tempfile
 import warnings
@@ -61,6 +62,17 @@ class Entity:
     def counts(self, name: str) -> np.ndarray:
         """Return how many values each cell of a column has."""
         return self.columns[name].value_lengths().to_numpy()
+
+
+def file_path(path: str | Path) -> Path:
+    """Return the path of a recording.
+
+    Raises:
+        RecordingError: it is none.
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise RecordingError(f'a recording is a file, such as "run.rrd", got {path!r:.100}')
+    return Path(path)
 
 
 def read_entities(path: Path) -> dict[str, Entity]:

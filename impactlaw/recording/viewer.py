@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import RecordingError
-from impactlaw.recording.layout import COLLISIONS, CONTACTS, ENERGY, MARKS, PLOTTED, SCENE, SIM_TIME
+from impactlaw.recording.layout import APPLICATION, COLLISIONS, CONTACTS, ENERGY, MARKS, PLOTTED, SCENE, SIM_TIME
 
 _PORT = 9876
 _DISTANCE = 1.2  # of the eye, in extents of the model
@@ -47,6 +47,23 @@ def blueprint(model: mujoco.MjModel) -> Any:
         rrb.SelectionPanel(state="collapsed"),
         auto_views=False,
     )
+
+
+def send_blueprint(stream: Any, model: mujoco.MjModel) -> None:
+    """Send the layout to a stream.
+
+    Rerun's own function keeps the stream that the layout is made on, and its two threads, for ever.
+    """
+    import rerun_bindings as bindings
+    from rerun.recording_stream import RecordingStream
+
+    options = dict.fromkeys(("make_default", "make_thread_default"), False)
+    own = RecordingStream(APPLICATION, send_properties=False)
+    own.inner = bindings.new_blueprint(application_id=APPLICATION, default_enabled=True, **options)
+    own.set_time("blueprint", sequence=0)
+    blueprint(model)._log_to_stream(own)
+    bindings.send_blueprint(own.memory_recording().storage, False, True, recording=stream.to_native())
+    own.disconnect()
 
 
 def log_styles(stream: Any) -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from impactlaw import Moreau, Stepper
 from impactlaw.batch import Batch
-from impactlaw.errors import OptionError, SceneError, UnknownNameError, UnsupportedError
+from impactlaw.errors import OptionError, SceneError, SettledError, UnknownNameError, UnsupportedError
 from impactlaw.models import load
 
 
@@ -67,6 +67,20 @@ def test_fields_that_there_are_not(batch):
         batch.bind("xposs")
     with pytest.raises(UnknownNameError, match=r"did you mean .*'body_mass'"):
         batch.expand("body_masses")
+    for name in (None, b"qpos", ["qpos"]):
+        for use in (batch.bind, batch.expand):
+            with pytest.raises(UnknownNameError, match=r"unknown field .* a name as text"):
+                use(name)
+
+
+def test_attributes_that_are_set_have_an_effect_or_are_refused(batch):
+    batch.law = Moreau(0.25)
+    np.testing.assert_array_equal(batch.restitution, 0.25)
+    batch.law = [Moreau(0.1), Moreau(0.2), Moreau(0.3)]
+    assert batch.law == (Moreau(0.1), Moreau(0.2), Moreau(0.3))
+    for name in ("model", "nsim", "contact_model", "state"):
+        with pytest.raises(SettledError, match=f"{name} of Batch is settled"):
+            setattr(batch, name, getattr(batch, name))
 
 
 def test_fields_that_worlds_cannot_have(batch):

@@ -193,6 +193,15 @@ def test_every_family_or_a_reason():
         assert fitted
 
 
+@pytest.mark.parametrize("family", ["coulomb", "routh"])
+def test_projection_onto_s_is_not_for_laws_with_friction(family):
+    collisions = [one_contact(np.random.default_rng([5, i])) for i in range(10)]
+    after = [Moreau(0.5).resolve(c).post_velocity for c in collisions]
+    for use in (fit, cross_validate):
+        with pytest.raises(MeasurementError, match=f"leaves out the friction that family '{family}'"):
+            use(collisions, after, family, projected=True)
+
+
 def test_refusals():
     collisions = [launched(3, 1)] * 2
     after = [np.zeros(3)] * 2

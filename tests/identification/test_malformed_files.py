@@ -7,7 +7,8 @@ import pytest
 from identification.tables import chain_rows, row, run_cli, table
 
 from impactlaw import Collision, make_law
-from impactlaw.errors import RestitutionError
+from impactlaw.errors import MeasurementError, RestitutionError
+from impactlaw.identification import read_collisions
 
 
 @pytest.mark.parametrize(
@@ -144,6 +145,11 @@ def test_files_that_are_no_tables(tmp_path, monkeypatch, capsys, name, content, 
     assert said.startswith("impactlaw: ")
     assert said.count("\n") == 1
     assert pytest.importorskip("re").search(message, said), said
+
+
+def test_what_is_no_file():
+    with pytest.raises(MeasurementError, match="read from a file, got None"):
+        read_collisions(None)
 
 
 @pytest.mark.parametrize(

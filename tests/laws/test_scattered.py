@@ -5,7 +5,7 @@ import pytest
 from problems import launched, rod
 from scenes import compiled
 
-from impactlaw import Collision, Coulomb, Moreau, Newton, Scattered, Stepper
+from impactlaw import Collision, Coulomb, Moreau, Newton, Routh, Scattered, Stepper
 from impactlaw.errors import InvalidCollisionError, RestitutionError
 from impactlaw.models import load
 
@@ -88,6 +88,7 @@ def test_in_every_way_to_step(options):
     [
         (lambda: Scattered(0.5, 0.1), "takes a law without friction"),
         (lambda: Scattered(Coulomb(Moreau(0.5)), 0.1), "friction goes around it"),
+        (lambda: Scattered(Routh(0.5), 0.1), "takes a law without friction, got Routh"),
         (lambda: Scattered(Moreau(0.5), -1.0), "variance must be 0 or more"),
         (lambda: Scattered(Moreau(0.5), [[1.0, 2.0], [2.0, 1.0]]), "positive semidefinite"),
         (lambda: Scattered(Moreau(0.5), [[1.0, 0.5], [0.0, 1.0]]), "symmetric"),

@@ -88,6 +88,12 @@ def test_unknown_scene_names_the_nearest(name):
         assert "newtons_cradle" in str(error.value)
 
 
+@pytest.mark.parametrize("name", [None, 3, b"wedge", ["wedge"]], ids=str)
+def test_what_is_no_name_of_a_scene(name):
+    with pytest.raises(UnknownNameError, match="unknown scene"):
+        load(name)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -9,6 +9,7 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 
 from impactlaw.errors import RecordingError
 from impactlaw.recording import Recorder, read_log, viewer
@@ -102,6 +103,23 @@ def test_full_disk(scene):
         Recorder(scene[0], "/dev/full")
 
 
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts threads as Linux tells them")
+def test_closed_recordings_leave_no_threads(tmp_path, scene):
+    record(tmp_path / "first.rrd", *scene, 1)
+    before = len(list(Path("/proc/self/task").iterdir()))
+    for number in range(8):
+        record(tmp_path / f"{number}.rrd", *scene, 1)
+    assert len(list(Path("/proc/self/task").iterdir())) <= before
+
+
+def test_a_recording_has_a_layout(tmp_path, scene):
+    record(tmp_path / "run.rrd", *scene, 1)
+    file = RrdReader(tmp_path / "run.rrd")
+    (layout,) = file.blueprints()
+    paths = {chunk.entity_path.split("/")[1] for chunk in file.stream(store=layout).to_chunks()}
+    assert {"viewport", "container", "view"} <= paths
+
+
 LIMITED = """
 import resource, sys, mujoco
 from impactlaw.models import load
@@ -153,6 +171,8 @@ def test_closed_recorder(tmp_path, scene):
     recorder.flush()
     with pytest.raises(RecordingError, match="closed"):
         recorder.step(data)
+    with pytest.raises(RecordingError, match="closed"):
+        recorder.end_step([0.0], 1.0)
     assert read_log(tmp_path / "run.rrd").collisions.empty
 
 
@@ -176,6 +196,13 @@ def test_an_exception_in_the_run_keeps_what_was_recorded(tmp_path, scene):
     with pytest.raises(KeyError):
         run()
     assert len(read_log(tmp_path / "run.rrd").series("energy/total")[0]) == 1
+
+
+@pytest.mark.parametrize("path", [None, 3, b"run.rrd", ["run.rrd"]], ids=str)
+def test_paths_that_are_none(scene, path):
+    for use in (read_log, lambda path: Recorder(scene[0], path)):
+        with pytest.raises(RecordingError, match="a recording is a file"):
+            use(path)
 
 
 def test_not_a_recording(tmp_path, scene):

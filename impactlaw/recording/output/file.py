@@ -67,7 +67,7 @@ class RecordingFile:
             self._stream.set_sinks(rr.FileSink(self.path), *sinks)
         except (OSError, RuntimeError) as error:
             raise self._cannot_write(getattr(error, "strerror", None) or str(error)) from None
-        self._stream.send_blueprint(viewer.blueprint(model), make_active=False, make_default=True)
+        viewer.send_blueprint(self._stream, model)
         self.sync()
 
     def flush(self) -> None:
@@ -111,9 +111,12 @@ class RecordingFile:
             self.close()
 
     def _disconnect(self) -> None:
+        import rerun_bindings as bindings
+
         if self._stream is not None:
             self._stream.disconnect()
             self._stream = None
+            bindings.flush_and_cleanup_orphaned_recordings()  # or its threads go on until rerun is initialized again
 
     def sync(self) -> None:
         """Wait until the file has what was logged.

@@ -149,6 +149,10 @@ def test_in_vector_environments():
         (lambda: RandomLaw(gymnasium.make("CartPole-v1")), WrapperError, "no impact law"),
         (lambda: RandomLaw(juggler(), laws=()), OptionError, "laws is a sequence"),
         (lambda: RandomLaw(juggler(), laws="moreau"), OptionError, "laws is a sequence"),
+        (lambda: RandomLaw(juggler(), laws={"moreau", "newton"}), OptionError, "laws is a sequence"),  # has no order
+        (lambda: RandomLaw(juggler(), laws=iter(["moreau"])), OptionError, "laws is a sequence"),
+        (lambda: RandomLaw(juggler(), restitution={0.4, 0.5}), OptionError, "interval"),
+        (lambda: RandomLaw(juggler(), restitution=np.array(0.5)), OptionError, "interval"),
         (lambda: RandomLaw(juggler(), laws=("moro",)), UnknownNameError, "did you mean 'moreau'"),
         (lambda: RandomLaw(juggler(), restitution=(0.4, 1.2)), OptionError, "0 <= low <= high <= 1"),
         (lambda: RandomLaw(juggler(), restitution=(0.9, 0.2)), OptionError, "0 <= low <= high <= 1"),

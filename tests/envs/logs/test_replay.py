@@ -30,6 +30,46 @@ def assert_same_states(env, episode, laws=()):
         np.testing.assert_array_equal(data.qvel, episode.qvel[frame])
 
 
+def test_actions_of_different_kinds_are_played_again(tmp_path):
+    """A whole number comes first: those that follow keep their fractions."""
+    env = makers(log=tmp_path / "run.rrd")["wrapped"]()
+    env.reset(seed=5)
+    told = [[0, 0, 0], np.full(3, 0.3, np.float32), np.full(3, 0.7), (0.1, 1, 0)]
+    rewards = [env.step(action)[1] for action in told]
+    env.close()
+    episode = read_log(tmp_path / "run.rrd").episode(0)
+    for action, wanted in zip(episode.actions, map(np.asarray, told), strict=True):
+        np.testing.assert_array_equal(action, wanted)
+        assert action.dtype == wanted.dtype
+    again = makers()["wrapped"]()
+    restart(again, episode)
+    assert_same_states(again, episode)
+    assert len(set(rewards)) > 2
+
+
+class ManyRewards(gymnasium.Wrapper):
+    """Somebody's wrapper that gives one reward for each of several aims."""
+
+    def step(self, action):
+        observation, reward, *rest = self.env.step(action)
+        return observation, np.array([reward, 0.0]), *rest
+
+
+def test_a_reward_that_is_no_number_is_named(tmp_path):
+    env = ImpactLaw(ManyRewards(gymnasium.make("Hopper-v5")), "moreau", 0.5, log=tmp_path / "run.rrd")
+    env.reset(seed=0)
+    with pytest.raises(RecordingError, match="one number as a reward, got array"):
+        env.step(np.zeros(3))
+
+
+def test_what_is_no_episode(tmp_path):
+    env = bare(JUGGLER, log=tmp_path / "run.rrd")
+    env.reset(seed=5)
+    env.close()
+    with pytest.raises(RecordingError, match=r"one of read_log\(path\).episodes, got Recording"):
+        restart(env, read_log(tmp_path / "run.rrd"))
+
+
 # Laws that are set within an episode
 
 

@@ -9,9 +9,17 @@ import pytest
 from gymnasium.error import ResetNeeded
 
 import impactlaw.envs  # noqa: F401
-from impactlaw import Moreau, Newton, make_law
+from impactlaw import AnyOutcome, Moreau, Newton, make_law
 from impactlaw.envs import LawDistribution
-from impactlaw.errors import ActionError, CopyError, OptionError, RestitutionError, SettledError, UnknownNameError
+from impactlaw.errors import (
+    ActionError,
+    CopyError,
+    OptionError,
+    RestitutionError,
+    SceneError,
+    SettledError,
+    UnknownNameError,
+)
 from impactlaw.laws import MaximalDissipation, Reversal
 
 NAME = "impactlaw/Juggler-v0"
@@ -52,6 +60,36 @@ def test_masks_and_options_that_are_none(vec):
             vec.reset(options={"reset_mask": mask})
     with pytest.raises(OptionError, match="options of a reset are a mapping"):
         vec.reset(options=["law"])
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        ({"law": "moro"}, UnknownNameError),
+        ({"law": "any-outcome"}, SceneError),
+        ({"restitution": 0.5}, RestitutionError),  # world 0 could have it
+    ],
+    ids=str,
+)
+def test_a_reset_that_is_refused_leaves_worlds_where_they_are(vec, options, error):
+    vec.law = ["newton", Reversal(0.5), "maximal-dissipation"]
+    vec.reset(seed=0)
+    for _ in range(5):
+        vec.step(np.ones((3, 1)))
+    state, laws = vec.batch.state.copy(), vec.law
+    with pytest.raises(error):
+        vec.reset(options=options)
+    np.testing.assert_array_equal(vec.batch.state, state)
+    assert vec.law == laws
+
+
+def test_a_law_of_some_world_that_is_refused_leaves_all_laws(vec):
+    vec.reset(seed=0)
+    for set_laws in (vec.batch.set_law, lambda laws: vec.set_attr("law", laws)):
+        with pytest.raises(SceneError, match="looks at all contacts"):
+            set_laws([Newton(0.1), Newton(0.2), AnyOutcome()])
+        np.testing.assert_array_equal(vec.batch.restitution, 0.8)
+        assert vec.law == vec.batch.law == (Newton(0.8),) * 3
 
 
 def test_what_worlds_do_not_have_is_refused(vec):

@@ -78,8 +78,28 @@ def test_episodes_are_truncated_and_begin_anew():
     assert worlds.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
     worlds.reset(seed=0)
     action = np.zeros_like(worlds.action_space.sample())
-    ends = [worlds.step(action)[3].tolist() for _ in range(12)]
-    assert [i for i, (one, other) in enumerate(ends) if one and other] == [4, 10]
+    steps = [worlds.step(action)[3:] for _ in range(12)]
+    assert [i for i, (cut, _) in enumerate(steps) if cut.all()] == [4, 10]
+    for cut, info in steps:  # those that only reset tell as much
+        assert info.keys() == steps[0][1].keys()
+        assert cut.shape == info["impact/short"].shape
+    assert not steps[5][1]["_impact/short"].any()
+
+
+@pytest.mark.parametrize("contact_model", WAYS)
+@pytest.mark.parametrize("name", ["Hopper-v5", "Ant-v5"])
+def test_an_action_that_is_not_finite_ends_the_episode_of_its_world(name: str, contact_model: str):
+    worlds = make(name, 2, contact_model=contact_model)
+    for bad in (np.nan, np.inf, 1e11):
+        before = worlds.reset(seed=0)[0]
+        action = np.zeros_like(worlds.action_space.sample())
+        action[0, -1] = bad
+        observed, reward, terminated, truncated, info = worlds.step(action)
+        np.testing.assert_array_equal(observed[0], before[0])
+        assert (reward[0], terminated.tolist(), truncated.tolist()) == (0.0, [False] * 2, [True, False])
+        assert info["impact/diverged"].tolist() == [1.0, 0.0]
+        assert np.isfinite(reward).all()
+        assert not worlds.step(0.0 * worlds.action_space.sample())[3].any()
 
 
 @pytest.mark.parametrize("contact_model", WAYS)

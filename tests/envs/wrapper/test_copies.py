@@ -55,6 +55,16 @@ def test_a_copy_keeps_the_law(duplicate, where):
     assert counts == wanted_counts
 
 
+def test_a_shallow_copy_leaves_the_law_where_it_is():
+    env = hopper()
+    env.reset(seed=0)
+    twin = copy.copy(env)
+    twin.law = Moreau(0.25)
+    assert twin.env is env.env
+    for one in (env, twin):
+        assert one.step(np.zeros(3))[4]["impact/restitution"] == 0.25
+
+
 def test_a_copy_of_an_environment_that_is_copied_as_it_stands():
     """Not every environment is rebuilt by its constructor; the copy must not step the original."""
     env = ImpactLaw(Falling(), "moreau", 0.5)
