@@ -145,8 +145,8 @@ class ConeProblem:
     def residual(self, x: np.ndarray, u: np.ndarray) -> float:
         """Return the length of the natural map ``x - P_K(x - u - |u_t| e_n)``, sqrt(J), of scaled impulse and velocity.
 
-        For the convex relaxation it is ``x - P_K(x - u)``. Zero if and only if the complementarity holds. As K is its own
-        dual, ``x - P_K(x - w) = w - P_K(w - x)``, which sees a wrong w next to impulses whose rounding hides it.
+        For the convex relaxation it is ``x - P_K(x - u)``. Zero if and only if the complementarity holds. As K is its
+        own dual, ``x - P_K(x - w) = w - P_K(w - x)``, which sees a wrong w next to impulses whose rounding hides it.
         """
         if self.exact and self.shape[1] > 1:
             u = u.copy()
