@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlaw.errors import SolverError
+from impactlaw.scene.friction_rows import contact_axes
 from impactlaw.solvers.friction.problem import ConeProblem
 from impactlaw.solvers.friction.solve import solve_cones
 from impactlaw.solvers.problem import Status
@@ -33,6 +34,8 @@ _SETTLINGS = 4  # shifts of position at most
 _LARGEST_TURN = 0.3  # rad in one phase
 _RANK = 1e-9  # relative singular value below which contacts are redundant
 _KINDS = 6  # rows that a contact can have: the normal one, two of sliding, one of torsion, two of rolling
+_OTHER = np.array([0, 2, 1, 3, 5, 4])  # kind of the other direction of sliding, or of rolling
+_SIGN = np.array([0, 1, -1, 0, 1, -1])  # of a right-handed spin from the one to the other
 
 
 class _Impulses(NamedTuple):
@@ -190,13 +193,38 @@ def _turned(phase_end: PhaseEnd, phase: Phase, rows: Rows) -> np.ndarray | None:
     place[before.contact, before.kind] = np.arange(len(before.contact))
     known = phase_end.known[rows.contact]
     row = np.where(known >= 0, place[known, rows.kind], -1)
-    difference = np.where(row[:, None] >= 0, before.jacobian[row] - rows.jacobian, 0.0)
+    start_rows = _unspun(phase_end, phase, rows, row, place)
+    difference = np.where(row[:, None] >= 0, start_rows - rows.jacobian, 0.0)
     if not np.count_nonzero(difference):
         return None
     whitened = phase_end.contact_set.whiten(difference)
     change, length = np.vecdot(whitened, whitened), np.vecdot(rows.whitened, rows.whitened)
     difference[change > _LARGEST_TURN**2 * length] = 0.0  # another feature of the surface
     return difference if np.count_nonzero(change > 1e-24 * length) else None
+
+
+def _unspun(phase_end: PhaseEnd, phase: Phase, rows: Rows, row: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Return the rows of the start, (n, nv), with directions of friction that have not spun about the normal since.
+
+    MuJoCo's directions do, where the normal turns: by how much depends on how the scene lies in the world.
+    """
+    assert phase.start.contact_forces is not None
+    J, friction = phase.start.contact_forces.rows.jacobian, phase_end.contact_set.pattern.friction
+    normals = phase.start.contacts.normal[phase_end.known], phase_end.now.contacts.normal
+    if friction is None or np.array_equal(*normals):
+        return J[row]
+    before, after = (contact_axes(normal)[1:] for normal in normals)
+    along, across = (
+        np.vecdot(after, before).sum(axis=0),
+        np.vecdot(after[0], before[1]) - np.vecdot(after[1], before[0]),
+    )
+    mu = np.ones((len(along), _KINDS))
+    mu[friction.contact, friction.kind + 1] = friction.coefficient
+    i, other, sign = rows.contact, _OTHER[rows.kind], _SIGN[rows.kind]
+    twin = place[phase_end.known[i], other]
+    angle = np.where(twin >= 0, np.arctan2(across, along)[i], 0.0) * sign
+    spun = np.sin(angle) * mu[i, rows.kind] / mu[i, other]
+    return np.cos(angle)[:, None] * J[row] + spun[:, None] * J[twin]
 
 
 def solve_cone_rows(
