@@ -31,6 +31,8 @@ from impactlaw.stepping.event_driven.persistent_contact.position import LookAgai
 from impactlaw.stepping.work import Work
 
 _SETTLINGS = 4  # shifts of position at most
+_STICKING = 2  # of these in which what sticks stays where it is, as long as that closes the contacts
+_STICKS = 0.999  # part of the friction cone in which a contact sticks
 _LARGEST_TURN = 0.3  # rad in one phase
 _RANK = 1e-9  # relative singular value below which contacts are redundant
 _KINDS = 6  # rows that a contact can have: the normal one, two of sliding, one of torsion, two of rolling
@@ -124,19 +126,25 @@ def _settle(
 ) -> tuple[PhaseEnd, np.ndarray]:
     """Shift the bodies, and then so that active contacts are closed; return the contacts and their impulses.
 
+    What sticks does not slide in that: a light foot would, as the nearest place where it is closed may be far aside.
     They are looked for up to a gap of ``reach`` at least, m: surfaces may recede, too.
     """
     configuration, held = phase_end.now.configuration, phase_end.known[phase_end.sustained]
-    for _ in range(_SETTLINGS):
+    for settling in range(_SETTLINGS):
         configuration.shift(shift)
         before, (now, known) = phase_end.known, look_again(max(reach, phase_end.contact_set.opening(shift)))
         phase_end = PhaseEnd(now, known, among(known, held))
         table = _matched(table, before, known)
-        active = np.flatnonzero(table[:, 0] > 0)
+        active = table[:, 0] > 0
         if np.abs(now.gap[active]).max(initial=0.0) <= CORRECTED * phase.tolerance:
             break
-        rows, whitened = now.contact_set.jacobian[active], now.contact_set.yielding[active]
-        shift = configuration.jump(rows, _closing_impulse(whitened, -now.gap[active]))
+        rows = now.contact_set.rows.select(active)
+        sticks = np.vecdot(table[:, 1:], table[:, 1:]) < (_STICKS * table[:, 0]) ** 2
+        if settling >= _STICKING:
+            sticks[:] = False
+        rows = Rows(*(part[(rows.kind == 0) | sticks[rows.contact]] for part in rows))
+        wanted = np.where(rows.kind == 0, -now.gap[rows.contact], 0.0)
+        shift = configuration.jump(rows.jacobian, _closing_impulse(rows.whitened, wanted))
     return phase_end, table
 
 
