@@ -173,4 +173,4 @@ def test_a_light_foot_stays_where_it_sticks_while_its_leg_turns_over_it(mass, ti
     for _ in range(round(0.6 / timestep)):
         stepper.step(data)
         assert abs(data.geom("foot").xpos[0]) < 5e-5
-    assert data.qpos[2] > 0.5
+    assert data.qpos[2] > 0.2
