@@ -126,7 +126,8 @@ def _settle(
 ) -> tuple[PhaseEnd, np.ndarray]:
     """Shift the bodies, and then so that active contacts are closed; return the contacts and their impulses.
 
-    What sticks does not slide in that: a light foot would, as the nearest place where it is closed may be far aside.
+    What sticks does not slide in that, unless there are equality constraints, which give way: a light foot would, as
+    the nearest place where it is closed may be far aside.
     They are looked for up to a gap of ``reach`` at least, m: surfaces may recede, too.
     """
     configuration, held = phase_end.now.configuration, phase_end.known[phase_end.sustained]
@@ -140,7 +141,7 @@ def _settle(
             break
         rows = now.contact_set.rows.select(active)
         sticks = np.vecdot(table[:, 1:], table[:, 1:]) < (_STICKS * table[:, 0]) ** 2
-        if settling >= _STICKING:
+        if settling >= _STICKING or now.contact_set.bilateral is not None:
             sticks[:] = False
         rows = Rows(*(part[(rows.kind == 0) | sticks[rows.contact]] for part in rows))
         wanted = np.where(rows.kind == 0, -now.gap[rows.contact], 0.0)
