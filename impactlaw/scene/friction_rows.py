@@ -129,7 +129,7 @@ def find_tangents(
     The directions are MuJoCo's: the second axis is the world's y, or z where the normal is near to that, made
     perpendicular.
     """
-    axis = _axes(contacts.normal)[friction_pattern.axis, friction_pattern.contact]
+    axis = contact_axes(contacts.normal)[friction_pattern.axis, friction_pattern.contact]
     J = np.empty((len(axis), model.nv))
     for first, turning, last, i, bodies in friction_pattern.spans:
         slide, turn = _relative(model, data, contacts.position[i], bodies)
@@ -257,12 +257,12 @@ def tangential_impulses(model: mujoco.MjModel, contacts: Contacts, friction_impu
     if pattern is not None:
         slides = pattern.kind < _TORSION
         contact, kind = pattern.contact[slides], pattern.kind[slides]
-        axes = _axes(contacts.normal)[kind + 1, contact]
+        axes = contact_axes(contacts.normal)[kind + 1, contact]
         np.add.at(impulse, contact, axes * friction_impulse[slides, None])
     return impulse
 
 
-def _axes(normal: np.ndarray) -> np.ndarray:
+def contact_axes(normal: np.ndarray) -> np.ndarray:
     """Return the axes of contacts, normals first, then two tangents, (3, h, 3)."""
     axes = np.empty((3, *normal.shape))
     axes[0] = normal

@@ -145,12 +145,13 @@ class ConeProblem:
     def residual(self, x: np.ndarray, u: np.ndarray) -> float:
         """Return the length of the natural map ``x - P_K(x - u - |u_t| e_n)``, sqrt(J), of scaled impulse and velocity.
 
-        For the convex relaxation it is ``x - P_K(x - u)``. Zero if and only if the complementarity holds.
+        For the convex relaxation it is ``x - P_K(x - u)``. Zero if and only if the complementarity holds. As K is its
+        own dual, ``x - P_K(x - w) = w - P_K(w - x)``, which sees a wrong w next to impulses whose rounding hides it.
         """
-        y = x - u
         if self.exact and self.shape[1] > 1:
-            y[:, 0] -= np.sqrt(np.vecdot(u[:, 1:], u[:, 1:]))
-        difference = (x - project(y)).reshape(-1)
+            u = u.copy()
+            u[:, 0] += np.sqrt(np.vecdot(u[:, 1:], u[:, 1:]))
+        difference = (u - project(u - x)).reshape(-1)
         length = sqrt(difference.dot(difference))
         return length if length >= 0 else inf
 
@@ -169,7 +170,7 @@ def project(x: np.ndarray) -> np.ndarray:
     normal = np.where(r <= a, a, np.maximum(0.5 * (a + r), 0.0))
     nearest = np.empty_like(x)
     nearest[:, 0] = normal
-    nearest[:, 1:] = y * np.minimum(normal / np.maximum(r, _TINY), 1.0)[:, None]
+    nearest[:, 1:] = y * (np.minimum(normal, r) / np.maximum(r, _TINY))[:, None]
     return nearest
 
 

@@ -205,8 +205,9 @@ class SoftStepping:
             mujoco.mj_compareFwdInv(model, data)
         if integrator == _RK4 and not held:  # its stages would compute forces of their own
             mj_getState(model, data, self._before, _STATE)
+            geoms, rows = data.contact.geom.copy(), data.efc_id.copy()
             mj_RungeKutta(model, data, 4)
-            if data.ncon + data.nl > contacts:
+            if not (np.array_equal(data.contact.geom, geoms) and np.array_equal(data.efc_id, rows)):
                 events += self._collide_at_end(data)
         elif integrator in (_EULER, _RK4):
             mj_Euler(model, data)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from laws.frictional import friction_problem
 
+from impactlaw import Collision, Coulomb, Friction, Newton
 from impactlaw.solvers.friction import solve
 from impactlaw.solvers.friction.problem import ConeProblem, project, projection_derivative
 from impactlaw.solvers.friction.solve import BRIEF, solve_cones
@@ -76,6 +77,43 @@ def test_no_solution_is_said():
     answer = solve_cones(ConeProblem(A, np.array([-1.0, -1.0]), np.array([1, 1])))
     assert answer.status is Status.STOPPED
     assert answer.residual > 0.1
+
+
+WEDGED = (
+    [[-2, -2], [-2, -2], [2, 0]],
+    [[0, 1], [0, -2], [2, 2]],
+    [0.625, 0.375, 1.75],
+    [1, 1, 0.5],
+    [0, 3e6],
+    [0, -3e6],
+)
+PRESSED = (
+    [[-1, 0], [0, 2], [2, 2]],
+    [[1, 0], [0, -2], [-2, -1]],
+    [0.125, 1.625, 0.375],
+    [0.5, 0.5, 0.5],
+    [3e-8, -3e-8],
+    [-1.5e-8, 1.5e-8],
+)
+
+
+@pytest.mark.parametrize(("normal", "sliding", "mu", "e", "before", "after"), [WEDGED, PRESSED])
+def test_rounding_of_huge_impulses_hides_no_wrong_velocity(normal, sliding, mu, e, before, after):
+    """Contacts that wedge can press against each other with any impulse: 1e18 N s, and u would be lost next to it."""
+    collision = Collision(np.eye(2), normal, before, friction=Friction(sliding, [0, 1, 2], mu))
+    impact = Coulomb(Newton(e)).resolve(collision)
+    np.testing.assert_allclose(impact.post_velocity, after, rtol=0, atol=1e-9 * np.linalg.norm(before))
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_residual_sees_a_velocity_that_is_small_next_to_the_impulse(exact):
+    problem = ConeProblem(np.eye(2), np.array([0.0, 1.0]), np.array([2]), exact=exact)
+    assert problem.residual(1e18 * np.array([[1.0, -1.0]]), np.array([[5.0, 1.0]])) > 1.0
+
+
+def test_projection_of_what_is_large_and_on_the_axis_overflows_nowhere():
+    with np.errstate(all="raise"):
+        np.testing.assert_array_equal(project(np.array([[1e9, 0.0, 0.0]])), [[1e9, 0.0, 0.0]])
 
 
 def test_projection_onto_the_cone():

@@ -155,3 +155,22 @@ def test_a_point_mass_on_a_light_leg_turns_about_its_foot(inertia):
         assert stepper.events == ()
     assert data.qvel[2] ** 2 / 2 + 9.81 * np.cos(data.qpos[2]) == pytest.approx(before, abs=5e-3)
     assert data.qpos[1] + 1 - 0.999 * np.cos(data.qpos[2]) == pytest.approx(0.001, abs=2e-9)
+
+
+@pytest.mark.parametrize(("mass", "timestep"), [(1e-3, 0.01), (1e-3, 0.005), (1e-6, 0.01)])
+def test_a_light_foot_stays_where_it_sticks_while_its_leg_turns_over_it(mass, timestep):
+    """A foot of 10 um rolls by 6 um; near the upright, a gap of it is closed soonest by sliding far aside."""
+    model = scene(
+        f"""<geom type="plane" size="9 9 1" friction="1"/><body pos="0 0 1.00001"><joint type="slide" axis="1 0 0"/>
+        <joint type="slide" axis="0 0 1"/><geom {NOT} size=".05" mass="1"/>
+        <body><joint axis="0 1 0"/><inertial pos="0 0 -1" mass="{mass}" diaginertia="{mass} {mass} {mass}"/>
+        <geom name="foot" size=".00001" pos="0 0 -1" friction="1"/></body></body>""",
+        timestep,
+    )
+    data, stepper = mujoco.MjData(model), Stepper(model, MaximalDissipation())
+    data.qpos[:] = np.sin(-0.3), np.cos(0.3) - 1, -0.3
+    data.qvel[:] = 1.2 * np.cos(0.3), 1.2 * np.sin(0.3), 1.2
+    for _ in range(round(0.6 / timestep)):
+        stepper.step(data)
+        assert abs(data.geom("foot").xpos[0]) < 5e-5
+    assert data.qpos[2] > 0.2

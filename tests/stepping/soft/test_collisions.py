@@ -87,6 +87,25 @@ def test_rk4_does_not_look_ahead_into_a_collision(timestep, e, beside):
     assert after[-1] == pytest.approx(-e * before, rel=0.03)
 
 
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize(
+    "joint",
+    [
+        'axis="0 0 1" pos="0 0 0"/><geom size=".1"/>',
+        'axis="0 0 1" range="1e-7 9"/><geom size=".1" contype="0" conaffinity="0"/>',
+    ],
+)
+def test_rk4_does_not_look_ahead_into_a_collision_while_another_contact_opens(joint, compiled):
+    """There are as many contacts and limits at the end of the step as at its start, but others."""
+    rising = f'<body pos=".5 0 .0999999"><joint type="slide" {joint}</body>'
+    model, data = build(BALL.replace("</worldbody>", rising + "</worldbody>"), integrator="RK4")
+    model.opt.timestep = 0.01
+    data.qpos[0], data.qvel[:] = -0.395, (-2.0, 1.0)
+    stepper = Stepper(model, Moreau(1), contact_model="soft", compiled=compiled)
+    assert [event.contacts.labels for event in run(stepper, data, 1)] == [("floor/ball",)]
+    assert data.qvel[0] == pytest.approx(2.0, abs=0.11)
+
+
 def test_a_meeting_in_free_space():
     """Nothing but the law acts between two balls: e = 1 exchanges their velocities."""
     xml = """<mujoco><option gravity="0 0 0" timestep="0.001"/><worldbody>

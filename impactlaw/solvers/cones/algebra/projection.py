@@ -62,12 +62,11 @@ def group_residual(kind: int, bound: float, x: Array, u: Array, o: int, e: int, 
     elif r <= -a:
         for k in range(o, e):
             s += x[k] * x[k]
-    else:
-        n = 0.5 * (a + r)
-        f = n / r
-        s = (x[o] - n) ** 2
+    else:  # from u: from x, whose rounding is that of the largest impulses, a wrong u could be taken for none
+        f = 0.5 * (r - a) / r
+        s = (u[o] + slip - f * r) ** 2
         for k in range(o + 1, e):
-            s += (x[k] - f * (x[k] - u[k])) ** 2
+            s += (u[k] + f * (x[k] - u[k])) ** 2
     return s
 
 

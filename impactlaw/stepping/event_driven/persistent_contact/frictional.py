@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlaw.errors import SolverError
+from impactlaw.scene.friction_rows import contact_axes
 from impactlaw.solvers.friction.problem import ConeProblem
 from impactlaw.solvers.friction.solve import solve_cones
 from impactlaw.solvers.problem import Status
@@ -30,9 +31,13 @@ from impactlaw.stepping.event_driven.persistent_contact.position import LookAgai
 from impactlaw.stepping.work import Work
 
 _SETTLINGS = 4  # shifts of position at most
+_STICKING = 2  # of these in which what sticks stays where it is, as long as that closes the contacts
+_STICKS = 0.999  # part of the friction cone in which a contact sticks
 _LARGEST_TURN = 0.3  # rad in one phase
 _RANK = 1e-9  # relative singular value below which contacts are redundant
 _KINDS = 6  # rows that a contact can have: the normal one, two of sliding, one of torsion, two of rolling
+_OTHER = np.array([0, 2, 1, 3, 5, 4])  # kind of the other direction of sliding, or of rolling
+_SIGN = np.array([0, 1, -1, 0, 1, -1])  # of a right-handed spin from the one to the other
 
 
 class _Impulses(NamedTuple):
@@ -121,19 +126,26 @@ def _settle(
 ) -> tuple[PhaseEnd, np.ndarray]:
     """Shift the bodies, and then so that active contacts are closed; return the contacts and their impulses.
 
+    What sticks does not slide in that, unless there are equality constraints, which give way: a light foot would, as
+    the nearest place where it is closed may be far aside.
     They are looked for up to a gap of ``reach`` at least, m: surfaces may recede, too.
     """
     configuration, held = phase_end.now.configuration, phase_end.known[phase_end.sustained]
-    for _ in range(_SETTLINGS):
+    for settling in range(_SETTLINGS):
         configuration.shift(shift)
         before, (now, known) = phase_end.known, look_again(max(reach, phase_end.contact_set.opening(shift)))
         phase_end = PhaseEnd(now, known, among(known, held))
         table = _matched(table, before, known)
-        active = np.flatnonzero(table[:, 0] > 0)
+        active = table[:, 0] > 0
         if np.abs(now.gap[active]).max(initial=0.0) <= CORRECTED * phase.tolerance:
             break
-        rows, whitened = now.contact_set.jacobian[active], now.contact_set.yielding[active]
-        shift = configuration.jump(rows, _closing_impulse(whitened, -now.gap[active]))
+        rows = now.contact_set.rows.select(active)
+        sticks = np.vecdot(table[:, 1:], table[:, 1:]) < (_STICKS * table[:, 0]) ** 2
+        if settling >= _STICKING or now.contact_set.bilateral is not None:
+            sticks[:] = False
+        rows = Rows(*(part[(rows.kind == 0) | sticks[rows.contact]] for part in rows))
+        wanted = np.where(rows.kind == 0, -now.gap[rows.contact], 0.0)
+        shift = configuration.jump(rows.jacobian, _closing_impulse(rows.whitened, wanted))
     return phase_end, table
 
 
@@ -190,13 +202,38 @@ def _turned(phase_end: PhaseEnd, phase: Phase, rows: Rows) -> np.ndarray | None:
     place[before.contact, before.kind] = np.arange(len(before.contact))
     known = phase_end.known[rows.contact]
     row = np.where(known >= 0, place[known, rows.kind], -1)
-    difference = np.where(row[:, None] >= 0, before.jacobian[row] - rows.jacobian, 0.0)
+    start_rows = _unspun(phase_end, phase, rows, row, place)
+    difference = np.where(row[:, None] >= 0, start_rows - rows.jacobian, 0.0)
     if not np.count_nonzero(difference):
         return None
     whitened = phase_end.contact_set.whiten(difference)
     change, length = np.vecdot(whitened, whitened), np.vecdot(rows.whitened, rows.whitened)
     difference[change > _LARGEST_TURN**2 * length] = 0.0  # another feature of the surface
     return difference if np.count_nonzero(change > 1e-24 * length) else None
+
+
+def _unspun(phase_end: PhaseEnd, phase: Phase, rows: Rows, row: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Return the rows of the start, (n, nv), with directions of friction that have not spun about the normal since.
+
+    MuJoCo's directions do, where the normal turns: by how much depends on how the scene lies in the world.
+    """
+    assert phase.start.contact_forces is not None
+    J, friction = phase.start.contact_forces.rows.jacobian, phase_end.contact_set.pattern.friction
+    normals = phase.start.contacts.normal[phase_end.known], phase_end.now.contacts.normal
+    if friction is None or np.array_equal(*normals):
+        return J[row]
+    before, after = (contact_axes(normal)[1:] for normal in normals)
+    along, across = (
+        np.vecdot(after, before).sum(axis=0),
+        np.vecdot(after[0], before[1]) - np.vecdot(after[1], before[0]),
+    )
+    mu = np.ones((len(along), _KINDS))
+    mu[friction.contact, friction.kind + 1] = friction.coefficient
+    i, other, sign = rows.contact, _OTHER[rows.kind], _SIGN[rows.kind]
+    twin = place[phase_end.known[i], other]
+    angle = np.where(twin >= 0, np.arctan2(across, along)[i], 0.0) * sign
+    spun = np.sin(angle) * mu[i, rows.kind] / mu[i, other]
+    return np.cos(angle)[:, None] * J[row] + spun[:, None] * J[twin]
 
 
 def solve_cone_rows(

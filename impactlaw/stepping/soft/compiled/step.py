@@ -9,8 +9,17 @@ from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import clear, kernel, numbers, once, plain, zeros
 from impactlaw.stepping.compiled import libmujoco as mj
-from impactlaw.stepping.compiled.access import data_floats, number, offset, option, size, velocity_of
-from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, ints, keep, long_at
+from impactlaw.stepping.compiled.access import (
+    contact_ints,
+    data_floats,
+    data_ints,
+    number,
+    offset,
+    option,
+    size,
+    velocity_of,
+)
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, float_at, ints, keep, long_at
 from impactlaw.stepping.soft.compiled.collide import collide
 from impactlaw.stepping.soft.compiled.contacts.found import find, normal_velocities
 from impactlaw.stepping.soft.compiled.locked import lock, locks, unlock
@@ -112,7 +121,6 @@ def _collide_at_end(w, law, trial, state, sums):
 def _from_start(w, law, trial, integrator, state, sums):
     """Do what `mj_step` does, with the law before the forces."""
     mj.first_half(w.model, w.data)
-    contacts = _touches(w)
     status, changed = _collide(w, law, sums)
     if status != FINE:
         return status
@@ -126,8 +134,10 @@ def _from_start(w, law, trial, integrator, state, sums):
     if integrator == _RK4 and not held:  # its stages would compute forces of their own
         middle = numbers(len(state))
         mj.get_state(w.model, w.data, address_of(middle), STATE)
+        geoms, rows = contact_ints(w, CONTACT.geom, 2).copy(), data_ints(w, DATA.efc_id, number(w, DATA.nefc)).copy()
         mj.runge_kutta(w.model, w.data, np.int32(4))
-        if _touches(w) > contacts:
+        same = np.array_equal(data_ints(w, DATA.efc_id, number(w, DATA.nefc)), rows)
+        if not (same and np.array_equal(contact_ints(w, CONTACT.geom, 2), geoms)):
             status = _collide_at_end(w, law, trial, middle, sums)
         keep(middle)
     elif integrator == _EULER or integrator == _RK4:

@@ -2,12 +2,13 @@
 
 import math
 
+import mujoco
 import numpy as np
 import pytest
 from scenes import run
 from stepping.event_driven.friction.bodies import G, ball, box, compiled, floor, sloped
 
-from impactlaw import Coulomb, Newton, Stepper
+from impactlaw import Coulomb, MaximalDissipation, Newton, Stepper
 
 
 @pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicitfast", "discrete"])
@@ -104,3 +105,38 @@ def test_an_oblique_bounce(law, mu, slips):
     assert event.impact.impulse == pytest.approx([3.2])
     assert np.linalg.norm(event.impact.friction_impulse) == pytest.approx(abs(impulse), rel=1e-9)
     assert event.impact.violations.is_admissible()
+
+
+def slide_over_a_sphere(condim, timestep, rotation, start=(1.0, 0.0, 0.0), spin=(0.0, 0.0, 0.0)):
+    """Position and velocity after 0.2 s of a ball that slides over a sphere of 1 m, seen in the rotated scene."""
+    normal, quat = np.array([math.sin(0.3), 0.0, math.cos(0.3)]), np.zeros(4)
+    mujoco.mju_mat2Quat(quat, rotation.ravel())
+    place, gravity, turned = (" ".join(map(str, x)) for x in (1.1 * rotation @ normal, -G * rotation[:, 2], quat))
+    model, data = compiled(
+        f'<geom name="sphere" size="1" quat="{turned}"/><body pos="{place}" quat="{turned}"><freejoint/>'
+        f'<geom name="ball" size=".1" mass="1" condim="{condim}" friction=".2 .02 .001"/></body>',
+        option=f'timestep="{timestep}" integrator="RK4" gravity="{gravity}"',
+        geom='friction="0 0 0"',
+    )
+    data.qvel[:] = *rotation @ (start - normal * (normal @ start)), *spin
+    run(Stepper(model, MaximalDissipation()), data, round(0.2 / timestep))
+    return np.concatenate([rotation.T @ data.qpos[:3], rotation.T @ data.qvel[:3], data.qvel[3:]])
+
+
+ROTATIONS = [np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0] for seed in range(8)]
+ROTATIONS = [Q * np.linalg.det(Q) for Q in ROTATIONS]
+
+
+@pytest.mark.parametrize("condim", [3, 4, 6])
+@pytest.mark.parametrize("rotation", ROTATIONS[:4])
+def test_sliding_over_a_sphere_does_not_depend_on_how_the_scene_lies_in_the_world(condim, rotation):
+    """MuJoCo's directions of friction spin about the normal as it turns, differently in each."""
+    start, spin = (-0.5, 1.2, 0.0), (10.0, -20.0, 15.0)
+    upright = slide_over_a_sphere(condim, 2e-3, np.eye(3), start, spin)
+    np.testing.assert_allclose(slide_over_a_sphere(condim, 2e-3, rotation, start, spin), upright, rtol=0, atol=1e-10)
+
+
+def test_sliding_over_a_sphere_is_of_second_order_however_the_scene_lies_in_the_world():
+    for rotation in ROTATIONS:
+        coarse, middle, fine = (slide_over_a_sphere(3, h, rotation) for h in (4e-3, 2e-3, 1e-3))
+        assert np.linalg.norm(coarse - middle) > 3.5 * np.linalg.norm(middle - fine)

@@ -52,5 +52,5 @@ def test_what_is_left_to_python_begins_as_in_python():
             stepper.step(data)
             counts.append(len(stepper.events))
         ends.append((counts, data.qvel.copy()))
-    assert ends[0][0] == ends[1][0] == [0, 1, 0]
+    assert ends[0][0] == ends[1][0] == [0, 1, 1]
     np.testing.assert_allclose(ends[0][1], ends[1][1], rtol=0.0, atol=1e-10)
