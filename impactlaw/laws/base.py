@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import RestitutionError
+from impactlaw.mechanics.arrays import real_array
 from impactlaw.mechanics.bilateral import velocity_with
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.impact import Impact
-from impactlaw.mechanics.kinetic_metric import real_array
 from impactlaw.solvers import Problem, solve_with_jump
 from impactlaw.solvers.tolerances import RANK
 

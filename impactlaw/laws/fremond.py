@@ -13,7 +13,7 @@ from impactlaw.errors import InvalidCollisionError, RestitutionError
 from impactlaw.laws.base import Law, RestitutionLaw, Target, coefficient, square_matrix
 from impactlaw.laws.restitution.labels import canonical, put
 from impactlaw.laws.tolerances import INFLUENCE
-from impactlaw.mechanics.block_metric import finite_sparse, is_sparse
+from impactlaw.mechanics.arrays import finite_sparse, is_sparse
 from impactlaw.mechanics.collision import Collision
 
 

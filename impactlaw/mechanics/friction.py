@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError
-from impactlaw.mechanics.kinetic_metric import finite_array
+from impactlaw.mechanics.arrays import finite_array
 
 
 class ConeRows(NamedTuple):
@@ -50,9 +50,7 @@ class Friction:
     post_surface_velocity: np.ndarray = None  # pyright: ignore[reportAssignmentType]
 
     def __post_init__(self):
-        jacobian = finite_array(self.jacobian, "friction jacobian")
-        if jacobian.ndim != 2:
-            raise InvalidCollisionError(f"friction jacobian must have shape (k, nv), got {jacobian.shape}")
+        jacobian = finite_array(self.jacobian, "friction jacobian", ("k", "nv"))
         k = len(jacobian)
         contact = np.asarray(self.contact)
         if k == 0:
@@ -61,14 +59,10 @@ class Friction:
             raise InvalidCollisionError(f"friction contact must be {k} integers, one per row, got {self.contact!r}")
         if k and (contact[0] < 0 or (contact[1:] < contact[:-1]).any()):
             raise InvalidCollisionError(f"friction contact must be ascending and not negative, got {contact}")
-        before = self.surface_velocity
-        before = np.zeros(k) if before is None else before
+        before = np.zeros(k) if self.surface_velocity is None else self.surface_velocity
         after = before if self.post_surface_velocity is None else self.post_surface_velocity
         values = {"coefficient": self.coefficient, "surface_velocity": before, "post_surface_velocity": after}
-        for name, value in values.items():
-            values[name] = value = finite_array(value, f"friction {name}")
-            if value.shape != (k,):
-                raise InvalidCollisionError(f"friction {name} must have shape ({k},), got {value.shape}")
+        values = {name: finite_array(value, f"friction {name}", (k,)) for name, value in values.items()}
         if (values["coefficient"] <= 0).any():
             raise InvalidCollisionError("a friction coefficient must be positive; leave out rows without friction")
         for name, value in {"jacobian": jacobian, "contact": contact, **values}.items():
@@ -77,14 +71,12 @@ class Friction:
     def __len__(self) -> int:
         return len(self.contact)
 
-    def check(self, contacts: int, nv: int, sparse: bool) -> None:
+    def check(self, contacts: int, nv: int) -> None:
         """Compare with the collision that the friction is part of.
 
         Raises:
-            InvalidCollisionError: rows of another length, of contacts that there are not, or a sparse collision.
+            InvalidCollisionError: rows of another length, or of contacts that there are not.
         """
-        if sparse:
-            raise InvalidCollisionError("friction is for dense arrays: pass mass_matrix and jacobian dense")
         if self.jacobian.shape[1] != nv:
             raise InvalidCollisionError(f"friction jacobian must have {nv} columns, got {self.jacobian.shape}")
         if len(self) and self.contact[-1] >= contacts:

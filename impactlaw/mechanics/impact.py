@@ -8,10 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impactlaw.errors import InvalidCollisionError
 from impactlaw.mechanics.admissible.violations import Violations, imbalance, larger_speed, measure
 from impactlaw.mechanics.collision import Collision
-from impactlaw.mechanics.kinetic_metric import real_array
 from impactlaw.mechanics.tolerances import FIXED, SIGNIFICANT
 from impactlaw.solvers import Answer, Problem, nonnegative_combination, share
 
@@ -67,14 +65,7 @@ class Impact:
         Raises:
             InvalidCollisionError: post_velocity has the wrong shape or entries that are not finite.
         """
-        try:
-            v = real_array(post_velocity)
-        except (TypeError, ValueError) as error:
-            raise InvalidCollisionError(f"post_velocity is not an array of numbers: {error}") from None
-        if v.shape != collision.pre_velocity.shape or not np.isfinite(v).all():
-            raise InvalidCollisionError(
-                f"post_velocity must be finite with shape {collision.pre_velocity.shape}, got {v.shape}"
-            )
+        v = collision.velocity(post_velocity, "post_velocity")
         jump = collision.metric.whiten(v - collision.pre_velocity)
         return cls(collision, v, nonnegative_combination(collision.whitened_jacobian, jump))
 

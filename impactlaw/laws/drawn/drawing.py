@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from impactlaw.errors import RestitutionError
-from impactlaw.mechanics.block_metric import is_sparse
+from impactlaw.mechanics.arrays import is_sparse
 from impactlaw.mechanics.collision import Collision
 
 

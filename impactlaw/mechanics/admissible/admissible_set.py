@@ -15,7 +15,6 @@ from impactlaw.mechanics.admissible.capped_polyhedron import CappedPolyhedron
 from impactlaw.mechanics.admissible.cone import cone_facets, nearest_in_cone
 from impactlaw.mechanics.admissible.sampling import check_number, uniform_samples
 from impactlaw.mechanics.admissible.violations import measure
-from impactlaw.mechanics.kinetic_metric import real_array
 from impactlaw.mechanics.tolerances import POINT, SET_CERTIFIED, SET_RANK, TIGHT
 from impactlaw.solvers import nonnegative_combination
 
@@ -64,7 +63,7 @@ class AdmissibleSet:
         Raises:
             InvalidCollisionError: v has the wrong shape or entries that are not finite.
         """
-        c, after = self.collision, self._velocity(v, "v")
+        c, after = self.collision, self.collision.velocity(v, "v")
         jump = c.metric.whiten(after - c.pre_velocity)
         impulse = nonnegative_combination(c.whitened_jacobian, jump)
         return measure(c, jump, c.contact_velocity_after(after), impulse).is_admissible(tol)
@@ -76,7 +75,7 @@ class AdmissibleSet:
             InvalidCollisionError: v has the wrong shape or entries that are not finite.
             EnumerationError: too many facets.
         """
-        return self.collision.metric.norm(self._velocity(v, "v") - self.project(v))
+        return self.collision.metric.norm(self.collision.velocity(v, "v") - self.project(v))
 
     def project(self, v: ArrayLike) -> np.ndarray:
         """Return the point of S nearest to v in the kinetic metric, shape (nv,); a member is its own.
@@ -85,7 +84,7 @@ class AdmissibleSet:
             InvalidCollisionError: v has the wrong shape or entries that are not finite.
             EnumerationError: too many facets.
         """
-        c, v = self.collision, self._velocity(v, "v")
+        c, v = self.collision, self.collision.velocity(v, "v")
         if self._body is None:
             return c.pre_velocity.copy()
         x = self._basis @ c.metric.whiten(v - c.pre_velocity) / self._least
@@ -102,7 +101,7 @@ class AdmissibleSet:
             EnumerationError: too many facets.
         """
         c = self.collision
-        u = c.metric.whiten(self._velocity(direction, "direction"))
+        u = c.metric.whiten(self.collision.velocity(direction, "direction"))
         start = float(u @ c.whitened_velocity)
         along = self._basis @ u
         length = float(np.linalg.norm(along))
@@ -200,16 +199,6 @@ class AdmissibleSet:
             -(self._basis @ c.relative_velocity) / self._least,
             self._least_jump / self._least,
         )
-
-    def _velocity(self, values: ArrayLike, name: str) -> np.ndarray:
-        shape = self.collision.pre_velocity.shape
-        try:
-            v = real_array(values)
-        except (TypeError, ValueError):
-            v = np.zeros(0)
-        if v.shape != shape or not np.isfinite(v).all():
-            raise InvalidCollisionError(f"{name} must be finite with shape {shape}, got {values!r:.200}")
-        return v
 
     def _velocity_at(self, jump: np.ndarray) -> np.ndarray:
         """Return the velocity, or velocities, with this jump in the basis, (r,) or (n, r); certifies up to eight."""
