@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -57,14 +57,16 @@ class Law(ABC):
 
     @classmethod
     def of(cls, restitution: Any) -> Law:
-        """Return the law with what `make_law` was given, or None.
+        """Return the law with what `make_law` was given, or None: then the law's own default, if it has one.
 
         Raises:
             RestitutionError: the restitution is missing, superfluous or not in range.
         """
-        if restitution is None:
+        if restitution is not None and not cls.takes_restitution:
+            raise RestitutionError(f"law {cls.name!r} takes no restitution, got {restitution!r}; leave it out")
+        if restitution is None and any(part.default is MISSING and not part.kw_only for part in fields(cls)):
             raise RestitutionError(f"law {cls.name!r} needs a restitution")
-        return cls(restitution)  # pyright: ignore[reportCallIssue]
+        return cls() if restitution is None else cls(restitution)  # pyright: ignore[reportCallIssue]
 
     @property
     def has_target(self) -> bool:
@@ -123,11 +125,7 @@ class Law(ABC):
 
 
 def aim(law: Law, collision: Collision) -> Target:
-    """Return the target of a law, whoever wrote that, its contact velocity as an array of numbers.
-
-    Raises:
-        RestitutionError: it is no `Target`, is for another number of contacts, or is not finite; or as by the law.
-    """
+    """Return the target of a law, whoever wrote that, its contact velocity as an array of finite numbers, (h,)."""
     target, h = law.target(collision), len(collision.labels)
     if not isinstance(target, Target):
         what = f"must return a Target, as Target(contact_velocity), not {type(target).__name__}"
@@ -158,15 +156,17 @@ def jump_problem(collision: Collision, target: Target) -> Problem:
 
 
 class RestitutionLaw(Law):
-    """A law with a restitution matrix: ``gamma^h = -E gamma-``."""
+    """A law with a restitution matrix: ``gamma^h = -E gamma-``; ``E = e 1`` where it has a `common_coefficient` e."""
 
-    @abstractmethod
     def restitution_matrix(self, collision: Collision) -> Any:
         """Return ``E``, shape (h, h), for the contacts of this collision; an array, or a CSR array."""
+        assert self.common_coefficient is not None
+        return self.common_coefficient * np.eye(len(collision.labels))
 
     def target(self, collision: Collision) -> Target:
-        """Return ``gamma^h = -E gamma-``."""
-        return Target(-(self.restitution_matrix(collision) @ collision.pre_contact_velocity))
+        """Return ``gamma^h = -E gamma-``; ``E = e 1`` also gives the velocity ``-e v-``."""
+        e, gamma = self.common_coefficient, collision.pre_contact_velocity
+        return Target(-(self.restitution_matrix(collision) @ gamma)) if e is None else Target(-e * gamma, coefficient=e)
 
 
 def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:

@@ -71,11 +71,7 @@ class Compliant(Law):
 
     @classmethod
     def of(cls, restitution: Any) -> Compliant:
-        """Return the law of equal springs with the restitution that `make_law` was given, 1 if None.
-
-        Raises:
-            RestitutionError: the restitution is not in [0.01, 1].
-        """
+        """Return the law of equal springs with the restitution that `make_law` was given, 1 if None."""
         return cls(1.0) if restitution is None else cls(1.0, restitution=restitution)
 
     @property

@@ -36,11 +36,7 @@ class Fremond(RestitutionLaw):
 
     @classmethod
     def of(cls, restitution: Any) -> Law:
-        """Return the law; a single coefficient is no matrix.
-
-        Raises:
-            RestitutionError: the restitution is missing, or no square matrix and no table of pairs.
-        """
+        """Return the law; a single coefficient is no matrix."""
         if restitution is not None and not isinstance(restitution, Mapping) and np.ndim(restitution) == 0:
             raise RestitutionError("law 'fremond' needs a restitution matrix; 'reversal' takes a single coefficient")
         return super().of(restitution)
@@ -132,15 +128,6 @@ class Reversal(RestitutionLaw):
     restitution: float = 1.0
     name = "reversal"
     description = "E = e times the anti-identity along the contacts' order: Newton's cradle"
-
-    @classmethod
-    def of(cls, restitution: Any) -> Reversal:
-        """Return the law; e is 1 if it is not given.
-
-        Raises:
-            RestitutionError: the restitution is not in [0, 1].
-        """
-        return cls() if restitution is None else cls(restitution)
 
     def __post_init__(self):
         object.__setattr__(self, "restitution", coefficient(self.restitution))
