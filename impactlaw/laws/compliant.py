@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError, RestitutionError, SolverError
 from impactlaw.laws.base import Law, Target, coefficient
-from impactlaw.laws.restitution.labels import canonical, check_count, checked_values, find, patterns_of
+from impactlaw.laws.restitution.labels import checked_values, count_of, labels_of, of_contacts, patterns_of
 from impactlaw.mechanics.collision import Collision
 
 _STEP = 0.05  # timestep, in units of one over the largest frequency: energy is kept to 1e-9
@@ -77,12 +77,12 @@ class Compliant(Law):
     @property
     def contact_labels(self) -> frozenset[str]:
         """Labels that the stiffness is keyed with, in canonical order; empty if it is not."""
-        return frozenset(map(canonical, self.stiffness)) if isinstance(self.stiffness, dict) else frozenset()
+        return labels_of(self.stiffness)
 
     @property
     def contact_count(self) -> int | None:
         """Number of contacts that the law is for; None if for any."""
-        return len(self.stiffness) if isinstance(self.stiffness, tuple) else None
+        return count_of(self.stiffness)
 
     def target(self, collision: Collision) -> Target:
         """Return the contact velocities after the springs have opened, and the velocity that has them.
@@ -157,17 +157,10 @@ class Compliant(Law):
         return result
 
     def _stiffness(self, labels: tuple[str, ...]) -> np.ndarray:
-        value: Any = self.stiffness
-        if isinstance(value, dict):
-            patterns = patterns_of(value)
-            found = [find(value, patterns, label) for label in labels]
-            if None in found:
-                raise RestitutionError(f"no stiffness for contact {labels[found.index(None)]}")
-            return np.array(found)
-        if isinstance(value, tuple):
-            check_count(value, labels, "stiffnesses", "Compliant")
-            return np.array(value)
-        return np.full(len(labels), value)
+        found = of_contacts(self.stiffness, patterns_of(self.stiffness), labels, "Compliant", "stiffnesses")
+        if None in found:
+            raise RestitutionError(f"no stiffness for contact {labels[found.index(None)]}")
+        return np.array(found)
 
 
 def _positive(value: Any, name: str) -> float:

@@ -55,6 +55,8 @@ def of_shape(array: Any, name: str, shape: tuple[int | str, ...], like: str = ""
         InvalidCollisionError: it has another shape, see `finite_array`.
     """
     found = array.shape
+    if found == shape:
+        return array
     if len(found) != len(shape) or any(n != k and not isinstance(n, str) for n, k in zip(shape, found, strict=True)):
         wanted = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
         raise InvalidCollisionError(f"{name} must have shape {wanted}{like}, got {found}")

@@ -68,7 +68,7 @@ def _factors(M: Any) -> tuple[Any, Any]:
             "pass it as a dense array"
         )
     order = np.lexsort((member, size))  # block after block, the small ones first
-    factors, inverses = [], []
+    rows, columns, factors, inverses = [], [], [], []
     for n in np.unique(size):
         part = order[size[order] == n]
         blocks = scipy.sparse.bsr_array(M[part][:, part], blocksize=(n, n))
@@ -76,10 +76,13 @@ def _factors(M: Any) -> tuple[Any, Any]:
             R = np.linalg.cholesky(blocks.data)
         except np.linalg.LinAlgError:
             raise InvalidCollisionError("mass_matrix is not positive definite") from None
-        factors.append(scipy.sparse.bsr_array((R, blocks.indices, blocks.indptr)))
-        inverses.append(scipy.sparse.bsr_array((np.tril(np.linalg.inv(R)), blocks.indices, blocks.indptr)))
-    back = np.argsort(order)
-    made = [scipy.sparse.block_diag(parts, format="csr")[back][:, back] for parts in (factors, inverses)]
+        entries = blocks.tocoo()  # block after block, as those of R
+        rows.append(part[entries.row])
+        columns.append(part[entries.col])
+        factors.append(R.ravel())
+        inverses.append(np.tril(np.linalg.inv(R)).ravel())
+    at = np.concatenate(rows), np.concatenate(columns)
+    made = [scipy.sparse.csr_array((np.concatenate(values), at), shape=M.shape) for values in (factors, inverses)]
     for part in made:
         part.eliminate_zeros()
     return made[0], made[1]

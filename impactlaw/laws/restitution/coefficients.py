@@ -12,7 +12,7 @@ import numpy as np
 
 from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import coefficient
-from impactlaw.laws.restitution.labels import check_count, checked_values, find, patterns_of
+from impactlaw.laws.restitution.labels import checked_values, count_of, labels_of, of_contacts, patterns_of
 from impactlaw.mechanics.collision import Collision
 
 _MOST_SHOWN = 32  # entries of a mapping
@@ -65,21 +65,21 @@ class ContactCoefficients:
     @property
     def contact_labels(self) -> frozenset[str]:
         """Labels the law was keyed with, in canonical order; empty if it was not."""
-        return frozenset(self._table or ())
+        return labels_of(self.restitution)
+
+    @property
+    def contact_count(self) -> int | None:
+        """Number of contacts that the law is for; None if for any."""
+        return count_of(self.restitution)
 
     @cached_property
     def _patterns(self) -> tuple[str, ...]:
-        return patterns_of(self._table or ())
+        return patterns_of(self.restitution)
 
     @property
     def has_patterns(self) -> bool:
         """Whether some of these labels are patterns."""
         return bool(self._patterns)
-
-    @property
-    def contact_count(self) -> int | None:
-        """Number of contacts that the law is for; None if for any."""
-        return len(self.restitution) if isinstance(self.restitution, tuple) else None
 
     def coefficients(self, collision: Collision) -> np.ndarray:
         """Return ``e_1 .. e_h`` for the contacts of this collision, shape (h,).
@@ -88,24 +88,21 @@ class ContactCoefficients:
             RestitutionError: as many coefficients as contacts are needed; a contact is not named and no default set;
                 or a function of speed returns what is not in [0, 1].
         """
-        labels, value = collision.labels, self.restitution
-        if self._table is not None:
-            given = [self._lookup(label) for label in labels]
-        elif isinstance(value, tuple):
-            check_count(value, labels, "coefficients", type(self).__name__)
-            given = value
-        elif callable(value):
-            given = (value,) * len(labels)
-        else:
-            return np.full(len(labels), value)
+        labels, name = collision.labels, type(self).__name__
+        if isinstance(self.restitution, float):
+            return np.full(len(labels), self.restitution)
+        given = of_contacts(self.restitution, self._patterns, labels, name, "coefficients")
+        if None in given:
+            if self.default is None:
+                raise RestitutionError(
+                    f"{name} has no restitution for contact {labels[given.index(None)]}, and no default: name it, or "
+                    "give one"
+                )
+            given = [self.default if e is None else e for e in given]
         if any(map(callable, given)):
             speeds = np.maximum(-collision.pre_contact_velocity, 0.0).tolist()
             given = [_at(e, speed, label) for e, speed, label in zip(given, speeds, labels, strict=True)]
         return np.array(given, dtype=float)
-
-    @property
-    def _table(self) -> dict[str, Coefficient] | None:
-        return self.restitution if isinstance(self.restitution, dict) else None  # pyright: ignore[reportReturnType]
 
     def named(self, label: str) -> Coefficient | None:
         """Return the coefficient of a contact where the law is keyed by labels; None if it has none.
@@ -113,15 +110,8 @@ class ContactCoefficients:
         Raises:
             RestitutionError: the label matches patterns with different coefficients.
         """
-        return find(self._table or {}, self._patterns, label, self.default)
-
-    def _lookup(self, label: str) -> Coefficient:
-        e = self.named(label)
-        if e is None:
-            raise RestitutionError(
-                f"{type(self).__name__} has no restitution for contact {label}, and no default: name it, or give one"
-            )
-        return e
+        (e,) = of_contacts(self.restitution, self._patterns, (label,), type(self).__name__, "coefficients")
+        return self.default if e is None else e
 
 
 def described(value: object) -> object:
@@ -135,11 +125,7 @@ def _checked(value: Any, name: str) -> Any:
 
 
 def _at(e: Any, speed: float, label: str) -> float:
-    """Return e at the speed, if it depends on that.
-
-    Raises:
-        RestitutionError: the function returns something else than a number in [0, 1], or divides by zero.
-    """
+    """Return e at the speed, if it depends on that; refuse what is no number in [0, 1]."""
     if not callable(e):
         return e
     name = f"restitution {described(e)} of contact {label} at speed {speed:.6g}"

@@ -32,11 +32,7 @@ def canonical(label: object) -> str:
 
 
 def put(table: dict, key: object, value: float) -> None:
-    """Enter a value under a canonical key.
-
-    Raises:
-        RestitutionError: the key, perhaps in another order of its names, already has a different value.
-    """
+    """Enter a value under a canonical key; refuse a second one, perhaps with its names in another order."""
     if table.setdefault(key, value) != value:
         raise RestitutionError(
             f"{key} has two restitutions, {table[key]} and {value}; the order of names does not matter"
@@ -67,18 +63,38 @@ def checked_values(value: Any, name: str, check: Callable[[Any, str], Any], law:
     return tuple(check(one, f"{name} of contact {i}") for i, one in enumerate(value))
 
 
-def check_count(values: tuple, labels: tuple[str, ...], what: str, law: str) -> None:
-    """Check that a law that has one value for each contact, in order, has as many as contacts collide.
+def count_of(value: Any) -> int | None:
+    """Return the number of contacts that checked values are for; None if for any."""
+    return len(value) if isinstance(value, tuple) else None
+
+
+def labels_of(value: Any) -> frozenset[str]:
+    """Return the labels and patterns that checked values are keyed with."""
+    return frozenset(value) if isinstance(value, dict) else frozenset()
+
+
+def of_contacts(value: Any, patterns: tuple[str, ...], labels: tuple[str, ...], law: str, what: str) -> list[Any]:
+    """Return what checked values are for each contact; None for those that they do not name.
+
+    Args:
+        value: of `checked_values`.
+        patterns: those among its keys.
+        labels: of the contacts.
+        law: name of the law, for messages.
+        what: the values are, for messages.
 
     Raises:
-        RestitutionError: it has more or fewer.
+        RestitutionError: there are as many as other contacts, or patterns contradict each other.
     """
-    if len(values) != len(labels):
+    if isinstance(value, dict):
+        return [find(value, patterns, label) for label in labels]
+    if isinstance(value, tuple) and len(value) != len(labels):
         raise RestitutionError(
-            f"{law} has {len(values)} {what} but {len(labels)} contacts collide ({', '.join(labels)}); key them by "
+            f"{law} has {len(value)} {what} but {len(labels)} contacts collide ({', '.join(labels)}); key them by "
             "contact label so that they follow the contacts, or give one for all (a stepper whose law is changed goes "
             "on from before the step)"
         )
+    return list(value) if isinstance(value, tuple) else [value] * len(labels)
 
 
 def is_pattern(key: str) -> bool:
@@ -97,26 +113,20 @@ def matches(pattern: str, label: str) -> bool:
     return any(fnmatchcase(a, p) and fnmatchcase(b, q) for p, q in wanted for c in pairs for a, b in (c, c[::-1]))
 
 
-def patterns_of(keys: Iterable[str]) -> tuple[str, ...]:
-    """Return the patterns among keys."""
-    return tuple(key for key in keys if is_pattern(key))
+def patterns_of(value: Any) -> tuple[str, ...]:
+    """Return the patterns that checked values are keyed with, in their order."""
+    return tuple(filter(is_pattern, value)) if isinstance(value, dict) else ()
 
 
-def find(table: Mapping[str, Any], patterns: tuple[str, ...], label: str, default: Any = None) -> Any:
-    """Return the value of a contact: its own, or that of the patterns it matches, or else the default.
-
-    Args:
-        table: values by canonical keys.
-        patterns: those of the keys that are patterns.
-        label: of the contact.
-        default: for others.
+def find(table: Mapping[str, Any], patterns: tuple[str, ...], label: str) -> Any:
+    """Return the value of a contact in a table by canonical keys: its own, or that of the patterns it matches, or None.
 
     Raises:
         RestitutionError: it matches patterns with different values.
     """
     found = table.get(canonical(label))
     if found is not None or not patterns:
-        return default if found is None else found
+        return found
     fitting = [key for key in patterns if matches(key, label)]
     for key in fitting[1:]:
         if table[key] != table[fitting[0]]:
@@ -124,16 +134,11 @@ def find(table: Mapping[str, Any], patterns: tuple[str, ...], label: str, defaul
                 f"contact {label} matches {fitting[0]!r} and {key!r}, which have different values: "
                 f"{table[fitting[0]]} and {table[key]}; key it by its own name, or make the patterns narrower"
             )
-    return table[fitting[0]] if fitting else default
+    return table[fitting[0]] if fitting else None
 
 
 def check_labels(used: Iterable[str], known: tuple[str, ...], *, patterns: bool = True) -> None:
-    """Compare the labels that a law uses with those a scene can have.
-
-    Args:
-        used: labels, or patterns.
-        known: all that the scene can have.
-        patterns: whether the law knows patterns.
+    """Compare the labels, or patterns if a law knows them, that it uses with all that the scene can have.
 
     Raises:
         UnknownNameError: a label that no contact of the scene can have, or a pattern that none matches; names the
@@ -141,12 +146,9 @@ def check_labels(used: Iterable[str], known: tuple[str, ...], *, patterns: bool 
     """
     known_canonical = {canonical(label) for label in known}
     for label in sorted(used):
-        if label in known_canonical:
-            continue
-        if not (patterns and is_pattern(label)):
-            raise UnknownNameError("contact", label, known)
-        if not any(matches(label, one) for one in known_canonical):
-            raise UnknownNameError("contact pattern", label, known)
+        a_pattern = patterns and is_pattern(label)
+        if label not in known_canonical and not (a_pattern and any(matches(label, one) for one in known_canonical)):
+            raise UnknownNameError("contact pattern" if a_pattern else "contact", label, known)
 
 
 def _pairs(label: str) -> Iterator[tuple[str, str]]:

@@ -65,7 +65,7 @@ class OnContacts(Law):
 
 
 def restricted(law: Law, chosen: Chosen) -> Law:
-    """Return a law that is the given one for the contacts that are chosen, and has E = 0 for the others.
+    """Return the law for the contacts that are chosen, with E = 0 for the others.
 
     Raises:
         RestitutionError: the law has a rule of its own for impulses, without coefficients that could be 0.
