@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError, SolverError
-from impactlaw.mechanics.admissible.violations import Violations, penetration
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction import Friction
 from impactlaw.mechanics.impact import Impact
@@ -132,21 +130,14 @@ class FrictionImpact(Impact):
         normal = 0.0 if jump is None else float(self.impulse @ jump)
         return self.work + 0.5 * (normal + float(self.friction_impulse @ _friction(self.collision).surface_jump))
 
-    @cached_property
-    def violations(self) -> Violations:
-        """How far v+ is from no penetration, from impulses in the friction cones, and from no energy gain, sqrt(J).
+    @property
+    def _pulling_and_gain(self) -> tuple[float, float, float]:
+        """As of `Impact`, of friction cones, with `work_after_jump` gained.
 
-        Energy is gained where `work_after_jump` is positive. They are compared with the speed at which moving surfaces
-        slide, too, where that is larger than ``|v-|``.
+        The speed is that at which moving surfaces slide, where that is larger than ``|v-|``.
         """
-        c = self.collision
-        before = c.relative_velocity
-        z = before + self.whitened_jump
-        kinematic = penetration(c, self.whitened_jump, self.post_contact_velocity)
-        speeds = sqrt(z @ z) + sqrt(before @ before)
-        energetic = max(0.0, 2.0 * self.work_after_jump / speeds) if speeds > 0 else 0.0
-        speed = max(c.pre_speed, self._problem.scale)
-        return Violations(kinematic, max(self._cone_imbalance, self._outside), energetic, speed)
+        speed = max(self.collision.pre_speed, self._problem.scale)
+        return max(self._cone_imbalance, self._outside), self.work_after_jump, speed
 
     @cached_property
     def residual(self) -> float:

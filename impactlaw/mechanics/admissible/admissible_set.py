@@ -14,9 +14,8 @@ from impactlaw.errors import InvalidCollisionError, SolverError
 from impactlaw.mechanics.admissible.capped_polyhedron import CappedPolyhedron
 from impactlaw.mechanics.admissible.cone import cone_facets, nearest_in_cone
 from impactlaw.mechanics.admissible.sampling import check_number, uniform_samples
-from impactlaw.mechanics.admissible.violations import measure
+from impactlaw.mechanics.impact import Impact
 from impactlaw.mechanics.tolerances import POINT, SET_CERTIFIED, SET_RANK, TIGHT
-from impactlaw.solvers import nonnegative_combination
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +62,7 @@ class AdmissibleSet:
         Raises:
             InvalidCollisionError: v has the wrong shape or entries that are not finite.
         """
-        c, after = self.collision, self.collision.velocity(v, "v")
-        jump = c.metric.whiten(after - c.pre_velocity)
-        impulse = nonnegative_combination(c.whitened_jacobian, jump)
-        return measure(c, jump, c.contact_velocity_after(after), impulse).is_admissible(tol)
+        return Impact.observed(self.collision, self.collision.velocity(v, "v")).violations.is_admissible(tol)
 
     def distance(self, v: ArrayLike) -> float:
         """Return ``min |v - s|`` over s in S, sqrt(J); 0 (up to rounding of v-) for members.
