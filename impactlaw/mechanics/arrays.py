@@ -49,11 +49,7 @@ def finite_array(
 
 
 def of_shape(array: Any, name: str, shape: tuple[int | str, ...], like: str = "") -> Any:
-    """Return the array, which may be sparse.
-
-    Raises:
-        InvalidCollisionError: it has another shape, see `finite_array`.
-    """
+    """Return the array, which may be sparse, if it has the shape that is needed, see `finite_array`."""
     found = array.shape
     if found == shape:
         return array

@@ -18,15 +18,10 @@ from impactlaw.solvers.tolerances import RANK
 
 
 class Bilateral(NamedTuple):
-    """The directions that bilateral constraints fix.
+    """The directions that bilateral constraints fix."""
 
-    Attributes:
-        basis: of their span in whitened coordinates, orthonormal rows, (r, nv).
-        combination: ``basis = combination @ Y_eq``, (r, m).
-    """
-
-    basis: np.ndarray
-    combination: np.ndarray
+    basis: np.ndarray  # of their span in whitened coordinates, orthonormal rows, (r, nv)
+    combination: np.ndarray  # ``basis = combination @ Y_eq``, (r, m)
 
     @classmethod
     def of(cls, whitened: np.ndarray) -> Bilateral:
@@ -43,13 +38,7 @@ class Bilateral(NamedTuple):
         return projected
 
     def confine(self, jacobian: np.ndarray, whitened: np.ndarray, constraints: np.ndarray) -> np.ndarray:
-        """Return the rows J' with ``J' R^-T = J R^-T P``, (h, nv): impulses along them leave the constraints alone.
-
-        Args:
-            jacobian: ``J``, (h, nv).
-            whitened: ``J R^-T``, (h, nv).
-            constraints: ``J_eq``, (m, nv).
-        """
+        """Return J' with ``J' R^-T = J R^-T P``, (h, nv), of J, ``J R^-T`` and ``J_eq``; it leaves constraints alone."""
         return jacobian - whitened @ self.basis.T @ self.combination @ constraints
 
     def along(self, whitened_velocity: np.ndarray) -> np.ndarray | None:

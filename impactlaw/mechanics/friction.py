@@ -14,15 +14,10 @@ from impactlaw.mechanics.arrays import finite_array
 
 
 class ConeRows(NamedTuple):
-    """How normal rows, (h,), and rows of friction, (k,), make the rows of the cone problem, (h + k,).
+    """How normal rows, (h,), and rows of friction, (k,), make the rows of the cone problem, (h + k,)."""
 
-    Attributes:
-        order: where each comes from: ``[normal rows, rows of friction][order]`` is contact by contact, normal first.
-        sizes: rows of each contact, shape (h,).
-    """
-
-    order: np.ndarray
-    sizes: np.ndarray
+    order: np.ndarray  # ``[normal rows, rows of friction][order]`` is contact by contact, normal first
+    sizes: np.ndarray  # rows of each contact, shape (h,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,22 +67,14 @@ class Friction:
         return len(self.contact)
 
     def check(self, contacts: int, nv: int) -> None:
-        """Compare with the collision that the friction is part of.
-
-        Raises:
-            InvalidCollisionError: rows of another length, or of contacts that there are not.
-        """
+        """Refuse rows of another length, or of contacts that the collision does not have."""
         if self.jacobian.shape[1] != nv:
             raise InvalidCollisionError(f"friction jacobian must have {nv} columns, got {self.jacobian.shape}")
         if len(self) and self.contact[-1] >= contacts:
             raise InvalidCollisionError(f"friction of contact {self.contact[-1]}, but there are {contacts} contacts")
 
     def select(self, indices: ArrayLike) -> Friction | None:
-        """Return the friction of some contacts, renumbered to 0, 1, ... in the order given; None if they have none.
-
-        Args:
-            indices: of the contacts, integers without repetition.
-        """
+        """Return the friction of some contacts, none twice, renumbered to 0, 1, ... in this order; None if none has."""
         indices = np.asarray(indices, dtype=int)
         first = np.searchsorted(self.contact, indices, side="left")
         count = np.searchsorted(self.contact, indices, side="right") - first

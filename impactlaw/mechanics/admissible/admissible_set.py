@@ -28,7 +28,8 @@ class AdmissibleSet:
 
     `contains` works for any collision. The rest needs the facets of the cone of the gradients, which are listed per
     group of contacts that depend on each other, and raises `EnumerationError` where a group is so redundant at so high
-    a rank that there are too many (`cone.MAX_FACETS`): 16 contacts of rank 12 are still listed.
+    a rank that there are too many (`cone.MAX_FACETS`): 16 contacts of rank 12 are still listed. A velocity or direction
+    of the wrong shape, or with entries that are not finite, raises `InvalidCollisionError`.
 
     Results are accurate to rounding, relative to ``|v-|``, times the condition number of the gradients of unit length.
     Where that leaves no digits, because gradients depend on each other all but exactly, `SolverError` is raised.
@@ -57,29 +58,15 @@ class AdmissibleSet:
             )
 
     def contains(self, v: ArrayLike, tol: float = 1e-9) -> bool:
-        """Whether v is in S: its distances to the three sets that S is made of are at most ``tol |v-|``.
-
-        Raises:
-            InvalidCollisionError: v has the wrong shape or entries that are not finite.
-        """
+        """Whether v is in S: its distances to the three sets that S is made of are at most ``tol |v-|``."""
         return Impact.observed(self.collision, self.collision.velocity(v, "v")).violations.is_admissible(tol)
 
     def distance(self, v: ArrayLike) -> float:
-        """Return ``min |v - s|`` over s in S, sqrt(J); 0 (up to rounding of v-) for members.
-
-        Raises:
-            InvalidCollisionError: v has the wrong shape or entries that are not finite.
-            EnumerationError: too many facets.
-        """
+        """Return ``min |v - s|`` over s in S, sqrt(J); 0 (up to rounding of v-) for members."""
         return self.collision.metric.norm(self.collision.velocity(v, "v") - self.project(v))
 
     def project(self, v: ArrayLike) -> np.ndarray:
-        """Return the point of S nearest to v in the kinetic metric, shape (nv,); a member is its own.
-
-        Raises:
-            InvalidCollisionError: v has the wrong shape or entries that are not finite.
-            EnumerationError: too many facets.
-        """
+        """Return the point of S nearest to v in the kinetic metric, shape (nv,); a member is its own."""
         c, v = self.collision, self.collision.velocity(v, "v")
         if self._body is None:
             return c.pre_velocity.copy()
@@ -87,15 +74,7 @@ class AdmissibleSet:
         return self._velocity_at(self._least * self._body.nearest(x))
 
     def support(self, direction: ArrayLike) -> float:
-        """Return ``max <direction, v>`` over v in S, with ``<u, v> = u^T M v``; J when the direction is a velocity.
-
-        Args:
-            direction: u, shape (nv,), of any length.
-
-        Raises:
-            InvalidCollisionError: direction has the wrong shape or entries that are not finite.
-            EnumerationError: too many facets.
-        """
+        """Return ``max <u, v> = u^T M v`` over v in S, for a direction u, (nv,), of any length; J if u is a velocity."""
         c = self.collision
         u = c.metric.whiten(self.collision.velocity(direction, "direction"))
         start = float(u @ c.whitened_velocity)
@@ -119,7 +98,6 @@ class AdmissibleSet:
 
         Raises:
             InvalidCollisionError: n is no whole number, or negative.
-            EnumerationError: too many facets.
         """
         check_number(n)
         if self._body is None:
@@ -135,10 +113,7 @@ class AdmissibleSet:
         With ``|v|^2 = |v-|^2 + 2 <v-, k> + |k|^2 <= |v-|^2`` this gives ``|k| <= 2 |p - v-|``, with equality only for
         Moreau's elastic ``2 p - v-``. That is in S iff ``2 J p - gamma- >= 0``, as always when ``gamma- <= 0``; then
         the range is ``(|p - v-|, 2 |p - v-|)``. Otherwise a contact separates before the impact that the elastic
-        outcome would make penetrate, and the largest is found by a search through the faces of S.
-
-        Raises:
-            EnumerationError: too many faces; only with a contact that separates before the impact.
+        outcome would make penetrate, and the largest is found by a search through the faces of S; `EnumerationError` if these are too many.
         """
         if self._body is None:
             return 0.0, 0.0
