@@ -38,7 +38,7 @@ class Bilateral(NamedTuple):
         return projected
 
     def confine(self, jacobian: np.ndarray, whitened: np.ndarray, constraints: np.ndarray) -> np.ndarray:
-        """Return J' with ``J' R^-T = J R^-T P``, (h, nv), of J, ``J R^-T`` and ``J_eq``; it leaves constraints alone."""
+        """Return J' with ``J' R^-T = J R^-T P``, (h, nv), of J, ``J R^-T`` and ``J_eq``: that leaves these alone."""
         return jacobian - whitened @ self.basis.T @ self.combination @ constraints
 
     def along(self, whitened_velocity: np.ndarray) -> np.ndarray | None:

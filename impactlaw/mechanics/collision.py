@@ -268,17 +268,12 @@ class Collision:
             c = replace(c, surface_velocity=c.post_surface_velocity, post_surface_velocity=None)
         return c
 
-    @property
+    @cached_property
     def frame_rates(self) -> np.ndarray | None:
         """The part of ``gamma-bar`` that no impulse changes, shape (h,), m/s; None if it is 0.
 
         It is ``(w- + w+) / 2``, and the motion along bilateral constraints if those move, ``J_eq v- != 0``.
         """
-        at_rest = self.surface_velocity is None and self.bilateral_jacobian is None
-        return None if at_rest else self._frame_rates
-
-    @cached_property
-    def _frame_rates(self) -> np.ndarray | None:
         rates, jump = self.surface_velocity, self.surface_jump
         if rates is not None and jump is not None:
             rates = rates + 0.5 * jump

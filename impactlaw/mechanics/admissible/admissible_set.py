@@ -74,7 +74,7 @@ class AdmissibleSet:
         return self._velocity_at(self._least * self._body.nearest(x))
 
     def support(self, direction: ArrayLike) -> float:
-        """Return ``max <u, v> = u^T M v`` over v in S, for a direction u, (nv,), of any length; J if u is a velocity."""
+        """Return ``max <u, v> = u^T M v`` over v in S, for a direction u, (nv,), of any length."""
         c = self.collision
         u = c.metric.whiten(self.collision.velocity(direction, "direction"))
         start = float(u @ c.whitened_velocity)
@@ -113,7 +113,8 @@ class AdmissibleSet:
         With ``|v|^2 = |v-|^2 + 2 <v-, k> + |k|^2 <= |v-|^2`` this gives ``|k| <= 2 |p - v-|``, with equality only for
         Moreau's elastic ``2 p - v-``. That is in S iff ``2 J p - gamma- >= 0``, as always when ``gamma- <= 0``; then
         the range is ``(|p - v-|, 2 |p - v-|)``. Otherwise a contact separates before the impact that the elastic
-        outcome would make penetrate, and the largest is found by a search through the faces of S; `EnumerationError` if these are too many.
+        outcome would make penetrate, and the largest is found by a search through the faces of S: `EnumerationError` if
+        these are too many.
         """
         if self._body is None:
             return 0.0, 0.0
