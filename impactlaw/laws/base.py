@@ -172,13 +172,9 @@ class RestitutionLaw(Law):
 def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:
     """Return the largest factor by which ``E`` can change the energy of the contacts' motion, over every ``gamma-``.
 
-    With all contacts active, E is dissipative for every ``gamma-`` iff ``E^T G^-1 E <= G^-1``, that is iff this
-    number, the largest eigenvalue of ``G E^T G^-1 E``, is at most 1; an isometry (elastic law) has 1. With
+    With all contacts active, E, of shape (h, h), is dissipative for every ``gamma-`` iff ``E^T G^-1 E <= G^-1``, that
+    is iff this number, the largest eigenvalue of ``G E^T G^-1 E``, is at most 1; an isometry (elastic law) has 1. With
     redundant contacts the range of J takes the place of all ``gamma-``.
-
-    Args:
-        collision: its contacts and mass matrix; the velocity does not matter.
-        restitution_matrix: ``E``, shape (h, h).
 
     Raises:
         RestitutionError: E has the wrong shape or entries that are not finite.
@@ -198,11 +194,7 @@ def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:
 
 
 def coefficient(value: object, name: str = "restitution") -> float:
-    """Return ``value`` as a coefficient of restitution in [0, 1].
-
-    Raises:
-        RestitutionError: not a number, but a text or a truth value, say; NaN, negative or above one.
-    """
+    """Return ``value`` as a coefficient in [0, 1]; `RestitutionError` for texts, truth values, NaN and all others."""
     try:
         number: Any = value
         if isinstance(value, str | bytes | bool | np.bool_) or np.iscomplexobj(number):
@@ -216,11 +208,7 @@ def coefficient(value: object, name: str = "restitution") -> float:
 
 
 def square_matrix(value: ArrayLike, name: str = "restitution matrix") -> np.ndarray:
-    """Return ``value`` as a read-only, finite, square array.
-
-    Raises:
-        RestitutionError: it is not one.
-    """
+    """Return ``value`` as a read-only, finite, square array; `RestitutionError` if it is not one."""
     try:
         matrix = real_array(value)
     except (TypeError, ValueError):

@@ -78,11 +78,7 @@ class Fremond(RestitutionLaw):
         return None if isinstance(self.matrix, dict) else self.matrix.shape[0]
 
     def restitution_matrix(self, collision: Collision) -> Any:
-        """Return E for the contacts of this collision, shape (h, h).
-
-        Raises:
-            RestitutionError: the matrix is for another number of contacts.
-        """
+        """Return E for the contacts of this collision, shape (h, h)."""
         h = len(collision.labels)
         if not isinstance(self.matrix, dict):
             if self.matrix.shape[0] != h:

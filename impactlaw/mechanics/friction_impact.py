@@ -51,16 +51,9 @@ class FrictionImpact(Impact):
         exact: bool = True,
         problem: ConeProblem | None = None,
     ) -> FrictionImpact:
-        """Return the impact of an answer of the cone problem.
+        """Return the impact of an impulse of the cone problem, (h + k,), and its jump ``R^T (v+ - v-)``, (nv,).
 
-        Args:
-            collision: what collided.
-            impulse: of the cone problem, contact by contact, shape (h + k,).
-            jump: ``R^T (v+ - v-)``, shape (nv,).
-            targets: normal and sliding velocities aimed at.
-            scale: see `restitution_scale`.
-            exact: exact Coulomb friction, or its convex relaxation.
-            problem: the cone problem, if it is to be kept.
+        The targets are the normal and the sliding velocities aimed at; scale is `restitution_scale`, problem `cones`.
         """
         friction, h = _friction(collision), len(collision.labels)
         parts = np.empty(len(impulse))
@@ -97,7 +90,7 @@ class FrictionImpact(Impact):
             raise SolverError(f"no impulse nearest to this velocity was found: residual {answer.residual:.1e} sqrt(J)")
         return replace(cls.of_cones(collision, answer.impulse, jump), post_velocity=v)
 
-    @cached_property
+    @property
     def pre_sliding_velocity(self) -> np.ndarray:
         """``gamma_t- = J_t v- + w_t-``, shape (k,), m/s or rad/s."""
         return self.collision.pre_sliding_velocity
@@ -152,14 +145,10 @@ class FrictionImpact(Impact):
         if self.target_contact_velocity is not None and self.target_sliding_velocity is not None:
             normal = self.post_contact_velocity - self.target_contact_velocity
             sliding = friction.coefficient * (self.post_sliding_velocity - self.target_sliding_velocity)
-            u = problem.scaled(np.concatenate([normal, sliding])[self._order]) / problem.lengths[:, None] ** 2
+            u = self._scaled(normal, sliding) / problem.lengths[:, None] ** 2
             error = max(error, problem.residual(self._scaled_impulse, u))
         speed = max(self._speed, problem.scale)
         return error / speed if speed > 0 else error
-
-    @cached_property
-    def _order(self) -> np.ndarray:
-        return _friction(self.collision).cone_rows(len(self.collision.labels)).order
 
     @cached_property
     def _problem(self) -> ConeProblem:
@@ -168,8 +157,11 @@ class FrictionImpact(Impact):
 
     @cached_property
     def _scaled_impulse(self) -> np.ndarray:
-        tangential = self.friction_impulse / _friction(self.collision).coefficient
-        return self._problem.scaled(np.concatenate([self.impulse, tangential])[self._order])
+        return self._scaled(self.impulse, self.friction_impulse / _friction(self.collision).coefficient)
+
+    def _scaled(self, normal: np.ndarray, along: np.ndarray) -> np.ndarray:
+        order = _friction(self.collision).cone_rows(len(normal)).order
+        return self._problem.scaled(np.concatenate([normal, along])[order])
 
     @property
     def _outside(self) -> float:
@@ -198,10 +190,9 @@ def cone_problem(
     exact: bool = True,
     known: ConeProblem | None = None,
 ) -> ConeProblem:
-    """Return the problem of reaching normal velocities, (h,), and sliding velocities, (k,), that a law aims at.
+    """Return the problem of reaching normal velocities, (h,), and sliding velocities, (k,), that a law aims at, or 0.
 
-    ``u_n = gamma+ - normal`` and ``u_t = mu (gamma_t+ - sliding)``; both 0 if None. A problem of the same contacts that
-    is known saves half of the work.
+    ``u_n = gamma+ - normal``, ``u_t = mu (gamma_t+ - sliding)``. A known problem of these contacts saves half the work.
     """
     friction = _friction(collision)
     order, sizes = friction.cone_rows(len(collision.labels))

@@ -117,7 +117,7 @@ class Coulomb(Law):
         if isinstance(self.law, Poisson):
             collision = collision.after_surface_jump
             return resolve_scaled(TwoPhases(self.law, collision, self.law.coefficients(collision), **limits))
-        wanted = np.asarray(self.target(collision).contact_velocity, dtype=float)
+        wanted = self.target(collision).contact_velocity
         return resolve_scaled(_Aimed(self.law, collision, wanted, e=self.tangential_restitution, **limits))
 
 
@@ -142,11 +142,7 @@ class _Aimed(Attempt):
         return self.e > 0.0 or super().scales(contacts)
 
     def outcome(self, s: float, near: ConeAnswer | None = None) -> Outcome:
-        """Return what follows where positive targets are s times as large.
-
-        Raises:
-            SolverError: no answer passed its certificate.
-        """
+        """Return what follows where positive targets are s times as large."""
         c = self.collision
         targets = np.where(self.wanted > 0, s * self.wanted, self.wanted), -s * self.e * c.pre_sliding_velocity
         problem = self.problem = cone_problem(c, *targets, exact=self.exact, known=self.problem)

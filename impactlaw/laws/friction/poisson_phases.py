@@ -39,11 +39,7 @@ class TwoPhases(Attempt):
     """
 
     def outcome(self, s: float, near: ConeAnswer | None = None) -> Outcome:
-        """Return what follows where coefficients of restitution are s times as large.
-
-        Raises:
-            SolverError: no answer passed its certificate, of compression or expansion.
-        """
+        """Return what follows where coefficients of restitution are s times as large."""
         given, kick = s * self._share, np.zeros(len(self._rows))
         kick[self._first] = given
         start = self._before + self._rows @ (self._compression.jump + kick @ self._rows)

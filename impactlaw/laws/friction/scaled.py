@@ -76,11 +76,7 @@ class Attempt(ABC):
         return replace(self, collision=collision, wanted=self.wanted[contacts])
 
     def solved(self, problem: ConeProblem, near: ConeAnswer | None = None) -> ConeAnswer:
-        """Return the certified answer of a cone problem.
-
-        Raises:
-            SolverError: there is none.
-        """
+        """Return the certified answer of a cone problem; `SolverError` if there is none."""
         guess, rounds = (None, THOROUGH) if near is None else (near.impulse, BRIEF)
         answer = solve_within(problem, guess, rounds, self.effort)
         if answer.status is not Status.SOLVED:
@@ -111,10 +107,7 @@ def resolve_scaled(attempt: Attempt) -> FrictionImpact:
         (contacts, _resolved(attempt.part(contacts, alone)))
         for contacts, alone in apart(attempt.collision, attempt.law)
     ]
-    if not parts:
-        return _resolved(attempt)
-    problem = cone_problem(attempt.collision, exact=attempt.exact)
-    return joined(attempt.collision, parts, exact=attempt.exact, problem=problem)
+    return joined(attempt.collision, parts) if parts else _resolved(attempt)
 
 
 def _resolved(attempt: Attempt, *, one_group: bool = False) -> FrictionImpact:
@@ -125,8 +118,9 @@ def _resolved(attempt: Attempt, *, one_group: bool = False) -> FrictionImpact:
     work = np.zeros(len(c.labels)) if whole is None else work_of_each(whole.impact)
     if whole is not None and attempt.created(whole, np.maximum(work, 0.0).sum()) <= 0.0:
         return whole.impact
-    problem = cone_problem(c, exact=attempt.exact, known=attempt.problem)
-    groups = [np.arange(len(work))] if one_group else groups_of(problem, ties_of(attempt.law, c))
+    groups = [np.arange(len(work))]
+    if not one_group:
+        groups = groups_of(cone_problem(c, exact=attempt.exact, known=attempt.problem), ties_of(attempt.law, c))
     parts: list[tuple[np.ndarray, FrictionImpact]] = []
     for contacts in groups:
         created = attempt.created(whole, work[contacts].sum())
@@ -140,15 +134,13 @@ def _resolved(attempt: Attempt, *, one_group: bool = False) -> FrictionImpact:
             parts.append((contacts, own))
     if whole is not None and all(impact is whole.impact for _, impact in parts):
         return whole.impact
-    return joined(c, parts, exact=attempt.exact, problem=problem)
+    return joined(c, parts)
 
 
 def _largest(attempt: Attempt, created: float) -> FrictionImpact:
     """Return the impact of the largest s that creates no energy, by Illinois' false position or bisection.
 
-    Args:
-        attempt: what the law makes of the contacts.
-        created: energy created with s = 1, infinite if there is no impact.
+    That of s = 1 creates so much; it is infinite if there is no impact.
     """
     try:
         best = attempt.outcome(0.0)

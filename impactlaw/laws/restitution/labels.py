@@ -18,11 +18,7 @@ from impactlaw.errors import RestitutionError, UnknownNameError
 
 
 def canonical(label: object) -> str:
-    """Return the label with its two names sorted; takes ``"a/b"`` or ``("a", "b")``; any other string as it is.
-
-    Raises:
-        RestitutionError: neither a string nor a pair of strings.
-    """
+    """Return the label with its two names sorted; takes ``"a/b"`` or ``("a", "b")``; any other string as it is."""
     if isinstance(label, str):
         names = label.split("/")
         return "/".join(sorted(names)) if len(names) == 2 else label
@@ -43,13 +39,10 @@ def checked_values(value: Any, name: str, check: Callable[[Any, str], Any], law:
     """Return what a law was given for its contacts, checked: one value for all, a tuple, or a dict by canonical labels.
 
     Args:
-        value: one for every contact, one for each in their order, or by labels of contacts.
+        value: one for every contact, one for each in their order, or by labels of contacts; not a set, without order.
         name: of the value, for messages.
         check: returns the value of a contact that is named to it, or raises.
         law: name of the law, for messages.
-
-    Raises:
-        RestitutionError: a contact has two values, or values are a set, which has no order.
     """
     if isinstance(value, Mapping):
         table: dict[str, Any] = {}
@@ -74,14 +67,9 @@ def labels_of(value: Any) -> frozenset[str]:
 
 
 def of_contacts(value: Any, patterns: tuple[str, ...], labels: tuple[str, ...], law: str, what: str) -> list[Any]:
-    """Return what checked values are for each contact; None for those that they do not name.
+    """Return what checked values, with these patterns among their keys, are for each contact; None where not named.
 
-    Args:
-        value: of `checked_values`.
-        patterns: those among its keys.
-        labels: of the contacts.
-        law: name of the law, for messages.
-        what: the values are, for messages.
+    Law and what the values are is for messages.
 
     Raises:
         RestitutionError: there are as many as other contacts, or patterns contradict each other.

@@ -21,12 +21,7 @@ from impactlaw.mechanics.collision import Collision
 
 @dataclass(frozen=True)
 class Chosen:
-    """Some of the contacts that a scene can have.
-
-    Attributes:
-        labels: of contacts and limits, in canonical order of names.
-        others: whether it is all others that are chosen.
-    """
+    """Some of the contacts that a scene can have: these labels, in canonical order of names, or all others."""
 
     labels: frozenset[str]
     others: bool = False
@@ -41,10 +36,6 @@ class OnContacts(Law):
     """``gamma^h`` is the law's for the contacts that are chosen, as if they collided alone, and 0 for the others.
 
     With a diagonal E this is the same E with zeros. A law that couples contacts knows of the chosen ones only.
-
-    Attributes:
-        law: which knows a target.
-        chosen: the contacts that it is for.
     """
 
     law: Law

@@ -17,11 +17,8 @@ _OSQP_INFEASIBLE = (3, 4)  # osqp's status: primal infeasible, also inaccurately
 def osqp(problem: Problem, *, tolerance: float = 1e-9, iterations: int = 10_000, polish: bool = True) -> Solution:
     """Solve ``min |z|^2 / 2, Y z >= c`` with rows of unit length and bounds of size one, to a tolerance.
 
-    Args:
-        problem: what to solve.
-        tolerance: OSQP's absolute and relative tolerance.
-        iterations: at most so many; an answer that is not accurate by then is ``Status.STOPPED``, with its impulse.
-        polish: whether OSQP solves once more on the constraints that it found active.
+    The tolerance is OSQP's absolute and relative one; what is not accurate after so many iterations is
+    ``Status.STOPPED``, with its impulse. To polish is to solve once more on the constraints that were found active.
     """
     import osqp as package
 

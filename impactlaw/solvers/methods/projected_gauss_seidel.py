@@ -13,10 +13,8 @@ _CHECKED = 10  # sweeps between two looks at the residual
 def projected_gauss_seidel(problem: Problem, *, sweeps: int = 1000, tolerance: float = 1e-10) -> Solution:
     """Set ``Lambda_i`` to ``max(0, Lambda_i + (c_i - Y_i z) / G_ii)``, contact by contact, sweep after sweep.
 
-    Args:
-        problem: what to solve.
-        sweeps: at most so many; then the answer is ``Status.STOPPED``, with the impulse it got to.
-        tolerance: natural map, relative to the scale of the problem, that is enough.
+    A natural map of the tolerance, relative to the scale of the problem, is enough; after so many sweeps the answer is
+    ``Status.STOPPED``, with the impulse it got to.
     """
     U = row_scaled(problem.gradients, problem.lengths)
     h, nv = U.shape
