@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impactlaw.errors import RestitutionError
-from impactlaw.mechanics.arrays import real_array
+from impactlaw.errors import InvalidCollisionError, RestitutionError
+from impactlaw.mechanics.arrays import finite_array, finite_sparse, is_sparse
 from impactlaw.mechanics.bilateral import velocity_with
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.impact import Impact
@@ -193,29 +193,36 @@ def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:
     return float(np.linalg.norm(U.T @ scaled @ (U * s) / s[:, None], 2) ** 2)
 
 
+def number(value: Any) -> float | None:
+    """Return ``value`` as a float; None for texts, truth values, complex numbers and what is no number at all."""
+    if isinstance(value, str | bytes | bool | np.bool_) or np.iscomplexobj(value):
+        return None
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return None
+
+
 def coefficient(value: object, name: str = "restitution") -> float:
-    """Return ``value`` as a coefficient in [0, 1]; `RestitutionError` for texts, truth values, NaN and all others."""
-    try:
-        number: Any = value
-        if isinstance(value, str | bytes | bool | np.bool_) or np.iscomplexobj(number):
-            raise TypeError
-        number = float(number)
-    except (TypeError, ValueError):
-        raise RestitutionError(f"{name} must be a number in [0, 1], got {value!r}") from None
-    if not 0.0 <= number <= 1.0:
-        raise RestitutionError(f"{name} must lie in [0, 1], got {number}")
-    return number
+    """Return ``value`` as a number in [0, 1]; `RestitutionError` if it is none."""
+    e = number(value)
+    if e is None:
+        raise RestitutionError(f"{name} must be a number in [0, 1], got {value!r}")
+    if not 0.0 <= e <= 1.0:
+        raise RestitutionError(f"{name} must lie in [0, 1], got {e}")
+    return e
 
 
-def square_matrix(value: ArrayLike, name: str = "restitution matrix") -> np.ndarray:
-    """Return ``value`` as a read-only, finite, square array; `RestitutionError` if it is not one."""
+def square_matrix(value: Any, name: str = "restitution matrix", *, sparse: bool = False) -> Any:
+    """Return ``value`` as a read-only, finite, square array, or a CSR array if it may be sparse and is.
+
+    Raises:
+        RestitutionError: it is not one.
+    """
     try:
-        matrix = real_array(value)
-    except (TypeError, ValueError):
-        raise RestitutionError(f"{name} must be a square array of numbers, got {value!r}") from None
+        matrix = finite_sparse(value, name) if sparse and is_sparse(value) else finite_array(value, name)
+    except InvalidCollisionError as error:
+        raise RestitutionError(f"{name} must be a square array of numbers: {error}") from None
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
         raise RestitutionError(f"{name} must be square, got shape {matrix.shape}")
-    if not np.isfinite(matrix).all():
-        raise RestitutionError(f"{name} has entries that are not finite")
-    matrix.flags.writeable = False
     return matrix

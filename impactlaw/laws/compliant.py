@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError, RestitutionError, SolverError
-from impactlaw.laws.base import Law, Target, coefficient
+from impactlaw.laws.base import Law, Target, coefficient, number
 from impactlaw.laws.restitution.labels import checked_values, count_of, labels_of, of_contacts, patterns_of
 from impactlaw.mechanics.collision import Collision
 
@@ -164,12 +164,9 @@ class Compliant(Law):
 
 
 def _positive(value: Any, name: str) -> float:
-    try:
-        if isinstance(value, str | bytes | bool | np.bool_):
-            raise TypeError
-        number = float(value)
-    except (TypeError, ValueError):
-        raise RestitutionError(f"{name} must be a positive number, got {value!r}") from None
-    if not 0.0 < number < np.inf:
-        raise RestitutionError(f"{name} must be positive and finite, got {number}")
-    return number
+    positive = number(value)
+    if positive is None:
+        raise RestitutionError(f"{name} must be a positive number, got {value!r}")
+    if not 0.0 < positive < np.inf:
+        raise RestitutionError(f"{name} must be positive and finite, got {positive}")
+    return positive

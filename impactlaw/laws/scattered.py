@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import RestitutionError
-from impactlaw.laws.base import Law, Target, square_matrix
+from impactlaw.laws.base import Law, Target, number, square_matrix
 from impactlaw.laws.drawn.drawing import DrawnLaw
 from impactlaw.laws.friction.coulomb import Coulomb
 from impactlaw.mechanics.admissible.sampling import check_number
@@ -46,11 +46,8 @@ class Scattered(DrawnLaw):
                 "Coulomb(Scattered(law, covariance))"
             )
         if np.ndim(self.covariance) == 0:
-            try:
-                covariance: Any = float(np.asarray(self.covariance))
-            except (TypeError, ValueError):
-                covariance = np.nan
-            if not 0.0 <= covariance < np.inf:
+            covariance: Any = number(self.covariance)
+            if covariance is None or not 0.0 <= covariance < np.inf:
                 raise RestitutionError(f"a variance must be 0 or more, and finite, got {self.covariance!r}")
         else:
             C = covariance = square_matrix(self.covariance, "covariance")
