@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError, RestitutionError, SolverError
 from impactlaw.laws.base import Law, Target, coefficient, number
-from impactlaw.laws.restitution.labels import checked_values, count_of, labels_of, of_contacts, patterns_of
+from impactlaw.laws.restitution.labels import OfContacts, checked_values
 from impactlaw.mechanics.collision import Collision
 
 _STEP = 0.05  # timestep, in units of one over the largest frequency: energy is kept to 1e-9
@@ -21,7 +21,7 @@ _MOST_CONTACTS = 512
 
 
 @dataclass(frozen=True)
-class Compliant(Law):
+class Compliant(OfContacts, Law):
     """Each contact is a spring, ``f_i = k_i d_i^p``; the law is what is left when all have opened again.
 
     ``d' = -gamma``, ``gamma' = G f``, from ``d = 0, gamma = gamma-`` until every contact is open and separates. The
@@ -50,6 +50,7 @@ class Compliant(Law):
     """
 
     name = "compliant"
+    _name = "stiffness"
     description = "contacts are equal Hertzian springs for a moment, each with restitution e; 1 if not given"
 
     stiffness: float | Sequence[float] | Mapping[str | tuple[str, str], float]
@@ -73,16 +74,6 @@ class Compliant(Law):
     def of(cls, restitution: Any) -> Compliant:
         """Return the law of equal springs with the restitution that `make_law` was given, 1 if None."""
         return cls(1.0) if restitution is None else cls(1.0, restitution=restitution)
-
-    @property
-    def contact_labels(self) -> frozenset[str]:
-        """Labels that the stiffness is keyed with, in canonical order; empty if it is not."""
-        return labels_of(self.stiffness)
-
-    @property
-    def contact_count(self) -> int | None:
-        """Number of contacts that the law is for; None if for any."""
-        return count_of(self.stiffness)
 
     def target(self, collision: Collision) -> Target:
         """Return the contact velocities after the springs have opened, and the velocity that has them.
@@ -157,7 +148,7 @@ class Compliant(Law):
         return result
 
     def _stiffness(self, labels: tuple[str, ...]) -> np.ndarray:
-        found = of_contacts(self.stiffness, patterns_of(self.stiffness), labels, "Compliant", "stiffnesses")
+        found = self._of_contacts(labels, "stiffnesses")
         if None in found:
             raise RestitutionError(f"no stiffness for contact {labels[found.index(None)]}")
         return np.array(found)

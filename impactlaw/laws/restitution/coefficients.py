@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import islice
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 
 from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import coefficient
-from impactlaw.laws.restitution.labels import checked_values, count_of, labels_of, of_contacts, patterns_of
+from impactlaw.laws.restitution.labels import OfContacts, checked_values
 from impactlaw.mechanics.collision import Collision
 
 _MOST_SHOWN = 32  # entries of a mapping
@@ -24,7 +23,7 @@ Coefficients = Coefficient | Sequence[Coefficient] | Mapping[str | tuple[str, st
 
 
 @dataclass(frozen=True, repr=False)
-class ContactCoefficients:
+class ContactCoefficients(OfContacts):
     """The coefficients ``e_1 .. e_h`` of a law that has one for each contact.
 
     In the place of any number there may be a function: it is called for each contact with the speed at which that
@@ -63,20 +62,6 @@ class ContactCoefficients:
         return f"{type(self).__name__}(restitution={_shown(self.restitution)}, default={_shown(self.default)})"
 
     @property
-    def contact_labels(self) -> frozenset[str]:
-        """Labels the law was keyed with, in canonical order; empty if it was not."""
-        return labels_of(self.restitution)
-
-    @property
-    def contact_count(self) -> int | None:
-        """Number of contacts that the law is for; None if for any."""
-        return count_of(self.restitution)
-
-    @cached_property
-    def _patterns(self) -> tuple[str, ...]:
-        return patterns_of(self.restitution)
-
-    @property
     def has_patterns(self) -> bool:
         """Whether some of these labels are patterns."""
         return bool(self._patterns)
@@ -91,7 +76,7 @@ class ContactCoefficients:
         labels, name = collision.labels, type(self).__name__
         if isinstance(self.restitution, float):
             return np.full(len(labels), self.restitution)
-        given = of_contacts(self.restitution, self._patterns, labels, name, "coefficients")
+        given = self._of_contacts(labels, "coefficients")
         if None in given:
             if self.default is None:
                 raise RestitutionError(
@@ -110,7 +95,7 @@ class ContactCoefficients:
         Raises:
             RestitutionError: the label matches patterns with different coefficients.
         """
-        (e,) = of_contacts(self.restitution, self._patterns, (label,), type(self).__name__, "coefficients")
+        e = self._found(label)
         return self.default if e is None else e
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from fnmatch import fnmatchcase
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -56,35 +57,6 @@ def checked_values(value: Any, name: str, check: Callable[[Any, str], Any], law:
     return tuple(check(one, f"{name} of contact {i}") for i, one in enumerate(value))
 
 
-def count_of(value: Any) -> int | None:
-    """Return the number of contacts that checked values are for; None if for any."""
-    return len(value) if isinstance(value, tuple) else None
-
-
-def labels_of(value: Any) -> frozenset[str]:
-    """Return the labels and patterns that checked values are keyed with."""
-    return frozenset(value) if isinstance(value, dict) else frozenset()
-
-
-def of_contacts(value: Any, patterns: tuple[str, ...], labels: tuple[str, ...], law: str, what: str) -> list[Any]:
-    """Return what checked values, with these patterns among their keys, are for each contact; None where not named.
-
-    Law and what the values are is for messages.
-
-    Raises:
-        RestitutionError: there are as many as other contacts, or patterns contradict each other.
-    """
-    if isinstance(value, dict):
-        return [find(value, patterns, label) for label in labels]
-    if isinstance(value, tuple) and len(value) != len(labels):
-        raise RestitutionError(
-            f"{law} has {len(value)} {what} but {len(labels)} contacts collide ({', '.join(labels)}); key them by "
-            "contact label so that they follow the contacts, or give one for all (a stepper whose law is changed goes "
-            "on from before the step)"
-        )
-    return list(value) if isinstance(value, tuple) else [value] * len(labels)
-
-
 def is_pattern(key: str) -> bool:
     """Return whether a key stands for any label that matches it."""
     return any(character in key for character in "*?[")
@@ -101,28 +73,62 @@ def matches(pattern: str, label: str) -> bool:
     return any(fnmatchcase(a, p) and fnmatchcase(b, q) for p, q in wanted for c in pairs for a, b in (c, c[::-1]))
 
 
-def patterns_of(value: Any) -> tuple[str, ...]:
-    """Return the patterns that checked values are keyed with, in their order."""
-    return tuple(filter(is_pattern, value)) if isinstance(value, dict) else ()
+class OfContacts:
+    """A law with a value for each contact: one for all, a tuple in their order, or a dict by labels and patterns.
 
-
-def find(table: Mapping[str, Any], patterns: tuple[str, ...], label: str) -> Any:
-    """Return the value of a contact in a table by canonical keys: its own, or that of the patterns it matches, or None.
-
-    Raises:
-        RestitutionError: it matches patterns with different values.
+    They are checked by `checked_values`, and kept in the field that has their name.
     """
-    found = table.get(canonical(label))
-    if found is not None or not patterns:
-        return found
-    fitting = [key for key in patterns if matches(key, label)]
-    for key in fitting[1:]:
-        if table[key] != table[fitting[0]]:
+
+    _name = "restitution"
+
+    @property
+    def _values(self) -> Any:
+        return getattr(self, self._name)
+
+    @property
+    def contact_labels(self) -> frozenset[str]:
+        """Labels and patterns the law was keyed with, in canonical order; empty if it was not."""
+        return frozenset(self._values) if isinstance(self._values, dict) else frozenset()
+
+    @property
+    def contact_count(self) -> int | None:
+        """Number of contacts that the law is for; None if for any."""
+        return len(self._values) if isinstance(self._values, tuple) else None
+
+    @cached_property
+    def _patterns(self) -> tuple[str, ...]:
+        return tuple(filter(is_pattern, self._values)) if isinstance(self._values, dict) else ()
+
+    def _of_contacts(self, labels: tuple[str, ...], what: str) -> list[Any]:
+        """Return the value of each contact, None where it has none.
+
+        Raises:
+            RestitutionError: there are as many as other contacts, or patterns contradict each other.
+        """
+        values = self._values
+        if isinstance(values, dict):
+            return [self._found(label) for label in labels]
+        if isinstance(values, tuple) and len(values) != len(labels):
             raise RestitutionError(
-                f"contact {label} matches {fitting[0]!r} and {key!r}, which have different values: "
-                f"{table[fitting[0]]} and {table[key]}; key it by its own name, or make the patterns narrower"
+                f"{type(self).__name__} has {len(values)} {what} but {len(labels)} contacts collide "
+                f"({', '.join(labels)}); key them by contact label so that they follow the contacts, or give one for "
+                "all (a stepper whose law is changed goes on from before the step)"
             )
-    return table[fitting[0]] if fitting else None
+        return list(values) if isinstance(values, tuple) else [values] * len(labels)
+
+    def _found(self, label: str) -> Any:
+        table = self._values
+        found = table.get(canonical(label))
+        if found is not None or not self._patterns:
+            return found
+        fitting = [key for key in self._patterns if matches(key, label)]
+        for key in fitting[1:]:
+            if table[key] != table[fitting[0]]:
+                raise RestitutionError(
+                    f"contact {label} matches {fitting[0]!r} and {key!r}, which have different values: "
+                    f"{table[fitting[0]]} and {table[key]}; key it by its own name, or make the patterns narrower"
+                )
+        return table[fitting[0]] if fitting else None
 
 
 def check_labels(used: Iterable[str], known: tuple[str, ...], *, patterns: bool = True) -> None:
