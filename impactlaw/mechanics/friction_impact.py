@@ -119,9 +119,17 @@ class FrictionImpact(Impact):
         Friction opposes sliding at w_t+, so that this is what E = 0 never creates. `work` with a jump can be positive
         then: a rod that slides on a table and is struck by it may slide back a little.
         """
-        jump = self.collision.surface_jump
-        normal = 0.0 if jump is None else float(self.impulse @ jump)
-        return self.work + 0.5 * (normal + float(self.friction_impulse @ _friction(self.collision).surface_jump))
+        return float(self.work_of_each.sum())
+
+    @cached_property
+    def work_of_each(self) -> np.ndarray:
+        """What each contact adds to `work_after_jump`, shape (h,), J."""
+        c, friction, mean = self.collision, _friction(self.collision), self.mean_contact_velocity
+        if c.surface_jump is not None:
+            mean = mean + 0.5 * c.surface_jump
+        sliding = 0.5 * (self.pre_sliding_velocity + self.post_sliding_velocity + friction.surface_jump)
+        rubbing = np.bincount(friction.contact, self.friction_impulse * sliding, len(c.labels))
+        return self.impulse * mean + rubbing
 
     @property
     def _pulling_and_gain(self) -> tuple[float, float, float]:

@@ -81,18 +81,6 @@ def ties_of(law: Law, collision: Collision) -> np.ndarray | None:
     return np.ones((len(collision.labels),) * 2, dtype=bool)
 
 
-def work_of_each(impact: FrictionImpact) -> np.ndarray:
-    """Return what each contact adds to `FrictionImpact.work_after_jump`, (h,), J."""
-    c, friction = impact.collision, impact.collision.friction
-    assert friction is not None
-    mean = impact.mean_contact_velocity
-    if c.surface_jump is not None:
-        mean = mean + 0.5 * c.surface_jump
-    sliding = 0.5 * (impact.pre_sliding_velocity + impact.post_sliding_velocity + friction.surface_jump)
-    rubbing = np.bincount(friction.contact, impact.friction_impulse * sliding, len(c.labels))
-    return impact.impulse * mean + rubbing
-
-
 def joined(collision: Collision, parts: Sequence[tuple[np.ndarray, FrictionImpact]]) -> FrictionImpact:
     """Return the impact of groups of contacts that do not influence each other.
 

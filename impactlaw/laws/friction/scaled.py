@@ -10,7 +10,7 @@ import numpy as np
 
 from impactlaw.errors import SolverError
 from impactlaw.laws.base import Law
-from impactlaw.laws.friction.groups import apart, groups_of, joined, ties_of, work_of_each
+from impactlaw.laws.friction.groups import apart, groups_of, joined, ties_of
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
 from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem
@@ -115,7 +115,7 @@ def _resolved(attempt: Attempt, *, one_group: bool = False) -> FrictionImpact:
     c, whole = attempt.collision, attempt.tried(1.0)
     if not attempt.scales():
         return _largest(attempt, np.inf) if whole is None else whole.impact
-    work = np.zeros(len(c.labels)) if whole is None else work_of_each(whole.impact)
+    work = np.zeros(len(c.labels)) if whole is None else whole.impact.work_of_each
     if whole is not None and attempt.created(whole, np.maximum(work, 0.0).sum()) <= 0.0:
         return whole.impact
     groups = [np.arange(len(work))]
