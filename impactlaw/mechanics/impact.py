@@ -146,16 +146,12 @@ class Impact:
         Y = c.whitened_jacobian
         if not (after < 0).any():
             return 0.0
-        if c.frame_rates is None:
-            z = c.relative_velocity + self.whitened_jump
-            problem = Problem(Y, -(Y @ z), -z, norms=c.gradient_norms)
-        else:
-            problem = Problem(Y, -after, speed=self._speed)  # which they have the rounding of
+        back = None if c.frame_rates is not None else -(c.relative_velocity + self.whitened_jump)
+        bound = -after if back is None else Y @ back
         try:
+            problem = Problem(Y, bound, back, self._speed, norms=c.gradient_norms)
             jump = solve_with_jump(problem, c.labels, shared=False).jump
         except UnsolvableLawError:
-            if c.frame_rates is None:
-                raise
             return np.inf  # surfaces crush what is between them
         return sqrt(jump @ jump)
 
@@ -205,6 +201,5 @@ class Impact:
     @cached_property
     def _speed(self) -> float:
         """The larger of ``|v-|`` and ``|v+|``, sqrt(J), as seen from the surfaces."""
-        return max(
-            self.collision.pre_speed, float(np.linalg.norm(self.collision.relative_velocity + self.whitened_jump))
-        )
+        c = self.collision
+        return max(c.pre_speed, float(np.linalg.norm(c.relative_velocity + self.whitened_jump)))
