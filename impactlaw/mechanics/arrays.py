@@ -32,7 +32,7 @@ def finite_array(
     Args:
         values: what was given.
         name: of that, for messages.
-        shape: that it must have, a text such as "h" standing for any length; None for any shape.
+        shape: that it must have, a text such as "h" at its beginning for any length; None for any shape.
         like: why, for the message.
 
     Raises:
@@ -50,10 +50,8 @@ def finite_array(
 
 def of_shape(array: Any, name: str, shape: tuple[int | str, ...], like: str = "") -> Any:
     """Return the array, which may be sparse, if it has the shape that is needed, see `finite_array`."""
-    found = array.shape
-    if found == shape:
-        return array
-    if len(found) != len(shape) or any(n != k and not isinstance(n, str) for n, k in zip(shape, found, strict=True)):
+    found, rest = array.shape, shape[1:]
+    if found != shape and not (isinstance(shape[0], str) and len(found) == len(shape) and found[1:] == rest):
         wanted = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
         raise InvalidCollisionError(f"{name} must have shape {wanted}{like}, got {found}")
     return array

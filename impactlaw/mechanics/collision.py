@@ -14,7 +14,7 @@ from impactlaw.errors import InvalidCollisionError
 from impactlaw.mechanics.arrays import finite_array, finite_sparse, is_sparse, of_shape, real_array
 from impactlaw.mechanics.bilateral import Bilateral, Reached, velocity_with
 from impactlaw.mechanics.block_metric import SparseMetric
-from impactlaw.mechanics.friction import Friction
+from impactlaw.mechanics.friction import ConeRows, Friction
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.mechanics.tolerances import FIXED, IDLE
 from impactlaw.solvers.problem import row_lengths
@@ -137,6 +137,13 @@ class Collision:
         """``J_t R^-T P``, shape (k, nv), of the rows of friction, without their coefficients."""
         rows = np.zeros((0, len(self.pre_velocity))) if self.friction is None else self.friction.jacobian
         return self._whitened(rows)
+
+    @cached_property
+    def cone_rows(self) -> ConeRows:
+        """How the rows of contacts and of their friction are put together."""
+        h, contact = len(self.labels), np.zeros(0, dtype=int) if self.friction is None else self.friction.contact
+        order = np.argsort(np.concatenate([np.arange(h), contact]), kind="stable")
+        return ConeRows(order, 1 + np.bincount(contact, minlength=h))
 
     @cached_property
     def without_idle_friction(self) -> Collision:
@@ -275,6 +282,8 @@ class Collision:
         It is ``(w- + w+) / 2``, and the motion along bilateral constraints if those move, ``J_eq v- != 0``.
         """
         rates, jump = self.surface_velocity, self.surface_jump
+        if rates is None and self.bilateral_jacobian is None:
+            return None
         if rates is not None and jump is not None:
             rates = rates + 0.5 * jump
         if self._fixed is not None:

@@ -45,7 +45,9 @@ class Friction:
     post_surface_velocity: np.ndarray = None  # pyright: ignore[reportAssignmentType]
 
     def __post_init__(self):
-        jacobian = finite_array(self.jacobian, "friction jacobian", ("k", "nv"))
+        jacobian = finite_array(self.jacobian, "friction jacobian")
+        if jacobian.ndim != 2:
+            raise InvalidCollisionError(f"friction jacobian must have shape (k, nv), got {jacobian.shape}")
         k = len(jacobian)
         contact = np.asarray(self.contact)
         if k == 0:
@@ -91,11 +93,6 @@ class Friction:
             return None
         parts = self.jacobian, self.contact, self.coefficient, self.surface_velocity, self.post_surface_velocity
         return Friction(*(part[~rows] for part in parts))
-
-    def cone_rows(self, contacts: int) -> ConeRows:
-        """Return how the rows of this many contacts and of their friction are put together."""
-        order = np.argsort(np.concatenate([np.arange(contacts), self.contact]), kind="stable")
-        return ConeRows(order, 1 + np.bincount(self.contact, minlength=contacts))
 
     @cached_property
     def surface_jump(self) -> np.ndarray:

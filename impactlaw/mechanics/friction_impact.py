@@ -57,7 +57,7 @@ class FrictionImpact(Impact):
         """
         friction, h = _friction(collision), len(collision.labels)
         parts = np.empty(len(impulse))
-        parts[friction.cone_rows(h).order] = impulse
+        parts[collision.cone_rows.order] = impulse
         normal, sliding = (None, None) if targets is None else targets
         return cls(
             collision,
@@ -84,8 +84,7 @@ class FrictionImpact(Impact):
         """
         v, rows = Impact.observed(collision, post_velocity).post_velocity, cone_gradients(collision)
         jump = collision.metric.whiten(v - collision.pre_velocity)
-        sizes = _friction(collision).cone_rows(len(collision.labels)).sizes
-        answer = solve_cones(ConeProblem(rows, -(rows @ jump), sizes, exact=False))
+        answer = solve_cones(ConeProblem(rows, -(rows @ jump), collision.cone_rows.sizes, exact=False))
         if answer.status is not Status.SOLVED:
             raise SolverError(f"no impulse nearest to this velocity was found: residual {answer.residual:.1e} sqrt(J)")
         return replace(cls.of_cones(collision, answer.impulse, jump), post_velocity=v)
@@ -168,8 +167,7 @@ class FrictionImpact(Impact):
         return self._scaled(self.impulse, self.friction_impulse / _friction(self.collision).coefficient)
 
     def _scaled(self, normal: np.ndarray, along: np.ndarray) -> np.ndarray:
-        order = _friction(self.collision).cone_rows(len(normal)).order
-        return self._problem.scaled(np.concatenate([normal, along])[order])
+        return self._problem.scaled(np.concatenate([normal, along])[self.collision.cone_rows.order])
 
     @property
     def _outside(self) -> float:
@@ -187,7 +185,7 @@ def cone_gradients(collision: Collision) -> np.ndarray:
     """Return the rows of the cone problem, contact by contact, those of friction times coefficients, (h + k, nv)."""
     friction = _friction(collision)
     tangential = collision.whitened_friction * friction.coefficient[:, None]
-    return np.vstack([collision.whitened_jacobian, tangential])[friction.cone_rows(len(collision.labels)).order]
+    return np.vstack([collision.whitened_jacobian, tangential])[collision.cone_rows.order]
 
 
 def cone_problem(
@@ -203,7 +201,7 @@ def cone_problem(
     ``u_n = gamma+ - normal``, ``u_t = mu (gamma_t+ - sliding)``. A known problem of these contacts saves half the work.
     """
     friction = _friction(collision)
-    order, sizes = friction.cone_rows(len(collision.labels))
+    order, sizes = collision.cone_rows
     bound = collision.pre_contact_velocity
     if collision.surface_jump is not None:
         bound = bound + collision.surface_jump

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from importlib import import_module
 from math import prod
 
@@ -75,7 +74,9 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
     c = problem.bound
     if not np.count_nonzero(c > 0):  # every law comes here: a quarter of the time of any()
         return Answer(np.zeros(len(c)), np.zeros(problem.gradients.shape[1]), -c / problem.lengths, 0.0)
-    with nullcontext() if len(c) < _MANY else one_thread():
+    if len(c) < _MANY:
+        return _solve(problem, labels, solver, shared=shared)
+    with one_thread():
         return _solve(problem, labels, solver, shared=shared)
 
 

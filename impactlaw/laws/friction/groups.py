@@ -101,7 +101,7 @@ def joined(collision: Collision, parts: Sequence[tuple[np.ndarray, FrictionImpac
             continue
         target[contacts] = impact.target_contact_velocity[own]
         sliding[rows] = impact.target_sliding_velocity[rubs]
-    impulse = np.concatenate([normal, along / friction.coefficient])[friction.cone_rows(h).order]
+    impulse = np.concatenate([normal, along / friction.coefficient])[collision.cone_rows.order]
     jump, scale = impulse @ cone_gradients(collision), min(impact.restitution_scale for _, impact in parts)
     targets = (target, sliding) if aimed else None
     exact, known = parts[0][1].exact, all(impact.cones is not None for _, impact in parts)

@@ -57,7 +57,7 @@ class TwoPhases(Attempt):
         """Scale the problem so that the longest row of a contact and the largest velocity are 1, and round it."""
         c, friction = self.collision, self.collision.friction
         assert friction is not None
-        order, self._sizes = friction.cone_rows(len(c.labels))
+        order, self._sizes = c.cone_rows
         self._first = np.cumsum(self._sizes) - self._sizes
         rows = self._unrounded = cone_gradients(c)
         before = np.concatenate([c.pre_contact_velocity, c.pre_sliding_velocity * friction.coefficient])[order]

@@ -95,7 +95,7 @@ class Routh(ContactCoefficients, Law):
         jump = impulse @ rows
         if c.friction is None or not len(c.friction):
             return Impact(c, c.pre_velocity + c.metric.unwhiten(jump), impulse[:h])
-        scaled = np.concatenate([impulse[:h], impulse[h:] / mu])[c.friction.cone_rows(h).order]
+        scaled = np.concatenate([impulse[:h], impulse[h:] / mu])[c.cone_rows.order]
         return FrictionImpact.of_cones(c, scaled, jump)
 
     def _one(self, rows: np.ndarray, gamma: np.ndarray, mu: np.ndarray, e: float) -> np.ndarray:
