@@ -52,7 +52,7 @@ def sliding(G, slip, mu, approach, far):
     fastest = np.sqrt((Gt * Gt).sum()) * mu.max() + np.sqrt((Gn * Gn).sum())
     ends, means = np.empty(_MOST), np.empty((_MOST, k))
     slip, first = slip.copy(), np.sqrt((slip * slip).sum())
-    at, count, stopped, next_ds = 0.0, 0, first == 0.0, _FINE / max(fastest, 1e-300)
+    at, count, stopped, next_ds = 0.0, 0, first == 0.0, _FINE / fastest
     while count < _MOST - 2 and at < far * approach / G[0, 0] and not stopped:
         size = np.sqrt((slip * slip).sum())
         stopped = size <= _STOPPED * first
