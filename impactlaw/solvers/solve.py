@@ -171,8 +171,7 @@ def _attempt_in_row_space(problem: Problem, solver: str, best: Answer | None) ->
     dense = as_dense(problem)
     if dense is None:
         return best
-    unit = dense.gradients / dense.lengths[:, None]
-    _, singular, V = scipy.linalg.svd(unit, full_matrices=False, check_finite=False)
+    _, singular, V = scipy.linalg.svd(dense.unit[0], full_matrices=False, check_finite=False)
     ranks = {int(np.count_nonzero(singular > small * singular[0])) for small in RANKS}
     for rank in sorted(ranks - {len(singular)}, reverse=True):
         basis = V[:rank]

@@ -93,6 +93,14 @@ class Attempt(ABC):
         except SolverError:
             return None
 
+    def refusing(self, s: float) -> Outcome:
+        """Return `outcome`; where there is none, the law without friction refuses what no velocity can do."""
+        try:
+            return self.outcome(s)
+        except SolverError:
+            self.law.resolve(self.whole, solver=self.solver)
+            raise
+
     def created(self, outcome: Outcome | None, work: float) -> float:
         """Return a work of impulses of contact, J, relative to the kinetic energy, less what may be rounding."""
         if outcome is None:
@@ -112,9 +120,9 @@ def resolve_scaled(attempt: Attempt) -> FrictionImpact:
 
 def _resolved(attempt: Attempt, *, one_group: bool = False) -> FrictionImpact:
     """Return the impact, with restitution scaled in those groups of contacts alone that create energy."""
-    c, whole = attempt.collision, attempt.tried(1.0)
     if not attempt.scales():
-        return _largest(attempt, np.inf) if whole is None else whole.impact
+        return attempt.refusing(1.0).impact
+    c, whole = attempt.collision, attempt.tried(1.0)
     work = np.zeros(len(c.labels)) if whole is None else whole.impact.work_of_each
     if whole is not None and attempt.created(whole, np.maximum(work, 0.0).sum()) <= 0.0:
         return whole.impact
@@ -142,11 +150,7 @@ def _largest(attempt: Attempt, created: float) -> FrictionImpact:
 
     That of s = 1 creates so much; it is infinite if there is no impact.
     """
-    try:
-        best = attempt.outcome(0.0)
-    except SolverError:
-        attempt.law.resolve(attempt.whole, solver=attempt.solver)  # refuses what no velocity can do
-        raise
+    best = attempt.refusing(0.0)
     if not np.isfinite(created) and attempt.effort is not None and attempt.effort.hasty:
         return best.impact
     low, high, above, side = 0.0, 1.0, created, 0

@@ -78,25 +78,14 @@ class ContactCoefficients(OfContacts):
             return np.full(len(labels), self.restitution)
         given = self._of_contacts(labels, "coefficients")
         if None in given:
-            if self.default is None:
-                raise RestitutionError(
-                    f"{name} has no restitution for contact {labels[given.index(None)]}, and no default: name it, or "
-                    "give one"
-                )
-            given = [self.default if e is None else e for e in given]
+            missing = labels[given.index(None)]
+            raise RestitutionError(
+                f"{name} has no restitution for contact {missing}, and no default: name it, or give one"
+            )
         if any(map(callable, given)):
             speeds = np.maximum(-collision.pre_contact_velocity, 0.0).tolist()
             given = [_at(e, speed, label) for e, speed, label in zip(given, speeds, labels, strict=True)]
         return np.array(given, dtype=float)
-
-    def named(self, label: str) -> Coefficient | None:
-        """Return the coefficient of a contact where the law is keyed by labels; None if it has none.
-
-        Raises:
-            RestitutionError: the label matches patterns with different coefficients.
-        """
-        e = self._found(label)
-        return self.default if e is None else e
 
 
 def described(value: object) -> object:

@@ -80,6 +80,7 @@ class OfContacts:
     """
 
     _name = "restitution"
+    default = None
 
     @property
     def _values(self) -> Any:
@@ -107,7 +108,7 @@ class OfContacts:
         """
         values = self._values
         if isinstance(values, dict):
-            return [self._found(label) for label in labels]
+            return [self.named(label) for label in labels]
         if isinstance(values, tuple) and len(values) != len(labels):
             raise RestitutionError(
                 f"{type(self).__name__} has {len(values)} {what} but {len(labels)} contacts collide "
@@ -116,11 +117,16 @@ class OfContacts:
             )
         return list(values) if isinstance(values, tuple) else [values] * len(labels)
 
-    def _found(self, label: str) -> Any:
+    def named(self, label: str) -> Any:
+        """Return the value of a contact where the law is keyed by labels: its default, or None, if it has none.
+
+        Raises:
+            RestitutionError: the label matches patterns with different values.
+        """
         table = self._values
         found = table.get(canonical(label))
         if found is not None or not self._patterns:
-            return found
+            return self.default if found is None else found
         fitting = [key for key in self._patterns if matches(key, label)]
         for key in fitting[1:]:
             if table[key] != table[fitting[0]]:
@@ -128,7 +134,7 @@ class OfContacts:
                     f"contact {label} matches {fitting[0]!r} and {key!r}, which have different values: "
                     f"{table[fitting[0]]} and {table[key]}; key it by its own name, or make the patterns narrower"
                 )
-        return table[fitting[0]] if fitting else None
+        return table[fitting[0]] if fitting else self.default
 
 
 def check_labels(used: Iterable[str], known: tuple[str, ...], *, patterns: bool = True) -> None:

@@ -23,14 +23,14 @@ def nnls(problem: Problem) -> Solution:
     """
     d = problem.preimage
     if d is None:
-        Y, c = problem.gradients / problem.lengths[:, None], problem.bound / problem.lengths
+        Y, c = problem.unit
         d = least_squares(Y, c)
         if np.abs(Y @ d - c).max(initial=0.0) > IN_RANGE * max(problem.scale, float(np.linalg.norm(d))):
             return Solution(np.zeros_like(c), Status.STOPPED)
     lengths = problem.lengths
     each = lengths.tolist()  # for few contacts this takes a quarter of the time of max() and min() of an array
     balanced = max(each, default=1.0) <= BALANCED * min(each, default=1.0)
-    columns = problem.gradients.T if balanced else problem.gradients.T / lengths
+    columns = (problem.gradients if balanced else problem.unit[0]).T
     try:
         impulse, _ = scipy.optimize.nnls(columns, d, maxiter=_NNLS_CHANGES * len(lengths))
     except RuntimeError:  # how scipy says that these changes of the active set were not enough

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from impactlaw.solvers.certificate import natural_residual
-from impactlaw.solvers.problem import Problem, Solution, Status, row_scaled
+from impactlaw.solvers.problem import Problem, Solution, Status
 
 _OSQP_INFEASIBLE = (3, 4)  # osqp's status: primal infeasible, also inaccurately
 
@@ -22,16 +22,16 @@ def osqp(problem: Problem, *, tolerance: float = 1e-9, iterations: int = 10_000,
     """
     import osqp as package
 
-    c = problem.bound / problem.lengths
+    Y, c = problem.unit
     size = float(np.abs(c).max(initial=0.0))
     if size == 0.0:
         return Solution(np.zeros_like(c))
-    nv = problem.gradients.shape[1]
+    nv = Y.shape[1]
     solver = package.OSQP()
     solver.setup(
         scipy.sparse.csc_matrix(scipy.sparse.eye_array(nv)),
         np.zeros(nv),
-        scipy.sparse.csc_matrix(row_scaled(problem.gradients, problem.lengths)),
+        scipy.sparse.csc_matrix(Y),
         c / size,
         np.full(len(c), np.inf),
         verbose=False,
