@@ -46,7 +46,9 @@ class Compliant(OfContacts, Law):
 
     Raises:
         RestitutionError: what is to be a number is none, or out of its range; a contact has two; or stiffnesses are a
-            set, which has no order.
+            set, which has no order. Of a collision: no stiffness for a contact, or for another number of contacts.
+        InvalidCollisionError: more than 512 contacts collide.
+        SolverError: the contacts of a collision never come to an end.
     """
 
     name = "compliant"
@@ -76,13 +78,7 @@ class Compliant(OfContacts, Law):
         return cls(1.0) if restitution is None else cls(1.0, restitution=restitution)
 
     def target(self, collision: Collision) -> Target:
-        """Return the contact velocities after the springs have opened, and the velocity that has them.
-
-        Raises:
-            RestitutionError: no stiffness for a contact, or for another number of contacts.
-            InvalidCollisionError: more than 512 contacts.
-            SolverError: the contacts never come to an end.
-        """
+        """Return the contact velocities after the springs have opened, and the velocity that has them."""
         gamma = collision.pre_contact_velocity
         if collision.surface_jump is not None:
             gamma = gamma + collision.surface_jump

@@ -48,17 +48,10 @@ class Poisson(ContactCoefficients, Law):
         return MaximalDissipation().target(collision)
 
     def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
-        """Return the impact; `Impact.compression` is its first phase.
-
-        Args:
-            collision: what collides.
-            solver: of both phases, a name from `impactlaw.solvers.SOLVERS`, or "auto".
+        """Return the impact, see `Law.resolve`; `Impact.compression` is its first phase. The solver is that of both.
 
         Raises:
-            RestitutionError: the law's coefficients do not fit the contacts.
-            UnknownNameError: no such solver.
             UnsolvableLawError: surfaces that move against each other leave no velocity without penetration.
-            SolverError: no solver's answer passed its certificate.
         """
         collision = collision.after_surface_jump
         e = self.coefficients(collision)

@@ -73,12 +73,7 @@ class Scattered(DrawnLaw):
         return Target(collision.contact_velocity_after(v), v)
 
     def sample(self, collision: Collision, n: int, rng: np.random.Generator | int) -> np.ndarray:
-        """Return n independent velocities after the collision, without friction, shape (n, nv).
-
-        Args:
-            collision: what collides.
-            n: how many, 0 or more.
-            rng: a generator, or a seed for one.
+        """Return n independent velocities after the collision, without friction, (n, nv), from a generator or a seed.
 
         Raises:
             RestitutionError: the covariance or the law is for another number of contacts.

@@ -17,16 +17,10 @@ LARGEST_BLOCK = 500
 
 
 class SparseMetric(KineticMetric):
-    """A sparse mass matrix and its factor ``M = R R^T``.
+    """As `KineticMetric`, of a mass matrix that is any scipy.sparse matrix or array.
 
-    Degrees of freedom that M couples, directly or through others, form blocks. Each is factored by itself.
-
-    Args:
-        mass_matrix: symmetric positive definite, any scipy.sparse matrix or array, shape (nv, nv).
-
-    Raises:
-        InvalidCollisionError: not square, not finite, not symmetric, not positive definite, or more than
-            `LARGEST_BLOCK` degrees of freedom in one block.
+    Degrees of freedom that M couples, directly or through others, form blocks. Each is factored by itself, and has at
+    most `LARGEST_BLOCK` of them: else `InvalidCollisionError`.
     """
 
     _inverse: Any

@@ -73,10 +73,10 @@ class FrictionImpact(Impact):
 
     @classmethod
     def observed(cls, collision: Collision, post_velocity: ArrayLike) -> FrictionImpact:
-        """Audit an outcome that came from anywhere.
+        """Audit an outcome that came from anywhere, as `Impact.observed`, with friction.
 
-        The impulse is one in the friction cones that comes nearest to the velocity jump in the kinetic metric; what
-        is left over is ``violations.kinetic``. Which one is not unique where contacts are redundant.
+        The impulse is one in the friction cones that comes nearest to the velocity jump, not unique where contacts are
+        redundant.
 
         Raises:
             InvalidCollisionError: post_velocity does not fit, or the collision has no friction.

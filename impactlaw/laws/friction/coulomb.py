@@ -97,18 +97,13 @@ class Coulomb(Law):
         return aim(self.law, collision)
 
     def resolve(self, collision: Collision, *, solver: str = "auto", effort: Effort | None = None) -> Impact:
-        """Return the impact: a `FrictionImpact` where the collision has friction.
+        """Return the impact, see `Law.resolve`: a `FrictionImpact` where the collision has friction.
 
-        Args:
-            collision: what collides.
-            solver: of collisions without friction, see `Law.resolve`.
-            effort: limits the work, as in the steps of a simulation; without it no effort is spared.
+        The solver is that of collisions without friction. An effort limits the work, as in the steps of a simulation;
+        without it no effort is spared.
 
         Raises:
-            RestitutionError: the law's coefficients do not fit the number of contacts.
-            UnknownNameError: no such solver, where there is no friction.
             UnsolvableLawError: surfaces move against each other so that no velocity is left.
-            SolverError: no answer passed its certificate.
         """
         collision = collision.without_idle_friction
         if collision.friction is None or not len(collision.friction):

@@ -68,15 +68,11 @@ class Routh(ContactCoefficients, Law):
     def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
         """Return the impact: a `FrictionImpact` where the collision has friction.
 
-        Args:
-            collision: what collides.
-            solver: of no meaning here but "auto".
-
         Raises:
             RestitutionError: the coefficients do not fit the contacts, or contacts influence each other.
             SolverError: slip of a contact does not settle, or its impulse is no finite number.
             UnsolvableLawError: a contact closes whose bodies cannot move apart, as where constraints hold them.
-            UnknownNameError: another solver.
+            UnknownNameError: a solver is named.
         """
         if solver != "auto":
             raise UnknownNameError("solver of Routh's law", solver, ["auto"])
