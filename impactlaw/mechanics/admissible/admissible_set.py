@@ -87,14 +87,10 @@ class AdmissibleSet:
         return start + float(along @ jump)
 
     def sample(self, n: int, rng: np.random.Generator | int) -> np.ndarray:
-        """Return n independent velocities, uniform in S, shape (n, nv).
+        """Return n independent velocities, uniform in S, shape (n, nv), from a generator or a seed for one.
 
         Uniform is meant with respect to the volume that the kinetic metric has on the affine hull of S, which may be
         a point, a segment or anything up to the rank of J.
-
-        Args:
-            n: how many, 0 or more.
-            rng: a generator, or a seed for one.
 
         Raises:
             InvalidCollisionError: n is no whole number, or negative.
