@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from impactlaw.errors import MeasurementError
 from impactlaw.laws.restitution.labels import canonical
+from impactlaw.mechanics.arrays import real_array
 from impactlaw.mechanics.collision import Collision
-from impactlaw.mechanics.kinetic_metric import real_array
 
 _RANK = 1e-10  # singular value of gradients, relative to the largest one, that is rounding
 _STILL = 1e-12  # part of the speed of all bodies up to which contacts do not move against each other

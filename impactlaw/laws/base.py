@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impactlaw.errors import RestitutionError
+from impactlaw.errors import InvalidCollisionError, RestitutionError
+from impactlaw.mechanics.arrays import finite_array, finite_sparse, is_sparse
 from impactlaw.mechanics.bilateral import velocity_with
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.impact import Impact
-from impactlaw.mechanics.kinetic_metric import real_array
 from impactlaw.solvers import Problem, solve_with_jump
 from impactlaw.solvers.tolerances import RANK
 
@@ -57,14 +57,16 @@ class Law(ABC):
 
     @classmethod
     def of(cls, restitution: Any) -> Law:
-        """Return the law with what `make_law` was given, or None.
+        """Return the law with what `make_law` was given, or None: then the law's own default, if it has one.
 
         Raises:
             RestitutionError: the restitution is missing, superfluous or not in range.
         """
-        if restitution is None:
+        if restitution is not None and not cls.takes_restitution:
+            raise RestitutionError(f"law {cls.name!r} takes no restitution, got {restitution!r}; leave it out")
+        if restitution is None and any(part.default is MISSING and not part.kw_only for part in fields(cls)):
             raise RestitutionError(f"law {cls.name!r} needs a restitution")
-        return cls(restitution)  # pyright: ignore[reportCallIssue]
+        return cls() if restitution is None else cls(restitution)  # pyright: ignore[reportCallIssue]
 
     @property
     def has_target(self) -> bool:
@@ -123,11 +125,7 @@ class Law(ABC):
 
 
 def aim(law: Law, collision: Collision) -> Target:
-    """Return the target of a law, whoever wrote that, its contact velocity as an array of numbers.
-
-    Raises:
-        RestitutionError: it is no `Target`, is for another number of contacts, or is not finite; or as by the law.
-    """
+    """Return the target of a law, whoever wrote that, its contact velocity as an array of finite numbers, (h,)."""
     target, h = law.target(collision), len(collision.labels)
     if not isinstance(target, Target):
         what = f"must return a Target, as Target(contact_velocity), not {type(target).__name__}"
@@ -158,27 +156,25 @@ def jump_problem(collision: Collision, target: Target) -> Problem:
 
 
 class RestitutionLaw(Law):
-    """A law with a restitution matrix: ``gamma^h = -E gamma-``."""
+    """A law with a restitution matrix: ``gamma^h = -E gamma-``; ``E = e 1`` where it has a `common_coefficient` e."""
 
-    @abstractmethod
     def restitution_matrix(self, collision: Collision) -> Any:
         """Return ``E``, shape (h, h), for the contacts of this collision; an array, or a CSR array."""
+        assert self.common_coefficient is not None
+        return self.common_coefficient * np.eye(len(collision.labels))
 
     def target(self, collision: Collision) -> Target:
-        """Return ``gamma^h = -E gamma-``."""
-        return Target(-(self.restitution_matrix(collision) @ collision.pre_contact_velocity))
+        """Return ``gamma^h = -E gamma-``; ``E = e 1`` also gives the velocity ``-e v-``."""
+        e, gamma = self.common_coefficient, collision.pre_contact_velocity
+        return Target(-(self.restitution_matrix(collision) @ gamma)) if e is None else Target(-e * gamma, coefficient=e)
 
 
 def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:
     """Return the largest factor by which ``E`` can change the energy of the contacts' motion, over every ``gamma-``.
 
-    With all contacts active, E is dissipative for every ``gamma-`` iff ``E^T G^-1 E <= G^-1``, that is iff this
-    number, the largest eigenvalue of ``G E^T G^-1 E``, is at most 1; an isometry (elastic law) has 1. With
+    With all contacts active, E, of shape (h, h), is dissipative for every ``gamma-`` iff ``E^T G^-1 E <= G^-1``, that
+    is iff this number, the largest eigenvalue of ``G E^T G^-1 E``, is at most 1; an isometry (elastic law) has 1. With
     redundant contacts the range of J takes the place of all ``gamma-``.
-
-    Args:
-        collision: its contacts and mass matrix; the velocity does not matter.
-        restitution_matrix: ``E``, shape (h, h).
 
     Raises:
         RestitutionError: E has the wrong shape or entries that are not finite.
@@ -197,37 +193,36 @@ def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:
     return float(np.linalg.norm(U.T @ scaled @ (U * s) / s[:, None], 2) ** 2)
 
 
-def coefficient(value: object, name: str = "restitution") -> float:
-    """Return ``value`` as a coefficient of restitution in [0, 1].
-
-    Raises:
-        RestitutionError: not a number, but a text or a truth value, say; NaN, negative or above one.
-    """
+def number(value: Any) -> float | None:
+    """Return ``value`` as a float; None for texts, truth values, complex numbers and what is no number at all."""
+    if isinstance(value, str | bytes | bool | np.bool_) or np.iscomplexobj(value):
+        return None
     try:
-        number: Any = value
-        if isinstance(value, str | bytes | bool | np.bool_) or np.iscomplexobj(number):
-            raise TypeError
-        number = float(number)
+        return float(value)
     except (TypeError, ValueError):
-        raise RestitutionError(f"{name} must be a number in [0, 1], got {value!r}") from None
-    if not 0.0 <= number <= 1.0:
-        raise RestitutionError(f"{name} must lie in [0, 1], got {number}")
-    return number
+        return None
 
 
-def square_matrix(value: ArrayLike, name: str = "restitution matrix") -> np.ndarray:
-    """Return ``value`` as a read-only, finite, square array.
+def coefficient(value: object, name: str = "restitution") -> float:
+    """Return ``value`` as a number in [0, 1]; `RestitutionError` if it is none."""
+    e = number(value)
+    if e is None:
+        raise RestitutionError(f"{name} must be a number in [0, 1], got {value!r}")
+    if not 0.0 <= e <= 1.0:
+        raise RestitutionError(f"{name} must lie in [0, 1], got {e}")
+    return e
+
+
+def square_matrix(value: Any, name: str = "restitution matrix", *, sparse: bool = False) -> Any:
+    """Return ``value`` as a read-only, finite, square array, or a CSR array if it may be sparse and is.
 
     Raises:
         RestitutionError: it is not one.
     """
     try:
-        matrix = real_array(value)
-    except (TypeError, ValueError):
-        raise RestitutionError(f"{name} must be a square array of numbers, got {value!r}") from None
+        matrix = finite_sparse(value, name) if sparse and is_sparse(value) else finite_array(value, name)
+    except InvalidCollisionError as error:
+        raise RestitutionError(f"{name} must be a square array of numbers: {error}") from None
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
         raise RestitutionError(f"{name} must be square, got shape {matrix.shape}")
-    if not np.isfinite(matrix).all():
-        raise RestitutionError(f"{name} has entries that are not finite")
-    matrix.flags.writeable = False
     return matrix

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError, RestitutionError, SolverError
-from impactlaw.laws.base import Law, Target, coefficient
-from impactlaw.laws.restitution.labels import canonical, check_count, checked_values, find, patterns_of
+from impactlaw.laws.base import Law, Target, coefficient, number
+from impactlaw.laws.restitution.labels import OfContacts, checked_values
 from impactlaw.mechanics.collision import Collision
 
 _STEP = 0.05  # timestep, in units of one over the largest frequency: energy is kept to 1e-9
@@ -21,7 +21,7 @@ _MOST_CONTACTS = 512
 
 
 @dataclass(frozen=True)
-class Compliant(Law):
+class Compliant(OfContacts, Law):
     """Each contact is a spring, ``f_i = k_i d_i^p``; the law is what is left when all have opened again.
 
     ``d' = -gamma``, ``gamma' = G f``, from ``d = 0, gamma = gamma-`` until every contact is open and separates. The
@@ -46,10 +46,13 @@ class Compliant(Law):
 
     Raises:
         RestitutionError: what is to be a number is none, or out of its range; a contact has two; or stiffnesses are a
-            set, which has no order.
+            set, which has no order. Of a collision: no stiffness for a contact, or for another number of contacts.
+        InvalidCollisionError: more than 512 contacts collide.
+        SolverError: the contacts of a collision never come to an end.
     """
 
     name = "compliant"
+    _name = "stiffness"
     description = "contacts are equal Hertzian springs for a moment, each with restitution e; 1 if not given"
 
     stiffness: float | Sequence[float] | Mapping[str | tuple[str, str], float]
@@ -71,31 +74,11 @@ class Compliant(Law):
 
     @classmethod
     def of(cls, restitution: Any) -> Compliant:
-        """Return the law of equal springs with the restitution that `make_law` was given, 1 if None.
-
-        Raises:
-            RestitutionError: the restitution is not in [0.01, 1].
-        """
+        """Return the law of equal springs with the restitution that `make_law` was given, 1 if None."""
         return cls(1.0) if restitution is None else cls(1.0, restitution=restitution)
 
-    @property
-    def contact_labels(self) -> frozenset[str]:
-        """Labels that the stiffness is keyed with, in canonical order; empty if it is not."""
-        return frozenset(map(canonical, self.stiffness)) if isinstance(self.stiffness, dict) else frozenset()
-
-    @property
-    def contact_count(self) -> int | None:
-        """Number of contacts that the law is for; None if for any."""
-        return len(self.stiffness) if isinstance(self.stiffness, tuple) else None
-
     def target(self, collision: Collision) -> Target:
-        """Return the contact velocities after the springs have opened, and the velocity that has them.
-
-        Raises:
-            RestitutionError: no stiffness for a contact, or for another number of contacts.
-            InvalidCollisionError: more than 512 contacts.
-            SolverError: the contacts never come to an end.
-        """
+        """Return the contact velocities after the springs have opened, and the velocity that has them."""
         gamma = collision.pre_contact_velocity
         if collision.surface_jump is not None:
             gamma = gamma + collision.surface_jump
@@ -161,26 +144,16 @@ class Compliant(Law):
         return result
 
     def _stiffness(self, labels: tuple[str, ...]) -> np.ndarray:
-        value: Any = self.stiffness
-        if isinstance(value, dict):
-            patterns = patterns_of(value)
-            found = [find(value, patterns, label) for label in labels]
-            if None in found:
-                raise RestitutionError(f"no stiffness for contact {labels[found.index(None)]}")
-            return np.array(found)
-        if isinstance(value, tuple):
-            check_count(value, labels, "stiffnesses", "Compliant")
-            return np.array(value)
-        return np.full(len(labels), value)
+        found = self._of_contacts(labels, "stiffnesses")
+        if None in found:
+            raise RestitutionError(f"no stiffness for contact {labels[found.index(None)]}")
+        return np.array(found)
 
 
 def _positive(value: Any, name: str) -> float:
-    try:
-        if isinstance(value, str | bytes | bool | np.bool_):
-            raise TypeError
-        number = float(value)
-    except (TypeError, ValueError):
-        raise RestitutionError(f"{name} must be a positive number, got {value!r}") from None
-    if not 0.0 < number < np.inf:
-        raise RestitutionError(f"{name} must be positive and finite, got {number}")
-    return number
+    positive = number(value)
+    if positive is None:
+        raise RestitutionError(f"{name} must be a positive number, got {value!r}")
+    if not 0.0 < positive < np.inf:
+        raise RestitutionError(f"{name} must be positive and finite, got {positive}")
+    return positive

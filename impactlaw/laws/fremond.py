@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import scipy
 
-from impactlaw.errors import InvalidCollisionError, RestitutionError
-from impactlaw.laws.base import Law, RestitutionLaw, Target, coefficient, square_matrix
+from impactlaw.errors import RestitutionError
+from impactlaw.laws.base import Law, RestitutionLaw, Target, coefficient, number, square_matrix
 from impactlaw.laws.restitution.labels import canonical, put
 from impactlaw.laws.tolerances import INFLUENCE
-from impactlaw.mechanics.block_metric import finite_sparse, is_sparse
+from impactlaw.mechanics.arrays import is_sparse
 from impactlaw.mechanics.collision import Collision
 
 
@@ -36,33 +36,23 @@ class Fremond(RestitutionLaw):
 
     @classmethod
     def of(cls, restitution: Any) -> Law:
-        """Return the law; a single coefficient is no matrix.
-
-        Raises:
-            RestitutionError: the restitution is missing, or no square matrix and no table of pairs.
-        """
+        """Return the law; a single coefficient is no matrix."""
         if restitution is not None and not isinstance(restitution, Mapping) and np.ndim(restitution) == 0:
             raise RestitutionError("law 'fremond' needs a restitution matrix; 'reversal' takes a single coefficient")
         return super().of(restitution)
 
     def __post_init__(self):
-        if is_sparse(self.matrix):
-            object.__setattr__(self, "matrix", _sparse_square(self.matrix))
-            return
         if not isinstance(self.matrix, Mapping):
-            object.__setattr__(self, "matrix", square_matrix(self.matrix))
+            object.__setattr__(self, "matrix", square_matrix(self.matrix, sparse=True))
             return
         table = {}
         for key, value in self.matrix.items():
             if not isinstance(key, tuple) or len(key) != 2:
                 raise RestitutionError(f'a key of Fremond is a pair of contact labels ("b1/b2", "b2/b3"), got {key!r}')
-            try:
-                number = np.nan if np.iscomplexobj(value) else float(value)
-            except (TypeError, ValueError):
-                number = np.nan
-            if not np.isfinite(number):
+            entry = number(value)
+            if entry is None or not np.isfinite(entry):
                 raise RestitutionError(f"entry {key} of the restitution matrix must be a finite number, got {value!r}")
-            put(table, (canonical(key[0]), canonical(key[1])), number)
+            put(table, (canonical(key[0]), canonical(key[1])), entry)
         object.__setattr__(self, "matrix", table)
 
     @staticmethod
@@ -82,11 +72,7 @@ class Fremond(RestitutionLaw):
         return None if isinstance(self.matrix, dict) else self.matrix.shape[0]
 
     def restitution_matrix(self, collision: Collision) -> Any:
-        """Return E for the contacts of this collision, shape (h, h).
-
-        Raises:
-            RestitutionError: the matrix is for another number of contacts.
-        """
+        """Return E for the contacts of this collision, shape (h, h)."""
         h = len(collision.labels)
         if not isinstance(self.matrix, dict):
             if self.matrix.shape[0] != h:
@@ -103,16 +89,6 @@ class Fremond(RestitutionLaw):
                 if i == j or row != column:
                     E[i, j] = table.get((row, column), 0.0)
         return E
-
-
-def _sparse_square(matrix: Any) -> Any:
-    try:
-        E = finite_sparse(matrix, "restitution matrix")
-    except InvalidCollisionError as error:
-        raise RestitutionError(str(error)) from None
-    if E.shape[0] != E.shape[1]:
-        raise RestitutionError(f"restitution matrix must be square, got shape {E.shape}")
-    return E
 
 
 @dataclass(frozen=True)
@@ -132,15 +108,6 @@ class Reversal(RestitutionLaw):
     restitution: float = 1.0
     name = "reversal"
     description = "E = e times the anti-identity along the contacts' order: Newton's cradle"
-
-    @classmethod
-    def of(cls, restitution: Any) -> Reversal:
-        """Return the law; e is 1 if it is not given.
-
-        Raises:
-            RestitutionError: the restitution is not in [0, 1].
-        """
-        return cls() if restitution is None else cls(restitution)
 
     def __post_init__(self):
         object.__setattr__(self, "restitution", coefficient(self.restitution))

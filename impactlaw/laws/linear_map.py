@@ -33,11 +33,7 @@ class LinearMap(Law):
         object.__setattr__(self, "h", square_matrix(self.h, "linear map"))
 
     def target(self, collision: Collision) -> Target:
-        """Return ``gamma^h = J h v-``, the contact velocities of ``u = h v-``; ``+ w+`` where surfaces move.
-
-        Raises:
-            RestitutionError: h is for another number of degrees of freedom.
-        """
+        """Return ``gamma^h = J h v-``, the contact velocities of ``u = h v-``; ``+ w+`` where surfaces move."""
         h = np.asarray(self.h)
         if len(h) != len(collision.pre_velocity):
             raise RestitutionError(

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from impactlaw.laws.base import RestitutionLaw, Target, coefficient
-from impactlaw.mechanics.collision import Collision
+from impactlaw.laws.base import RestitutionLaw, coefficient
 
 
 @dataclass(frozen=True)
@@ -34,11 +31,3 @@ class Moreau(RestitutionLaw):
 
     def __post_init__(self):
         object.__setattr__(self, "restitution", coefficient(self.restitution))
-
-    def restitution_matrix(self, collision: Collision) -> np.ndarray:
-        """Return ``e 1``, shape (h, h)."""
-        return self.restitution * np.eye(len(collision.labels))
-
-    def target(self, collision: Collision) -> Target:
-        """Return ``gamma^h = -e gamma-``, the contact velocities of ``u = -e v-``."""
-        return Target(-self.restitution * collision.pre_contact_velocity, coefficient=self.restitution)

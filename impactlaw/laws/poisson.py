@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -48,17 +48,10 @@ class Poisson(ContactCoefficients, Law):
         return MaximalDissipation().target(collision)
 
     def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
-        """Return the impact; `Impact.compression` is its first phase.
-
-        Args:
-            collision: what collides.
-            solver: of both phases, a name from `impactlaw.solvers.SOLVERS`, or "auto".
+        """Return the impact, see `Law.resolve`; `Impact.compression` is its first phase. The solver is that of both.
 
         Raises:
-            RestitutionError: the law's coefficients do not fit the contacts.
-            UnknownNameError: no such solver.
             UnsolvableLawError: surfaces that move against each other leave no velocity without penetration.
-            SolverError: no solver's answer passed its certificate.
         """
         collision = collision.after_surface_jump
         e = self.coefficients(collision)
@@ -67,12 +60,14 @@ class Poisson(ContactCoefficients, Law):
         target = self.target(collision)
         start, kick = jump_problem(collision, target), least @ collision.whitened_jacobian
         answer = solve_with_jump(_expansion(start, kick), collision.labels, solver=solver)
-        impact = _end(compression, least, answer.impulse, kick + answer.jump)
+        v, metric, wanted = collision.pre_velocity, collision.metric, target.contact_velocity
+        after, impulse = v + metric.unwhiten(kick + answer.jump), least + answer.impulse
+        impact = Impact(collision, after, impulse, wanted, least_impulse=least, compression=compression)
         error = _error(impact)
         if error > GOOD and isinstance(start.gradients, np.ndarray):
             for rank in RANKS:
                 jump, more = _refined(start, kick + answer.jump, answer.impulse, rank)
-                other = _end(compression, least, more, jump)
+                other = replace(impact, post_velocity=v + metric.unwhiten(jump), found_impulse=least + more)
                 if _error(other) < error:
                     impact, error = other, _error(other)
         if not error <= CERTIFIED:
@@ -101,29 +96,11 @@ def _error(impact: Impact) -> float:
     return impact.residual
 
 
-def _end(compression: Impact, least: np.ndarray, more: np.ndarray, jump: np.ndarray) -> Impact:
-    """Return the impact with these impulses, the least ones and what is added to them, (h,) each, and its jump."""
-    c = compression.collision
-    return Impact(
-        c,
-        c.pre_velocity + c.metric.unwhiten(jump),
-        least + more,
-        compression.target_contact_velocity,
-        least_impulse=least,
-        compression=compression,
-    )
-
-
 def _refined(start: Problem, jump: np.ndarray, more: np.ndarray, rank: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the jump without the rounding of impulses that nearly cancel, and the impulses beyond the least.
+    """Return the jump without the rounding of impulses that nearly cancel, and the impulses beyond the least, (h,).
 
-    Contacts that get more than their least end at 0; the others must not be penetrated for that, or join them.
-
-    Args:
-        start: the problem of the compression, whose slack is the contact velocity.
-        jump: ``R^T (v+ - v-)``, shape (nv,).
-        more: ``Lambda - (1 + e) Lambda_C``, shape (h,).
-        rank: relative singular value of gradients that is rounding.
+    Contacts that get more than their least end at 0; the others must not be penetrated for that, or join them. Slack in
+    the problem of the compression is the contact velocity; rank is the relative singular value that is rounding.
     """
     labels = ("",) * len(more)
     for _ in range(_REFINEMENTS):

@@ -64,11 +64,7 @@ def make_law(name: str | Path | Law | Mapping, restitution: Any = None) -> Law:
 
 
 def takes_restitution(law: str | Law | Mapping) -> bool:
-    """Return whether a restitution goes with a law: not with a `Law`, which has its own, and not with some names.
-
-    Raises:
-        UnknownNameError: no such law.
-    """
+    """Return whether a restitution goes with a law: not with a `Law`, which has its own, and not with some names."""
     if isinstance(restored(law), Law):
         return False
     if not isinstance(law, str) or law not in LAWS:
@@ -77,11 +73,7 @@ def takes_restitution(law: str | Law | Mapping) -> bool:
 
 
 def _read(path: Path) -> Law:
-    """Return the law that a file holds.
-
-    Raises:
-        RestitutionError: it holds none.
-    """
+    """Return the law that a file holds."""
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

@@ -8,27 +8,20 @@ coordinates. Redundant constraints do no harm, for P knows their span only.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from impactlaw.errors import InvalidCollisionError
-from impactlaw.mechanics.kinetic_metric import finite_array
 from impactlaw.mechanics.tolerances import FIXED, PROPORTION, REACHED, VELOCITY_RANKS
 from impactlaw.solvers.least_squares import row_span
 from impactlaw.solvers.tolerances import RANK
 
 
 class Bilateral(NamedTuple):
-    """The directions that bilateral constraints fix.
+    """The directions that bilateral constraints fix."""
 
-    Attributes:
-        basis: of their span in whitened coordinates, orthonormal rows, (r, nv).
-        combination: ``basis = combination @ Y_eq``, (r, m).
-    """
-
-    basis: np.ndarray
-    combination: np.ndarray
+    basis: np.ndarray  # of their span in whitened coordinates, orthonormal rows, (r, nv)
+    combination: np.ndarray  # ``basis = combination @ Y_eq``, (r, m)
 
     @classmethod
     def of(cls, whitened: np.ndarray) -> Bilateral:
@@ -45,13 +38,7 @@ class Bilateral(NamedTuple):
         return projected
 
     def confine(self, jacobian: np.ndarray, whitened: np.ndarray, constraints: np.ndarray) -> np.ndarray:
-        """Return the rows J' with ``J' R^-T = J R^-T P``, (h, nv): impulses along them leave the constraints alone.
-
-        Args:
-            jacobian: ``J``, (h, nv).
-            whitened: ``J R^-T``, (h, nv).
-            constraints: ``J_eq``, (m, nv).
-        """
+        """Return J' with ``J' R^-T = J R^-T P``, (h, nv), of J, ``J R^-T`` and ``J_eq``: that leaves these alone."""
         return jacobian - whitened @ self.basis.T @ self.combination @ constraints
 
     def along(self, whitened_velocity: np.ndarray) -> np.ndarray | None:
@@ -60,38 +47,6 @@ class Bilateral(NamedTuple):
         if part @ part <= FIXED**2 * (whitened_velocity @ whitened_velocity):
             return None
         return part @ self.basis
-
-
-def checked_bilateral(rows: Any, jacobian: Any) -> np.ndarray | None:
-    """Return the gradients of bilateral constraints beside those of the contacts; None if all are zero.
-
-    Raises:
-        InvalidCollisionError: the shape is not (m, nv), an entry is not finite, or the contacts' are sparse.
-    """
-    rows, nv = finite_array(rows, "bilateral_jacobian"), jacobian.shape[1]
-    if rows.ndim != 2 or rows.shape[1] != nv:
-        raise InvalidCollisionError(f"bilateral_jacobian must have shape (m, {nv}), got {rows.shape}")
-    if not isinstance(jacobian, np.ndarray):
-        raise InvalidCollisionError("bilateral constraints are for dense arrays: pass mass_matrix and jacobian dense")
-    return rows if rows.any() else None
-
-
-def checked_surfaces(before: Any, after: Any, jacobian: Any) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return the surface velocities ``w-``, None if all surfaces rest, and ``w+``, None if they are the same.
-
-    Raises:
-        InvalidCollisionError: a shape is not (h,), an entry is not finite, or surfaces move and gradients are sparse.
-    """
-    h = jacobian.shape[0]
-    before = np.zeros(h) if before is None else finite_array(before, "surface_velocity")
-    after = before if after is None else finite_array(after, "post_surface_velocity")
-    for name, w in (("surface_velocity", before), ("post_surface_velocity", after)):
-        if w.shape != (h,):
-            raise InvalidCollisionError(f"{name} must have shape ({h},), one entry per contact, got {w.shape}")
-    moving = before.any() or after.any()
-    if moving and not isinstance(jacobian, np.ndarray):
-        raise InvalidCollisionError("moving surfaces are for dense arrays: pass mass_matrix and jacobian dense")
-    return before if moving else None, after if moving and not np.array_equal(before, after) else None
 
 
 class Reached(NamedTuple):

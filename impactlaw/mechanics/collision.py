@@ -8,12 +8,14 @@ from math import sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError
-from impactlaw.mechanics.bilateral import Bilateral, Reached, checked_bilateral, checked_surfaces, velocity_with
-from impactlaw.mechanics.block_metric import SparseMetric, finite_sparse, is_sparse
-from impactlaw.mechanics.friction import Friction
-from impactlaw.mechanics.kinetic_metric import KineticMetric, finite_array
+from impactlaw.mechanics.arrays import finite_array, finite_sparse, is_sparse, of_shape, real_array
+from impactlaw.mechanics.bilateral import Bilateral, Reached, velocity_with
+from impactlaw.mechanics.block_metric import SparseMetric
+from impactlaw.mechanics.friction import ConeRows, Friction
+from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.mechanics.tolerances import FIXED, IDLE
 from impactlaw.solvers.problem import row_lengths
 from impactlaw.solvers.sparsity import MOST_DENSE
@@ -63,20 +65,12 @@ class Collision:
     friction: Friction | None = field(default=None, kw_only=True)
 
     def __post_init__(self):
-        metric, jacobian = self.metric, self.jacobian
-        if is_sparse(self.mass_matrix) or is_sparse(jacobian):
-            metric = SparseMetric(self.mass_matrix) if metric is None else metric
-            jacobian = finite_sparse(jacobian, "jacobian")
-        else:
-            metric = KineticMetric(self.mass_matrix) if metric is None else metric
-            jacobian = finite_array(jacobian, "jacobian")
+        sparse = is_sparse(self.mass_matrix) or is_sparse(self.jacobian)
+        metric = self.metric or (SparseMetric if sparse else KineticMetric)(self.mass_matrix)
         nv = metric.mass_matrix.shape[0]
-        velocity = finite_array(self.pre_velocity, "pre_velocity")
-        if velocity.shape != (nv,):
-            raise InvalidCollisionError(f"pre_velocity must have shape ({nv},) like mass_matrix, got {velocity.shape}")
-        if jacobian.ndim != 2 or jacobian.shape[1] != nv:
-            raise InvalidCollisionError(f"jacobian must have shape (h, {nv}) like mass_matrix, got {jacobian.shape}")
-        h = jacobian.shape[0]
+        velocity = finite_array(self.pre_velocity, "pre_velocity", (nv,), " like mass_matrix")
+        jacobian = (finite_sparse if sparse else finite_array)(self.jacobian, "jacobian")
+        h = of_shape(jacobian, "jacobian", ("h", nv), " like mass_matrix").shape[0]
         labels = tuple(self.labels) or tuple(map(str, range(h)))
         if isinstance(self.labels, str) or not all(issubclass(kind, str) for kind in set(map(type, labels))):
             raise InvalidCollisionError(f"labels are texts, one for each contact, got {self.labels!r:.100}")
@@ -91,13 +85,23 @@ class Collision:
         if self.friction is not None:
             if not isinstance(self.friction, Friction):
                 raise InvalidCollisionError(f"friction of a collision is a Friction, got {self.friction!r:.100}")
-            self.friction.check(h, nv, is_sparse(jacobian))
+            self.friction.check(h, nv)
         if self.bilateral_jacobian is not None:
-            put(self, "bilateral_jacobian", checked_bilateral(self.bilateral_jacobian, jacobian))
+            rows = finite_array(self.bilateral_jacobian, "bilateral_jacobian", ("m", nv))
+            put(self, "bilateral_jacobian", rows if rows.any() else None)
         if self.surface_velocity is not None or self.post_surface_velocity is not None:
-            before, after = checked_surfaces(self.surface_velocity, self.post_surface_velocity, jacobian)
-            put(self, "surface_velocity", before)
-            put(self, "post_surface_velocity", after)
+            before = np.zeros(h) if self.surface_velocity is None else self.surface_velocity
+            after = before if self.post_surface_velocity is None else self.post_surface_velocity
+            before = finite_array(before, "surface_velocity", (h,), ", one entry per contact")
+            after = finite_array(after, "post_surface_velocity", (h,), ", one entry per contact")
+            put(self, "surface_velocity", before if before.any() or after.any() else None)
+            put(self, "post_surface_velocity", None if np.array_equal(before, after) else after)
+        dense = self.friction, self.bilateral_jacobian, self.surface_velocity
+        if sparse and any(part is not None for part in dense):
+            raise InvalidCollisionError(
+                "friction, bilateral constraints and moving surfaces are for dense arrays: pass mass_matrix and "
+                "jacobian dense"
+            )
 
     @classmethod
     def from_mujoco(cls, model: mujoco.MjModel, data: mujoco.MjData) -> Collision:
@@ -133,6 +137,13 @@ class Collision:
         """``J_t R^-T P``, shape (k, nv), of the rows of friction, without their coefficients."""
         rows = np.zeros((0, len(self.pre_velocity))) if self.friction is None else self.friction.jacobian
         return self._whitened(rows)
+
+    @cached_property
+    def cone_rows(self) -> ConeRows:
+        """How the rows of contacts and of their friction are put together."""
+        h, contact = len(self.labels), np.zeros(0, dtype=int) if self.friction is None else self.friction.contact
+        order = np.argsort(np.concatenate([np.arange(h), contact]), kind="stable")
+        return ConeRows(order, 1 + np.bincount(contact, minlength=h))
 
     @cached_property
     def without_idle_friction(self) -> Collision:
@@ -223,6 +234,22 @@ class Collision:
             friction=friction,
         )
 
+    def velocity(self, values: ArrayLike, name: str) -> np.ndarray:
+        """Return a copy of a velocity of the bodies, shape (nv,).
+
+        Raises:
+            InvalidCollisionError: it has the wrong shape or entries that are not finite; name is what it is.
+        """
+        try:
+            v = real_array(values)
+        except (TypeError, ValueError):
+            v = np.zeros(0)
+        if v.shape != self.pre_velocity.shape or not np.isfinite(v).all():
+            raise InvalidCollisionError(
+                f"{name} must be finite with shape {self.pre_velocity.shape}, got {values!r:.200}"
+            )
+        return v
+
     def contact_velocity_after(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``J v + w+``, shape (h,), m/s, for a velocity after the impact, shape (nv,)."""
         gamma = self.jacobian @ velocity
@@ -248,18 +275,15 @@ class Collision:
             c = replace(c, surface_velocity=c.post_surface_velocity, post_surface_velocity=None)
         return c
 
-    @property
+    @cached_property
     def frame_rates(self) -> np.ndarray | None:
         """The part of ``gamma-bar`` that no impulse changes, shape (h,), m/s; None if it is 0.
 
         It is ``(w- + w+) / 2``, and the motion along bilateral constraints if those move, ``J_eq v- != 0``.
         """
-        at_rest = self.surface_velocity is None and self.bilateral_jacobian is None
-        return None if at_rest else self._frame_rates
-
-    @cached_property
-    def _frame_rates(self) -> np.ndarray | None:
         rates, jump = self.surface_velocity, self.surface_jump
+        if rates is None and self.bilateral_jacobian is None:
+            return None
         if rates is not None and jump is not None:
             rates = rates + 0.5 * jump
         if self._fixed is not None:

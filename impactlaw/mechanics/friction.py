@@ -10,19 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError
-from impactlaw.mechanics.kinetic_metric import finite_array
+from impactlaw.mechanics.arrays import finite_array
 
 
 class ConeRows(NamedTuple):
-    """How normal rows, (h,), and rows of friction, (k,), make the rows of the cone problem, (h + k,).
+    """How normal rows, (h,), and rows of friction, (k,), make the rows of the cone problem, (h + k,)."""
 
-    Attributes:
-        order: where each comes from: ``[normal rows, rows of friction][order]`` is contact by contact, normal first.
-        sizes: rows of each contact, shape (h,).
-    """
-
-    order: np.ndarray
-    sizes: np.ndarray
+    order: np.ndarray  # ``[normal rows, rows of friction][order]`` is contact by contact, normal first
+    sizes: np.ndarray  # rows of each contact, shape (h,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,14 +56,10 @@ class Friction:
             raise InvalidCollisionError(f"friction contact must be {k} integers, one per row, got {self.contact!r}")
         if k and (contact[0] < 0 or (contact[1:] < contact[:-1]).any()):
             raise InvalidCollisionError(f"friction contact must be ascending and not negative, got {contact}")
-        before = self.surface_velocity
-        before = np.zeros(k) if before is None else before
+        before = np.zeros(k) if self.surface_velocity is None else self.surface_velocity
         after = before if self.post_surface_velocity is None else self.post_surface_velocity
         values = {"coefficient": self.coefficient, "surface_velocity": before, "post_surface_velocity": after}
-        for name, value in values.items():
-            values[name] = value = finite_array(value, f"friction {name}")
-            if value.shape != (k,):
-                raise InvalidCollisionError(f"friction {name} must have shape ({k},), got {value.shape}")
+        values = {name: finite_array(value, f"friction {name}", (k,)) for name, value in values.items()}
         if (values["coefficient"] <= 0).any():
             raise InvalidCollisionError("a friction coefficient must be positive; leave out rows without friction")
         for name, value in {"jacobian": jacobian, "contact": contact, **values}.items():
@@ -77,25 +68,15 @@ class Friction:
     def __len__(self) -> int:
         return len(self.contact)
 
-    def check(self, contacts: int, nv: int, sparse: bool) -> None:
-        """Compare with the collision that the friction is part of.
-
-        Raises:
-            InvalidCollisionError: rows of another length, of contacts that there are not, or a sparse collision.
-        """
-        if sparse:
-            raise InvalidCollisionError("friction is for dense arrays: pass mass_matrix and jacobian dense")
+    def check(self, contacts: int, nv: int) -> None:
+        """Refuse rows of another length, or of contacts that the collision does not have."""
         if self.jacobian.shape[1] != nv:
             raise InvalidCollisionError(f"friction jacobian must have {nv} columns, got {self.jacobian.shape}")
         if len(self) and self.contact[-1] >= contacts:
             raise InvalidCollisionError(f"friction of contact {self.contact[-1]}, but there are {contacts} contacts")
 
     def select(self, indices: ArrayLike) -> Friction | None:
-        """Return the friction of some contacts, renumbered to 0, 1, ... in the order given; None if they have none.
-
-        Args:
-            indices: of the contacts, integers without repetition.
-        """
+        """Return the friction of some contacts, none twice, renumbered to 0, 1, ... in this order; None if none has."""
         indices = np.asarray(indices, dtype=int)
         first = np.searchsorted(self.contact, indices, side="left")
         count = np.searchsorted(self.contact, indices, side="right") - first
@@ -112,11 +93,6 @@ class Friction:
             return None
         parts = self.jacobian, self.contact, self.coefficient, self.surface_velocity, self.post_surface_velocity
         return Friction(*(part[~rows] for part in parts))
-
-    def cone_rows(self, contacts: int) -> ConeRows:
-        """Return how the rows of this many contacts and of their friction are put together."""
-        order = np.argsort(np.concatenate([np.arange(contacts), self.contact]), kind="stable")
-        return ConeRows(order, 1 + np.bincount(self.contact, minlength=contacts))
 
     @cached_property
     def surface_jump(self) -> np.ndarray:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError, SolverError
-from impactlaw.mechanics.admissible.violations import Violations, penetration
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction import Friction
 from impactlaw.mechanics.impact import Impact
@@ -53,20 +51,13 @@ class FrictionImpact(Impact):
         exact: bool = True,
         problem: ConeProblem | None = None,
     ) -> FrictionImpact:
-        """Return the impact of an answer of the cone problem.
+        """Return the impact of an impulse of the cone problem, (h + k,), and its jump ``R^T (v+ - v-)``, (nv,).
 
-        Args:
-            collision: what collided.
-            impulse: of the cone problem, contact by contact, shape (h + k,).
-            jump: ``R^T (v+ - v-)``, shape (nv,).
-            targets: normal and sliding velocities aimed at.
-            scale: see `restitution_scale`.
-            exact: exact Coulomb friction, or its convex relaxation.
-            problem: the cone problem, if it is to be kept.
+        The targets are the normal and the sliding velocities aimed at; scale is `restitution_scale`, problem `cones`.
         """
         friction, h = _friction(collision), len(collision.labels)
         parts = np.empty(len(impulse))
-        parts[friction.cone_rows(h).order] = impulse
+        parts[collision.cone_rows.order] = impulse
         normal, sliding = (None, None) if targets is None else targets
         return cls(
             collision,
@@ -82,10 +73,10 @@ class FrictionImpact(Impact):
 
     @classmethod
     def observed(cls, collision: Collision, post_velocity: ArrayLike) -> FrictionImpact:
-        """Audit an outcome that came from anywhere.
+        """Audit an outcome that came from anywhere, as `Impact.observed`, with friction.
 
-        The impulse is one in the friction cones that comes nearest to the velocity jump in the kinetic metric; what
-        is left over is ``violations.kinetic``. Which one is not unique where contacts are redundant.
+        The impulse is one in the friction cones that comes nearest to the velocity jump, not unique where contacts are
+        redundant.
 
         Raises:
             InvalidCollisionError: post_velocity does not fit, or the collision has no friction.
@@ -93,13 +84,12 @@ class FrictionImpact(Impact):
         """
         v, rows = Impact.observed(collision, post_velocity).post_velocity, cone_gradients(collision)
         jump = collision.metric.whiten(v - collision.pre_velocity)
-        sizes = _friction(collision).cone_rows(len(collision.labels)).sizes
-        answer = solve_cones(ConeProblem(rows, -(rows @ jump), sizes, exact=False))
+        answer = solve_cones(ConeProblem(rows, -(rows @ jump), collision.cone_rows.sizes, exact=False))
         if answer.status is not Status.SOLVED:
             raise SolverError(f"no impulse nearest to this velocity was found: residual {answer.residual:.1e} sqrt(J)")
         return replace(cls.of_cones(collision, answer.impulse, jump), post_velocity=v)
 
-    @cached_property
+    @property
     def pre_sliding_velocity(self) -> np.ndarray:
         """``gamma_t- = J_t v- + w_t-``, shape (k,), m/s or rad/s."""
         return self.collision.pre_sliding_velocity
@@ -128,25 +118,26 @@ class FrictionImpact(Impact):
         Friction opposes sliding at w_t+, so that this is what E = 0 never creates. `work` with a jump can be positive
         then: a rod that slides on a table and is struck by it may slide back a little.
         """
-        jump = self.collision.surface_jump
-        normal = 0.0 if jump is None else float(self.impulse @ jump)
-        return self.work + 0.5 * (normal + float(self.friction_impulse @ _friction(self.collision).surface_jump))
+        return float(self.work_of_each.sum())
 
     @cached_property
-    def violations(self) -> Violations:
-        """How far v+ is from no penetration, from impulses in the friction cones, and from no energy gain, sqrt(J).
+    def work_of_each(self) -> np.ndarray:
+        """What each contact adds to `work_after_jump`, shape (h,), J."""
+        c, friction, mean = self.collision, _friction(self.collision), self.mean_contact_velocity
+        if c.surface_jump is not None:
+            mean = mean + 0.5 * c.surface_jump
+        sliding = 0.5 * (self.pre_sliding_velocity + self.post_sliding_velocity + friction.surface_jump)
+        rubbing = np.bincount(friction.contact, self.friction_impulse * sliding, len(c.labels))
+        return self.impulse * mean + rubbing
 
-        Energy is gained where `work_after_jump` is positive. They are compared with the speed at which moving surfaces
-        slide, too, where that is larger than ``|v-|``.
+    @property
+    def _pulling_and_gain(self) -> tuple[float, float, float]:
+        """As of `Impact`, of friction cones, with `work_after_jump` gained.
+
+        The speed is that at which moving surfaces slide, where that is larger than ``|v-|``.
         """
-        c = self.collision
-        before = c.relative_velocity
-        z = before + self.whitened_jump
-        kinematic = penetration(c, self.whitened_jump, self.post_contact_velocity)
-        speeds = sqrt(z @ z) + sqrt(before @ before)
-        energetic = max(0.0, 2.0 * self.work_after_jump / speeds) if speeds > 0 else 0.0
-        speed = max(c.pre_speed, self._problem.scale)
-        return Violations(kinematic, max(self._cone_imbalance, self._outside), energetic, speed)
+        speed = max(self.collision.pre_speed, self._problem.scale)
+        return max(self._cone_imbalance, self._outside), self.work_after_jump, speed
 
     @cached_property
     def residual(self) -> float:
@@ -161,14 +152,10 @@ class FrictionImpact(Impact):
         if self.target_contact_velocity is not None and self.target_sliding_velocity is not None:
             normal = self.post_contact_velocity - self.target_contact_velocity
             sliding = friction.coefficient * (self.post_sliding_velocity - self.target_sliding_velocity)
-            u = problem.scaled(np.concatenate([normal, sliding])[self._order]) / problem.lengths[:, None] ** 2
+            u = self._scaled(normal, sliding) / problem.lengths[:, None] ** 2
             error = max(error, problem.residual(self._scaled_impulse, u))
         speed = max(self._speed, problem.scale)
         return error / speed if speed > 0 else error
-
-    @cached_property
-    def _order(self) -> np.ndarray:
-        return _friction(self.collision).cone_rows(len(self.collision.labels)).order
 
     @cached_property
     def _problem(self) -> ConeProblem:
@@ -177,8 +164,10 @@ class FrictionImpact(Impact):
 
     @cached_property
     def _scaled_impulse(self) -> np.ndarray:
-        tangential = self.friction_impulse / _friction(self.collision).coefficient
-        return self._problem.scaled(np.concatenate([self.impulse, tangential])[self._order])
+        return self._scaled(self.impulse, self.friction_impulse / _friction(self.collision).coefficient)
+
+    def _scaled(self, normal: np.ndarray, along: np.ndarray) -> np.ndarray:
+        return self._problem.scaled(np.concatenate([normal, along])[self.collision.cone_rows.order])
 
     @property
     def _outside(self) -> float:
@@ -196,7 +185,7 @@ def cone_gradients(collision: Collision) -> np.ndarray:
     """Return the rows of the cone problem, contact by contact, those of friction times coefficients, (h + k, nv)."""
     friction = _friction(collision)
     tangential = collision.whitened_friction * friction.coefficient[:, None]
-    return np.vstack([collision.whitened_jacobian, tangential])[friction.cone_rows(len(collision.labels)).order]
+    return np.vstack([collision.whitened_jacobian, tangential])[collision.cone_rows.order]
 
 
 def cone_problem(
@@ -207,13 +196,12 @@ def cone_problem(
     exact: bool = True,
     known: ConeProblem | None = None,
 ) -> ConeProblem:
-    """Return the problem of reaching normal velocities, (h,), and sliding velocities, (k,), that a law aims at.
+    """Return the problem of reaching normal velocities, (h,), and sliding velocities, (k,), that a law aims at, or 0.
 
-    ``u_n = gamma+ - normal`` and ``u_t = mu (gamma_t+ - sliding)``; both 0 if None. A problem of the same contacts that
-    is known saves half of the work.
+    ``u_n = gamma+ - normal``, ``u_t = mu (gamma_t+ - sliding)``. A known problem of these contacts saves half the work.
     """
     friction = _friction(collision)
-    order, sizes = friction.cone_rows(len(collision.labels))
+    order, sizes = collision.cone_rows
     bound = collision.pre_contact_velocity
     if collision.surface_jump is not None:
         bound = bound + collision.surface_jump

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impactlaw.errors import InvalidCollisionError
-from impactlaw.mechanics.admissible.violations import Violations, imbalance, larger_speed, measure
+from impactlaw.errors import UnsolvableLawError
+from impactlaw.mechanics.admissible.violations import Violations
 from impactlaw.mechanics.collision import Collision
-from impactlaw.mechanics.kinetic_metric import real_array
 from impactlaw.mechanics.tolerances import FIXED, SIGNIFICANT
-from impactlaw.solvers import Answer, Problem, nonnegative_combination, share
+from impactlaw.solvers import Answer, Problem, beyond_rounding, nonnegative_combination, share, solve_with_jump
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,14 +67,7 @@ class Impact:
         Raises:
             InvalidCollisionError: post_velocity has the wrong shape or entries that are not finite.
         """
-        try:
-            v = real_array(post_velocity)
-        except (TypeError, ValueError) as error:
-            raise InvalidCollisionError(f"post_velocity is not an array of numbers: {error}") from None
-        if v.shape != collision.pre_velocity.shape or not np.isfinite(v).all():
-            raise InvalidCollisionError(
-                f"post_velocity must be finite with shape {collision.pre_velocity.shape}, got {v.shape}"
-            )
+        v = collision.velocity(post_velocity, "post_velocity")
         jump = collision.metric.whiten(v - collision.pre_velocity)
         return cls(collision, v, nonnegative_combination(collision.whitened_jacobian, jump))
 
@@ -140,7 +133,42 @@ class Impact:
     @cached_property
     def violations(self) -> Violations:
         """How far v+ is outside of each of the three sets whose intersection is S(v-)."""
-        return measure(self.collision, self.whitened_jump, self.post_contact_velocity, self.found_impulse)
+        before = self.collision.relative_velocity
+        z = before + self.whitened_jump
+        kinetic, gain, speed = self._pulling_and_gain
+        speeds = sqrt(z @ z) + sqrt(before @ before)
+        return Violations(self._penetration, kinetic, max(0.0, 2.0 * gain / speeds) if speeds > 0 else 0.0, speed)
+
+    @property
+    def _penetration(self) -> float:
+        """The distance from v+ to the tangent cone, ``min |x|, gamma+ + Y x >= 0``, sqrt(J)."""
+        c, after = self.collision, self.post_contact_velocity
+        Y = c.whitened_jacobian
+        if not (after < 0).any():
+            return 0.0
+        back = None if c.frame_rates is not None else -(c.relative_velocity + self.whitened_jump)
+        bound = -after if back is None else Y @ back
+        try:
+            problem = Problem(Y, bound, back, self._speed, norms=c.gradient_norms)
+            jump = solve_with_jump(problem, c.labels, shared=False).jump
+        except UnsolvableLawError:
+            return np.inf  # surfaces crush what is between them
+        return sqrt(jump @ jump)
+
+    @property
+    def _pulling_and_gain(self) -> tuple[float, float, float]:
+        """Distance to what pushing contacts reach, sqrt(J), energy gained, J, and the speed that is compared with."""
+        c, jump, impulse = self.collision, self.whitened_jump, self.found_impulse
+        if (impulse < 0).any():
+            impulse = nonnegative_combination(c.whitened_jacobian, jump)
+        gain = self.energy_change if c.frame_rates is None else self.energy_change + float(impulse @ c.frame_rates)
+        return self._imbalance(impulse), gain, c.pre_speed
+
+    def _imbalance(self, impulse: np.ndarray) -> float:
+        """Return ``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm), beyond what rounding Lambda makes of it."""
+        c = self.collision
+        left = self.whitened_jump - impulse @ c.whitened_jacobian
+        return beyond_rounding(sqrt(left @ left), float(np.abs(impulse) @ c.gradient_norms), self._speed)
 
     @cached_property
     def residual(self) -> float:
@@ -155,7 +183,7 @@ class Impact:
         c = self.collision
         scale = c.gradient_norms
         scaled_impulse = self.impulse * scale
-        error = imbalance(c, self.whitened_jump, self.impulse)
+        error = self._imbalance(self.impulse)
         if self.target_contact_velocity is not None:
             slack = self.post_contact_velocity - self.target_contact_velocity
             moving = scale > 0
@@ -173,4 +201,5 @@ class Impact:
     @cached_property
     def _speed(self) -> float:
         """The larger of ``|v-|`` and ``|v+|``, sqrt(J), as seen from the surfaces."""
-        return larger_speed(self.collision, self.whitened_jump)
+        c = self.collision
+        return max(c.pre_speed, float(np.linalg.norm(c.relative_velocity + self.whitened_jump)))

@@ -10,6 +10,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError
+from impactlaw.mechanics.arrays import finite_array
 from impactlaw.mechanics.tolerances import SYMMETRY
 
 _ROW_BY_ROW = 1e5
@@ -48,7 +49,17 @@ class KineticMetric:
         return finite_array(mass_matrix, "mass_matrix")
 
     def _factorize(self, M: Any) -> Any:
-        return _factor(M)
+        scale = np.sqrt(M.diagonal())
+        if not np.array_equal(M, M.T) and (np.abs(M - M.T) > SYMMETRY * np.outer(scale, scale)).any():
+            i, j = np.unravel_index(np.argmax(np.abs(M - M.T)), M.shape)
+            difference = M[i, j] - M[j, i]
+            raise InvalidCollisionError(
+                f"mass_matrix is not symmetric: ({i}, {j}) and its mirror differ by {difference:.3g}"
+            )
+        factor, failed = scipy.linalg.lapack.dpotrf(M, lower=1)
+        if failed:
+            raise InvalidCollisionError(f"mass_matrix is not positive definite (leading minor {failed})")
+        return np.asfortranarray(factor.T)
 
     def whiten(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``R^T v`` for one velocity (nv,) or several (n, nv)."""
@@ -74,35 +85,6 @@ class KineticMetric:
         return sqrt(z @ z)
 
 
-def finite_array(values: ArrayLike, name: str) -> np.ndarray:
-    """Return a read-only copy, in double precision.
-
-    Raises:
-        InvalidCollisionError: not numbers, or not all of them finite.
-    """
-    try:
-        array = real_array(values)
-    except (TypeError, ValueError) as error:
-        raise InvalidCollisionError(f"{name} is not an array of numbers: {error}") from None
-    if np.count_nonzero(np.isfinite(array)) != array.size:  # every collision comes here: faster than all()
-        raise InvalidCollisionError(f"{name} has entries that are not finite")
-    array.flags.writeable = False
-    return array
-
-
-def real_array(values: ArrayLike) -> np.ndarray:
-    """Return a copy in double precision.
-
-    Raises:
-        TypeError: not numbers, or complex ones, of which numpy would drop the imaginary part with a warning only.
-        ValueError: not an array.
-    """
-    array = np.array(values)
-    if array.dtype.kind == "c":
-        raise TypeError("real numbers are needed, not complex ones")
-    return array if array.dtype == np.float64 else array.astype(float)
-
-
 def _solve(factor: np.ndarray, rows: np.ndarray, *, transposed: int) -> np.ndarray:
     """Solve ``R^T x = row`` (or ``R x = row``), R^T given, for one row (nv,) or several (n, nv)."""
     if rows.ndim == 1:  # increment 1, offset 0, not the lower triangle: dtrsv takes names at twice the time
@@ -113,17 +95,3 @@ def _solve(factor: np.ndarray, rows: np.ndarray, *, transposed: int) -> np.ndarr
     for i, row in enumerate(rows):
         solved[i] = scipy.linalg.blas.dtrsv(factor, row, 1, 0, 0, transposed)
     return solved
-
-
-def _factor(M: np.ndarray) -> np.ndarray:
-    scale = np.sqrt(M.diagonal())
-    if not np.array_equal(M, M.T) and (np.abs(M - M.T) > SYMMETRY * np.outer(scale, scale)).any():
-        i, j = np.unravel_index(np.argmax(np.abs(M - M.T)), M.shape)
-        difference = M[i, j] - M[j, i]
-        raise InvalidCollisionError(
-            f"mass_matrix is not symmetric: ({i}, {j}) and its mirror differ by {difference:.3g}"
-        )
-    factor, failed = scipy.linalg.lapack.dpotrf(M, lower=1)
-    if failed:
-        raise InvalidCollisionError(f"mass_matrix is not positive definite (leading minor {failed})")
-    return np.asfortranarray(factor.T)

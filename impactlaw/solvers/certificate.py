@@ -64,14 +64,9 @@ def natural_residual(problem: Problem, impulse: np.ndarray) -> float:
 
 
 def judge_active(problem: Problem, active: np.ndarray | slice) -> Answer | None:
-    """Return the answer with ``(Y z - c)_A = 0`` and no impulse elsewhere.
+    """Return the answer with ``(Y z - c)_A = 0`` and no impulse elsewhere, for contacts A, bool (h,) or a slice.
 
-    Args:
-        problem: of an array.
-        active: the contacts A, bool (h,) or a slice.
-
-    Returns:
-        None where an impulse is not positive, or the gradients of A depend on each other.
+    None where an impulse is not positive, or the gradients of A, of an array, depend on each other.
     """
     Y, c = problem.gradients[active], problem.bound[active]
     if not 0 < len(c) <= Y.shape[1]:

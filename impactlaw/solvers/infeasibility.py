@@ -14,8 +14,7 @@ def farkas_ray(problem: Problem) -> np.ndarray | None:
 
     No contact can be left out of the ray; its largest entry is 1.
     """
-    lengths = problem.lengths
-    Y, c = problem.gradients / lengths[:, None], problem.bound / lengths
+    Y, c = problem.unit
     size = float(c.max(initial=0.0))
     if size <= 0.0:
         return None
@@ -31,7 +30,7 @@ def farkas_ray(problem: Problem) -> np.ndarray | None:
         unbalanced, conflict = float(np.linalg.norm(ray @ Y)), float(ray @ c)
         agreed = max(RAY_CONFLICT, RAY_ROUNDING * scale) * float(ray.sum())
         if conflict > max(agreed, RAY_OPEN * scale * unbalanced) and unbalanced <= RAY_BALANCED * float(ray.sum()):
-            ray = ray / lengths
+            ray = ray / problem.lengths
             return ray / ray.max()
     return None
 

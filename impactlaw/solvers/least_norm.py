@@ -24,11 +24,8 @@ def least_norm(gradients: np.ndarray, impulse: np.ndarray, tight: np.ndarray) ->
 
     Args:
         gradients: ``Y``, shape (h, nv), no row of zeros.
-        impulse: any solution ``Lambda >= 0``, shape (h,).
+        impulse: any solution ``Lambda >= 0``, shape (h,); it is returned itself where it is the only one.
         tight: contacts that may carry an impulse, bool (h,), among them those that do in ``impulse``.
-
-    Returns:
-        The impulse of least norm, or ``impulse`` itself where it is the only one.
     """
     face = np.flatnonzero(tight)
     Y, x = gradients[face], impulse[face]

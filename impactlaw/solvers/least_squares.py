@@ -7,12 +7,9 @@ import scipy
 
 
 def least_squares(A: np.ndarray, b: np.ndarray, rank: float | None = None) -> np.ndarray:
-    """Return ``argmin |x|`` over the minimisers of ``|A x - b|``, with one step of iterative refinement.
+    """Return ``argmin |x|`` over the minimisers of ``|A x - b|``, (n,), with one step of iterative refinement.
 
-    Args:
-        A: shape (m, n).
-        b: shape (m,).
-        rank: relative singular value below which a direction counts as absent; rounding if None.
+    Directions of a relative singular value below ``rank`` count as absent; below rounding if None.
     """
     x = scipy.linalg.lstsq(A, b, cond=rank, check_finite=False)[0]
     return x + scipy.linalg.lstsq(A, b - A @ x, cond=rank, check_finite=False)[0]
@@ -21,9 +18,7 @@ def least_squares(A: np.ndarray, b: np.ndarray, rank: float | None = None) -> np
 def row_span(rows: np.ndarray, rank: float) -> tuple[np.ndarray, np.ndarray]:
     """Return an orthonormal basis of the span of rows, (r, n), and the C with ``basis = C @ rows``, (r, m).
 
-    Args:
-        rows: shape (m, n), of any lengths.
-        rank: singular value of the rows of unit length, relative to the largest, below which rows are dependent.
+    They are dependent below the singular value ``rank`` of rows of unit length, relative to the largest.
     """
     lengths = np.sqrt(np.vecdot(rows, rows))
     lengths[lengths == 0] = 1.0

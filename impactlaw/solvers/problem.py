@@ -57,6 +57,15 @@ class Problem:
         """``Y^T``, in the form of Y; that of a CSR array is made once."""
         return self.gradients.T
 
+    @cached_property
+    def unit(self) -> tuple[Any, np.ndarray]:
+        """``Y_i / |Y_i|``, in the form of Y, and ``c_i / |Y_i|``: the same problem with rows of unit length."""
+        if not self.is_sparse:
+            return self.gradients / self.lengths[:, None], self.bound / self.lengths
+        Y = self.gradients
+        data = Y.data / self.lengths[row_numbers(Y)]
+        return scipy.sparse.csr_array((data, Y.indices, Y.indptr), shape=Y.shape), self.bound / self.lengths
+
     def allows(self, residual: float, tolerance: float) -> bool:
         """Whether a residual, sqrt(J), is at most the tolerance times the scale. Often |v-| shows it."""
         return residual <= tolerance * self.speed or residual <= tolerance * self.scale
@@ -87,14 +96,6 @@ def row_lengths(gradients: Any) -> np.ndarray:
 def row_numbers(gradients: Any) -> np.ndarray:
     """Return the row of each entry of a CSR array, (entries,)."""
     return np.repeat(np.arange(gradients.shape[0]), np.diff(gradients.indptr))
-
-
-def row_scaled(gradients: Any, lengths: np.ndarray) -> Any:
-    """Return the rows divided by the lengths, in the form of the gradients."""
-    if isinstance(gradients, np.ndarray):
-        return gradients / lengths[:, None]
-    data = gradients.data / lengths[row_numbers(gradients)]
-    return scipy.sparse.csr_array((data, gradients.indices, gradients.indptr), shape=gradients.shape)
 
 
 def sparse(gradients: Any) -> Any:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from importlib import import_module
 from math import prod
-from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -41,13 +40,6 @@ _TAKE_SPARSE = {"primal-dual-active-set", *_ITERATIVE}
 _MANY = 64  # contacts from which linear algebra starts threads where it may
 
 _FEW = 20  # contacts up to which NNLS is as fast as corrections of an active set
-
-
-class _Attempt(NamedTuple):
-    """The best answer of several solvers, and what the last one returned; None where no solver was asked."""
-
-    answer: Answer | None
-    last: Solution | None
 
 
 def load_solvers() -> None:
@@ -149,20 +141,15 @@ def with_all_active(problem: Problem) -> Answer | None:
 
 
 def nonnegative_combination(gradients: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Return the ``Lambda >= 0`` of least norm that minimises ``|Y^T Lambda - point|``, shape (h,).
-
-    Args:
-        gradients: ``Y``, shape (h, nv).
-        point: shape (nv,).
-
-    Raises:
-        SolverError: no solver's answer passed the certificate.
-    """
+    """Return the ``Lambda >= 0`` of least norm that minimises ``|Y^T Lambda - point|``, (h,), for Y, (h, nv)."""
     return solve(Problem(gradients, gradients @ point, point), ("",) * gradients.shape[0])
 
 
-def _attempt(problem: Problem, solver: str, labels: tuple[str, ...] | None) -> _Attempt:
-    """Ask one solver after the other until an answer is good. With labels, refuse what is proved unsolvable."""
+def _attempt(problem: Problem, solver: str, labels: tuple[str, ...] | None) -> tuple[Answer | None, Solution | None]:
+    """Ask one solver after the other until an answer is good; return the best answer, and what the last one returned.
+
+    With labels, what is proved unsolvable is refused.
+    """
     best = last = None
     dear = problem.is_sparse and prod(problem.gradients.shape) > LARGEST_POLISHED
     for name in _candidates(problem, solver):
@@ -176,7 +163,7 @@ def _attempt(problem: Problem, solver: str, labels: tuple[str, ...] | None) -> _
             best = better(best, polish(problem, last.impulse))
             if problem.allows(best.residual, GOOD_LARGE if dear else GOOD):
                 break
-    return _Attempt(best, last)
+    return best, last
 
 
 def _attempt_in_row_space(problem: Problem, solver: str, best: Answer | None) -> Answer | None:
@@ -184,13 +171,12 @@ def _attempt_in_row_space(problem: Problem, solver: str, best: Answer | None) ->
     dense = as_dense(problem)
     if dense is None:
         return best
-    unit = dense.gradients / dense.lengths[:, None]
-    _, singular, V = scipy.linalg.svd(unit, full_matrices=False, check_finite=False)
+    _, singular, V = scipy.linalg.svd(dense.unit[0], full_matrices=False, check_finite=False)
     ranks = {int(np.count_nonzero(singular > small * singular[0])) for small in RANKS}
     for rank in sorted(ranks - {len(singular)}, reverse=True):
         basis = V[:rank]
         d = None if dense.preimage is None else basis @ dense.preimage
-        part = _attempt(Problem(dense.gradients @ basis.T, dense.bound, d, dense.scale), solver, None).answer
+        part, _ = _attempt(Problem(dense.gradients @ basis.T, dense.bound, d, dense.scale), solver, None)
         if part is not None:
             best = better(best, judge(dense, part.impulse, part.jump @ basis))
     return best

@@ -24,7 +24,7 @@ def has_structure(problem: Problem) -> bool:
 
 def groups(problem: Problem) -> list[np.ndarray]:
     """Return the indices of contacts that an impulse can reach through each other, group by group."""
-    Y = problem.gradients / problem.lengths[:, None]
+    Y, _ = problem.unit
     return components(np.abs(Y @ Y.T) > COUPLED)
 
 

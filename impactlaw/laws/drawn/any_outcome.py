@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from impactlaw.errors import RestitutionError, SolverError
-from impactlaw.laws.base import Law, Target
-from impactlaw.laws.drawn.drawing import checked_seed, generator
+from impactlaw.errors import SolverError
+from impactlaw.laws.base import Target
+from impactlaw.laws.drawn.drawing import DrawnLaw
 from impactlaw.laws.poisson import Poisson
 from impactlaw.mechanics.admissible.cone import EnumerationError
 from impactlaw.mechanics.collision import Collision
@@ -18,15 +17,12 @@ _MOST_CONTACTS = 16  # at once, whose S is sampled uniformly: chains take time l
 
 
 @dataclass(frozen=True)
-class AnyOutcome(Law):
+class AnyOutcome(DrawnLaw):
     """v+ is drawn from S(v-), uniformly in its volume: `AdmissibleSet.sample`.
 
     S holds what no penetration, no pulling and no energy gain leave possible. A policy that is trained under this law
     meets every collision that rigid mechanics allows. One contact by itself has ``gamma+ = -e gamma-`` with e uniform
-    in [0, 1]. `Scattered` draws around a law instead.
-
-    The outcome is drawn from the seed and the collision's own numbers: the same collision has the same outcome, in
-    every process, and a run can be repeated.
+    in [0, 1]. The seed is that of `DrawnLaw`. `Scattered` draws around a law instead.
 
     S is that of the normal directions, since with friction there is no such set: friction is left out when v+ is drawn.
     ``Coulomb(AnyOutcome())``, which rigid steppers make by themselves, aims at the contact velocities drawn, adds
@@ -36,41 +32,15 @@ class AnyOutcome(Law):
     contacts collide, where faces of S are too many to be listed (`cone.MAX_FACETS`) or lost to rounding, and where
     surfaces move against each other, so that there is no S. That is in S, but not every point of S is one of these.
     Time is thus bounded: up to 16 contacts take 0.1 s at most, a few 1 or 2 ms, one 0.1 ms.
-
-    Attributes:
-        seed: 0 or more. None is 0, but environments then draw another one for each episode.
-
-    Raises:
-        RestitutionError: the seed is no whole number of 0 or more.
     """
 
     name = "any-outcome"
     description = "v+ drawn from S(v-), uniformly: every possible collision; takes no restitution"
     takes_restitution = False
 
-    seed: int | None = field(default=None, kw_only=True)
-
-    def __post_init__(self):
-        object.__setattr__(self, "seed", checked_seed(self.seed))
-
-    @classmethod
-    def of(cls, restitution: Any) -> AnyOutcome:
-        """Return the law, which takes no restitution.
-
-        Raises:
-            RestitutionError: it is given one.
-        """
-        if restitution is not None:
-            raise RestitutionError(f"law {cls.name!r} draws its outcomes and takes no restitution; leave it out")
-        return cls()
-
-    def seeded(self, seed: int) -> AnyOutcome:
-        """Return the law with this seed, if it has none of its own."""
-        return replace(self, seed=seed) if self.seed is None else self
-
     def target(self, collision: Collision) -> Target:
         """Return the contact velocities of the outcome that belongs to this collision, and the outcome."""
-        c, rng = collision, generator(self.seed, collision)
+        c, rng = collision, self.generator(collision)
         if len(c.labels) == 1 and c.frame_rates is None:
             e = rng.random()
             return Target(-e * c.pre_contact_velocity, coefficient=e)

@@ -1,43 +1,53 @@
-"""Random numbers of laws that draw their outcomes: from a seed and the collision itself, so that a run repeats."""
+"""Laws that draw their outcomes: from a seed and the collision itself, so that a run repeats."""
 
 from __future__ import annotations
 
 import hashlib
 import operator
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
 
 from impactlaw.errors import RestitutionError
-from impactlaw.mechanics.block_metric import is_sparse
+from impactlaw.laws.base import Law
+from impactlaw.mechanics.arrays import is_sparse
 from impactlaw.mechanics.collision import Collision
 
 
-def checked_seed(seed: int | None) -> int | None:
-    """Return a seed as an int, or None.
+@dataclass(frozen=True)
+class DrawnLaw(Law):
+    """A law that draws each outcome from its seed and the collision's own numbers.
+
+    The same collision has the same outcome, in every process, and a run can be repeated.
+
+    Attributes:
+        seed: 0 or more. None is 0, but environments then draw another one for each episode.
 
     Raises:
-        RestitutionError: it is no whole number of 0 or more.
+        RestitutionError: the seed is no whole number of 0 or more.
     """
-    if seed is None:
-        return None
-    try:
-        number = operator.index(seed)
-    except TypeError:
-        raise RestitutionError(f"a seed must be a whole number, got {seed!r}") from None
-    if number < 0:
-        raise RestitutionError(f"a seed must be 0 or more, got {number}")
-    return number
 
+    seed: int | None = field(default=None, kw_only=True)
 
-def generator(seed: int | None, collision: Collision) -> np.random.Generator:
-    """Return the generator that belongs to a collision: the same one in every process.
+    def __post_init__(self):
+        if self.seed is None:
+            return
+        try:
+            seed = operator.index(self.seed)
+        except TypeError:
+            raise RestitutionError(f"a seed must be a whole number, got {self.seed!r}") from None
+        if seed < 0:
+            raise RestitutionError(f"a seed must be 0 or more, got {seed}")
+        object.__setattr__(self, "seed", seed)
 
-    Args:
-        seed: of the law; None for 0.
-        collision: what collides; its J and v- are the rest of the seed.
-    """
-    J: Any = collision.jacobian
-    J = np.ascontiguousarray(J.toarray() if is_sparse(J) else J)
-    digest = hashlib.sha256(collision.pre_velocity.tobytes() + J.tobytes()).digest()
-    return np.random.default_rng([seed or 0, int.from_bytes(digest[:8], "little")])
+    def seeded(self, seed: int) -> Self:
+        """Return the law with this seed, if it has none of its own."""
+        return replace(self, seed=seed) if self.seed is None else self
+
+    def generator(self, collision: Collision) -> np.random.Generator:
+        """Return the generator that belongs to a collision: J, v- and the law's seed are its seed."""
+        J: Any = collision.jacobian
+        J = np.ascontiguousarray(J.toarray() if is_sparse(J) else J)
+        digest = hashlib.sha256(collision.pre_velocity.tobytes() + J.tobytes()).digest()
+        return np.random.default_rng([self.seed or 0, int.from_bytes(digest[:8], "little")])

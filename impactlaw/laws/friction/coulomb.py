@@ -7,24 +7,16 @@ from typing import Literal
 
 import numpy as np
 
-from impactlaw.errors import RestitutionError, SolverError, UnknownNameError
+from impactlaw.errors import RestitutionError, UnknownNameError
 from impactlaw.laws.base import Law, Target, aim, coefficient
-from impactlaw.laws.friction.groups import apart, groups_of, joined, ties_of, work_of_each
-from impactlaw.laws.friction.poisson_phases import resolve_phases
+from impactlaw.laws.friction.poisson_phases import TwoPhases
+from impactlaw.laws.friction.scaled import Attempt, Outcome, resolve_scaled
 from impactlaw.laws.poisson import Poisson
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
 from impactlaw.mechanics.impact import Impact
-from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem
-from impactlaw.solvers.friction.solve import BRIEF, THOROUGH, Effort, shared, solve_within
-from impactlaw.solvers.problem import Status
-
-_CREATED = 1e-12
-"""Energy, relative to the one before, up to which its creation is rounding."""
-_SEARCHES = 60
-_FOUND = 1e-10  # width of the bracket of s that is narrow enough
-_SOLVABLE = 0.03  # the same where beyond the bracket no impact was found
-_CLOSE = 1e-11  # energy lost, relative to the one before, that is as good as none
+from impactlaw.solvers.friction.problem import ConeAnswer
+from impactlaw.solvers.friction.solve import Effort, shared
 
 
 @dataclass(frozen=True)
@@ -105,163 +97,52 @@ class Coulomb(Law):
         return aim(self.law, collision)
 
     def resolve(self, collision: Collision, *, solver: str = "auto", effort: Effort | None = None) -> Impact:
-        """Return the impact: a `FrictionImpact` where the collision has friction.
+        """Return the impact, see `Law.resolve`: a `FrictionImpact` where the collision has friction.
 
-        Args:
-            collision: what collides.
-            solver: of collisions without friction, see `Law.resolve`.
-            effort: limits the work, as in the steps of a simulation; without it no effort is spared.
+        The solver is that of collisions without friction. An effort limits the work, as in the steps of a simulation;
+        without it no effort is spared.
 
         Raises:
-            RestitutionError: the law's coefficients do not fit the number of contacts.
-            UnknownNameError: no such solver, where there is no friction.
             UnsolvableLawError: surfaces move against each other so that no velocity is left.
-            SolverError: no answer passed its certificate.
         """
         collision = collision.without_idle_friction
         if collision.friction is None or not len(collision.friction):
             return self.law.resolve(collision, solver=solver)
+        limits = {"exact": self.cone == "exact", "effort": effort, "solver": solver, "whole": collision}
         if isinstance(self.law, Poisson):
-            return resolve_phases(self.law, collision, exact=self.cone == "exact", effort=effort)
-        wanted = np.asarray(self.target(collision).contact_velocity, dtype=float)
-        parts: list[tuple[np.ndarray, FrictionImpact]] = []
-        for contacts, part in apart(collision, self.law):
-            if effort is not None:
-                effort.begin_part()
-            parts.append((contacts, _resolved(_Attempt(self, part, wanted[contacts], effort, collision), solver)))
-        if not parts:
-            return _resolved(_Attempt(self, collision, wanted, effort, collision), solver)
-        exact = self.cone == "exact"
-        return joined(collision, parts, exact=exact, problem=cone_problem(collision, exact=exact))
+            collision = collision.after_surface_jump
+            return resolve_scaled(TwoPhases(self.law, collision, self.law.coefficients(collision), **limits))
+        wanted = self.target(collision).contact_velocity
+        return resolve_scaled(_Aimed(self.law, collision, wanted, e=self.tangential_restitution, **limits))
 
 
-class _Attempt:
-    """The law with its restitution scaled."""
+@dataclass(eq=False)
+class _Aimed(Attempt):
+    """Contact velocities that a law aims at, `wanted`, and ``-e gamma_t-`` along the tangents.
 
-    def __init__(
-        self, law: Coulomb, collision: Collision, wanted: np.ndarray, effort: Effort | None, all_of_it: Collision
-    ):
-        self.law, self.collision, self.wanted, self.effort = law, collision, wanted, effort
-        self.all_of_it, self.shares = all_of_it, False
-        self.problem: ConeProblem | None = None
-        self.sliding = -law.tangential_restitution * collision.pre_sliding_velocity
+    Attributes:
+        e: tangential restitution.
+        shares: whether contacts share impulses even if these are unique, as parts of more contacts do.
+    """
 
-    def part(self, contacts: np.ndarray) -> _Attempt:
-        """Return the law for some contacts alone, ascending, with the targets that they have among all."""
-        part = _Attempt(self.law, self.collision.part(contacts), self.wanted[contacts], self.effort, self.all_of_it)
-        part.shares = self.problem is not None and self.problem.is_redundant
-        return part
+    e: float = field(kw_only=True)
+    shares: bool = field(default=False, kw_only=True)
 
-    @property
-    def scales(self) -> bool:
-        """Whether there is any restitution; without it the problem is the same for all s."""
-        return bool(np.count_nonzero(self.wanted > 0.0) or np.count_nonzero(self.sliding))
+    def part(self, contacts: np.ndarray, collision: Collision | None = None) -> Attempt:
+        """Return the attempt for some contacts alone, ascending, with the targets that they have among all."""
+        return replace(super().part(contacts, collision), shares=self.problem is not None and self.problem.is_redundant)
 
-    def __call__(self, s: float, guess: np.ndarray | None, rounds: int) -> tuple[FrictionImpact | None, ConeAnswer]:
-        """Return the impact with restitution scaled by s, None if none is certified, and the solver's answer."""
-        targets = np.where(self.wanted > 0, s * self.wanted, self.wanted), s * self.sliding
-        exact = self.law.cone == "exact"
-        problem = self.problem = cone_problem(self.collision, *targets, exact=exact, known=self.problem)
-        answer = solve_within(problem, guess, rounds, self.effort)
-        if answer.status is not Status.SOLVED:
-            return None, answer
+    def scales(self, contacts: np.ndarray | slice = slice(None)) -> bool:
+        """Whether some contacts have any restitution; without it the outcome is the same for all s."""
+        return self.e > 0.0 or super().scales(contacts)
+
+    def outcome(self, s: float, near: ConeAnswer | None = None) -> Outcome:
+        """Return what follows where positive targets are s times as large."""
+        c = self.collision
+        targets = np.where(self.wanted > 0, s * self.wanted, self.wanted), -s * self.e * c.pre_sliding_velocity
+        problem = self.problem = cone_problem(c, *targets, exact=self.exact, known=self.problem)
+        answer = self.solved(problem, near)
         if problem.is_redundant or self.shares:
             answer = shared(problem, answer)
-        impulse, jump = answer.impulse, answer.jump
-        return FrictionImpact.of_cones(
-            self.collision, impulse, jump, targets, scale=s, exact=exact, problem=problem
-        ), answer
-
-    def created(self, impact: FrictionImpact, answer: ConeAnswer, work: float) -> float:
-        """Work of impulses of contact, J, relative to the kinetic energy, less what may be rounding."""
-        speed = max(self.collision.pre_speed, impact.intensity)
-        if speed == 0.0:
-            return 0.0
-        return 2.0 * work / speed**2 - _CREATED - 4.0 * answer.residual / speed
-
-
-def _resolved(attempt: _Attempt, solver: str) -> FrictionImpact:
-    """Return the impact: with all restitution, or what is left of it where that creates energy or has no solution."""
-    impact, answer = attempt(1.0, None, THOROUGH)
-    if not attempt.scales:
-        return _largest(attempt, np.inf, (impact, answer), solver) if impact is None else impact
-    if impact is not None and attempt.created(impact, answer, np.maximum(work_of_each(impact), 0.0).sum()) <= 0.0:
-        return impact
-    assert attempt.problem is not None
-    groups = groups_of(attempt.problem, ties_of(attempt.law.law, attempt.collision))
-    if len(groups) > 1:
-        return _by_group(attempt, groups, (impact, answer), solver)
-    created = np.inf if impact is None else attempt.created(impact, answer, impact.work_after_jump)
-    return impact if impact is not None and created <= 0.0 else _largest(attempt, created, (impact, answer), solver)
-
-
-def _by_group(
-    attempt: _Attempt, groups: list[np.ndarray], whole: tuple[FrictionImpact | None, ConeAnswer], solver: str
-) -> FrictionImpact:
-    """Return the impact with restitution scaled in those groups of contacts alone that create energy.
-
-    Args:
-        attempt: the law.
-        groups: contacts that influence each other.
-        whole: what was found with s = 1.
-        solver: of the problem without friction.
-    """
-    impact, answer = whole
-    work = np.zeros(len(attempt.wanted)) if impact is None else work_of_each(impact)
-    parts: list[tuple[np.ndarray, FrictionImpact]] = []
-    for contacts in groups:
-        created = np.inf if impact is None else attempt.created(impact, answer, work[contacts].sum())
-        if impact is not None and created <= 0.0:
-            parts.append((contacts, impact))
-            continue
-        if attempt.effort is not None:
-            attempt.effort.begin_part()
-        part, own, found = attempt.part(contacts), impact, answer
-        if own is None:
-            own, found = part(1.0, None, THOROUGH)
-            created = np.inf if own is None else part.created(own, found, own.work_after_jump)
-        if own is None or (created > 0.0 and part.scales):
-            own = _largest(part, created, (own, found), solver)
-        parts.append((contacts, own))
-    if all(part is impact for _, part in parts) and impact is not None:
-        return impact
-    return joined(attempt.collision, parts, exact=attempt.law.cone == "exact", problem=attempt.problem)
-
-
-def _largest(
-    attempt: _Attempt, created: float, whole: tuple[FrictionImpact | None, ConeAnswer], solver: str
-) -> FrictionImpact:
-    """Return the impact of the largest s that creates no energy, by Illinois' false position or bisection.
-
-    Args:
-        attempt: the law.
-        created: energy created with s = 1, infinite if there is no impact.
-        whole: what was found with s = 1.
-        solver: of the problem without friction.
-    """
-    best, answer = attempt(0.0, None, THOROUGH) if attempt.scales else whole
-    if best is None:
-        attempt.law.law.resolve(attempt.all_of_it, solver=solver)  # refuses what no velocity can do
-        raise SolverError(
-            f"no impulses in the friction cones of contacts {', '.join(attempt.collision.labels)} were found: residual "
-            f"{answer.residual:.1e} sqrt(J) after {answer.iterations} steps"
-        )
-    if not np.isfinite(created) and attempt.effort is not None and attempt.effort.hasty:
-        return best
-    low, high, above, side = 0.0, 1.0, created, 0
-    kept = attempt.created(best, answer, best.work_after_jump)
-    for k in range(_SEARCHES):
-        if high - low <= (_FOUND if np.isfinite(above) else _SOLVABLE):
-            break
-        share = kept / (kept - above) if k % 3 != 2 and np.isfinite(above) and kept < above else 0.5
-        s = low + min(max(share, 0.01), 0.99) * (high - low)
-        impact, following = attempt(s, answer.impulse, BRIEF)
-        created = np.inf if impact is None else attempt.created(impact, following, impact.work_after_jump)
-        if impact is None or created > 0.0:
-            high, above, kept, side = s, created, kept * (0.5 if side > 0 else 1.0), 1
-            continue
-        low, kept, above, side = s, created, above * (0.5 if side < 0 else 1.0), -1
-        best, answer = impact, following
-        if created > -_CLOSE:
-            break
-    return best
+        kept = {"scale": s, "exact": self.exact, "problem": problem}
+        return Outcome(FrictionImpact.of_cones(c, answer.impulse, answer.jump, targets, **kept), answer)

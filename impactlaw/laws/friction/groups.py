@@ -13,7 +13,7 @@ from impactlaw.laws.compliant import Compliant
 from impactlaw.laws.restitution.coefficients import ContactCoefficients
 from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.mechanics.collision import Collision
-from impactlaw.mechanics.friction_impact import FrictionImpact, cone_gradients
+from impactlaw.mechanics.friction_impact import FrictionImpact, cone_gradients, cone_problem
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.solvers.friction.problem import ConeProblem
 from impactlaw.solvers.sparsity import components
@@ -24,21 +24,15 @@ _FEW = 8  # contacts up to which it is not worth a look which of them share degr
 def apart(collision: Collision, law: Law) -> list[tuple[np.ndarray, Collision]]:
     """Return contacts of bodies that share no degree of freedom with the others, ascending, and their collision alone.
 
-    That has these degrees of freedom only: what many bodies cost then grows with their number, not with its cube.
-
-    Args:
-        collision: with rows of friction, dense.
-        law: of the normal impulses.
-
-    Returns:
-        One entry for each such set of bodies; none if there is only one, or few contacts, or if the law ties them.
+    That has these degrees of freedom only: what many bodies cost then grows with their number, not with its cube. There
+    are none if all share some, if contacts are few, or if the law of the normal impulses ties them.
     """
     h, nv = collision.jacobian.shape
     if h <= _FEW or ties_of(law, collision) is not None:
         return []
     touched, friction, bilateral = collision.jacobian != 0.0, collision.friction, collision.bilateral_jacobian
-    if friction is not None:
-        np.logical_or.at(touched, friction.contact, friction.jacobian != 0.0)
+    assert friction is not None
+    np.logical_or.at(touched, friction.contact, friction.jacobian != 0.0)
     ties = touched if bilateral is None else np.vstack([touched, bilateral != 0.0])
     rows = scipy.sparse.csr_array(ties)
     graph = scipy.sparse.block_array([[scipy.sparse.csr_array(collision.mass_matrix != 0.0), rows.T], [rows, None]])
@@ -46,38 +40,28 @@ def apart(collision: Collision, law: Law) -> list[tuple[np.ndarray, Collision]]:
     owner = member[nv : nv + h]
     if not touched.any(axis=1).all() or (owner == owner[0]).all():
         return []
-    parts = [(np.flatnonzero(owner == own), np.flatnonzero(member[:nv] == own)) for own in np.unique(owner)]
-    kept = [member[nv + h :] == owner[contacts[0]] for contacts, _ in parts]
-    return [
-        (contacts, _alone(collision.part(contacts), dofs, equal))
-        for (contacts, dofs), equal in zip(parts, kept, strict=True)
-    ]
-
-
-def _alone(collision: Collision, dofs: np.ndarray, equal: np.ndarray) -> Collision:
-    """Return a collision in some degrees of freedom, with some of its equality constraints, bool (m,)."""
-    friction, bilateral = collision.friction, collision.bilateral_jacobian
-    metric = KineticMetric(collision.mass_matrix[np.ix_(dofs, dofs)])
-    return replace(
-        collision,
-        mass_matrix=metric.mass_matrix,
-        metric=metric,
-        jacobian=collision.jacobian[:, dofs],
-        pre_velocity=collision.pre_velocity[dofs],
-        bilateral_jacobian=None if bilateral is None or not equal.any() else bilateral[equal][:, dofs],
-        friction=None if friction is None else replace(friction, jacobian=friction.jacobian[:, dofs]),
-    )
+    parts = []
+    for own in np.unique(owner):
+        contacts, dofs, equal = np.flatnonzero(owner == own), member[:nv] == own, member[nv + h :] == own
+        part, metric = collision.part(contacts), KineticMetric(collision.mass_matrix[np.ix_(dofs, dofs)])
+        assert part.friction is not None
+        alone = replace(
+            part,
+            mass_matrix=metric.mass_matrix,
+            metric=metric,
+            jacobian=part.jacobian[:, dofs],
+            pre_velocity=part.pre_velocity[dofs],
+            bilateral_jacobian=None if bilateral is None or not equal.any() else bilateral[equal][:, dofs],
+            friction=None
+            if part.friction is None
+            else replace(part.friction, jacobian=part.friction.jacobian[:, dofs]),
+        )
+        parts.append((contacts, alone))
+    return parts
 
 
 def groups_of(problem: ConeProblem, ties: np.ndarray | None) -> list[np.ndarray]:
-    """Return the contacts that influence each other, group by group, ascending.
-
-    They do where an impulse at one changes a velocity of the other, or where a law ties them.
-
-    Args:
-        problem: with the rows of all contacts.
-        ties: see `ties_of`; None for none.
-    """
+    """Return the contacts that influence each other, by an impulse or by `ties_of` a law, group by group, ascending."""
     h, m = problem.shape
     coupled = np.count_nonzero((np.abs(problem.delassus) > INFLUENCE).reshape(h, m, h, m), axis=(1, 3)) > 0
     return components(coupled if ties is None else coupled | ties)
@@ -97,32 +81,12 @@ def ties_of(law: Law, collision: Collision) -> np.ndarray | None:
     return np.ones((len(collision.labels),) * 2, dtype=bool)
 
 
-def work_of_each(impact: FrictionImpact) -> np.ndarray:
-    """Return what each contact adds to `FrictionImpact.work_after_jump`, (h,), J."""
-    c, friction = impact.collision, impact.collision.friction
-    assert friction is not None
-    mean = impact.mean_contact_velocity
-    if c.surface_jump is not None:
-        mean = mean + 0.5 * c.surface_jump
-    sliding = 0.5 * (impact.pre_sliding_velocity + impact.post_sliding_velocity + friction.surface_jump)
-    rubbing = np.bincount(friction.contact, impact.friction_impulse * sliding, len(c.labels))
-    return impact.impulse * mean + rubbing
-
-
-def joined(
-    collision: Collision,
-    parts: Sequence[tuple[np.ndarray, FrictionImpact]],
-    *,
-    exact: bool,
-    problem: ConeProblem | None = None,
-) -> FrictionImpact:
+def joined(collision: Collision, parts: Sequence[tuple[np.ndarray, FrictionImpact]]) -> FrictionImpact:
     """Return the impact of groups of contacts that do not influence each other.
 
     Args:
         collision: of all contacts.
         parts: contacts of a group, ascending, and their impact: alone, see `Collision.part`, or with all others.
-        exact: exact Coulomb friction, or its convex relaxation.
-        problem: of all contacts, if it is to be kept.
     """
     friction, h = collision.friction, len(collision.labels)
     assert friction is not None
@@ -137,7 +101,9 @@ def joined(
             continue
         target[contacts] = impact.target_contact_velocity[own]
         sliding[rows] = impact.target_sliding_velocity[rubs]
-    impulse = np.concatenate([normal, along / friction.coefficient])[friction.cone_rows(h).order]
+    impulse = np.concatenate([normal, along / friction.coefficient])[collision.cone_rows.order]
     jump, scale = impulse @ cone_gradients(collision), min(impact.restitution_scale for _, impact in parts)
     targets = (target, sliding) if aimed else None
+    exact, known = parts[0][1].exact, all(impact.cones is not None for _, impact in parts)
+    problem = cone_problem(collision, exact=exact) if known else None
     return FrictionImpact.of_cones(collision, impulse, jump, targets, scale=scale, exact=exact, problem=problem)

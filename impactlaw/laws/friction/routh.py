@@ -9,7 +9,7 @@ import numpy as np
 
 from impactlaw.errors import RestitutionError, UnknownNameError, UnsolvableLawError
 from impactlaw.laws.base import Law, Target
-from impactlaw.laws.friction.routh_impulses import impulses, planar_phases, spatial_phases
+from impactlaw.laws.friction.routh_impulses import impulses, phases_of
 from impactlaw.laws.restitution.coefficients import Coefficient, Coefficients, ContactCoefficients  # noqa: F401 (of the constructor)
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact
@@ -68,15 +68,11 @@ class Routh(ContactCoefficients, Law):
     def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
         """Return the impact: a `FrictionImpact` where the collision has friction.
 
-        Args:
-            collision: what collides.
-            solver: of no meaning here but "auto".
-
         Raises:
             RestitutionError: the coefficients do not fit the contacts, or contacts influence each other.
             SolverError: slip of a contact does not settle, or its impulse is no finite number.
             UnsolvableLawError: a contact closes whose bodies cannot move apart, as where constraints hold them.
-            UnknownNameError: another solver.
+            UnknownNameError: a solver is named.
         """
         if solver != "auto":
             raise UnknownNameError("solver of Routh's law", solver, ["auto"])
@@ -95,26 +91,18 @@ class Routh(ContactCoefficients, Law):
         jump = impulse @ rows
         if c.friction is None or not len(c.friction):
             return Impact(c, c.pre_velocity + c.metric.unwhiten(jump), impulse[:h])
-        scaled = np.concatenate([impulse[:h], impulse[h:] / mu])[c.friction.cone_rows(h).order]
+        scaled = np.concatenate([impulse[:h], impulse[h:] / mu])[c.cone_rows.order]
         return FrictionImpact.of_cones(c, scaled, jump)
 
     def _one(self, rows: np.ndarray, gamma: np.ndarray, mu: np.ndarray, e: float) -> np.ndarray:
         G = rows @ rows.T
         if len(mu) == 0:
             return np.array([-(1.0 + e) * gamma[0] / G[0, 0]])
-        if len(mu) == 1:
-            phases = planar_phases(G, float(gamma[1]), float(mu[0]))
-        else:
-            phases = spatial_phases(G, gamma[1:], mu, -float(gamma[0]))
-        return impulses(G, gamma, phases, e, self.hypothesis)
+        return impulses(G, gamma, phases_of(G, gamma[1:], mu, -float(gamma[0])), e, self.hypothesis)
 
 
 def _check_free(collision: Collision, gamma: np.ndarray) -> None:
-    """Refuse contacts that close, but that no impulse opens.
-
-    Raises:
-        UnsolvableLawError: there are some; names them.
-    """
+    """Refuse contacts that close, but that no impulse opens."""
     c = collision
     speed = abs(c.jacobian) @ np.abs(c.pre_velocity)
     if c.surface_velocity is not None:
@@ -125,11 +113,7 @@ def _check_free(collision: Collision, gamma: np.ndarray) -> None:
 
 
 def _check_apart(collision: Collision, rows: np.ndarray, owner: np.ndarray) -> None:
-    """Refuse contacts that influence each other.
-
-    Raises:
-        RestitutionError: there are some.
-    """
+    """Refuse contacts that influence each other."""
     if len(collision.labels) < 2:
         return
     lengths = np.linalg.norm(rows, axis=1)

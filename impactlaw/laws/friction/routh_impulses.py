@@ -23,24 +23,14 @@ _FAR = (6.0, 40.0, 1e3)  # impulse, in units of what stops the approach without 
 
 
 class Phase(NamedTuple):
-    """A stretch of N in which friction is constant: all velocities are linear in N.
+    """A stretch of N in which friction is constant: all velocities are linear in N."""
 
-    Attributes:
-        end: normal impulse at which it ends, N s.
-        f: friction over normal impulse, (k,).
-    """
-
-    end: float
-    f: np.ndarray
+    end: float  # normal impulse at which it ends, N s
+    f: np.ndarray  # friction over normal impulse, (k,)
 
 
 def settled_friction(G: np.ndarray, mu: np.ndarray) -> np.ndarray:
-    """Return f of a contact that has stopped sliding, (k,): ``min |gamma_t'|``, in the metric of its mass, over f.
-
-    Args:
-        G: Delassus matrix, normal row first, (1 + k, 1 + k).
-        mu: coefficients, (k,).
-    """
+    """Return f of a contact that has stopped sliding, (k,): ``min |gamma_t'|``, in the metric of its mass, over f."""
     A, b = G[1:, 1:] * np.outer(mu, mu), G[1:, 0] * mu
     w, V = np.linalg.eigh(A)
     w, b = np.maximum(w, 0.0), V.T @ b
@@ -60,23 +50,11 @@ def settled_friction(G: np.ndarray, mu: np.ndarray) -> np.ndarray:
     return -mu * (V @ (b / (w + multiplier)))
 
 
-def planar_phases(G: np.ndarray, slip: float, mu: float) -> list[Phase]:
-    """Return the phases of a contact with one tangential direction: slip until it stops, and what follows."""
-    last = Phase(np.inf, settled_friction(G, np.array([mu])))
-    if slip == 0.0:
-        return [last]
-    f = -mu * np.sign(slip)
-    rate = G[1, 0] + f * G[1, 1]
-    if rate * slip >= 0.0:
-        return [Phase(np.inf, np.array([f]))]
-    return [Phase(-slip / rate, np.array([f])), last]
-
-
-def spatial_phases(G: np.ndarray, slip: np.ndarray, mu: np.ndarray, approach: float) -> Iterator[Phase]:
-    """Give the phases of a contact with several tangential directions: many short ones while slip turns.
+def phases_of(G: np.ndarray, slip: np.ndarray, mu: np.ndarray, approach: float) -> Iterator[Phase]:
+    """Give the phases of a contact: slip until it stops, in many short ones while it turns, and what follows.
 
     ``dN = |gamma_t| ds`` makes the way to the stop smooth: Runge and Kutta's steps of order four in s, and friction of
-    each is the mean over it.
+    each is the mean over it. What is left once slip does not turn any more, as with one tangential direction, is one.
 
     Args:
         G: Delassus matrix, normal row first, (1 + k, 1 + k).
@@ -89,10 +67,10 @@ def spatial_phases(G: np.ndarray, slip: np.ndarray, mu: np.ndarray, approach: fl
     """
     from impactlaw.laws.friction.routh_slip import sliding
 
-    taken, stopped = 0, False
+    taken, stopped, speed = 0, False, float(np.abs(slip).max()) or 1.0
     for far in _FAR:
-        ends, f, stopped = sliding(G, slip, mu, approach, far)
-        yield from map(Phase, ends[taken:].tolist(), f[taken:])
+        ends, f, stopped = sliding(G, slip / speed, mu, approach / speed, far)
+        yield from map(Phase, (speed * ends[taken:]).tolist(), f[taken:])
         taken = len(ends)
         if stopped:
             break

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import islice
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 
 from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import coefficient
-from impactlaw.laws.restitution.labels import check_count, checked_values, find, patterns_of
+from impactlaw.laws.restitution.labels import OfContacts, checked_values
 from impactlaw.mechanics.collision import Collision
 
 _MOST_SHOWN = 32  # entries of a mapping
@@ -24,7 +23,7 @@ Coefficients = Coefficient | Sequence[Coefficient] | Mapping[str | tuple[str, st
 
 
 @dataclass(frozen=True, repr=False)
-class ContactCoefficients:
+class ContactCoefficients(OfContacts):
     """The coefficients ``e_1 .. e_h`` of a law that has one for each contact.
 
     In the place of any number there may be a function: it is called for each contact with the speed at which that
@@ -63,23 +62,9 @@ class ContactCoefficients:
         return f"{type(self).__name__}(restitution={_shown(self.restitution)}, default={_shown(self.default)})"
 
     @property
-    def contact_labels(self) -> frozenset[str]:
-        """Labels the law was keyed with, in canonical order; empty if it was not."""
-        return frozenset(self._table or ())
-
-    @cached_property
-    def _patterns(self) -> tuple[str, ...]:
-        return patterns_of(self._table or ())
-
-    @property
     def has_patterns(self) -> bool:
         """Whether some of these labels are patterns."""
         return bool(self._patterns)
-
-    @property
-    def contact_count(self) -> int | None:
-        """Number of contacts that the law is for; None if for any."""
-        return len(self.restitution) if isinstance(self.restitution, tuple) else None
 
     def coefficients(self, collision: Collision) -> np.ndarray:
         """Return ``e_1 .. e_h`` for the contacts of this collision, shape (h,).
@@ -88,40 +73,19 @@ class ContactCoefficients:
             RestitutionError: as many coefficients as contacts are needed; a contact is not named and no default set;
                 or a function of speed returns what is not in [0, 1].
         """
-        labels, value = collision.labels, self.restitution
-        if self._table is not None:
-            given = [self._lookup(label) for label in labels]
-        elif isinstance(value, tuple):
-            check_count(value, labels, "coefficients", type(self).__name__)
-            given = value
-        elif callable(value):
-            given = (value,) * len(labels)
-        else:
-            return np.full(len(labels), value)
+        labels, name = collision.labels, type(self).__name__
+        if isinstance(self.restitution, float):
+            return np.full(len(labels), self.restitution)
+        given = self._of_contacts(labels, "coefficients")
+        if None in given:
+            missing = labels[given.index(None)]
+            raise RestitutionError(
+                f"{name} has no restitution for contact {missing}, and no default: name it, or give one"
+            )
         if any(map(callable, given)):
             speeds = np.maximum(-collision.pre_contact_velocity, 0.0).tolist()
             given = [_at(e, speed, label) for e, speed, label in zip(given, speeds, labels, strict=True)]
         return np.array(given, dtype=float)
-
-    @property
-    def _table(self) -> dict[str, Coefficient] | None:
-        return self.restitution if isinstance(self.restitution, dict) else None  # pyright: ignore[reportReturnType]
-
-    def named(self, label: str) -> Coefficient | None:
-        """Return the coefficient of a contact where the law is keyed by labels; None if it has none.
-
-        Raises:
-            RestitutionError: the label matches patterns with different coefficients.
-        """
-        return find(self._table or {}, self._patterns, label, self.default)
-
-    def _lookup(self, label: str) -> Coefficient:
-        e = self.named(label)
-        if e is None:
-            raise RestitutionError(
-                f"{type(self).__name__} has no restitution for contact {label}, and no default: name it, or give one"
-            )
-        return e
 
 
 def described(value: object) -> object:
@@ -135,11 +99,7 @@ def _checked(value: Any, name: str) -> Any:
 
 
 def _at(e: Any, speed: float, label: str) -> float:
-    """Return e at the speed, if it depends on that.
-
-    Raises:
-        RestitutionError: the function returns something else than a number in [0, 1], or divides by zero.
-    """
+    """Return e at the speed, if it depends on that; refuse what is no number in [0, 1]."""
     if not callable(e):
         return e
     name = f"restitution {described(e)} of contact {label} at speed {speed:.6g}"

@@ -49,11 +49,7 @@ def scene_number(model: mujoco.MjModel, name: str) -> float | None:
 
 
 def _one_coefficient(numeric: Any) -> float:
-    """Return the coefficient that a ``<numeric>`` carries.
-
-    Raises:
-        RestitutionError: it has not one value, or that is not in [0, 1].
-    """
+    """Return the coefficient that a ``<numeric>`` carries: one value in [0, 1]."""
     if len(numeric.data) != 1:
         raise RestitutionError(f"{numeric.name} of the scene must be one number in [0, 1], but has {len(numeric.data)}")
     return coefficient(numeric.data[0], f"{numeric.name} of the scene")

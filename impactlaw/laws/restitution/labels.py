@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from fnmatch import fnmatchcase
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,11 +19,7 @@ from impactlaw.errors import RestitutionError, UnknownNameError
 
 
 def canonical(label: object) -> str:
-    """Return the label with its two names sorted; takes ``"a/b"`` or ``("a", "b")``; any other string as it is.
-
-    Raises:
-        RestitutionError: neither a string nor a pair of strings.
-    """
+    """Return the label with its two names sorted; takes ``"a/b"`` or ``("a", "b")``; any other string as it is."""
     if isinstance(label, str):
         names = label.split("/")
         return "/".join(sorted(names)) if len(names) == 2 else label
@@ -32,11 +29,7 @@ def canonical(label: object) -> str:
 
 
 def put(table: dict, key: object, value: float) -> None:
-    """Enter a value under a canonical key.
-
-    Raises:
-        RestitutionError: the key, perhaps in another order of its names, already has a different value.
-    """
+    """Enter a value under a canonical key; refuse a second one, perhaps with its names in another order."""
     if table.setdefault(key, value) != value:
         raise RestitutionError(
             f"{key} has two restitutions, {table[key]} and {value}; the order of names does not matter"
@@ -47,13 +40,10 @@ def checked_values(value: Any, name: str, check: Callable[[Any, str], Any], law:
     """Return what a law was given for its contacts, checked: one value for all, a tuple, or a dict by canonical labels.
 
     Args:
-        value: one for every contact, one for each in their order, or by labels of contacts.
+        value: one for every contact, one for each in their order, or by labels of contacts; not a set, without order.
         name: of the value, for messages.
         check: returns the value of a contact that is named to it, or raises.
         law: name of the law, for messages.
-
-    Raises:
-        RestitutionError: a contact has two values, or values are a set, which has no order.
     """
     if isinstance(value, Mapping):
         table: dict[str, Any] = {}
@@ -65,20 +55,6 @@ def checked_values(value: Any, name: str, check: Callable[[Any, str], Any], law:
     if callable(value) or isinstance(value, str | bytes) or not np.iterable(value):
         return check(value, name)
     return tuple(check(one, f"{name} of contact {i}") for i, one in enumerate(value))
-
-
-def check_count(values: tuple, labels: tuple[str, ...], what: str, law: str) -> None:
-    """Check that a law that has one value for each contact, in order, has as many as contacts collide.
-
-    Raises:
-        RestitutionError: it has more or fewer.
-    """
-    if len(values) != len(labels):
-        raise RestitutionError(
-            f"{law} has {len(values)} {what} but {len(labels)} contacts collide ({', '.join(labels)}); key them by "
-            "contact label so that they follow the contacts, or give one for all (a stepper whose law is changed goes "
-            "on from before the step)"
-        )
 
 
 def is_pattern(key: str) -> bool:
@@ -97,43 +73,72 @@ def matches(pattern: str, label: str) -> bool:
     return any(fnmatchcase(a, p) and fnmatchcase(b, q) for p, q in wanted for c in pairs for a, b in (c, c[::-1]))
 
 
-def patterns_of(keys: Iterable[str]) -> tuple[str, ...]:
-    """Return the patterns among keys."""
-    return tuple(key for key in keys if is_pattern(key))
+class OfContacts:
+    """A law with a value for each contact: one for all, a tuple in their order, or a dict by labels and patterns.
 
-
-def find(table: Mapping[str, Any], patterns: tuple[str, ...], label: str, default: Any = None) -> Any:
-    """Return the value of a contact: its own, or that of the patterns it matches, or else the default.
-
-    Args:
-        table: values by canonical keys.
-        patterns: those of the keys that are patterns.
-        label: of the contact.
-        default: for others.
-
-    Raises:
-        RestitutionError: it matches patterns with different values.
+    They are checked by `checked_values`, and kept in the field that has their name.
     """
-    found = table.get(canonical(label))
-    if found is not None or not patterns:
-        return default if found is None else found
-    fitting = [key for key in patterns if matches(key, label)]
-    for key in fitting[1:]:
-        if table[key] != table[fitting[0]]:
+
+    _name = "restitution"
+    default = None
+
+    @property
+    def _values(self) -> Any:
+        return getattr(self, self._name)
+
+    @property
+    def contact_labels(self) -> frozenset[str]:
+        """Labels and patterns the law was keyed with, in canonical order; empty if it was not."""
+        return frozenset(self._values) if isinstance(self._values, dict) else frozenset()
+
+    @property
+    def contact_count(self) -> int | None:
+        """Number of contacts that the law is for; None if for any."""
+        return len(self._values) if isinstance(self._values, tuple) else None
+
+    @cached_property
+    def _patterns(self) -> tuple[str, ...]:
+        return tuple(filter(is_pattern, self._values)) if isinstance(self._values, dict) else ()
+
+    def _of_contacts(self, labels: tuple[str, ...], what: str) -> list[Any]:
+        """Return the value of each contact, None where it has none.
+
+        Raises:
+            RestitutionError: there are as many as other contacts, or patterns contradict each other.
+        """
+        values = self._values
+        if isinstance(values, dict):
+            return [self.named(label) for label in labels]
+        if isinstance(values, tuple) and len(values) != len(labels):
             raise RestitutionError(
-                f"contact {label} matches {fitting[0]!r} and {key!r}, which have different values: "
-                f"{table[fitting[0]]} and {table[key]}; key it by its own name, or make the patterns narrower"
+                f"{type(self).__name__} has {len(values)} {what} but {len(labels)} contacts collide "
+                f"({', '.join(labels)}); key them by contact label so that they follow the contacts, or give one for "
+                "all (a stepper whose law is changed goes on from before the step)"
             )
-    return table[fitting[0]] if fitting else default
+        return list(values) if isinstance(values, tuple) else [values] * len(labels)
+
+    def named(self, label: str) -> Any:
+        """Return the value of a contact where the law is keyed by labels: its default, or None, if it has none.
+
+        Raises:
+            RestitutionError: the label matches patterns with different values.
+        """
+        table = self._values
+        found = table.get(canonical(label))
+        if found is not None or not self._patterns:
+            return self.default if found is None else found
+        fitting = [key for key in self._patterns if matches(key, label)]
+        for key in fitting[1:]:
+            if table[key] != table[fitting[0]]:
+                raise RestitutionError(
+                    f"contact {label} matches {fitting[0]!r} and {key!r}, which have different values: "
+                    f"{table[fitting[0]]} and {table[key]}; key it by its own name, or make the patterns narrower"
+                )
+        return table[fitting[0]] if fitting else self.default
 
 
 def check_labels(used: Iterable[str], known: tuple[str, ...], *, patterns: bool = True) -> None:
-    """Compare the labels that a law uses with those a scene can have.
-
-    Args:
-        used: labels, or patterns.
-        known: all that the scene can have.
-        patterns: whether the law knows patterns.
+    """Compare the labels, or patterns if a law knows them, that it uses with all that the scene can have.
 
     Raises:
         UnknownNameError: a label that no contact of the scene can have, or a pattern that none matches; names the
@@ -141,12 +146,9 @@ def check_labels(used: Iterable[str], known: tuple[str, ...], *, patterns: bool 
     """
     known_canonical = {canonical(label) for label in known}
     for label in sorted(used):
-        if label in known_canonical:
-            continue
-        if not (patterns and is_pattern(label)):
-            raise UnknownNameError("contact", label, known)
-        if not any(matches(label, one) for one in known_canonical):
-            raise UnknownNameError("contact pattern", label, known)
+        a_pattern = patterns and is_pattern(label)
+        if label not in known_canonical and not (a_pattern and any(matches(label, one) for one in known_canonical)):
+            raise UnknownNameError("contact pattern" if a_pattern else "contact", label, known)
 
 
 def _pairs(label: str) -> Iterator[tuple[str, str]]:

@@ -21,12 +21,7 @@ from impactlaw.mechanics.collision import Collision
 
 @dataclass(frozen=True)
 class Chosen:
-    """Some of the contacts that a scene can have.
-
-    Attributes:
-        labels: of contacts and limits, in canonical order of names.
-        others: whether it is all others that are chosen.
-    """
+    """Some of the contacts that a scene can have: these labels, in canonical order of names, or all others."""
 
     labels: frozenset[str]
     others: bool = False
@@ -41,10 +36,6 @@ class OnContacts(Law):
     """``gamma^h`` is the law's for the contacts that are chosen, as if they collided alone, and 0 for the others.
 
     With a diagonal E this is the same E with zeros. A law that couples contacts knows of the chosen ones only.
-
-    Attributes:
-        law: which knows a target.
-        chosen: the contacts that it is for.
     """
 
     law: Law
@@ -65,7 +56,7 @@ class OnContacts(Law):
 
 
 def restricted(law: Law, chosen: Chosen) -> Law:
-    """Return a law that is the given one for the contacts that are chosen, and has E = 0 for the others.
+    """Return the law for the contacts that are chosen, with E = 0 for the others.
 
     Raises:
         RestitutionError: the law has a rule of its own for impulses, without coefficients that could be 0.

@@ -73,11 +73,7 @@ def _key(value: Any) -> Any:
 
 
 def _place(value: Any) -> str:
-    """Return ``module:name`` of a class or function.
-
-    Raises:
-        RestitutionError: it is not to be found there.
-    """
+    """Return ``module:name`` of a class or function that is to be found there."""
     place = f"{getattr(value, '__module__', None)}:{getattr(value, '__qualname__', None)}"
     module = sys.modules.get(getattr(value, "__module__", None) or "")
     if getattr(module, getattr(value, "__qualname__", ""), None) is not value:

@@ -14,10 +14,8 @@ from impactlaw.errors import InvalidCollisionError, SolverError
 from impactlaw.mechanics.admissible.capped_polyhedron import CappedPolyhedron
 from impactlaw.mechanics.admissible.cone import cone_facets, nearest_in_cone
 from impactlaw.mechanics.admissible.sampling import check_number, uniform_samples
-from impactlaw.mechanics.admissible.violations import measure
-from impactlaw.mechanics.kinetic_metric import real_array
+from impactlaw.mechanics.impact import Impact
 from impactlaw.mechanics.tolerances import POINT, SET_CERTIFIED, SET_RANK, TIGHT
-from impactlaw.solvers import nonnegative_combination
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +28,8 @@ class AdmissibleSet:
 
     `contains` works for any collision. The rest needs the facets of the cone of the gradients, which are listed per
     group of contacts that depend on each other, and raises `EnumerationError` where a group is so redundant at so high
-    a rank that there are too many (`cone.MAX_FACETS`): 16 contacts of rank 12 are still listed.
+    a rank that there are too many (`cone.MAX_FACETS`): 16 contacts of rank 12 are still listed. A velocity or direction
+    of the wrong shape, or with entries that are not finite, raises `InvalidCollisionError`.
 
     Results are accurate to rounding, relative to ``|v-|``, times the condition number of the gradients of unit length.
     Where that leaves no digits, because gradients depend on each other all but exactly, `SolverError` is raised.
@@ -59,50 +58,25 @@ class AdmissibleSet:
             )
 
     def contains(self, v: ArrayLike, tol: float = 1e-9) -> bool:
-        """Whether v is in S: its distances to the three sets that S is made of are at most ``tol |v-|``.
-
-        Raises:
-            InvalidCollisionError: v has the wrong shape or entries that are not finite.
-        """
-        c, after = self.collision, self._velocity(v, "v")
-        jump = c.metric.whiten(after - c.pre_velocity)
-        impulse = nonnegative_combination(c.whitened_jacobian, jump)
-        return measure(c, jump, c.contact_velocity_after(after), impulse).is_admissible(tol)
+        """Whether v is in S: its distances to the three sets that S is made of are at most ``tol |v-|``."""
+        return Impact.observed(self.collision, self.collision.velocity(v, "v")).violations.is_admissible(tol)
 
     def distance(self, v: ArrayLike) -> float:
-        """Return ``min |v - s|`` over s in S, sqrt(J); 0 (up to rounding of v-) for members.
-
-        Raises:
-            InvalidCollisionError: v has the wrong shape or entries that are not finite.
-            EnumerationError: too many facets.
-        """
-        return self.collision.metric.norm(self._velocity(v, "v") - self.project(v))
+        """Return ``min |v - s|`` over s in S, sqrt(J); 0 (up to rounding of v-) for members."""
+        return self.collision.metric.norm(self.collision.velocity(v, "v") - self.project(v))
 
     def project(self, v: ArrayLike) -> np.ndarray:
-        """Return the point of S nearest to v in the kinetic metric, shape (nv,); a member is its own.
-
-        Raises:
-            InvalidCollisionError: v has the wrong shape or entries that are not finite.
-            EnumerationError: too many facets.
-        """
-        c, v = self.collision, self._velocity(v, "v")
+        """Return the point of S nearest to v in the kinetic metric, shape (nv,); a member is its own."""
+        c, v = self.collision, self.collision.velocity(v, "v")
         if self._body is None:
             return c.pre_velocity.copy()
         x = self._basis @ c.metric.whiten(v - c.pre_velocity) / self._least
         return self._velocity_at(self._least * self._body.nearest(x))
 
     def support(self, direction: ArrayLike) -> float:
-        """Return ``max <direction, v>`` over v in S, with ``<u, v> = u^T M v``; J when the direction is a velocity.
-
-        Args:
-            direction: u, shape (nv,), of any length.
-
-        Raises:
-            InvalidCollisionError: direction has the wrong shape or entries that are not finite.
-            EnumerationError: too many facets.
-        """
+        """Return ``max <u, v> = u^T M v`` over v in S, for a direction u, (nv,), of any length."""
         c = self.collision
-        u = c.metric.whiten(self._velocity(direction, "direction"))
+        u = c.metric.whiten(self.collision.velocity(direction, "direction"))
         start = float(u @ c.whitened_velocity)
         along = self._basis @ u
         length = float(np.linalg.norm(along))
@@ -113,18 +87,13 @@ class AdmissibleSet:
         return start + float(along @ jump)
 
     def sample(self, n: int, rng: np.random.Generator | int) -> np.ndarray:
-        """Return n independent velocities, uniform in S, shape (n, nv).
+        """Return n independent velocities, uniform in S, shape (n, nv), from a generator or a seed for one.
 
         Uniform is meant with respect to the volume that the kinetic metric has on the affine hull of S, which may be
         a point, a segment or anything up to the rank of J.
 
-        Args:
-            n: how many, 0 or more.
-            rng: a generator, or a seed for one.
-
         Raises:
             InvalidCollisionError: n is no whole number, or negative.
-            EnumerationError: too many facets.
         """
         check_number(n)
         if self._body is None:
@@ -140,10 +109,8 @@ class AdmissibleSet:
         With ``|v|^2 = |v-|^2 + 2 <v-, k> + |k|^2 <= |v-|^2`` this gives ``|k| <= 2 |p - v-|``, with equality only for
         Moreau's elastic ``2 p - v-``. That is in S iff ``2 J p - gamma- >= 0``, as always when ``gamma- <= 0``; then
         the range is ``(|p - v-|, 2 |p - v-|)``. Otherwise a contact separates before the impact that the elastic
-        outcome would make penetrate, and the largest is found by a search through the faces of S.
-
-        Raises:
-            EnumerationError: too many faces; only with a contact that separates before the impact.
+        outcome would make penetrate, and the largest is found by a search through the faces of S: `EnumerationError` if
+        these are too many.
         """
         if self._body is None:
             return 0.0, 0.0
@@ -200,16 +167,6 @@ class AdmissibleSet:
             -(self._basis @ c.relative_velocity) / self._least,
             self._least_jump / self._least,
         )
-
-    def _velocity(self, values: ArrayLike, name: str) -> np.ndarray:
-        shape = self.collision.pre_velocity.shape
-        try:
-            v = real_array(values)
-        except (TypeError, ValueError):
-            v = np.zeros(0)
-        if v.shape != shape or not np.isfinite(v).all():
-            raise InvalidCollisionError(f"{name} must be finite with shape {shape}, got {values!r:.200}")
-        return v
 
     def _velocity_at(self, jump: np.ndarray) -> np.ndarray:
         """Return the velocity, or velocities, with this jump in the basis, (r,) or (n, r); certifies up to eight."""

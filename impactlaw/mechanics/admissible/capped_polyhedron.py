@@ -21,6 +21,8 @@ _TRIES = 200
 class CappedPolyhedron:
     """``{x in R^r : A x >= b, |x - center| <= |center|}``, of size about one.
 
+    Methods raise `SolverError` where their iteration does not end.
+
     Attributes:
         normals: ``A``, unit rows, shape (m, r).
         offsets: ``b``, shape (m,).
@@ -47,9 +49,6 @@ class CappedPolyhedron:
 
         With the ball's multiplier ``beta >= 0``, ``y - x + beta (center - x)`` is normal to the polyhedron at x. So x
         is the polyhedron's point nearest to ``(y + beta center) / (1 + beta)``, between y and the center.
-
-        Raises:
-            SolverError: the iteration did not end.
         """
         if self.has(y):
             return y
@@ -66,9 +65,6 @@ class CappedPolyhedron:
         With the ball's multiplier ``beta > 0``, ``direction - beta (x - center)`` is normal to the polyhedron at x.
         So x is the polyhedron's point nearest to ``center + direction / beta``. The limit ``beta = 0`` gives a
         maximiser over the whole polyhedron.
-
-        Raises:
-            SolverError: the iteration did not end.
         """
         return self._last_in_ball(self.center, direction, 0.0, np.inf)
 
@@ -80,7 +76,6 @@ class CappedPolyhedron:
 
         Raises:
             EnumerationError: more than `MAX_FACES` sets of constraints.
-            SolverError: the iteration did not end.
         """
         r, met, count = len(self.center), [], 0
         for i, normal in enumerate(self.normals):

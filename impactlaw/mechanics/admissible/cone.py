@@ -20,11 +20,7 @@ class EnumerationError(ImpactLawError):
 
 
 def nearest_in_cone(generators: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Return ``Lambda >= 0`` that minimises ``|Y^T Lambda - point|``, shape (h,), for unit rows Y.
-
-    Raises:
-        SolverError: no solver's answer passed its certificate.
-    """
+    """Return ``Lambda >= 0`` that minimises ``|Y^T Lambda - point|``, shape (h,), for unit rows Y."""
     problem = Problem(generators, generators @ point, point)
     return solve_with_jump(problem, ("",) * len(generators), shared=False).impulse
 

@@ -17,11 +17,7 @@ _MOST = 2**20  # points that are tried for many samples
 
 
 def check_number(n: object) -> None:
-    """Refuse what is no number of samples.
-
-    Raises:
-        InvalidCollisionError: n is no whole number, or negative.
-    """
+    """Refuse what is no number of samples: a whole one, 0 or more."""
     if not isinstance(n, Integral) or n < 0:
         raise InvalidCollisionError(f"n must be a whole number, 0 or more, got {n!r}")
 
@@ -52,7 +48,7 @@ def _rejection(body: CappedPolyhedron, n: int, rng: np.random.Generator) -> np.n
 
 
 def _chains(body: CappedPolyhedron, n: int, rng: np.random.Generator) -> np.ndarray:
-    """Return n points, (n, r), each of a chain of its own.
+    """Return n points, (n, r).
 
     Each is the end of a hit-and-run chain of its own (R. L. Smith 1984): a random direction, then a uniform point of
     the chord, over and over. Chains before these measure the shape of the set, so that directions are as likely to

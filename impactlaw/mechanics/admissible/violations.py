@@ -3,13 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
-from typing import Any
-
-import numpy as np
-
-from impactlaw.errors import UnsolvableLawError
-from impactlaw.solvers import Problem, beyond_rounding, nonnegative_combination, solve_with_jump
 
 
 @dataclass(frozen=True)
@@ -31,56 +24,3 @@ class Violations:
     def is_admissible(self, tol: float = 1e-9) -> bool:
         """Whether no violation exceeds ``tol`` times ``|v-|``."""
         return max(self.kinematic, self.kinetic, self.energetic) <= tol * self.pre_speed
-
-
-def measure(c: Any, jump: np.ndarray, after: np.ndarray, impulse: np.ndarray) -> Violations:
-    """Return the violations of an outcome.
-
-    Args:
-        c: the `Collision`, which is built on this.
-        jump: ``R^T (v+ - v-)``, (nv,).
-        after: ``gamma+``, m/s, (h,).
-        impulse: ``Lambda`` that explains the jump best, N s, (h,), of any signs.
-    """
-    before = c.relative_velocity
-    z = before + jump
-    kinematic = penetration(c, jump, after)
-    if (impulse < 0).any():
-        impulse = nonnegative_combination(c.whitened_jacobian, jump)
-    speeds = sqrt(z @ z) + sqrt(before @ before)
-    gain = float(jump @ (c.whitened_velocity + 0.5 * jump))
-    if c.frame_rates is not None:
-        gain += float(impulse @ c.frame_rates)
-    energetic = max(0.0, 2.0 * gain / speeds) if speeds > 0 else 0.0
-    return Violations(kinematic, imbalance(c, jump, impulse), energetic, c.pre_speed)
-
-
-def penetration(c: Any, jump: np.ndarray, after: np.ndarray) -> float:
-    """Return the distance from v+ to the tangent cone, ``min |x|, gamma+ + Y x >= 0``, sqrt(J)."""
-    Y = c.whitened_jacobian
-    if not (after < 0).any():
-        return 0.0
-    if c.frame_rates is None:
-        z = c.relative_velocity + jump
-        problem = Problem(Y, -(Y @ z), -z, norms=c.gradient_norms)
-    else:
-        problem = Problem(Y, -after, speed=larger_speed(c, jump))  # which they have the rounding of
-    try:
-        jump = solve_with_jump(problem, c.labels, shared=False).jump
-    except UnsolvableLawError:
-        if c.frame_rates is None:
-            raise
-        return np.inf  # surfaces crush what is between them
-    return sqrt(jump @ jump)
-
-
-def larger_speed(c: Any, jump: np.ndarray) -> float:
-    """Return the larger of ``|v-|`` and ``|v+|``, sqrt(J), as seen from the surfaces."""
-    return max(c.pre_speed, float(np.linalg.norm(c.relative_velocity + jump)))
-
-
-def imbalance(c: Any, jump: np.ndarray, impulse: np.ndarray) -> float:
-    """Return ``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm), beyond what rounding Lambda to doubles makes of it."""
-    left = jump - impulse @ c.whitened_jacobian
-    gap = sqrt(left @ left)
-    return beyond_rounding(gap, float(np.abs(impulse) @ c.gradient_norms), larger_speed(c, jump))

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from impactlaw.solvers.problem import Problem, row_scaled, sparse
+from impactlaw.solvers.problem import Problem, sparse
 
 _MOST = 4e7
 """Largest number of stored entries of the band; a factor of that size takes some seconds."""
@@ -22,9 +22,9 @@ class BandedDelassus:
     """
 
     def __init__(self, problem: Problem):
-        U = row_scaled(sparse(problem.gradients), problem.lengths)
+        U = sparse(problem.unit[0])
         h = U.shape[0]
-        G = U @ U.T
+        G = self._delassus = U @ U.T
         self.order = np.arange(h)
         entries = G.tocoo()
         row, column = entries.row, entries.col
@@ -45,11 +45,7 @@ class BandedDelassus:
     @cached_property
     def largest(self) -> float:
         """A bound of the largest eigenvalue of G: the largest sum of a row's magnitudes."""
-        sums = np.abs(self.band[0])
-        for k, row in enumerate(np.abs(self.band[1:]), 1):
-            sums[:-k] += row[:-k]
-            sums[k:] += row[:-k]
-        return float(sums.max())
+        return float(abs(self._delassus).sum(axis=1).max())
 
     def product(self, impulse: np.ndarray) -> np.ndarray:
         """Return ``U (U^T Lambda)``, (h,), which has not the rounding of G."""

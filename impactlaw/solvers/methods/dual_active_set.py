@@ -17,9 +17,7 @@ def dual_active_set(problem: Problem) -> Solution:
     """Solve ``min |z|^2 / 2, Y z >= c`` with rows of unit length and bounds of size one."""
     import daqp
 
-    lengths = problem.lengths
-    Y = np.ascontiguousarray(problem.gradients / lengths[:, None])
-    c = problem.bound / lengths
+    Y, c = problem.unit
     size = float(np.abs(c).max(initial=0.0))
     if size == 0.0:
         return Solution(np.zeros_like(c))
@@ -27,7 +25,7 @@ def dual_active_set(problem: Problem) -> Solution:
     _, _, flag, info = daqp.solve(
         np.eye(nv),
         np.zeros(nv),
-        Y,
+        np.ascontiguousarray(Y),
         np.full(h, 1e30),
         c / size,
         np.zeros(h, dtype=np.int32),
@@ -39,4 +37,4 @@ def dual_active_set(problem: Problem) -> Solution:
     if flag <= 0:  # then the multipliers are whatever the memory held
         status = Status.INFEASIBLE if flag == _DAQP_INFEASIBLE else Status.STOPPED
         return Solution(np.zeros_like(c), status, info["iterations"])
-    return Solution(np.maximum(0.0 - info["lam"], 0.0) * size / lengths, Status.SOLVED, info["iterations"])
+    return Solution(np.maximum(0.0 - info["lam"], 0.0) * size / problem.lengths, Status.SOLVED, info["iterations"])

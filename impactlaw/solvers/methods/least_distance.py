@@ -20,8 +20,7 @@ def least_distance(problem: Problem) -> Solution:
     One pass with a wrong t loses the digits of ``(|z| / t)^2``, so t follows the ``|z|`` of the pass before. A residual
     of zero at the largest t means that u is a Farkas ray: the law has no solution.
     """
-    lengths = problem.lengths
-    Y, c = problem.gradients / lengths[:, None], problem.bound / lengths
+    Y, c = problem.unit
     h, nv = Y.shape
     wanted = np.zeros(nv + 1)
     wanted[nv] = 1.0
@@ -43,7 +42,7 @@ def least_distance(problem: Problem) -> Solution:
             continue
         far = t * float(np.linalg.norm(z)) / left
         if 0.1 * t < far < 10.0 * t:
-            return Solution(u * (t / left) / lengths, Status.SOLVED, done)
+            return Solution(u * (t / left) / problem.lengths, Status.SOLVED, done)
         if far == 0.0:
             break
         t = far

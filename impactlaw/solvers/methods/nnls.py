@@ -19,31 +19,20 @@ def nnls(problem: Problem) -> Solution:
     """Solve ``min |Y^T Lambda - d|, Lambda >= 0``, the law's problem whenever ``Y d = c``.
 
     Without a known d the least-norm one is computed; a bound outside of the range of Y has none, and the answer is
-    ``Status.STOPPED`` (a dual active set solves those).
+    ``Status.STOPPED`` (a dual active set solves those). Rows of very different length are scaled to unit length first.
     """
     d = problem.preimage
     if d is None:
-        Y, c = problem.gradients / problem.lengths[:, None], problem.bound / problem.lengths
+        Y, c = problem.unit
         d = least_squares(Y, c)
         if np.abs(Y @ d - c).max(initial=0.0) > IN_RANGE * max(problem.scale, float(np.linalg.norm(d))):
             return Solution(np.zeros_like(c), Status.STOPPED)
-    impulse = cone_projection(problem, d)
-    return Solution(np.zeros_like(problem.bound), Status.STOPPED) if impulse is None else Solution(impulse)
-
-
-def cone_projection(problem: Problem, point: np.ndarray) -> np.ndarray | None:
-    """Return the minimiser of ``|Y^T Lambda - point|, Lambda >= 0``, None where NNLS does not end.
-
-    Rows of Y of very different length are scaled to unit length first.
-    """
     lengths = problem.lengths
-    if not len(lengths):
-        return np.zeros(0)
     each = lengths.tolist()  # for few contacts this takes a quarter of the time of max() and min() of an array
-    balanced = max(each) <= BALANCED * min(each)
-    columns = problem.gradients.T if balanced else problem.gradients.T / lengths
+    balanced = max(each, default=1.0) <= BALANCED * min(each, default=1.0)
+    columns = (problem.gradients if balanced else problem.unit[0]).T
     try:
-        impulse, _ = scipy.optimize.nnls(columns, point, maxiter=_NNLS_CHANGES * len(lengths))
+        impulse, _ = scipy.optimize.nnls(columns, d, maxiter=_NNLS_CHANGES * len(lengths))
     except RuntimeError:  # how scipy says that these changes of the active set were not enough
-        return None
-    return impulse if balanced else impulse / lengths
+        return Solution(np.zeros_like(lengths), Status.STOPPED)
+    return Solution(impulse if balanced else impulse / lengths)

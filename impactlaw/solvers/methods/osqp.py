@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from impactlaw.solvers.certificate import natural_residual
-from impactlaw.solvers.problem import Problem, Solution, Status, row_scaled
+from impactlaw.solvers.problem import Problem, Solution, Status
 
 _OSQP_INFEASIBLE = (3, 4)  # osqp's status: primal infeasible, also inaccurately
 
@@ -17,24 +17,21 @@ _OSQP_INFEASIBLE = (3, 4)  # osqp's status: primal infeasible, also inaccurately
 def osqp(problem: Problem, *, tolerance: float = 1e-9, iterations: int = 10_000, polish: bool = True) -> Solution:
     """Solve ``min |z|^2 / 2, Y z >= c`` with rows of unit length and bounds of size one, to a tolerance.
 
-    Args:
-        problem: what to solve.
-        tolerance: OSQP's absolute and relative tolerance.
-        iterations: at most so many; an answer that is not accurate by then is ``Status.STOPPED``, with its impulse.
-        polish: whether OSQP solves once more on the constraints that it found active.
+    The tolerance is OSQP's absolute and relative one; what is not accurate after so many iterations is
+    ``Status.STOPPED``, with its impulse. To polish is to solve once more on the constraints that were found active.
     """
     import osqp as package
 
-    c = problem.bound / problem.lengths
+    Y, c = problem.unit
     size = float(np.abs(c).max(initial=0.0))
     if size == 0.0:
         return Solution(np.zeros_like(c))
-    nv = problem.gradients.shape[1]
+    nv = Y.shape[1]
     solver = package.OSQP()
     solver.setup(
         scipy.sparse.csc_matrix(scipy.sparse.eye_array(nv)),
         np.zeros(nv),
-        scipy.sparse.csc_matrix(row_scaled(problem.gradients, problem.lengths)),
+        scipy.sparse.csc_matrix(Y),
         c / size,
         np.full(len(c), np.inf),
         verbose=False,

@@ -33,7 +33,7 @@ def primal_dual_active_set(problem: Problem) -> Solution:
     U = BandedDelassus(problem)
     if U.band.size == 0:
         return Solution(np.zeros(h), Status.STOPPED)
-    search = _Search(U, (problem.bound / problem.lengths)[U.order], problem.scale)
+    search = _Search(U, problem.unit[1][U.order], problem.scale)
     scaled = search.run(np.ones(h, dtype=bool))
     if scaled is None:
         return Solution(np.zeros(h), Status.STOPPED, search.changes)

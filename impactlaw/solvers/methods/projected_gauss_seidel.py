@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.solvers.certificate import natural_residual
-from impactlaw.solvers.problem import Problem, Solution, Status, row_scaled
+from impactlaw.solvers.problem import Problem, Solution, Status
 
 _CHECKED = 10  # sweeps between two looks at the residual
 
@@ -13,19 +13,17 @@ _CHECKED = 10  # sweeps between two looks at the residual
 def projected_gauss_seidel(problem: Problem, *, sweeps: int = 1000, tolerance: float = 1e-10) -> Solution:
     """Set ``Lambda_i`` to ``max(0, Lambda_i + (c_i - Y_i z) / G_ii)``, contact by contact, sweep after sweep.
 
-    Args:
-        problem: what to solve.
-        sweeps: at most so many; then the answer is ``Status.STOPPED``, with the impulse it got to.
-        tolerance: natural map, relative to the scale of the problem, that is enough.
+    A natural map of the tolerance, relative to the scale of the problem, is enough; after so many sweeps the answer is
+    ``Status.STOPPED``, with the impulse it got to.
     """
-    U = row_scaled(problem.gradients, problem.lengths)
+    U, c = problem.unit
     h, nv = U.shape
     if problem.is_sparse:
         cuts = U.indptr[1:-1]
         rows = list(zip(np.split(U.indices, cuts), np.split(U.data, cuts), strict=True))
     else:
         rows = [(slice(None), row) for row in U]
-    wanted = (problem.bound / problem.lengths).tolist()
+    wanted = c.tolist()
     scaled, z, residual, done = [0.0] * h, np.zeros(nv), 0.0, 0
     for done in range(1, sweeps + 1):
         for i, (where, row) in enumerate(rows):

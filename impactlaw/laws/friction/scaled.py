@@ -1,0 +1,172 @@
+"""Restitution with friction: all of it, or as much as creates no energy, in each group of contacts by itself."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from impactlaw.errors import SolverError
+from impactlaw.laws.base import Law
+from impactlaw.laws.friction.groups import apart, groups_of, joined, ties_of
+from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
+from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem
+from impactlaw.solvers.friction.solve import BRIEF, THOROUGH, Effort, solve_within
+from impactlaw.solvers.problem import Status
+
+_CREATED = 1e-12
+"""Energy, relative to the one before, up to which its creation is rounding."""
+_SEARCHES = 60
+_FOUND = 1e-10  # width of the bracket of s that is narrow enough
+_SOLVABLE = 0.03  # the same where beyond the bracket no impact was found
+_CLOSE = 1e-11  # energy lost, relative to the one before, that is as good as none
+
+
+class Outcome(NamedTuple):
+    """An impact and the answer it is made of."""
+
+    impact: FrictionImpact
+    answer: ConeAnswer
+
+
+@dataclass(eq=False)
+class Attempt(ABC):
+    """A law with friction for the contacts of a collision, its restitution scaled by a number s in [0, 1].
+
+    Attributes:
+        law: what decides along the normals.
+        collision: with rows of friction.
+        wanted: the law's restitution of each contact, of any kind, shape (h,); positive where there is some.
+        exact: exact Coulomb friction, or its convex relaxation.
+        effort: limits the work; None is no limit.
+        solver: of the collision without friction.
+        whole: the collision that these contacts are of.
+        problem: a cone problem of these contacts, where one was made.
+    """
+
+    law: Law
+    collision: Collision
+    wanted: np.ndarray
+    exact: bool = field(kw_only=True)
+    effort: Effort | None = field(kw_only=True)
+    solver: str = field(kw_only=True)
+    whole: Collision = field(kw_only=True)
+    problem: ConeProblem | None = field(default=None, init=False)
+
+    @abstractmethod
+    def outcome(self, s: float, near: ConeAnswer | None = None) -> Outcome:
+        """Return what follows from restitution scaled by s; near is the answer for another s.
+
+        Raises:
+            SolverError: no answer passed its certificate.
+        """
+
+    def scales(self, contacts: np.ndarray | slice = slice(None)) -> bool:
+        """Whether some contacts have any restitution; without it the outcome is the same for all s."""
+        return bool(np.count_nonzero(self.wanted[contacts] > 0.0))
+
+    def part(self, contacts: np.ndarray, collision: Collision | None = None) -> Attempt:
+        """Return the attempt for some contacts alone, ascending, with the restitution that they have among all."""
+        if self.effort is not None:
+            self.effort.begin_part()
+        collision = self.collision.part(contacts) if collision is None else collision
+        return replace(self, collision=collision, wanted=self.wanted[contacts])
+
+    def solved(self, problem: ConeProblem, near: ConeAnswer | None = None) -> ConeAnswer:
+        """Return the certified answer of a cone problem; `SolverError` if there is none."""
+        guess, rounds = (None, THOROUGH) if near is None else (near.impulse, BRIEF)
+        answer = solve_within(problem, guess, rounds, self.effort)
+        if answer.status is not Status.SOLVED:
+            raise SolverError(
+                f"no impulses in the friction cones of contacts {', '.join(self.collision.labels)} were found: "
+                f"residual {answer.residual:.1e} sqrt(J) after {answer.iterations} steps"
+            )
+        return answer
+
+    def tried(self, s: float, near: ConeAnswer | None = None) -> Outcome | None:
+        """Return `outcome`, None if no answer passed its certificate."""
+        try:
+            return self.outcome(s, near)
+        except SolverError:
+            return None
+
+    def refusing(self, s: float) -> Outcome:
+        """Return `outcome`; where there is none, the law without friction refuses what no velocity can do."""
+        try:
+            return self.outcome(s)
+        except SolverError:
+            self.law.resolve(self.whole, solver=self.solver)
+            raise
+
+    def created(self, outcome: Outcome | None, work: float) -> float:
+        """Return a work of impulses of contact, J, relative to the kinetic energy, less what may be rounding."""
+        if outcome is None:
+            return np.inf
+        speed = max(self.collision.pre_speed, outcome.impact.intensity)
+        return 2.0 * work / speed**2 - _CREATED - 4.0 * outcome.answer.residual / speed if speed > 0.0 else 0.0
+
+
+def resolve_scaled(attempt: Attempt) -> FrictionImpact:
+    """Return the impact of all contacts; bodies that share no degree of freedom are resolved by themselves."""
+    parts = [
+        (contacts, _resolved(attempt.part(contacts, alone)))
+        for contacts, alone in apart(attempt.collision, attempt.law)
+    ]
+    return joined(attempt.collision, parts) if parts else _resolved(attempt)
+
+
+def _resolved(attempt: Attempt, *, one_group: bool = False) -> FrictionImpact:
+    """Return the impact, with restitution scaled in those groups of contacts alone that create energy."""
+    if not attempt.scales():
+        return attempt.refusing(1.0).impact
+    c, whole = attempt.collision, attempt.tried(1.0)
+    work = np.zeros(len(c.labels)) if whole is None else whole.impact.work_of_each
+    if whole is not None and attempt.created(whole, np.maximum(work, 0.0).sum()) <= 0.0:
+        return whole.impact
+    groups = [np.arange(len(work))]
+    if not one_group:
+        groups = groups_of(cone_problem(c, exact=attempt.exact, known=attempt.problem), ties_of(attempt.law, c))
+    parts: list[tuple[np.ndarray, FrictionImpact]] = []
+    for contacts in groups:
+        created = attempt.created(whole, work[contacts].sum())
+        if whole is not None and (created <= 0.0 or not attempt.scales(contacts)):
+            parts.append((contacts, whole.impact))
+        elif len(groups) == 1:
+            return _largest(attempt, created)
+        else:
+            part = attempt.part(contacts)
+            own = _resolved(part, one_group=True) if whole is None else _largest(part, created)
+            parts.append((contacts, own))
+    if whole is not None and all(impact is whole.impact for _, impact in parts):
+        return whole.impact
+    return joined(c, parts)
+
+
+def _largest(attempt: Attempt, created: float) -> FrictionImpact:
+    """Return the impact of the largest s that creates no energy, by Illinois' false position or bisection.
+
+    That of s = 1 creates so much; it is infinite if there is no impact.
+    """
+    best = attempt.refusing(0.0)
+    if not np.isfinite(created) and attempt.effort is not None and attempt.effort.hasty:
+        return best.impact
+    low, high, above, side = 0.0, 1.0, created, 0
+    kept = attempt.created(best, best.impact.work_after_jump)
+    for k in range(_SEARCHES):
+        if high - low <= (_FOUND if np.isfinite(above) else _SOLVABLE):
+            break
+        share = kept / (kept - above) if k % 3 != 2 and np.isfinite(above) and kept < above else 0.5
+        s = low + min(max(share, 0.01), 0.99) * (high - low)
+        found = attempt.tried(s, best.answer)
+        created = attempt.created(found, 0.0 if found is None else found.impact.work_after_jump)
+        if found is None or created > 0.0:
+            high, above, kept, side = s, created, kept * (0.5 if side > 0 else 1.0), 1
+            continue
+        low, kept, above, side = s, created, above * (0.5 if side < 0 else 1.0), -1
+        best = found
+        if created > -_CLOSE:
+            break
+    return best.impact

@@ -1,0 +1,99 @@
+"""Arrays as collisions keep them: read-only copies in double precision, all entries finite, of the shape they need."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+
+from impactlaw.errors import InvalidCollisionError
+
+
+def real_array(values: ArrayLike) -> np.ndarray:
+    """Return a copy in double precision.
+
+    Raises:
+        TypeError: not numbers, or complex ones, of which numpy would drop the imaginary part with a warning only.
+        ValueError: not an array.
+    """
+    array = np.array(values)
+    if array.dtype.kind == "c":
+        raise TypeError("real numbers are needed, not complex ones")
+    return array if array.dtype == np.float64 else array.astype(float)
+
+
+def finite_array(
+    values: ArrayLike, name: str, shape: tuple[int | str, ...] | None = None, like: str = ""
+) -> np.ndarray:
+    """Return a read-only copy, in double precision.
+
+    Args:
+        values: what was given.
+        name: of that, for messages.
+        shape: that it must have, a text such as "h" at its beginning for any length; None for any shape.
+        like: why, for the message.
+
+    Raises:
+        InvalidCollisionError: not numbers, not all of them finite, or of another shape.
+    """
+    try:
+        array = real_array(values)
+    except (TypeError, ValueError) as error:
+        raise InvalidCollisionError(f"{name} is not an array of numbers: {error}") from None
+    if np.count_nonzero(np.isfinite(array)) != array.size:  # every collision comes here: faster than all()
+        raise InvalidCollisionError(f"{name} has entries that are not finite")
+    array.flags.writeable = False
+    return array if shape is None else of_shape(array, name, shape, like)
+
+
+def of_shape(array: Any, name: str, shape: tuple[int | str, ...], like: str = "") -> Any:
+    """Return the array, which may be sparse, if it has the shape that is needed, see `finite_array`."""
+    found, rest = array.shape, shape[1:]
+    if found != shape and not (isinstance(shape[0], str) and len(found) == len(shape) and found[1:] == rest):
+        wanted = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
+        raise InvalidCollisionError(f"{name} must have shape {wanted}{like}, got {found}")
+    return array
+
+
+def is_sparse(values: Any) -> bool:
+    """Whether these are a scipy.sparse matrix or array; imports nothing."""
+    return hasattr(values, "tocsr")
+
+
+def finite_sparse(values: Any, name: str) -> Any:
+    """Return a copy as a read-only CSR array in double precision, without entries that are zero.
+
+    What this function returned is taken as it is.
+
+    Raises:
+        InvalidCollisionError: not a matrix, not numbers, or not all of them finite.
+    """
+    kept = type(values) is scipy.sparse.csr_array and all(map(_is_own, _parts(values))) and values.dtype == float
+    if kept and values.has_canonical_format and np.isfinite(values.data).all() and values.data.all():
+        return values
+    try:
+        array = scipy.sparse.csr_array(values, copy=True)
+        array.data = real_array(array.data)
+    except (TypeError, ValueError) as error:
+        raise InvalidCollisionError(f"{name} is not a matrix of numbers: {error}") from None
+    if array.ndim != 2:
+        raise InvalidCollisionError(f"{name} must be a matrix, got shape {array.shape}")
+    array.sum_duplicates()
+    if not np.isfinite(array.data).all():
+        raise InvalidCollisionError(f"{name} has entries that are not finite")
+    array.eliminate_zeros()
+    array.data, array.indices, array.indptr = (part.copy() if part.base is not None else part for part in _parts(array))
+    for part in _parts(array):
+        part.flags.writeable = False
+    return array
+
+
+def _parts(array: Any) -> tuple[np.ndarray, ...]:
+    return array.data, array.indices, array.indptr
+
+
+def _is_own(part: np.ndarray) -> bool:
+    """Whether nobody can write to the array, as those cannot be written to that `finite_sparse` made."""
+    return part.base is None and not part.flags.writeable
