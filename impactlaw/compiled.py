@@ -119,16 +119,18 @@ class Kept:
 
     Args:
         function: to be kept.
+        source: its file.
     """
 
-    def __init__(self, function: Callable[..., Any]):
+    def __init__(self, function: Callable[..., Any], source: str):
+        self._source = Path(source)
         self._path = Path(cast(Any, numba).config.CACHE_DIR) / function.__module__
         self._line = function.__code__.co_firstlineno
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], path: str) -> Kept:
         """Return the place of a function; it does not depend on the path of its file."""
-        place = cls(function)
+        place = cls(function, path)
         place.ensure_cache_path()
         return place
 
@@ -141,8 +143,8 @@ class Kept:
         return str(self._path)
 
     def get_source_stamp(self) -> str:
-        """Return nothing more: the folder above is named by all sources, see `cache_folder`."""
-        return ""
+        """Return what tells other versions of the file apart; the folder is named by those that call each other."""
+        return hashlib.sha256(self._source.read_bytes()).hexdigest()
 
     def get_disambiguator(self) -> str:
         """Return what tells functions of one name in a module apart."""

@@ -51,3 +51,15 @@ def test_other_sources_have_another_cache(tmp_path):
     after = _run(copy, tmp_path / "cache")
     assert after[:2] == ["2.0", "0"]
     assert after[2] != before[2]
+
+
+def test_another_version_of_a_file_is_compiled_again(tmp_path):
+    copy = tmp_path / "one"
+    shutil.copytree(Path(impactlaw.__file__).parent, copy / "impactlaw", ignore=shutil.ignore_patterns("envs"))
+    source = copy / "impactlaw" / "doubling.py"
+    source.write_text(_USE)
+    before = _run(copy, tmp_path / "cache")
+    source.write_text(_USE.replace("2.0 * x", "3.0 * x"))
+    after = _run(copy, tmp_path / "cache")
+    assert [before[:2], after[:2]] == [["2.0", "0"], ["3.0", "0"]]
+    assert after[2] == before[2]
