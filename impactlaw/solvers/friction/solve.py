@@ -15,7 +15,7 @@ from impactlaw.solvers.problem import Status
 _ALONE = 1e-13  # relative residual with which the answer for a contact alone needs no Newton step
 _SHARP = 1e-13  # relative residual that the compiled solver aims at
 _AGAIN = 4  # times that a thorough search begins again from the best point that it has found
-_WORTH_IT = 0.5  # part of the residual that is left, up to which beginning again was of use
+_WORTH_IT = 0.5  # part of the residual that is left, up to which beginning again is of use in haste
 _FACTORS = 1.0, 4.0  # of impulses of the convex problem, where others lead nowhere
 THOROUGH = 24
 """Rounds of what is slower and safer than Newton's method, after which none has helped more."""
@@ -91,7 +91,7 @@ def solve_cones(
         return answer
     relaxed = _attempt(problem.relaxed, None, rounds, most - total, hasty)
     total += relaxed.iterations
-    for factor in _FACTORS if relaxed.status is Status.SOLVED else ():
+    for factor in _FACTORS if relaxed.status is Status.SOLVED or not hasty else ():
         if total >= most:
             break
         other = _attempt(problem, factor * relaxed.impulse, rounds, most - total, hasty)
@@ -112,14 +112,14 @@ def solve_within(problem: ConeProblem, guess: np.ndarray | None, rounds: int, ef
 
 def _attempt(problem: ConeProblem, guess: np.ndarray | None, rounds: int, most: float, hasty: bool) -> ConeAnswer:
     """Return what the compiled solver finds from a guess, and from there again, in so many steps or a few more."""
-    x, residual, total = np.zeros(problem.shape), np.inf, 0
+    x, residual, total, part = np.zeros(problem.shape), np.inf, 0, _WORTH_IT if hasty else 1.0
     for _ in range(_AGAIN if rounds > BRIEF else 2):
         found, taken = compiled_answer(problem, guess, rounds, hasty=hasty)
         total += taken
         with np.errstate(all="ignore"):
             reached = problem.residual(found, problem.velocity(found))
         enough = residual <= ENOUGH * problem.scale  # and once more from there made it sharper, or did not
-        again = reached > _WORTH_IT * residual  # little better than where it began, where it would begin once more
+        again = reached >= part * residual < np.inf  # it would begin once more where it began, or near there
         if reached < residual:
             x, residual = found, reached
         hopeless = again or (residual > ENOUGH * problem.scale and rounds <= BRIEF)

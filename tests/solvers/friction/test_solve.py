@@ -158,9 +158,13 @@ def test_hard_problems_need_few_rounds():
     assert all(solve_cones(hard(seed), rounds=BRIEF).status is Status.SOLVED for seed in HARD)
 
 
-@pytest.mark.parametrize(("most", "calls"), [(np.inf, 4), (100.0, 4), (25.0, 3), (1.0, 1)])
-def test_steps_of_all_attempts_count_and_end_them(most, calls, monkeypatch):
-    """A solver that finds nothing is asked twice, and twice for the convex problem, unless that took too many steps."""
+@pytest.mark.parametrize("hasty", [False, True])
+@pytest.mark.parametrize(("most", "calls"), [(np.inf, 8), (100.0, 8), (25.0, 3), (1.0, 1)])
+def test_steps_of_all_attempts_count_and_end_them(most, calls, hasty, monkeypatch):
+    """A solver that finds nothing is asked twice from each of four points, unless that took too many steps.
+
+    In haste it is asked from the second two only where the convex problem has a solution.
+    """
     asked = []
 
     def nothing(problem, guess, rounds, **options):
@@ -168,7 +172,7 @@ def test_steps_of_all_attempts_count_and_end_them(most, calls, monkeypatch):
         return np.zeros(problem.shape), 10
 
     monkeypatch.setattr(solve, "compiled_answer", nothing)
-    answer = solve_cones(hard(HARD[0]), most=most)
+    answer, calls = solve_cones(hard(HARD[0]), most=most, hasty=hasty), min(calls, 4) if hasty else calls
     assert answer.status is Status.STOPPED
     assert len(asked) == calls
     assert answer.iterations == 10 * calls

@@ -21,6 +21,8 @@ ROD = Collision(  # oblique: with all its restitution it would gain energy
 class Counted:
     """Counts attempts, and ends the matter after so many."""
 
+    hasty = False
+
     def __init__(self, most: float = np.inf):
         self.count, self.most = 0, most
 
