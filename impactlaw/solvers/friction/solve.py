@@ -16,6 +16,7 @@ _ALONE = 1e-13  # relative residual with which the answer for a contact alone ne
 _SHARP = 1e-13  # relative residual that the compiled solver aims at
 _AGAIN = 4  # times that a thorough search begins again from the best point that it has found
 _WORTH_IT = 0.5  # part of the residual that is left, up to which beginning again is of use in haste
+_MUCH = 1e6  # works of a time step: nothing is too much, but what is hopeless ends
 _FACTORS = 1.0, 4.0  # of impulses of the convex problem, where others lead nowhere
 THOROUGH = 24
 """Rounds of what is slower and safer than Newton's method, after which none has helped more."""
@@ -167,7 +168,7 @@ def compiled_answer(
         problem.exact,
         _SHARP,
         rounds,
-        1.0 if hasty else np.inf,
+        _MUCH if hasty else np.inf,
     )
     return x.reshape(h, m), int(taken)
 
