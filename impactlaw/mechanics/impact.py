@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impactlaw.errors import UnsolvableLawError
-from impactlaw.mechanics.admissible.violations import Violations
+from impactlaw.mechanics.admissible.violations import Violations, imbalance, larger_speed, measured, pushed
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.tolerances import FIXED, SIGNIFICANT
-from impactlaw.solvers import Answer, Problem, beyond_rounding, nonnegative_combination, share, solve_with_jump
+from impactlaw.solvers import Answer, Problem, nonnegative_combination, share
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,42 +131,12 @@ class Impact:
     @cached_property
     def violations(self) -> Violations:
         """How far v+ is outside of each of the three sets whose intersection is S(v-)."""
-        before = self.collision.relative_velocity
-        z = before + self.whitened_jump
-        kinetic, gain, speed = self._pulling_and_gain
-        speeds = sqrt(z @ z) + sqrt(before @ before)
-        return Violations(self._penetration, kinetic, max(0.0, 2.0 * gain / speeds) if speeds > 0 else 0.0, speed)
-
-    @property
-    def _penetration(self) -> float:
-        """The distance from v+ to the tangent cone, ``min |x|, gamma+ + Y x >= 0``, sqrt(J)."""
-        c, after = self.collision, self.post_contact_velocity
-        Y = c.whitened_jacobian
-        if not (after < 0).any():
-            return 0.0
-        back = None if c.frame_rates is not None else -(c.relative_velocity + self.whitened_jump)
-        bound = -after if back is None else Y @ back
-        try:
-            problem = Problem(Y, bound, back, self._speed, norms=c.gradient_norms)
-            jump = solve_with_jump(problem, c.labels, shared=False).jump
-        except UnsolvableLawError:
-            return np.inf  # surfaces crush what is between them
-        return sqrt(jump @ jump)
+        return measured(self.collision, self.whitened_jump, self.post_contact_velocity, *self._pulling_and_gain)
 
     @property
     def _pulling_and_gain(self) -> tuple[float, float, float]:
-        """Distance to what pushing contacts reach, sqrt(J), energy gained, J, and the speed that is compared with."""
-        c, jump, impulse = self.collision, self.whitened_jump, self.found_impulse
-        if (impulse < 0).any():
-            impulse = nonnegative_combination(c.whitened_jacobian, jump)
-        gain = self.energy_change if c.frame_rates is None else self.energy_change + float(impulse @ c.frame_rates)
-        return self._imbalance(impulse), gain, c.pre_speed
-
-    def _imbalance(self, impulse: np.ndarray) -> float:
-        """Return ``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm), beyond what rounding Lambda makes of it."""
-        c = self.collision
-        left = self.whitened_jump - impulse @ c.whitened_jacobian
-        return beyond_rounding(sqrt(left @ left), float(np.abs(impulse) @ c.gradient_norms), self._speed)
+        """What `pushed` returns, and the speed that is compared with."""
+        return *pushed(self.collision, self.whitened_jump, self.found_impulse), self.collision.pre_speed
 
     @cached_property
     def residual(self) -> float:
@@ -183,7 +151,7 @@ class Impact:
         c = self.collision
         scale = c.gradient_norms
         scaled_impulse = self.impulse * scale
-        error = self._imbalance(self.impulse)
+        error = imbalance(c, self.whitened_jump, self.impulse)
         if self.target_contact_velocity is not None:
             slack = self.post_contact_velocity - self.target_contact_velocity
             moving = scale > 0
@@ -200,6 +168,4 @@ class Impact:
 
     @cached_property
     def _speed(self) -> float:
-        """The larger of ``|v-|`` and ``|v+|``, sqrt(J), as seen from the surfaces."""
-        c = self.collision
-        return max(c.pre_speed, float(np.linalg.norm(c.relative_velocity + self.whitened_jump)))
+        return larger_speed(self.collision, self.whitened_jump)

@@ -14,8 +14,9 @@ from impactlaw.errors import InvalidCollisionError, SolverError
 from impactlaw.mechanics.admissible.capped_polyhedron import CappedPolyhedron
 from impactlaw.mechanics.admissible.cone import cone_facets, nearest_in_cone
 from impactlaw.mechanics.admissible.sampling import check_number, uniform_samples
-from impactlaw.mechanics.impact import Impact
+from impactlaw.mechanics.admissible.violations import measured, pushed
 from impactlaw.mechanics.tolerances import POINT, SET_CERTIFIED, SET_RANK, TIGHT
+from impactlaw.solvers import nonnegative_combination
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +60,11 @@ class AdmissibleSet:
 
     def contains(self, v: ArrayLike, tol: float = 1e-9) -> bool:
         """Whether v is in S: its distances to the three sets that S is made of are at most ``tol |v-|``."""
-        return Impact.observed(self.collision, self.collision.velocity(v, "v")).violations.is_admissible(tol)
+        c, v = self.collision, self.collision.velocity(v, "v")
+        jump = c.metric.whiten(v - c.pre_velocity)
+        impulse = nonnegative_combination(c.whitened_jacobian, jump)
+        violations = measured(c, jump, c.contact_velocity_after(v), *pushed(c, jump, impulse), c.pre_speed)
+        return violations.is_admissible(tol)
 
     def distance(self, v: ArrayLike) -> float:
         """Return ``min |v - s|`` over s in S, sqrt(J); 0 (up to rounding of v-) for members."""

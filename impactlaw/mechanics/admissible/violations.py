@@ -3,6 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
+from typing import Any
+
+import numpy as np
+
+from impactlaw.errors import UnsolvableLawError
+from impactlaw.solvers import Problem, beyond_rounding, nonnegative_combination, solve_with_jump
 
 
 @dataclass(frozen=True)
@@ -24,3 +31,57 @@ class Violations:
     def is_admissible(self, tol: float = 1e-9) -> bool:
         """Whether no violation exceeds ``tol`` times ``|v-|``."""
         return max(self.kinematic, self.kinetic, self.energetic) <= tol * self.pre_speed
+
+
+def measured(c: Any, jump: np.ndarray, after: np.ndarray, kinetic: float, gain: float, speed: float) -> Violations:
+    """Return the violations of an outcome.
+
+    Args:
+        c: the `Collision`, which is built on this.
+        jump: ``R^T (v+ - v-)``, (nv,).
+        after: ``gamma+``, m/s, (h,).
+        kinetic: distance to what contacts that push can reach, sqrt(J).
+        gain: of energy, J, less the work of surfaces.
+        speed: that is compared with, sqrt(J).
+    """
+    before = c.relative_velocity
+    z = before + jump
+    speeds = sqrt(z @ z) + sqrt(before @ before)
+    energetic = max(0.0, 2.0 * gain / speeds) if speeds > 0 else 0.0
+    return Violations(_penetration(c, jump, after), kinetic, energetic, speed)
+
+
+def pushed(c: Any, jump: np.ndarray, impulse: np.ndarray) -> tuple[float, float]:
+    """Return the distance to what pushing contacts reach, sqrt(J), and the energy gained, J, less that of surfaces."""
+    if (impulse < 0).any():
+        impulse = nonnegative_combination(c.whitened_jacobian, jump)
+    gain = float(jump @ (c.whitened_velocity + 0.5 * jump))
+    if c.frame_rates is not None:
+        gain += float(impulse @ c.frame_rates)
+    return imbalance(c, jump, impulse), gain
+
+
+def imbalance(c: Any, jump: np.ndarray, impulse: np.ndarray) -> float:
+    """Return ``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm), beyond what rounding Lambda to doubles makes of it."""
+    left = jump - impulse @ c.whitened_jacobian
+    return beyond_rounding(sqrt(left @ left), float(np.abs(impulse) @ c.gradient_norms), larger_speed(c, jump))
+
+
+def larger_speed(c: Any, jump: np.ndarray) -> float:
+    """Return the larger of ``|v-|`` and ``|v+|``, sqrt(J), as seen from the surfaces."""
+    return max(c.pre_speed, float(np.linalg.norm(c.relative_velocity + jump)))
+
+
+def _penetration(c: Any, jump: np.ndarray, after: np.ndarray) -> float:
+    """Return the distance from v+ to the tangent cone, ``min |x|, gamma+ + Y x >= 0``, sqrt(J)."""
+    if not (after < 0).any():
+        return 0.0
+    Y = c.whitened_jacobian
+    back = None if c.frame_rates is not None else -(c.relative_velocity + jump)
+    bound = -after if back is None else Y @ back
+    try:
+        problem = Problem(Y, bound, back, larger_speed(c, jump), norms=c.gradient_norms)
+        jump = solve_with_jump(problem, c.labels, shared=False).jump
+    except UnsolvableLawError:
+        return np.inf  # surfaces crush what is between them
+    return sqrt(jump @ jump)
