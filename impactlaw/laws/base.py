@@ -113,15 +113,30 @@ class Law(ABC):
             solver: a name from `impactlaw.solvers.SOLVERS`, or "auto".
 
         Raises:
+            InvalidCollisionError: it is no `Collision`.
             RestitutionError: the law's coefficients do not fit the number of contacts.
             UnknownNameError: no such solver.
             UnsolvableLawError: no velocity satisfies the law; the message names the contacts that conflict.
             SolverError: no solver's answer passed its certificate.
         """
-        target = aim(self, collision)
+        target = aim(self, checked(collision))
         problem = jump_problem(collision, target)
         answer = solve_with_jump(problem, collision.labels, solver=solver, shared=False)
         return Impact.solved(collision, problem, answer, target.contact_velocity)
+
+
+def checked(collision: Collision) -> Collision:
+    """Return the collision; a `resolve` of a law's own begins with this, too.
+
+    Raises:
+        InvalidCollisionError: it is something else.
+    """
+    if not isinstance(collision, Collision):
+        raise InvalidCollisionError(
+            f"a law resolves a Collision, got {collision!r:.100}; Collision(mass, jacobian, velocity) and "
+            "Collision.from_mujoco(model, data) make one"
+        )
+    return collision
 
 
 def aim(law: Law, collision: Collision) -> Target:

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from impactlaw.errors import SolverError, UnsolvableLawError
-from impactlaw.laws.base import Law, Target, jump_problem
+from impactlaw.laws.base import Law, Target, checked, jump_problem
 from impactlaw.laws.maximal_dissipation import MaximalDissipation
 from impactlaw.laws.restitution.coefficients import Coefficient, Coefficients, ContactCoefficients  # noqa: F401 (of the constructor)
 from impactlaw.laws.tolerances import JAMMED_PART, KICK_ROUNDING
@@ -53,7 +53,7 @@ class Poisson(ContactCoefficients, Law):
         Raises:
             UnsolvableLawError: surfaces that move against each other leave no velocity without penetration.
         """
-        collision = collision.after_surface_jump
+        collision = checked(collision).after_surface_jump
         e = self.coefficients(collision)
         compression = MaximalDissipation().resolve(collision, solver=solver)
         least = (1.0 + e) * compression.impulse

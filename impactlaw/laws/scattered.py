@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,7 @@ class Scattered(DrawnLaw):
 
     law: Law
     covariance: ArrayLike
+    seed: int | None = field(default=None, kw_only=True)
 
     def __post_init__(self):
         super().__post_init__()

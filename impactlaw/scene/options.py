@@ -33,6 +33,7 @@ class BorrowedOptions:
     Attributes:
         timestep: that the user has set, s.
         disabled: flags of what the user has disabled.
+        enabled: flags of what the user has enabled.
         several: whether MuJoCo is to look for several contacts of faces, as the user has set.
         limited: whether limits are on, as the user has set. (Contacts that are off are not reported.)
     """
@@ -47,8 +48,7 @@ class BorrowedOptions:
     def __enter__(self) -> BorrowedOptions:
         opt = self._opt = self._model.opt
         self.timestep = opt.timestep
-        self.disabled, enabled = opt.disableflags, opt.enableflags
-        disabled = self.disabled
+        self.disabled, self.enabled = disabled, enabled = opt.disableflags, opt.enableflags
         self._kept = disabled, enabled, opt.o_margin
         self.several = not disabled & _SINGLE
         self.limited = not disabled & (_LIMIT | _CONSTRAINT)

@@ -8,7 +8,7 @@ from math import prod
 import numpy as np
 import scipy
 
-from impactlaw.errors import SolverError, UnknownNameError, UnsolvableLawError
+from impactlaw.errors import DivergenceError, SolverError, UnknownNameError, UnsolvableLawError
 from impactlaw.solvers.certificate import LARGEST_POLISHED, Answer, better, judge, judge_active, polish
 from impactlaw.solvers.infeasibility import farkas_ray
 from impactlaw.solvers.least_norm import share_impulse
@@ -68,16 +68,24 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
         UnknownNameError: no such solver.
         UnsolvableLawError: the problem has no solution.
         SolverError: no solver's answer passed the certificate.
+        DivergenceError: the problem is not finite.
     """
     if solver != "auto" and solver not in SOLVERS:
         raise UnknownNameError("solver", solver, [*SOLVERS, "auto"])
     c = problem.bound
     if not np.count_nonzero(c > 0):  # every law comes here: a quarter of the time of any()
         return Answer(np.zeros(len(c)), np.zeros(problem.gradients.shape[1]), -c / problem.lengths, 0.0)
-    if len(c) < _MANY:
-        return _solve(problem, labels, solver, shared=shared)
-    with one_thread():
-        return _solve(problem, labels, solver, shared=shared)
+    try:
+        if len(c) < _MANY:
+            return _solve(problem, labels, solver, shared=shared)
+        with one_thread():
+            return _solve(problem, labels, solver, shared=shared)
+    except (ValueError, ZeroDivisionError) as error:  # from linear algebra, to which nothing else is wrong
+        if np.isfinite(c).all() and np.isfinite(problem.norms).all():
+            raise
+        raise DivergenceError(
+            "velocities or inertia of contacts are not finite: look at masses, sizes, armature"
+        ) from error
 
 
 def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bool) -> Answer:

@@ -20,7 +20,7 @@ from impactlaw.scene.pairs import geom_pairs, one_contact
 from impactlaw.stepping.plan import Plan
 
 _RESOLVED = 1e-15  # part of the size of the scene that gaps are rounded to
-_OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
+OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 _NAMED = 5  # contacts that an error names
 _OF_CONTACT = [
     int(getattr(mujoco.mjtSensor, f"mjSENS_{name}"))
@@ -107,7 +107,17 @@ def check_override(model: mujoco.MjModel, plan: Plan) -> None:
     Raises:
         SceneError: contacts have friction, steps are rigid, and the scene's option ``override`` is on.
     """
-    if plan.contact_model == "rigid" and plan.friction and model.opt.enableflags & _OVERRIDE:
+    if plan.contact_model == "rigid" and plan.friction:
+        refuse_override(model)
+
+
+def refuse_override(model: mujoco.MjModel) -> None:
+    """Refuse MuJoCo's override of contacts, which steps look for, too: it may be set after their stepper is made.
+
+    Raises:
+        SceneError: it is on.
+    """
+    if model.opt.enableflags & OVERRIDE:
         raise SceneError(
             'rigid steps do not use the friction that <flag override="enable"/> gives all contacts (o_friction); leave '
             "the flag out and set the friction of geoms and pairs (model.geom_friction, model.pair_friction), or use "

@@ -42,10 +42,11 @@ class Stepper:
 
     Args:
         model: the compiled scene. Its options are read at every step, so they may be changed between steps (contacts
-            and limits that they disable are off), but for the override of contacts. What else of it is changed later
-            has its effect where MuJoCo reads it again; event-driven steps keep shapes as they were when a contact was
-            first seen. Friction, contact, limits and belts that it comes to have, but had not when the stepper was
-            made, are refused by the next step, and so are other limits of joints if it is event-driven.
+            and limits that they disable are off); the override of contacts is refused where these have friction
+            (rigid). What else of it is changed later has its effect where MuJoCo reads it again; event-driven steps
+            keep shapes as they were when a contact was first seen. Friction, contact, limits and belts that it comes to
+            have, but had not when the stepper was made, are refused by the next step, and so are other limits of joints
+            if it is event-driven.
         law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`laws.restitution.from_scene`).
         contact_model: "rigid" or "soft".
         scheme: "event-driven", if not given, or "time-stepping" (rigid).

@@ -42,12 +42,14 @@ def run(
         jobs: cells at a time; -1 for one per processor.
 
     Raises:
-        StudyError: the study does not fit its tasks, or cells have failed; what is finished is kept.
+        StudyError: it is no study, or does not fit its tasks, or cells have failed; what is finished is kept.
         MissingExtraError: a policy or the backend needs a package that is not installed.
         ImpactLawError: a law does not fit a task.
     """
     from impactlaw.studies.cells import cells_of
 
+    if not isinstance(study, Study):
+        raise StudyError(f"a study is an impactlaw.studies.Study, got {study!r:.100}")
     cells = list(cells_of(study))
     store = Store(Path(folder))
     missing = {cell.key: cell for cell in cells if store.row(cell.key) is None}

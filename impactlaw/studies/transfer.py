@@ -99,9 +99,7 @@ def transfer_matrix(
     """
     if not 0 < confidence < 1:
         raise StudyError(f"confidence lies between 0 and 1, got {confidence!r}")
-    lacking = sorted(_COLUMNS - set(table))
-    if lacking:
-        raise StudyError(f"this is not the table of a study: it has no column {', '.join(lacking)}")
+    _check_columns(table)
     for column, asked in (("task", task), ("scheme", scheme)):
         known = list(table[column].unique())
         if asked is not None and asked not in known:
@@ -123,8 +121,14 @@ def transfer_matrix(
 
 def transfer_matrices(table: pd.DataFrame, *, confidence: float = 0.95) -> Iterator[TransferMatrix]:
     """Give the transfer matrices of all tasks and schemes; see `transfer_matrix`."""
+    _check_columns(table)
     for task, scheme in table[["task", "scheme"]].drop_duplicates().itertuples(index=False):
         yield transfer_matrix(table, task=task, scheme=scheme, confidence=confidence)
+
+
+def _check_columns(table: pd.DataFrame) -> None:
+    if lacking := sorted(_COLUMNS - set(getattr(table, "columns", ()))):
+        raise StudyError(f"this is not the table of a study: it has no column {', '.join(lacking)}")
 
 
 def _matrix(

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from impactlaw import Batch, Collision, Coulomb, Friction, Law, Moreau, Stepper
-from impactlaw.errors import RestitutionError, SceneError
-from impactlaw.laws import Target
+from impactlaw import Batch, Collision, Coulomb, Fremond, Friction, Law, MaximalDissipation, Moreau, Scattered, Stepper
+from impactlaw.errors import InvalidCollisionError, RestitutionError, SceneError
+from impactlaw.laws import AnyOutcome, LinearMap, Target
+from impactlaw.laws.registry import REGISTERED
 from impactlaw.models import load
 
 WAYS = [{}, {"scheme": "time-stepping"}, {"contact_model": "soft"}]
@@ -29,6 +30,16 @@ class Wrong(Law):
             "too many": Target(np.zeros(len(approach) + 6)),
             "a column": Target(approach[:, None]),
         }[self.kind]
+
+
+@pytest.mark.parametrize("law", [*REGISTERED, Coulomb, Scattered, LinearMap], ids=lambda law: law.__name__)
+@pytest.mark.parametrize("collision", ["a", None])
+def test_what_is_no_collision_is_refused(law, collision):
+    made = {Coulomb: lambda: Coulomb(Moreau(0.5)), Scattered: lambda: Scattered(Moreau(0.5), 0.1)}
+    given = {MaximalDissipation: (), AnyOutcome: (), Fremond: ([[0.5]],), LinearMap: ([[0.5]],)}
+    law = made[law]() if law in made else law(*given.get(law, (0.5,)))
+    with pytest.raises(InvalidCollisionError, match="a law resolves a Collision, got"):
+        law.resolve(collision)
 
 
 KINDS = pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 from problems import launched, rod
 from scenes import compiled
 
-from impactlaw import Collision, Coulomb, Moreau, Newton, Routh, Scattered, Stepper
+from impactlaw import AnyOutcome, Collision, Coulomb, Moreau, Newton, Routh, Scattered, Stepper
 from impactlaw.errors import InvalidCollisionError, RestitutionError
 from impactlaw.models import load
 
@@ -23,6 +23,13 @@ def test_a_number_of_samples_that_is_none(n):
     for sampled in (Collision(np.eye(2), np.eye(2), [-1.0, -1.0]), Collision(np.eye(2), -np.eye(2), [-1.0, -1.0])):
         with pytest.raises(InvalidCollisionError, match="n must be a whole number, 0 or more"):
             Scattered(Newton(0.5), 0.1).sample(sampled, n, 1)
+
+
+@pytest.mark.parametrize("seed", [None, 3])
+def test_it_prints_what_was_given_first(seed):
+    law = Scattered(Moreau(0.7), 0.2, seed=seed)
+    assert repr(law) == f"Scattered(law=Moreau(restitution=0.7), covariance=0.2, seed={seed})"
+    assert repr(AnyOutcome(seed=seed)) == f"AnyOutcome(seed={seed})"
 
 
 def test_spread_is_the_covariance():

@@ -245,6 +245,26 @@ def test_friction_of_the_override(way):
     np.testing.assert_allclose(event.impact.post_velocity[0], 2.0 - 0.1 * 3.0, rtol=0, atol=0.01)
 
 
+@pytest.mark.parametrize("way", ["time-stepping", "time-stepping in Python", "event-driven"])
+@pytest.mark.parametrize("friction", ["coulomb", "convex", "ignore"])
+def test_the_override_that_comes_later(way, friction):
+    """Refused where contacts have friction, and only while it is on."""
+    model, data = block("")
+    stepper = Stepper(model, Moreau(0.0), friction=friction, **WAYS[way])
+    stepper.step(data)
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
+    time = data.time
+    if friction == "ignore":
+        stepper.step(data)
+    else:
+        with pytest.raises(SceneError, match="o_friction"):
+            stepper.step(data)
+        assert data.time == time
+    model.opt.enableflags = 0
+    stepper.step(data)
+    assert data.time > time
+
+
 def test_friction_of_the_override_in_a_batch_and_a_plan(tmp_path, monkeypatch, capsys):
     model, _ = block('friction="0 0 0"')
     model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)

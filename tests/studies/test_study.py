@@ -148,3 +148,9 @@ def test_what_does_not_fit_is_refused_before_anything_runs(changes, message, tmp
     with pytest.raises(ImpactLawError, match=message):
         run(Study(**stated), tmp_path / "out", **options)
     assert not list(tmp_path.glob("out/cells/*"))
+
+
+@pytest.mark.parametrize("what", [None, "study.json"])
+def test_what_is_no_study_is_refused(what, tmp_path):
+    with pytest.raises(StudyError, match="a study is an"):
+        run(what, tmp_path)

@@ -108,3 +108,10 @@ def test_the_picture_holds_all_labels(rows, tmp_path):
     borders = pixels[:edge], pixels[-edge:], pixels[:, :edge], pixels[:, -edge:]
     assert all((border == 1.0).all() for border in borders)  # nothing is cut off
     assert (pixels < 1.0).any()
+
+
+@pytest.mark.parametrize("what", [None, "table.parquet", {"task": ["a"]}], ids=str)
+def test_what_is_no_table_is_refused(what):
+    for asked in (transfer_matrix, lambda table: next(transfer_matrices(table))):
+        with pytest.raises(StudyError, match="not the table of a study"):
+            asked(what)

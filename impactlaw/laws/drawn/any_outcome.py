@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -34,6 +34,7 @@ class AnyOutcome(DrawnLaw):
     Time is thus bounded: up to 16 contacts take 0.1 s at most, a few 1 or 2 ms, one 0.1 ms.
     """
 
+    seed: int | None = field(default=None, kw_only=True)
     name = "any-outcome"
     description = "v+ drawn from S(v-), uniformly: every possible collision; takes no restitution"
     takes_restitution = False

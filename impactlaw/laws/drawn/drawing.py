@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import operator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
@@ -15,11 +15,11 @@ from impactlaw.mechanics.arrays import is_sparse
 from impactlaw.mechanics.collision import Collision
 
 
-@dataclass(frozen=True)
 class DrawnLaw(Law):
     """A law that draws each outcome from its seed and the collision's own numbers.
 
-    The same collision has the same outcome, in every process, and a run can be repeated.
+    The same collision has the same outcome, in every process, and a run can be repeated. Laws declare the seed as their
+    last field: a field of this class would come before theirs.
 
     Attributes:
         seed: 0 or more. None is 0, but environments then draw another one for each episode.
@@ -28,7 +28,7 @@ class DrawnLaw(Law):
         RestitutionError: the seed is no whole number of 0 or more.
     """
 
-    seed: int | None = field(default=None, kw_only=True)
+    seed: int | None
 
     def __post_init__(self):
         if self.seed is None:

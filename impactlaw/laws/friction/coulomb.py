@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from impactlaw.errors import RestitutionError, UnknownNameError
-from impactlaw.laws.base import Law, Target, aim, coefficient
+from impactlaw.laws.base import Law, Target, aim, checked, coefficient
 from impactlaw.laws.friction.poisson_phases import TwoPhases
 from impactlaw.laws.friction.scaled import Attempt, Outcome, resolve_scaled
 from impactlaw.laws.poisson import Poisson
@@ -105,7 +105,7 @@ class Coulomb(Law):
         Raises:
             UnsolvableLawError: surfaces move against each other so that no velocity is left.
         """
-        collision = collision.without_idle_friction
+        collision = checked(collision).without_idle_friction
         if collision.friction is None or not len(collision.friction):
             return self.law.resolve(collision, solver=solver)
         limits = {"exact": self.cone == "exact", "effort": effort, "solver": solver, "whole": collision}

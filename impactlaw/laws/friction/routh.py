@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from impactlaw.errors import RestitutionError, UnknownNameError, UnsolvableLawError
-from impactlaw.laws.base import Law, Target
+from impactlaw.laws.base import Law, Target, checked
 from impactlaw.laws.friction.routh_impulses import impulses, phases_of
 from impactlaw.laws.restitution.coefficients import Coefficient, Coefficients, ContactCoefficients  # noqa: F401 (of the constructor)
 from impactlaw.mechanics.collision import Collision
@@ -76,7 +76,7 @@ class Routh(ContactCoefficients, Law):
         """
         if solver != "auto":
             raise UnknownNameError("solver of Routh's law", solver, ["auto"])
-        c = collision.after_surface_jump
+        c = checked(collision).after_surface_jump
         h, e = len(c.labels), self.coefficients(c)
         rows = np.vstack([c.whitened_jacobian, c.whitened_friction])
         gamma = np.concatenate([c.pre_contact_velocity, c.pre_sliding_velocity])

@@ -41,7 +41,7 @@ from impactlaw.scene.contacts import update_positions
 from impactlaw.scene.equality_constraints import CALM, are_tied, lengths
 from impactlaw.solvers.one_thread import one_thread
 from impactlaw.stepping.collisions import Collider, kinetic_metric
-from impactlaw.stepping.compatibility import check_resolved, check_rigid
+from impactlaw.stepping.compatibility import OVERRIDE, check_override, check_resolved, check_rigid
 from impactlaw.stepping.event_driven.contact_state import ContactState
 from impactlaw.stepping.event_driven.last_step import LastStep
 from impactlaw.stepping.event_driven.overlap import overlaps, push_out, refuse
@@ -180,6 +180,8 @@ class RigidStepping:
 
     def _step(self, data: mujoco.MjData, events: list[ImpactEvent], *, waits: bool) -> Told:
         timestep = self._options.timestep
+        if self._options.enabled & OVERRIDE:
+            check_override(self._model, self._plan)
         end = data.time + timestep
         self._begun = _Begun(self._before, timestep, 0)
         self._work.begin()

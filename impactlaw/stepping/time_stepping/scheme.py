@@ -31,7 +31,7 @@ from impactlaw.errors import DivergenceError
 from impactlaw.laws import Law
 from impactlaw.laws.fremond import Reversal
 from impactlaw.scene.moving_surfaces import LastMotion, Surfaces
-from impactlaw.stepping.compatibility import check_time_stepping
+from impactlaw.stepping.compatibility import check_time_stepping, refuse_override
 from impactlaw.stepping.compiled.law_table import Coefficients
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_input, empty_state, is_huge, restore_state, save_state
@@ -195,6 +195,8 @@ class TimeStepping:
         model = self._model
         state = save_state(model, data, self._state)
         check_input(model, data, state)
+        if self._friction:
+            refuse_override(model)
         self.inertial.look()
         try:
             with self._borrowed:

@@ -37,6 +37,20 @@ def test_a_broken_state_is_an_error_and_no_silent_reset(value, tmp_path, monkeyp
     assert not np.isfinite(data.qvel[0])
 
 
+@pytest.mark.parametrize(
+    ("field", "options"),
+    [("body_mass", {}), ("body_mass", {"on_unsolved": "raise"}), ("geom_size", {"on_unsolved": "raise"})],
+)
+def test_a_model_that_is_not_finite_any_more_is_an_error(field, options, tmp_path, monkeypatch):
+    """What overlaps is to be pushed out, for which inertia and gaps are needed."""
+    monkeypatch.chdir(tmp_path)
+    model, data = compiled(FLOOR + ball(pos="0 0 .09") + ball("other", pos="0 0 .26"))
+    stepper = Stepper(model, Moreau(0.5), overlap="push-out", **options)
+    getattr(model, field)[-1] = math.nan
+    with pytest.raises(DivergenceError, match="not finite"):
+        stepper.step(data)
+
+
 def test_options_of_the_model_survive_an_error():
     model, data = compiled(FLOOR + ball(pos="0 0 .05"))
 

@@ -23,7 +23,7 @@ from impactlaw.solvers.cones.algebra.loops import (
 )
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, nonzeros_of, number, size, velocity_of
-from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, floats, keep, long_at
+from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, floats, int_at, keep, long_at
 from impactlaw.stepping.time_stepping.compiled.borrow import borrow, is_damped
 from impactlaw.stepping.time_stepping.compiled.ends import (
     finish,
@@ -51,6 +51,7 @@ from impactlaw.stepping.time_stepping.compiled.state.status import (
     FINE,
     HUGE_INPUT,
     HUGE_OUTPUT,
+    OVERRIDDEN,
     TIMESTEP,
     UNSEEN,
 )
@@ -62,6 +63,7 @@ from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.tolerances import FARTHER_LOOKS, FEW_ROUNDS, HUGE, MANY_ROUNDS
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+_OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 
 
 @plain
@@ -251,6 +253,9 @@ def advance(
     h = float_at(model + long_at(table + 8 * MODEL.opt_timestep))
     if not 0.0 < h < np.inf:
         return TIMESTEP
+    enabled = int_at(user + long_at(table + 8 * MODEL.opt_enableflags))
+    if enabled & _OVERRIDE and float_at(settings + 8 * SETTING.frictional) != 0.0:
+        return OVERRIDDEN
     mj.get_state(model, data, address_of(state), STATE)
     if not norm(state) <= HUGE:
         return HUGE_INPUT

@@ -15,6 +15,7 @@ from impactlaw.errors import DivergenceError, InadmissibleImpactError, Uncompile
 from impactlaw.laws import Law
 from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.solvers import load_solvers
+from impactlaw.stepping.compatibility import refuse_override
 from impactlaw.stepping.compiled.engine import Pool, fill_context, when_gone
 from impactlaw.stepping.compiled.fields import DATA, SIZE
 from impactlaw.stepping.compiled.layout import table
@@ -174,6 +175,8 @@ class CompiledStepping:
         """Return what has gone wrong."""
         if how == status.TIMESTEP:
             check_timestep(self._model.opt.timestep)
+        if how == status.OVERRIDDEN:
+            refuse_override(self._model)
         if how == status.HUGE_INPUT:
             check_input(self._model, data, self._state)
         if how == status.CREATES:

@@ -19,3 +19,5 @@ UNSEEN = 8
 """A limit of a joint was left out that the step would pass."""
 FARTHER = 9
 """A collision throws a body farther than contacts were looked for."""
+OVERRIDDEN = 10
+"""Contacts have friction, and MuJoCo's override of contacts is on."""
