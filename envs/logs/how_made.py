@@ -16,6 +16,15 @@ _PARAMETERS = (
     "actuator_gainprm", "actuator_biasprm", "numeric_data",
 )  # fmt: skip
 """Fields of a model that environments are made, or randomized, with."""
+_SURROUNDINGS = (
+    "geom_solimp", "geom_margin", "geom_condim", "jnt_solref", "jnt_solimp", "dof_solref", "dof_solimp",
+    "pair_friction", "pair_solref", "pair_solimp", "eq_data", "eq_solref", "eq_solimp", "geom_surfacevel", "geom_fluid",
+    "hfield_size", "hfield_data",
+)  # fmt: skip
+_OPTIONS = (
+    "wind", "density", "viscosity", "magnetic", "cone", "impratio", "disableflags", "solver", "iterations", "tolerance",
+)  # fmt: skip
+"""What contact, air and ground are like; a text of its own, which recordings of older versions have not."""
 
 
 def how_made(options: LawOptions, model: mujoco.MjModel, timesteps: int | None) -> dict[str, Any]:
@@ -40,11 +49,13 @@ def how_made(options: LawOptions, model: mujoco.MjModel, timesteps: int | None) 
         "contacts": [contacts] if isinstance(contacts, str) else None if contacts is None else sorted(contacts),
         "limits": bool(options.limits),
         "impulse_in_cfrc_ext": options.impulse_in_cfrc_ext,
-        "parameters of the model": _digest(model),
+        "parameters of the model": _digest(model, _PARAMETERS, ("gravity",)),
+        "contact, air and ground of the model": _digest(model, _SURROUNDINGS, _OPTIONS),
     }
 
 
-def _digest(model: mujoco.MjModel) -> str:
-    """Return a short text that differs where masses, sizes, friction, gravity or the like do, beyond rounding."""
-    parts = [np.ravel(getattr(model, name)) for name in _PARAMETERS] + [model.opt.gravity]
+def _digest(model: mujoco.MjModel, fields: tuple[str, ...], options: tuple[str, ...]) -> str:
+    """Return a short text that differs where one of these fields or options does, beyond rounding."""
+    parts = [np.ravel(getattr(model, name)) for name in fields]
+    parts += [np.ravel(getattr(model.opt, name)) for name in options]
     return hashlib.sha256(np.concatenate(parts).astype(np.float32).tobytes()).hexdigest()[:12]

@@ -198,8 +198,12 @@ def test_another_environment_of_gymnasium_is_refused(options, message, tmp_path)
         (lambda model: setattr(model.opt, "integrator", mujoco.mjtIntegrator.mjINT_EULER), "integrator='RK4', but"),
         (lambda model: model.body_mass.__imul__(2.0), "parameters of the model="),
         (lambda model: model.opt.gravity.__imul__(0.5), "parameters of the model="),
+        (lambda model: model.opt.wind.__iadd__(1.0), "ground of the model="),
+        (lambda model: setattr(model.opt, "viscosity", 0.1), "ground of the model="),
+        (lambda model: model.geom_solimp.__imul__(0.9), "ground of the model="),
+        (lambda model: model.jnt_solref.__imul__(2.0), "ground of the model="),
     ],
-    ids=["timestep", "integrator", "mass", "gravity"],
+    ids=["timestep", "integrator", "mass", "gravity", "wind", "viscosity", "solimp", "solref of joints"],
 )
 def test_another_model_is_refused(change, message, tmp_path):
     env = hopper(log=tmp_path / "run.rrd")
