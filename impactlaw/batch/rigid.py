@@ -31,6 +31,7 @@ _WHY = {
     status.NOT_FINITE: "the forces are not finite",
     status.CREATES: "the law creates energy",
     status.TIMESTEP: "the timestep is not positive",
+    status.OVERRIDDEN: "MuJoCo's override of contacts is on",
 }
 _DIVERGED = {status.HUGE_INPUT, status.HUGE_OUTPUT, status.NOT_FINITE}
 
