@@ -5,7 +5,8 @@ first, and where hundreds of rows depend on each other, nothing comes after it.
 
 In turn alternating directions, and convex problems with accelerated correction; each goes on from where it was, and
 each is followed by Newton's method with another map, step and regularization. The best point of all is kept.
-Where work is limited, these rounds end once it is seen that the convex problem has no solution (`convex.out_of_reach`).
+Where work is limited, these rounds end where they have not come near a solution and the convex problem is seen to have
+none (`convex.out_of_reach`).
 """
 
 import numpy as np
@@ -58,7 +59,8 @@ _OF_ROW = 800.0  # operations of a Newton step in each row, most of them in the 
 _SET_UP = 4  # Newton steps that it takes to set up a problem
 _ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances will do: such problems are degenerate
 _STAGNANT, _HOPELESS = 4, 8  # rounds without 10 % less after which to stop if they were long, and in any case
-_PROVED = 1  # round before which to see whether anything says that there is a solution
+_PROVED = 1  # round before which to see whether anything says that there is a solution ...
+_PROMISING = 5e-2  # ... unless the natural map does, which is then less than so many scales
 _PILE = 40  # rows from which bodies are a pile
 _INTERIOR, _HANDED_ON = np.int64(15), 1e4  # steps of the interior point method, and tolerances that will do there
 _HURRY = np.int64(2)  # patience of Newton's method before and after it
@@ -235,7 +237,7 @@ def _rounds(
         after, patience = _BRIEF, _HASTE
     for k in range(rounds):
         done = work
-        if k == _PROVED and left[0] < np.inf and not many:
+        if k == _PROVED and left[0] < np.inf and not many and least > _PROMISING * scale:
             taken, hopeless = out_of_reach(P, K, scale)
             total += taken
             work += taken * cost

@@ -205,9 +205,9 @@ class SoftStepping:
             mujoco.mj_compareFwdInv(model, data)
         if integrator == _RK4 and not held:  # its stages would compute forces of their own
             mj_getState(model, data, self._before, _STATE)
-            geoms, rows = data.contact.geom.copy(), data.efc_id.copy()
+            geoms, rows = data.contact.geom.copy(), _rows(data)
             mj_RungeKutta(model, data, 4)
-            if not (np.array_equal(data.contact.geom, geoms) and np.array_equal(data.efc_id, rows)):
+            if not (np.array_equal(data.contact.geom, geoms) and np.array_equal(_rows(data), rows)):
                 events += self._collide_at_end(data)
         elif integrator in (_EULER, _RK4):
             mj_Euler(model, data)
@@ -279,6 +279,11 @@ def _update(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     mujoco.mj_fwdActuation(model, data)
     mujoco.mj_fwdAcceleration(model, data)
     mujoco.mj_fwdConstraint(model, data)
+
+
+def _rows(data: mujoco.MjData) -> np.ndarray:
+    """Return what tells constraint rows apart, int (nefc,)."""
+    return 8 * data.efc_id + data.efc_type
 
 
 def _refuse_reset(data: mujoco.MjData, time: float, count: int | None) -> None:

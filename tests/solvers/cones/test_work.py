@@ -59,6 +59,19 @@ def test_nothing_that_can_be_reached_is_given_up(spread):
     assert hard > 5
 
 
+@pytest.mark.parametrize("shape", [(4, 4, 3), (4, 3, 2), (8, 6, 2), (6, 6, 3)])
+def test_exact_friction_is_not_given_up_near_its_solution(shape):
+    """Convex problems of some of these have none, but the natural map says that exact friction has one."""
+    hard = 0
+    for seed in range(400):
+        args, _ = solvable(np.random.default_rng(seed), *shape)
+        residual, steps, _ = run(args, 1e9)
+        if steps > 60:
+            hard += 1
+            assert residual <= TOLERANCE or run(args, np.inf)[0] > TOLERANCE
+    assert hard > 4
+
+
 @pytest.mark.parametrize("contacts", [2, 20, 60])
 def test_where_nothing_is_left_one_attempt_is_made(contacts):
     _, some, spent = run(without_solution(contacts), 0.0)

@@ -106,6 +106,20 @@ def test_rk4_does_not_look_ahead_into_a_collision_while_another_contact_opens(jo
     assert data.qvel[0] == pytest.approx(2.0, abs=0.11)
 
 
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_rk4_does_not_look_ahead_into_a_limit_while_that_of_a_tendon_opens(compiled):
+    """Joint and tendon are both the first of their kind, so that their limits have one id."""
+    limited = BALL.replace('name="z"', 'name="z" range="-.39 9"')
+    rising = """<body pos=".5 0 1"><joint name="up" type="slide" axis="0 0 1"/><geom size=".1"/></body></worldbody>
+        <tendon><fixed range="1e-7 9"><joint joint="up" coef="1"/></fixed></tendon>"""
+    model, data = build(limited.replace("</worldbody>", rising), integrator="RK4")
+    model.opt.timestep = 0.01
+    data.qpos[0], data.qvel[:] = -0.378, (-2.0, 1.0)
+    stepper = Stepper(model, Moreau(1), contact_model="soft", compiled=compiled)
+    assert [event.contacts.labels for event in run(stepper, data, 1)] == [("z",)]
+    assert data.qvel[0] == pytest.approx(2.0, abs=0.11)
+
+
 def test_a_meeting_in_free_space():
     """Nothing but the law acts between two balls: e = 1 exchanges their velocities."""
     xml = """<mujoco><option gravity="0 0 0" timestep="0.001"/><worldbody>

@@ -65,6 +65,13 @@ def _forget_contacts(w):
 
 
 @kernel
+def _rows(w):
+    """Return what tells constraint rows apart, int (nefc,)."""
+    n = number(w, DATA.nefc)
+    return 8 * data_ints(w, DATA.efc_id, n) + data_ints(w, DATA.efc_type, n)
+
+
+@kernel
 def _collide(w, law, sums):
     """Resolve the collisions of now, if there are any; see `collide.collide`."""
     if _touches(w) == 0 or _is_huge(w):
@@ -134,9 +141,9 @@ def _from_start(w, law, trial, integrator, state, sums):
     if integrator == _RK4 and not held:  # its stages would compute forces of their own
         middle = numbers(len(state))
         mj.get_state(w.model, w.data, address_of(middle), STATE)
-        geoms, rows = contact_ints(w, CONTACT.geom, 2).copy(), data_ints(w, DATA.efc_id, number(w, DATA.nefc)).copy()
+        geoms, rows = contact_ints(w, CONTACT.geom, 2).copy(), _rows(w)
         mj.runge_kutta(w.model, w.data, np.int32(4))
-        same = np.array_equal(data_ints(w, DATA.efc_id, number(w, DATA.nefc)), rows)
+        same = np.array_equal(_rows(w), rows)
         if not (same and np.array_equal(contact_ints(w, CONTACT.geom, 2), geoms)):
             status = _collide_at_end(w, law, trial, middle, sums)
         keep(middle)
