@@ -32,6 +32,29 @@ def sparse_jacobian(
     return nnz[:n], adr[:n], col[: n * nv], data.efc_J.reshape(-1)
 
 
+@compiled("boolean(float64[::1],float64[:],float64,int32[:],int32[:],int32[:])")
+def leave_open_out(force, gap, touch, dim, exclude, address):
+    """Let contacts that are open and carry no force have no rows, as those within MuJoCo's gap; return if any has rows.
+
+    Args:
+        force: of rows with elliptic cones, (n,).
+        gap: of contacts, m, (ncon,).
+        touch: gap, m, up to which they touch.
+        dim: of contacts, (ncon,).
+        exclude: reasons to be left out, to be written, (ncon,).
+        address: where contacts begin, to be written, (ncon,).
+    """
+    left = False
+    for i in range(len(dim)):
+        if address[i] < 0:
+            continue
+        if gap[i] > touch and not force[address[i] : address[i] + dim[i]].any():
+            exclude[i], address[i] = 1, -1
+        else:
+            left = True
+    return left
+
+
 @compiled("(float64[::1],int32[:],int32[:],int32[:],float64[:,:],float64[::1])")
 def encode_pyramids(force, elliptic, address, dim, friction, out):
     """Write forces of rows with elliptic cones as those of rows with pyramidal ones, ``f_n / m ± f_k / mu_k`` halved.

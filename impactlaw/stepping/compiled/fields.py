@@ -133,6 +133,7 @@ class _Contact(NamedTuple):
     dim: int
     geom: int
     friction: int
+    exclude: int
     efc_address: int
 
 

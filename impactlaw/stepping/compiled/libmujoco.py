@@ -36,6 +36,7 @@ _FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "mj_tendonBias": (_P, _P, _P),
     "mj_collision": (_P, _P),
     "mj_makeConstraint": (_P, _P),
+    "mj_referenceConstraint": (_P, _P),
     "mj_integratePos": (_P, _P, _P, _F),
     "mj_rne": (_P, _P, _I, _P),
     "mj_rnePostConstraint": (_P, _P),
@@ -88,7 +89,7 @@ euler, implicit = _external("mj_Euler"), _external("mj_implicit")
 sensor_pos, sensor_vel, sensor_acc = (_external(name) for name in ("mj_sensorPos", "mj_sensorVel", "mj_sensorAcc"))
 make_m, energy_pos, energy_vel = (_external(name) for name in ("mj_makeM", "mj_energyPos", "mj_energyVel"))
 tendon, collision, make_constraint = (_external(n) for n in ("mj_tendon", "mj_collision", "mj_makeConstraint"))
-tendon_bias = _external("mj_tendonBias")
+tendon_bias, reference_constraint = _external("mj_tendonBias"), _external("mj_referenceConstraint")
 integrate_pos, rne, mul_m = (_external(name) for name in ("mj_integratePos", "mj_rne", "mj_mulM"))
 mul_jac_t_vec, rne_post_constraint = _external("mj_mulJacTVec"), _external("mj_rnePostConstraint")
 whole_step, first_half, rest_of_forward = (_external(name) for name in ("mj_step", "mj_step1", "mj_forwardSkip"))

@@ -10,6 +10,8 @@ from impactlaw.solvers.cones.algebra.loops import plain
 
 LEAST = 1e-5
 """Reach at rest, m or rad: contacts that are held are to be found."""
+SLACK = 1.6
+"""Reach over what a body travels in a step: more finds contacts in vain, less has more collisions look twice."""
 ALWAYS = 1e6
 """Reach, m or rad, within which all limits are."""
 _PLANE, _FIELD = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)
@@ -111,7 +113,7 @@ def write_margins(
         speed = max(_speed(velocity[i], arm, size[i]), _speed(led_to[i], arm, size[i]))
         if mocap[root[i]] >= 0:
             speed += surface_speed
-        reach = 0.0 if i == 0 else 2.0 * timestep * (speed + timestep * gravity) + LEAST
+        reach = 0.0 if i == 0 else SLACK * timestep * (speed + timestep * gravity) + LEAST
         body_margin[i] = reach
         far = max(far, reach)
     for i in range(len(geom_margin)):
@@ -119,7 +121,7 @@ def write_margins(
     for i in range(len(geom_margin)):
         body_margin[body_of_geom[i]] = max(body_margin[body_of_geom[i]], geom_margin[i])
     for i in range(len(pair_margin)):
-        pair_margin[i] = far + pair_gap[i]
+        pair_margin[i] = 2.0 * far + pair_gap[i]
     joint_margin[:] = ALWAYS
     tendon_margin[:] = ALWAYS
 
@@ -131,8 +133,8 @@ def set_margins(
 ):  # fmt: skip
     """Write margins of bodies, geoms, pairs, joints and tendons, m or rad, for one step.
 
-    MuJoCo takes the larger margin of two geoms: it is twice what the body itself can travel in the step. Limits of
-    joints and tendons are always found; those that are far are left out by `rows.read_rows`.
+    MuJoCo adds up the margins of two geoms: each is what its own body can travel in the step, and some more. Limits
+    of joints and tendons are always found; those that are far are left out by `rows.read_rows`.
 
     Args:
         body_margin: to be written, like the other margins, (nbody,).

@@ -35,13 +35,14 @@ from impactlaw.stepping.compiled.access import (
     size,
     velocity_of,
 )
-from impactlaw.stepping.compiled.dense import encode_pyramids
+from impactlaw.stepping.compiled.dense import encode_pyramids, leave_open_out
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, keep, put_int
 from impactlaw.stepping.compiled.ties import leave_tied_out
 from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins, widen_limits
 from impactlaw.stepping.time_stepping.compiled.impulses.contact import count, count_entries, read
 from impactlaw.stepping.time_stepping.compiled.state.room import rows_at, rows_size
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, metric_of, setting
+from impactlaw.stepping.time_stepping.margins import LEAST
 from impactlaw.stepping.time_stepping.problem.overlaps import open_overlaps
 from impactlaw.stepping.time_stepping.second_look import BEYOND, LAST_LOSS, SLOP, bend, end_targets
 
@@ -69,13 +70,18 @@ def _update_inertia(w):
 @kernel
 def _write_pyramids(w, force):
     """Write forces of rows with elliptic cones, (nefc,), as those that pyramidal ones have."""
+    elliptic, dim = integers(number(w, DATA.ncon)), contact_ints(w, CONTACT.dim, 1)[:, 0]
+    address = contact_ints(w, CONTACT.efc_address, 1)[:, 0]
+    put(elliptic, address)
+    distance, exclude = contact_floats(w, CONTACT.dist, 1)[:, 0], contact_ints(w, CONTACT.exclude, 1)[:, 0]
+    if not leave_open_out(force, distance, LEAST, dim, exclude, address):
+        put(data_floats(w, DATA.efc_force, len(force)), force)
+        return
     put_int(w.model + offset(w, MODEL.opt_cone), np.int32(_PYRAMIDAL))
-    elliptic = integers(number(w, DATA.ncon))
-    put(elliptic, contact_ints(w, CONTACT.efc_address, 1)[:, 0])
     mj.make_constraint(w.model, w.data)
     encode_pyramids(
-        force, elliptic, contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_ints(w, CONTACT.dim, 1)[:, 0],
-        contact_floats(w, CONTACT.friction, 5), data_floats(w, DATA.efc_force, number(w, DATA.nefc)),
+        force, elliptic, address, dim, contact_floats(w, CONTACT.friction, 5),
+        data_floats(w, DATA.efc_force, number(w, DATA.nefc)),
     )  # fmt: skip
 
 

@@ -1,7 +1,7 @@
 """Limits of joints in a compiled step: rows for those that joints can reach, and for all where that was too few.
 
 MuJoCo computes a row for each limit within the joint's margin, and most are far away. A limit that was left out and
-would be passed after all, for contact can throw a link, has the step taken once more with all of them.
+would be passed after all, for contact can throw a link, has impulses found once more with all of them.
 """
 
 from __future__ import annotations

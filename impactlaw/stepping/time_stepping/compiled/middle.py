@@ -18,6 +18,7 @@ from impactlaw.stepping.compiled.access import (
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, flags, floats, ints, table_floats
+from impactlaw.stepping.time_stepping.compiled.borrow import widen_limits
 from impactlaw.stepping.time_stepping.compiled.ends import update_frames
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, narrow_limits
@@ -29,7 +30,7 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
     surface_speed,
 )
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.margins import outruns, write_arms, write_margins, write_sizes
+from impactlaw.stepping.time_stepping.margins import ALWAYS, outruns, write_arms, write_margins, write_sizes
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
@@ -37,17 +38,14 @@ _CONTACT_FULL, _ROWS_FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoc
 
 
 @plain
-def to_middle(
-    w, counts, left, gained, held, start, middle, bias, turning, gravity, margins, work, loaded, narrow
-):  # fmt: skip
+def to_middle(w, counts, left, gained, held, start, middle, bias, turning, gravity, margins, work, loaded):
     """Take a step without contact, bodies left in its middle; return whether MuJoCo had no room for all contacts.
 
-    If `narrow`, limits are found that joints can reach, else all of them.
+    Of limits of joints, those are found that can be reached.
     """
     _begin(w, counts, left, gained, held, loaded)
     _set_margins(w, gained, work)
-    if narrow:
-        narrow_limits(w, gained)
+    narrow_limits(w, gained)
     put(start, velocity_of(w))
     full = _to_midpoint(w, start, margins, middle)
     _free_step(w, start, held, bias, turning, gravity, gained, work)
@@ -167,6 +165,23 @@ def look_farther(w, start, free, middle, margins, work):
     mj.fwd_velocity(w.model, w.data)
     put(qvel, free)
     return full
+
+
+@plain
+def look_at_limits(w, start, free, middle):
+    """Let MuJoCo find all limits beside the contacts it has found, and data be as it was without contact.
+
+    Return whether MuJoCo had no room for all rows.
+    """
+    qvel, warnings = velocity_of(w), ints(w.data + offset(w, DATA.warning), 2 * (_ROWS_FULL + 1))
+    put(data_floats(w, DATA.qpos, len(middle)), middle)
+    put(qvel, start)
+    widen_limits(w.model, w.table, ALWAYS)
+    seen = warnings[2 * _ROWS_FULL + 1]
+    mj.make_constraint(w.model, w.data)
+    mj.reference_constraint(w.model, w.data)
+    put(qvel, free)
+    return warnings[2 * _ROWS_FULL + 1] != seen
 
 
 @plain

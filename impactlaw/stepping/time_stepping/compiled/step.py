@@ -36,7 +36,7 @@ from impactlaw.stepping.time_stepping.compiled.ends import (
 from impactlaw.stepping.time_stepping.compiled.impulses.contact import count_entries
 from impactlaw.stepping.time_stepping.compiled.impulses.looks import find_impulses
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, passes_limit
-from impactlaw.stepping.time_stepping.compiled.middle import find_sizes, look_farther, outrun, to_middle
+from impactlaw.stepping.time_stepping.compiled.middle import find_sizes, look_at_limits, look_farther, outrun, to_middle
 from impactlaw.stepping.time_stepping.compiled.state.law import LawTable
 from impactlaw.stepping.time_stepping.compiled.state.memory import (
     MEMORY,
@@ -147,23 +147,22 @@ def _constrain(
 
 
 @once
-def _step(w, law, memory, margins, cone, loaded, narrow):
+def _step(w, law, memory, margins, cone, loaded):
     nq, nv = size(w, MODEL.nq), w.nv
     counts, at = memory.view(np.int64), MEMORY.left + nq
     left, gained = memory[MEMORY.left : at + nv], memory[at + nv : at + 2 * nv]
     held, turning, gravity = memory[at + 2 * nv : at + 3 * nv], cleared(size(w, MODEL.ntree)), numbers(nv)
-    start, middle, bias, known = numbers(nv), numbers(nq), zeros(nv), copied(gained)
+    start, middle, bias = numbers(nv), numbers(nq), zeros(nv)
     begun = copied(data_floats(w, DATA.qpos, nq))
     work = numbers(max(6 * size(w, MODEL.nbody) + max(nv, len(margins)), 3 * nv))
-    full = to_middle(
-        w, counts, left, gained, held, start, middle, bias, turning, gravity, margins, work, loaded, narrow
-    )  # fmt: skip
+    full = to_middle(w, counts, left, gained, held, start, middle, bias, turning, gravity, margins, work, loaded)
     free, status, collided, missed, farther, allowed = copied(velocity_of(w)), FARTHER, False, 0.0, 0, 1.0
+    narrow = True
     while status == FARTHER:
         n = number(w, DATA.nefc)
         if narrow and passes_limit(w, middle, 2.0 * w.timestep):
-            status = UNSEEN
-            break
+            full, narrow = look_at_limits(w, start, free, middle) or full, False
+            continue
         if n == 0:
             forget(counts)
             clear(held)
@@ -185,12 +184,13 @@ def _step(w, law, memory, margins, cone, loaded, narrow):
         if status == FARTHER:
             full, narrow, farther = look_farther(w, start, free, middle, margins, work), False, farther + 1
             allowed = floats(w.work, 1)[0]
+        elif status == UNSEEN:
+            full, narrow, status = look_at_limits(w, start, free, middle) or full, False, FARTHER
+            memory[MEMORY.work] = 1.0 if counts[MEMORY.found_rows] == 0 else memory[MEMORY.found_work]
     if status == FINE:
         if setting(w, SETTING.inertial) != 0.0 and turning.any():
             limit_energy(w, begun, start, turning, gravity)
         _finish(w, memory, counts, left, collided, missed)
-    if status == UNSEEN:
-        put(gained, known)
     return status
 
 
@@ -268,15 +268,9 @@ def advance(
     sizes, damped = numbers(long_at(model + nbody) + long_at(model + nmocap)), is_damped(model, table)
     w = World(model, data, scratch, table, settings, address_of(sizes), bilateral, nv, h, damped, surfaces, work)
     find_sizes(w, sizes, carriers)
-    status, narrow = UNSEEN, surfaces == 0  # moving surfaces have begun their step already
-    counts = memory.view(np.int64)
-    counts[MEMORY.found_rows] = 0
-    while status == UNSEEN:
-        memory[MEMORY.work] = 1.0 if counts[MEMORY.found_rows] == 0 else memory[MEMORY.found_work]
-        status = _step(w, LawTable(keys, values, asked), memory, margins, cone, loaded, narrow)
-        if status == UNSEEN:
-            mj.set_state(user, data, address_of(state), STATE)
-            loaded, narrow = True, False
+    memory.view(np.int64)[MEMORY.found_rows] = 0
+    memory[MEMORY.work] = 1.0
+    status = _step(w, LawTable(keys, values, asked), memory, margins, cone, loaded)
     if status != FINE:
         mj.set_state(user, data, address_of(state), STATE)
         mj.fwd_position(user, data)

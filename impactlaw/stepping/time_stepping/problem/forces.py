@@ -9,7 +9,7 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones.algebra.loops import plain
-from impactlaw.stepping.compiled.dense import encode_pyramids
+from impactlaw.stepping.compiled.dense import encode_pyramids, leave_open_out
 from impactlaw.stepping.time_stepping.margins import LEAST
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 
@@ -68,13 +68,14 @@ def write_forces(
     mujoco.mj_mulJacTVec(model, data, data.qfrc_constraint, force)
     data.qacc[:] = (data.qvel - start) / h
     if cone == _PYRAMIDAL and data.ncon:
-        model.opt.cone = _PYRAMIDAL
-        elliptic = data.contact.efc_address.copy()
-        mujoco.mj_makeConstraint(model, data)
-        contact = data.contact
-        encode_pyramids(force, elliptic, contact.efc_address, contact.dim, contact.friction, data.efc_force)
-    else:
-        data.efc_force[:] = force
+        model.opt.cone, contact = _PYRAMIDAL, data.contact
+        elliptic = contact.efc_address.copy()
+        if leave_open_out(force, contact.dist, LEAST, contact.dim, contact.exclude, contact.efc_address):
+            mujoco.mj_makeConstraint(model, data)
+            contact = data.contact
+            encode_pyramids(force, elliptic, contact.efc_address, contact.dim, contact.friction, data.efc_force)
+            return
+    data.efc_force[:] = force
 
 
 def sense(model: mujoco.MjModel, data: mujoco.MjData, start: np.ndarray) -> None:

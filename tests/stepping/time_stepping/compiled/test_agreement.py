@@ -243,13 +243,13 @@ def test_callbacks_in_python_are_called():
 
 
 def test_errors_of_the_engine_are_exceptions():
-    xml = '<size memory="20K"/><worldbody>'
+    xml = '<size memory="18K"/><worldbody>'
     scene = SCENE.format(**VARIANTS[0]).replace("<worldbody>", xml, 1)
     model = mujoco.MjModel.from_xml_string(scene)
     ours, one = compiled_stepper(model, Moreau(0.5)), mujoco.MjData(model)
     one.qvel[:], time, before = -3.0, 0.0, one.qpos.copy()
     with pytest.raises(mujoco.FatalError, match="memory"):
-        for _ in range(50):
+        for _ in range(200):
             time, before[:] = one.time, one.qpos
             ours.step(one)
     assert one.time == time

@@ -57,6 +57,25 @@ def test_a_box_that_slides_feels_friction(cone):
     assert data.cfrc_ext[1, 3:] == pytest.approx([-0.9 * G, 0, 3 * G], abs=1e-5)
 
 
+@pytest.mark.parametrize("compiled_option", ["auto", "never"])
+def test_contacts_that_are_near_but_open_have_no_rows_of_pyramids(compiled_option):
+    falling_box = '<body pos="2 0 .17"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'
+    model, data = compiled(SENSED + falling_box, SENSORS, option='cone="pyramidal"')
+    data.qvel[8] = -20.0  # m/s
+    run(stepping(model, Moreau(0.5), compiled=compiled_option), data, 1)
+    contact, forces = data.contact, np.zeros((data.ncon, 6))
+    for i in range(data.ncon):
+        mujoco.mj_contactForce(model, data, i, forces[i])
+    resting = contact.dist < 1e-6
+    assert resting.sum() == 4
+    assert data.ncon == 8
+    assert (contact.efc_address[resting] >= 0).all()
+    assert (contact.efc_address[~resting] == -1).all()
+    assert data.nefc == 4 * 4
+    assert forces[resting, 0].sum() == pytest.approx(3 * G, rel=1e-8)
+    assert not forces[~resting].any()
+
+
 def test_force_and_torque_sensors_of_a_held_arm():
     world = """<body name="base" pos="0 0 1"><body name="arm"><joint type="slide" axis="0 0 1" frictionloss="1e3"/>
         <geom size=".1" pos=".5 0 0" mass="2"/><site name="s"/></body></body>"""
