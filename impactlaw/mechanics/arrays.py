@@ -65,14 +65,9 @@ def is_sparse(values: Any) -> bool:
 def finite_sparse(values: Any, name: str) -> Any:
     """Return a copy as a read-only CSR array in double precision, without entries that are zero.
 
-    What this function returned is taken as it is.
-
     Raises:
         InvalidCollisionError: not a matrix, not numbers, or not all of them finite.
     """
-    kept = type(values) is scipy.sparse.csr_array and all(map(_is_own, _parts(values))) and values.dtype == float
-    if kept and values.has_canonical_format and np.isfinite(values.data).all() and values.data.all():
-        return values
     try:
         array = scipy.sparse.csr_array(values, copy=True)
         array.data = real_array(array.data)
@@ -92,8 +87,3 @@ def finite_sparse(values: Any, name: str) -> Any:
 
 def _parts(array: Any) -> tuple[np.ndarray, ...]:
     return array.data, array.indices, array.indptr
-
-
-def _is_own(part: np.ndarray) -> bool:
-    """Whether nobody can write to the array, as those cannot be written to that `finite_sparse` made."""
-    return part.base is None and not part.flags.writeable

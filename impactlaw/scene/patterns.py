@@ -30,7 +30,6 @@ class Pattern:
         rolling: which of those run along one edge or face, not from piece to piece of a surface, bool (h,).
         skin: distance at which the geoms touch, m, (h,); None if 0 for all.
         several: whether MuJoCo is to look for several contacts of a pair.
-        index: 0, 1, .., (h,).
         order: indices that bring MuJoCo's contacts into order; None if they are in it.
         sign: -1 where MuJoCo has the higher geom id first, else 1, (h, 1); None if 1 for all.
         friction: which rows of friction they have; None if they have none, or it is ignored.
@@ -48,7 +47,6 @@ class Pattern:
     rolling: np.ndarray
     skin: np.ndarray | None
     several: bool
-    index: np.ndarray
     order: np.ndarray | None
     sign: np.ndarray | None
     friction: FrictionPattern | None
@@ -106,7 +104,6 @@ class Patterns:
         known = self._known.get(seen)
         if known is None:
             n, none = len(code), np.zeros(len(code), dtype=bool)
-            h = len(pattern) + n
             known = replace(
                 pattern,
                 labels=pattern.labels + tuple(self._limits[i] for i in code),
@@ -116,7 +113,6 @@ class Patterns:
                 vague=np.concatenate([pattern.vague, none]),
                 rolling=np.concatenate([pattern.rolling, none]),
                 skin=None if pattern.skin is None else np.concatenate([pattern.skin, np.zeros(n)]),
-                index=np.arange(h),
                 friction=learn_friction(self._model, pattern.geoms, n) if self._friction else None,
             )
             self._remember(seen, known)
@@ -147,7 +143,6 @@ class Patterns:
             rolling=rolling_contacts(model, geoms),
             skin=skin if skin.any() else None,
             several=self._faces and bool(several_contacts(model, geoms).any()),
-            index=np.arange(len(key)),
             order=None if np.array_equal(order, np.arange(len(order))) else order,
             sign=np.where(swapped, -1.0, 1.0)[:, None] if swapped.any() else None,
             friction=learn_friction(model, geoms) if self._friction else None,

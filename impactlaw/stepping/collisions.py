@@ -67,18 +67,18 @@ class Closed(NamedTuple):
 
     def collision(self, chosen: np.ndarray, metric: KineticMetric, velocity: np.ndarray) -> Collision:
         """Return the collision of some of the contacts, (k,) indices, at a velocity, (nv,)."""
-        before, after = self.drift_before, self.drift
-        all_chosen = len(chosen) == len(self.contacts)
+        some = self.select(chosen)
+        before, after = some.drift_before, some.drift
         return Collision(
             metric.mass_matrix,
-            self.jacobian if all_chosen else self.jacobian[chosen],
+            some.jacobian,
             velocity,
-            labels=self.contacts.labels if all_chosen else tuple(self.contacts.labels[i] for i in chosen),
+            labels=some.contacts.labels,
             metric=metric,
             bilateral_jacobian=self.bilateral,
-            surface_velocity=_part(after if before is None else before, chosen),
-            post_surface_velocity=None if before is None else _part(after, chosen),
-            friction=self.friction if self.friction is None or all_chosen else self.friction.select(chosen),
+            surface_velocity=after if before is None else before,
+            post_surface_velocity=None if before is None else after,
+            friction=some.friction,
         )
 
     def select(self, which: np.ndarray) -> Closed:

@@ -48,8 +48,6 @@ def match(contact_set: ContactSet, phase: Phase) -> np.ndarray:
         return np.full(len(now), -1)
     if not (before.all_single and now.all_single):
         return _match_points(contact_set, phase)
-    if before is now:
-        return now.index
     index = np.minimum(np.searchsorted(before.key, now.key), len(before) - 1)
     return np.where(before.key[index] == now.key, index, -1)
 

@@ -23,7 +23,7 @@ from impactlaw.stepping.event_driven.location.dips import Dips
 from impactlaw.stepping.event_driven.location.gap_functions import GapFunctions
 from impactlaw.stepping.event_driven.location.search import locate
 from impactlaw.stepping.event_driven.location.travel import Frames, Travel
-from impactlaw.stepping.event_driven.location.trial_step import TrialStep, further
+from impactlaw.stepping.event_driven.location.trial_step import TrialStep
 from impactlaw.stepping.event_driven.matching import Matched, continued, match, refound, runs_on
 from impactlaw.stepping.event_driven.persistent_contact.felt_force import FeltForce
 from impactlaw.stepping.event_driven.persistent_contact.frictionless import hold
@@ -161,21 +161,21 @@ class SmoothPhases:
             trial, closed = self._locate(state, shorter)
         return trial.kept(), closed
 
-    def _again(self, state: np.ndarray, trial: TrialStep, reach: float = 0.0) -> Callable[..., TrialStep]:
+    def _again(self, state: np.ndarray, trial: TrialStep) -> Callable[..., TrialStep]:
         """Return what repeats a trial for another duration, s; see `_arrive`."""
 
         def again(time: float, *, smooth: bool = trial.phase.smooth) -> TrialStep:
             self.configuration.restore(state)
             self.work.integrate()
             self.advance(time, trial.phase.start.force)
-            return self._arrive(state, trial.phase._replace(duration=time, smooth=smooth), reach)
+            return self._arrive(state, trial.phase._replace(duration=time, smooth=smooth))
 
         return again
 
     def _locate(self, state: np.ndarray, trial: TrialStep) -> tuple[TrialStep, bool]:
         """Return the trial up to the first gap that closes, where one has closed in a longer one, and whether."""
         start, tried = trial.phase.start, trial.phase._replace(smooth=False)
-        again = self._again(state, trial._replace(phase=tried), 4.0 * abs(trial.gap) + self._near)
+        again = self._again(state, trial._replace(phase=tried))
         travel = self._travel.between(start.frames, self.configuration.data)
         if self._is_continued(trial, again):
             held = again(tried.duration, smooth=True)
@@ -237,7 +237,7 @@ class SmoothPhases:
         phase = Phase(start, duration, self.tolerance, self._travel, self.work, hold_all, exact=self._exact)
         return self._arrive(state, phase)
 
-    def _arrive(self, state: np.ndarray, phase: Phase, reach: float = 0.0) -> TrialStep:
+    def _arrive(self, state: np.ndarray, phase: Phase) -> TrialStep:
         """Look at the contacts where the phase has led, and hold those that stay closed.
 
         If contacts are lost whose force it has felt, it is repeated without that force.
@@ -245,7 +245,6 @@ class SmoothPhases:
         Args:
             state: at the start of the phase.
             phase: what led there.
-            reach: distance to look further if nothing is near, m.
         """
         found = self._match(phase)
         if found is None:
@@ -262,7 +261,7 @@ class SmoothPhases:
         if np.count_nonzero(held):
             phase_end, keep = hold(phase_end, phase, self._look_again(phase, phase_end))
         if phase_end.sustained.all():
-            return self._clear(phase, phase_end, reach, keep)
+            return TrialStep(phase, phase_end, self._near, -1, keep)
         return TrialStep.of(phase, phase_end, keep)
 
     def _look_and_match(self, phase: Phase, within: float = 0.0) -> Matched:
@@ -304,12 +303,3 @@ class SmoothPhases:
             return Matched(now, known)
 
         return look_again
-
-    def _clear(
-        self, phase: Phase, phase_end: PhaseEnd, reach: float, keep: Callable[[], PhaseEnd] | None = None
-    ) -> TrialStep:
-        """Return a trial where all contacts near are held; others are looked for up to a gap of ``reach``, m."""
-        if reach <= self._near:
-            return TrialStep(phase, phase_end, self._near, -1, keep=keep)
-        found = further(self.detect(reach), self._near, phase.start.velocity, self.configuration.data.qvel)
-        return TrialStep(phase, phase_end, min(found[0].gap, reach) if found else reach, -1, found, keep)

@@ -9,7 +9,7 @@ from scenes import compiled
 
 from impactlaw import Moreau, Stepper
 from impactlaw.stepping.event_driven import smooth_phase
-from impactlaw.stepping.event_driven.location.gap_functions import GapFunctions, Observation, parabola_closes
+from impactlaw.stepping.event_driven.location.gap_functions import GapFunctions, Observation
 from impactlaw.stepping.event_driven.location.search import locate
 from impactlaw.stepping.event_driven.persistent_contact import frictional
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
@@ -89,15 +89,6 @@ def test_gap_that_was_not_seen_at_the_start_has_come_by_a_parabola():
     assert gap_functions.closing(0.0, 1.0) == pytest.approx(1.0 / 3.0, abs=1e-14)
 
 
-def test_what_a_contact_was_believed_to_do_too_far_to_be_seen_does_not_mislead():
-    """The parabola through its velocities at both ends of a phase misses the start; the phase has bent early."""
-    gap_functions = GapFunctions(np.zeros(0), np.zeros(0), exact=True)
-    gap, rate = lambda t: 0.5 - t + 0.01 * t**2, lambda t: -1.0 + 0.02 * t
-    for time in (1.0, 0.8):
-        gap_functions.add(time, [Observation(-7, gap(time), rate(time), -9.0)])
-    assert gap(gap_functions.closing(0.0, 0.8)) == pytest.approx(0.0, abs=1e-12)
-
-
 def test_slopes_of_semi_implicit_steps_are_those_of_gaps_not_of_velocities():
     gap_functions = GapFunctions(np.array([1.0]), np.array([-1.0]), exact=False)
     gap, velocity = lambda t: 1.0 - t - 3.0 * t**2, lambda t: -1.0 - 3.0 * t  # q' = q + t v', v' = v + a t
@@ -129,14 +120,6 @@ def test_gap_too_far_to_be_seen_at_the_start_is_found_from_where_it_was_seen():
     found = locate(advance_to_contact, end, gap_functions, **options)
     assert abs(found.gap) <= 1e-11
     assert len(tried) <= 7
-
-
-@pytest.mark.parametrize(
-    ("gap", "velocity", "bend", "closes"),
-    [(0.0, 2.0, -4.0, 0.5), (3.0, -1.0, 0.0, 3.0), (1.0, 1.0, 1.0, math.inf), (1.0, -1.0, 1.0, math.inf)],
-)
-def test_parabola_closes_when_it_first_becomes_negative(gap, velocity, bend, closes):
-    assert parabola_closes(gap, velocity, bend) == pytest.approx(closes)
 
 
 def link(name, damping, limits, tip, more=""):

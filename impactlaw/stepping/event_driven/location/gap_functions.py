@@ -34,7 +34,6 @@ class _Node(NamedTuple):
     time: float
     gap: float
     slope: float
-    guessed: bool = False  # whether the contact was too far away to be seen there
 
 
 class GapFunctions:
@@ -79,7 +78,7 @@ class GapFunctions:
         if contact >= 0:
             return [_Node(0.0, max(self._start[0].item(contact), 0.0), self._start[1].item(contact))]
         travel = (0.5 * (before + rate) if self._exact else rate) * time
-        return [_Node(0.0, gap - travel, before, guessed=True)] if gap > travel else []
+        return [_Node(0.0, gap - travel, before)] if gap > travel else []
 
     def closing(self, low: float, high: float) -> float | None:
         """Return when the first of the gaps that are negative after one phase has closed; None if that does not show.
@@ -92,7 +91,7 @@ class GapFunctions:
         for contact in self._deep[high]:
             nodes = self._nodes[contact]
             last = bisect_right(nodes, low, key=lambda node: node.time)
-            time = _zero(nodes, last)
+            time = _first_zero(nodes[last - 1], nodes[last]) if last else _zero_before(nodes[0])
             if low < time < earliest:
                 earliest = time
         return earliest if earliest < high else None
@@ -108,40 +107,6 @@ def _bent_slope(nodes: list[_Node], time: float, gap: float) -> float:
     return chord + (gap - other.gap) / (time - other.time) - (one.gap - other.gap) / (one.time - other.time)
 
 
-def parabola_closes(gap: float, velocity: float, bend: float) -> float:
-    """Return the first time, s, after which ``gap + velocity t + bend t^2``, m, is negative; infinite if none is."""
-    square = velocity * velocity - 4.0 * bend * gap
-    if square < 0.0 or (velocity >= 0.0 and bend >= 0.0):
-        return math.inf
-    root = math.sqrt(square)
-    if velocity > 0.0:
-        return (velocity + root) / (-2.0 * bend)
-    return 2.0 * gap / (root - velocity) if root > velocity else math.inf
-
-
-def _cubic(one: _Node, other: _Node) -> tuple[float, float, float, float]:
-    """Return the coefficients of the cubic through two nodes, over the part of the way from one to the other."""
-    d = other.time - one.time
-    rise, first, last = other.gap - one.gap, one.slope * d, other.slope * d
-    return one.gap, first, 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise
-
-
-def _zero(nodes: list[_Node], i: int) -> float:
-    """Return where a gap became negative before a node; what is guessed of the start gives way to what was seen."""
-    if i == 0:
-        return _zero_before(nodes[0])
-    if nodes[i - 1].guessed and i + 1 < len(nodes):
-        return _last_zero(nodes[i], nodes[i + 1])
-    return _first_zero(nodes[i - 1], nodes[i])
-
-
-def _last_zero(one: _Node, other: _Node) -> float:
-    """Return where the cubic through two nodes, bent on as it is bent at the first one, was zero before; or inf."""
-    _, _, two, _ = _cubic(one, other)
-    before = parabola_closes(-one.gap, one.slope, -two / (other.time - one.time) ** 2)
-    return one.time - before if before < math.inf else math.inf
-
-
 def _zero_before(node: _Node) -> float:
     """Return where the tangent in a node becomes negative; infinite if it rises."""
     return node.time - node.gap / node.slope if node.slope < 0.0 else math.inf
@@ -149,7 +114,9 @@ def _zero_before(node: _Node) -> float:
 
 def _first_zero(one: _Node, other: _Node) -> float:
     """Return where the cubic through two nodes first becomes negative in between; infinite if it starts below."""
-    zero, first, second, third = _cubic(one, other)
+    d = other.time - one.time
+    rise, zero, first, last = other.gap - one.gap, one.gap, one.slope * d, other.slope * d
+    second, third = 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise
     if zero <= 0.0:
         if first <= 0.0:
             return math.inf
@@ -157,7 +124,7 @@ def _first_zero(one: _Node, other: _Node) -> float:
     at = [0.0, *_extremes(first, second, third), 1.0]
     for low, high in pairwise(at):
         if zero + high * (first + high * (second + high * third)) < 0.0:
-            return one.time + (other.time - one.time) * _falling_zero((zero, first, second, third), low, high)
+            return one.time + d * _falling_zero((zero, first, second, third), low, high)
     return math.inf
 
 

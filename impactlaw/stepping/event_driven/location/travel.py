@@ -51,14 +51,13 @@ class Travel:
         finite = np.isfinite(thin[pairs.geoms]).all(axis=1)
         self._pairs = pairs.geoms[finite]
         self._thickness = thin[self._pairs].sum(axis=1)
-        self._thinnest = self._thickness.min(initial=np.inf)
         kind, first = model.jnt_type[model.dof_jntid], model.jnt_dofadr[model.dof_jntid]
         turns = (kind == mujoco.mjtJoint.mjJNT_FREE) & (np.arange(model.nv) >= first + 3)
         self._spins = turns | (kind == mujoco.mjtJoint.mjJNT_BALL) | (kind == mujoco.mjtJoint.mjJNT_HINGE)
         self._round = not turning
         self._passable = passing or turning
         self._chains = self._reaches(pairs.geoms[np.isfinite(thin[pairs.geoms])])
-        self._reach, self._short = self._chains.max(axis=0, initial=0.0), 0.5 * self._thinnest
+        self._reach, self._short = self._chains.max(axis=0, initial=0.0), 0.5 * self._thickness.min(initial=np.inf)
         if not self._round:
             self._short = min(self._short, 1.0)
             self._reach[self._spins] = np.maximum(self._reach[self._spins], self._short)
@@ -127,8 +126,6 @@ class Travel:
 
         And how far the one has moved past the other, m, (k,).
         """
-        if 2.0 * self.between(start, data).max(initial=0.0) <= self._thinnest:
-            return np.zeros(0, dtype=int), np.zeros(0)
         (first, second), turned = self._pairs.T, self._turned(start, data)
         shift = data.geom_xpos - start.position
         moved = np.linalg.norm(shift[second] - shift[first], axis=1) + turned[first] + turned[second]

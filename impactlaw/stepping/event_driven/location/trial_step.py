@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
-from impactlaw.stepping.event_driven.contact_set import ContactSet
 from impactlaw.stepping.event_driven.contact_state import Phase, PhaseEnd
 from impactlaw.stepping.event_driven.location.gap_functions import Observation
 
@@ -21,7 +19,6 @@ class TrialStep(NamedTuple):
         phase_end: the contacts at its end.
         gap: smallest gap among those that are not held, m. A contact that was deeper at the start counts as touching.
         deepest: index of that contact, -1 where none is near.
-        further: contacts that are not near.
         keep: what is left to do if the phase is to be kept, see `kept`; None if nothing is.
     """
 
@@ -29,16 +26,15 @@ class TrialStep(NamedTuple):
     phase_end: PhaseEnd
     gap: float
     deepest: int
-    further: tuple[Observation, ...] = ()
     keep: Callable[[], PhaseEnd] | None = None
 
     @classmethod
-    def of(cls, phase: Phase, phase_end: PhaseEnd, keep: Callable[[], PhaseEnd] | None = None) -> TrialStep:
+    def of(cls, phase: Phase, phase_end: PhaseEnd, keep: Callable[[], PhaseEnd] | None) -> TrialStep:
         """Look at the contacts at the end of a phase, of which some are not held."""
         opened = np.flatnonzero(~phase_end.sustained)
         clear = _clear(phase_end.gap[opened], phase_end.known[opened], phase)
         least = int(clear.argmin())
-        return cls(phase, phase_end, clear.item(least), opened.item(least), keep=keep)
+        return cls(phase, phase_end, clear.item(least), opened.item(least), keep)
 
     def kept(self) -> TrialStep:
         """Return the same with velocities as they are with contacts held; the scene must be at its end."""
@@ -62,34 +58,13 @@ class TrialStep(NamedTuple):
         """Contacts that are not held, by their gaps; those that were not near at the start are told by their geoms."""
         now, known, sustained = self.phase_end
         opened = np.flatnonzero(~sustained)
-        if not len(opened):
-            return iter(self.further)
         known = known[opened]
         contact = np.where(known >= 0, known, -1 - now.pattern.key[opened])
         gap = _clear(now.gap[opened], known, self.phase)
+        order = gap.argsort()
         before = now.contact_set.contact_velocity(self.phase.start.velocity)[opened]
-        return chain(_observed(contact, gap, now.contact_velocity[opened], before), self.further)
-
-
-def further(contact_set: ContactSet, near: float, before: np.ndarray, after: np.ndarray) -> tuple[Observation, ...]:
-    """Return contacts that are not near.
-
-    Args:
-        contact_set: contacts after a phase.
-        near: gap, m, above which they are looked for.
-        before: velocity at the start of the phase, (nv,).
-        after: at its end.
-    """
-    gap = contact_set.gap
-    far = np.flatnonzero(gap > near)
-    rate, first = (contact_set.contact_velocity(velocity)[far] for velocity in (after, before))
-    return tuple(_observed(-1 - contact_set.pattern.key[far], gap[far], rate, first))
-
-
-def _observed(contact: np.ndarray, *columns: np.ndarray) -> Iterator[Observation]:
-    """Return contacts by their gaps, from the columns of `Observation`, (k,) each."""
-    order = columns[0].argsort()
-    return map(Observation, contact[order].tolist(), *(column[order].tolist() for column in columns))
+        columns = contact, gap, now.contact_velocity[opened], before
+        return map(Observation, *(column[order].tolist() for column in columns))
 
 
 def _clear(gap: np.ndarray, known: np.ndarray, phase: Phase) -> np.ndarray:

@@ -17,8 +17,10 @@ import mujoco
 import numpy as np
 
 from impactlaw.stepping.event_driven.configuration import Configuration
+from impactlaw.stepping.event_driven.contact_set import ContactSet
 from impactlaw.stepping.event_driven.contact_state import ContactState, Phase
 
+_LARGEST_TURN = 0.3  # rad in one phase
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
@@ -57,6 +59,22 @@ class FeltForce(NamedTuple):
         """
         left = (impulse - self.impulse).dot(velocity - self.velocity)
         return bool(left <= impulse.dot(velocity))
+
+
+def turned_rows(contact_set: ContactSet, difference: np.ndarray, rows: np.ndarray) -> np.ndarray | None:
+    """Return how rows have turned since the start of a phase, (n, nv); None if not at all.
+
+    Args:
+        contact_set: the contacts at its end.
+        difference: rows at the start less those at the end, (n, nv); changed in place.
+        rows: those at the end, whitened, (n, nv).
+    """
+    if not np.count_nonzero(difference):
+        return None
+    turned = contact_set.whiten(difference)
+    change, length = np.vecdot(turned, turned), np.vecdot(rows, rows)
+    difference[change > _LARGEST_TURN**2 * length] = 0.0  # another feature of the surface, not a curved one
+    return difference if np.count_nonzero(change > 1e-24 * length) else None
 
 
 def moving_part(model: mujoco.MjModel) -> float:

@@ -26,14 +26,18 @@ from impactlaw.solvers.friction.solve import solve_cones
 from impactlaw.solvers.problem import Status
 from impactlaw.stepping.event_driven.contact_set import Rows
 from impactlaw.stepping.event_driven.contact_state import CORRECTED, ContactForces, Phase, PhaseEnd, stays
-from impactlaw.stepping.event_driven.persistent_contact.felt_force import FeltForce, constrained_velocity, moving_part
+from impactlaw.stepping.event_driven.persistent_contact.felt_force import (
+    FeltForce,
+    constrained_velocity,
+    moving_part,
+    turned_rows,
+)
 from impactlaw.stepping.event_driven.persistent_contact.position import LookAgain, among, hold_position
 from impactlaw.stepping.work import Work
 
 _SETTLINGS = 4  # shifts of position at most
 _STICKING = 2  # of these in which what sticks stays where it is, as long as that closes the contacts
 _STICKS = 0.999  # part of the friction cone in which a contact sticks
-_LARGEST_TURN = 0.3  # rad in one phase
 _RANK = 1e-9  # relative singular value below which contacts are redundant
 _KINDS = 6  # rows that a contact can have: the normal one, two of sliding, one of torsion, two of rolling
 _OTHER = np.array([0, 2, 1, 3, 5, 4])  # kind of the other direction of sliding, or of rolling
@@ -151,8 +155,6 @@ def _settle(
 
 def _closing_impulse(gradients: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Return the least p with ``Y Y^T p = c``, (h,), in the sense of least squares."""
-    if len(wanted) == 1 and (square := gradients[0].dot(gradients[0])) > 0:
-        return wanted / square
     z = np.linalg.lstsq(gradients, wanted, rcond=_RANK)[0]
     return np.linalg.lstsq(gradients.T, z, rcond=_RANK)[0]
 
@@ -204,12 +206,7 @@ def _turned(phase_end: PhaseEnd, phase: Phase, rows: Rows) -> np.ndarray | None:
     row = np.where(known >= 0, place[known, rows.kind], -1)
     start_rows = _unspun(phase_end, phase, rows, row, place)
     difference = np.where(row[:, None] >= 0, start_rows - rows.jacobian, 0.0)
-    if not np.count_nonzero(difference):
-        return None
-    whitened = phase_end.contact_set.whiten(difference)
-    change, length = np.vecdot(whitened, whitened), np.vecdot(rows.whitened, rows.whitened)
-    difference[change > _LARGEST_TURN**2 * length] = 0.0  # another feature of the surface
-    return difference if np.count_nonzero(change > 1e-24 * length) else None
+    return turned_rows(phase_end.contact_set, difference, rows.whitened)
 
 
 def _unspun(phase_end: PhaseEnd, phase: Phase, rows: Rows, row: np.ndarray, place: np.ndarray) -> np.ndarray:

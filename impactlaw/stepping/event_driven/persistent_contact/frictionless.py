@@ -22,11 +22,9 @@ import numpy as np
 
 from impactlaw.stepping.event_driven.contact_set import ContactSet
 from impactlaw.stepping.event_driven.contact_state import CORRECTED, Phase, PhaseEnd
-from impactlaw.stepping.event_driven.persistent_contact.felt_force import FeltForce, constrained_velocity
+from impactlaw.stepping.event_driven.persistent_contact.felt_force import FeltForce, constrained_velocity, turned_rows
 from impactlaw.stepping.event_driven.persistent_contact.frictional import hold_with_friction
 from impactlaw.stepping.event_driven.persistent_contact.position import LookAgain, hold_position, least_impulse
-
-_LARGEST_TURN = 0.3  # rad in one phase
 
 
 def hold(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain) -> tuple[PhaseEnd, Callable[[], PhaseEnd] | None]:
@@ -91,17 +89,10 @@ def _turned(phase_end: PhaseEnd, phase: Phase, held: np.ndarray) -> np.ndarray |
     if not np.count_nonzero(known >= 0):
         return None
     difference = np.where(known[:, None] >= 0, start.jacobian[known] - contact_set.jacobian[held], 0.0)
-    if not np.count_nonzero(difference):
-        return None
-    turned, rows = contact_set.whiten(difference), contact_set.yielding[held]
-    change, lengths = np.sqrt(np.vecdot(turned, turned)), np.sqrt(np.vecdot(rows, rows))
-    difference[change > _LARGEST_TURN * lengths] = 0.0  # another feature of the surface, not a curved one
-    return difference if np.count_nonzero(change > 1e-12 * lengths) else None
+    return turned_rows(contact_set, difference, contact_set.yielding[held])
 
 
 def _velocity_impulse(contact_set: ContactSet, held: np.ndarray, velocity: np.ndarray) -> np.ndarray:
     """Return ``nu`` with ``0 <= nu  ⊥  J (v + M^-1 J'^T nu) + w >= 0`` for the contacts that are held, (k,)."""
     gamma = contact_set.contact_velocity(velocity)[held]
-    known = contact_set.bilateral is None and contact_set.drift is None and len(held) > 1
-    preimage = -contact_set.configuration.whiten(velocity) if known else None
-    return least_impulse(contact_set.yielding[held], -gamma, preimage)
+    return least_impulse(contact_set.yielding[held], -gamma)

@@ -152,8 +152,6 @@ def _opening_impulse(gradients: np.ndarray, least: np.ndarray, work: Work) -> np
     return p
 
 
-def least_impulse(gradients: np.ndarray, bound: np.ndarray, preimage: np.ndarray | None = None) -> np.ndarray:
-    """Return ``p`` with ``0 <= p  ⊥  Y Y^T p >= c``, (h,); see `Problem`. One contact has a closed form."""
-    if len(bound) == 1 and (square := gradients[0].dot(gradients[0])) > 0:
-        return np.maximum(bound / square, 0.0)
-    return solve_with_jump(Problem(gradients, bound, preimage), ("",) * len(bound), shared=False).impulse
+def least_impulse(gradients: np.ndarray, bound: np.ndarray) -> np.ndarray:
+    """Return ``p`` with ``0 <= p  ⊥  Y Y^T p >= c``, (h,); see `Problem`."""
+    return solve_with_jump(Problem(gradients, bound), ("",) * len(bound), shared=False).impulse
