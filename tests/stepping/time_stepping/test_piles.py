@@ -36,3 +36,31 @@ def test_dominoes_that_lean_on_each_other_meet_the_law(push):
     assert data.qpos[2::7].max() < 0.6 * _HALF[2]  # all have fallen
     assert np.mean(np.array(missed) < 1e-6) > 0.99
     assert max(missed) < 5e-3
+
+
+def _cylinders(seed: int, count: int = 8) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Return cylinders that fall into a pit, turned at random."""
+    random, spec = np.random.default_rng(seed), mujoco.MjSpec()
+    spec.default.geom.density = 500.0
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1])
+    for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+        size = [0.05 + 0.2 * abs(y), 0.05 + 0.2 * abs(x), 0.2]
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=[0.25 * x, 0.25 * y, 0.2], size=size)
+    for i in range(count):
+        place = [*random.uniform(-0.08, 0.08, 2), 0.1 + 0.15 * i]
+        body = spec.worldbody.add_body(pos=place, quat=random.normal(size=4))
+        body.add_freejoint()
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[*random.uniform(0.04, 0.08, 2), 0.05])
+    model = spec.compile()
+    return model, mujoco.MjData(model)
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_heap_whose_contact_points_jump_comes_to_rest(seed):
+    model, data = _cylinders(seed)
+    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping")
+    for _ in range(1500):
+        stepper.step(data)
+    assert np.abs(data.qvel).max() < 1e-9
+    assert data.contact.dist.min() > -1e-7
+    assert stepper.short_steps == 0
