@@ -10,7 +10,7 @@ from impactlaw.solvers.cones.algebra.loops import plain
 
 LEAST = 1e-5
 """Reach at rest, m or rad: contacts that are held are to be found."""
-SLACK = 1.6
+SLACK = 2.0
 """Reach over what a body travels in a step: more finds contacts in vain, less has more collisions look twice."""
 ALWAYS = 1e6
 """Reach, m or rad, within which all limits are."""
