@@ -123,6 +123,7 @@ class RestOfStep:
                 friction=self._friction,
                 on_inadmissible=self._on_inadmissible,
                 rest_speed=None,
+                touching=0.0,  # persistent contact of event-driven steps is closer
             )
         return self._stepping, self._passing
 

@@ -53,7 +53,7 @@ from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
 from impactlaw.stepping.time_stepping.looks import Look, Looks
 from impactlaw.stepping.time_stepping.problem.forces import sense, write_forces
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
-from impactlaw.stepping.time_stepping.problem.rows import Rows
+from impactlaw.stepping.time_stepping.problem.rows import TOUCHING, Rows
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.second_look import SecondLook
 from impactlaw.stepping.time_stepping.tolerances import FARTHER_LOOKS, FEW_ROUNDS, MANY_ROUNDS
@@ -64,6 +64,8 @@ _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 class TimeStepping:
     """The algorithm behind ``Stepper(contact_model="rigid", scheme="time-stepping")``; see there for the options.
+
+    Of its own is ``touching``, the gap, m or rad, up to which bodies at rest touch.
 
     Attributes:
         shortfall: largest amount by which a contact velocity of the last step misses its law, m/s or rad/s.
@@ -84,15 +86,16 @@ class TimeStepping:
         friction: Literal["coulomb", "convex", "ignore"],
         on_inadmissible: Literal["raise", "project", "allow"],
         rest_speed: float | None,
+        touching: float = TOUCHING,
     ):
         check_time_stepping(model)
-        self._model = model
+        self._model, self._touching = model, touching
         self._problem = ContactProblem(
             model, law, friction=friction, on_inadmissible=on_inadmissible, rest_speed=rest_speed
         )
         self._friction = plan.friction
         self._surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces and model.nmocap else None
-        self._reader = RowReader(model, self._surfaces, frictional=plan.friction)
+        self._reader = RowReader(model, self._surfaces, frictional=plan.friction, touching=touching)
         self._borrowed = BorrowedModel(model)
         self._sizes = np.zeros(model.nbody)
         self.inertial = InertialForces(model)
@@ -149,7 +152,7 @@ class TimeStepping:
         """Let mocap bodies go on as these surfaces do, if they move any."""
         if self._surfaces is not None:
             self._surfaces = surfaces
-            self._reader = RowReader(self._model, surfaces, frictional=self._friction)
+            self._reader = RowReader(self._model, surfaces, frictional=self._friction, touching=self._touching)
 
     @property
     def law(self) -> Law:

@@ -8,6 +8,7 @@ import warnings
 import mujoco
 import numpy as np
 import pytest
+from dm_control import suite
 
 from impactlaw import MaximalDissipation, Moreau, Stepper
 from impactlaw.envs.info import steps_short
@@ -236,3 +237,20 @@ def test_contacts_that_time_stepping_had_no_room_for_are_counted():
         assert data.qvel[2::6].max() < -1.0  # they fall through the floor
         assert stepper.short_steps == 1
         assert steps_short(stepper) == 1
+
+
+@pytest.mark.filterwarnings(
+    "ignore::impactlaw.errors.UnreadSensorsWarning", "ignore::impactlaw.errors.ManyCollisionsWarning"
+)
+def test_a_quadruped_that_has_come_to_rest_is_event_driven_again():
+    environment = suite.load("quadruped", "walk", task_kwargs={"random": 1})
+    environment.reset()
+    model, data = environment.physics.model.ptr, copy.copy(environment.physics.data.ptr)
+    data.qpos[2] += 0.05
+    stepper = Stepper(model, Moreau(0.0), scheme="event-driven", overlap="push-out")
+    unlocated = []
+    for _ in range(500):
+        stepper.step(data)
+        unlocated.append(stepper.unlocated)
+    assert unlocated[300] > 0  # some steps are time stepped
+    assert unlocated[400] == unlocated[-1]

@@ -20,10 +20,11 @@ class RowReader:
         model: the scene.
         surfaces: which move through the step; None where none do.
         frictional: whether rows of friction take part.
+        touching: gap, m or rad, up to which bodies at rest touch.
     """
 
-    def __init__(self, model: mujoco.MjModel, surfaces: Surfaces | None, *, frictional: bool):
-        self._model, self._surfaces, self.frictional = model, surfaces, frictional
+    def __init__(self, model: mujoco.MjModel, surfaces: Surfaces | None, *, frictional: bool, touching: float):
+        self._model, self._surfaces, self.frictional, self._touching = model, surfaces, frictional, touching
         self._constraints, self._lengths = constraint_kinds(model), lengths(model)
 
     def near(self, data: mujoco.MjData, one: np.ndarray, other: np.ndarray, reach: float) -> np.ndarray:
@@ -78,7 +79,7 @@ class RowReader:
                 contact.efc_address, contact.dim, contact.geom, contact.friction,
                 model.M_rownnz, model.M_rowadr, model.M_colind, *metric,
                 model.dof_treeid, model.tree_dofadr, model.tree_dofnum,
-                start, free, near, h, self.frictional,
+                start, free, near, h, self.frictional, self._touching,
             )
         )  # fmt: skip
         if self._surfaces is not None and self._surfaces.move:

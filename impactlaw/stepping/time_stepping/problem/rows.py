@@ -20,8 +20,8 @@ from impactlaw.stepping.compiled.whitening import whiten
 NEAR = 1e-5
 """Gap, m or rad, up to which a contact takes part whatever its velocity."""
 
-_TOUCHING = 1e-6
-"""Gap, m or rad, up to which bodies at rest touch: points of contact jump by more from step to step in piles."""
+TOUCHING = 1e-6
+"""Gap, m or rad, up to which bodies at rest touch: in piles, points of contact jump by more from step to step."""
 _RESTING = 1e-2
 """Kinetic energy up to which bodies are at rest, as a part of what forces make of rest within a step."""
 
@@ -244,14 +244,14 @@ def _write_energies(before, free, factor, Mnnz, Madr, Mcol, inverse, tree, now, 
 
 
 @plain
-def _close_tiny_gaps(rows, before, free, factor, Mnnz, Madr, Mcol, inverse, tree, now, added):
+def _close_tiny_gaps(rows, before, free, factor, Mnnz, Madr, Mcol, inverse, tree, touching, now, added):
     """Let contacts of bodies at rest touch whose gap is tiny: closing it would move them for ever.
 
     There is room for now and added, (ntree,).
     """
     known = False
     for g in range(len(rows.key)):
-        if rows.groups[2, g] != CONE or not 0.0 < rows.amounts[0, g] <= _TOUCHING:
+        if rows.groups[2, g] != CONE or not 0.0 < rows.amounts[0, g] <= touching:
             continue
         if not known:
             _write_energies(before, free, factor, Mnnz, Madr, Mcol, inverse, tree, now, added)
@@ -268,7 +268,7 @@ def _close_tiny_gaps(rows, before, free, factor, Mnnz, Madr, Mcol, inverse, tree
 def write_rows(
     kinds, number, position, velocity, reference, regularizer, loss, Jnnz, Jadr, Jcol, J, dim, geoms, friction,
     Mnnz, Madr, Mcol, factor, inverse, tree, treeadr, treenum, before, free, near, timestep, frictional,
-    mark, room, rows,
+    touching, mark, room, rows,
 ):  # fmt: skip
     """Write what `read_rows` returns, and return the number of entries.
 
@@ -302,7 +302,7 @@ def write_rows(
             r += 1
         row += step
         g += 1
-    _close_tiny_gaps(rows, before, free, factor, Mnnz, Madr, Mcol, inverse, tree, root, work)
+    _close_tiny_gaps(rows, before, free, factor, Mnnz, Madr, Mcol, inverse, tree, touching, root, work)
     return end
 
 
@@ -311,19 +311,19 @@ def write_rows(
     "(int32[::1],int32[::1],float64[::1],float64[::1],float64[::1],float64[::1],float64[::1],"
     "int32[::1],int32[::1],int32[::1],float64[::1],int32[:],int32[:],int32[:,:],float64[:,:],"
     "int32[::1],int32[::1],int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1],"
-    "float64[::1],float64[::1],boolean[::1],float64,boolean)"
+    "float64[::1],float64[::1],boolean[::1],float64,boolean,float64)"
 )
 def read_rows(
     kinds, number, position, velocity, reference, regularizer, loss,
     Jnnz, Jadr, Jcol, J,
     address, dim, geoms, friction,
     Mnnz, Madr, Mcol, factor, inverse, tree, treeadr, treenum,
-    before, free, near, timestep, frictional,
+    before, free, near, timestep, frictional, touching,
 ):  # fmt: skip
     """Return what `Rows` holds, as a tuple in its order; the arguments are MuJoCo's arrays of now.
 
     Only groups whose first row is ``near`` take part. Dense rows are given as sparse ones with all entries.
-    Without velocities of rows, (0,), those of belts are left out.
+    Without velocities of rows, (0,), those of belts are left out. Up to a gap `touching`, m, bodies at rest touch.
     """
     mark = cleared(len(treeadr))
     groups, count = count_groups(kinds, number, dim, friction, near, frictional)
@@ -335,6 +335,6 @@ def read_rows(
     end = write_rows(
         kinds, number, position, velocity, reference, regularizer, loss, Jnnz, Jadr, Jcol, J, dim, geoms, friction,
         Mnnz, Madr, Mcol, factor, inverse, tree, treeadr, treenum, before, free, near, timestep, frictional,
-        mark, numbers(2 * len(before)), rows,
+        touching, mark, numbers(2 * len(before)), rows,
     )  # fmt: skip
     return (rows.sparse, rows.colind[:end], rows.value[:end], rows.groups, rows.key, rows.amounts, rows.rates)

@@ -40,7 +40,7 @@ from impactlaw.stepping.time_stepping.compiled.state.sums import add_collision
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import add_surfaces, surfaces_move
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, metric_of, setting
 from impactlaw.stepping.time_stepping.problem.energy import add_before
-from impactlaw.stepping.time_stepping.problem.rows import count_groups, entries_of, find_near, write_rows
+from impactlaw.stepping.time_stepping.problem.rows import TOUCHING, count_groups, entries_of, find_near, write_rows
 
 
 class Outcome(NamedTuple):
@@ -116,7 +116,8 @@ def read(w, jacobian, metric, velocity, start, free, chosen, frictional, mark, r
         nnz, adr, col, J, contact_ints(w, CONTACT.dim, 1)[:, 0], contact_ints(w, CONTACT.geom, 2),
         contact_floats(w, CONTACT.friction, 5), Mnnz, Madr, Mcol, factor, inverse,
         model_ints(w, MODEL.dof_treeid, w.nv), model_ints(w, MODEL.tree_dofadr, trees),
-        model_ints(w, MODEL.tree_dofnum, trees), start, free, chosen, w.timestep, frictional, mark, room, rows,
+        model_ints(w, MODEL.tree_dofnum, trees), start, free, chosen, w.timestep, frictional, TOUCHING,
+        mark, room, rows,
     )  # fmt: skip
 
 
