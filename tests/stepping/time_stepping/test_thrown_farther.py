@@ -72,3 +72,20 @@ def test_a_ball_that_is_thrown_by_one_that_was_thrown_meets_the_next(many, times
         height = model.body_pos[1:, 2] + data.qpos
         deepest = min(deepest, height[0] - 0.01, np.diff(height).min() - 0.02)
     assert deepest > -1e-5
+
+
+_PAIRS = """<mujoco><option timestep="0.01" gravity="0 0 0"/><worldbody>{}</worldbody>
+  <contact><pair geom1="0" geom2="1"/><pair geom1="1" geom2="2"/></contact></mujoco>"""
+_BALL = """<body pos="{x} 0 0"><joint type="slide" axis="1 0 0"/>
+  <geom name="{name}" size="0.1" mass="{mass}" contype="0" conaffinity="0"/></body>"""
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_geoms_of_a_pair_are_looked_for_as_far_as_both_travel(compiled):
+    balls = ((-0.201, 1e3), (0.0, 1.0), (0.226, 1.0))  # the second is thrown at the third, which comes towards it
+    bodies = "".join(_BALL.format(name=i, x=x, mass=mass) for i, (x, mass) in enumerate(balls))
+    model = mujoco.MjModel.from_xml_string(_PAIRS.format(bodies))
+    data = mujoco.MjData(model)
+    data.qvel[:] = 0.49, -1.0, -1.0
+    Stepper(model, Moreau(1.0), scheme="time-stepping", compiled=compiled).step(data)
+    assert data.qvel[2] > 1.9
