@@ -53,7 +53,8 @@ from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
 from impactlaw.stepping.time_stepping.looks import Look, Looks
 from impactlaw.stepping.time_stepping.problem.forces import sense, write_forces
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
-from impactlaw.stepping.time_stepping.problem.rows import TOUCHING, Rows
+from impactlaw.stepping.time_stepping.problem.rest import TOUCHING
+from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.second_look import SecondLook
 from impactlaw.stepping.time_stepping.tolerances import FARTHER_LOOKS, FEW_ROUNDS, MANY_ROUNDS

@@ -14,16 +14,12 @@ import numpy as np
 from impactlaw.compiled import compiled
 from impactlaw.scene.tolerances import NO_FRICTION
 from impactlaw.solvers.cones import BILATERAL, BOX, CONE
-from impactlaw.solvers.cones.algebra.loops import clear, cleared, numbers, plain
+from impactlaw.solvers.cones.algebra.loops import cleared, numbers, plain
 from impactlaw.stepping.compiled.whitening import whiten
+from impactlaw.stepping.time_stepping.problem.rest import close_tiny_gaps
 
 NEAR = 1e-5
 """Gap, m or rad, up to which a contact takes part whatever its velocity."""
-
-TOUCHING = 1e-6
-"""Gap, m or rad, up to which bodies at rest touch: in piles, points of contact jump by more from step to step."""
-_RESTING = 1e-2
-"""Kinetic energy up to which bodies are at rest, as a part of what forces make of rest within a step."""
 
 _EQUALITY, _LOSS, _LIMIT, _ELLIPTIC = 0, (1, 2), (3, 4), 7  # mjtConstraint
 
@@ -230,41 +226,6 @@ def _write_rates(
 
 
 @plain
-def _write_energies(before, free, factor, Mnnz, Madr, Mcol, inverse, tree, now, added):
-    """Write ``v^T M_h v`` of each tree of bodies at the start, and of what forces add without contact."""
-    clear(now)
-    clear(added)
-    for i in range(len(before)):
-        v, change = before[i], free[i] - before[i]
-        for a in range(Madr[i], Madr[i] + Mnnz[i] - 1):
-            v += factor[a] * before[Mcol[a]]
-            change += factor[a] * (free[Mcol[a]] - before[Mcol[a]])
-        now[tree[i]] += v * v / inverse[i]
-        added[tree[i]] += change * change / inverse[i]
-
-
-@plain
-def _close_tiny_gaps(rows, before, free, factor, Mnnz, Madr, Mcol, inverse, tree, touching, now, added):
-    """Let contacts of bodies at rest touch whose gap is tiny: closing it would move them for ever.
-
-    There is room for now and added, (ntree,).
-    """
-    known = False
-    for g in range(len(rows.key)):
-        if rows.groups[2, g] != CONE or not 0.0 < rows.amounts[0, g] <= touching:
-            continue
-        if not known:
-            _write_energies(before, free, factor, Mnnz, Madr, Mcol, inverse, tree, now, added)
-            known = True
-        row, rests = rows.groups[0, g], True
-        for a in range(rows.sparse[1, row], rows.sparse[1, row] + rows.sparse[0, row]):
-            t = tree[rows.colind[a]]
-            rests = rests and now[t] < _RESTING * added[t]
-        if rests:
-            rows.amounts[0, g] = 0.0
-
-
-@plain
 def write_rows(
     kinds, number, position, velocity, reference, regularizer, loss, Jnnz, Jadr, Jcol, J, dim, geoms, friction,
     Mnnz, Madr, Mcol, factor, inverse, tree, treeadr, treenum, before, free, near, timestep, frictional,
@@ -302,7 +263,7 @@ def write_rows(
             r += 1
         row += step
         g += 1
-    _close_tiny_gaps(rows, before, free, factor, Mnnz, Madr, Mcol, inverse, tree, touching, root, work)
+    close_tiny_gaps(rows, before, free, factor, Mnnz, Madr, Mcol, inverse, tree, touching, root, work)
     return end
 
 

@@ -40,7 +40,8 @@ from impactlaw.stepping.time_stepping.compiled.state.sums import add_collision
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import add_surfaces, surfaces_move
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, metric_of, setting
 from impactlaw.stepping.time_stepping.problem.energy import add_before
-from impactlaw.stepping.time_stepping.problem.rows import TOUCHING, count_groups, entries_of, find_near, write_rows
+from impactlaw.stepping.time_stepping.problem.rest import TOUCHING
+from impactlaw.stepping.time_stepping.problem.rows import count_groups, entries_of, find_near, write_rows
 
 
 class Outcome(NamedTuple):
