@@ -33,6 +33,23 @@ def half(x):
 def five_halves(x):
     return _double(x) + half(x)
 """
+_CALLED = """
+import dis, sys
+from importlib import import_module
+from impactlaw.compiling import LATER, Declared
+LATER.set([])
+import_module(sys.argv[1])
+functions = [f for name, module in list(sys.modules.items()) if name.startswith("impactlaw.")
+             for f in vars(module).values() if hasattr(f, "py_func")] + LATER.get()
+asked = 0
+for f in functions:
+    f = getattr(f, "py_func", None) or f.__closure__[[*f.__code__.co_freevars].index("function")].cell_contents
+    for name in {i.argval for i in dis.get_instructions(f) if i.opname == "LOAD_GLOBAL"}:
+        asked += 1
+        if isinstance(f.__globals__.get(name), Declared):
+            print(f"{f.__module__}.{f.__name__} calls {name}")
+assert asked > 100, asked
+"""
 _READ = """
 from impactlaw.copied import double, five_halves, half
 print(five_halves(2.0), *(sum(f.stats.cache_hits.values()) for f in (double, half, five_halves)))
@@ -90,3 +107,18 @@ def test_a_python_that_cannot_be_started_again_compiles_alone(monkeypatch, tmp_p
     monkeypatch.setattr("joblib.cpu_count", lambda: 2)  # before, since joblib keeps the path of Python
     monkeypatch.setattr(sys, "executable", "/no/such/python")
     start_helpers("impactlaw.solvers.cones.solve", tmp_path)
+
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        "impactlaw.solvers.cones.solve",
+        "impactlaw.stepping.time_stepping.compiled.entry",
+        "impactlaw.stepping.soft.compiled.entry",
+        "impactlaw.stepping.soft.compiled.many",
+    ],
+)
+def test_nothing_calls_a_function_that_a_helper_has_put_off(module):
+    """But by its address: numba cannot compile what calls it, and the helper would end with nothing done."""
+    command = [sys.executable, "-c", _CALLED, module]
+    assert subprocess.run(command, capture_output=True, text=True, timeout=600, check=True).stdout == ""

@@ -32,7 +32,7 @@ def sparse_jacobian(
     return nnz[:n], adr[:n], col[: n * nv], data.efc_J.reshape(-1)
 
 
-@compiled("boolean(float64[::1],float64[:],float64,int32[:],int32[:],int32[:])")
+@compiled("(float64[::1],float64[:],float64,int32[:],int32[:],int32[:])")
 def leave_open_out(force, gap, touch, dim, exclude, address):
     """Let contacts that are open and carry no force have no rows, as those within MuJoCo's gap; return if any has rows.
 
