@@ -237,7 +237,7 @@ def square_matrix(value: Any, name: str = "restitution matrix", *, sparse: bool 
     try:
         matrix = finite_sparse(value, name) if sparse and is_sparse(value) else finite_array(value, name)
     except InvalidCollisionError as error:
-        raise RestitutionError(f"{name} must be a square array of numbers: {error}") from None
+        raise RestitutionError(f"{error}; it must be a square array of numbers") from None
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
         raise RestitutionError(f"{name} must be square, got shape {matrix.shape}")
     return matrix
