@@ -64,7 +64,7 @@ def test_no_restitution_is_complex(number):
     for name, given in (("moreau", number), ("newton", np.array([number, 0.5])), ("newton", {"a/b": number})):
         with pytest.raises(RestitutionError, match="must be a number in"):
             make_law(name, given)
-    with pytest.raises(RestitutionError, match="is not an array of numbers: .*; it must be a square array of numbers"):
+    with pytest.raises(RestitutionError, match=r"is not an array of numbers: .*; it must be a square array of numbers"):
         make_law("fremond", np.array([[0.0, number], [0.5, 0.0]]))
     with pytest.raises(RestitutionError, match="must be a finite number"):
         make_law("fremond", {("a/b", "b/c"): number})

@@ -144,7 +144,7 @@ def test_unknown_law(name, message):
         (lambda: Fremond(np.ones((2, 3))), r"must be square, got shape \(2, 3\)"),
         (lambda: Fremond(0.5), "must be square"),
         (lambda: Fremond([[1.0, np.nan], [0.0, 1.0]]), "not finite"),
-        (lambda: Fremond([["x"]]), "is not an array of numbers: .*; it must be a square array of numbers"),
+        (lambda: Fremond([["x"]]), r"is not an array of numbers: .*; it must be a square array of numbers"),
         (lambda: Fremond({"a/b": 1.0}), "a key of Fremond is a pair of contact labels"),
         (lambda: Fremond({("a/b", "b/c"): np.inf}), "must be a finite number"),
         (lambda: Fremond({("a/b", 1): 1.0}), "a contact is named"),
