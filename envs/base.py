@@ -81,7 +81,7 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
         RenderError: render_mode="human" without a display.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012  (as gymnasium declares it)
 
     _spec: EnvSpec | None = None
     _begun = False

@@ -55,7 +55,7 @@ class VectorWorlds(VectorEnv):
         SceneError: compiled code does not take the scene, or a law.
     """
 
-    metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012  (as gymnasium declares it)
 
     nthread, frame_skip, max_episode_steps = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
     friction, on_inadmissible, rest_speed = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)

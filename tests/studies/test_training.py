@@ -24,7 +24,10 @@ SHORT = Study(
 @pytest.mark.parametrize("policy", ["ppo", "mine.zip"])
 def test_a_missing_package_is_named_with_the_extra_that_brings_it(policy, tmp_path, monkeypatch):
     find = importlib.util.find_spec
-    hidden = lambda name, *rest: None if name.startswith("stable_baselines3") else find(name, *rest)  # noqa: E731
+
+    def hidden(name: str, *rest):
+        return None if name.startswith("stable_baselines3") else find(name, *rest)
+
     monkeypatch.setattr(importlib.util, "find_spec", hidden)
     study = Study(tasks=("impactlaw/Billiards-v0",), act=("moreau:0.5",), policies=(policy,))
     with pytest.raises(MissingExtraError, match=r"stable-baselines3.*impactlaw\[train\]"):

@@ -10,7 +10,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import TimeLimit
 from wrapped import hopper
 
-import impactlaw.envs  # noqa: F401
+import impactlaw.envs  # noqa: F401  (registers the environments)
 from impactlaw import AnyOutcome, Moreau, Newton
 from impactlaw.envs import ImpactLaw, LawDistribution, RandomLaw, restart
 from impactlaw.errors import OptionError, RestitutionError, SceneError, SettledError, UnknownNameError, WrapperError

@@ -3,7 +3,7 @@
 import gymnasium
 import pytest
 
-import impactlaw.envs  # noqa: F401
+import impactlaw.envs  # noqa: F401  (registers the environments)
 
 
 @pytest.fixture

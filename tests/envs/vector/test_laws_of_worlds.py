@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import SyncVectorEnv
 
-import impactlaw.envs  # noqa: F401
+import impactlaw.envs  # noqa: F401  (registers the environments)
 from impactlaw import Moreau, Newton
 from impactlaw.errors import OptionError, UncompiledWarning, UnknownNameError
 from impactlaw.laws import MaximalDissipation

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 
-import impactlaw.envs  # noqa: F401
+import impactlaw.envs  # noqa: F401  (registers the environments)
 from impactlaw import AnyOutcome, Moreau, Newton, make_law
 from impactlaw.envs import LawDistribution
 from impactlaw.errors import (

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-import impactlaw.envs  # noqa: F401
+import impactlaw.envs  # noqa: F401  (registers the environments)
 from impactlaw import Moreau, Stepper
 from impactlaw.envs.vector.worlds import VectorWorlds
 
