@@ -14,6 +14,7 @@ from impactlaw.solvers.cones.algebra.loops import plain
 
 _PARALLEL = 1e-9  # difference of normals of one face
 _LEVEL = 1e-10  # m: points are in one plane that are as near to it
+_CLOSED = 1e-4  # m: gaps up to which; of corners farther apart, a body meets one at a time
 
 
 @plain
@@ -49,7 +50,7 @@ def put_on_planes(dist, pos, frame, geom, body_of_geom):
         while end < len(dist) and body_of_geom[geom[end, 0]] == one and body_of_geom[geom[end, 1]] == other:
             end += 1
         least, rise = abs(dist[k]), 0.0
-        for j in range(begin, end):
+        for j in range(begin, end if least <= _CLOSED else begin):
             if abs(dist[j]) < least:
                 height = _height(dist, pos, frame, k, j)
                 if height != np.inf:
