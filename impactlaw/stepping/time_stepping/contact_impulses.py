@@ -17,7 +17,7 @@ from impactlaw.scene.joint_limits import Limits
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.stepping.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.events import CollisionRecord, Known, Metric, StepImpulses
-from impactlaw.stepping.time_stepping.problem.drifts import calm, drifts
+from impactlaw.stepping.time_stepping.problem.drifts import hold
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups, struck_later
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
@@ -29,7 +29,6 @@ from impactlaw.stepping.time_stepping.tolerances import (
     PHASES,
     RESOLVED,
     REST_SPEED,
-    STIFF,
     is_met,
 )
 
@@ -274,16 +273,12 @@ class ContactProblem:
             rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, self._model.dof_treeid, collides, target
         )
         if data.ne:
-            equal = rows.first[rows.kind == BILATERAL]
-            row = rows.row[equal]
-            given = drifts(
-                rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, self._model.nv
-            )[rows.kind == BILATERAL]
-            kinds = np.zeros(len(collides), dtype=np.uint8)
-            kinds[rows.kind == BILATERAL] = self.bilateral[data.efc_id[row]]
-            kept = calm(rows.sparse, rows.value, rows.groups, rows.rates, collides, kinds)[rows.kind == BILATERAL]
-            held = kept & ~given
-            rows.compliance[equal[held]] = STIFF * data.efc_R[row[held]]
+            kinds, equal = np.zeros(len(collides), dtype=np.uint8), rows.kind == BILATERAL
+            kinds[equal] = self.bilateral[data.efc_id[rows.row[rows.first[equal]]]]
+            hold(
+                rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, kinds,
+                data.efc_R, self._model.nv,
+            )  # fmt: skip
         return seen, together
 
     def _ask_law(

@@ -14,11 +14,11 @@ from impactlaw.stepping.time_stepping.compiled.state.kinds import typeof
 from impactlaw.stepping.time_stepping.compiled.state.law import ask_law, reverse
 from impactlaw.stepping.time_stepping.compiled.state.status import CREATES, FINE, NOT_FINITE
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.problem.drifts import find_calm, find_drifts
+from impactlaw.stepping.time_stepping.problem.drifts import hold_constraints
 from impactlaw.stepping.time_stepping.problem.phases import find_later
 from impactlaw.stepping.time_stepping.problem.solution.resolve import linked_resolve
 from impactlaw.stepping.time_stepping.problem.targets import aim, close_gaps
-from impactlaw.stepping.time_stepping.tolerances import RESOLVED, STIFF
+from impactlaw.stepping.time_stepping.tolerances import RESOLVED
 
 _APART = np.bool_(False)  # laws in compiled code couple only contacts that influence each other
 
@@ -71,14 +71,10 @@ def _stiffen(w, rows, collides):
     number_of, compliance = data_ints(w, DATA.efc_id, n), data_floats(w, DATA.efc_R, n)
     kinds, given, kept = counts(len(rows.key)), cleared(len(rows.key)), cleared(len(rows.key))
     _find_kinds(w, rows, number_of, kinds)
-    find_drifts(
-        rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, zeros(w.nv), given
-    )
-    find_calm(rows.sparse, rows.value, rows.groups, rows.rates, collides, kinds, kept)
-    for g in range(len(rows.key)):
-        row = rows.groups[0, g]
-        if kept[g] and not given[g]:
-            rows.rates[4, row] = STIFF * compliance[rows.sparse[2, row]]
+    hold_constraints(
+        rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, kinds, compliance,
+        zeros(w.nv), given, kept,
+    )  # fmt: skip
 
 
 @plain
