@@ -19,9 +19,10 @@ AIM = 0.5 * CLOSE
 def next_share(
     low: float, high: float, third: float, below: float, above: float, beyond: float, stalled: bool
 ) -> float:
-    """Return where the parabola through three points is 0, or the line through two, or the middle.
+    """Return where the parabola through three points is 0, or through two, or the middle.
 
-    The energy that is created is quadratic in s while the same contacts stick, slide and separate.
+    The energy that is created is quadratic in s while the same contacts stick, slide and separate, and without friction
+    no other terms than its square have a part in it: of two points, that at 0 is the vertex.
 
     Args:
         low: lower end of the bracket.
@@ -35,9 +36,12 @@ def next_share(
     width = high - low
     if stalled or not below < 0.0 or not above < 1e300:
         return low + 0.5 * width
-    slope, bend = (above - below) / width, 0.0
-    if not isnan(third) and beyond < 1e300:
-        bend = ((beyond - above) / (third - high) - slope) / (third - low)
-    start = slope - bend * width
-    s = low - 2.0 * below / (start + sqrt(max(start * start - 4.0 * bend * below, 0.0)))
+    if isnan(third):
+        s = low + width * sqrt(-below / (above - below))
+    else:
+        slope, bend = (above - below) / width, 0.0
+        if beyond < 1e300:
+            bend = ((beyond - above) / (third - high) - slope) / (third - low)
+        start = slope - bend * width
+        s = low - 2.0 * below / (start + sqrt(max(start * start - 4.0 * bend * below, 0.0)))
     return s if low < s < high else low + 0.5 * width

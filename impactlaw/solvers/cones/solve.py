@@ -16,8 +16,6 @@ from impactlaw.solvers.cones.algebra.loops import (
     plain,
     unset,
 )
-from impactlaw.solvers.cones.algebra.projection import norm_of
-from impactlaw.solvers.cones.convex import out_of_reach
 from impactlaw.solvers.cones.hybrid import solve_island
 from impactlaw.solvers.cones.islands import build
 from impactlaw.solvers.cones.rows import certificate, impulse_jump, islands, lengths, longest_group, trees_of
@@ -52,27 +50,6 @@ def _solve_one(
 _linked_one = linked(_solve_one)
 
 
-@compiled(
-    "boolean(int64[::1],int32[::1],int32[::1],int32[::1],float64[::1],int32[::1],int32[::1],int32[::1],int32[::1],"
-    "float64[::1],float64[::1],float64[::1],float64[::1],int64[::1],int64[::1])"
-)
-def _prove_one(
-    members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, number, seen
-):
-    """Return whether the groups of one island jam, see `jams`."""
-    P, K = build(
-        members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, False, number,
-        seen,
-    )  # fmt: skip
-    scale = 0.0
-    for g in range(len(members)):
-        scale = max(scale, norm_of(P.b, P.start[g], P.start[g + 1]))
-    return out_of_reach(P, K, scale)[1]
-
-
-_linked_proof = linked(_prove_one)
-
-
 @plain
 def _clean(first: Array, size: Array, label: Array, x: Array) -> None:
     """Let impulses of groups that cannot move, and those that are no numbers, be 0."""
@@ -86,7 +63,7 @@ def _clean(first: Array, size: Array, label: Array, x: Array) -> None:
 
 
 @plain
-def _sort(label: Array, begin: Array, at: Array, order: Array) -> None:
+def in_islands(label: Array, begin: Array, at: Array, order: Array) -> None:
     """Write the groups of the islands, one island after another, and where those of each begin, zeros before."""
     for g in range(len(label)):
         if label[g] >= 0:
@@ -127,7 +104,7 @@ def improve(
     if worst <= tolerance:
         return worst, total
     begin, at, order = counts(count + 1), indices(count), indices(groups)
-    _sort(label, begin, at, order)
+    in_islands(label, begin, at, order)
     number, seen = unset(len(tree)), unset(len(tree))
     for i in range(count):
         if np.sqrt(squares[i]) <= tolerance * scale[i]:
@@ -146,43 +123,6 @@ def improve(
 
 
 linked_improve = linked(improve)
-"""What compiled functions call."""
-
-
-@compiled(
-    "boolean(int32[::1],int32[::1],int32[::1],float64[::1],int32[::1],int32[::1],int32[::1],int32[::1],float64[::1],"
-    "float64[::1],float64[::1])"
-)
-def jams(
-    rownnz: Array,
-    rowadr: Array,
-    colind: Array,
-    value: Array,
-    tree: Array,
-    first: Array,
-    size: Array,
-    kind: Array,
-    bound: Array,
-    compliance: Array,
-    b: Array,
-) -> bool:
-    """Return whether nothing says that a problem has a solution: `convex.out_of_reach`. For arguments see `solve`."""
-    groups, trees, jammed = len(first), trees_of(tree), False
-    length, label, parent, root = numbers(groups), indices(groups), indices(trees), indices(trees)
-    lengths(rownnz, rowadr, value, first, size, compliance, length)
-    count = islands(rownnz, rowadr, colind, value, tree, first, size, length, label, parent, root)
-    begin, at, order = counts(count + 1), indices(count), indices(groups)
-    _sort(label, begin, at, order)
-    number, seen = unset(len(tree)), unset(len(tree))
-    for i in range(count):
-        members = order[begin[i] : begin[i + 1]]
-        jammed = jammed or _linked_proof(
-            members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, number, seen
-        )  # fmt: skip
-    return jammed
-
-
-linked_jams = linked(jams)
 """What compiled functions call."""
 
 

@@ -69,7 +69,7 @@ def solve_cones(
     One contact alone has a closed form, or nearly so (`single_contact.single`), which needs nothing that is compiled.
     Any other problem is for the solver of time stepping (`impactlaw.solvers.cones`): Newton's method from the guess,
     then from no impulse, and rounds of slower methods where it fails; and if no effort is spared, again from the best
-    point, and from impulses of the convex problem. In haste, nothing slower follows Newton's method where bodies jam.
+    point, and from impulses of the convex problem. In haste, Newton's method alone comes first, see `cones.retry`.
     Solutions need not be unique for large coefficients of friction; the same problem always gets the same one.
 
     Args:
@@ -128,8 +128,10 @@ def _attempt(problem: ConeProblem, guess: np.ndarray | None, rounds: int, most: 
         hopeless = again or (residual > ENOUGH * problem.scale and rounds <= BRIEF)
         if enough or hopeless or residual <= _ALONE * problem.scale or total >= most:
             break
-        if quick and residual > ENOUGH * problem.scale and jams(problem):
-            return problem.answer(x, residual, Status.INFEASIBLE, total)
+        if quick and residual > ENOUGH * problem.scale:
+            x, jams = retry(problem, x)
+            if jams:
+                return problem.answer(x, residual, Status.INFEASIBLE, total)
         guess = problem.unscaled(x)
     status = Status.SOLVED if residual <= ENOUGH * problem.scale else Status.STOPPED
     return problem.answer(x, residual, status, total)
@@ -160,12 +162,14 @@ def compiled_answer(
     return x.reshape(problem.shape), int(taken)
 
 
-def jams(problem: ConeProblem) -> bool:
-    """Return whether the convex problem has no solution, or one that is too far away: `cones.convex.out_of_reach`."""
-    from impactlaw.solvers.cones import jams
+def retry(problem: ConeProblem, x: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Return what `cones.retry` makes of a scaled impulse, (h, m), and whether bodies jam."""
+    from impactlaw.solvers.cones import retry
 
     rows, groups = _layout(problem)
-    return bool(jams(*rows, *groups))
+    better = x.flatten()
+    jammed = retry(*rows, *groups, problem.exact, _SHARP, better)
+    return better.reshape(problem.shape), bool(jammed)
 
 
 def _layout(problem: ConeProblem) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:

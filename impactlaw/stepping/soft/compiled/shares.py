@@ -13,8 +13,9 @@ from impactlaw.laws.friction import share
 from impactlaw.laws.friction.share import AIM, CREATED, FOUND, SEARCHES, SOLVABLE
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import clear, cleared, copied, indices, kernel, norm, numbers, plain, zeros
+from impactlaw.solvers.cones.retry import linked_retry
 from impactlaw.solvers.cones.rows import impulse_jump
-from impactlaw.solvers.cones.solve import linked_improve, linked_jams
+from impactlaw.solvers.cones.solve import linked_improve
 from impactlaw.stepping.compiled.access import model_ints
 from impactlaw.stepping.compiled.fields import MODEL
 from impactlaw.stepping.soft.compiled.alone import solve_alone
@@ -69,8 +70,9 @@ def _solve(w, rows, members, wanted, s, x, z):
         )  # fmt: skip
         if residual <= ENOUGH or not residual < _WORTH_IT * before:
             break
-        if attempt == 0 and linked_jams(
-            rows.nnz, rows.adr, rows.col, rows.val, tree, firsts, sizes, kinds, bounds, compliance, b
+        if attempt == 0 and linked_retry(
+            rows.nnz, rows.adr, rows.col, rows.val, tree, firsts, sizes, kinds, bounds, compliance, b, wanted.exact,
+            _TOLERANCE, x,
         ):  # fmt: skip
             break
     return residual
