@@ -114,7 +114,7 @@ def _resolve(w, law, found, gamma, calm, rounding, last, guarded, velocity, sums
     if not _ask(w, law, found, free, members, v, last, before, restored):
         return UNKNOWN
     speed = norm(v)
-    wanted = Wanted(law.last_exact if last else law.exact, before, restored, speed)
+    wanted = Wanted(law.last_exact if last else law.exact, before, restored, v, speed)
     residual, share = find_impulses(w, rows, members, wanted, x, z)
     if not residual <= ENOUGH:
         return PYTHON

@@ -14,7 +14,7 @@ from impactlaw.laws.friction.share import AIM, CREATED, FOUND, SEARCHES, SOLVABL
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import clear, cleared, copied, indices, kernel, norm, numbers, plain, zeros
 from impactlaw.solvers.cones.retry import linked_retry
-from impactlaw.solvers.cones.rows import impulse_jump
+from impactlaw.solvers.cones.rows import impulse_jump, lengths
 from impactlaw.solvers.cones.solve import linked_improve
 from impactlaw.stepping.compiled.access import model_ints
 from impactlaw.stepping.compiled.fields import MODEL
@@ -25,7 +25,7 @@ from impactlaw.stepping.soft.compiled.contacts.work import most_gained, work_of_
 Array = np.ndarray[Any, Any]
 
 ENOUGH = 1e-12
-"""Relative natural map that the solver must reach."""
+"""Natural map, relative to velocities, that the solver must reach."""
 _TOLERANCE = 1e-13  # what it aims at
 _ROUNDS = 24  # of its slower methods
 _AGAIN = 4  # times that it begins, at first without these
@@ -41,13 +41,36 @@ class Wanted(NamedTuple):
         exact: exact Coulomb friction, or its convex relaxation.
         before: velocities of all rows, (n,).
         restored: what restitution asks for in addition to none being left of these, (n,).
-        speed: of all bodies before it, in the kinetic metric.
+        velocity: whitened, before it, (nv,).
+        speed: its length.
     """
 
     exact: bool
     before: Array
     restored: Array
+    velocity: Array
     speed: float
+
+
+@kernel
+def _sharpness(rows, members, firsts, sizes, compliance, b, velocity):
+    """Return how much larger the speed of what takes part is than what is asked of it, 1 or more.
+
+    Rounding is a part of the speed: what rests on fast bodies cannot be solved to as small a part of its own.
+    """
+    length, touched, asked, square = numbers(len(members)), cleared(len(velocity)), 0.0, 0.0
+    lengths(rows.nnz, rows.adr, rows.val, firsts, sizes, compliance, length)
+    for j in range(len(members)):
+        own = 0.0
+        for i in range(firsts[j], firsts[j] + sizes[j]):
+            own += b[i] * b[i]
+            for a in range(rows.adr[i], rows.adr[i] + rows.nnz[i]):
+                d = rows.col[a]
+                square += 0.0 if touched[d] else velocity[d] ** 2
+                touched[d] = True
+        if length[j] > 0.0:
+            asked = max(asked, np.sqrt(own) / length[j])
+    return max(1.0, np.sqrt(square) / asked) if asked > 0.0 else 1.0
 
 
 @kernel
@@ -62,17 +85,19 @@ def _solve(w, rows, members, wanted, s, x, z):
             return 0.0
     tree, firsts, sizes = model_ints(w, MODEL.dof_treeid, w.nv), rows.first[members], rows.sizes[members]
     kinds, bounds, compliance = np.full(k, CONE, np.int32), zeros(k), zeros(n)
+    sharp = _sharpness(rows, members, firsts, sizes, compliance, b, wanted.velocity)
     for attempt in range(_AGAIN):
         before, left[0] = residual, 1.0
         residual, _ = linked_improve(
             rows.nnz, rows.adr, rows.col, rows.val, tree, firsts, sizes, kinds, bounds, compliance, b, wanted.exact,
-            _TOLERANCE, 0 if attempt == 0 else _ROUNDS, left, x, z,
+            sharp * _TOLERANCE, 0 if attempt == 0 else _ROUNDS, left, x, z,
         )  # fmt: skip
+        residual /= sharp
         if residual <= ENOUGH or not residual < _WORTH_IT * before:
             break
         if attempt == 0 and linked_retry(
             rows.nnz, rows.adr, rows.col, rows.val, tree, firsts, sizes, kinds, bounds, compliance, b, wanted.exact,
-            _TOLERANCE, x,
+            sharp * _TOLERANCE, x,
         ):  # fmt: skip
             break
     return residual
