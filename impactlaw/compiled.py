@@ -42,6 +42,7 @@ _KEPT = f"{__name__}.Kept"
 _ALSO = (
     "parts.py",
     "laws/tolerances.py",
+    "laws/friction/share.py",
     "mechanics/tolerances.py",
     "scene/tolerances.py",
     "scene/equality_constraints.py",
