@@ -12,9 +12,6 @@ class Settled(property):
     """An attribute that can be read, and set once: a later change would have no effect, so it is an error.
 
     It is read at the price of a `property` that calls no Python.
-
-    Args:
-        instead: what to do for another value.
     """
 
     def __init__(self, instead: str, name: str = ""):

@@ -39,11 +39,6 @@ class OneWorld(Protocol):
 class Laws:
     """A law for each world.
 
-    Args:
-        one: steps one world.
-        worlds: how many.
-        settings: numbers of the settings of a world.
-
     Attributes:
         settings: see `OneWorld`, (nsim, n).
         places: address of keys, address of values, and how many, int64 (nsim, 3).

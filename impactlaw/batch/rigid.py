@@ -58,14 +58,6 @@ class _OneRigidWorld:
 class RigidWorlds:
     """What time stepping needs of many worlds.
 
-    Args:
-        model: the scene.
-        plan: of the scene.
-        law: any of the laws.
-        options: of the batch.
-        pool: with the worlds.
-        fields: of the worlds.
-
     Attributes:
         address: of the entry.
         context: what the entry is given, see `compiled.entry.Worlds`.

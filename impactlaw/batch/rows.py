@@ -22,10 +22,6 @@ _STATE = {
 class Fields:
     """Live arrays over the fields of all worlds.
 
-    Args:
-        pool: the worlds.
-        model: of all of them.
-
     Attributes:
         state: rows, (nsim, nstate).
         outputs: see `compiled.entry.Worlds`.

@@ -20,19 +20,12 @@ _RATIOS = ((), (), _WIDE, _WIDE, _NARROW)  # for so many contacts
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of a law.
+    """One number of a law."""
 
-    Attributes:
-        name: for tables.
-        low: least value.
-        high: largest value.
-        starts: where the search begins.
-    """
-
-    name: str
-    low: float
-    high: float
-    starts: tuple[float, ...]
+    name: str  # for tables
+    low: float  # least value
+    high: float  # largest value
+    starts: tuple[float, ...]  # where the search begins
 
 
 @dataclass(frozen=True)

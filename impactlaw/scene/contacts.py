@@ -107,12 +107,6 @@ def closes(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray, speed: 
 
     With pyramidal cones the mean of a contact's first two rows is the normal. Python's own numbers are faster here than
     arrays up to dozens of contacts, and what they cost per contact is little next to what MuJoCo's step does.
-
-    Args:
-        model: the scene.
-        data: its constraint rows of some configuration.
-        rows: their velocities there, ``data.efc_vel`` or `row_velocities`, (nefc,).
-        speed: the speed.
     """
     if not len(rows) or not rows.item(rows.argmin()) < -speed:  # of all rows: a bound
         return False

@@ -43,17 +43,11 @@ class Found(NamedTuple):
 
 
 class Distances(NamedTuple):
-    """Nearest distances of pairs of geoms, as MuJoCo measures them.
+    """Nearest distances of pairs of geoms, as MuJoCo measures them."""
 
-    Attributes:
-        geoms: ids, int (h, 2).
-        distance: m, (h,).
-        normal: from the first geom to the second, (h, 3).
-    """
-
-    geoms: np.ndarray
-    distance: np.ndarray
-    normal: np.ndarray
+    geoms: np.ndarray  # ids, int (h, 2)
+    distance: np.ndarray  # m, (h,)
+    normal: np.ndarray  # from the first geom to the second, (h, 3)
 
     @classmethod
     def of(cls, data: mujoco.MjData) -> Distances | None:
@@ -71,12 +65,6 @@ class Distances(NamedTuple):
 
 class Detector:
     """Finds the contacts of one scene.
-
-    Args:
-        model: the scene.
-        convex: whether some pairs are measured by MuJoCo's general convex collider.
-        faces: whether MuJoCo is to look for several contacts between faces where it can.
-        friction: whether contacts are to have their friction.
 
     Attributes:
         names: of all geoms, as in contact labels.

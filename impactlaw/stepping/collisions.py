@@ -26,23 +26,14 @@ _SAME_INERTIA = 1e-14  # relative difference of mass matrices that is rounding w
 
 
 class Closed(NamedTuple):
-    """Closed contacts, and what impulses on them must respect.
+    """Closed contacts, and what impulses on them must respect."""
 
-    Attributes:
-        contacts: the contacts.
-        jacobian: their gap gradients, (h, nv).
-        bilateral: gradients of equality constraints, (m, nv); None if there are none.
-        drift: what moving surfaces add to the contact velocities, m/s, (h,); None if none move.
-        drift_before: the same before a jump of the surfaces' velocity; None if there is no jump.
-        friction: of these contacts; None if they have none.
-    """
-
-    contacts: Contacts
-    jacobian: np.ndarray
-    bilateral: np.ndarray | None = None
-    drift: np.ndarray | None = None
-    drift_before: np.ndarray | None = None
-    friction: Friction | None = None
+    contacts: Contacts  # the contacts
+    jacobian: np.ndarray  # their gap gradients, (h, nv)
+    bilateral: np.ndarray | None = None  # gradients of equality constraints, (m, nv); None if there are none
+    drift: np.ndarray | None = None  # what moving surfaces add to the contact velocities, m/s, (h,); None if none move
+    drift_before: np.ndarray | None = None  # the same before a jump of the surfaces' velocity; None if there is no jump
+    friction: Friction | None = None  # of these contacts; None if they have none
 
     def contact_velocity(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``J v + w``, m/s, (h,)."""

@@ -136,11 +136,6 @@ def unread_sensors(model: mujoco.MjModel, plan: Plan) -> tuple[str, ...]:
 def check_law(model: mujoco.MjModel, law: Law, chosen: Chosen | None = None) -> None:
     """Refuse a law that no collision of the scene can be resolved by.
 
-    Args:
-        model: the scene.
-        law: the law.
-        chosen: contacts that it is for; None for all.
-
     Raises:
         UnknownNameError: it is keyed by contacts that the scene cannot have; names the nearest ones.
         RestitutionError: it has more coefficients than the scene can have contacts, or none, or none for some of them
@@ -195,10 +190,6 @@ def most_contacts(model: mujoco.MjModel) -> float:
 
 def check_friction(law: Law, friction: str | None) -> None:
     """Refuse a law with friction where something else decides about friction.
-
-    Args:
-        law: the law.
-        friction: the option of a stepper that was given.
 
     Raises:
         RestitutionError: the law is a `Coulomb`, and that is in vain or contradicts the option.

@@ -50,11 +50,6 @@ def restore_state(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray)
 def check_input(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -> None:
     """Refuse what MuJoCo would reset or ignore in silence.
 
-    Args:
-        model: the scene.
-        data: its state.
-        state: the same, saved: one look at all of it, of which most steps need no more.
-
     Raises:
         DivergenceError: a position, velocity, activation, control, applied force, pose of a mocap body, or the time is
             not finite, or huge.

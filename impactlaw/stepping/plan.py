@@ -22,17 +22,11 @@ _TENDON = int(mujoco.mjtTrn.mjTRN_TENDON)
 
 @dataclass(frozen=True)
 class Part:
-    """One part of a step.
+    """One part of a step."""
 
-    Attributes:
-        name: what it does.
-        runs: whether it runs in this scene.
-        why: the fact about the scene that decides.
-    """
-
-    name: str
-    runs: bool
-    why: str
+    name: str  # what it does
+    runs: bool  # whether it runs in this scene
+    why: str  # the fact about the scene that decides
 
 
 @dataclass(frozen=True)

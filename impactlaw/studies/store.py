@@ -17,9 +17,6 @@ class Store:
     beside it in ``policies/<key>.json``. Files are written under another name and then renamed, so that a kill at any
     moment leaves no half of one.
 
-    Args:
-        folder: of the study; it is made where it is missing.
-
     Raises:
         StudyError: the folder cannot be made or written into.
     """

@@ -37,13 +37,9 @@ def put(table: dict, key: object, value: float) -> None:
 
 
 def checked_values(value: Any, name: str, check: Callable[[Any, str], Any], law: str) -> Any:
-    """Return what a law was given for its contacts, checked: one value for all, a tuple, or a dict by canonical labels.
+    """Return a law's values for its contacts, checked: one for all, a tuple, or a dict by canonical labels.
 
-    Args:
-        value: one for every contact, one for each in their order, or by labels of contacts; not a set, without order.
-        name: of the value, for messages.
-        check: returns the value of a contact that is named to it, or raises.
-        law: name of the law, for messages.
+    ``check(value, name)`` returns the value of one contact, or raises; name and law are for messages.
     """
     if isinstance(value, Mapping):
         table: dict[str, Any] = {}

@@ -26,13 +26,6 @@ class RecordingFile:
 
     It does not know who fills it, so that it can be ended when that one is gone: `end_with`.
 
-    Args:
-        path: of the file.
-        stream: of rerun, without a place to write to.
-        frames: the frames.
-        marks: starts of episodes and environment steps.
-        collisions: the collisions.
-
     Attributes:
         step: number of frames so far.
         clock: place of the last one on the timeline, s.

@@ -19,12 +19,6 @@ class Coefficients:
     The key of a contact is the lower number of its geoms, times ``2^32``, and the higher one; that of a limit, of a
     joint or tendon, is ``-1 - (8 number + kind)`` with MuJoCo's kind of constraint.
 
-    Args:
-        targets: of the law.
-        names: of geoms.
-        limits: of the scene.
-        joints: their number in the scene.
-
     Attributes:
         key: ascending, int64 (k,).
         value: e of each, (k,).

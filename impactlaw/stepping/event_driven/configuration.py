@@ -22,10 +22,6 @@ class Configuration:
     data.qpos, computed when they are first needed. M has what implicit damping (`damp`) and equality constraints
     (`comply`) add to it.
 
-    Args:
-        model: the scene.
-        surfaces: surfaces that move by themselves; None if the scene has none.
-
     Attributes:
         data: the state; to be given by `bind`.
     """

@@ -33,12 +33,6 @@ class Travel:
     half-extents), or the distance between the two geoms at the start of the phase. Bodies that fly side by side are
     safe, however fast.
 
-    Args:
-        model: the scene.
-        pairs: geoms that can meet.
-        passing: whether any of them can pass through another.
-        turning: whether rotation counts, there or against planes.
-
     Attributes:
         farthest: how far a point of a geom can move at most, m per unit of displacement of all coordinates together.
     """

@@ -20,50 +20,30 @@ from impactlaw.stepping.time_stepping.compiled.step import STATE, linked_advance
 
 
 class Context(NamedTuple):
-    """Places in the numbers that an entry is given: addresses, and after some of them how many numbers are there.
+    """Places in the numbers that an entry is given: addresses, and after some of them how many numbers are there."""
 
-    Attributes:
-        model: of the scene.
-        data: of the world.
-        scratch: other data.
-        table: offsets of fields.
-        settings: see `world.Settings`.
-        carriers: which mocap body carries each geom.
-        bilateral: which equality constraints a collision must not violate.
-        keys: of the law's contacts, and how many.
-        values: their restitution.
-        memory: of the world, and how many numbers.
-        structure: room for a copy of the model's structure.
-        margins: room for its margins, and how many.
-        state: room for the state, and how many numbers.
-        before: room for the memory as it was before the step.
-        callbacks: addresses of MuJoCo's callbacks, and how many.
-        status: how the step has ended, written.
-        asked: see `law.LawTable`, written.
-    """
-
-    model: int = 0
-    data: int = 1
-    scratch: int = 2
-    table: int = 3
-    settings: int = 4
-    carriers: int = 5
-    bilateral: int = 6
-    keys: int = 7
-    values: int = 8
+    model: int = 0  # of the scene
+    data: int = 1  # of the world
+    scratch: int = 2  # other data
+    table: int = 3  # offsets of fields
+    settings: int = 4  # see `world.Settings`
+    carriers: int = 5  # which mocap body carries each geom
+    bilateral: int = 6  # which equality constraints a collision must not violate
+    keys: int = 7  # of the law's contacts, and how many
+    values: int = 8  # their restitution
     known: int = 9
-    memory: int = 10
+    memory: int = 10  # of the world, and how many numbers
     memories: int = 11
-    structure: int = 12
-    margins: int = 13
+    structure: int = 12  # room for a copy of the model's structure
+    margins: int = 13  # room for its margins, and how many
     margin_count: int = 14
-    state: int = 15
+    state: int = 15  # room for the state, and how many numbers
     states: int = 16
-    before: int = 17
-    callbacks: int = 18
+    before: int = 17  # room for the memory as it was before the step
+    callbacks: int = 18  # addresses of MuJoCo's callbacks, and how many
     callback_count: int = 19
-    status: int = 20
-    asked: int = 21
+    status: int = 20  # how the step has ended, written
+    asked: int = 21  # see `law.LawTable`, written
 
 
 CONTEXT = Context()

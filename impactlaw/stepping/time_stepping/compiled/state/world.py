@@ -49,35 +49,20 @@ SETTING = Settings()
 
 
 class World(NamedTuple):
-    """One world, and what a step has found out about it.
+    """One world, and what a step has found out about it."""
 
-    Attributes:
-        model: address of its model, whose options and margins are those of the step.
-        data: address of its data.
-        scratch: address of other data, for looks at contacts that data is not to show.
-        table: address of offsets of fields, see `fields`.
-        settings: address of `Settings`.
-        sizes: address of `margins.find_sizes`, m, (nbody,), and then how far mocap bodies reach, m, (nmocap,).
-        bilateral: address of which equality constraints a collision must not violate, uint8 (neq,).
-        nv: degrees of freedom.
-        timestep: h, s.
-        damped: whether the integrator damps implicitly.
-        surfaces: address of what is known of mocap bodies, see `surfaces`; 0 if they do not move through a step.
-        work: address of the part of the work allowed in the step that is left, see `solvers.cones.hybrid.spend`.
-    """
-
-    model: int
-    data: int
-    scratch: int
-    table: int
-    settings: int
-    sizes: int
-    bilateral: int
-    nv: int
-    timestep: float
-    damped: bool
-    surfaces: int
-    work: int
+    model: int  # address of its model, whose options and margins are those of the step
+    data: int  # address of its data
+    scratch: int  # address of other data, for looks at contacts that data is not to show
+    table: int  # address of offsets of fields, see `fields`
+    settings: int  # address of `Settings`
+    sizes: int  # address of `margins.find_sizes`, m, (nbody,), and then how far mocap bodies reach, m, (nmocap,)
+    bilateral: int  # address of which equality constraints a collision must not violate, uint8 (neq,)
+    nv: int  # degrees of freedom
+    timestep: float  # h, s
+    damped: bool  # whether the integrator damps implicitly
+    surfaces: int  # address of what is known of mocap bodies, see `surfaces`; 0 if they do not move through a step
+    work: int  # address of the part of the work allowed in the step that is left, see `solvers.cones.hybrid.spend`
 
 
 @plain
