@@ -24,11 +24,7 @@ class Settled(property):
         self.__init__(self._instead, name)
 
     def __set__(self, instance: Any, value: Any) -> None:
-        """Set it.
-
-        Raises:
-            SettledError: it has been set before.
-        """
+        """Set it."""
         kept, place = instance.__dict__, f"_settled_{self._name}"
         if place in kept:
             raise SettledError(

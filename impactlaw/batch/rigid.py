@@ -118,11 +118,7 @@ class RigidWorlds:
         self._report[worlds, 0] = status.FINE
 
     def go_on(self, worlds: np.ndarray) -> np.ndarray:
-        """Do what compiled code has left, and return the worlds that are to be stepped once more, int32 (k,).
-
-        Raises:
-            RestitutionError: a law does not know the restitution of a contact.
-        """
+        """Do what compiled code has left, and return the worlds that are to be stepped once more, int32 (k,)."""
         asked = worlds[self._report[worlds, 0] == status.UNKNOWN]
         for world in asked.tolist():
             self.laws.learn(world, int(self._report[world, 1]))

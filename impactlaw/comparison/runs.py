@@ -77,11 +77,7 @@ def run_law(
     recorder: Recorder | None = None,
     progress: Callable[[], object] = lambda: None,
 ) -> Run:
-    """Simulate the scene rigidly under a law. A law that is not admissible there ends the run with its refusal.
-
-    Raises:
-        SceneError: the scene is not one for rigid stepping.
-    """
+    """Simulate the scene rigidly under a law. A law that is not admissible there ends the run with its refusal."""
     data = _copy(model, start)
     stepper = Stepper(model, law, **(options or {}))
     trajectory = _Trajectory(model)

@@ -12,12 +12,7 @@ from impactlaw.errors import InvalidCollisionError
 
 
 def real_array(values: ArrayLike) -> np.ndarray:
-    """Return a copy in double precision.
-
-    Raises:
-        TypeError: not numbers, or complex ones, of which numpy would drop the imaginary part with a warning only.
-        ValueError: not an array.
-    """
+    """Return a copy in double precision."""
     array = np.array(values)
     if array.dtype.kind == "c":
         raise TypeError("real numbers are needed, not complex ones")
@@ -63,11 +58,7 @@ def is_sparse(values: Any) -> bool:
 
 
 def finite_sparse(values: Any, name: str) -> Any:
-    """Return a copy as a read-only CSR array in double precision, without entries that are zero.
-
-    Raises:
-        InvalidCollisionError: not a matrix, not numbers, or not all of them finite.
-    """
+    """Return a copy as a read-only CSR array in double precision, without entries that are zero."""
     try:
         array = scipy.sparse.csr_array(values, copy=True)
         array.data = real_array(array.data)

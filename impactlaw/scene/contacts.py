@@ -154,11 +154,7 @@ def row_velocities(model: mujoco.MjModel, data: mujoco.MjData, velocity: np.ndar
 
 
 def collide(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Run MuJoCo's collision detection at the current frames (`update_positions`); replaces data.contact.
-
-    Raises:
-        SceneError: there are more contacts than MuJoCo has room for.
-    """
+    """Run MuJoCo's collision detection at the current frames (`update_positions`); replaces data.contact."""
     numbers = data.warning.number
     before = numbers[_FULL]
     mujoco.mj_collision(model, data)
@@ -169,11 +165,7 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def sorted_geoms(geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return pairs of geom ids with the lower one first, in order, the indices that sort, and which pairs are swapped.
-
-    Raises:
-        SceneError: a flex is in contact.
-    """
+    """Return pairs of geom ids, the lower one first, in order, the indices that sort, and which pairs are swapped."""
     if (geoms < 0).any():
         raise SceneError("a flex is in contact; an impact law is for contacts between geoms only")
     order = np.lexsort((geoms.max(axis=1), geoms.min(axis=1)))

@@ -28,27 +28,17 @@ class Span(NamedTuple):
 
 
 class FrictionPattern(NamedTuple):
-    """Which rows of friction a sequence of contacts has, whatever the configuration is.
+    """Which rows of friction a sequence of contacts has, whatever the configuration is."""
 
-    Attributes:
-        contact: index of the contact of each row, ascending, int (k,).
-        kind: 0 and 1 for sliding, 2 for torsion, 3 and 4 for rolling, int (k,).
-        coefficient: of each row: 1 for sliding, m for the others, (k,).
-        axis: of each row: 0 for the normal, 1 and 2 for the directions of sliding, int (k,).
-        spans: rows by contacts.
-        rows_contact: contact of each row if normal rows, (h,), and these, (k,), are sorted by contact, int (h + k,).
-        rows_kind: 0 for a normal row, 1 to 5 for friction, int (h + k,).
-        rows_from: where each comes from, ``[normal rows, rows of friction][rows_from]``, int (h + k,).
-    """
-
-    contact: np.ndarray
-    kind: np.ndarray
-    coefficient: np.ndarray
-    axis: np.ndarray
-    spans: tuple[Span, ...]
+    contact: np.ndarray  # index of the contact of each row, ascending, int (k,)
+    kind: np.ndarray  # 0 and 1 for sliding, 2 for torsion, 3 and 4 for rolling, int (k,)
+    coefficient: np.ndarray  # of each row: 1 for sliding, m for the others, (k,)
+    axis: np.ndarray  # of each row: 0 for the normal, 1 and 2 for the directions of sliding, int (k,)
+    spans: tuple[Span, ...]  # rows by contacts
+    # contact of each row if normal rows, (h,), and these, (k,), are sorted by contact, int (h + k,)
     rows_contact: np.ndarray
-    rows_kind: np.ndarray
-    rows_from: np.ndarray
+    rows_kind: np.ndarray  # 0 for a normal row, 1 to 5 for friction, int (h + k,)
+    rows_from: np.ndarray  # where each comes from, ``[normal rows, rows of friction][rows_from]``, int (h + k,)
 
 
 def pair_friction(

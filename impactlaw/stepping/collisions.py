@@ -97,20 +97,14 @@ class Collider:
 
     Only contacts with ``gamma- <= 0`` take part, since a law is a map from -T_C, and of those only the ones that an
     impulse can reach. A contact that separates and is driven closed by the others collides next, at the same time.
-
-    Attributes:
-        law: the law.
-        last_law: the law of a collision that ends the matter, E = 0.
-        on_inadmissible: what to do with an outcome outside of S(v-): "raise", "project" it onto S(v-), or "allow" it.
-        most: collisions of one step after which the last law on every closed contact ends the matter.
-        solver: a name from `impactlaw.solvers.SOLVERS`, or "auto".
     """
 
-    law: Law
-    last_law: Law
+    law: Law  # the law
+    last_law: Law  # the law of a collision that ends the matter, E = 0
+    # what to do with an outcome outside of S(v-): "raise", "project" it onto S(v-), or "allow" it
     on_inadmissible: Literal["raise", "project", "allow"]
-    most: int
-    solver: str
+    most: int  # collisions of one step after which the last law on every closed contact ends the matter
+    solver: str  # a name from `impactlaw.solvers.SOLVERS`, or "auto"
 
     def collide(
         self,

@@ -104,12 +104,7 @@ class Cell(_Keyed):
 
 
 def cells_of(study: Study) -> Iterator[Cell]:
-    """Give the cells of a study in the order of its table.
-
-    Raises:
-        StudyError: there is no such task or policy.
-        MissingExtraError: a policy needs a package that is not installed.
-    """
+    """Give the cells of a study in the order of its table."""
     for task in study.tasks:
         for scheme, name in product(study.schemes or (usual_scheme(task),), study.policies):
             policies = policies_of(name, task, scheme, study.train_laws)

@@ -67,12 +67,7 @@ class ContactCoefficients(OfContacts):
         return bool(self._patterns)
 
     def coefficients(self, collision: Collision) -> np.ndarray:
-        """Return ``e_1 .. e_h`` for the contacts of this collision, shape (h,).
-
-        Raises:
-            RestitutionError: as many coefficients as contacts are needed; a contact is not named and no default set;
-                or a function of speed returns what is not in [0, 1].
-        """
+        """Return ``e_1 .. e_h`` for the contacts of this collision, shape (h,)."""
         labels, name = collision.labels, type(self).__name__
         if isinstance(self.restitution, float):
             return np.full(len(labels), self.restitution)

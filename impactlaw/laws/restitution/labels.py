@@ -97,11 +97,7 @@ class OfContacts:
         return tuple(filter(is_pattern, self._values)) if isinstance(self._values, dict) else ()
 
     def _of_contacts(self, labels: tuple[str, ...], what: str) -> list[Any]:
-        """Return the value of each contact, None where it has none.
-
-        Raises:
-            RestitutionError: there are as many as other contacts, or patterns contradict each other.
-        """
+        """Return the value of each contact, None where it has none."""
         values = self._values
         if isinstance(values, dict):
             return [self.named(label) for label in labels]
@@ -114,11 +110,7 @@ class OfContacts:
         return list(values) if isinstance(values, tuple) else [values] * len(labels)
 
     def named(self, label: str) -> Any:
-        """Return the value of a contact where the law is keyed by labels: its default, or None, if it has none.
-
-        Raises:
-            RestitutionError: the label matches patterns with different values.
-        """
+        """Return the value of a contact where the law is keyed by labels: its default, or None, if it has none."""
         table = self._values
         found = table.get(canonical(label))
         if found is not None or not self._patterns:

@@ -29,11 +29,7 @@ class Coefficients:
         self.key, self.value = np.zeros(0, np.int64), np.zeros(0)
 
     def learn(self, key: int) -> None:
-        """Ask the law for the restitution of a contact.
-
-        Raises:
-            RestitutionError: the law does not know it.
-        """
+        """Ask the law for the restitution of a contact."""
         if key >= 0:
             label = f"{self._names[key >> 32]}/{self._names[key & 0xFFFFFFFF]}"
         else:

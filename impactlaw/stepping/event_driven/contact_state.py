@@ -31,30 +31,19 @@ class ContactForces(NamedTuple):
 
 
 class ContactState(NamedTuple):
-    """Contacts at one time, and how they move.
+    """Contacts at one time, and how they move."""
 
-    Attributes:
-        contact_set: the contacts that were detected, open ones included.
-        closed: whose gap is at most the tolerance, bool (h,).
-        still: contact velocity that crosses next to nothing in a timestep, m/s.
-        velocity: qvel, (nv,).
-        contact_velocity: ``gamma``, m/s, (h,).
-        noise: size of the rounding errors of gamma, m/s, (h,).
-        quiet: whether all contacts are closed, and neither move nor need a correction of position.
-        active: contacts that the last phase had to hold, bool (h,); None if there were none.
-        contact_forces: the forces with which it held them where there is friction; None if there were none.
-        force: that these contacts exert on all degrees of freedom, N or N m, (nv,); None if it is not known.
-    """
-
-    contact_set: ContactSet
-    closed: np.ndarray
-    still: float
-    velocity: np.ndarray
-    contact_velocity: np.ndarray
-    noise: np.ndarray
-    quiet: bool
-    active: np.ndarray | None = None
+    contact_set: ContactSet  # the contacts that were detected, open ones included
+    closed: np.ndarray  # whose gap is at most the tolerance, bool (h,)
+    still: float  # contact velocity that crosses next to nothing in a timestep, m/s
+    velocity: np.ndarray  # qvel, (nv,)
+    contact_velocity: np.ndarray  # ``gamma``, m/s, (h,)
+    noise: np.ndarray  # size of the rounding errors of gamma, m/s, (h,)
+    quiet: bool  # whether all contacts are closed, and neither move nor need a correction of position
+    active: np.ndarray | None = None  # contacts that the last phase had to hold, bool (h,); None if there were none
+    # the forces with which it held them where there is friction; None if there were none
     contact_forces: ContactForces | None = None
+    # that these contacts exert on all degrees of freedom, N or N m, (nv,); None if it is not known
     force: np.ndarray | None = None
 
     @classmethod

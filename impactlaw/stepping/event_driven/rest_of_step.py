@@ -73,11 +73,7 @@ class RestOfStep:
         self._wait //= 2
 
     def take(self, data: mujoco.MjData, remaining: float, surfaces: Surfaces | None) -> Told:
-        """Advance by what remains of a step, s; return what tells the collisions.
-
-        Raises:
-            DivergenceError: position or velocity is not finite.
-        """
+        """Advance by what remains of a step, s; return what tells the collisions."""
         stepping, passing = self._made()
         option, before = self._model.opt, stepping.short_steps
         if surfaces is not None:

@@ -60,9 +60,6 @@ def hold_with_friction(
     Returns:
         The contacts after the correction, and what brings back the velocity, too, and returns them with that. Before it
         they have the velocity of the impulses that act where the phase has led: enough for one that is only tried.
-
-    Raises:
-        SolverError: no solver has found the impulses.
     """
     configuration = phase_end.now.configuration
     felt = FeltForce.of(configuration, phase.start.force, phase.duration)
@@ -225,12 +222,7 @@ def _unspun(phase_end: PhaseEnd, phase: Phase, rows: Rows, row: np.ndarray, plac
 def solve_cone_rows(
     rows: Rows, velocity: np.ndarray, guess: np.ndarray | None, speed: float, work: Work, *, exact: bool
 ) -> np.ndarray:
-    """Return the impulses with E = 0, (n,), those of friction divided by their coefficients.
-
-    Raises:
-        SolverError: no solver has found them.
-        UnfinishedStepError: that takes too much work.
-    """
+    """Return the impulses with E = 0, (n,), those of friction divided by their coefficients."""
     count, sizes = len(rows.contact), rows.sizes
     work.solve(count, 0)
     problem = ConeProblem(rows.whitened, velocity, sizes, exact=exact, speed=speed)

@@ -78,43 +78,26 @@ def one_step(context):
 
 
 class Worlds(NamedTuple):
-    """Places in the numbers that an entry of many worlds is given; of each world there is one of what ends in _of.
+    """Places in the numbers that an entry of many worlds is given; of each world there is one of what ends in _of."""
 
-    Attributes:
-        table: offsets of fields.
-        carriers: which mocap body carries each geom.
-        bilateral: which equality constraints a collision must not violate.
-        margin_count: numbers that a copy of a model needs for margins.
-        states: numbers of a state.
-        memories: numbers that a world remembers.
-        steps: to take.
-        slots: of pairs of data and other data, and how many: each thread of the pool has its own.
-        settings_of: see `world.Settings`.
-        laws_of: address of keys, address of values, and how many, int64 (nsim, 3).
-        memory_of: see `memory`.
-        status_of: how the last call has ended, and the key that was asked for, int64 (nsim, 2), written.
-        outputs: fields of data that are copied out: where data tells their address, where those of world 0 are to be,
-            and bytes of each world, int64 (k, 3).
-        output_count: k.
-        forces: whether the forces on bodies in the last timestep, such as cfrc_ext, are computed.
-    """
-
-    table: int = 0
-    carriers: int = 1
-    bilateral: int = 2
-    margin_count: int = 3
-    states: int = 4
-    memories: int = 5
-    steps: int = 6
-    slots: int = 7
+    table: int = 0  # offsets of fields
+    carriers: int = 1  # which mocap body carries each geom
+    bilateral: int = 2  # which equality constraints a collision must not violate
+    margin_count: int = 3  # numbers that a copy of a model needs for margins
+    states: int = 4  # numbers of a state
+    memories: int = 5  # numbers that a world remembers
+    steps: int = 6  # to take
+    slots: int = 7  # of pairs of data and other data, and how many: each thread of the pool has its own
     slot_count: int = 8
-    settings_of: int = 9
-    laws_of: int = 10
-    memory_of: int = 11
-    status_of: int = 12
+    settings_of: int = 9  # see `world.Settings`
+    laws_of: int = 10  # address of keys, address of values, and how many, int64 (nsim, 3)
+    memory_of: int = 11  # see `memory`
+    status_of: int = 12  # how the last call has ended, and the key that was asked for, int64 (nsim, 2), written
+    # fields of data that are copied out: where data tells their address, where those of world 0 are to be, and bytes of
+    # each world, int64 (k, 3)
     outputs: int = 13
-    output_count: int = 14
-    forces: int = 15
+    output_count: int = 14  # k
+    forces: int = 15  # whether the forces on bodies in the last timestep, such as cfrc_ext, are computed
 
 
 WORLDS = Worlds()

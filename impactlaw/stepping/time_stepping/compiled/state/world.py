@@ -14,35 +14,21 @@ from impactlaw.stepping.compiled.fields import (
 
 
 class Settings(NamedTuple):
-    """What the scheme has been told, as places in a row of numbers.
+    """What the scheme has been told, as places in a row of numbers."""
 
-    Attributes:
-        rest_speed: least closing speed of a collision, m/s or rad/s.
-        sliding: tangential restitution.
-        exact: 1 for exact Coulomb friction, 0 for its convex relaxation.
-        dissipative: what is done with energy that a law would create: 1 to scale restitution, 0 to let it, -1 to stop.
-        frictional: 1 where contacts have friction.
-        inertial: 1 where Coriolis or gyroscopic forces act.
-        sticks: 1 where something sticks across gaps.
-        forces: 1 where forces are written as MuJoCo's own cones have them.
-        restitution: e, where it is the same for all contacts; else NaN.
-        reversal: e of a law that reverses contact velocities along the contacts' order; else NaN.
-        surfaces: whether mocap bodies move through a step, and touch others: see `surfaces`; else 0.
-        told: 1 where sums over collisions are asked for.
-    """
-
-    rest_speed: int = 0
-    sliding: int = 1
-    exact: int = 2
+    rest_speed: int = 0  # least closing speed of a collision, m/s or rad/s
+    sliding: int = 1  # tangential restitution
+    exact: int = 2  # 1 for exact Coulomb friction, 0 for its convex relaxation
+    # what is done with energy that a law would create: 1 to scale restitution, 0 to let it, -1 to stop
     dissipative: int = 3
-    frictional: int = 4
-    inertial: int = 5
-    sticks: int = 6
-    forces: int = 7
-    restitution: int = 8
-    reversal: int = 9
-    surfaces: int = 10
-    told: int = 11
+    frictional: int = 4  # 1 where contacts have friction
+    inertial: int = 5  # 1 where Coriolis or gyroscopic forces act
+    sticks: int = 6  # 1 where something sticks across gaps
+    forces: int = 7  # 1 where forces are written as MuJoCo's own cones have them
+    restitution: int = 8  # e, where it is the same for all contacts; else NaN
+    reversal: int = 9  # e of a law that reverses contact velocities along the contacts' order; else NaN
+    surfaces: int = 10  # whether mocap bodies move through a step, and touch others: see `surfaces`; else 0
+    told: int = 11  # 1 where sums over collisions are asked for
 
 
 SETTING = Settings()
