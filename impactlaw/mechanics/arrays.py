@@ -22,16 +22,9 @@ def real_array(values: ArrayLike) -> np.ndarray:
 def finite_array(
     values: ArrayLike, name: str, shape: tuple[int | str, ...] | None = None, like: str = ""
 ) -> np.ndarray:
-    """Return a read-only copy, in double precision.
+    """Return a read-only copy in double precision; `InvalidCollisionError`, with name and reason ``like``, if not one.
 
-    Args:
-        values: what was given.
-        name: of that, for messages.
-        shape: that it must have, a text such as "h" at its beginning for any length; None for any shape.
-        like: why, for the message.
-
-    Raises:
-        InvalidCollisionError: not numbers, not all of them finite, or of another shape.
+    A shape with a text such as "h" at its beginning stands for any length there, None for any shape.
     """
     try:
         array = real_array(values)

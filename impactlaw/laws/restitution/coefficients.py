@@ -33,8 +33,7 @@ class ContactCoefficients(OfContacts):
         restitution: one coefficient for every contact, a sequence with one per contact, or a mapping from contact
             labels, ``("ball1", "floor")`` or ``"ball1/floor"`` in either order, or patterns of these
             (`restitution.labels`), to coefficients. A sequence is for collisions of exactly as many contacts, in their
-            order: while a scene moves these are rarely the same, so that a step in which others collide raises. Labels
-            follow the contacts.
+            order, which are rarely the same while a scene moves; labels follow the contacts.
         default: coefficient of contacts that the mapping does not name; without it such a contact is an error, and a
             stepper refuses the law if the scene can have one.
 

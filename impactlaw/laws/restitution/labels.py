@@ -1,9 +1,7 @@
 """Values keyed by contact labels, such as restitution, so that they survive a changing set of closed contacts.
 
-A label is two names with a slash, ``"ball1/floor"``; the order of the two names does not matter. Limits have the name
-of their joint or tendon. A key with ``*``, ``?`` or ``[...]`` is a pattern, as file names have them (`fnmatch`):
-``"*foot*"`` is for contacts one of whose geoms has such a name, and for such limits, ``("*foot*", "floor")`` or
-``"*foot*/floor"`` for contacts of such a geom with the floor. What is named without a pattern comes first.
+A label is two names with a slash, ``"ball1/floor"``, in either order; limits have the name of their joint or tendon.
+The README of the laws tells what patterns such as ``"*foot*/floor"`` stand for.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ class Configuration:
     def comply(self, stiffness: np.ndarray | None) -> None:
         """Let M be ``M + J_eq^T D J_eq``: equality constraints answer to contact, and give way as MuJoCo's do.
 
-        If they were rigid here, one that moves against itself would do work on all that it joins.
+        If they were rigid here, one that moves against itself would do work on all that it joins. None is for M alone.
 
         Args:
             stiffness: ``J_eq^T D J_eq``, (nv, nv); None for M alone.

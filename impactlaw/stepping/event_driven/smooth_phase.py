@@ -119,7 +119,10 @@ class SmoothPhases:
         return Frames.of(self.configuration.data) if self._passing else None
 
     def stay_apart(self, start: Frames | None = None) -> bool:
-        """Advance by a timestep in one go from where no contact is near; return whether none has been meanwhile."""
+        """Advance by a timestep in one go from where no contact is near; return whether none has been meanwhile.
+
+        Without frames at the start this is told from velocities only.
+        """
         before, timestep = self.configuration.data.qvel.copy(), self.options.timestep
         return self._try_timestep(before, start) and self._dips.is_clear(start, before, timestep)
 

@@ -24,7 +24,7 @@ class Passing:
         self._lever = np.where(np.isfinite(thin), np.maximum(model.geom_rbound - thin, 0.0), 0.0)
 
     def parts(self, data: mujoco.MjData, duration: float, *, drift: float) -> int:
-        """Return into how many parts a time is to be cut so that no half of one leads too deep."""
+        """Return into how many parts a time is to be cut so that no half of one is too deep; frames become current."""
         model, size = self._model, self._thickness
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)

@@ -44,6 +44,8 @@ class Correction(NamedTuple):
 def hold_position(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain, felt: np.ndarray) -> PhaseEnd:
     """Move the scene to where contacts that are sustained do not overlap; return the contacts there.
 
+    They may take back the shift that contact forces have made in the phase, ``felt``, (nv,).
+
     Raises:
         UnfinishedStepError: that would move bodies by far more than they overlap, because equality constraints leave
             contacts next to no motion.
