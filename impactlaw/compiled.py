@@ -117,10 +117,6 @@ class Kept:
 
     It has the methods of numba's cache locators. By numba's own, each folder that the package is installed in would
     have a cache of its own.
-
-    Args:
-        function: to be kept.
-        source: its file.
     """
 
     def __init__(self, function: Callable[..., Any], source: str):

@@ -47,31 +47,18 @@ class _Step:
 
 @dataclass(frozen=True, eq=False)
 class _Phase:
-    """Collisions at once: rows and what they aim at, and what `resolve_step` answers.
+    """Collisions at once: rows and what they aim at, and what `resolve_step` answers."""
 
-    Attributes:
-        rows: that take part.
-        place: of each of their rows in those that were given, int (n,).
-        later: the groups given that are left out because they are hit only through others, bool (g,).
-        cut: whether some such contacts are not left out.
-        scalable: whether restitution creates energy that scaling it takes away, or that is an error.
-        target: ``gamma^h`` of groups that take part.
-        sliding: sliding velocities aimed at.
-        collides: the groups that do.
-        seen: what the law has been shown, if it was asked.
-        answer: of `resolve_step`.
-    """
-
-    rows: Rows
-    place: np.ndarray
-    later: np.ndarray
-    cut: bool
-    scalable: bool
-    target: np.ndarray
-    sliding: np.ndarray
-    collides: np.ndarray
-    seen: Seen | None
-    answer: tuple[Any, ...]
+    rows: Rows  # that take part
+    place: np.ndarray  # of each of their rows in those that were given, int (n,)
+    later: np.ndarray  # the groups given that are left out because they are hit only through others, bool (g,)
+    cut: bool  # whether some such contacts are not left out
+    scalable: bool  # whether restitution creates energy that scaling it takes away, or that is an error
+    target: np.ndarray  # ``gamma^h`` of groups that take part
+    sliding: np.ndarray  # sliding velocities aimed at
+    collides: np.ndarray  # the groups that do
+    seen: Seen | None  # what the law has been shown, if it was asked
+    answer: tuple[Any, ...]  # of `resolve_step`
 
     def gives_up(self, left: np.ndarray) -> bool:
         """Whether restitution is given up: bodies jam, or no work was left to find how much creates no energy."""

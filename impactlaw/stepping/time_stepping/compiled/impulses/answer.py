@@ -24,31 +24,18 @@ _APART = np.bool_(False)  # laws in compiled code couple only contacts that infl
 
 
 class Solved(NamedTuple):
-    """What is known of a solution; see `resolve.resolve_step`.
+    """What is known of a solution; see `resolve.resolve_step`."""
 
-    Attributes:
-        collided: whether some contact collides.
-        opens: whether overlaps have to be opened.
-        missed: largest amount by which a contact velocity misses its target, m/s or rad/s.
-        fastest: largest velocity of a row, m/s or rad/s.
-        share: of restitution that there is, the least one.
-        created: energy that the law would create, J.
-        work: of contact, J.
-        rounding: what of it is rounding, J.
-        status: see `status`.
-        sharp: whether the impulses solve the problem as it was given, as well as solvers can.
-    """
-
-    collided: bool
-    opens: bool
-    missed: float
-    fastest: float
-    share: float
-    created: float
-    work: float
-    rounding: float
-    status: int
-    sharp: bool
+    collided: bool  # whether some contact collides
+    opens: bool  # whether overlaps have to be opened
+    missed: float  # largest amount by which a contact velocity misses its target, m/s or rad/s
+    fastest: float  # largest velocity of a row, m/s or rad/s
+    share: float  # of restitution that there is, the least one
+    created: float  # energy that the law would create, J
+    work: float  # of contact, J
+    rounding: float  # what of it is rounding, J
+    status: int  # see `status`
+    sharp: bool  # whether the impulses solve the problem as it was given, as well as solvers can
 
 
 NO_ANSWER = Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, FINE, False)
