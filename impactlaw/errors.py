@@ -23,7 +23,13 @@ class RestitutionError(ImpactLawError, ValueError):
 
 
 class UnknownNameError(ImpactLawError, ValueError):
-    """A law, solver, scene or contact name that does not exist; the message names the nearest known ones."""
+    """A law, solver, scene or contact name that does not exist; the message names the nearest known ones.
+
+    Args:
+        kind: of what, for the message.
+        name: the unknown one.
+        known: the names that there are.
+    """
 
     def __init__(self, kind: str, name: object, known: Iterable[str]):
         known = sorted(known)
@@ -115,7 +121,13 @@ class StudyError(ImpactLawError, ValueError):
 
 
 class MissingExtraError(ImpactLawError, ImportError):
-    """A package that only some need is not installed."""
+    """A package that only some need is not installed.
+
+    Args:
+        what: for what it is needed.
+        package: the package.
+        extra: of impactlaw, that brings it.
+    """
 
     def __init__(self, what: str, package: str, extra: str):
         super().__init__(f"{what} needs {package}, which is not installed: pip install 'impactlaw[{extra}]'")

@@ -131,7 +131,11 @@ def parameters_in_words(law: Identified) -> str:
 
 
 def write_law(law: Identified, path: Path, source: str) -> None:
-    """Write the law and how it was found as JSON, which `make_law` reads."""
+    """Write the law and how it was found as JSON, which `make_law` reads.
+
+    Raises:
+        MeasurementError: the file cannot be written.
+    """
     value = {
         "law": portable(law.law),
         "family": law.family,

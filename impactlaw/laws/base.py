@@ -126,7 +126,11 @@ class Law(ABC):
 
 
 def checked(collision: Collision) -> Collision:
-    """Return the collision; a `resolve` of a law's own begins with this, too."""
+    """Return the collision; a `resolve` of a law's own begins with this, too.
+
+    Raises:
+        InvalidCollisionError: it is something else.
+    """
     if not isinstance(collision, Collision):
         raise InvalidCollisionError(
             f"a law resolves a Collision, got {collision!r:.100}; Collision(mass, jacobian, velocity) and "
@@ -225,7 +229,11 @@ def coefficient(value: object, name: str = "restitution") -> float:
 
 
 def square_matrix(value: Any, name: str = "restitution matrix", *, sparse: bool = False) -> Any:
-    """Return ``value`` as a read-only, finite, square array, or a CSR array if it may be sparse and is."""
+    """Return ``value`` as a read-only, finite, square array, or a CSR array if it may be sparse and is.
+
+    Raises:
+        RestitutionError: it is not one.
+    """
     try:
         matrix = finite_sparse(value, name) if sparse and is_sparse(value) else finite_array(value, name)
     except InvalidCollisionError as error:

@@ -16,6 +16,12 @@ class Store:
     ``cells/<key>.json`` holds settings and row of a cell, ``policies/<key>.zip`` a trained policy with its settings
     beside it in ``policies/<key>.json``. Files are written under another name and then renamed, so that a kill at any
     moment leaves no half of one.
+
+    Args:
+        folder: of the study; it is made where it is missing.
+
+    Raises:
+        StudyError: the folder cannot be made or written into.
     """
 
     def __init__(self, folder: Path):
@@ -27,7 +33,11 @@ class Store:
             raise StudyError(f"cannot write into {folder}: {error.strerror}") from None
 
     def row(self, key: str) -> dict[str, Any] | None:
-        """Return the row of a finished cell, or None."""
+        """Return the row of a finished cell, or None.
+
+        Raises:
+            StudyError: the file is none of this store.
+        """
         path = self.folder / "cells" / f"{key}.json"
         if not path.exists():
             return None
@@ -52,7 +62,11 @@ class Store:
 
 
 def write(path: Path, content: bytes) -> None:
-    """Write a file that is whole or not there."""
+    """Write a file that is whole or not there.
+
+    Raises:
+        StudyError: it cannot be written.
+    """
     unfinished = path.with_name(f".unfinished-{os.getpid()}-{path.name}")
     try:
         unfinished.write_bytes(content)

@@ -37,7 +37,6 @@ from impactlaw.solvers.cones.large import solve_large
 from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, linked_newton
 
 _FIRST_STEPS = np.array([4, 30, 12, 30])  # Newton steps with two maps from the guess, and from rest
-_FIRST_EASE = 1e2  # regularization per relative natural map there: all that is allowed until 1e-5 is left
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
 _PATIENCE, _ENDLESS = np.int64(8), np.int64(1000)
 _PROXIMAL = np.int64(8)  # proximal steps of a convex problem
@@ -196,7 +195,7 @@ def solve_island(
         if k > 1:
             clear(point)
         kind = CONVEX if not P.exact else ALART_CURNIER if k % 2 == 0 else DE_SAXCE
-        ease = 0.0 if k % 2 == 0 else _FIRST_EASE / scale
+        ease = 0.0 if k % 2 == 0 else _EASE[0] / scale
         taken, r = linked_newton(P, K, G, point, tolerance, _FIRST_STEPS[k], kind, 1.0, delta, ease, patience)
         total += taken
         spend(left, taken * step, step, n)

@@ -41,7 +41,15 @@ class _Node(NamedTuple):
 
 
 class Dips:
-    """Finds the gaps that have closed and opened again within a phase."""
+    """Finds the gaps that have closed and opened again within a phase.
+
+    Args:
+        configuration: of the scene.
+        detector: of its contacts.
+        travel: how far its geoms move.
+        near: gap up to which the end of a phase shows contacts in any case, m.
+        tolerance: gap up to which a contact counts as closed, m.
+    """
 
     def __init__(
         self, configuration: Configuration, detector: Detector, travel: Travel, *, near: float, tolerance: float
@@ -53,7 +61,10 @@ class Dips:
     def is_clear(self, start: Frames | None, before: np.ndarray, duration: float) -> bool:
         """Return whether no contact is near now, nor can have been closed within the phase that has led here.
 
-        ``start`` are the frames there, None if they are not known.
+        Args:
+            start: frames at its start; None if they are not known.
+            before: velocity there, (nv,).
+            duration: s.
         """
         data, detector = self._configuration.data, self._detector
         if detector.is_at_limit(data, self._near):
@@ -68,9 +79,13 @@ class Dips:
         return True
 
     def are_together(self, pattern: Pattern, before: np.ndarray, duration: float, gaps: tuple[float, float]) -> bool:
-        """Return whether only the contacts of a plain pattern are near now, closed, and no other has been meanwhile.
+        """Return whether only the contacts of a plain pattern are near now, closed, and none can have been meanwhile.
 
-        ``gaps`` are the smallest and the largest that count as closed, m; see `Detector.are_closed`.
+        Args:
+            pattern: see `Detector.are_closed`.
+            before: velocity at the start of the phase that has led here, (nv,).
+            duration: s.
+            gaps: the smallest and the largest that count as closed, m.
         """
         data, detector = self._configuration.data, self._detector
         reach = self._reach(before, duration)

@@ -15,12 +15,19 @@ _HALVINGS = 60
 
 
 class Observation(NamedTuple):
-    """A contact at the end of a phase."""
+    """A contact at the end of a phase.
 
-    contact: int  # a number that tells it from others, the same after phases of any duration
-    gap: float  # m
-    rate: float  # contact velocity, m/s
-    before: float  # contact velocity at the start of the phase, m/s
+    Attributes:
+        contact: a number that tells it from others, the same after phases of any duration.
+        gap: m.
+        rate: contact velocity, m/s.
+        before: contact velocity at the start of the phase, m/s.
+    """
+
+    contact: int
+    gap: float
+    rate: float
+    before: float
 
 
 class _Node(NamedTuple):
