@@ -4,6 +4,8 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
+from scenes import JAM_QPOS as QPOS
+from scenes import JAM_QVEL as QVEL
 from scenes import compiled as compile_scene
 
 from impactlaw import Fremond, Moreau, Stepper
@@ -11,10 +13,6 @@ from impactlaw.envs import ImpactLaw
 from impactlaw.errors import SolverError, UnsolvableLawError
 from impactlaw.solvers.friction import solve
 
-QPOS = (0.4457981582724121, -0.558477804158606, 3.3857348652983066, 0.08360307738456153, -0.3349162836963793,
-        -0.08379352238281934, -0.14301812201735048, 0.31057723813866245, 0.434012231578805)  # fmt: skip
-QVEL = (0.527816313977751, -1.3711659752970318, 2.7198667235839746, -1.902185217506624, -4.518610387869375,
-        10.94225096252503, -6.400186006408575, -7.601018849032579, -5.168769384835644)  # fmt: skip
 EASIER = (
     (-8.756441491107173, -0.5294397993016361, 3.446350937151604, 0.4032184000507698, -0.3269331208193089,
      -0.008362221697740022, 0.27571687676287643, 0.36444716320914206, 0.09693485059105762),

@@ -65,11 +65,12 @@ class _Known(Law):
         if np.abs(impact.post_velocity - velocity).max() <= _SAME * np.abs(velocity).max():
             return replace(impact, post_velocity=velocity)
         kept: dict[str, Any] = {"target_contact_velocity": impact.target_contact_velocity}
-        if isinstance(impact, FrictionImpact):
-            kept |= {"target_sliding_velocity": impact.target_sliding_velocity, "exact": impact.exact}
-            kept |= {"restitution_scale": impact.restitution_scale}
         try:
-            return replace(type(impact).observed(collision, velocity), **kept)
+            if not isinstance(impact, FrictionImpact):
+                return replace(Impact.observed(collision, velocity), **kept)
+            for name in ("target_sliding_velocity", "exact", "restitution_scale"):
+                kept[name] = getattr(impact, name)
+            return replace(FrictionImpact.observed(collision, velocity, near=impact), **kept)
         except SolverError:
             return impact
 
