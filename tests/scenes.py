@@ -83,8 +83,15 @@ def label(model, contact) -> str:
     return f"{model.geom(contact.geom1).name}/{model.geom(contact.geom2).name}"
 
 
-JAM_QPOS = (0.4457981582724121, -0.558477804158606, 3.3857348652983066, 0.08360307738456153, -0.3349162836963793,
-            -0.08379352238281934, -0.14301812201735048, 0.31057723813866245, 0.434012231578805)  # fmt: skip
-JAM_QVEL = (0.527816313977751, -1.3711659752970318, 2.7198667235839746, -1.902185217506624, -4.518610387869375,
-            10.94225096252503, -6.400186006408575, -7.601018849032579, -5.168769384835644)  # fmt: skip
-"""A HalfCheetah on its back whose torso and thigh jam on the floor: compiled code leaves that to Python."""
+HELD = """<mujoco><worldbody><geom type="plane" size="9 9 1"/>
+  <body name="arm" pos="0 0 .0999"><joint name="held" axis="0 1 0"/><geom size=".1" pos="{arm} 0 0" mass="1"/></body>
+  <body pos="{arm} 0 .299"><joint type="slide"/><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>
+    <geom size=".1" mass="1"/></body></worldbody>
+  <equality><joint joint1="held"/></equality>
+  <actuator><motor joint="held" gear="0" ctrlrange="-1 1"/></actuator></mujoco>"""
+"""An arm of such a length that a constraint holds on the floor, m, and a ball on it.
+
+The constraint leaves nothing of the contact with the floor; compiled soft steps leave such collisions to Python. If
+that contact closes fast, by `CLOSING` of an arm of 10 m, while the constraint still holds, there are no impulses.
+"""
+FALLING, CLOSING = (0.0, 0.3, -1.0, 0.0), (0.1, 0.0, 0.0, 0.0)

@@ -8,7 +8,7 @@ import pytest
 from scenes import compiled
 
 from impactlaw import FrictionImpact, Moreau, Stepper
-from impactlaw.laws.friction.coulomb import _Aimed
+from impactlaw.laws.friction import scaled
 from impactlaw.stepping.soft.scheme import SoftStepping
 
 ROD = """<body pos="{x} 0 .8016" euler="0 37 0"><freejoint/>
@@ -61,17 +61,17 @@ def test_it_is_that_of_python_without_a_step_there(name, e, monkeypatch):
 
 def test_its_share_is_found_in_few_problems(monkeypatch):
     """As the energy is nearly quadratic in it; regula falsi took 17."""
-    shares, outcome = [], _Aimed.outcome
+    shares, choose = [], scaled.next_share
 
-    def counted(self, s, near=None):
-        shares.append(s)
-        return outcome(self, s, near)
+    def counted(*bracket):
+        shares.append(choose(*bracket))
+        return shares[-1]
 
-    monkeypatch.setattr(_Aimed, "outcome", counted)
+    monkeypatch.setattr(scaled, "next_share", counted)
     model, data = scene("gains")
     stepper = Stepper(model, Moreau(1.0), contact_model="soft", compiled="never")
     stepper.step(data)
     (event,) = stepper.events
     assert event.impact.restitution_scale < 0.99
     assert event.impact.energy_change == pytest.approx(0.0, abs=1e-10)
-    assert len(shares) <= 9
+    assert 0 < len(shares) <= 7  # beside all of it and none
