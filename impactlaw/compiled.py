@@ -42,6 +42,7 @@ _KEPT = f"{__name__}.Kept"
 _ALSO = (
     "parts.py",
     "laws/tolerances.py",
+    "laws/friction/share.py",
     "mechanics/tolerances.py",
     "scene/tolerances.py",
     "scene/equality_constraints.py",
@@ -116,10 +117,6 @@ class Kept:
 
     It has the methods of numba's cache locators. By numba's own, each folder that the package is installed in would
     have a cache of its own.
-
-    Args:
-        function: to be kept.
-        source: its file.
     """
 
     def __init__(self, function: Callable[..., Any], source: str):

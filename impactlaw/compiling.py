@@ -32,17 +32,11 @@ LATER: ContextVar[list[Callable[[], Any]] | None] = ContextVar("LATER", default=
 
 @dataclass(frozen=True)
 class Declared:
-    """A function that is going to be compiled, as those need it that call it by address, see `linked`.
+    """A function that is going to be compiled, as those need it that call it by address, see `linked`."""
 
-    Attributes:
-        function: not compiled.
-        arguments: their types.
-        returned: type of what it returns.
-    """
-
-    function: Callable[..., Any]
-    arguments: tuple[Any, ...]
-    returned: Any
+    function: Callable[..., Any]  # not compiled
+    arguments: tuple[Any, ...]  # their types
+    returned: Any  # type of what it returns
 
 
 @contextmanager
@@ -72,10 +66,6 @@ def start_helpers(module: str, folder: Path) -> None:
     """Start processes that compile what a module of this package calls, as many as there are other processors.
 
     There are none where this Python cannot be started once more: then this process compiles alone.
-
-    Args:
-        module: its full name.
-        folder: of the cache, where the helpers hold files.
     """
     if fcntl is None or not sys.executable or getattr(sys, "frozen", False):
         return
@@ -95,12 +85,7 @@ def start_helpers(module: str, folder: Path) -> None:
 
 
 def help_with(module: str, lock: str) -> None:
-    """Compile what a module calls, last functions first, but for those that another process is at.
-
-    Args:
-        module: its full name.
-        lock: path of a file that only one helper holds; the others have nothing to do.
-    """
+    """Compile what a module calls, last functions first, but for those that another process is at."""
     with alone(Path(lock), wait=False) as mine:
         if not mine:
             return

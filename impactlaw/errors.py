@@ -23,13 +23,7 @@ class RestitutionError(ImpactLawError, ValueError):
 
 
 class UnknownNameError(ImpactLawError, ValueError):
-    """A law, solver, scene or contact name that does not exist; the message names the nearest known ones.
-
-    Args:
-        kind: of what, for the message.
-        name: the unknown one.
-        known: the names that there are.
-    """
+    """A law, solver, scene or contact name that does not exist; the message names the nearest known ones."""
 
     def __init__(self, kind: str, name: object, known: Iterable[str]):
         known = sorted(known)
@@ -121,13 +115,7 @@ class StudyError(ImpactLawError, ValueError):
 
 
 class MissingExtraError(ImpactLawError, ImportError):
-    """A package that only some need is not installed.
-
-    Args:
-        what: for what it is needed.
-        package: the package.
-        extra: of impactlaw, that brings it.
-    """
+    """A package that only some need is not installed."""
 
     def __init__(self, what: str, package: str, extra: str):
         super().__init__(f"{what} needs {package}, which is not installed: pip install 'impactlaw[{extra}]'")

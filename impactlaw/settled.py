@@ -12,9 +12,6 @@ class Settled(property):
     """An attribute that can be read, and set once: a later change would have no effect, so it is an error.
 
     It is read at the price of a `property` that calls no Python.
-
-    Args:
-        instead: what to do for another value.
     """
 
     def __init__(self, instead: str, name: str = ""):
@@ -27,11 +24,7 @@ class Settled(property):
         self.__init__(self._instead, name)
 
     def __set__(self, instance: Any, value: Any) -> None:
-        """Set it.
-
-        Raises:
-            SettledError: it has been set before.
-        """
+        """Set it."""
         kept, place = instance.__dict__, f"_settled_{self._name}"
         if place in kept:
             raise SettledError(

@@ -13,11 +13,7 @@ from impactlaw.laws import Law
 
 
 def world_numbers(ids: Sequence[int] | None, count: int, *, ascending: bool = True) -> np.ndarray:
-    """Return the numbers of some worlds of so many, or of all if None, int32 (k,).
-
-    Raises:
-        OptionError: there is no such world, or they are not ascending.
-    """
+    """Return the numbers of some worlds of so many, or of all if None, int32 (k,)."""
     if ids is None:
         return np.arange(count, dtype=np.int32)
     worlds = np.asarray(ids)
@@ -32,11 +28,7 @@ def world_numbers(ids: Sequence[int] | None, count: int, *, ascending: bool = Tr
 
 
 def keyframes(keyframe: int | Sequence[int], worlds: int, count: int) -> np.ndarray:
-    """Return a keyframe for each of so many worlds, -1 for the start, int32 (worlds,).
-
-    Raises:
-        OptionError: it is neither one of so many keyframes, nor one for each of the worlds.
-    """
+    """Return a keyframe for each of so many worlds, -1 for the start, int32 (worlds,)."""
     keys = np.asarray(keyframe)
     whole = keys.dtype.kind in "iu" and keys.shape in ((), (worlds,))
     if not whole or not ((keys >= -1) & (keys < count)).all():
@@ -48,22 +40,13 @@ def keyframes(keyframe: int | Sequence[int], worlds: int, count: int) -> np.ndar
 
 
 def check_name(name: object) -> None:
-    """Refuse what cannot be the name of a field.
-
-    Raises:
-        UnknownNameError: it is no text.
-    """
+    """Refuse what cannot be the name of a field."""
     if not isinstance(name, str):
         raise UnknownNameError("field", name, ('a name as text, such as "qpos"',))
 
 
 def one_each(law: Any, count: int) -> list[Law]:
-    """Return one law for each of so many worlds.
-
-    Raises:
-        SceneError: there is not one for each.
-        UnknownNameError: one is none.
-    """
+    """Return one law for each of so many worlds."""
     laws: Any = law
     if isinstance(law, Law | str) or not isinstance(law, Sequence):
         laws = [law] * count
@@ -76,10 +59,6 @@ def one_each(law: Any, count: int) -> list[Law]:
 
 
 def check_threads(nthread: object) -> None:
-    """Refuse what is no number of threads.
-
-    Raises:
-        OptionError: it is not a whole number, or below 0.
-    """
+    """Refuse what is no number of threads."""
     if not isinstance(nthread, numbers.Integral) or nthread < 0:
         raise OptionError(f"nthread is a whole number of threads, or 0 for one per processor, got {nthread!r}")

@@ -39,11 +39,6 @@ class OneWorld(Protocol):
 class Laws:
     """A law for each world.
 
-    Args:
-        one: steps one world.
-        worlds: how many.
-        settings: numbers of the settings of a world.
-
     Attributes:
         settings: see `OneWorld`, (nsim, n).
         places: address of keys, address of values, and how many, int64 (nsim, 3).
@@ -64,11 +59,7 @@ class Laws:
         return self.settings[:, self._one.restitution_at]
 
     def set(self, laws: Sequence[Law], worlds: Sequence[int]) -> None:
-        """Give some worlds a law each, or none of them if one is refused.
-
-        Raises:
-            SceneError: compiled code does not take it.
-        """
+        """Give some worlds a law each, or none of them if one is refused."""
         made = {key: self._as_compiled(law) for key, law in {id(law): law for law in laws}.items()}
         for world, law in zip(worlds, laws, strict=True):
             table, row = made[id(law)]
@@ -84,11 +75,7 @@ class Laws:
         return self._one.coefficients(), self._one.settings()
 
     def check(self) -> None:
-        """Refuse restitution that was written and is none.
-
-        Raises:
-            RestitutionError: one is not in [0, 1]; or it is NaN, and the law has one for all contacts.
-        """
+        """Refuse restitution that was written and is none."""
         e = self.restitution
         fine = (e >= 0.0) & (e <= 1.0) | self._by_contact & np.isnan(e)
         if not fine.all():
@@ -96,11 +83,7 @@ class Laws:
             raise RestitutionError(f"restitution of world {world} must be in [0, 1], got {e[world]:g}")
 
     def learn(self, world: int, key: int) -> None:
-        """Ask the law of a world for the restitution of a contact.
-
-        Raises:
-            RestitutionError: the law does not know it.
-        """
+        """Ask the law of a world for the restitution of a contact."""
         table = self._tables[world]
         assert table is not None
         table.learn(key)

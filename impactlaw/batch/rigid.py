@@ -58,14 +58,6 @@ class _OneRigidWorld:
 class RigidWorlds:
     """What time stepping needs of many worlds.
 
-    Args:
-        model: the scene.
-        plan: of the scene.
-        law: any of the laws.
-        options: of the batch.
-        pool: with the worlds.
-        fields: of the worlds.
-
     Attributes:
         address: of the entry.
         context: what the entry is given, see `compiled.entry.Worlds`.
@@ -126,11 +118,7 @@ class RigidWorlds:
         self._report[worlds, 0] = status.FINE
 
     def go_on(self, worlds: np.ndarray) -> np.ndarray:
-        """Do what compiled code has left, and return the worlds that are to be stepped once more, int32 (k,).
-
-        Raises:
-            RestitutionError: a law does not know the restitution of a contact.
-        """
+        """Do what compiled code has left, and return the worlds that are to be stepped once more, int32 (k,)."""
         asked = worlds[self._report[worlds, 0] == status.UNKNOWN]
         for world in asked.tolist():
             self.laws.learn(world, int(self._report[world, 1]))

@@ -22,10 +22,6 @@ _STATE = {
 class Fields:
     """Live arrays over the fields of all worlds.
 
-    Args:
-        pool: the worlds.
-        model: of all of them.
-
     Attributes:
         state: rows, (nsim, nstate).
         outputs: see `compiled.entry.Worlds`.
@@ -39,12 +35,7 @@ class Fields:
         self.state = _numbers(pool, self._functions.mjb_state(pool.handle), (pool.worlds, self._width), np.dtype(float))
 
     def bind(self, name: str) -> np.ndarray:
-        """Return a field of mjData of all worlds, (nsim, ..).
-
-        Raises:
-            UnknownNameError: there is no such field.
-            UnsupportedError: MuJoCo's batches do not have it, such as one without a fixed size.
-        """
+        """Return a field of mjData of all worlds, (nsim, ..)."""
         if name in _STATE:
             return self._part(name)
         new = ("mjb_output", name) not in self._known
@@ -55,12 +46,7 @@ class Fields:
         return found
 
     def expand(self, name: str) -> np.ndarray:
-        """Return a field of mjModel that each world has for itself from now on, (nsim, ..).
-
-        Raises:
-            UnknownNameError: there is no such field.
-            UnsupportedError: MuJoCo's batches do not have it, such as one without a fixed size.
-        """
+        """Return a field of mjModel that each world has for itself from now on, (nsim, ..)."""
         return self._array("mjb_expand", name, self._model, "field of mjModel", writeable=True)
 
     def write(self, world: int, data: Any) -> None:

@@ -65,11 +65,7 @@ class _OneSoftWorld:
 
 
 class SoftWorlds:
-    """What soft steps need of many worlds; arguments and attributes are those of `rigid.RigidWorlds`.
-
-    Raises:
-        SceneError: compiled code does not take the scene.
-    """
+    """What soft steps need of many worlds; arguments and attributes are those of `rigid.RigidWorlds`."""
 
     address, places = many.address, WORLDS
 
@@ -124,11 +120,7 @@ class SoftWorlds:
         self._expanded = True
 
     def start(self, worlds: np.ndarray, steps: int) -> None:
-        """Let the next call take so many steps of some worlds.
-
-        Raises:
-            SceneError: a callback of MuJoCo is set.
-        """
+        """Let the next call take so many steps of some worlds."""
         if any(ctypes.c_size_t.from_address(place).value for place in self._callbacks.tolist()):
             raise SceneError("a callback of MuJoCo is set, which the threads of a batch would call; use Stepper")
         self.context[WORLDS.steps] = steps
@@ -136,12 +128,7 @@ class SoftWorlds:
         self._failed, self._counted = {}, self._memory[:, :_LEFT].copy()
 
     def go_on(self, worlds: np.ndarray) -> np.ndarray:
-        """Do what compiled code has left, and return the worlds that are to be stepped once more, int32 (k,).
-
-        Raises:
-            RestitutionError: a law does not know the restitution of a contact; all worlds that are not done are as they
-                were before the call.
-        """
+        """Do what compiled code has left, and return the worlds that are to be stepped once more, int32 (k,)."""
         how = self._report[worlds, _HOW]
         self._forget(worlds[how == DIVERGED])
         left, python = worlds[how == UNKNOWN], worlds[how == PYTHON]

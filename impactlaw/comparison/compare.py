@@ -77,10 +77,6 @@ def choose_laws(model: mujoco.MjModel, names: Sequence[str] | None, restitution:
     """Return the laws by name, each with the restitution if it takes one; "scene" is what the scene itself carries.
 
     Without names: `DEFAULT_LAWS`, "scene" among them only if its restitution differs between pairs.
-
-    Raises:
-        UnknownNameError: no such law.
-        RestitutionError: "scene" is asked for but the scene carries no restitution, or a law needs a matrix.
     """
     if names is None:
         own = any(model.numeric(i).name.startswith("restitution/") for i in range(model.nnumeric))

@@ -24,9 +24,6 @@ def new_files_in(folder: Path) -> Iterator[Path]:
     """Give a temporary folder whose files move into ``folder`` at the end, or vanish if anything fails.
 
     What processes that were killed have left there is removed.
-
-    Raises:
-        SceneError: the folder cannot be written into.
     """
     with ExitStack() as stack:
         try:

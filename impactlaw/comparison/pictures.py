@@ -18,14 +18,7 @@ _MOST_LINES = 12  # degrees of freedom drawn; those that move most
 
 
 def draw(runs: Sequence[Run], path: Path, title: str, names: Sequence[str]) -> None:
-    """Write a picture of all runs: one panel of velocities each, and S(v-) where two contacts collide first.
-
-    Args:
-        runs: to compare.
-        path: of the PNG.
-        title: of the picture.
-        names: of the degrees of freedom, `freedom_names`.
-    """
+    """Write a picture of all runs: one panel of velocities each, and S(v-) where two contacts collide first."""
     from matplotlib.figure import Figure
 
     first = next((run.first for run in runs if run.first is not None), None)

@@ -25,39 +25,22 @@ from impactlaw.stepping.stepper import Stepper
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One simulation of the scene.
+    """One simulation of the scene."""
 
-    Attributes:
-        name: of the law, or of MuJoCo's contacts.
-        times: s, (n + 1,); the start and after every step.
-        positions: qpos, (n + 1, nq).
-        velocities: qvel, (n + 1, nv).
-        kinetic: energy, J, (n + 1,).
-        potential: energy, J, (n + 1,).
-        deepest: smallest gap seen after any step, 0 if none overlapped, m.
-        events: number of collisions resolved; None for soft contacts, which have none.
-        unlocated: steps with more collisions than are located one by one.
-        seconds_per_step: wall time of a step.
-        first: the first collision's outcome; None if there was none.
-        qpos: the configuration it happened at, (nq,).
-        refusal: why the law was refused, or an empty string.
-        law: the law in one line; None for soft contacts.
-    """
-
-    name: str
-    times: np.ndarray
-    positions: np.ndarray
-    velocities: np.ndarray
-    kinetic: np.ndarray
-    potential: np.ndarray
-    deepest: float
-    events: int | None
-    unlocated: int
-    seconds_per_step: float
-    first: Impact | None
-    qpos: np.ndarray | None
-    refusal: str = ""
-    law: str | None = None
+    name: str  # of the law, or of MuJoCo's contacts
+    times: np.ndarray  # s, (n + 1,); the start and after every step
+    positions: np.ndarray  # qpos, (n + 1, nq)
+    velocities: np.ndarray  # qvel, (n + 1, nv)
+    kinetic: np.ndarray  # energy, J, (n + 1,)
+    potential: np.ndarray  # energy, J, (n + 1,)
+    deepest: float  # smallest gap seen after any step, 0 if none overlapped, m
+    events: int | None  # number of collisions resolved; None for soft contacts, which have none
+    unlocated: int  # steps with more collisions than are located one by one
+    seconds_per_step: float  # wall time of a step
+    first: Impact | None  # the first collision's outcome; None if there was none
+    qpos: np.ndarray | None  # the configuration it happened at, (nq,)
+    refusal: str = ""  # why the law was refused, or an empty string
+    law: str | None = None  # the law in one line; None for soft contacts
 
 
 class _Trajectory:
@@ -94,21 +77,7 @@ def run_law(
     recorder: Recorder | None = None,
     progress: Callable[[], object] = lambda: None,
 ) -> Run:
-    """Simulate the scene rigidly under a law. A law that is not admissible there ends the run with its refusal.
-
-    Args:
-        model: the scene.
-        start: its state at the start; not changed.
-        name: of the run.
-        law: the law.
-        steps: how many timesteps.
-        options: of the `Stepper`.
-        recorder: where to record.
-        progress: called after every step.
-
-    Raises:
-        SceneError: the scene is not one for rigid stepping.
-    """
+    """Simulate the scene rigidly under a law. A law that is not admissible there ends the run with its refusal."""
     data = _copy(model, start)
     stepper = Stepper(model, law, **(options or {}))
     trajectory = _Trajectory(model)
@@ -157,15 +126,6 @@ def run_soft(
     """Simulate the scene with MuJoCo's contacts, and audit what they make of the reference's first collision.
 
     What is recorded are the run's own collisions, see `SoftCollisions`.
-
-    Args:
-        model: the scene with the contacts wanted, see `impactlaw.comparison.soft_contact.tuned_contacts`.
-        start: its state at the start; not changed.
-        name: of the run.
-        steps: how many timesteps.
-        reference: a run under a law, for its first collision.
-        recorder: where to record.
-        progress: called after every step.
     """
     data, seen = _copy(model, start), _copy(model, start)
     trajectory, collisions, spent = _Trajectory(model), SoftCollisions(model), 0.0

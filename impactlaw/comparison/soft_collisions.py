@@ -30,9 +30,6 @@ class SoftCollisions:
     v- and v+ are those at the moments when the first contact closes and the last one opens, found from the states
     beside, in which nothing overlaps, with the acceleration there. What other forces do meanwhile is part of the
     outcome. Where something always overlaps, as a body at rest on the floor does, no collisions can be told apart.
-
-    Args:
-        model: the scene.
     """
 
     def __init__(self, model: mujoco.MjModel):

@@ -32,10 +32,6 @@ def tuned_contacts(model: mujoco.MjModel, restitution: float) -> mujoco.MjModel:
         zeta = cosh(s):    e = exp(-2 s / tanh(s)),             t sqrt(k) = 2 s / sinh(s)
 
     (the second line for e below exp(-2); e below 0.01 is taken as 0.01). The stiffness k makes t ten timesteps.
-
-    Args:
-        model: the scene.
-        restitution: e in [0, 1].
     """
     zeta, time = _damping(max(restitution, 0.01))
     frequency = time / (_STEPS_IN_CONTACT * model.opt.timestep)

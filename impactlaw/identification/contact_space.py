@@ -79,11 +79,7 @@ def delassus_by_contacts(
 
 
 def symmetric_least_squares(L: np.ndarray, D: np.ndarray, labels: tuple[str, ...]) -> np.ndarray:
-    """Return the symmetric G with the least ``|L G - D|``, rows of L are impulses and of D jumps, (m, n) each.
-
-    Raises:
-        MeasurementError: too few collisions, or no G explains them.
-    """
+    """Return the symmetric G with the least ``|L G - D|``, rows of L are impulses and of D jumps, (m, n) each."""
     n = L.shape[1]
     rows, columns = np.triu_indices(n)
     basis = np.zeros((len(rows), n, n))  # symmetric matrices with one entry, or two, of 1

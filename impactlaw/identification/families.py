@@ -20,37 +20,23 @@ _RATIOS = ((), (), _WIDE, _WIDE, _NARROW)  # for so many contacts
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of a law.
+    """One number of a law."""
 
-    Attributes:
-        name: for tables.
-        low: least value.
-        high: largest value.
-        starts: where the search begins.
-    """
-
-    name: str
-    low: float
-    high: float
-    starts: tuple[float, ...]
+    name: str  # for tables
+    low: float  # least value
+    high: float  # largest value
+    starts: tuple[float, ...]  # where the search begins
 
 
 @dataclass(frozen=True)
 class Family:
-    """A family of laws over the contacts of some measurements.
+    """A family of laws over the contacts of some measurements."""
 
-    Attributes:
-        name: of the family.
-        parameters: its numbers.
-        make: the law of these numbers.
-        friction: whether the last parameter is the coefficient of friction, which belongs to the collisions.
-        searches: from so many of the best starts one goes on, until it fits: several where there are local minima.
-    """
-
-    name: str
-    parameters: tuple[Parameter, ...]
-    make: Callable[[np.ndarray], Law]
-    friction: bool = False
+    name: str  # of the family
+    parameters: tuple[Parameter, ...]  # its numbers
+    make: Callable[[np.ndarray], Law]  # the law of these numbers
+    friction: bool = False  # whether the last parameter is the coefficient of friction, which belongs to the collisions
+    # from so many of the best starts one goes on, until it fits: several where there are local minima
     searches: int = 1
 
     def predicted(self, measured: Measurements, values: np.ndarray) -> list[np.ndarray]:
@@ -67,11 +53,7 @@ def outcomes(law: Law, collisions: Sequence[Collision], friction: float | None =
 
 
 def with_friction(collision: Collision, coefficient: float) -> Collision:
-    """Return the collision with another coefficient of friction; coefficients of one contact keep their ratios.
-
-    Raises:
-        MeasurementError: it has no rows of friction.
-    """
+    """Return the collision with another coefficient of friction; coefficients of one contact keep their ratios."""
     friction = collision.friction
     if friction is None or not len(friction):
         raise MeasurementError(

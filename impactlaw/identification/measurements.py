@@ -25,10 +25,6 @@ class Measurements:
     see or change, the span of ``M^-1 J^T`` (of normal and sliding directions): what is common to all bodies, such as
     the motion of the center of mass, is predicted by every law, and would flatter it.
 
-    Args:
-        collisions: what collided.
-        post_velocities: v+ of each, shape (nv,).
-
     Raises:
         MeasurementError: none, not as many velocities, a velocity that does not fit or is not finite, or a collision
             whose contacts do not move against each other.

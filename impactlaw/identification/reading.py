@@ -219,11 +219,7 @@ def _parsed(value: Any) -> Any:
 
 
 def _array(row: dict[Any, Any], name: str, i: int, ndim: int | None) -> np.ndarray:
-    """Return a cell as an array of that many dimensions, a number as one of one entry.
-
-    Raises:
-        MeasurementError: it is not one, or not finite.
-    """
+    """Return a cell as an array of that many dimensions, a number as one of one entry."""
     value = _parsed(row.get(name))
     if hasattr(value, "tolist"):
         value = value.tolist()

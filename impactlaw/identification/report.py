@@ -131,11 +131,7 @@ def parameters_in_words(law: Identified) -> str:
 
 
 def write_law(law: Identified, path: Path, source: str) -> None:
-    """Write the law and how it was found as JSON, which `make_law` reads.
-
-    Raises:
-        MeasurementError: the file cannot be written.
-    """
+    """Write the law and how it was found as JSON, which `make_law` reads."""
     value = {
         "law": portable(law.law),
         "family": law.family,

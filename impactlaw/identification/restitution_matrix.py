@@ -45,9 +45,6 @@ class MatrixFit:
     Args:
         measured: collisions of one set of contacts.
         order: of the contacts of each collision, (n, h), so that all have the same one.
-
-    Raises:
-        MeasurementError: contacts depend on each other, so that E is not unique.
     """
 
     def __init__(self, measured: Measurements, order: np.ndarray):

@@ -126,11 +126,7 @@ class Law(ABC):
 
 
 def checked(collision: Collision) -> Collision:
-    """Return the collision; a `resolve` of a law's own begins with this, too.
-
-    Raises:
-        InvalidCollisionError: it is something else.
-    """
+    """Return the collision; a `resolve` of a law's own begins with this, too."""
     if not isinstance(collision, Collision):
         raise InvalidCollisionError(
             f"a law resolves a Collision, got {collision!r:.100}; Collision(mass, jacobian, velocity) and "
@@ -229,11 +225,7 @@ def coefficient(value: object, name: str = "restitution") -> float:
 
 
 def square_matrix(value: Any, name: str = "restitution matrix", *, sparse: bool = False) -> Any:
-    """Return ``value`` as a read-only, finite, square array, or a CSR array if it may be sparse and is.
-
-    Raises:
-        RestitutionError: it is not one.
-    """
+    """Return ``value`` as a read-only, finite, square array, or a CSR array if it may be sparse and is."""
     try:
         matrix = finite_sparse(value, name) if sparse and is_sparse(value) else finite_array(value, name)
     except InvalidCollisionError as error:

@@ -27,9 +27,8 @@ class Compliant(OfContacts, Law):
     ``d' = -gamma``, ``gamma' = G f``, from ``d = 0, gamma = gamma-`` until every contact is open and separates. The
     bodies do not move meanwhile: this is the limit of ever stiffer soft contact. The outcome needs only G and
     ``gamma-``, grows in proportion to ``gamma-``, and depends on ratios of stiffness only. Exponent 1.5 is Hertz's
-    contact of round bodies, 1 the linear spring. (MuJoCo's contacts of constant impedance are something else: each
-    follows ``r'' + b r' + k r = 0`` by itself, whatever the others do, and with b = 0 the outcome is near to Moreau's
-    of e = 1.)
+    contact of round bodies, 1 the linear spring. (MuJoCo's contacts are no such springs: each follows its own
+    ``r'' + b r' + k r = 0``, whatever the others do.)
 
     With ``restitution`` below 1 a contact is softer on the way back: it opens at ``d = (1 - e^2) d_max``, and a single
     contact returns ``e^2`` of the work (O. Walton and R. Braun, J. Rheol. 30, 1986, for p = 1).

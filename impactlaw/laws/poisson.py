@@ -30,14 +30,11 @@ class Poisson(ContactCoefficients, Law):
     ``v+ = v- + M^-1 J^T Lambda``: a contact gets more than its share where it would be penetrated otherwise
     (F. Pfeiffer and Ch. Glocker, *Multibody Dynamics with Unilateral Contacts*, Wiley 1996, ch. 8, without friction).
 
-    v+ is in S(v-) for all coefficients in [0, 1] and all velocities: it is the least ``|v- + M^-1 J^T Lambda|`` over
-    ``Lambda >= (1 + e) Lambda_C``, and ``2 Lambda_C``, one of these, leads to ``|v-|`` exactly. Equal coefficients give
-    Moreau's outcome where that does not penetrate, so always where every contact closes. Different ones can have
-    distant effects, which Newton's law has not: a contact may open faster than it closed.
-
-    Where contacts are redundant ``Lambda_C`` is the one of least norm, and with different coefficients v+ depends on
-    that choice. A surface whose velocity jumps does so before compression: the impact's collision has w+ from the
-    start. The coefficients are numbers or functions of the speed at which a contact closes, see `ContactCoefficients`.
+    v+ is in S(v-) for all coefficients in [0, 1]: it is the least ``|v- + M^-1 J^T Lambda|`` over
+    ``Lambda >= (1 + e) Lambda_C``, and ``2 Lambda_C``, one of these, leads to ``|v-|``. Equal ones give Moreau's
+    outcome where that does not penetrate; different ones can have distant effects. Where contacts are redundant
+    ``Lambda_C`` is the one of least norm. A surface whose velocity jumps does so before compression: the impact's
+    collision has w+ from the start. For the coefficients see `ContactCoefficients`.
     """
 
     name = "poisson"

@@ -22,9 +22,8 @@ class Scattered(DrawnLaw):
     The contact velocities of ``delta`` are ``G^1/2 xi`` with xi normal of mean 0 and the given covariance, so that
     ``|delta| = |xi|`` in the kinetic metric: the covariance of relative errors, as `identification.fit` reports them.
 
-    `sample` draws many outcomes; that of `resolve` belongs to the collision and the seed, see `DrawnLaw`. (`AnyOutcome`
-    draws from all of S, around no law.) Where there is no S(v-), as between surfaces that move against each other or
-    whose velocity jumps, nothing is scattered.
+    `sample` draws many outcomes; that of `resolve` belongs to the collision and the seed, see `DrawnLaw`. Where there
+    is no S(v-), as between surfaces that move against each other or whose velocity jumps, nothing is scattered.
 
     Attributes:
         law: the law in the middle.

@@ -12,12 +12,7 @@ from impactlaw.errors import InvalidCollisionError
 
 
 def real_array(values: ArrayLike) -> np.ndarray:
-    """Return a copy in double precision.
-
-    Raises:
-        TypeError: not numbers, or complex ones, of which numpy would drop the imaginary part with a warning only.
-        ValueError: not an array.
-    """
+    """Return a copy in double precision."""
     array = np.array(values)
     if array.dtype.kind == "c":
         raise TypeError("real numbers are needed, not complex ones")
@@ -27,16 +22,9 @@ def real_array(values: ArrayLike) -> np.ndarray:
 def finite_array(
     values: ArrayLike, name: str, shape: tuple[int | str, ...] | None = None, like: str = ""
 ) -> np.ndarray:
-    """Return a read-only copy, in double precision.
+    """Return a read-only copy in double precision; `InvalidCollisionError`, with name and reason ``like``, if not one.
 
-    Args:
-        values: what was given.
-        name: of that, for messages.
-        shape: that it must have, a text such as "h" at its beginning for any length; None for any shape.
-        like: why, for the message.
-
-    Raises:
-        InvalidCollisionError: not numbers, not all of them finite, or of another shape.
+    A shape with a text such as "h" at its beginning stands for any length there, None for any shape.
     """
     try:
         array = real_array(values)
@@ -63,11 +51,7 @@ def is_sparse(values: Any) -> bool:
 
 
 def finite_sparse(values: Any, name: str) -> Any:
-    """Return a copy as a read-only CSR array in double precision, without entries that are zero.
-
-    Raises:
-        InvalidCollisionError: not a matrix, not numbers, or not all of them finite.
-    """
+    """Return a copy as a read-only CSR array in double precision, without entries that are zero."""
     try:
         array = scipy.sparse.csr_array(values, copy=True)
         array.data = real_array(array.data)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlaw.mechanics.tolerances import FIXED, PROPORTION, REACHED, VELOCITY_RANKS
+from impactlaw.mechanics.tolerances import FIXED, REACHED, VELOCITY_RANK
 from impactlaw.solvers.least_squares import row_span
 from impactlaw.solvers.tolerances import RANK
 
@@ -57,21 +57,10 @@ class Reached(NamedTuple):
 
 
 def velocity_with(gradients: np.ndarray, rates: np.ndarray) -> Reached:
-    """Return a small whitened velocity with these contact velocities, or the nearest to them.
-
-    Directions in which gradients are nearly dependent are used only where that takes no velocity out of proportion.
-    """
+    """Return a small whitened velocity with these contact velocities, or the nearest to them."""
     lengths = np.sqrt(np.vecdot(gradients, gradients))
     lengths[lengths == 0] = 1.0
     unit, wanted = gradients / lengths[:, None], rates / lengths
-    largest = np.abs(wanted).max(initial=0.0)
-    best = None
-    for small in VELOCITY_RANKS:
-        z = np.linalg.lstsq(unit, wanted, rcond=small)[0]
-        if best is not None and z @ z > (PROPORTION * largest) ** 2:
-            break
-        best = z
-        if np.abs(unit @ z - wanted).max(initial=0.0) <= REACHED * largest:
-            return Reached(z, True)
-    assert best is not None
-    return Reached(best, False)
+    z = np.linalg.lstsq(unit, wanted, rcond=VELOCITY_RANK)[0]
+    missed = np.abs(unit @ z - wanted).max(initial=0.0)
+    return Reached(z, bool(missed <= REACHED * np.abs(wanted).max(initial=0.0)))

@@ -72,11 +72,13 @@ class FrictionImpact(Impact):
         )
 
     @classmethod
-    def observed(cls, collision: Collision, post_velocity: ArrayLike) -> FrictionImpact:
+    def observed(
+        cls, collision: Collision, post_velocity: ArrayLike, *, near: FrictionImpact | None = None
+    ) -> FrictionImpact:
         """Audit an outcome that came from anywhere, as `Impact.observed`, with friction.
 
         The impulse is one in the friction cones that comes nearest to the velocity jump, not unique where contacts are
-        redundant.
+        redundant. The search for it begins at the impulse of an impact nearby, if one is known.
 
         Raises:
             InvalidCollisionError: post_velocity does not fit, or the collision has no friction.
@@ -84,10 +86,17 @@ class FrictionImpact(Impact):
         """
         v, rows = Impact.observed(collision, post_velocity).post_velocity, cone_gradients(collision)
         jump = collision.metric.whiten(v - collision.pre_velocity)
-        answer = solve_cones(ConeProblem(rows, -(rows @ jump), collision.cone_rows.sizes, exact=False))
+        guess = None if near is None or len(near.cone_impulse) != len(rows) else near.cone_impulse
+        answer = solve_cones(ConeProblem(rows, -(rows @ jump), collision.cone_rows.sizes, exact=False), guess)
         if answer.status is not Status.SOLVED:
             raise SolverError(f"no impulse nearest to this velocity was found: residual {answer.residual:.1e} sqrt(J)")
         return replace(cls.of_cones(collision, answer.impulse, jump), post_velocity=v)
+
+    @property
+    def cone_impulse(self) -> np.ndarray:
+        """Impulse contact by contact, the normal one first, along tangents divided by friction's coefficient, (n,)."""
+        along = self.friction_impulse / _friction(self.collision).coefficient
+        return np.concatenate([self.impulse, along])[self.collision.cone_rows.order]
 
     @property
     def pre_sliding_velocity(self) -> np.ndarray:

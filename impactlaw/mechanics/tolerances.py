@@ -7,8 +7,7 @@ IDLE = 1e-10  # part of a contact's longest gradient of friction up to which its
 
 # --- Bilateral constraints and moving surfaces. -----------------------------------------------------------------------
 FIXED = 1e-12  # part of a gradient or velocity that is rounding after a projection that takes off the rest
-VELOCITY_RANKS = (1e-9, 1e-12, 1e-15)  # singular values up to which a direction is not used, tried in turn
-PROPORTION = 1e6  # times the contact velocities: a velocity of the bodies that is larger is out of proportion
+VELOCITY_RANK = 1e-12  # singular value up to which a direction is not used
 REACHED = 1e-11  # part of the contact velocities that a velocity of the bodies may miss
 
 # --- The set S(v-), in which lengths are divided by its smallest jump |p - v-|. ---------------------------------------

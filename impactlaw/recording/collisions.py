@@ -91,11 +91,6 @@ def _moving(event: ImpactEvent) -> dict[str, Any]:
 class CollisionLog:
     """Collisions since the last `send`.
 
-    Args:
-        model: the scene.
-        law: the law's name, written to every record.
-        arrow_scale: length of the arrow of an impulse of 1 N s, m.
-
     Attributes:
         law: as above; may be changed.
     """

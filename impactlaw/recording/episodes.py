@@ -34,11 +34,7 @@ class EpisodeMarks:
         self._rows[layout.CHANGES].append((clock, frame, change))
 
     def end_step(self, clock: float, frame: int, action: Any, reward: Any, ended: tuple[bool, bool]) -> None:
-        """Take up an environment step that ends with this frame.
-
-        Raises:
-            RecordingError: its action is not made of numbers, or its reward is not one number.
-        """
+        """Take up an environment step that ends with this frame."""
         terminated, truncated = ended
         told = np.asarray(action)
         try:

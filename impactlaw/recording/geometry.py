@@ -18,19 +18,12 @@ _INFINITE = 5.0  # half side of an infinite plane, in extents of the model
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Geoms that one entity draws, each placed by the pose of its body.
+    """Geoms that one entity draws, each placed by the pose of its body."""
 
-    Attributes:
-        path: the entity.
-        bodies: body id of each geom.
-        archetype: what rerun draws, in the frames of the bodies.
-        fixed: whether the bodies never move.
-    """
-
-    path: str
-    bodies: np.ndarray
-    archetype: Any
-    fixed: bool
+    path: str  # the entity
+    bodies: np.ndarray  # body id of each geom
+    archetype: Any  # what rerun draws, in the frames of the bodies
+    fixed: bool  # whether the bodies never move
 
 
 def read_geometry(model: mujoco.MjModel) -> list[Group]:

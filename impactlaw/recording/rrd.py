@@ -65,22 +65,14 @@ class Entity:
 
 
 def file_path(path: str | Path) -> Path:
-    """Return the path of a recording.
-
-    Raises:
-        RecordingError: it is none.
-    """
+    """Return the path of a recording."""
     if not isinstance(path, str | os.PathLike):
         raise RecordingError(f'a recording is a file, such as "run.rrd", got {path!r:.100}')
     return Path(path)
 
 
 def read_entities(path: Path) -> dict[str, Entity]:
-    """Return all entities of a recording; of one that was cut off, all that was written completely.
-
-    Raises:
-        RecordingError: there is no such file, or it is not a recording of this package.
-    """
+    """Return all entities of a recording; of one that was cut off, all that was written completely."""
     if not path.is_file():
         raise RecordingError(f"{path} is not a file" if path.exists() else f"there is no file {path}")
     try:

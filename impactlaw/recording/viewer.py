@@ -85,11 +85,7 @@ def log_styles(stream: Any) -> None:
 
 
 def spawn_viewer() -> Any:
-    """Open the viewer in a window of its own, or take the one that is open, and return a sink that feeds it.
-
-    Raises:
-        RecordingError: there is no display, or no viewer.
-    """
+    """Open the viewer in a window of its own, or take the one that is open, and return a sink that feeds it."""
     import rerun as rr
 
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):

@@ -107,12 +107,6 @@ def closes(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray, speed: 
 
     With pyramidal cones the mean of a contact's first two rows is the normal. Python's own numbers are faster here than
     arrays up to dozens of contacts, and what they cost per contact is little next to what MuJoCo's step does.
-
-    Args:
-        model: the scene.
-        data: its constraint rows of some configuration.
-        rows: their velocities there, ``data.efc_vel`` or `row_velocities`, (nefc,).
-        speed: the speed.
     """
     if not len(rows) or not rows.item(rows.argmin()) < -speed:  # of all rows: a bound
         return False
@@ -160,11 +154,7 @@ def row_velocities(model: mujoco.MjModel, data: mujoco.MjData, velocity: np.ndar
 
 
 def collide(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Run MuJoCo's collision detection at the current frames (`update_positions`); replaces data.contact.
-
-    Raises:
-        SceneError: there are more contacts than MuJoCo has room for.
-    """
+    """Run MuJoCo's collision detection at the current frames (`update_positions`); replaces data.contact."""
     numbers = data.warning.number
     before = numbers[_FULL]
     mujoco.mj_collision(model, data)
@@ -175,11 +165,7 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def sorted_geoms(geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return pairs of geom ids with the lower one first, in order, the indices that sort, and which pairs are swapped.
-
-    Raises:
-        SceneError: a flex is in contact.
-    """
+    """Return pairs of geom ids, the lower one first, in order, the indices that sort, and which pairs are swapped."""
     if (geoms < 0).any():
         raise SceneError("a flex is in contact; an impact law is for contacts between geoms only")
     order = np.lexsort((geoms.max(axis=1), geoms.min(axis=1)))

@@ -25,35 +25,22 @@ from impactlaw.scene.tolerances import GAP_TOLERANCE, PARALLEL, SKIN
 
 
 class Found(NamedTuple):
-    """What is near at one configuration.
+    """What is near at one configuration."""
 
-    Attributes:
-        pattern: what the geoms say.
-        contacts: contacts and limits.
-        jacobian: their gap gradients, (h, nv).
-        bilateral: gradients of equality constraints, (m, nv); None if there are none, or nothing is near.
-        stiffness: of these constraints, see `equality_constraints.stiffness`, (nv, nv).
-    """
-
-    pattern: Pattern
-    contacts: Contacts
-    jacobian: np.ndarray
+    pattern: Pattern  # what the geoms say
+    contacts: Contacts  # contacts and limits
+    jacobian: np.ndarray  # their gap gradients, (h, nv)
+    # gradients of equality constraints, (m, nv); None if there are none, or nothing is near
     bilateral: np.ndarray | None
-    stiffness: np.ndarray | None
+    stiffness: np.ndarray | None  # of these constraints, see `equality_constraints.stiffness`, (nv, nv)
 
 
 class Distances(NamedTuple):
-    """Nearest distances of pairs of geoms, as MuJoCo measures them.
+    """Nearest distances of pairs of geoms, as MuJoCo measures them."""
 
-    Attributes:
-        geoms: ids, int (h, 2).
-        distance: m, (h,).
-        normal: from the first geom to the second, (h, 3).
-    """
-
-    geoms: np.ndarray
-    distance: np.ndarray
-    normal: np.ndarray
+    geoms: np.ndarray  # ids, int (h, 2)
+    distance: np.ndarray  # m, (h,)
+    normal: np.ndarray  # from the first geom to the second, (h, 3)
 
     @classmethod
     def of(cls, data: mujoco.MjData) -> Distances | None:
@@ -71,12 +58,6 @@ class Distances(NamedTuple):
 
 class Detector:
     """Finds the contacts of one scene.
-
-    Args:
-        model: the scene.
-        convex: whether some pairs are measured by MuJoCo's general convex collider.
-        faces: whether MuJoCo is to look for several contacts between faces where it can.
-        friction: whether contacts are to have their friction.
 
     Attributes:
         names: of all geoms, as in contact labels.
@@ -105,9 +86,6 @@ class Detector:
         """Return the contacts with a gap of at most ``within``, m or rad; the pattern is that of more.
 
         Frames must be current; replaces data.contact.
-
-        Raises:
-            SceneError: a flex is in contact, or there are more contacts than MuJoCo reports.
         """
         with self.options:
             found = self.look(data, 2.0 * within + SKIN)  # MuJoCo compares with "<"

@@ -18,45 +18,27 @@ _TORSION = 2  # rows of a contact are two of sliding, one of torsion, two of rol
 
 
 class Span(NamedTuple):
-    """The rows of one contact.
+    """The rows of one contact."""
 
-    Attributes:
-        first: the first one; those of sliding come first.
-        turning: the first one of torsion or rolling.
-        last: the first one of another contact.
-        contact: its index.
-        bodies: of its geoms, -1 for one that is fixed to the world.
-    """
-
-    first: int
-    turning: int
-    last: int
-    contact: int
-    bodies: tuple[int, ...]
+    first: int  # the first one; those of sliding come first
+    turning: int  # the first one of torsion or rolling
+    last: int  # the first one of another contact
+    contact: int  # its index
+    bodies: tuple[int, ...]  # of its geoms, -1 for one that is fixed to the world
 
 
 class FrictionPattern(NamedTuple):
-    """Which rows of friction a sequence of contacts has, whatever the configuration is.
+    """Which rows of friction a sequence of contacts has, whatever the configuration is."""
 
-    Attributes:
-        contact: index of the contact of each row, ascending, int (k,).
-        kind: 0 and 1 for sliding, 2 for torsion, 3 and 4 for rolling, int (k,).
-        coefficient: of each row: 1 for sliding, m for the others, (k,).
-        axis: of each row: 0 for the normal, 1 and 2 for the directions of sliding, int (k,).
-        spans: rows by contacts.
-        rows_contact: contact of each row if normal rows, (h,), and these, (k,), are sorted by contact, int (h + k,).
-        rows_kind: 0 for a normal row, 1 to 5 for friction, int (h + k,).
-        rows_from: where each comes from, ``[normal rows, rows of friction][rows_from]``, int (h + k,).
-    """
-
-    contact: np.ndarray
-    kind: np.ndarray
-    coefficient: np.ndarray
-    axis: np.ndarray
-    spans: tuple[Span, ...]
+    contact: np.ndarray  # index of the contact of each row, ascending, int (k,)
+    kind: np.ndarray  # 0 and 1 for sliding, 2 for torsion, 3 and 4 for rolling, int (k,)
+    coefficient: np.ndarray  # of each row: 1 for sliding, m for the others, (k,)
+    axis: np.ndarray  # of each row: 0 for the normal, 1 and 2 for the directions of sliding, int (k,)
+    spans: tuple[Span, ...]  # rows by contacts
+    # contact of each row if normal rows, (h,), and these, (k,), are sorted by contact, int (h + k,)
     rows_contact: np.ndarray
-    rows_kind: np.ndarray
-    rows_from: np.ndarray
+    rows_kind: np.ndarray  # 0 for a normal row, 1 to 5 for friction, int (h + k,)
+    rows_from: np.ndarray  # where each comes from, ``[normal rows, rows of friction][rows_from]``, int (h + k,)
 
 
 def pair_friction(
@@ -156,19 +138,12 @@ def _relative(
 
 
 class ActiveFriction(NamedTuple):
-    """Rows of friction of the contacts that MuJoCo's solver acts on, in the order of `contacts.active_contacts`.
+    """Rows of friction of the contacts that MuJoCo's solver acts on, in the order of `contacts.active_contacts`."""
 
-    Attributes:
-        jacobian: ``J_t``, (k, nv): sliding in m/s, torsion and rolling in rad/s.
-        contact: index of the contact of each row, ascending, int (k,).
-        coefficient: of each row, (k,).
-        drift: what surfaces add to the velocities ``J_t v``, (k,).
-    """
-
-    jacobian: np.ndarray
-    contact: np.ndarray
-    coefficient: np.ndarray
-    drift: np.ndarray
+    jacobian: np.ndarray  # ``J_t``, (k, nv): sliding in m/s, torsion and rolling in rad/s
+    contact: np.ndarray  # index of the contact of each row, ascending, int (k,)
+    coefficient: np.ndarray  # of each row, (k,)
+    drift: np.ndarray  # what surfaces add to the velocities ``J_t v``, (k,)
 
 
 def active_friction(
@@ -177,12 +152,6 @@ def active_friction(
     """Return the rows of friction of the contacts that MuJoCo's solver acts on; None if there are none.
 
     They are those of MuJoCo's constraints, or, with pyramidal cones, half of the difference of two of these.
-
-    Args:
-        model: the scene.
-        data: its constraint rows of now.
-        contacts: `contacts.active_contacts`.
-        surfaces: those that move, with the motion of now.
     """
     found, index = data.contact, np.flatnonzero(data.contact.efc_address >= 0)
     _, order, swapped = sorted_geoms(found.geom[index])
@@ -245,13 +214,7 @@ def friction_on_contacts(
 
 
 def tangential_impulses(model: mujoco.MjModel, contacts: Contacts, friction_impulse: np.ndarray) -> np.ndarray:
-    """Return the impulses of sliding friction on contacts that collided, world frame, N s, (h, 3).
-
-    Args:
-        model: the scene.
-        contacts: that collided.
-        friction_impulse: of all their rows of friction, (k,).
-    """
+    """Return the impulses of sliding friction on contacts that collided, world frame, N s, (h, 3)."""
     impulse = np.zeros((len(contacts), 3))
     pattern = learn_friction(model, contacts.geoms[contacts.geoms[:, 0] >= 0], overridden=True)
     if pattern is not None:

@@ -17,17 +17,11 @@ NO_GEOM = -1
 
 
 class LimitRows(NamedTuple):
-    """Limits near or reached.
+    """Limits near or reached."""
 
-    Attributes:
-        code: which limit, int (l,): the same number for the same limit at any time, ascending.
-        gap: distance from the limit, m or rad, (l,).
-        jacobian: gap gradients, (l, nv).
-    """
-
-    code: np.ndarray
-    gap: np.ndarray
-    jacobian: np.ndarray
+    code: np.ndarray  # which limit, int (l,): the same number for the same limit at any time, ascending
+    gap: np.ndarray  # distance from the limit, m or rad, (l,)
+    jacobian: np.ndarray  # gap gradients, (l, nv)
 
 
 class LimitState(NamedTuple):

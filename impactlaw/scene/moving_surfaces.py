@@ -29,41 +29,24 @@ _NEXT, _LAST = [1, 2, 0], [2, 0, 1]  # of the axes x, y, z
 
 
 class Motion(NamedTuple):
-    """How the second surface of each contact moves by itself, as seen from the first.
+    """How the second surface of each contact moves by itself, as seen from the first."""
 
-    Attributes:
-        velocity: of the contact point, world frame, m/s, (h, 3).
-        spin: angular velocity, world frame, rad/s, (h, 3).
-        belt: of surfaces that run within themselves, world frame, m/s, (h, 3).
-    """
-
-    velocity: np.ndarray
-    spin: np.ndarray
-    belt: np.ndarray
+    velocity: np.ndarray  # of the contact point, world frame, m/s, (h, 3)
+    spin: np.ndarray  # angular velocity, world frame, rad/s, (h, 3)
+    belt: np.ndarray  # of surfaces that run within themselves, world frame, m/s, (h, 3)
 
 
 class LastMotion(NamedTuple):
-    """How mocap bodies have moved in the last step.
+    """How mocap bodies have moved in the last step."""
 
-    Attributes:
-        time: when it ended, s; NaN if there was none.
-        target: poses that it went to, (nmocap, 7).
-        mean: mean velocities, (nmocap, 6).
-        last: velocities at the end, (nmocap, 6).
-    """
-
-    time: float
-    target: np.ndarray
-    mean: np.ndarray
-    last: np.ndarray
+    time: float  # when it ended, s; NaN if there was none
+    target: np.ndarray  # poses that it went to, (nmocap, 7)
+    mean: np.ndarray  # mean velocities, (nmocap, 6)
+    last: np.ndarray  # velocities at the end, (nmocap, 6)
 
 
 class Surfaces:
     """The moving surfaces of one scene.
-
-    Args:
-        model: the scene.
-        geoms: pairs of geoms that can meet, (p, 2).
 
     Attributes:
         meet: whether mocap bodies can meet others.

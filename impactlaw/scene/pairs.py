@@ -13,15 +13,10 @@ from impactlaw.scene.tolerances import MIN_FRICTION, SKIN
 
 @dataclass(frozen=True, eq=False)
 class GeomPairs:
-    """Pairs of geoms that MuJoCo's filters let collide.
+    """Pairs of geoms that MuJoCo's filters let collide."""
 
-    Attributes:
-        geoms: geom ids, the lower one first, int (p, 2).
-        friction: whether contacts of the pair have friction, bool (p,).
-    """
-
-    geoms: np.ndarray
-    friction: np.ndarray
+    geoms: np.ndarray  # geom ids, the lower one first, int (p, 2)
+    friction: np.ndarray  # whether contacts of the pair have friction, bool (p,)
 
 
 def geom_pairs(model: mujoco.MjModel) -> GeomPairs:

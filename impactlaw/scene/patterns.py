@@ -17,41 +17,23 @@ _REMEMBERED = 256  # patterns; a pile has many
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """What the geoms of a sequence of contacts say, whatever their configuration is.
+    """What the geoms of a sequence of contacts say, whatever their configuration is."""
 
-    Attributes:
-        labels: as in `Contacts`.
-        geoms: as in `Contacts`, int (h, 2).
-        key: one number per pair of geoms, ascending, (h,).
-        single: which contacts are of pairs that never have more than one, bool (h,).
-        all_single: whether all are.
-        distinct: whether no two contacts are of the same pair.
-        vague: which contacts may be anywhere in common faces, bool (h,).
-        rolling: which of those run along one edge or face, not from piece to piece of a surface, bool (h,).
-        skin: distance at which the geoms touch, m, (h,); None if 0 for all.
-        several: whether MuJoCo is to look for several contacts of a pair.
-        order: indices that bring MuJoCo's contacts into order; None if they are in it.
-        sign: -1 where MuJoCo has the higher geom id first, else 1, (h, 1); None if 1 for all.
-        friction: which rows of friction they have; None if they have none, or it is ignored.
-        found: geom ids in MuJoCo's order, as bytes.
-        plain: whether each pair has one contact, whose distance in MuJoCo is the gap, and nothing else has rows.
-    """
-
-    labels: tuple[str, ...]
-    geoms: np.ndarray
-    key: np.ndarray
-    single: np.ndarray
-    all_single: bool
-    distinct: bool
-    vague: np.ndarray
-    rolling: np.ndarray
-    skin: np.ndarray | None
-    several: bool
-    order: np.ndarray | None
-    sign: np.ndarray | None
-    friction: FrictionPattern | None
-    found: bytes
-    plain: bool
+    labels: tuple[str, ...]  # as in `Contacts`
+    geoms: np.ndarray  # as in `Contacts`, int (h, 2)
+    key: np.ndarray  # one number per pair of geoms, ascending, (h,)
+    single: np.ndarray  # which contacts are of pairs that never have more than one, bool (h,)
+    all_single: bool  # whether all are
+    distinct: bool  # whether no two contacts are of the same pair
+    vague: np.ndarray  # which contacts may be anywhere in common faces, bool (h,)
+    rolling: np.ndarray  # which of those run along one edge or face, not from piece to piece of a surface, bool (h,)
+    skin: np.ndarray | None  # distance at which the geoms touch, m, (h,); None if 0 for all
+    several: bool  # whether MuJoCo is to look for several contacts of a pair
+    order: np.ndarray | None  # indices that bring MuJoCo's contacts into order; None if they are in it
+    sign: np.ndarray | None  # -1 where MuJoCo has the higher geom id first, else 1, (h, 1); None if 1 for all
+    friction: FrictionPattern | None  # which rows of friction they have; None if they have none, or it is ignored
+    found: bytes  # geom ids in MuJoCo's order, as bytes
+    plain: bool  # whether each pair has one contact, whose distance in MuJoCo is the gap, and nothing else has rows
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -63,16 +45,7 @@ class Pattern:
 
 
 class Patterns:
-    """The patterns of one scene.
-
-    Args:
-        model: the scene.
-        names: of all geoms, as in contact labels.
-        limits: names of limits, by their code.
-        faces: whether MuJoCo is to look for several contacts between faces where it can.
-        friction: whether contacts are to have their friction.
-        alone: whether contacts are the only constraints.
-    """
+    """The patterns of one scene."""
 
     def __init__(
         self,

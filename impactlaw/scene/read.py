@@ -54,11 +54,7 @@ def read_closed(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray,
 
 
 def _check_state(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Refuse what is no model and its state; numbers of another one would be put into too many places, or too few.
-
-    Raises:
-        SceneError: it is not.
-    """
+    """Refuse what is no model and its state; numbers of another one would be put into too many places, or too few."""
     if not isinstance(model, mujoco.MjModel) or not isinstance(data, mujoco.MjData):
         kinds = f"{type(model).__name__} and {type(data).__name__}"
         raise SceneError(f"contacts are read from a mujoco.MjModel and its mujoco.MjData, got {kinds}")

@@ -9,7 +9,6 @@ import scipy
 
 from impactlaw.solvers.least_squares import least_squares
 from impactlaw.solvers.methods.dual_active_set import dual_active_set
-from impactlaw.solvers.methods.least_distance import least_distance
 from impactlaw.solvers.problem import Problem, Status
 from impactlaw.solvers.tolerances import NO_IMPULSE, RANK
 
@@ -39,9 +38,10 @@ def least_norm(gradients: np.ndarray, impulse: np.ndarray, tight: np.ndarray) ->
     part = least_squares(Y[shared].T, x[shared] @ Y[shared], RANK)
     part[np.abs(part) < NO_IMPULSE * np.abs(part).max()] = 0.0
     if part.min() < 0:
-        carrying = _carrying(Problem(N, -part))
-        if carrying is None:
+        solution = dual_active_set(Problem(N, -part))
+        if solution.status is not Status.SOLVED:
             return impulse
+        carrying = solution.impulse == 0
     else:
         carrying = part > 0
     on = np.zeros(len(impulse), dtype=bool)
@@ -79,12 +79,3 @@ def share_impulse(gradients: Any, impulse: np.ndarray, tight: np.ndarray) -> np.
             result = impulse.copy() if result is impulse else result
             result[rows] = shared
     return result
-
-
-def _carrying(problem: Problem) -> np.ndarray | None:
-    """Return where ``min |y|, N y >= -x`` leaves the impulse of least norm positive."""
-    for solver in (dual_active_set, least_distance):
-        solution = solver(problem)
-        if solution.status is Status.SOLVED:
-            return solution.impulse == 0
-    return None

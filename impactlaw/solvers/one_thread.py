@@ -1,9 +1,7 @@
 """Small dense problems on one thread: starting BLAS threads takes longer than solving them.
 
-Measured on two cores that others use, too (OpenBLAS 0.3): a collision of 128 contacts takes 0.7 ms on one thread, and
-17 to 110 ms on two. How many threads BLAS uses is a setting of the whole process, so that it is changed for as long as
-a step or a collision takes, at 8 us, and not when the package is imported: what the user computes in between keeps it.
-Where several threads step at the same time, threadpoolctl lets one of them change it.
+On two busy cores a collision of 128 contacts takes 0.7 ms on one thread, and 17 to 110 ms on two. The number of threads
+belongs to the whole process, so that it is changed only for as long as a step or a collision takes, at 8 us.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from impactlaw.errors import DivergenceError, SolverError, UnknownNameError, Uns
 from impactlaw.solvers.certificate import LARGEST_POLISHED, Answer, better, judge, judge_active, polish
 from impactlaw.solvers.infeasibility import farkas_ray
 from impactlaw.solvers.least_norm import share_impulse
-from impactlaw.solvers.methods.closed_form import closed_form, one_contact
+from impactlaw.solvers.methods.closed_form import closed_form
 from impactlaw.solvers.methods.dual_active_set import dual_active_set
 from impactlaw.solvers.methods.least_distance import least_distance
 from impactlaw.solvers.methods.nnls import nnls
@@ -22,7 +22,7 @@ from impactlaw.solvers.methods.projected_gauss_seidel import projected_gauss_sei
 from impactlaw.solvers.one_thread import one_thread
 from impactlaw.solvers.problem import Problem, Solution, Solver, Status, sparse
 from impactlaw.solvers.sparsity import as_dense, groups, has_structure
-from impactlaw.solvers.tolerances import CERTIFIED, GOOD, GOOD_LARGE, INDEPENDENT, RANKS, TIGHT
+from impactlaw.solvers.tolerances import CERTIFIED, GOOD, GOOD_LARGE, RANKS, TIGHT
 
 SOLVERS: dict[str, Solver] = {
     "closed-form": closed_form,
@@ -38,8 +38,6 @@ SOLVERS: dict[str, Solver] = {
 _ITERATIVE = {"osqp", "projected-gauss-seidel"}
 _TAKE_SPARSE = {"primal-dual-active-set", *_ITERATIVE}
 _MANY = 64  # contacts from which linear algebra starts threads where it may
-
-_FEW = 20  # contacts up to which NNLS is as fast as corrections of an active set
 
 
 def load_solvers() -> None:
@@ -95,7 +93,7 @@ def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bo
     if solver == "auto":
         if has_structure(problem):
             problem = problem.with_gradients(sparse(problem.gradients))
-        answer = None if problem.is_sparse else with_all_active(problem)
+        answer = None if problem.is_sparse else judge_active(problem, slice(None))
         if answer is not None and problem.allows(answer.residual, GOOD):
             return share(problem, answer) if shared else answer
     elif not problem.is_sparse and len(parts := groups(problem)) > 1:
@@ -117,35 +115,6 @@ def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bo
             )
     assert answer is not None
     return share(problem, answer) if shared else answer
-
-
-def with_all_active(problem: Problem) -> Answer | None:
-    """Return the answer with an impulse at every contact, or with many contacts at most of them; None if it has not.
-
-    Many contacts are corrected by a primal-dual active set: those with ``Lambda_i <= 0`` leave it, those with
-    ``(G Lambda - c)_i < 0`` enter. From 64 contacts on that takes a half to a quarter of the time of NNLS.
-    """
-    c = problem.bound
-    if len(c) == 1:
-        return one_contact(problem)
-    if not _FEW < len(c) <= problem.gradients.shape[1]:
-        return judge_active(problem, slice(None))
-    G = part = problem.gradients @ problem.gradients.T
-    active = np.arange(len(c))
-    for _ in range(len(c) // 4):
-        factor, carried, failed = scipy.linalg.lapack.dposv(part, c[active])
-        if failed or (factor.diagonal() < INDEPENDENT * problem.lengths[active]).any():
-            return None
-        impulse = np.zeros(len(c))
-        impulse[active] = carried
-        following = np.flatnonzero((impulse > 0) | ((impulse == 0) & (G @ impulse < c)))
-        if np.array_equal(following, active):
-            return judge(problem, impulse)
-        if not len(following):
-            return None
-        active = following
-        part = G[np.ix_(active, active)]
-    return None
 
 
 def nonnegative_combination(gradients: np.ndarray, point: np.ndarray) -> np.ndarray:

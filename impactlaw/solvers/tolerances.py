@@ -21,7 +21,6 @@ NO_IMPULSE = 1e-12  # part of the largest impulse, or of a ray's largest entry, 
 
 # --- NNLS and the least-distance form. --------------------------------------------------------------------------------
 IN_RANGE = 1e-12  # distance of c from the range of Y, relative to the scale of the problem, that is rounding
-BALANCED = 4.0  # ratio of the longest gradient to the shortest up to which scaling them gains no digits
 FARTHEST_JUMP = 1e9  # times the scale of the problem: a longer jump is taken for none
 
 # --- The proof that there is no answer (Farkas ray). ------------------------------------------------------------------

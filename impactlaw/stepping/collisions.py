@@ -26,23 +26,14 @@ _SAME_INERTIA = 1e-14  # relative difference of mass matrices that is rounding w
 
 
 class Closed(NamedTuple):
-    """Closed contacts, and what impulses on them must respect.
+    """Closed contacts, and what impulses on them must respect."""
 
-    Attributes:
-        contacts: the contacts.
-        jacobian: their gap gradients, (h, nv).
-        bilateral: gradients of equality constraints, (m, nv); None if there are none.
-        drift: what moving surfaces add to the contact velocities, m/s, (h,); None if none move.
-        drift_before: the same before a jump of the surfaces' velocity; None if there is no jump.
-        friction: of these contacts; None if they have none.
-    """
-
-    contacts: Contacts
-    jacobian: np.ndarray
-    bilateral: np.ndarray | None = None
-    drift: np.ndarray | None = None
-    drift_before: np.ndarray | None = None
-    friction: Friction | None = None
+    contacts: Contacts  # the contacts
+    jacobian: np.ndarray  # their gap gradients, (h, nv)
+    bilateral: np.ndarray | None = None  # gradients of equality constraints, (m, nv); None if there are none
+    drift: np.ndarray | None = None  # what moving surfaces add to the contact velocities, m/s, (h,); None if none move
+    drift_before: np.ndarray | None = None  # the same before a jump of the surfaces' velocity; None if there is no jump
+    friction: Friction | None = None  # of these contacts; None if they have none
 
     def contact_velocity(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``J v + w``, m/s, (h,)."""
@@ -106,20 +97,14 @@ class Collider:
 
     Only contacts with ``gamma- <= 0`` take part, since a law is a map from -T_C, and of those only the ones that an
     impulse can reach. A contact that separates and is driven closed by the others collides next, at the same time.
-
-    Attributes:
-        law: the law.
-        last_law: the law of a collision that ends the matter, E = 0.
-        on_inadmissible: what to do with an outcome outside of S(v-): "raise", "project" it onto S(v-), or "allow" it.
-        most: collisions of one step after which the last law on every closed contact ends the matter.
-        solver: a name from `impactlaw.solvers.SOLVERS`, or "auto".
     """
 
-    law: Law
-    last_law: Law
+    law: Law  # the law
+    last_law: Law  # the law of a collision that ends the matter, E = 0
+    # what to do with an outcome outside of S(v-): "raise", "project" it onto S(v-), or "allow" it
     on_inadmissible: Literal["raise", "project", "allow"]
-    most: int
-    solver: str
+    most: int  # collisions of one step after which the last law on every closed contact ends the matter
+    solver: str  # a name from `impactlaw.solvers.SOLVERS`, or "auto"
 
     def collide(
         self,

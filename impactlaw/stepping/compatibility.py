@@ -103,20 +103,13 @@ def check_override(model: mujoco.MjModel, plan: Plan) -> None:
     """Refuse to step rigid contacts whose friction is that of MuJoCo's override.
 
     Rigid steps use the override for themselves, to detect contacts, and read the friction of geoms and pairs.
-
-    Raises:
-        SceneError: contacts have friction, steps are rigid, and the scene's option ``override`` is on.
     """
     if plan.contact_model == "rigid" and plan.friction:
         refuse_override(model)
 
 
 def refuse_override(model: mujoco.MjModel) -> None:
-    """Refuse MuJoCo's override of contacts, which steps look for, too: it may be set after their stepper is made.
-
-    Raises:
-        SceneError: it is on.
-    """
+    """Refuse MuJoCo's override of contacts, which steps look for, too: it may be set after their stepper is made."""
     if model.opt.enableflags & OVERRIDE:
         raise SceneError(
             'rigid steps do not use the friction that <flag override="enable"/> gives all contacts (o_friction); leave '
@@ -135,11 +128,6 @@ def unread_sensors(model: mujoco.MjModel, plan: Plan) -> tuple[str, ...]:
 
 def check_law(model: mujoco.MjModel, law: Law, chosen: Chosen | None = None) -> None:
     """Refuse a law that no collision of the scene can be resolved by.
-
-    Args:
-        model: the scene.
-        law: the law.
-        chosen: contacts that it is for; None for all.
 
     Raises:
         UnknownNameError: it is keyed by contacts that the scene cannot have; names the nearest ones.
@@ -168,11 +156,7 @@ def check_law(model: mujoco.MjModel, law: Law, chosen: Chosen | None = None) -> 
 
 
 def _check_all_named(law: Law, known: tuple[str, ...]) -> None:
-    """Refuse a law that would end a run with the first collision of a contact that it does not name.
-
-    Raises:
-        RestitutionError: it has a coefficient for some of these contacts only, and no default; or two for one.
-    """
+    """Refuse a law that would end a run with the first collision of a contact that it does not name."""
     if not isinstance(law, ContactCoefficients) or (law.default is not None and not law.has_patterns):
         return
     missing = sorted(canonical(label) for label in set(known) if law.named(label) is None)
@@ -194,15 +178,7 @@ def most_contacts(model: mujoco.MjModel) -> float:
 
 
 def check_friction(law: Law, friction: str | None) -> None:
-    """Refuse a law with friction where something else decides about friction.
-
-    Args:
-        law: the law.
-        friction: the option of a stepper that was given.
-
-    Raises:
-        RestitutionError: the law is a `Coulomb`, and that is in vain or contradicts the option.
-    """
+    """Refuse a law with friction where something else decides about friction."""
     if isinstance(law, Routh) and friction == "convex":
         raise RestitutionError("Routh's law has exact Coulomb friction: friction='convex' contradicts it; leave it out")
     if not isinstance(law, Coulomb) or friction is None:

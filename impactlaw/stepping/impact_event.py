@@ -31,23 +31,14 @@ class ImpactEvent:
 
 
 class ImpactSums(NamedTuple):
-    """Sums over collisions; compiled steps know them without making an event of each.
+    """Sums over collisions; compiled steps know them without making an event of each."""
 
-    Attributes:
-        collisions: how many.
-        energy_change: of ``T+ - T-``, J.
-        surface_work: what moving surfaces did of that, and equality constraints that had drifted, J.
-        intensity: of ``|v+ - v-|`` in the kinetic metric, sqrt(J).
-        distant: collisions with a distant effect.
-        inadmissible: collisions whose outcome by the law left S(v-) and was projected or let through.
-    """
-
-    collisions: int = 0
-    energy_change: float = 0.0
-    surface_work: float = 0.0
-    intensity: float = 0.0
-    distant: int = 0
-    inadmissible: int = 0
+    collisions: int = 0  # how many
+    energy_change: float = 0.0  # of ``T+ - T-``, J
+    surface_work: float = 0.0  # what moving surfaces did of that, and equality constraints that had drifted, J
+    intensity: float = 0.0  # of ``|v+ - v-|`` in the kinetic metric, sqrt(J)
+    distant: int = 0  # collisions with a distant effect
+    inadmissible: int = 0  # collisions whose outcome by the law left S(v-) and was projected or let through
 
     @classmethod
     def of(cls, events: Iterable[ImpactEvent]) -> ImpactSums:

@@ -50,11 +50,6 @@ def restore_state(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray)
 def check_input(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -> None:
     """Refuse what MuJoCo would reset or ignore in silence.
 
-    Args:
-        model: the scene.
-        data: its state.
-        state: the same, saved: one look at all of it, of which most steps need no more.
-
     Raises:
         DivergenceError: a position, velocity, activation, control, applied force, pose of a mocap body, or the time is
             not finite, or huge.
@@ -69,11 +64,7 @@ def check_input(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -
 
 
 def check_timestep(timestep: float) -> None:
-    """Refuse what no step can advance by.
-
-    Raises:
-        SceneError: it is not positive, or not finite.
-    """
+    """Refuse what no step can advance by."""
     if not 0.0 < timestep < inf:
         raise SceneError(f"the timestep must be positive, got {timestep:g} s")
 
@@ -84,11 +75,7 @@ def is_huge(data: mujoco.MjData) -> bool:
 
 
 def advance(model: mujoco.MjModel, data: mujoco.MjData, options: BorrowedOptions, duration: float) -> None:
-    """Integrate for ``duration`` s as `mj_step` does, without contacts.
-
-    Raises:
-        DivergenceError: the velocity is not finite afterwards, or huge.
-    """
+    """Integrate for ``duration`` s as `mj_step` does, without contacts."""
     options.integrate(duration)
     mujoco.mj_step(model, data)
     if not mujoco.mju_norm(data.qvel) <= _HUGE:  # numpy would warn of an overflow
@@ -124,11 +111,7 @@ def locked_joints(model: mujoco.MjModel, timestep: float, ratio: float) -> np.nd
 
 @contextmanager
 def has_room(data: mujoco.MjData) -> Iterator[None]:
-    """Give back all that MuJoCo has taken of its memory where that was not enough, and say so.
-
-    Raises:
-        UnfinishedStepError: there was no room.
-    """
+    """Give back all that MuJoCo has taken of its memory where that was not enough, and say so."""
     try:
         yield
     except mujoco.FatalError as error:

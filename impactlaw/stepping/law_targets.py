@@ -23,10 +23,6 @@ class LawTargets:
     reached by ``0 <= Lambda  ⊥  gamma+ - gamma^h >= 0`` again, since the law's own impulses do that. A rule that has
     friction in it, such as Routh's, also says where sliding velocities are to end.
 
-    Args:
-        law: the law; friction and tangential restitution of a `Coulomb` are left to the caller.
-        exact: exact Coulomb friction in a rule that has no friction of its own, or its convex relaxation.
-
     Attributes:
         restitution: e of a law that has the same for every contact, which needs no more to be known; else None.
         alone: whether a contact's target depends on its own velocity only.

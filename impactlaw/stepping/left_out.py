@@ -29,10 +29,6 @@ def watched_fields(plan: Plan, friction: Literal["coulomb", "convex", "ignore"])
     """Return the fields of the model that may come to need what the plan has left out.
 
     Soft steps and time stepping see limits whatever the plan says, and time stepping belts, too.
-
-    Args:
-        plan: of the scene.
-        friction: the option of a stepper that it is for.
     """
     if not plan.detection:
         fields = _CONTACT
@@ -49,13 +45,7 @@ def watched_fields(plan: Plan, friction: Literal["coulomb", "convex", "ignore"])
 
 
 class LeftOut:
-    """Looks whether a model still has the plan that was made for it, as far as steps depend on that.
-
-    Args:
-        model: the scene.
-        plan: of the scene.
-        friction: the option of the stepper that it is for.
-    """
+    """Looks whether a model still has the plan that was made for it, as far as steps depend on that."""
 
     def __init__(self, model: mujoco.MjModel, plan: Plan, friction: Literal["coulomb", "convex", "ignore"]):
         self._model, self._plan = model, plan

@@ -22,58 +22,35 @@ _TENDON = int(mujoco.mjtTrn.mjTRN_TENDON)
 
 @dataclass(frozen=True)
 class Part:
-    """One part of a step.
+    """One part of a step."""
 
-    Attributes:
-        name: what it does.
-        runs: whether it runs in this scene.
-        why: the fact about the scene that decides.
-    """
-
-    name: str
-    runs: bool
-    why: str
+    name: str  # what it does
+    runs: bool  # whether it runs in this scene
+    why: str  # the fact about the scene that decides
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Which parts of stepping a scene needs. What is False is left out.
+    """Which parts of stepping a scene needs. What is False is left out."""
 
-    Attributes:
-        contact_model: "rigid" or "soft".
-        scheme: of rigid stepping, "event-driven" or "time-stepping"; None for soft stepping.
-        limits: joints or tendons have limits, which are contacts like any other.
-        detection: collision detection: some geoms can meet.
-        convex: exact settings of MuJoCo's general convex collider: some pairs are measured by it.
-        faces: a second detection for several contacts between faces of cylinders and meshes.
-        points: matching contact points from phase to phase: some pairs have several contacts.
-        passing: the check that no body passes through another: some bodies meet others that are not planes.
-        turning: a bound on rotation within a smooth phase: some bodies that can meet others, or planes, are not round.
-        bilateral: equality constraints that no impulse may violate.
-        friction: some contacts have friction; of soft stepping, in collisions.
-        surfaces: surfaces that move by themselves: some mocap bodies can meet others, or belts with friction.
-        inertia: a new factor of the mass matrix at every collision: it depends on the configuration.
-        rest: the contact forces of a step that has moved nothing are tried in the next one.
-        pairs: geoms that can meet.
-        parts: the same for people to read, with reasons.
-    """
-
-    contact_model: Literal["rigid", "soft"]
+    contact_model: Literal["rigid", "soft"]  # "rigid" or "soft"
+    # of rigid stepping, "event-driven" or "time-stepping"; None for soft stepping
     scheme: Literal["event-driven", "time-stepping"] | None
-    limits: bool
-    detection: bool
-    convex: bool
-    faces: bool
-    points: bool
-    passing: bool
+    limits: bool  # joints or tendons have limits, which are contacts like any other
+    detection: bool  # collision detection: some geoms can meet
+    convex: bool  # exact settings of MuJoCo's general convex collider: some pairs are measured by it
+    faces: bool  # a second detection for several contacts between faces of cylinders and meshes
+    points: bool  # matching contact points from phase to phase: some pairs have several contacts
+    passing: bool  # the check that no body passes through another: some bodies meet others that are not planes
+    # a bound on rotation within a smooth phase: some bodies that can meet others, or planes, are not round
     turning: bool
-    bilateral: bool
-    friction: bool
-    surfaces: bool
-    inertia: bool
-    rest: bool
-    pairs: GeomPairs = field(repr=False, compare=False)
-    parts: tuple[Part, ...] = field(repr=False, compare=False)
+    bilateral: bool  # equality constraints that no impulse may violate
+    friction: bool  # some contacts have friction; of soft stepping, in collisions
+    surfaces: bool  # surfaces that move by themselves: some mocap bodies can meet others, or belts with friction
+    inertia: bool  # a new factor of the mass matrix at every collision: it depends on the configuration
+    rest: bool  # the contact forces of a step that has moved nothing are tried in the next one
+    pairs: GeomPairs = field(repr=False, compare=False)  # geoms that can meet
+    parts: tuple[Part, ...] = field(repr=False, compare=False)  # the same for people to read, with reasons
 
 
 def make_plan(

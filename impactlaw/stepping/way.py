@@ -37,19 +37,12 @@ _UNREAD = (
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """How a scene is stepped, whatever the law.
+    """How a scene is stepped, whatever the law."""
 
-    Attributes:
-        model: the scene.
-        plan: what the scene can need.
-        options: as the stepper was told.
-        chosen: the contacts that the law is for; None for all.
-    """
-
-    model: mujoco.MjModel
-    plan: Plan
-    options: Options
-    chosen: Chosen | None
+    model: mujoco.MjModel  # the scene
+    plan: Plan  # what the scene can need
+    options: Options  # as the stepper was told
+    chosen: Chosen | None  # the contacts that the law is for; None for all
 
     def stepping(self, law: Law) -> Stepping:
         """Return what takes steps under a law."""

@@ -55,11 +55,7 @@ class Work:
             )
 
     def integrate(self) -> None:
-        """Count one smooth phase.
-
-        Raises:
-            UnfinishedStepError: this, as the others, is too much.
-        """
+        """Count one smooth phase."""
         self._spend(_FLOW + _PER_FREEDOM * self._freedoms)
 
     def look(self, contacts: int) -> None:
@@ -83,11 +79,7 @@ class Work:
         return max(1, min(self._rounds, int(self._left(rows) / STEPS_OF_A_ROUND)))
 
     def steps(self, rows: int) -> float:
-        """Return how many steps of a solver a problem of contacts with friction may take, 0 or more.
-
-        Raises:
-            UnfinishedStepError: what follows from its answer would be too much.
-        """
+        """Return how many steps of a solver a problem of contacts with friction may take, 0 or more."""
         start, spent = cost(rows, self._freedoms)[0], self._spent
         self._spend(self._impact(rows) + start)
         self._spent = spent

@@ -42,17 +42,11 @@ class _Keyed(ABC):
 
 @dataclass(frozen=True)
 class Training(_Keyed):
-    """A policy that is to be trained.
+    """A policy that is to be trained."""
 
-    Attributes:
-        conditions: what under.
-        steps: how long.
-        seed: of the study.
-    """
-
-    conditions: Conditions
-    steps: int
-    seed: int
+    conditions: Conditions  # what under
+    steps: int  # how long
+    seed: int  # of the study
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -71,21 +65,13 @@ class Training(_Keyed):
 
 @dataclass(frozen=True)
 class Cell(_Keyed):
-    """Episodes of a policy under a law.
+    """Episodes of a policy under a law."""
 
-    Attributes:
-        conditions: what is acted in.
-        policy: what acts.
-        seed: of the study.
-        episodes: how many.
-        training: of the policy; None if it is there already.
-    """
-
-    conditions: Conditions
-    policy: Policy
-    seed: int
-    episodes: int
-    training: Training | None = None
+    conditions: Conditions  # what is acted in
+    policy: Policy  # what acts
+    seed: int  # of the study
+    episodes: int  # how many
+    training: Training | None = None  # of the policy; None if it is there already
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -118,12 +104,7 @@ class Cell(_Keyed):
 
 
 def cells_of(study: Study) -> Iterator[Cell]:
-    """Give the cells of a study in the order of its table.
-
-    Raises:
-        StudyError: there is no such task or policy.
-        MissingExtraError: a policy needs a package that is not installed.
-    """
+    """Give the cells of a study in the order of its table."""
     for task in study.tasks:
         for scheme, name in product(study.schemes or (usual_scheme(task),), study.policies):
             policies = policies_of(name, task, scheme, study.train_laws)

@@ -28,11 +28,7 @@ class Conditions:
         return {"task": self.task, "law": self.law.settings(), "scheme": scheme}
 
     def make(self) -> gymnasium.Env:
-        """Return the environment.
-
-        Raises:
-            ImpactLawError: the law, or the scheme, does not fit the task.
-        """
+        """Return the environment."""
         own = is_own(self.task)
         if self.law.is_mujoco and own:
             raise StudyError(f"{self.task!r} is never under MuJoCo's own contacts: leave 'mujoco' out")
@@ -51,11 +47,7 @@ class Conditions:
 
 
 def is_own(task: str) -> bool:
-    """Return whether a task is an `ImpactEnv`, which has a law without a wrapper.
-
-    Raises:
-        StudyError: there is no such task.
-    """
+    """Return whether a task is an `ImpactEnv`, which has a law without a wrapper."""
     entry = spec_of(task).entry_point
     if entry is None:
         raise StudyError(f"task {task!r} is of many worlds at a time; name the task of one world")
@@ -64,11 +56,7 @@ def is_own(task: str) -> bool:
 
 
 def spec_of(task: str) -> EnvSpec:
-    """Return what gymnasium knows of a task.
-
-    Raises:
-        StudyError: there is no such task.
-    """
+    """Return what gymnasium knows of a task."""
     module, colon, name = task.rpartition(":")
     try:
         if colon:

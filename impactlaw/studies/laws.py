@@ -19,17 +19,13 @@ _SCENE = "scene"  # the restitution that the MJCF carries, pair by pair
 
 @dataclass(frozen=True)
 class StatedLaw:
-    """What a task is under: one law, or one that is drawn for each episode, or MuJoCo's own contacts.
+    """What a task is under: one law, or one that is drawn for each episode, or MuJoCo's own contacts."""
 
-    Attributes:
-        text: as it was stated.
-        laws: names of laws, or laws as plain values (`impactlaw.laws.portable`); an episode has one of them.
-        restitution: lowest and highest coefficient of restitution, equal where there is but one; None if the laws take
-            none, or the scene's.
-    """
-
-    text: str
+    text: str  # as it was stated
+    # names of laws, or laws as plain values (`impactlaw.laws.portable`); an episode has one of them
     laws: tuple[str | Mapping[str, Any], ...]
+    # lowest and highest coefficient of restitution, equal where there is but one; None if the laws take none, or the
+    # scene's
     restitution: tuple[float, float] | None = None
 
     @property

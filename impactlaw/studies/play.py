@@ -30,11 +30,6 @@ def training_seed(seed: int) -> int:
 def play(conditions: Conditions, begin: Callable[[], Callable[[Any], Any]], seeds: list[int]) -> dict[str, float]:
     """Play an episode from each seed and return what belongs to a row of the table.
 
-    Args:
-        conditions: what is acted in.
-        begin: gives the controller of a new episode.
-        seeds: of the episodes.
-
     Returns:
         score, the mean return; deviation of the returns, lowest and highest; mean number of steps; mean number of
         collisions, NaN for MuJoCo's own contacts; diverged, the episodes that left the finite numbers.

@@ -13,11 +13,7 @@ from impactlaw.studies.transfer import transfer_matrices
 
 
 def report(table: pd.DataFrame, folder: Path) -> str:
-    """Write ``transfer.md``, ``transfer.csv`` and a picture per matrix, and return the matrices for the screen.
-
-    Raises:
-        StudyError: a file cannot be written.
-    """
+    """Write ``transfer.md``, ``transfer.csv`` and a picture per matrix, and return the matrices for the screen."""
     matrices = list(transfer_matrices(table))
     try:
         (folder / "transfer.md").write_text("\n".join(m.to_markdown() for m in matrices), encoding="utf-8")

@@ -16,12 +16,6 @@ class Store:
     ``cells/<key>.json`` holds settings and row of a cell, ``policies/<key>.zip`` a trained policy with its settings
     beside it in ``policies/<key>.json``. Files are written under another name and then renamed, so that a kill at any
     moment leaves no half of one.
-
-    Args:
-        folder: of the study; it is made where it is missing.
-
-    Raises:
-        StudyError: the folder cannot be made or written into.
     """
 
     def __init__(self, folder: Path):
@@ -33,11 +27,7 @@ class Store:
             raise StudyError(f"cannot write into {folder}: {error.strerror}") from None
 
     def row(self, key: str) -> dict[str, Any] | None:
-        """Return the row of a finished cell, or None.
-
-        Raises:
-            StudyError: the file is none of this store.
-        """
+        """Return the row of a finished cell, or None."""
         path = self.folder / "cells" / f"{key}.json"
         if not path.exists():
             return None
@@ -62,11 +52,7 @@ class Store:
 
 
 def write(path: Path, content: bytes) -> None:
-    """Write a file that is whole or not there.
-
-    Raises:
-        StudyError: it cannot be written.
-    """
+    """Write a file that is whole or not there."""
     unfinished = path.with_name(f".unfinished-{os.getpid()}-{path.name}")
     try:
         unfinished.write_bytes(content)

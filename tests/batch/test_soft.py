@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import gymnasium
 import mujoco
 import numpy as np
 import pytest
-from scenes import JAM_QPOS, JAM_QVEL
+from scenes import FALLING, HELD
 
 from impactlaw import Batch, Moreau, Newton, Stepper
 from impactlaw.errors import RestitutionError, SceneError
 from impactlaw.laws import Reversal
 from impactlaw.stepping.compiled.law_table import Coefficients
+from impactlaw.stepping.soft.scheme import SoftStepping
 
 SCENE = """<mujoco><option timestep="0.005" integrator="{}"/><worldbody>
   <geom name="floor" type="plane" size="3 3 1" friction=".7"/>
@@ -83,20 +83,21 @@ def test_results_do_not_depend_on_threads(integrator):
     assert np.array_equal(ends[0], ends[2])
 
 
-def jammed(law=None, steps: int = 3, **options) -> Batch:
+def held(law=None, steps: int = 3, **options) -> Batch:
     """Return two worlds, of which the second one has to take its first step in Python."""
-    batch = Batch(gymnasium.make("HalfCheetah-v5").unwrapped.model, law or Moreau(0.0), 2, 1, contact_model="soft")
+    model = mujoco.MjModel.from_xml_string(HELD.format(arm=1))
+    batch = Batch(model, law or Moreau(0.0), 2, 1, contact_model="soft")
     for name, values in options.items():
         batch.expand(name)[:] = values
     batch.bind("xpos"), batch.bind("cfrc_ext")
-    batch.bind("qpos")[1], batch.bind("qvel")[1] = JAM_QPOS, JAM_QVEL
+    batch.bind("qvel")[1] = FALLING
     batch.step(nstep=steps)
     return batch
 
 
 def alone(model: mujoco.MjModel, law, steps: int) -> tuple[mujoco.MjData, int]:
     stepper, data = Stepper(model, law, contact_model="soft", compiled="never"), mujoco.MjData(model)
-    data.qpos[:], data.qvel[:] = JAM_QPOS, JAM_QVEL
+    data.qvel[:] = FALLING
     for _ in range(steps):
         stepper.step(data)
     mujoco.mj_rnePostConstraint(model, data)
@@ -105,8 +106,13 @@ def alone(model: mujoco.MjModel, law, steps: int) -> tuple[mujoco.MjData, int]:
 
 @pytest.mark.parametrize("steps", [1, 3])
 @pytest.mark.parametrize("e", [0.0, 0.3])
-def test_what_compiled_code_does_not_take_is_stepped_in_python(steps, e):
-    batch = jammed(Moreau(e), steps)
+def test_what_compiled_code_does_not_take_is_stepped_in_python(steps, e, monkeypatch):
+    calls, step = [], SoftStepping.step
+    with monkeypatch.context() as patched:
+        patched.setattr(SoftStepping, "step", lambda *args: (calls.append(args), step(*args))[1])
+        batch = held(Moreau(e), steps)
+    assert calls
+    assert batch.impact_count.tolist() == [0, 1]
     data, short = alone(batch.model, Moreau(e), steps)
     np.testing.assert_allclose(batch.bind("qpos")[1], data.qpos, atol=1e-12)
     np.testing.assert_allclose(batch.bind("qvel")[1], data.qvel, atol=1e-9)
@@ -117,14 +123,15 @@ def test_what_compiled_code_does_not_take_is_stepped_in_python(steps, e):
 
 
 def test_steps_in_python_have_the_parameters_and_the_restitution_of_their_world():
-    model = gymnasium.make("HalfCheetah-v5").unwrapped.model
-    heavy = 3.0 * model.body_mass
-    batch = jammed(Moreau(0.0), 1, body_mass=np.array([model.body_mass, heavy]))
+    model = mujoco.MjModel.from_xml_string(HELD.format(arm=1))
+    light, heavy = model.body_mass.copy(), 3.0 * model.body_mass
+    batch = held(Moreau(0.0), 1, body_mass=np.array([light, heavy]))
+    assert abs(batch.bind("qvel")[1] - alone(model, Moreau(0.0), 1)[0].qvel).max() > 1e-3
     model.body_mass[:] = heavy
     np.testing.assert_allclose(batch.bind("qvel")[1], alone(model, Moreau(0.0), 1)[0].qvel, atol=1e-9)
-    batch = jammed(steps=1)
+    batch = held(steps=1)
     batch.reset()
-    batch.bind("qpos")[1], batch.bind("qvel")[1] = JAM_QPOS, JAM_QVEL
+    batch.bind("qvel")[1] = FALLING
     batch.restitution[1] = 0.3
     batch.step()
     np.testing.assert_allclose(batch.bind("qvel")[1], alone(batch.model, Moreau(0.3), 1)[0].qvel, atol=1e-9)

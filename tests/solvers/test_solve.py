@@ -82,7 +82,7 @@ def test_a_fast_collision_elsewhere_excuses_nothing(solver):
 def test_a_law_that_knows_a_velocity_is_never_called_unsolvable(monkeypatch):
     """The projection on a cone exists; a proof that it does not is a mistake."""
     monkeypatch.setattr(sys.modules["impactlaw.solvers.solve"], "farkas_ray", lambda problem: problem.norms)
-    monkeypatch.setattr(sys.modules["impactlaw.solvers.solve"], "with_all_active", lambda problem: None)
+    monkeypatch.setattr(sys.modules["impactlaw.solvers.solve"], "judge_active", lambda problem, active: None)
     for name in SOLVERS:
         monkeypatch.setitem(SOLVERS, name, calls_it_infeasible)
     with pytest.raises(SolverError, match="'auto' reached relative residual"):

@@ -20,18 +20,13 @@ _MOST_CONTACTS = 16  # at once, whose S is sampled uniformly: chains take time l
 class AnyOutcome(DrawnLaw):
     """v+ is drawn from S(v-), uniformly in its volume: `AdmissibleSet.sample`.
 
-    S holds what no penetration, no pulling and no energy gain leave possible. A policy that is trained under this law
-    meets every collision that rigid mechanics allows. One contact by itself has ``gamma+ = -e gamma-`` with e uniform
-    in [0, 1]. The seed is that of `DrawnLaw`. `Scattered` draws around a law instead.
+    One contact by itself has ``gamma+ = -e gamma-`` with e uniform in [0, 1]. The seed is that of `DrawnLaw`.
+    `Scattered` draws around a law instead. Friction is left out when v+ is drawn, as with it there is no S;
+    ``Coulomb(AnyOutcome())``, which rigid steppers make by themselves, adds it to the contact velocities drawn.
 
-    S is that of the normal directions, since with friction there is no such set: friction is left out when v+ is drawn.
-    ``Coulomb(AnyOutcome())``, which rigid steppers make by themselves, aims at the contact velocities drawn, adds
-    Coulomb friction, and scales all restitution where both together would create energy.
-
-    The outcome is that of Poisson's law with a coefficient for each contact, uniform in [0, 1], where more than 16
-    contacts collide, where faces of S are too many to be listed (`cone.MAX_FACETS`) or lost to rounding, and where
-    surfaces move against each other, so that there is no S. That is in S, but not every point of S is one of these.
-    Time is thus bounded: up to 16 contacts take 0.1 s at most, a few 1 or 2 ms, one 0.1 ms.
+    Where more than 16 contacts collide, where faces of S are too many to be listed (`cone.MAX_FACETS`) or lost to
+    rounding, and where surfaces move against each other, the outcome is that of Poisson's law with a coefficient for
+    each contact, uniform in [0, 1]. That is in S, but not every point of S is one of these.
     """
 
     seed: int | None = field(default=None, kw_only=True)

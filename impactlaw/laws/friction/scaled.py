@@ -11,18 +11,12 @@ import numpy as np
 from impactlaw.errors import SolverError
 from impactlaw.laws.base import Law
 from impactlaw.laws.friction.groups import apart, groups_of, joined, ties_of
+from impactlaw.laws.friction.share import AIM, CREATED, FOUND, SEARCHES, SOLVABLE, next_share
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
 from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem
 from impactlaw.solvers.friction.solve import BRIEF, THOROUGH, Effort, solve_within
 from impactlaw.solvers.problem import Status
-
-_CREATED = 1e-12
-"""Energy, relative to the one before, up to which its creation is rounding."""
-_SEARCHES = 60
-_FOUND = 1e-10  # width of the bracket of s that is narrow enough
-_SOLVABLE = 0.03  # the same where beyond the bracket no impact was found
-_CLOSE = 1e-11  # energy lost, relative to the one before, that is as good as none
 
 
 class Outcome(NamedTuple):
@@ -106,7 +100,7 @@ class Attempt(ABC):
         if outcome is None:
             return np.inf
         speed = max(self.collision.pre_speed, outcome.impact.intensity)
-        return 2.0 * work / speed**2 - _CREATED - 4.0 * outcome.answer.residual / speed if speed > 0.0 else 0.0
+        return 2.0 * work / speed**2 - CREATED - 4.0 * outcome.answer.residual / speed if speed > 0.0 else 0.0
 
 
 def resolve_scaled(attempt: Attempt) -> FrictionImpact:
@@ -146,27 +140,26 @@ def _resolved(attempt: Attempt, *, one_group: bool = False) -> FrictionImpact:
 
 
 def _largest(attempt: Attempt, created: float) -> FrictionImpact:
-    """Return the impact of the largest s that creates no energy, by Illinois' false position or bisection.
+    """Return the impact of the largest s that creates no energy, by parabolas or bisection.
 
     That of s = 1 creates so much; it is infinite if there is no impact.
     """
     best = attempt.refusing(0.0)
     if not np.isfinite(created) and attempt.effort is not None and attempt.effort.hasty:
         return best.impact
-    low, high, above, side = 0.0, 1.0, created, 0
-    kept = attempt.created(best, best.impact.work_after_jump)
-    for k in range(_SEARCHES):
-        if high - low <= (_FOUND if np.isfinite(above) else _SOLVABLE):
+    low, high, third, stalled = 0.0, 1.0, np.nan, False
+    below, above, beyond = attempt.created(best, best.impact.work_after_jump) + AIM, created + AIM, np.nan
+    for _ in range(SEARCHES):
+        if high - low <= (FOUND if np.isfinite(above) else SOLVABLE):
             break
-        share = kept / (kept - above) if k % 3 != 2 and np.isfinite(above) and kept < above else 0.5
-        s = low + min(max(share, 0.01), 0.99) * (high - low)
+        s = next_share(low, high, third, below, above, beyond, stalled)
         found = attempt.tried(s, best.answer)
-        created = attempt.created(found, 0.0 if found is None else found.impact.work_after_jump)
-        if found is None or created > 0.0:
-            high, above, kept, side = s, created, kept * (0.5 if side > 0 else 1.0), 1
+        missed = attempt.created(found, 0.0 if found is None else found.impact.work_after_jump) + AIM
+        stalled = abs(missed) > 0.5 * min(abs(below), above)
+        if found is None or missed > AIM:
+            third, high, beyond, above = high, s, above, missed
             continue
-        low, kept, above, side = s, created, above * (0.5 if side < 0 else 1.0), -1
-        best = found
-        if created > -_CLOSE:
+        third, low, beyond, below, best = low, s, below, missed, found
+        if missed > -AIM:
             break
     return best.impact

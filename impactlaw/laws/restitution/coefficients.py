@@ -33,8 +33,7 @@ class ContactCoefficients(OfContacts):
         restitution: one coefficient for every contact, a sequence with one per contact, or a mapping from contact
             labels, ``("ball1", "floor")`` or ``"ball1/floor"`` in either order, or patterns of these
             (`restitution.labels`), to coefficients. A sequence is for collisions of exactly as many contacts, in their
-            order: while a scene moves these are rarely the same, so that a step in which others collide raises. Labels
-            follow the contacts.
+            order, which are rarely the same while a scene moves; labels follow the contacts.
         default: coefficient of contacts that the mapping does not name; without it such a contact is an error, and a
             stepper refuses the law if the scene can have one.
 
@@ -67,12 +66,7 @@ class ContactCoefficients(OfContacts):
         return bool(self._patterns)
 
     def coefficients(self, collision: Collision) -> np.ndarray:
-        """Return ``e_1 .. e_h`` for the contacts of this collision, shape (h,).
-
-        Raises:
-            RestitutionError: as many coefficients as contacts are needed; a contact is not named and no default set;
-                or a function of speed returns what is not in [0, 1].
-        """
+        """Return ``e_1 .. e_h`` for the contacts of this collision, shape (h,)."""
         labels, name = collision.labels, type(self).__name__
         if isinstance(self.restitution, float):
             return np.full(len(labels), self.restitution)

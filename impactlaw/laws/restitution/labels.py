@@ -1,9 +1,7 @@
 """Values keyed by contact labels, such as restitution, so that they survive a changing set of closed contacts.
 
-A label is two names with a slash, ``"ball1/floor"``; the order of the two names does not matter. Limits have the name
-of their joint or tendon. A key with ``*``, ``?`` or ``[...]`` is a pattern, as file names have them (`fnmatch`):
-``"*foot*"`` is for contacts one of whose geoms has such a name, and for such limits, ``("*foot*", "floor")`` or
-``"*foot*/floor"`` for contacts of such a geom with the floor. What is named without a pattern comes first.
+A label is two names with a slash, ``"ball1/floor"``, in either order; limits have the name of their joint or tendon.
+The README of the laws tells what patterns such as ``"*foot*/floor"`` stand for.
 """
 
 from __future__ import annotations
@@ -37,13 +35,9 @@ def put(table: dict, key: object, value: float) -> None:
 
 
 def checked_values(value: Any, name: str, check: Callable[[Any, str], Any], law: str) -> Any:
-    """Return what a law was given for its contacts, checked: one value for all, a tuple, or a dict by canonical labels.
+    """Return a law's values for its contacts, checked: one for all, a tuple, or a dict by canonical labels.
 
-    Args:
-        value: one for every contact, one for each in their order, or by labels of contacts; not a set, without order.
-        name: of the value, for messages.
-        check: returns the value of a contact that is named to it, or raises.
-        law: name of the law, for messages.
+    ``check(value, name)`` returns the value of one contact, or raises; name and law are for messages.
     """
     if isinstance(value, Mapping):
         table: dict[str, Any] = {}
@@ -101,11 +95,7 @@ class OfContacts:
         return tuple(filter(is_pattern, self._values)) if isinstance(self._values, dict) else ()
 
     def _of_contacts(self, labels: tuple[str, ...], what: str) -> list[Any]:
-        """Return the value of each contact, None where it has none.
-
-        Raises:
-            RestitutionError: there are as many as other contacts, or patterns contradict each other.
-        """
+        """Return the value of each contact, None where it has none."""
         values = self._values
         if isinstance(values, dict):
             return [self.named(label) for label in labels]
@@ -118,11 +108,7 @@ class OfContacts:
         return list(values) if isinstance(values, tuple) else [values] * len(labels)
 
     def named(self, label: str) -> Any:
-        """Return the value of a contact where the law is keyed by labels: its default, or None, if it has none.
-
-        Raises:
-            RestitutionError: the label matches patterns with different values.
-        """
+        """Return the value of a contact where the law is keyed by labels: its default, or None, if it has none."""
         table = self._values
         found = table.get(canonical(label))
         if found is not None or not self._patterns:

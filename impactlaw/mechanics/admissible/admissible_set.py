@@ -27,13 +27,12 @@ class AdmissibleSet:
     and never empty: it holds the point p of maximal dissipation, the point of least energy. It is ``{v-}`` when
     nothing approaches, ``gamma- >= 0``.
 
-    `contains` works for any collision. The rest needs the facets of the cone of the gradients, which are listed per
-    group of contacts that depend on each other, and raises `EnumerationError` where a group is so redundant at so high
-    a rank that there are too many (`cone.MAX_FACETS`): 16 contacts of rank 12 are still listed. A velocity or direction
-    of the wrong shape, or with entries that are not finite, raises `InvalidCollisionError`.
+    `contains` works for any collision. The rest needs the facets of the cone of the gradients, and raises
+    `EnumerationError` where contacts are so redundant that there are too many (`cone.MAX_FACETS`): 16 contacts of rank
+    12 are still listed. A velocity or direction that does not fit, or is not finite, raises `InvalidCollisionError`.
 
     Results are accurate to rounding, relative to ``|v-|``, times the condition number of the gradients of unit length.
-    Where that leaves no digits, because gradients depend on each other all but exactly, `SolverError` is raised.
+    Where that leaves no digits, `SolverError` is raised.
 
     Where surfaces move together, S is meant as seen from them: ``J v + w >= 0``, and no energy gain beyond their work.
 
@@ -108,14 +107,9 @@ class AdmissibleSet:
     def intensity_range(self) -> tuple[float, float]:
         """Return the least and the largest ``rho = |v - v-|`` over v in S, sqrt(J).
 
-        Let p be the projection of v- onto the tangent cone (maximal dissipation) and ``k = v - v- = M^-1 J^T Lambda``.
-        Every v in the tangent cone has ``|v - v-| >= |p - v-|``, and p is in S, so the least is ``|p - v-|``.
-        ``p - v-`` is also the projection of ``-v-`` onto the cone of the gradients, so ``<-v-, k> <= |p - v-| |k|``.
-        With ``|v|^2 = |v-|^2 + 2 <v-, k> + |k|^2 <= |v-|^2`` this gives ``|k| <= 2 |p - v-|``, with equality only for
-        Moreau's elastic ``2 p - v-``. That is in S iff ``2 J p - gamma- >= 0``, as always when ``gamma- <= 0``; then
-        the range is ``(|p - v-|, 2 |p - v-|)``. Otherwise a contact separates before the impact that the elastic
-        outcome would make penetrate, and the largest is found by a search through the faces of S: `EnumerationError` if
-        these are too many.
+        The least is ``|p - v-|``, p being the point of maximal dissipation. No energy gain bounds the largest by twice
+        that, which only Moreau's elastic ``2 p - v-`` reaches, always in S where ``gamma- <= 0``. Where it is not in S,
+        the largest is found by a search through the faces of S: `EnumerationError` if these are too many.
         """
         if self._body is None:
             return 0.0, 0.0

@@ -22,18 +22,12 @@ class CappedPolyhedron:
     """``{x in R^r : A x >= b, |x - center| <= |center|}``, of size about one.
 
     Methods raise `SolverError` where their iteration does not end.
-
-    Attributes:
-        normals: ``A``, unit rows, shape (m, r).
-        offsets: ``b``, shape (m,).
-        center: of the ball, shape (r,).
-        inside: a point of the polyhedron in the interior of the ball, shape (r,).
     """
 
-    normals: np.ndarray
-    offsets: np.ndarray
-    center: np.ndarray
-    inside: np.ndarray
+    normals: np.ndarray  # ``A``, unit rows, shape (m, r)
+    offsets: np.ndarray  # ``b``, shape (m,)
+    center: np.ndarray  # of the ball, shape (r,)
+    inside: np.ndarray  # a point of the polyhedron in the interior of the ball, shape (r,)
 
     def excess(self, x: np.ndarray) -> np.ndarray:
         """Return ``|x - center|^2 - |center|^2``, negative in the ball, of one point (r,) or several (n, r)."""

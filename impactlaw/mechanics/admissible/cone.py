@@ -26,14 +26,11 @@ def nearest_in_cone(generators: np.ndarray, point: np.ndarray) -> np.ndarray:
 
 
 def cone_facets(generators: np.ndarray) -> np.ndarray:
-    """Return F, the inward unit normals of the facets of the cone ``{x : F x >= 0}``, shape (m, r).
+    """Return F, (m, r), inward unit normals of the facets of the cone ``{x : F x >= 0}`` of unit rows, (h, r).
 
     Written in a basis of r of the generators, the cone is the product of one cone per group of generators that
     depend on each other: a ray or a line for a group of rank one, otherwise the facets at the origin of the convex
     hull of the group and the origin. So a pile of boxes on four corners each is as easy as one box.
-
-    Args:
-        generators: unit rows that span R^r, shape (h, r).
 
     Raises:
         EnumerationError: a group may have more than `MAX_FACETS` facets.

@@ -34,15 +34,9 @@ class Violations:
 
 
 def measured(c: Any, jump: np.ndarray, after: np.ndarray, kinetic: float, gain: float, speed: float) -> Violations:
-    """Return the violations of an outcome.
+    """Return the violations of an outcome of a `Collision`.
 
-    Args:
-        c: the `Collision`, which is built on this.
-        jump: ``R^T (v+ - v-)``, (nv,).
-        after: ``gamma+``, m/s, (h,).
-        kinetic: distance to what contacts that push can reach, sqrt(J).
-        gain: of energy, J, less the work of surfaces.
-        speed: that is compared with, sqrt(J).
+    From the jump ``R^T (v+ - v-)``, (nv,), from ``gamma+``, (h,), and from what `pushed` returns; speed is the scale.
     """
     before = c.relative_velocity
     z = before + jump

@@ -26,13 +26,6 @@ class RecordingFile:
 
     It does not know who fills it, so that it can be ended when that one is gone: `end_with`.
 
-    Args:
-        path: of the file.
-        stream: of rerun, without a place to write to.
-        frames: the frames.
-        marks: starts of episodes and environment steps.
-        collisions: the collisions.
-
     Attributes:
         step: number of frames so far.
         clock: place of the last one on the timeline, s.
@@ -55,9 +48,6 @@ class RecordingFile:
         Rerun hands what it holds already to a new file, and waits for that: for ever if the disk is full. That is why
         the stream is as good as empty here, why there must be room for what it holds even so, and why the layout, which
         it would wait for as well, follows by itself.
-
-        Raises:
-            RecordingError: the file cannot be written, or there is no display to view on.
         """
         import rerun as rr
 
@@ -71,11 +61,7 @@ class RecordingFile:
         self.sync()
 
     def flush(self) -> None:
-        """Write all so far; after `close` this does nothing.
-
-        Raises:
-            RecordingError: the file can no longer be written.
-        """
+        """Write all so far; after `close` this does nothing."""
         if self._stream is None:
             return
         first = self.step - len(self.frames)
@@ -85,11 +71,7 @@ class RecordingFile:
         self.sync()
 
     def close(self) -> None:
-        """Write what is left and end the file; a second call does nothing.
-
-        Raises:
-            RecordingError: the file can no longer be written.
-        """
+        """Write what is left and end the file; a second call does nothing."""
         try:
             self.flush()
         finally:
@@ -119,11 +101,7 @@ class RecordingFile:
             bindings.flush_and_cleanup_orphaned_recordings()  # or its threads go on until rerun is initialized again
 
     def sync(self) -> None:
-        """Wait until the file has what was logged.
-
-        Raises:
-            RecordingError: the file can no longer be written.
-        """
+        """Wait until the file has what was logged."""
         try:
             self._stream.flush(timeout_sec=_PATIENCE)
         except RuntimeError as error:

@@ -21,11 +21,6 @@ class Frames:
     Poses and energies are computed on a private copy of the state, so that they belong to the positions and
     velocities of the same moment (MjData after ``mj_step`` holds poses and inertia of the moment before), and so
     that the simulation's data stay as they are.
-
-    Args:
-        model: the compiled scene.
-        groups: what is drawn; the poses of the moving ones are recorded.
-        capacity: most frames between two `send`.
     """
 
     def __init__(self, model: mujoco.MjModel, groups: list[Group], capacity: int):

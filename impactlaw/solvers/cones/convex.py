@@ -36,7 +36,8 @@ _STEPS = 50  # of Newton's method for one proximal step
 _MEMORY = 5
 _EXACT = np.bool_(False)  # the convex problem is not
 _FAR = 1e3  # change of velocity, relative to the scale of a problem, that no impulses make in practice
-_COMPLIANCES = np.array([1e-2, 1e-4, 1e-6, 1e-8])  # of proximal steps that look for a velocity as near as that
+_COMPLIANCES = np.array([1e-2, 1e-4, 1e-6, 1e-8, 1e-8])  # of proximal steps that look for a velocity as near as that
+_ROUNDING = 1e-12  # part of impulse and scale that what they give may be wrong by
 
 
 @plain
@@ -168,7 +169,8 @@ def _separates(P: Island, x: Array, z: Array, scale: float) -> bool:
             given -= P.b[i] * x[i]
             square += P.c[i] * x[i] * x[i]
     jump(P, x, z)
-    return given > _FAR * scale * np.sqrt(square + norm_of(z, FIRST, P.nv) ** 2)
+    moved = np.sqrt(square + norm_of(z, FIRST, P.nv) ** 2)
+    return given > scale * (_FAR * moved + _ROUNDING * norm_of(x, FIRST, len(x)))
 
 
 @kernel
@@ -176,13 +178,19 @@ def out_of_reach(P: Island, K: Blocks, scale: float) -> tuple[int, bool]:
     """Return Newton steps taken, and whether the convex problem has no solution, or one that is too far away.
 
     Then nothing says that there are impulses with exact friction (V. Acary, F. Cadoux, C. Lemaréchal and J. Malick,
-    ZAMM 91, 2011, whose condition for their existence this is), and bodies that jam are of this kind.
+    ZAMM 91, 2011, whose condition for their existence this is), and bodies that jam are of this kind. What a proximal
+    step adds is the proof (G. Banjac, P. Goulart, B. Stellato and S. Boyd, J. Optim. Theory Appl. 183, 2019): next to
+    what collides elsewhere, the whole impulse would not show a small jam.
     """
-    x, y, z, proof, taken = zeros(len(P.b)), numbers(len(P.b)), zeros(P.nv), numbers(P.nv), 0
-    W, H = numbers(P.square[len(P.kind)]), numbers(K.size)
+    n = len(P.b)
+    x, before, added, y, z = zeros(n), numbers(n), numbers(n), numbers(n), zeros(P.nv)
+    W, H, proof, taken = numbers(P.square[len(P.kind)]), numbers(K.size), numbers(P.nv), 0
     for least in _COMPLIANCES:
-        taken += proximal_step(P, K, P.b, x, z, least, 1e-10 * scale, W, H)
-        put(y, x)
+        put(before, x)
+        taken += proximal_step(P, K, P.b, x, z, least, scale * max(1e-10, 3e-15 / least), W, H)
+        for i in range(n):
+            added[i] = x[i] - before[i]
+        project(P, added, y)
         if _separates(P, y, proof, scale):
             return taken, True
     return taken, False

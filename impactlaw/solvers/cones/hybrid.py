@@ -37,6 +37,7 @@ from impactlaw.solvers.cones.large import solve_large
 from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, linked_newton
 
 _FIRST_STEPS = np.array([4, 30, 12, 30])  # Newton steps with two maps from the guess, and from rest
+_FIRST_EASE = 1e2  # regularization per relative natural map there: all that is allowed until 1e-5 is left
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
 _PATIENCE, _ENDLESS = np.int64(8), np.int64(1000)
 _PROXIMAL = np.int64(8)  # proximal steps of a convex problem
@@ -60,7 +61,7 @@ _SET_UP = 4  # Newton steps that it takes to set up a problem
 _ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances will do: such problems are degenerate
 _STAGNANT, _HOPELESS = 4, 8  # rounds without 10 % less after which to stop if they were long, and in any case
 _PROVED = 1  # round before which to see whether anything says that there is a solution ...
-_PROMISING = 5e-2  # ... unless the natural map does, which is then less than so many scales
+_PROMISING = 1e-1  # ... unless the natural map does, which is then less than so many scales
 _PILE = 40  # rows from which bodies are a pile
 _INTERIOR, _HANDED_ON = np.int64(15), 1e4  # steps of the interior point method, and tolerances that will do there
 _HURRY = np.int64(2)  # patience of Newton's method before and after it
@@ -195,7 +196,7 @@ def solve_island(
         if k > 1:
             clear(point)
         kind = CONVEX if not P.exact else ALART_CURNIER if k % 2 == 0 else DE_SAXCE
-        ease = 0.0 if k % 2 == 0 else _EASE[0] / scale
+        ease = 0.0 if k % 2 == 0 else _FIRST_EASE / scale
         taken, r = linked_newton(P, K, G, point, tolerance, _FIRST_STEPS[k], kind, 1.0, delta, ease, patience)
         total += taken
         spend(left, taken * step, step, n)

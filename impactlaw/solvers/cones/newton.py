@@ -36,7 +36,7 @@ from impactlaw.solvers.cones.algebra.structure import CONE, ISLAND, Island, velo
 ALART_CURNIER, DE_SAXCE, CONVEX = 0, 1, 2
 """Maps: on disk and half line; on the cone with de Saxcé's correction; on the cone without it."""
 _HALVINGS = 6
-_MOST = 1e-1  # largest regularization
+_MOST = 1e-3  # largest regularization: friction that is not unique stays near the guess, and converges all the same
 _BETTER = 0.9  # part of the natural map that a step leaves which is of use
 _QUICK = 0.1  # more steps are taken while each leaves less than this part of the natural map
 

@@ -63,7 +63,7 @@ def _clean(first: Array, size: Array, label: Array, x: Array) -> None:
 
 
 @plain
-def _sort(label: Array, begin: Array, at: Array, order: Array) -> None:
+def in_islands(label: Array, begin: Array, at: Array, order: Array) -> None:
     """Write the groups of the islands, one island after another, and where those of each begin, zeros before."""
     for g in range(len(label)):
         if label[g] >= 0:
@@ -104,7 +104,7 @@ def improve(
     if worst <= tolerance:
         return worst, total
     begin, at, order = counts(count + 1), indices(count), indices(groups)
-    _sort(label, begin, at, order)
+    in_islands(label, begin, at, order)
     number, seen = unset(len(tree)), unset(len(tree))
     for i in range(count):
         if np.sqrt(squares[i]) <= tolerance * scale[i]:

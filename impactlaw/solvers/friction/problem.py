@@ -20,21 +20,14 @@ _TINY = 1e-300
 
 
 class ConeAnswer(NamedTuple):
-    """An impulse in the friction cones, with its velocity jump and how far the two are from the law.
+    """An impulse in the friction cones, with its velocity jump and how far the two are from the law."""
 
-    Attributes:
-        impulse: ``Lambda``, shape (n,), in the rows' own units; tangential entries are divided by their coefficients.
-        jump: ``z = A^T Lambda``, shape (nv,), sqrt(J).
-        residual: length of the natural map, sqrt(J); see `ConeProblem.residual`.
-        status: "solved" if the residual is at most `ENOUGH` of the problem's scale, else "stopped".
-        iterations: steps of all methods and attempts together; 0 in closed form.
-    """
-
+    # ``Lambda``, shape (n,), in the rows' own units; tangential entries are divided by their coefficients
     impulse: np.ndarray
-    jump: np.ndarray
-    residual: float
-    status: Status
-    iterations: int
+    jump: np.ndarray  # ``z = A^T Lambda``, shape (nv,), sqrt(J)
+    residual: float  # length of the natural map, sqrt(J); see `ConeProblem.residual`
+    status: Status  # "solved" if the residual is at most `ENOUGH` of the problem's scale, else "stopped"
+    iterations: int  # steps of all methods and attempts together; 0 in closed form
 
 
 class ConeProblem:

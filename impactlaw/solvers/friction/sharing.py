@@ -21,11 +21,6 @@ def share(problem: ConeProblem, x: np.ndarray, residual: float) -> np.ndarray:
     Newton's equation at x, ``F'(x) (y - x) = -F(x)``, has many solutions y where G is singular: this is the least one.
     It is found by itself for each group of contacts that do not feel the others, at the cube of the group's size.
 
-    Args:
-        problem: what was solved.
-        x: scaled impulse that solves it, (h, m).
-        residual: its residual, sqrt(J).
-
     Returns:
         The least one, (h, m); x itself if that one leaves the cones.
     """

@@ -21,10 +21,6 @@ def single(problem: ConeProblem, guess: np.ndarray | None) -> np.ndarray | None:
     A contact that slides along d has ``Lambda_t = -Lambda_n d`` and ``u_n = 0``, hence ``Lambda_n = -b_n / D`` with
     ``D = G_nn - G_nt d``, and d is that of ``D u_t = D b_t - b_n (G_tn - G_tt d)``.
 
-    Args:
-        problem: of exact friction.
-        guess: an impulse near the solution, (m,).
-
     Returns:
         None where G is singular, friction is so large that there may be several solutions, or none is found.
     """

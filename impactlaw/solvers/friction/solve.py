@@ -69,7 +69,7 @@ def solve_cones(
     One contact alone has a closed form, or nearly so (`single_contact.single`), which needs nothing that is compiled.
     Any other problem is for the solver of time stepping (`impactlaw.solvers.cones`): Newton's method from the guess,
     then from no impulse, and rounds of slower methods where it fails; and if no effort is spared, again from the best
-    point, and from impulses of the convex problem.
+    point, and from impulses of the convex problem. In haste, Newton's method alone comes first, see `cones.retry`.
     Solutions need not be unique for large coefficients of friction; the same problem always gets the same one.
 
     Args:
@@ -80,7 +80,8 @@ def solve_cones(
         hasty: whether little is tried where nothing says that there is a solution, see `cones.convex.out_of_reach`.
 
     Returns:
-        The best answer found; its status is "solved" if its residual is at most 1e-10 of the problem's scale.
+        The best answer found; its status is "solved" if its residual is at most 1e-10 of the problem's scale, and
+        "infeasible" where that was found in haste.
     """
     if problem.exact and problem.shape[0] == 1:
         x = single(problem, guess)
@@ -88,7 +89,7 @@ def solve_cones(
             return problem.answer(x, residual, Status.SOLVED, 0)
     answer = _attempt(problem, guess, rounds, most, hasty)
     total = answer.iterations
-    if answer.status is Status.SOLVED or not problem.exact or rounds <= BRIEF or total >= most:
+    if answer.status is not Status.STOPPED or not problem.exact or rounds <= BRIEF or total >= most:
         return answer
     relaxed = _attempt(problem.relaxed, None, rounds, most - total, hasty)
     total += relaxed.iterations
@@ -114,8 +115,9 @@ def solve_within(problem: ConeProblem, guess: np.ndarray | None, rounds: int, ef
 def _attempt(problem: ConeProblem, guess: np.ndarray | None, rounds: int, most: float, hasty: bool) -> ConeAnswer:
     """Return what the compiled solver finds from a guess, and from there again, in so many steps or a few more."""
     x, residual, total, part = np.zeros(problem.shape), np.inf, 0, _WORTH_IT if hasty else 1.0
-    for _ in range(_AGAIN if rounds > BRIEF else 2):
-        found, taken = compiled_answer(problem, guess, rounds, hasty=hasty)
+    for k in range(_AGAIN if rounds > BRIEF else 2):
+        quick = hasty and k == 0
+        found, taken = compiled_answer(problem, guess, 0 if quick else rounds, hasty=hasty)
         total += taken
         with np.errstate(all="ignore"):
             reached = problem.residual(found, problem.velocity(found))
@@ -126,6 +128,10 @@ def _attempt(problem: ConeProblem, guess: np.ndarray | None, rounds: int, most: 
         hopeless = again or (residual > ENOUGH * problem.scale and rounds <= BRIEF)
         if enough or hopeless or residual <= _ALONE * problem.scale or total >= most:
             break
+        if quick and residual > ENOUGH * problem.scale:
+            x, jams = retry(problem, x)
+            if jams:
+                return problem.answer(x, residual, Status.INFEASIBLE, total)
         guess = problem.unscaled(x)
     status = Status.SOLVED if residual <= ENOUGH * problem.scale else Status.STOPPED
     return problem.answer(x, residual, status, total)
@@ -146,31 +152,37 @@ def compiled_answer(
     from impactlaw.compiled import compile_together
 
     compile_together("impactlaw.solvers.cones.solve")
-    from impactlaw.solvers.cones import CONE, solve
+    from impactlaw.solvers.cones import solve
+
+    n = problem.start.size
+    start = np.zeros(n) if guess is None else np.array(problem.scaled(guess), dtype=float).reshape(-1)
+    rows, groups = _layout(problem)
+    limits = start, problem.exact, _SHARP, rounds, _MUCH if hasty else np.inf
+    x, _, _, taken = solve(*rows, problem.rows.shape[1], *groups, *limits)
+    return x.reshape(problem.shape), int(taken)
+
+
+def retry(problem: ConeProblem, x: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Return what `cones.retry` makes of a scaled impulse, (h, m), and whether bodies jam."""
+    from impactlaw.solvers.cones import retry
+
+    rows, groups = _layout(problem)
+    better = x.flatten()
+    jammed = retry(*rows, *groups, problem.exact, _SHARP, better)
+    return better.reshape(problem.shape), bool(jammed)
+
+
+def _layout(problem: ConeProblem) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+    """Return the rows of a problem, and its groups, as compiled functions take them."""
+    from impactlaw.solvers.cones import CONE
 
     (h, m), nv = problem.shape, problem.rows.shape[1]
     n = h * m
-    start = np.zeros(n) if guess is None else np.array(problem.scaled(guess), dtype=float).reshape(-1)
-    x, _, _, taken = solve(
-        np.full(n, nv, np.int32),
-        np.arange(0, n * nv, nv, dtype=np.int32) if nv else np.zeros(n, np.int32),
-        np.tile(np.arange(nv, dtype=np.int32), n),
-        np.ascontiguousarray(problem.rows).reshape(-1),
-        nv,
-        np.zeros(nv, np.int32),
-        np.arange(0, n, m, dtype=np.int32),
-        np.full(h, m, np.int32),
-        np.full(h, CONE, np.int32),
-        np.zeros(h),
-        np.zeros(n),
-        problem.start.flatten(),
-        start,
-        problem.exact,
-        _SHARP,
-        rounds,
-        _MUCH if hasty else np.inf,
-    )
-    return x.reshape(h, m), int(taken)
+    begin = np.arange(0, n * nv, nv, dtype=np.int32) if nv else np.zeros(n, np.int32)
+    columns = np.tile(np.arange(nv, dtype=np.int32), n)
+    rows = np.full(n, nv, np.int32), begin, columns, np.ascontiguousarray(problem.rows).reshape(-1)
+    first, size, kind = np.arange(0, n, m, dtype=np.int32), np.full(h, m, np.int32), np.full(h, CONE, np.int32)
+    return rows, (np.zeros(nv, np.int32), first, size, kind, np.zeros(h), np.zeros(n), problem.start.flatten())
 
 
 def shared(problem: ConeProblem, answer: ConeAnswer) -> ConeAnswer:

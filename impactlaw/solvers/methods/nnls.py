@@ -10,7 +10,7 @@ import scipy
 
 from impactlaw.solvers.least_squares import least_squares
 from impactlaw.solvers.problem import Problem, Solution, Status
-from impactlaw.solvers.tolerances import BALANCED, IN_RANGE
+from impactlaw.solvers.tolerances import IN_RANGE
 
 _NNLS_CHANGES = 30  # of the active set, per contact, at most
 
@@ -19,7 +19,7 @@ def nnls(problem: Problem) -> Solution:
     """Solve ``min |Y^T Lambda - d|, Lambda >= 0``, the law's problem whenever ``Y d = c``.
 
     Without a known d the least-norm one is computed; a bound outside of the range of Y has none, and the answer is
-    ``Status.STOPPED`` (a dual active set solves those). Rows of very different length are scaled to unit length first.
+    ``Status.STOPPED`` (a dual active set solves those). Rows are scaled to unit length first.
     """
     d = problem.preimage
     if d is None:
@@ -28,11 +28,8 @@ def nnls(problem: Problem) -> Solution:
         if np.abs(Y @ d - c).max(initial=0.0) > IN_RANGE * max(problem.scale, float(np.linalg.norm(d))):
             return Solution(np.zeros_like(c), Status.STOPPED)
     lengths = problem.lengths
-    each = lengths.tolist()  # for few contacts this takes a quarter of the time of max() and min() of an array
-    balanced = max(each, default=1.0) <= BALANCED * min(each, default=1.0)
-    columns = (problem.gradients if balanced else problem.unit[0]).T
     try:
-        impulse, _ = scipy.optimize.nnls(columns, d, maxiter=_NNLS_CHANGES * len(lengths))
+        impulse, _ = scipy.optimize.nnls(problem.unit[0].T, d, maxiter=_NNLS_CHANGES * len(lengths))
     except RuntimeError:  # how scipy says that these changes of the active set were not enough
         return Solution(np.zeros_like(lengths), Status.STOPPED)
-    return Solution(impulse if balanced else impulse / lengths)
+    return Solution(impulse / lengths)

@@ -48,7 +48,6 @@ class _Search:
     def __init__(self, U: BandedDelassus, bound: np.ndarray, scale: float):
         self.U, self.bound, self.scale = U, bound, scale
         self.changes = 0
-        self._last: tuple[float, np.ndarray, Factor | None] | None = None
 
     def run(self, active: np.ndarray) -> np.ndarray | None:
         """Return the impulses, (h,), or None."""
@@ -119,13 +118,10 @@ class _Search:
         return impulse
 
     def _factor(self, active: np.ndarray, shift: float) -> Factor | None:
-        """Return a factor of the active system, the last one if it is the same; None if that is singular."""
-        if shift == 0.0:  # no two systems are the same
-            factor = self.U.factor(active, shift)
-            return None if factor is None or factor.least_pivot < SINGULAR else factor
-        if self._last is None or self._last[0] != shift or not np.array_equal(self._last[1], active):
-            self._last = shift, active, self.U.factor(active, shift)
-        return self._last[2]
+        """Return a factor of the active system; None if that is singular."""
+        factor = self.U.factor(active, shift)
+        singular = factor is None or (shift == 0.0 and factor.least_pivot < SINGULAR)
+        return None if singular else factor
 
     def _refined(
         self, factor: Factor, active: np.ndarray, impulse: np.ndarray, wanted: np.ndarray, shift: float

@@ -19,12 +19,6 @@ class Coefficients:
     The key of a contact is the lower number of its geoms, times ``2^32``, and the higher one; that of a limit, of a
     joint or tendon, is ``-1 - (8 number + kind)`` with MuJoCo's kind of constraint.
 
-    Args:
-        targets: of the law.
-        names: of geoms.
-        limits: of the scene.
-        joints: their number in the scene.
-
     Attributes:
         key: ascending, int64 (k,).
         value: e of each, (k,).
@@ -35,11 +29,7 @@ class Coefficients:
         self.key, self.value = np.zeros(0, np.int64), np.zeros(0)
 
     def learn(self, key: int) -> None:
-        """Ask the law for the restitution of a contact.
-
-        Raises:
-            RestitutionError: the law does not know it.
-        """
+        """Ask the law for the restitution of a contact."""
         if key >= 0:
             label = f"{self._names[key >> 32]}/{self._names[key & 0xFFFFFFFF]}"
         else:

@@ -79,11 +79,7 @@ def _names(fields: Any) -> tuple[str, ...]:
 
 @cache
 def table() -> np.ndarray:
-    """Return the offsets of all fields in `fields`, in its order, and the sizes of structures, bytes, int64.
-
-    Raises:
-        LayoutError: an array of MuJoCo is not where its offset says.
-    """
+    """Return the offsets of all fields in `fields`, in its order, and the sizes of structures, bytes, int64."""
     known: dict[str, Any] = {}
     model, data, contact = (_named(name, known) for name in ("mjModel", "mjData", "mjContact"))
     offsets = [getattr(data, name).offset for name in _names(DATA)]

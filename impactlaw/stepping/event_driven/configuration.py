@@ -22,10 +22,6 @@ class Configuration:
     data.qpos, computed when they are first needed. M has what implicit damping (`damp`) and equality constraints
     (`comply`) add to it.
 
-    Args:
-        model: the scene.
-        surfaces: surfaces that move by themselves; None if the scene has none.
-
     Attributes:
         data: the state; to be given by `bind`.
     """
@@ -53,7 +49,7 @@ class Configuration:
     def comply(self, stiffness: np.ndarray | None) -> None:
         """Let M be ``M + J_eq^T D J_eq``: equality constraints answer to contact, and give way as MuJoCo's do.
 
-        If they were rigid here, one that moves against itself would do work on all that it joins.
+        If they were rigid here, one that moves against itself would do work on all that it joins. None is for M alone.
 
         Args:
             stiffness: ``J_eq^T D J_eq``, (nv, nv); None for M alone.

@@ -17,21 +17,13 @@ from impactlaw.stepping.event_driven.location.travel import Frames
 
 
 class Rows(NamedTuple):
-    """Rows of the cone problem: contact by contact, the normal one first, then friction times its coefficients.
+    """Rows of the cone problem: contact by contact, the normal one first, then friction times its coefficients."""
 
-    Attributes:
-        contact: index of the contact of each row, int (n,).
-        kind: 0 for the normal, 1 to 5 for friction, int (n,).
-        jacobian: ``J``, (n, nv).
-        drift: what moving surfaces add to the velocities ``J v``, (n,).
-        whitened: ``J R^-T``, (n, nv).
-    """
-
-    contact: np.ndarray
-    kind: np.ndarray
-    jacobian: np.ndarray
-    drift: np.ndarray
-    whitened: np.ndarray
+    contact: np.ndarray  # index of the contact of each row, int (n,)
+    kind: np.ndarray  # 0 for the normal, 1 to 5 for friction, int (n,)
+    jacobian: np.ndarray  # ``J``, (n, nv)
+    drift: np.ndarray  # what moving surfaces add to the velocities ``J v``, (n,)
+    whitened: np.ndarray  # ``J R^-T``, (n, nv)
 
     @property
     def sizes(self) -> np.ndarray:

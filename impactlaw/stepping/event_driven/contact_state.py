@@ -24,42 +24,26 @@ _STILL = 1e-3  # part of the gap tolerance that a velocity must cross in a times
 
 
 class ContactForces(NamedTuple):
-    """The forces with which a phase has held contacts with friction.
+    """The forces with which a phase has held contacts with friction."""
 
-    Attributes:
-        rows: those of the contacts, at its end.
-        force: normal force, then friction divided by its coefficients, N or N m, (h, 6).
-    """
-
-    rows: Rows
-    force: np.ndarray
+    rows: Rows  # those of the contacts, at its end
+    force: np.ndarray  # normal force, then friction divided by its coefficients, N or N m, (h, 6)
 
 
 class ContactState(NamedTuple):
-    """Contacts at one time, and how they move.
+    """Contacts at one time, and how they move."""
 
-    Attributes:
-        contact_set: the contacts that were detected, open ones included.
-        closed: whose gap is at most the tolerance, bool (h,).
-        still: contact velocity that crosses next to nothing in a timestep, m/s.
-        velocity: qvel, (nv,).
-        contact_velocity: ``gamma``, m/s, (h,).
-        noise: size of the rounding errors of gamma, m/s, (h,).
-        quiet: whether all contacts are closed, and neither move nor need a correction of position.
-        active: contacts that the last phase had to hold, bool (h,); None if there were none.
-        contact_forces: the forces with which it held them where there is friction; None if there were none.
-        force: that these contacts exert on all degrees of freedom, N or N m, (nv,); None if it is not known.
-    """
-
-    contact_set: ContactSet
-    closed: np.ndarray
-    still: float
-    velocity: np.ndarray
-    contact_velocity: np.ndarray
-    noise: np.ndarray
-    quiet: bool
-    active: np.ndarray | None = None
+    contact_set: ContactSet  # the contacts that were detected, open ones included
+    closed: np.ndarray  # whose gap is at most the tolerance, bool (h,)
+    still: float  # contact velocity that crosses next to nothing in a timestep, m/s
+    velocity: np.ndarray  # qvel, (nv,)
+    contact_velocity: np.ndarray  # ``gamma``, m/s, (h,)
+    noise: np.ndarray  # size of the rounding errors of gamma, m/s, (h,)
+    quiet: bool  # whether all contacts are closed, and neither move nor need a correction of position
+    active: np.ndarray | None = None  # contacts that the last phase had to hold, bool (h,); None if there were none
+    # the forces with which it held them where there is friction; None if there were none
     contact_forces: ContactForces | None = None
+    # that these contacts exert on all degrees of freedom, N or N m, (nv,); None if it is not known
     force: np.ndarray | None = None
 
     @classmethod
@@ -138,41 +122,24 @@ def _motion(contact_set: ContactSet, silent: float) -> tuple[np.ndarray, np.ndar
 
 
 class Phase(NamedTuple):
-    """A smooth phase that has been tried.
+    """A smooth phase that has been tried."""
 
-    Attributes:
-        start: where it began.
-        duration: s.
-        tolerance: gap up to which a contact is closed, m.
-        travel: measures how far geoms have moved.
-        hold_all: whether every contact that is closed at its end is held there (time stepping).
-        smooth: whether it is known that contacts between faces have moved smoothly, however far.
-        exact: whether friction is exact, or its convex relaxation.
-        work: counts what the step has taken.
-    """
-
-    start: ContactState
-    duration: float
-    tolerance: float
-    travel: Travel
-    work: Work
-    hold_all: bool = False
-    smooth: bool = False
-    exact: bool = True
+    start: ContactState  # where it began
+    duration: float  # s
+    tolerance: float  # gap up to which a contact is closed, m
+    travel: Travel  # measures how far geoms have moved
+    work: Work  # counts what the step has taken
+    hold_all: bool = False  # whether every contact that is closed at its end is held there (time stepping)
+    smooth: bool = False  # whether it is known that contacts between faces have moved smoothly, however far
+    exact: bool = True  # whether friction is exact, or its convex relaxation
 
 
 class PhaseEnd(NamedTuple):
-    """The contacts at the end of a phase.
+    """The contacts at the end of a phase."""
 
-    Attributes:
-        now: those contacts, and how they move now.
-        known: index of the same contact at the start, or -1, int (h,).
-        sustained: which ones stay closed, bool (h,).
-    """
-
-    now: ContactState
-    known: np.ndarray
-    sustained: np.ndarray
+    now: ContactState  # those contacts, and how they move now
+    known: np.ndarray  # index of the same contact at the start, or -1, int (h,)
+    sustained: np.ndarray  # which ones stay closed, bool (h,)
 
     @property
     def contact_set(self) -> ContactSet:

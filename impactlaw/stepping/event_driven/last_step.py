@@ -13,30 +13,17 @@ from impactlaw.stepping.plan import Plan
 
 
 class _Left(NamedTuple):
-    """What contacts depend on, as a step has left it.
+    """What contacts depend on, as a step has left it."""
 
-    Attributes:
-        qpos: position, as bytes.
-        qvel: velocity, as bytes.
-        timestep: s.
-        disabled: flags of the options.
-        equalities: which equality constraints are on, as bytes.
-    """
-
-    qpos: bytes
-    qvel: bytes
-    timestep: float
-    disabled: int
-    equalities: bytes
+    qpos: bytes  # position, as bytes
+    qvel: bytes  # velocity, as bytes
+    timestep: float  # s
+    disabled: int  # flags of the options
+    equalities: bytes  # which equality constraints are on, as bytes
 
 
 class LastStep:
-    """The end of the last step; nothing before the first.
-
-    Args:
-        phases: what takes the steps.
-        plan: what the scene can need.
-    """
+    """The end of the last step; nothing before the first."""
 
     def __init__(self, phases: SmoothPhases, plan: Plan):
         self._phases, self._plan = phases, plan

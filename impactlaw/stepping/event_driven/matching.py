@@ -24,15 +24,10 @@ class Matched(NamedTuple):
 
 
 class Continued(NamedTuple):
-    """How the gap of a contact that continues another one has changed.
+    """How the gap of a contact that continues another one has changed."""
 
-    Attributes:
-        halfway: gap to which its velocity alone leads in half of the phase, m.
-        bent: the part of the gap at the end that is not due to the velocity, m.
-    """
-
-    halfway: float
-    bent: float
+    halfway: float  # gap to which its velocity alone leads in half of the phase, m
+    bent: float  # the part of the gap at the end that is not due to the velocity, m
 
 
 def match(contact_set: ContactSet, phase: Phase) -> np.ndarray:
@@ -74,12 +69,6 @@ def continued(phase_end: PhaseEnd, phase: Phase, deepest: int, gap: float) -> Co
     """Return how a contact has come to its gap if it continues one in another place of common faces; else None.
 
     That one was closed and did not separate, or so slowly that its rebound rises less than the gap tolerance.
-
-    Args:
-        phase_end: the contacts at the end of the phase.
-        phase: what led there.
-        deepest: index of the contact.
-        gap: its gap, m.
     """
     start, pattern, tau = phase.start, phase_end.now.pattern, phase.duration
     if phase_end.known[deepest] >= 0 or not pattern.vague[deepest]:
@@ -125,12 +114,6 @@ def runs_on(half: PhaseEnd, end: PhaseEnd, phase: Phase, deepest: int) -> bool:
     """Return whether a contact at the end is one that is held after half of the phase, and has run on as before.
 
     That is ``|p(tau) - p(tau / 2)| <= 2 |p(tau / 2) - p(0)|`` for the contact point p, m; another edge is further away.
-
-    Args:
-        half: the contacts after half of the phase.
-        end: the contacts at its end.
-        phase: what led to the end.
-        deepest: index of the contact at the end.
     """
     pattern = end.now.pattern
     held = np.flatnonzero(half.sustained & (half.now.pattern.key == pattern.key[deepest]))

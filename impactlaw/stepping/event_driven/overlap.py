@@ -42,13 +42,7 @@ def overlaps(contact_set: ContactSet, tolerance: float) -> bool:
 
 
 def refuse(contact_set: ContactSet, tolerance: float, reason: str) -> OverlapError:
-    """Return the error that names what overlaps, the deepest first.
-
-    Args:
-        contact_set: contacts.
-        tolerance: depth up to which a contact counts as touching, m.
-        reason: what the error says after the names.
-    """
+    """Return the error that names what overlaps, the deepest first."""
     contacts, depth = contact_set.contacts, -clearance(contact_set)
     deep = np.flatnonzero(depth > tolerance)
     deep = deep[np.argsort(-depth[deep])]
@@ -61,10 +55,6 @@ def push_out(phases: SmoothPhases, start: ContactState) -> ContactState:
     """Move the scene by the smallest shift that opens all gaps; return the contacts after it.
 
     Where none is found, joints that are beyond their limits are put back to these, if that opens all gaps.
-
-    Args:
-        phases: detects contacts.
-        start: the contacts of now.
 
     Raises:
         OverlapError: bodies are squeezed: no shift opens all gaps, or none was found. data.qpos may have changed.

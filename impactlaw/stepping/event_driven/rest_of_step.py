@@ -24,18 +24,14 @@ _PARTS = 64  # into which what remains of a step is cut at most
 class RestOfStep:
     """Takes what remains of steps; after several that were not finished, all of the next, twice as many every time.
 
+    Nothing is to raise here: where `Stepper` is to raise for inadmissible outcomes, they are projected.
+
     Time stepping looks for contacts in the middle of a step, and knows of no half step before its first one. Where a
     body would be behind another by then, or deep in it, what remains is taken in equal parts. Steps no longer than the
     part before, from where that has ended, go on from its middle.
 
     Attributes:
         short_steps: steps so far that have not met the law.
-
-    Args:
-        model: the scene.
-        law: as the user has given it.
-        friction: see `Stepper`.
-        on_inadmissible: see `Stepper`; as nothing is to raise here, "raise" becomes "project".
     """
 
     def __init__(
@@ -77,16 +73,7 @@ class RestOfStep:
         self._wait //= 2
 
     def take(self, data: mujoco.MjData, remaining: float, surfaces: Surfaces | None) -> Told:
-        """Advance by what remains of a step, s; return what tells the collisions.
-
-        Args:
-            data: the state.
-            remaining: duration, s.
-            surfaces: that move by themselves, as they are now.
-
-        Raises:
-            DivergenceError: position or velocity is not finite.
-        """
+        """Advance by what remains of a step, s; return what tells the collisions."""
         stepping, passing = self._made()
         option, before = self._model.opt, stepping.short_steps
         if surfaces is not None:

@@ -33,13 +33,9 @@ class Shortcut(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Apart:
-    """No contact is near.
+    """No contact is near."""
 
-    Attributes:
-        frames: of all geoms at the start of the step; None if no body can pass through another.
-    """
-
-    frames: Frames | None
+    frames: Frames | None  # of all geoms at the start of the step; None if no body can pass through another
 
     def lasts(self, phases: SmoothPhases) -> Shortcut | None:
         """See `Shortcut`."""
@@ -51,12 +47,9 @@ class Together:
     """All contacts are closed and were still, and no force is needed for that.
 
     One that begins to approach or to separate is noticed as soon as its gap is not closed any more.
-
-    Attributes:
-        pattern: of these contacts, the only ones near.
     """
 
-    pattern: Pattern
+    pattern: Pattern  # of these contacts, the only ones near
 
     def lasts(self, phases: SmoothPhases) -> Shortcut | None:
         """See `Shortcut`."""
@@ -70,24 +63,15 @@ class Rest:
     The impulse ``P = M (v+ - v)`` of the contacts in the last phase is known. The next one gets ``P / tau`` as an
     applied force. If nothing has moved at its end, neither in position nor in velocity, the same contacts are
     closed, and their forces lie in the same cones as before, unless somebody has changed geoms: that shows in gaps.
-
-    Attributes:
-        qpos: where the contacts were looked at, (nq,).
-        force: that the contacts exert on all degrees of freedom, N or N m, (nv,).
-        distance: of all coordinates together, below which no gap changes by more than a correction, m or rad.
-        speed: of all coordinates together, below which every contact velocity is rounding, m/s or rad/s.
-        correction: of gaps, all together, m.
-        pattern: of the contacts.
-        gaps: that MuJoCo has found, m.
     """
 
-    qpos: np.ndarray
-    force: np.ndarray
-    distance: float
-    speed: float
-    correction: float
-    pattern: Pattern
-    gaps: np.ndarray
+    qpos: np.ndarray  # where the contacts were looked at, (nq,)
+    force: np.ndarray  # that the contacts exert on all degrees of freedom, N or N m, (nv,)
+    distance: float  # of all coordinates together, below which no gap changes by more than a correction, m or rad
+    speed: float  # of all coordinates together, below which every contact velocity is rounding, m/s or rad/s
+    correction: float  # of gaps, all together, m
+    pattern: Pattern  # of the contacts
+    gaps: np.ndarray  # that MuJoCo has found, m
 
     def lasts(self, phases: SmoothPhases) -> Shortcut | None:
         """See `Shortcut`."""
@@ -115,13 +99,7 @@ def is_still(phases: SmoothPhases, velocity: np.ndarray, still: float) -> bool:
 
 
 def find_rest(phases: SmoothPhases, state: np.ndarray, end: ContactState) -> Rest | None:
-    """Return the rest that a step without collisions was; None if something has moved in it.
-
-    Args:
-        phases: what has taken the step.
-        state: at its start.
-        end: the contacts at its end, which is now.
-    """
+    """Return the rest that a step without collisions was; None if something has moved in it."""
     configuration, timestep = phases.configuration, phases.options.timestep
     if not is_still(phases, saved_qvel(configuration.model, state), end.still):
         return None

@@ -41,13 +41,6 @@ _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 class SmoothPhases:
     """Advances from one contact state towards the end of a step.
 
-    Args:
-        model: the scene.
-        plan: what the scene can need.
-        gap_tolerance: gap up to which a contact counts as closed, m.
-        work: counts what a step has taken.
-        exact: whether friction is exact, or its convex relaxation.
-
     Attributes:
         configuration: of the scene, which is advanced.
         tolerance: the gap tolerance, m.
@@ -128,8 +121,7 @@ class SmoothPhases:
     def stay_apart(self, start: Frames | None = None) -> bool:
         """Advance by a timestep in one go from where no contact is near; return whether none has been meanwhile.
 
-        Args:
-            start: frames at the start; without them this is told from velocities only.
+        Without frames at the start this is told from velocities only.
         """
         before, timestep = self.configuration.data.qvel.copy(), self.options.timestep
         return self._try_timestep(before, start) and self._dips.is_clear(start, before, timestep)
@@ -241,10 +233,6 @@ class SmoothPhases:
         """Look at the contacts where the phase has led, and hold those that stay closed.
 
         If contacts are lost whose force it has felt, it is repeated without that force.
-
-        Args:
-            state: at the start of the phase.
-            phase: what led there.
         """
         found = self._match(phase)
         if found is None:

@@ -23,9 +23,6 @@ class BorrowedModel:
     Cones are elliptic, nothing sleeps, and MuJoCo's gaps count where something sticks across them only. RK4 becomes
     Euler, and the implicit integrators the one whose mass matrix is symmetric, implicitfast.
 
-    Args:
-        model: the scene.
-
     Attributes:
         cone: of the user's choice.
         damped: whether the integrator damps implicitly, by a mass matrix of its own.

@@ -17,7 +17,7 @@ from impactlaw.scene.joint_limits import Limits
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.stepping.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.events import CollisionRecord, Known, Metric, StepImpulses
-from impactlaw.stepping.time_stepping.problem.drifts import calm, drifts
+from impactlaw.stepping.time_stepping.problem.drifts import hold
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups, struck_later
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
@@ -29,7 +29,6 @@ from impactlaw.stepping.time_stepping.tolerances import (
     PHASES,
     RESOLVED,
     REST_SPEED,
-    STIFF,
     is_met,
 )
 
@@ -48,31 +47,18 @@ class _Step:
 
 @dataclass(frozen=True, eq=False)
 class _Phase:
-    """Collisions at once: rows and what they aim at, and what `resolve_step` answers.
+    """Collisions at once: rows and what they aim at, and what `resolve_step` answers."""
 
-    Attributes:
-        rows: that take part.
-        place: of each of their rows in those that were given, int (n,).
-        later: the groups given that are left out because they are hit only through others, bool (g,).
-        cut: whether some such contacts are not left out.
-        scalable: whether restitution creates energy that scaling it takes away, or that is an error.
-        target: ``gamma^h`` of groups that take part.
-        sliding: sliding velocities aimed at.
-        collides: the groups that do.
-        seen: what the law has been shown, if it was asked.
-        answer: of `resolve_step`.
-    """
-
-    rows: Rows
-    place: np.ndarray
-    later: np.ndarray
-    cut: bool
-    scalable: bool
-    target: np.ndarray
-    sliding: np.ndarray
-    collides: np.ndarray
-    seen: Seen | None
-    answer: tuple[Any, ...]
+    rows: Rows  # that take part
+    place: np.ndarray  # of each of their rows in those that were given, int (n,)
+    later: np.ndarray  # the groups given that are left out because they are hit only through others, bool (g,)
+    cut: bool  # whether some such contacts are not left out
+    scalable: bool  # whether restitution creates energy that scaling it takes away, or that is an error
+    target: np.ndarray  # ``gamma^h`` of groups that take part
+    sliding: np.ndarray  # sliding velocities aimed at
+    collides: np.ndarray  # the groups that do
+    seen: Seen | None  # what the law has been shown, if it was asked
+    answer: tuple[Any, ...]  # of `resolve_step`
 
     def gives_up(self, left: np.ndarray) -> bool:
         """Whether restitution is given up: bodies jam, or no work was left to find how much creates no energy."""
@@ -274,16 +260,12 @@ class ContactProblem:
             rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, self._model.dof_treeid, collides, target
         )
         if data.ne:
-            equal = rows.first[rows.kind == BILATERAL]
-            row = rows.row[equal]
-            given = drifts(
-                rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, self._model.nv
-            )[rows.kind == BILATERAL]
-            kinds = np.zeros(len(collides), dtype=np.uint8)
-            kinds[rows.kind == BILATERAL] = self.bilateral[data.efc_id[row]]
-            kept = calm(rows.sparse, rows.value, rows.groups, rows.rates, collides, kinds)[rows.kind == BILATERAL]
-            held = kept & ~given
-            rows.compliance[equal[held]] = STIFF * data.efc_R[row[held]]
+            kinds, equal = np.zeros(len(collides), dtype=np.uint8), rows.kind == BILATERAL
+            kinds[equal] = self.bilateral[data.efc_id[rows.row[rows.first[equal]]]]
+            hold(
+                rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, kinds,
+                data.efc_R, self._model.nv,
+            )  # fmt: skip
         return seen, together
 
     def _ask_law(

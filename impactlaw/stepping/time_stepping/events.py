@@ -30,32 +30,20 @@ class CollisionRecord:
 
     The event is the collision by itself, at the velocity of the start of the step and without the other forces of the
     step: ``v+ = v- + M_h^-1 J^T Lambda`` reaches the same contact velocities as the step.
-
-    Attributes:
-        seen: contacts, rows and inertia of the middle of the step.
-        collides: the groups that do, bool (g,).
-        pushed: those with an impulse, bool (g,).
-        time: of the middle of the step, s.
-        qpos: configuration there, (nq,).
-        velocity: v-, (nv,).
-        after: velocity at the end of the step, (nv,).
-        target: ``gamma^h`` of groups, (g,).
-        sliding: sliding velocities aimed at, what is left of them, (n,).
-        exact: exact Coulomb friction, or its convex relaxation.
-        share: of the law's restitution that was left so that no energy is created, in [0, 1]; the least one, if there
-            are several.
     """
 
-    seen: Seen
-    collides: np.ndarray
-    pushed: np.ndarray
-    time: float
-    qpos: np.ndarray
-    velocity: np.ndarray
-    after: np.ndarray
-    target: np.ndarray
-    sliding: np.ndarray
-    exact: bool
+    seen: Seen  # contacts, rows and inertia of the middle of the step
+    collides: np.ndarray  # the groups that do, bool (g,)
+    pushed: np.ndarray  # those with an impulse, bool (g,)
+    time: float  # of the middle of the step, s
+    qpos: np.ndarray  # configuration there, (nq,)
+    velocity: np.ndarray  # v-, (nv,)
+    after: np.ndarray  # velocity at the end of the step, (nv,)
+    target: np.ndarray  # ``gamma^h`` of groups, (g,)
+    sliding: np.ndarray  # sliding velocities aimed at, what is left of them, (n,)
+    exact: bool  # exact Coulomb friction, or its convex relaxation
+    # of the law's restitution that was left so that no energy is created, in [0, 1]; the least one, if there are
+    # several
     share: float
 
     def resolved(self) -> tuple[ImpactEvent, ...]:
@@ -88,27 +76,16 @@ class CollisionRecord:
 
 @dataclass(frozen=True, eq=False)
 class StepImpulses:
-    """What contact does in a step.
+    """What contact does in a step."""
 
-    Attributes:
-        impulse: of all rows, in units of the problem, (n,).
-        velocity: after it, (nv,).
-        shift: velocity that opens overlaps beside it, (nv,), or (0,).
-        shortfall: largest amount by which a contact velocity misses its target, m/s or rad/s.
-        fastest: largest velocity of a row, m/s or rad/s.
-        work: of contact, J.
-        rounding: what of it is rounding, J.
-        collisions: of the step, one after another.
-        later: whether restitution is lost: contacts that are hit only through others were not left for a phase of their
-            own, bodies jam, or there was no work left to find how much of it creates no energy.
-    """
-
-    impulse: np.ndarray
-    velocity: np.ndarray
-    shift: np.ndarray
-    shortfall: float
-    fastest: float
-    work: float
-    rounding: float
-    collisions: tuple[CollisionRecord, ...]
+    impulse: np.ndarray  # of all rows, in units of the problem, (n,)
+    velocity: np.ndarray  # after it, (nv,)
+    shift: np.ndarray  # velocity that opens overlaps beside it, (nv,), or (0,)
+    shortfall: float  # largest amount by which a contact velocity misses its target, m/s or rad/s
+    fastest: float  # largest velocity of a row, m/s or rad/s
+    work: float  # of contact, J
+    rounding: float  # what of it is rounding, J
+    collisions: tuple[CollisionRecord, ...]  # of the step, one after another
+    # whether restitution is lost: contacts that are hit only through others were not left for a phase of their own,
+    # bodies jam, or there was no work left to find how much of it creates no energy
     later: bool

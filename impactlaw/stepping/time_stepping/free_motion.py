@@ -20,6 +20,7 @@ from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
 from impactlaw.stepping.time_stepping.margins import find_outrun, find_sizes, set_margins
 from impactlaw.stepping.time_stepping.problem.forces import without_far_limits
+from impactlaw.stepping.time_stepping.problem.planes import level
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
@@ -40,15 +41,7 @@ def update_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def reach(model: mujoco.MjModel, data: mujoco.MjData, gained: np.ndarray, sizes: np.ndarray, surface: float) -> None:
-    """Let MuJoCo find the contacts that bodies can reach in this step.
-
-    Args:
-        model: whose margins are written, see `margins.set_margins`.
-        data: at the start of the step, frames and velocities of bodies current.
-        gained: velocity that forces add in a step, (nv,).
-        sizes: `margins.find_sizes`, written: fields of the model that they depend on may have changed.
-        surface: speed of moving surfaces, m/s.
-    """
+    """Let MuJoCo find the contacts that bodies can reach in this step."""
     find_sizes(sizes, model.geom_type, model.geom_bodyid, model.geom_pos, model.geom_rbound, model.body_ipos)
     velocity, now = data.qvel.copy(), data.cvel.copy()
     data.qvel += gained
@@ -70,13 +63,7 @@ def _set_margins(
 
 
 def outrun(model: mujoco.MjModel, data: mujoco.MjData, sizes: np.ndarray) -> bool:
-    """Return whether a collision throws a body farther in a timestep than contacts were looked for.
-
-    Args:
-        model: with the margins of the step.
-        data: in the middle of the step, velocity that after the collision; that of bodies becomes current.
-        sizes: `margins.find_sizes`.
-    """
+    """Return whether a collision throws a body farther in a timestep than contacts were looked for."""
     mj_comVel(model, data)
     return bool(
         find_outrun(
@@ -99,16 +86,6 @@ def look_farther(
 
     What was found before is found again, even if it is out of reach now: it may have led to the collision.
     Return whether MuJoCo had no room for all contacts.
-
-    Args:
-        model: whose margins are written.
-        data: in the middle of the step, velocity of bodies that after the collision.
-        borrowed: the margins.
-        start: velocity at the start of the step, (nv,).
-        free: velocity without contact, (nv,).
-        middle: configuration in the middle of the step, (nq,).
-        sizes: `margins.find_sizes`.
-        surface: speed of moving surfaces, m/s.
     """
     led_to, before = data.cvel.copy(), borrowed.margins()
     data.qpos[:], data.qvel[:] = middle, start
@@ -157,10 +134,19 @@ def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData, borrowed: Borrowe
         seen = data.warning.number[_FULL].sum()
         mj_fwdPosition(model, data)
         if data.warning.number[_FULL].sum() == seen:
+            _level(model, data)
             return False
         borrowed.scale_margins(share)
     mj_fwdPosition(model, data)
+    _level(model, data)
     return True
+
+
+def _level(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Put points of contact of one face into one plane; see `problem.planes`."""
+    contact = data.contact
+    if data.ncon > 1 and level(contact.dist, contact.pos, contact.frame, contact.geom, model.geom_bodyid):
+        mujoco.mj_makeConstraint(model, data)
 
 
 def free_step(
@@ -174,14 +160,6 @@ def free_step(
     """Let MuJoCo's integrator advance velocity, activations and time without contact.
 
     Return L and 1 / D of the mass matrix of the step, ``M_h = L^T D L``.
-
-    Args:
-        model: the scene.
-        data: in the middle of the step.
-        borrowed: which integrator it is.
-        inertial: Coriolis and gyroscopic forces.
-        start: velocity at the start of the step, (nv,).
-        held: see `InertialForces.settle`.
     """
     data.qacc[:] = data.qacc_smooth
     data.qfrc_constraint[:] = 0.0
@@ -195,15 +173,7 @@ def free_step(
 def limit_energy(
     model: mujoco.MjModel, data: mujoco.MjData, inertial: InertialForces, start: np.ndarray, velocity: np.ndarray
 ) -> None:
-    """Scale velocities down until no tree that turns fast has gained more kinetic energy than forces and contact gave.
-
-    Args:
-        model: the scene.
-        data: at the end of the step, frames current.
-        inertial: Coriolis and gyroscopic forces.
-        start: configuration at its start, (nq,).
-        velocity: at its start, (nv,).
-    """
+    """Scale velocities down until no tree that turns fast has gained more energy than forces and contact gave."""
     end, forces = data.qpos.copy(), data.qfrc_smooth + data.qfrc_bias - inertial.gravity + data.qfrc_constraint
     work = _of_trees(model, forces, model.opt.timestep * (velocity + data.qvel))
     data.qpos[:] = start

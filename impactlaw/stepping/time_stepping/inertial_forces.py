@@ -49,9 +49,6 @@ INERTIA = ("body_mass", "body_inertia", "body_ipos", "tendon_armature")
 class InertialForces:
     """The forces of one scene, ``M_h (v_free - v) = h (f - c(q_M, (v + v_free) / 2))``.
 
-    Args:
-        model: the scene.
-
     Attributes:
         act: whether there are any, as `look` has seen it last.
         used: those of the last `settle`, with gravity, (nv,).
@@ -96,15 +93,7 @@ class InertialForces:
         metric: tuple[np.ndarray, np.ndarray],
         h: float,
     ) -> np.ndarray:
-        """Return where forces lead without contact, (nv,).
-
-        Args:
-            data: in the middle of the step; qvel is where they lead with these forces as at the start.
-            start: velocity at the start, (nv,).
-            held: what contact is expected to add to the velocity: what it added in the last step, if nothing collided.
-            metric: L and 1 / D of the mass matrix of the step.
-            h: timestep, s.
-        """
+        """Return where forces lead without contact, (nv,)."""
         free, loose = data.qvel.copy(), np.ones(self._model.ntree, dtype=bool)
         self.turning = h * self._largest(np.where(self._rotates, start, 0.0)) > FAST
         for _ in range(ROUNDS):

@@ -19,19 +19,12 @@ from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LOOKS, PHASE
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """What one look has found.
+    """What one look has found."""
 
-    Attributes:
-        rows: that take part; may be none.
-        impulses: what contact does; None without rows.
-        known: impulses, a guess for the next look or step.
-        unseen: whether contacts are left out that the velocity found would close.
-    """
-
-    rows: Rows
-    impulses: StepImpulses | None
-    known: Known | None
-    unseen: bool = False
+    rows: Rows  # that take part; may be none
+    impulses: StepImpulses | None  # what contact does; None without rows
+    known: Known | None  # impulses, a guess for the next look or step
+    unseen: bool = False  # whether contacts are left out that the velocity found would close
 
     @property
     def loses(self) -> bool:
@@ -46,33 +39,19 @@ class Look:
 
 @dataclass(frozen=True, eq=False)
 class Looks:
-    """Finds what contact does in one step.
+    """Finds what contact does in one step."""
 
-    Attributes:
-        model: the scene.
-        problem: of contact, under the law.
-        reader: of rows.
-        inertial: Coriolis and gyroscopic forces.
-        velocity: at the start of the step, (nv,).
-        middle: configuration in the middle of the step, (nq,).
-        metric: the inertia of the step.
-        work: part of the work allowed in the step that is left, (1,), see `solvers.cones.hybrid.spend`.
-        rounds: of the slower solvers.
-        phases: whether collisions may be one after another.
-        moved: what is added to the velocity before a collision, (nv,), see `inertial_forces`.
-    """
-
-    model: mujoco.MjModel
-    problem: ContactProblem
-    reader: RowReader
-    inertial: InertialForces
-    velocity: np.ndarray
-    middle: np.ndarray
-    metric: Metric
-    work: np.ndarray
-    rounds: int
-    phases: bool = False
-    moved: np.ndarray | None = None
+    model: mujoco.MjModel  # the scene
+    problem: ContactProblem  # of contact, under the law
+    reader: RowReader  # of rows
+    inertial: InertialForces  # Coriolis and gyroscopic forces
+    velocity: np.ndarray  # at the start of the step, (nv,)
+    middle: np.ndarray  # configuration in the middle of the step, (nq,)
+    metric: Metric  # the inertia of the step
+    work: np.ndarray  # part of the work allowed in the step that is left, (1,), see `solvers.cones.hybrid.spend`
+    rounds: int  # of the slower solvers
+    phases: bool = False  # whether collisions may be one after another
+    moved: np.ndarray | None = None  # what is added to the velocity before a collision, (nv,), see `inertial_forces`
 
     def find(self, data: mujoco.MjData, known: Known | None) -> Look:
         """Add what contact does to the velocity of data, and return what the last look has found.
@@ -81,10 +60,6 @@ class Looks:
         Where contacts are hit only through others, these collide first, which may close further ones. The same is
         tried where a few looks do not find all that is closed.
         Where Coriolis and gyroscopic forces create energy because of a collision, it is between two half steps.
-
-        Args:
-            data: in the middle of the step, contacts current, its velocity the one without contact.
-            known: impulses of the step before.
         """
         free, h = data.qvel.copy(), self.model.opt.timestep
         near, look = self.reader.near(data, self.velocity, free, 2.0 * h), 1

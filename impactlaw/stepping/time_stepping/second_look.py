@@ -143,27 +143,14 @@ def end_targets(groups, key, amounts, depth, before_key, before, timestep):
 
 
 class SecondLook:
-    """Finds overlaps at the end of a step, and the shift of positions that opens them.
-
-    Args:
-        model: the scene.
-        size: `margins.find_sizes`.
-        borrowed: the margins of the step, which get smaller.
-        reader: knows which contacts are tied.
-    """
+    """Finds overlaps at the end of a step, and the shift of positions that opens them."""
 
     def __init__(self, model: mujoco.MjModel, size: np.ndarray, borrowed: BorrowedModel, reader: RowReader):
         self._model, self._size, self._borrowed, self._reader = model, size, borrowed, reader
         self._scratch: mujoco.MjData | None = None
 
     def shift(self, data: mujoco.MjData, rows: Rows, metric: tuple[np.ndarray, np.ndarray]) -> np.ndarray | None:
-        """Return the velocity, (nv,), that moves data from overlaps within one timestep; None if there are none.
-
-        Args:
-            data: at the end of the step; frames and velocities of bodies current, contacts those of the middle.
-            rows: of the step.
-            metric: L and 1 / D of the step's mass matrix.
-        """
+        """Return the velocity, (nv,), that moves data from overlaps within one timestep; None if there are none."""
         model, h = self._model, self._model.opt.timestep
         depth = bend(
             rows.groups, rows.amounts, rows.rates, data.contact.geom, model.geom_bodyid, model.geom_type, data.cvel,

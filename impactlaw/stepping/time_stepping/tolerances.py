@@ -33,9 +33,9 @@ CALM_TIES = 1e-2
 It is less than that of other ways to step (`scene.equality_constraints`): here one problem has forces in it, too.
 Couplings of joints and of tendons, which tie no bodies to each other in a point, keep as much as there."""
 STIFF = 1e-5
-"""Part of their compliance that equality constraints keep in a collision.
-
-With less, rows that depend on each other but for a violation hold its drift, with impulses that do its work."""
+"""Part of their compliance that equality constraints keep in a collision."""
+DRIVEN = 1e-2
+"""Part of the energy of the fastest contact of a collision that a row of a connect or weld may add by its drift."""
 SLOWEST = 1e-2
 """Velocity below which shortfalls are compared with this, m/s."""
 SHARES = 0.2, 0.0

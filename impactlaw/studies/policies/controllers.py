@@ -35,17 +35,11 @@ class OnePull:
 
 @dataclass(frozen=True)
 class Hit:
-    """Juggler: meet the ball at the middle of the stroke with the speed that sends it to the target's height.
+    """Juggler: meet the ball at the middle of the stroke with the speed that sends it to the target's height."""
 
-    Attributes:
-        restitution: e that it is tuned to.
-        acceleration: with which the paddle gains that speed, m/s^2.
-        dt: duration of a step, s.
-    """
-
-    restitution: float = 0.8
-    acceleration: float = 40.0
-    dt: float = 0.01
+    restitution: float = 0.8  # e that it is tuned to
+    acceleration: float = 40.0  # with which the paddle gains that speed, m/s^2
+    dt: float = 0.01  # duration of a step, s
 
     def __call__(self, observation: np.ndarray) -> float:
         """Return the acceleration."""
@@ -63,13 +57,9 @@ class Hit:
 
 @dataclass(frozen=True)
 class FullHit:
-    """Billiards: hit the rack's first ball full, at the speed with which its neighbours just reach the corners.
+    """Billiards: hit the rack's first ball full, at the speed with which its neighbours just reach the corners."""
 
-    Attributes:
-        restitution: e of Moreau's law that it is tuned to; the balls leave with ``(1 + e) p``.
-    """
-
-    restitution: float = 0.95
+    restitution: float = 0.95  # e of Moreau's law that it is tuned to; the balls leave with ``(1 + e) p``
 
     def __call__(self, observation: np.ndarray) -> tuple[float, float]:
         """Return angle and speed."""
@@ -85,16 +75,11 @@ class Save:
     """Rocking block: tilt the platform along with a block that has the energy to topple; leave the rest to impacts.
 
     Tuned to e = 0, where each change of foot takes half of the energy.
-
-    Attributes:
-        enough: part of the energy to topple from which it acts.
-        lead: time by which it looks ahead, s.
-        frequency: with which the platform follows, rad/s.
     """
 
-    enough: float = 0.8
-    lead: float = 0.06
-    frequency: float = 19.0
+    enough: float = 0.8  # part of the energy to topple from which it acts
+    lead: float = 0.06  # time by which it looks ahead, s
+    frequency: float = 19.0  # with which the platform follows, rad/s
 
     def __call__(self, observation: np.ndarray) -> float:
         """Return the acceleration."""

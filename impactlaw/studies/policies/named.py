@@ -24,22 +24,15 @@ Controller = Callable[[Any], Any]
 
 @dataclass(frozen=True)
 class Policy:
-    """What acts, in a row of the transfer matrix.
+    """What acts, in a row of the transfer matrix."""
 
-    Attributes:
-        name: as the study has it.
-        made_for: text of the law that it was trained under or tuned to; empty if for none that the study names.
-        settings: what tells it from others, as plain values.
-        content: a function of the observation, a class of these, a trained file; None for one that is to be trained
-            under `training`.
-        training: what it is to be trained under.
-    """
-
-    name: str
-    made_for: str
-    settings: dict[str, Any]
+    name: str  # as the study has it
+    made_for: str  # text of the law that it was trained under or tuned to; empty if for none that the study names
+    settings: dict[str, Any]  # what tells it from others, as plain values
+    # a function of the observation, a class of these, a trained file; None for one that is to be trained under
+    # `training`
     content: Controller | type | partial | bytes | None = None
-    training: Conditions | None = None
+    training: Conditions | None = None  # what it is to be trained under
 
 
 def policies_of(name: str, task: str, scheme: Scheme, laws: Sequence[StatedLaw]) -> list[Policy]:

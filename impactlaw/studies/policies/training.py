@@ -17,11 +17,7 @@ PPO_SETTINGS = {"n_steps": 256, "batch_size": 256}
 
 
 def needs_training_extra(what: str) -> None:
-    """Refuse where stable-baselines3 is not installed.
-
-    Raises:
-        MissingExtraError: it is not.
-    """
+    """Refuse where stable-baselines3 is not installed."""
     if importlib.util.find_spec("stable_baselines3") is None:
         raise MissingExtraError(what, "stable-baselines3", "train")
 
@@ -57,11 +53,7 @@ def train(conditions: Conditions, steps: int, seed: int) -> bytes:
 
 
 def load(file: io.BytesIO) -> Any:
-    """Return the function from observation to action that a file of stable-baselines3 holds, without exploration.
-
-    Raises:
-        StudyError: it is no such file.
-    """
+    """Return the function from observation to action that a file of stable-baselines3 holds, without exploration."""
     import stable_baselines3
     from stable_baselines3.common.save_util import load_from_zip_file
 

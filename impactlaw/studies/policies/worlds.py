@@ -71,22 +71,14 @@ class Worlds(VecEnv):
         return [getattr(self._worlds, attr_name, None) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Refuse: the worlds of a training are settled when they are made.
-
-        Raises:
-            UnsupportedError: always.
-        """
+        """Refuse: the worlds of a training are settled when they are made."""
         raise UnsupportedError(
             f"{attr_name} of the worlds of a training cannot be set: they are settled when they are made; "
             "name other laws or tasks in the study, or make worlds of your own with gymnasium.make_vec"
         )
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        """Refuse: worlds are stepped together, and there is no environment for each of them.
-
-        Raises:
-            UnsupportedError: always.
-        """
+        """Refuse: worlds are stepped together, and there is no environment for each of them."""
         raise UnsupportedError(
             f"{method_name} cannot be called on one world: worlds of a training are stepped together, and there is no "
             "environment for each of them; read what all have with get_attr, or make a single one with gymnasium.make"

@@ -176,3 +176,13 @@ def test_steps_of_all_attempts_count_and_end_them(most, calls, hasty, monkeypatc
     assert answer.status is Status.STOPPED
     assert len(asked) == calls
     assert answer.iterations == 10 * calls
+
+
+@pytest.mark.parametrize("slow", [1e-3, 1e-6])
+def test_a_jam_next_to_a_fast_collision_is_soon_seen_in_haste(slow):
+    """The first contact cannot separate by itself at any speed; thousands of steps found no more than that."""
+    A = np.array([[0.5, 0.0, 0.0], [0.866, 0.0, 0.0], [-0.4, 1.0, 0.0], [0.2, 0.1, 0.5]])
+    problem = ConeProblem(A, np.array([-1.5 * slow, -slow, -30.0, 1.0]), np.array([2, 2]))
+    answer = solve_cones(problem, hasty=True)
+    assert answer.status is Status.INFEASIBLE
+    assert answer.iterations < 100

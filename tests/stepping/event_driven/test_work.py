@@ -45,13 +45,13 @@ def test_every_attempt_of_a_search_for_restitution_is_counted():
     law, effort = Coulomb(Newton(1.0)), Counted()
     impact = law.resolve(ROD, effort=effort)
     assert impact.restitution_scale == pytest.approx(law.resolve(ROD).restitution_scale, rel=1e-9)
-    assert effort.count > 3
+    assert effort.count == 3  # with all of it, with none, and with what the energy of both tells
     with pytest.raises(UnfinishedStepError):
-        law.resolve(ROD, effort=Counted(3))
+        law.resolve(ROD, effort=Counted(2))
 
 
 def test_a_step_gives_up_a_collision_that_takes_too_much():
-    work = Work(3, 2.0)
+    work = Work(3, 1.0)
     work.begin()
     with pytest.raises(UnfinishedStepError, match="more work than it may"):
         Coulomb(Newton(1.0)).resolve(ROD, effort=work)

@@ -4,6 +4,7 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
+from scenes import CLOSING, HELD
 from scenes import compiled as compile_scene
 
 from impactlaw import Fremond, Moreau, Stepper
@@ -11,25 +12,20 @@ from impactlaw.envs import ImpactLaw
 from impactlaw.errors import SolverError, UnsolvableLawError
 from impactlaw.solvers.friction import solve
 
-QPOS = (-8.756441491107173, -0.5294397993016361, 3.446350937151604, 0.4032184000507698, -0.3269331208193089,
-        -0.008362221697740022, 0.27571687676287643, 0.36444716320914206, 0.09693485059105762)  # fmt: skip
-QVEL = (0.25977730331245696, -1.549247649343238, 3.877177114182032, -4.074811278541012, -13.308072276621568,
-        11.739245103330694, -11.763683576082812, 5.911472684886507, 0.16368325580040494)  # fmt: skip
+JAM = (
+    (-8.756441491107173, -0.5294397993016361, 3.446350937151604, 0.4032184000507698, -0.3269331208193089,
+     -0.008362221697740022, 0.27571687676287643, 0.36444716320914206, 0.09693485059105762),
+    (0.25977730331245696, -1.549247649343238, 3.877177114182032, -4.074811278541012, -13.308072276621568,
+     11.739245103330694, -11.763683576082812, 5.911472684886507, 0.16368325580040494),
+)  # fmt: skip
 """A HalfCheetah under random actions, on its back: torso and thigh touch the floor."""
 
 
-def jammed():
-    model = gym.make("HalfCheetah-v5").unwrapped.model
-    data = mujoco.MjData(model)
-    data.qpos[:], data.qvel[:] = QPOS, QVEL
-    return model, data
-
-
 @pytest.mark.parametrize("compiled", ["auto", "never"])
-def test_mujoco_takes_such_a_step(compiled):
-    model, data = jammed()
-    bare = mujoco.MjData(model)
-    bare.qpos[:], bare.qvel[:] = QPOS, QVEL
+def test_mujoco_takes_a_step_without_a_solution(compiled):
+    model = mujoco.MjModel.from_xml_string(HELD.format(arm=10))
+    data, bare = mujoco.MjData(model), mujoco.MjData(model)
+    data.qvel[:] = bare.qvel[:] = CLOSING
     stepper = Stepper(model, Moreau(0.0), contact_model="soft", compiled=compiled)
     assert stepper.short_steps == 0
     stepper.step(data)
@@ -37,13 +33,32 @@ def test_mujoco_takes_such_a_step(compiled):
     assert stepper.short_steps == 1
     assert not stepper.events
     assert (data.qvel == bare.qvel).all()
+    data.qvel[0] = 0.0
     stepper.step(data)
     assert stepper.short_steps == 1
 
 
-@pytest.mark.parametrize("e", [0.0, 0.5])
-def test_no_problem_is_solved_twice(e, monkeypatch):
-    """Nor from a point where it was solved from before; the step is counted all the same."""
+def jammed():
+    model = gym.make("HalfCheetah-v5").unwrapped.model
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = JAM
+    return model, data
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_impulses_are_found_from_inside_of_the_cones(compiled):
+    model, data = jammed()
+    stepper = Stepper(model, Moreau(0.0), contact_model="soft", compiled=compiled)
+    stepper.step(data)
+    assert stepper.short_steps == 0
+    (event,) = stepper.events
+    assert event.impact.residual < 1e-9
+    assert event.impact.violations.is_admissible()
+
+
+@pytest.mark.parametrize(("scene", "e"), [("jam", 0.0), ("jam", 0.5), ("slider", 0.5)])
+def test_no_problem_is_solved_twice(scene, e, monkeypatch):
+    """Nor from a point where it was solved from before; a step that loses its restitution is counted all the same."""
     asked, answer = [], solve.compiled_answer
 
     def once(problem, guess, rounds, **options):
@@ -53,20 +68,24 @@ def test_no_problem_is_solved_twice(e, monkeypatch):
         return answer(problem, guess, rounds, **options)
 
     monkeypatch.setattr(solve, "compiled_answer", once)
-    model, data = jammed()
+    model, data = jammed() if scene == "jam" else slider()
     stepper = Stepper(model, Moreau(e), contact_model="soft", compiled="never")
     stepper.step(data)
-    assert stepper.short_steps == (e == 0.0)
+    assert stepper.short_steps == (scene == "slider")
     assert asked
     assert len(set(asked)) == len(asked)
 
 
-def test_an_environment_tells_such_steps():
-    env = ImpactLaw(gym.make("HalfCheetah-v5"), law="moreau", restitution=0.0)
+def test_an_environment_tells_such_steps(tmp_path):
+    xml = tmp_path / "held.xml"
+    xml.write_text(HELD.format(arm=10))
+    robot = gym.make("HalfCheetah-v5", xml_file=str(xml), frame_skip=1)
+    env = ImpactLaw(robot, law="moreau", restitution=0.0)
     assert env.reset(seed=0)[1]["impact/short"] == 0
-    env.unwrapped.set_state(np.array(QPOS), np.array(QVEL))
+    env.unwrapped.set_state(np.zeros(4), np.array(CLOSING))
     still = np.zeros(env.action_space.shape)
     assert env.step(still)[4]["impact/short"] == env.stepper.short_steps == 1
+    env.unwrapped.set_state(np.zeros(4), np.zeros(4))
     assert env.step(still)[4]["impact/short"] == 0
 
 

@@ -41,15 +41,7 @@ class _Node(NamedTuple):
 
 
 class Dips:
-    """Finds the gaps that have closed and opened again within a phase.
-
-    Args:
-        configuration: of the scene.
-        detector: of its contacts.
-        travel: how far its geoms move.
-        near: gap up to which the end of a phase shows contacts in any case, m.
-        tolerance: gap up to which a contact counts as closed, m.
-    """
+    """Finds the gaps that have closed and opened again within a phase."""
 
     def __init__(
         self, configuration: Configuration, detector: Detector, travel: Travel, *, near: float, tolerance: float
@@ -61,10 +53,7 @@ class Dips:
     def is_clear(self, start: Frames | None, before: np.ndarray, duration: float) -> bool:
         """Return whether no contact is near now, nor can have been closed within the phase that has led here.
 
-        Args:
-            start: frames at its start; None if they are not known.
-            before: velocity there, (nv,).
-            duration: s.
+        ``start`` are the frames there, None if they are not known.
         """
         data, detector = self._configuration.data, self._detector
         if detector.is_at_limit(data, self._near):
@@ -79,13 +68,9 @@ class Dips:
         return True
 
     def are_together(self, pattern: Pattern, before: np.ndarray, duration: float, gaps: tuple[float, float]) -> bool:
-        """Return whether only the contacts of a plain pattern are near now, closed, and none can have been meanwhile.
+        """Return whether only the contacts of a plain pattern are near now, closed, and no other has been meanwhile.
 
-        Args:
-            pattern: see `Detector.are_closed`.
-            before: velocity at the start of the phase that has led here, (nv,).
-            duration: s.
-            gaps: the smallest and the largest that count as closed, m.
+        ``gaps`` are the smallest and the largest that count as closed, m; see `Detector.are_closed`.
         """
         data, detector = self._configuration.data, self._detector
         reach = self._reach(before, duration)

@@ -15,19 +15,12 @@ _HALVINGS = 60
 
 
 class Observation(NamedTuple):
-    """A contact at the end of a phase.
+    """A contact at the end of a phase."""
 
-    Attributes:
-        contact: a number that tells it from others, the same after phases of any duration.
-        gap: m.
-        rate: contact velocity, m/s.
-        before: contact velocity at the start of the phase, m/s.
-    """
-
-    contact: int
-    gap: float
-    rate: float
-    before: float
+    contact: int  # a number that tells it from others, the same after phases of any duration
+    gap: float  # m
+    rate: float  # contact velocity, m/s
+    before: float  # contact velocity at the start of the phase, m/s
 
 
 class _Node(NamedTuple):

@@ -14,12 +14,7 @@ _GEOM = int(mujoco.mjtObj.mjOBJ_GEOM)
 
 
 class Passing:
-    """How far geoms that can meet move past each other at the velocity of now.
-
-    Args:
-        model: the scene.
-        geoms: pairs that can meet, (p, 2).
-    """
+    """How far geoms that can meet move past each other at the velocity of now."""
 
     def __init__(self, model: mujoco.MjModel, geoms: np.ndarray):
         thin = thickness(model)
@@ -29,13 +24,7 @@ class Passing:
         self._lever = np.where(np.isfinite(thin), np.maximum(model.geom_rbound - thin, 0.0), 0.0)
 
     def parts(self, data: mujoco.MjData, duration: float, *, drift: float) -> int:
-        """Return into how many parts a time is to be cut so that no half of one leads too deep.
-
-        Args:
-            data: the state; its frames become current.
-            duration: the time, s.
-            drift: speed of surfaces that move by themselves, m/s.
-        """
+        """Return into how many parts a time is to be cut so that no half of one is too deep; frames become current."""
         model, size = self._model, self._thickness
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)

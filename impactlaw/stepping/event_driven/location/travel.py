@@ -31,13 +31,7 @@ class Travel:
 
     A pair is safe when the one has moved past the other by at most the pair's own thickness (the sum of the smallest
     half-extents), or the distance between the two geoms at the start of the phase. Bodies that fly side by side are
-    safe, however fast.
-
-    Args:
-        model: the scene.
-        pairs: geoms that can meet.
-        passing: whether any of them can pass through another.
-        turning: whether rotation counts, there or against planes.
+    safe, however fast. Rotation counts where anything is ``turning``.
 
     Attributes:
         farthest: how far a point of a geom can move at most, m per unit of displacement of all coordinates together.

@@ -12,20 +12,14 @@ from impactlaw.stepping.event_driven.location.gap_functions import Observation
 
 
 class TrialStep(NamedTuple):
-    """A smooth phase that has been tried: the contacts at its end, and the smallest gap of those that are not held.
+    """A smooth phase that has been tried: the contacts at its end, and the smallest gap of those that are not held."""
 
-    Attributes:
-        phase: what has been tried.
-        phase_end: the contacts at its end.
-        gap: smallest gap among those that are not held, m. A contact that was deeper at the start counts as touching.
-        deepest: index of that contact, -1 where none is near.
-        keep: what is left to do if the phase is to be kept, see `kept`; None if nothing is.
-    """
-
-    phase: Phase
-    phase_end: PhaseEnd
+    phase: Phase  # what has been tried
+    phase_end: PhaseEnd  # the contacts at its end
+    # smallest gap among those that are not held, m. A contact that was deeper at the start counts as touching
     gap: float
-    deepest: int
+    deepest: int  # index of that contact, -1 where none is near
+    # what is left to do if the phase is to be kept, see `kept`; None if nothing is
     keep: Callable[[], PhaseEnd] | None = None
 
     @classmethod

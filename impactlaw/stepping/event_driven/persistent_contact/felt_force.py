@@ -25,17 +25,11 @@ _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
 class FeltForce(NamedTuple):
-    """What the force that a phase has felt has done to it.
+    """What the force that a phase has felt has done to it."""
 
-    Attributes:
-        impulse: ``tau f``, N s or N m s, (nv,).
-        velocity: ``tau M^-1 f``, (nv,).
-        shift: of the configuration, (nv,).
-    """
-
-    impulse: np.ndarray
-    velocity: np.ndarray
-    shift: np.ndarray
+    impulse: np.ndarray  # ``tau f``, N s or N m s, (nv,)
+    velocity: np.ndarray  # ``tau M^-1 f``, (nv,)
+    shift: np.ndarray  # of the configuration, (nv,)
 
     @classmethod
     def of(cls, configuration: Configuration, force: np.ndarray | None, duration: float) -> FeltForce:
@@ -52,10 +46,6 @@ class FeltForce(NamedTuple):
 
         Otherwise the next phase had better feel nothing: springs near the stability limit of the integrator answer to a
         force with another sign, and there it would grow from step to step.
-
-        Args:
-            impulse: of contact on all degrees of freedom, (nv,).
-            velocity: ``M^-1`` times that, (nv,).
         """
         left = (impulse - self.impulse).dot(velocity - self.velocity)
         return bool(left <= impulse.dot(velocity))

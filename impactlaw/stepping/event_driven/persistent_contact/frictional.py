@@ -45,17 +45,11 @@ _SIGN = np.array([0, 1, -1, 0, 1, -1])  # of a right-handed spin from the one to
 
 
 class _Impulses(NamedTuple):
-    """Impulses of the sustained contacts.
+    """Impulses of the sustained contacts."""
 
-    Attributes:
-        rows: of the contacts that take part.
-        each: of each row, (n,).
-        table: the same by contact and kind of row, (h, 6).
-    """
-
-    rows: Rows
-    each: np.ndarray
-    table: np.ndarray
+    rows: Rows  # of the contacts that take part
+    each: np.ndarray  # of each row, (n,)
+    table: np.ndarray  # the same by contact and kind of row, (h, 6)
 
 
 def hold_with_friction(
@@ -63,17 +57,9 @@ def hold_with_friction(
 ) -> tuple[PhaseEnd, Callable[[], PhaseEnd]]:
     """Bring the position back to the sustained contacts; this moves the scene.
 
-    Args:
-        phase_end: the contacts at the end of the phase.
-        phase: what led there.
-        look_again: detects contacts.
-
     Returns:
         The contacts after the correction, and what brings back the velocity, too, and returns them with that. Before it
         they have the velocity of the impulses that act where the phase has led: enough for one that is only tried.
-
-    Raises:
-        SolverError: no solver has found the impulses.
     """
     configuration = phase_end.now.configuration
     felt = FeltForce.of(configuration, phase.start.force, phase.duration)
@@ -236,20 +222,7 @@ def _unspun(phase_end: PhaseEnd, phase: Phase, rows: Rows, row: np.ndarray, plac
 def solve_cone_rows(
     rows: Rows, velocity: np.ndarray, guess: np.ndarray | None, speed: float, work: Work, *, exact: bool
 ) -> np.ndarray:
-    """Return the impulses with E = 0, (n,), those of friction divided by their coefficients.
-
-    Args:
-        rows: of the contacts that take part.
-        velocity: of each row without impulses, (n,).
-        guess: impulses to start from, (n,).
-        speed: of the scene in the kinetic metric.
-        work: counts what the step has taken.
-        exact: whether friction is exact, or its convex relaxation.
-
-    Raises:
-        SolverError: no solver has found them.
-        UnfinishedStepError: that takes too much work.
-    """
+    """Return the impulses with E = 0, (n,), those of friction divided by their coefficients."""
     count, sizes = len(rows.contact), rows.sizes
     work.solve(count, 0)
     problem = ConeProblem(rows.whitened, velocity, sizes, exact=exact, speed=speed)

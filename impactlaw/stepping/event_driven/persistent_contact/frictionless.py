@@ -30,11 +30,6 @@ from impactlaw.stepping.event_driven.persistent_contact.position import LookAgai
 def hold(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain) -> tuple[PhaseEnd, Callable[[], PhaseEnd] | None]:
     """Bring position and velocity back to the sustained contacts; this moves the scene.
 
-    Args:
-        phase_end: the contacts at the end of the phase.
-        phase: what led there.
-        look_again: detects contacts.
-
     Returns:
         The contacts after the correction, and what is left to do if the phase is to be kept: see `hold_with_friction`.
     """
@@ -56,14 +51,7 @@ def hold(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain) -> tuple[Phas
 
 
 def _hold_velocity(phase_end: PhaseEnd, phase: Phase, velocity: np.ndarray, felt: FeltForce) -> PhaseEnd:
-    """Let no closed contact that is sustained approach; return the contacts with the velocity that they have then.
-
-    Args:
-        phase_end: the contacts where those that are sustained do not overlap.
-        phase: what led there.
-        velocity: without contact, (nv,).
-        felt: what the contact forces in the phase have done.
-    """
+    """Let no closed contact that is sustained approach; return the contacts with the velocity that they have then."""
     now, contact_set = phase_end.now, phase_end.contact_set
     data = now.configuration.data
     held, active = np.flatnonzero(phase_end.sustained & now.closed), np.zeros(len(now.gap), dtype=bool)

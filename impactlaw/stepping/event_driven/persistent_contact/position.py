@@ -27,39 +27,24 @@ _CONFLICT = 1e-9  # part of the largest of multipliers that prove a conflict abo
 
 
 class Cuts(NamedTuple):
-    """Contacts that were seen in earlier corrections, where contact points jump on a face.
+    """Contacts that were seen in earlier corrections, where contact points jump on a face."""
 
-    Attributes:
-        jacobian: their gap gradients, (n, nv).
-        least: smallest shift along them, m, (n,).
-    """
-
-    jacobian: np.ndarray
-    least: np.ndarray
+    jacobian: np.ndarray  # their gap gradients, (n, nv)
+    least: np.ndarray  # smallest shift along them, m, (n,)
 
 
 class Correction(NamedTuple):
-    """One step of Gauss-Newton.
+    """One step of Gauss-Newton."""
 
-    Attributes:
-        sustained: which contacts stay closed, bool (h,).
-        active: which of them need an impulse for that, bool (h,).
-        shift: that opens them, (nv,).
-    """
-
-    sustained: np.ndarray
-    active: np.ndarray
-    shift: np.ndarray
+    sustained: np.ndarray  # which contacts stay closed, bool (h,)
+    active: np.ndarray  # which of them need an impulse for that, bool (h,)
+    shift: np.ndarray  # that opens them, (nv,)
 
 
 def hold_position(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain, felt: np.ndarray) -> PhaseEnd:
     """Move the scene to where contacts that are sustained do not overlap; return the contacts there.
 
-    Args:
-        phase_end: the contacts at the end of the phase.
-        phase: what led there.
-        look_again: detects contacts.
-        felt: shift that contact forces have made in the phase, (nv,); contacts may take back so much of it.
+    They may take back the shift that contact forces have made in the phase, ``felt``, (nv,).
 
     Raises:
         UnfinishedStepError: that would move bodies by far more than they overlap, because equality constraints leave

@@ -6,23 +6,19 @@ import numpy as np
 
 from impactlaw.mechanics.tolerances import SIGNIFICANT
 from impactlaw.scene.equality_constraints import CALM, RESTING
-from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import (
     FIRST,
     clear,
     cleared,
     copied,
     dot,
-    indices,
     kernel,
     norm,
     numbers,
-    once,
     plain,
     put,
     zeros,
 )
-from impactlaw.solvers.cones.solve import linked_improve
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     contact_ints,
@@ -30,34 +26,27 @@ from impactlaw.stepping.compiled.access import (
     data_ints,
     jacobian_of,
     layout_of,
-    model_ints,
     number,
     size,
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, keep
 from impactlaw.stepping.compiled.whitening import unwhitened, whitened
-from impactlaw.stepping.soft.compiled.alone import solve_alone
 from impactlaw.stepping.soft.compiled.contacts.drifting import leave_drifting_out
 from impactlaw.stepping.soft.compiled.contacts.equalities import projected, span
 from impactlaw.stepping.soft.compiled.contacts.found import Found, find, normal_velocities, within_reach
 from impactlaw.stepping.soft.compiled.contacts.rows import everyone, reached_by, read
-from impactlaw.stepping.soft.compiled.contacts.work import most_gained, work_of_each
+from impactlaw.stepping.soft.compiled.contacts.work import work_of_each
+from impactlaw.stepping.soft.compiled.shares import ENOUGH, Wanted, find_impulses
 from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, UNKNOWN
 from impactlaw.stepping.soft.tolerances import GAINED, ROUNDING
 
-COUNT, ENERGY, INTENSITY, DISTANT, LAST = 0, 1, 2, 3, 4
-"""Places in the sums over collisions: their number, T+ - T-, |v+ - v-|, those with a distant effect, and those that
-ended the matter."""
-SUMS = 5
+COUNT, ENERGY, INTENSITY, DISTANT, LAST, SHORT = 0, 1, 2, 3, 4, 5
+"""Places in the sums over collisions: their number, T+ - T-, |v+ - v-|, those with a distant effect, those that
+ended the matter, and whether some of them have lost all restitution."""
+SUMS = 6
 """Numbers of these sums."""
 
-_TOLERANCE = 1e-13  # relative natural map that the solver aims at
-_ENOUGH = 1e-12  # what it must reach
-_ROUNDS = 24  # of its slower methods
-_AGAIN = 4  # times that it goes on from the best point, before Python repeats all of them
-_WORTH_IT = 0.5  # part of the natural map that is left, up to which going on was of use
-_CREATED = 1e-12  # energy, relative to the one before, up to which its creation is rounding
 _DRIVEN = -1  # how a collision has ended that is resolved once more, see `_collide`
 
 
@@ -73,8 +62,8 @@ def _key(w, found, i):
 
 
 @plain
-def _offsets(w, law, found, rows, members, velocity, last, before, b):
-    """Write velocities of rows, and these less what is aimed at, (n,) each; return whether all e are known."""
+def _ask(w, law, found, rows, members, velocity, last, before, restored):
+    """Write velocities of rows, and what restitution adds to them, (n,) each; return whether all e are known."""
     for g in members:
         i, first = rows.of[g], rows.first[g]
         e = 0.0 if last else law.restitution
@@ -88,29 +77,8 @@ def _offsets(w, law, found, rows, members, velocity, last, before, b):
         for r in range(first, first + rows.sizes[g]):
             for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
                 before[r] += rows.val[a] * velocity[rows.col[a]]
-            b[r] = (1.0 + (e if r == first or last else law.sliding)) * before[r]
+            restored[r] = (e if r == first or last else law.sliding) * before[r]
     return True
-
-
-@once
-def _solve(w, law, rows, members, last, b):
-    """Return impulses, (n,), jump, (nv,), and the natural map; one contact alone may have a closed form."""
-    n, k, exact = len(rows.nnz), len(members), law.last_exact if last else law.exact
-    x, z, residual = zeros(n), zeros(w.nv), np.inf
-    first, count = rows.first[members[0]], rows.sizes[members[0]]
-    if k == 1 and count <= 3 and (exact or count == 1):
-        residual = 0.0 if solve_alone(rows, first, count, b, indices(3), numbers(24), x, z) else np.inf
-    for _ in range(0 if residual == 0.0 else _AGAIN):
-        left, before = numbers(1), residual
-        left[0] = 1.0
-        residual, _ = linked_improve(
-            rows.nnz, rows.adr, rows.col, rows.val, model_ints(w, MODEL.dof_treeid, w.nv), rows.first[members],
-            rows.sizes[members], np.full(k, CONE, np.int32), zeros(k), zeros(n), b, exact, _TOLERANCE, _ROUNDS,
-            left, x, z,
-        )  # fmt: skip
-        if residual <= _ENOUGH or not residual < _WORTH_IT * before:
-            break
-    return x, z, residual
 
 
 @kernel
@@ -141,19 +109,17 @@ def _resolve(w, law, found, gamma, calm, rounding, last, guarded, velocity, sums
     if not moves:
         return PYTHON
     members, n = everyone(rows) if last else reached_by(rows, gamma, law.rest_speed, w.nv), len(rows.nnz)
-    v, before, b = numbers(w.nv), zeros(n), zeros(n)
+    v, before, restored, x, z = numbers(w.nv), zeros(n), zeros(n), zeros(n), zeros(w.nv)
     whitened(velocity, factor, Mnnz, Madr, Mcol, root, v)
-    if not _offsets(w, law, found, free, members, v, last, before, b):
+    if not _ask(w, law, found, free, members, v, last, before, restored):
         return UNKNOWN
-    x, z, residual = _solve(w, law, rows, members, last, b)
-    if not residual <= _ENOUGH:
+    speed = norm(v)
+    wanted = Wanted(law.last_exact if last else law.exact, before, restored, v, speed)
+    residual, share = find_impulses(w, rows, members, wanted, x, z)
+    if not residual <= ENOUGH:
         return PYTHON
-    speed, changed = norm(v), norm(z)
-    done, larger = numbers(len(members)), max(speed, changed)
-    distant = work_of_each(rows, members, x, z, before, SIGNIFICANT * speed, done)
-    allowed = 0.5 * (_CREATED + 4.0 * residual) * larger * larger
-    if most_gained(rows, members, done, allowed, w.nv) > allowed:
-        return PYTHON
+    changed = norm(z)
+    distant = work_of_each(rows, members, x, z, before, SIGNIFICANT * speed, numbers(len(members)))
     gained = dot(v, FIRST, z, FIRST, w.nv) + 0.5 * changed * changed
     if guarded and kept > 0 and gained > 0.5 * GAINED * changed * changed:
         return _DRIVEN
@@ -161,6 +127,8 @@ def _resolve(w, law, found, gamma, calm, rounding, last, guarded, velocity, sums
     sums[ENERGY] += gained
     sums[INTENSITY] += changed
     sums[DISTANT] += distant
+    if share == 0.0:
+        sums[SHORT] = 1.0
     unwhitened(z, factor, Mnnz, Madr, Mcol, root, v)
     for i in range(w.nv):
         velocity[i] += v[i]

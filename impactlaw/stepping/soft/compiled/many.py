@@ -14,7 +14,7 @@ from impactlaw.solvers.cones.algebra.loops import numbers
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.fields import DATA, address_of, flags, floats, ints, keep, longs
 from impactlaw.stepping.compiled.pooled import copy_out, other_data
-from impactlaw.stepping.soft.compiled.collide import COUNT, LAST, SUMS
+from impactlaw.stepping.soft.compiled.collide import COUNT, LAST, SHORT, SUMS
 from impactlaw.stepping.soft.compiled.step import STATE, linked_advance
 from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, SETTING, UNKNOWN
 
@@ -32,7 +32,7 @@ class Worlds(NamedTuple):
         settings_of: see `world.Settings`.
         laws_of: address of keys, address of values, and how many, int64 (nsim, 3).
         states_of: room for the state at the start of the call, and how many numbers a state has.
-        memory_of: steps so far with a collision, those whose last one had no restitution, and the time at which the
+        memory_of: steps so far with a collision, those in which one had none left, and the time at which the
             last step has ended without contact, s, or NaN, (nsim, 3), written.
         status_of: how the call has ended, the key that was asked for, and steps taken, int64 (nsim, 3), written; a
             call goes on after so many steps.
@@ -92,7 +92,7 @@ def some_steps(model, data, world, context):
             break
         report[2] += 1
         memory[0] += sums[COUNT] > 0.0
-        memory[1] += sums[LAST] > 0.0
+        memory[1] += sums[LAST] + sums[SHORT] > 0.0
         memory[2] = left[0] if contacts[0] + limits[0] == 0 else np.nan
     if report[0] == FINE:  # else this data is that of the step that failed, or of another world
         if c[WORLDS.forces] != 0:

@@ -19,7 +19,7 @@ from impactlaw.stepping.compiled.libmujoco import callbacks
 from impactlaw.stepping.impact_event import ImpactEvent, Told, together
 from impactlaw.stepping.integration import empty_state, restore_state
 from impactlaw.stepping.soft.compiled import world
-from impactlaw.stepping.soft.compiled.collide import LAST, SUMS
+from impactlaw.stepping.soft.compiled.collide import LAST, SHORT, SUMS
 from impactlaw.stepping.soft.compiled.entry import CONTEXT, EXTRA, LEFT, TOTAL, entry
 from impactlaw.stepping.soft.compiled.law import coefficients, reason, settings
 from impactlaw.stepping.soft.compiled.told import Replay
@@ -128,6 +128,7 @@ class CompiledSoftStepping:
             steps -= taken
             if self._total[0]:
                 self._scheme.collisions.unlocated += int(self._total[LAST])
+                self._scheme.collisions.short_steps += int(self._total[SHORT])
                 parts.append(Replay(self._scheme, self._states[:taken].copy(), self._total, CompiledSoftStepping))
             if how == world.DIVERGED:
                 time = begun + taken * self._model.opt.timestep

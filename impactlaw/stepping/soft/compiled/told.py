@@ -12,16 +12,37 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import SolverError
-from impactlaw.laws import Law, Target
+from impactlaw.laws import Coulomb, Law, Target
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact
+from impactlaw.solvers.friction.solve import THOROUGH
 from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums
 from impactlaw.stepping.integration import restore_state
 from impactlaw.stepping.soft.compiled.entry import EXTRA
 from impactlaw.stepping.soft.scheme import SoftStepping
 
 _SAME = 1e-9  # part of the largest velocity by which two outcomes of a law may differ and be the same
+
+
+class _AsCompiled:
+    """No limit of work, but restitution is left out where compiled code leaves it out; see `Effort`."""
+
+    hasty = True
+
+    def rounds(self, rows: int) -> int:
+        """Return all."""
+        return THOROUGH
+
+    def steps(self, rows: int) -> float:
+        """Return that there is no limit."""
+        return np.inf
+
+    def attempt(self, rows: int, steps: int) -> None:
+        """Let it be."""
+
+    def begin_part(self) -> None:
+        """Let it be."""
 
 
 @dataclass(frozen=True)
@@ -37,16 +58,19 @@ class _Known(Law):
 
     def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
         """Return the impact with the velocity that is known."""
-        impact, velocity = self.law.resolve(collision, solver=solver), next(self.velocities, None)
+        limits = {"effort": _AsCompiled()} if isinstance(self.law, Coulomb) else {}
+        impact, velocity = self.law.resolve(collision, solver=solver, **limits), next(self.velocities, None)
         if velocity is None:
             return impact
         if np.abs(impact.post_velocity - velocity).max() <= _SAME * np.abs(velocity).max():
             return replace(impact, post_velocity=velocity)
         kept: dict[str, Any] = {"target_contact_velocity": impact.target_contact_velocity}
-        if isinstance(impact, FrictionImpact):
-            kept |= {"target_sliding_velocity": impact.target_sliding_velocity, "exact": impact.exact}
         try:
-            return replace(type(impact).observed(collision, velocity), **kept)
+            if not isinstance(impact, FrictionImpact):
+                return replace(Impact.observed(collision, velocity), **kept)
+            for name in ("target_sliding_velocity", "exact", "restitution_scale"):
+                kept[name] = getattr(impact, name)
+            return replace(FrictionImpact.observed(collision, velocity, near=impact), **kept)
         except SolverError:
             return impact
 
@@ -66,7 +90,7 @@ class Replay:
 
     def __init__(self, scheme: SoftStepping, rows: np.ndarray, total: memoryview, compile: Callable[..., Any]):
         self._scheme, self._collider, self._rows, self._compile = scheme, scheme.collisions.collider, rows, compile
-        count, energy, intensity, distant, _ = total
+        count, energy, intensity, distant, *_ = total
         self.sums = ImpactSums(int(count), energy, 0.0, intensity, int(distant), 0)
 
     def __call__(self) -> tuple[ImpactEvent, ...]:

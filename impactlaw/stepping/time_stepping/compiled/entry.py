@@ -20,50 +20,30 @@ from impactlaw.stepping.time_stepping.compiled.step import STATE, linked_advance
 
 
 class Context(NamedTuple):
-    """Places in the numbers that an entry is given: addresses, and after some of them how many numbers are there.
+    """Places in the numbers that an entry is given: addresses, and after some of them how many numbers are there."""
 
-    Attributes:
-        model: of the scene.
-        data: of the world.
-        scratch: other data.
-        table: offsets of fields.
-        settings: see `world.Settings`.
-        carriers: which mocap body carries each geom.
-        bilateral: which equality constraints a collision must not violate.
-        keys: of the law's contacts, and how many.
-        values: their restitution.
-        memory: of the world, and how many numbers.
-        structure: room for a copy of the model's structure.
-        margins: room for its margins, and how many.
-        state: room for the state, and how many numbers.
-        before: room for the memory as it was before the step.
-        callbacks: addresses of MuJoCo's callbacks, and how many.
-        status: how the step has ended, written.
-        asked: see `law.LawTable`, written.
-    """
-
-    model: int = 0
-    data: int = 1
-    scratch: int = 2
-    table: int = 3
-    settings: int = 4
-    carriers: int = 5
-    bilateral: int = 6
-    keys: int = 7
-    values: int = 8
+    model: int = 0  # of the scene
+    data: int = 1  # of the world
+    scratch: int = 2  # other data
+    table: int = 3  # offsets of fields
+    settings: int = 4  # see `world.Settings`
+    carriers: int = 5  # which mocap body carries each geom
+    bilateral: int = 6  # which equality constraints a collision must not violate
+    keys: int = 7  # of the law's contacts, and how many
+    values: int = 8  # their restitution
     known: int = 9
-    memory: int = 10
+    memory: int = 10  # of the world, and how many numbers
     memories: int = 11
-    structure: int = 12
-    margins: int = 13
+    structure: int = 12  # room for a copy of the model's structure
+    margins: int = 13  # room for its margins, and how many
     margin_count: int = 14
-    state: int = 15
+    state: int = 15  # room for the state, and how many numbers
     states: int = 16
-    before: int = 17
-    callbacks: int = 18
+    before: int = 17  # room for the memory as it was before the step
+    callbacks: int = 18  # addresses of MuJoCo's callbacks, and how many
     callback_count: int = 19
-    status: int = 20
-    asked: int = 21
+    status: int = 20  # how the step has ended, written
+    asked: int = 21  # see `law.LawTable`, written
 
 
 CONTEXT = Context()
@@ -98,43 +78,26 @@ def one_step(context):
 
 
 class Worlds(NamedTuple):
-    """Places in the numbers that an entry of many worlds is given; of each world there is one of what ends in _of.
+    """Places in the numbers that an entry of many worlds is given; of each world there is one of what ends in _of."""
 
-    Attributes:
-        table: offsets of fields.
-        carriers: which mocap body carries each geom.
-        bilateral: which equality constraints a collision must not violate.
-        margin_count: numbers that a copy of a model needs for margins.
-        states: numbers of a state.
-        memories: numbers that a world remembers.
-        steps: to take.
-        slots: of pairs of data and other data, and how many: each thread of the pool has its own.
-        settings_of: see `world.Settings`.
-        laws_of: address of keys, address of values, and how many, int64 (nsim, 3).
-        memory_of: see `memory`.
-        status_of: how the last call has ended, and the key that was asked for, int64 (nsim, 2), written.
-        outputs: fields of data that are copied out: where data tells their address, where those of world 0 are to be,
-            and bytes of each world, int64 (k, 3).
-        output_count: k.
-        forces: whether the forces on bodies in the last timestep, such as cfrc_ext, are computed.
-    """
-
-    table: int = 0
-    carriers: int = 1
-    bilateral: int = 2
-    margin_count: int = 3
-    states: int = 4
-    memories: int = 5
-    steps: int = 6
-    slots: int = 7
+    table: int = 0  # offsets of fields
+    carriers: int = 1  # which mocap body carries each geom
+    bilateral: int = 2  # which equality constraints a collision must not violate
+    margin_count: int = 3  # numbers that a copy of a model needs for margins
+    states: int = 4  # numbers of a state
+    memories: int = 5  # numbers that a world remembers
+    steps: int = 6  # to take
+    slots: int = 7  # of pairs of data and other data, and how many: each thread of the pool has its own
     slot_count: int = 8
-    settings_of: int = 9
-    laws_of: int = 10
-    memory_of: int = 11
-    status_of: int = 12
+    settings_of: int = 9  # see `world.Settings`
+    laws_of: int = 10  # address of keys, address of values, and how many, int64 (nsim, 3)
+    memory_of: int = 11  # see `memory`
+    status_of: int = 12  # how the last call has ended, and the key that was asked for, int64 (nsim, 2), written
+    # fields of data that are copied out: where data tells their address, where those of world 0 are to be, and bytes of
+    # each world, int64 (k, 3)
     outputs: int = 13
-    output_count: int = 14
-    forces: int = 15
+    output_count: int = 14  # k
+    forces: int = 15  # whether the forces on bodies in the last timestep, such as cfrc_ext, are computed
 
 
 WORLDS = Worlds()

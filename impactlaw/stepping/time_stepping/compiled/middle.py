@@ -8,16 +8,19 @@ import numpy as np
 from impactlaw.solvers.cones.algebra.loops import clear, norm, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
+    contact_floats,
+    contact_ints,
     data_floats,
     model_floats,
     model_ints,
+    number,
     offset,
     option,
     rows_of,
     size,
     velocity_of,
 )
-from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, flags, floats, ints, table_floats
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, ints, table_floats
 from impactlaw.stepping.time_stepping.compiled.borrow import widen_limits
 from impactlaw.stepping.time_stepping.compiled.ends import update_frames
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle
@@ -31,6 +34,7 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
 )
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.margins import ALWAYS, outruns, write_arms, write_margins, write_sizes
+from impactlaw.stepping.time_stepping.problem.planes import put_on_planes
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
@@ -219,11 +223,24 @@ def _find_contacts(w, margins):
         seen = warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1]
         mj.fwd_position(w.model, w.data)
         if warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1] == seen:
+            _level(w)
             return False
         for i in range(len(margins)):
             margins[i] *= share
     mj.fwd_position(w.model, w.data)
+    _level(w)
     return True
+
+
+@plain
+def _level(w):
+    """Put points of contact of one face into one plane; see `problem.planes`."""
+    if number(w, DATA.ncon) > 1 and put_on_planes(
+        contact_floats(w, CONTACT.dist, 1)[:, 0], contact_floats(w, CONTACT.pos, 3),
+        contact_floats(w, CONTACT.frame, 9), contact_ints(w, CONTACT.geom, 2),
+        model_ints(w, MODEL.geom_bodyid, size(w, MODEL.ngeom)),
+    ):  # fmt: skip
+        mj.make_constraint(w.model, w.data)
 
 
 @plain

@@ -37,13 +37,7 @@ _DATA, _STATUS, _COLLIDED = CONTEXT.data, CONTEXT.status, MEMORY.collided
 
 
 class CompiledStepping:
-    """Time stepping in compiled code; see `scheme.TimeStepping`, whose interface it has.
-
-    Args:
-        scheme: the scheme in Python, whose options it has, and which takes what compiled code does not.
-        warn: whether to warn where it does.
-        sums: whether the memory has the sums over the collisions of each step.
-    """
+    """Time stepping in compiled code; see `scheme.TimeStepping`, whose interface it has."""
 
     def __init__(self, scheme: TimeStepping, *, warn: bool, sums: bool = False):
         self._scheme, self._warn, self._sums = scheme, warn, float(sums)

@@ -23,13 +23,7 @@ from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 
 class Teller:
-    """Takes the steps of one law once more: in compiled code for sums, in Python for events.
-
-    Args:
-        scheme: in Python.
-        compile: makes compiled steps that find sums.
-        settings: of the steps, see `state.world.Settings`.
-    """
+    """Takes the steps of one law once more: in compiled code for sums, in Python for events."""
 
     def __init__(self, scheme: TimeStepping, compile: Callable[[TimeStepping], Any], settings: np.ndarray):
         self.scheme, self._compile, self._settings = scheme, compile, settings

@@ -14,7 +14,7 @@ from impactlaw.scene.equality_constraints import CALM, DRIFT, TIED, TYING
 from impactlaw.solvers.cones import BILATERAL, CONE
 from impactlaw.solvers.cones.algebra.loops import plain, zeros
 from impactlaw.stepping.time_stepping.problem.rows import NEAR
-from impactlaw.stepping.time_stepping.tolerances import CALM_TIES
+from impactlaw.stepping.time_stepping.tolerances import CALM_TIES, DRIVEN, STIFF
 
 _ALL = 1e-12  # square of what is left of a gradient that the constraint takes as a whole
 
@@ -54,9 +54,11 @@ def _is_closed_by(sparse, colind, value, rates, row, limit, fastest, work):
 
 
 @plain
-def find_drifts(sparse, colind, value, groups, amounts, rates, collides, work, found):
-    """Write what `drifts` returns to False, (g,); there are zeros, (nv,)."""
-    fastest = _fastest(sparse, value, groups, rates, collides)
+def _find_drifts(sparse, colind, value, groups, amounts, rates, collides, fastest, work, found):
+    """Write to False which groups are equality constraints that close a limit by giving way, (g,).
+
+    There are zeros, (nv,).
+    """
     for g in range(len(found)):
         row = groups[0, g]
         if groups[2, g] != BILATERAL:
@@ -72,9 +74,13 @@ def find_drifts(sparse, colind, value, groups, amounts, rates, collides, work, f
 
 
 @plain
-def find_calm(sparse, value, groups, rates, collides, kinds, found):
-    """Write what `calm` returns to False, (g,)."""
-    fastest, longest = 0.0, _fastest(sparse, value, groups, rates, collides)
+def _find_calm(sparse, value, groups, rates, collides, kinds, longest, found):
+    """Write to False which groups are equality constraints that can keep their velocity in a collision, (g,).
+
+    That is nothing next to the collision. For couplings, whose units are not those of contact, both are taken in the
+    kinetic metric.
+    """
+    fastest = 0.0
     for g in range(len(collides)):
         if collides[g]:
             fastest = max(fastest, abs(rates[1, groups[0, g]]))
@@ -86,21 +92,43 @@ def find_calm(sparse, value, groups, rates, collides, kinds, found):
             found[g] = abs(rates[1, row]) <= CALM * longest * np.sqrt(_square(sparse, value, row))
 
 
-@compiled()
-def calm(sparse, value, groups, rates, collides, kinds):
-    """Return which groups are equality constraints that can keep their velocity in a collision, bool (g,).
+@plain
+def hold_constraints(sparse, colind, value, groups, amounts, rates, collides, kinds, own, work, given, kept):
+    """Do what `hold` does; there are zeros, (nv,), and twice False, (g,)."""
+    fastest = _fastest(sparse, value, groups, rates, collides)
+    _find_drifts(sparse, colind, value, groups, amounts, rates, collides, fastest, work, given)
+    _find_calm(sparse, value, groups, rates, collides, kinds, fastest, kept)
+    for g in range(len(kept)):
+        row = groups[0, g]
+        if groups[2, g] != BILATERAL:
+            continue
+        full = own[sparse[2, row]]
+        held = kept[g] or rates[4, row] < full  # by a collision before, in the same step
+        rates[4, row] = full
+        if held and not given[g]:
+            drift = (rates[1, row] + rates[3, row]) / fastest if kinds[g] == TYING else 0.0
+            rates[4, row] = min(full, max(STIFF * full, 0.25 * drift * drift / DRIVEN))
 
-    That is nothing next to the collision. For couplings, whose units are not those of contact, both are taken in the
-    kinetic metric. `kinds` are those of `constraint_kinds` for each group, and 0 for other rows, (g,).
+
+@compiled()
+def hold(sparse, colind, value, groups, amounts, rates, collides, kinds, own, nv):
+    """Let equality constraints keep their velocity in a collision, those that do not move against themselves.
+
+    Ties do not become so stiff that they could drive the collision. One with a compliance R, which has the velocity
+    gamma and aims at t, does the work ``(t - gamma+) (gamma + gamma+) / 2 R``, at most ``(gamma + t)^2 / 8 R``. Rows
+    that depend on each other but for a violation come near to that: all that resists them is the turn of the whole.
+
+    Args:
+        sparse: see `rows.Rows`, like the five that follow; compliances in `rates` are written.
+        colind: see there.
+        value: see there.
+        groups: see there.
+        amounts: see there.
+        rates: see there.
+        collides: which groups collide, bool (g,).
+        kinds: those of `constraint_kinds` for each group, and 0 for other rows, (g,).
+        own: compliances of MuJoCo's rows, (nefc,).
+        nv: degrees of freedom.
     """
-    found = np.zeros(len(collides), np.bool_)
-    find_calm(sparse, value, groups, rates, collides, kinds, found)
-    return found
-
-
-@compiled()
-def drifts(sparse, colind, value, groups, amounts, rates, collides, nv):
-    """Return which groups are equality constraints that close a limit by giving way, bool (g,); see `rows.Rows`."""
-    found = np.zeros(len(collides), np.bool_)
-    find_drifts(sparse, colind, value, groups, amounts, rates, collides, zeros(nv), found)
-    return found
+    given, kept = np.zeros(len(collides), np.bool_), np.zeros(len(collides), np.bool_)
+    hold_constraints(sparse, colind, value, groups, amounts, rates, collides, kinds, own, zeros(nv), given, kept)

@@ -13,6 +13,7 @@ from impactlaw.solvers.cones.algebra.loops import (
     cleared,
     indices,
     integers,
+    kernel,
     numbers,
     once,
     plain,
@@ -202,6 +203,18 @@ def reached_by(rows, gamma, speed, nv):
     queue = indices(len(rows.of))
     end = _reach(rows, gamma, speed, cleared(len(queue)), zeros(nv), numbers(len(rows.nnz)), queue)
     return queue[:end]
+
+
+@kernel
+def influenced(rows, g, nv, queue):
+    """Write the contacts that an impulse of a contact can reach through others, that one among them; return how many.
+
+    ``queue`` is room, (k,).
+    """
+    k = len(rows.of)
+    gamma = zeros(rows.of[k - 1] + 1)  # as if that contact alone collided
+    gamma[rows.of[g]] = -1.0
+    return _reach(rows, gamma, 0.0, cleared(k), zeros(nv), numbers(len(rows.nnz)), queue)
 
 
 @once

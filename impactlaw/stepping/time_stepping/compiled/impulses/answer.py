@@ -14,41 +14,28 @@ from impactlaw.stepping.time_stepping.compiled.state.kinds import typeof
 from impactlaw.stepping.time_stepping.compiled.state.law import ask_law, reverse
 from impactlaw.stepping.time_stepping.compiled.state.status import CREATES, FINE, NOT_FINITE
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.problem.drifts import find_calm, find_drifts
+from impactlaw.stepping.time_stepping.problem.drifts import hold_constraints
 from impactlaw.stepping.time_stepping.problem.phases import find_later
 from impactlaw.stepping.time_stepping.problem.solution.resolve import linked_resolve
 from impactlaw.stepping.time_stepping.problem.targets import aim, close_gaps
-from impactlaw.stepping.time_stepping.tolerances import RESOLVED, STIFF
+from impactlaw.stepping.time_stepping.tolerances import RESOLVED
 
 _APART = np.bool_(False)  # laws in compiled code couple only contacts that influence each other
 
 
 class Solved(NamedTuple):
-    """What is known of a solution; see `resolve.resolve_step`.
+    """What is known of a solution; see `resolve.resolve_step`."""
 
-    Attributes:
-        collided: whether some contact collides.
-        opens: whether overlaps have to be opened.
-        missed: largest amount by which a contact velocity misses its target, m/s or rad/s.
-        fastest: largest velocity of a row, m/s or rad/s.
-        share: of restitution that there is, the least one.
-        created: energy that the law would create, J.
-        work: of contact, J.
-        rounding: what of it is rounding, J.
-        status: see `status`.
-        sharp: whether the impulses solve the problem as it was given, as well as solvers can.
-    """
-
-    collided: bool
-    opens: bool
-    missed: float
-    fastest: float
-    share: float
-    created: float
-    work: float
-    rounding: float
-    status: int
-    sharp: bool
+    collided: bool  # whether some contact collides
+    opens: bool  # whether overlaps have to be opened
+    missed: float  # largest amount by which a contact velocity misses its target, m/s or rad/s
+    fastest: float  # largest velocity of a row, m/s or rad/s
+    share: float  # of restitution that there is, the least one
+    created: float  # energy that the law would create, J
+    work: float  # of contact, J
+    rounding: float  # what of it is rounding, J
+    status: int  # see `status`
+    sharp: bool  # whether the impulses solve the problem as it was given, as well as solvers can
 
 
 NO_ANSWER = Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, FINE, False)
@@ -71,14 +58,10 @@ def _stiffen(w, rows, collides):
     number_of, compliance = data_ints(w, DATA.efc_id, n), data_floats(w, DATA.efc_R, n)
     kinds, given, kept = counts(len(rows.key)), cleared(len(rows.key)), cleared(len(rows.key))
     _find_kinds(w, rows, number_of, kinds)
-    find_drifts(
-        rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, zeros(w.nv), given
-    )
-    find_calm(rows.sparse, rows.value, rows.groups, rows.rates, collides, kinds, kept)
-    for g in range(len(rows.key)):
-        row = rows.groups[0, g]
-        if kept[g] and not given[g]:
-            rows.rates[4, row] = STIFF * compliance[rows.sparse[2, row]]
+    hold_constraints(
+        rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, kinds, compliance,
+        zeros(w.nv), given, kept,
+    )  # fmt: skip
 
 
 @plain

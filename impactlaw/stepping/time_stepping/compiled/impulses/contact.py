@@ -45,20 +45,14 @@ from impactlaw.stepping.time_stepping.problem.rows import count_groups, entries_
 
 
 class Outcome(NamedTuple):
-    """What contact does in a step; rows and impulses are in the room of the step, see `state.room`.
+    """What contact does in a step; rows and impulses are in the room of the step, see `state.room`."""
 
-    Attributes:
-        groups: that take part.
-        rows: of these.
-        solved: what is known of the solution.
-        later: whether restitution is lost: contacts that are hit only through others were not left for a phase of their
-            own, bodies jam, there was no work left to find how much of it creates no energy, or contacts are left out
-            that the velocity found would close.
-    """
-
-    groups: int
-    rows: int
-    solved: Solved
+    groups: int  # that take part
+    rows: int  # of these
+    solved: Solved  # what is known of the solution
+    # whether restitution is lost: contacts that are hit only through others were not left for a phase of their own,
+    # bodies jam, there was no work left to find how much of it creates no energy, or contacts are left out that the
+    # velocity found would close
     later: bool
 
 

@@ -18,17 +18,11 @@ Array = np.ndarray[Any, Any]
 
 
 class LawTable(NamedTuple):
-    """A law whose contacts know their own restitution.
+    """A law whose contacts know their own restitution."""
 
-    Attributes:
-        key: of contacts and limits, see `rows.Rows`, ascending, int64 (k,).
-        value: e of each, (k,).
-        asked: key of the contact that is not among them, int64 (1,), written.
-    """
-
-    key: Array
-    value: Array
-    asked: Array
+    key: Array  # of contacts and limits, see `rows.Rows`, ascending, int64 (k,)
+    value: Array  # e of each, (k,)
+    asked: Array  # key of the contact that is not among them, int64 (1,), written
 
 
 @kernel

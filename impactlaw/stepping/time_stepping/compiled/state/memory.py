@@ -16,54 +16,32 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import forget_surf
 
 
 class Memory(NamedTuple):
-    """Places in the row of numbers of a world; what is left and gained follows.
+    """Places in the row of numbers of a world; what is left and gained follows."""
 
-    Attributes:
-        block: address of the impulses of the last step, an int64.
-        capacity: bytes there, an int64.
-        other: another such address: the impulses of the step before the last one.
-        other_capacity: bytes there, an int64.
-        groups: of the last step, an int64.
-        rows: of the last step, an int64.
-        known: whether there was a last step, and the state that it left is the one of now if it looks the same, int64.
-        solved: whether the last step with contact has met its law, an int64.
-        steps: taken so far.
-        short_steps: of these, steps that have missed it; see `scheme.TimeStepping`.
-        impacts: steps so far with a collision.
-        collided: 1 if the last step had one.
-        shortfall: largest amount by which a contact velocity of the last step misses its law, m/s or rad/s.
-        worst: the largest of these so far.
-        created: energy that the law would have created in the last step, J.
-        work: part of the work allowed in a step that is left in this one, see `solvers.cones.hybrid`.
-        found_groups: of the impulses found so far in a step that is taken again, an int64.
-        found_rows: the same of their rows, 0 if there are none, an int64.
-        found_work: what was left of the work allowed when they were found.
-        sums: over the collisions of the last step, see `sums`, if they are asked for, four numbers.
-        left: nothing but the number of places: here qpos and qvel begin that the last step has left, and after them
-            the velocity that forces have added without contact in the last step, what contact has added to that if
-            nothing collided, and what is known of mocap bodies, see `surfaces`.
-    """
-
-    block: int = 0
-    capacity: int = 1
-    groups: int = 2
-    rows: int = 3
-    other: int = 4
-    other_capacity: int = 5
+    block: int = 0  # address of the impulses of the last step, an int64
+    capacity: int = 1  # bytes there, an int64
+    groups: int = 2  # of the last step, an int64
+    rows: int = 3  # of the last step, an int64
+    other: int = 4  # another such address: the impulses of the step before the last one
+    other_capacity: int = 5  # bytes there, an int64
+    # whether there was a last step, and the state that it left is the one of now if it looks the same, int64
     known: int = 6
-    solved: int = 7
-    steps: int = 8
-    short_steps: int = 9
-    impacts: int = 10
-    collided: int = 11
-    shortfall: int = 12
-    worst: int = 13
-    created: int = 14
-    work: int = 15
-    found_groups: int = 16
-    found_rows: int = 17
-    found_work: int = 18
-    sums: int = 19
+    solved: int = 7  # whether the last step with contact has met its law, an int64
+    steps: int = 8  # taken so far
+    short_steps: int = 9  # of these, steps that have missed it; see `scheme.TimeStepping`
+    impacts: int = 10  # steps so far with a collision
+    collided: int = 11  # 1 if the last step had one
+    shortfall: int = 12  # largest amount by which a contact velocity of the last step misses its law, m/s or rad/s
+    worst: int = 13  # the largest of these so far
+    created: int = 14  # energy that the law would have created in the last step, J
+    work: int = 15  # part of the work allowed in a step that is left in this one, see `solvers.cones.hybrid`
+    found_groups: int = 16  # of the impulses found so far in a step that is taken again, an int64
+    found_rows: int = 17  # the same of their rows, 0 if there are none, an int64
+    found_work: int = 18  # what was left of the work allowed when they were found
+    sums: int = 19  # over the collisions of the last step, see `sums`, if they are asked for, four numbers
+    # nothing but the number of places: here qpos and qvel begin that the last step has left, and after them the
+    # velocity that forces have added without contact in the last step, what contact has added to that if nothing
+    # collided, and what is known of mocap bodies, see `surfaces`
     left: int = 23
 
 

@@ -18,25 +18,15 @@ Array = np.ndarray[Any, Any]
 
 
 class Room(NamedTuple):
-    """Addresses of what a step needs for its contacts, and how large that can be.
+    """Addresses of what a step needs for its contacts, and how large that can be."""
 
-    Attributes:
-        rows: of `Rows`.
-        answer: of `Answer`.
-        known: of groups, keys, coefficients and impulses that are known last.
-        velocities: of velocities, (`VELOCITIES`, nv).
-        sums: over the collisions, see `sums`.
-        entries: most entries of whitened rows.
-        nv: degrees of freedom.
-    """
-
-    rows: int
-    answer: int
-    known: int
-    velocities: int
-    sums: int
-    entries: int
-    nv: int
+    rows: int  # of `Rows`
+    answer: int  # of `Answer`
+    known: int  # of groups, keys, coefficients and impulses that are known last
+    velocities: int  # of velocities, (`VELOCITIES`, nv)
+    sums: int  # over the collisions, see `sums`
+    entries: int  # most entries of whitened rows
+    nv: int  # degrees of freedom
 
 
 class Answer(NamedTuple):

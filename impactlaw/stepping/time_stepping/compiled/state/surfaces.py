@@ -32,49 +32,28 @@ _MEETS = 2.0
 
 
 class Head(NamedTuple):
-    """Places of the numbers before the rows.
+    """Places of the numbers before the rows."""
 
-    Attributes:
-        time: when the last step ended, s; NaN if there was none.
-        began: when this step began, s.
-        speed: how fast a point of a moving surface is at most in this step, m/s.
-        moves: 1 if bodies that can meet others move in this step.
-        still: 1 if no body moves in this step, nor did at the end of the one before.
-    """
-
-    time: int = 0
-    began: int = 1
-    speed: int = 2
-    moves: int = 3
-    still: int = 4
+    time: int = 0  # when the last step ended, s; NaN if there was none
+    began: int = 1  # when this step began, s
+    speed: int = 2  # how fast a point of a moving surface is at most in this step, m/s
+    moves: int = 3  # 1 if bodies that can meet others move in this step
+    still: int = 4  # 1 if no body moves in this step, nor did at the end of the one before
 
 
 class Row(NamedTuple):
-    """Where parts of the row of a body begin: poses have 7 numbers, velocities 6.
+    """Where parts of the row of a body begin: poses have 7 numbers, velocities 6."""
 
-    Attributes:
-        target: pose that the last step went to.
-        mean: mean velocity of the last step.
-        last: velocity at the end of the last step.
-        start: pose at the start of this step.
-        to: pose that this step goes to.
-        through: mean velocity of this step.
-        first: velocity at the start of this step.
-        end: velocity at the end of this step.
-        now: velocity in the middle of this step.
-        width: of a row.
-    """
-
-    target: int = 0
-    mean: int = 7
-    last: int = 13
-    start: int = 19
-    to: int = 26
-    through: int = 33
-    first: int = 39
-    end: int = 45
-    now: int = 51
-    width: int = 57
+    target: int = 0  # pose that the last step went to
+    mean: int = 7  # mean velocity of the last step
+    last: int = 13  # velocity at the end of the last step
+    start: int = 19  # pose at the start of this step
+    to: int = 26  # pose that this step goes to
+    through: int = 33  # mean velocity of this step
+    first: int = 39  # velocity at the start of this step
+    end: int = 45  # velocity at the end of this step
+    now: int = 51  # velocity in the middle of this step
+    width: int = 57  # of a row
 
 
 HEAD, ROW = Head(), Row()

@@ -1,0 +1,115 @@
+"""What follows where Newton's method fails: do bodies jam, and if not, is there an answer inside of the cones?
+
+Rounds of slower methods take hundreds of steps to find neither.
+"""
+
+import numpy as np
+
+from impactlaw.compiled import compiled
+from impactlaw.linked import linked
+from impactlaw.solvers.cones.algebra.loops import Array, clear, copied, counts, indices, numbers, put, unset
+from impactlaw.solvers.cones.algebra.projection import norm_of
+from impactlaw.solvers.cones.algebra.structure import delassus
+from impactlaw.solvers.cones.convex import out_of_reach
+from impactlaw.solvers.cones.interior import linked_interior
+from impactlaw.solvers.cones.islands import build
+from impactlaw.solvers.cones.newton import DE_SAXCE, linked_newton
+from impactlaw.solvers.cones.rows import islands, lengths, trees_of
+from impactlaw.solvers.cones.solve import in_islands
+
+_STEPS, _AFTER, _ENDLESS = np.int64(15), np.int64(25), np.int64(1000)  # of the interior point method, and Newton's
+_HANDED_ON = 1e4  # tolerances that will do before Newton's method
+_ONE, _NO_EASE = 1.0, 0.0
+_DENSE, _REDUCED = 1e-12, 1e-9  # least regularization of the system of all rows, and of the degrees of freedom
+
+
+@compiled(
+    "boolean(int64[::1],int32[::1],int32[::1],int32[::1],float64[::1],int32[::1],int32[::1],int32[::1],int32[::1],"
+    "float64[::1],float64[::1],float64[::1],float64[::1],boolean,float64,float64[::1],int64[::1],int64[::1])"
+)
+def _retry_one(
+    members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, exact, tolerance,
+    x, number, seen,
+):  # fmt: skip
+    """Do what `retry` does for the groups of one island."""
+    P, K = build(
+        members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, exact, number,
+        seen,
+    )  # fmt: skip
+    scale, n = 0.0, len(P.b)
+    for g in range(len(members)):
+        scale = max(scale, norm_of(P.b, P.start[g], P.start[g + 1]))
+    jams = out_of_reach(P, K, scale)[1]
+    if jams or not exact or len(K.width) > 1:
+        return jams
+    few = n <= P.nv
+    G, start = numbers(n * n if few else 0), numbers(n)
+    if few:
+        delassus(P, G)
+    for j in range(len(members)):
+        for k in range(size[members[j]]):
+            start[P.start[j] + k] = x[first[members[j]] + k] * length[members[j]]
+    point, least = copied(start), np.inf
+    for again in range(2):
+        if again:
+            clear(point)
+        linked_interior(P, K, point, scale, _HANDED_ON * tolerance * scale, _STEPS)
+        _, r = linked_newton(
+            P, K, G, point, tolerance * scale, _AFTER, DE_SAXCE, _ONE, _DENSE if few else _REDUCED, _NO_EASE, _ENDLESS
+        )  # fmt: skip
+        if r < least:
+            least = r
+            put(start, point)
+        if least <= tolerance * scale:
+            break
+    for j in range(len(members)):
+        for k in range(size[members[j]]):
+            x[first[members[j]] + k] = start[P.start[j] + k] / length[members[j]]
+    return False
+
+
+_linked_one = linked(_retry_one)
+
+
+@compiled(
+    "boolean(int32[::1],int32[::1],int32[::1],float64[::1],int32[::1],int32[::1],int32[::1],int32[::1],float64[::1],"
+    "float64[::1],float64[::1],boolean,float64,float64[::1])"
+)
+def retry(
+    rownnz: Array,
+    rowadr: Array,
+    colind: Array,
+    value: Array,
+    tree: Array,
+    first: Array,
+    size: Array,
+    kind: Array,
+    bound: Array,
+    compliance: Array,
+    b: Array,
+    exact: bool,
+    tolerance: float,
+    x: Array,
+) -> bool:
+    """Overwrite a guess x by what is found near the interior; return whether bodies jam, see `convex.out_of_reach`.
+
+    There are cones only. The arguments are those of `solve.solve`.
+    """
+    groups, trees, jammed = len(first), trees_of(tree), False
+    length, label, parent, root = numbers(groups), indices(groups), indices(trees), indices(trees)
+    lengths(rownnz, rowadr, value, first, size, compliance, length)
+    count = islands(rownnz, rowadr, colind, value, tree, first, size, length, label, parent, root)
+    begin, at, order = counts(count + 1), indices(count), indices(groups)
+    in_islands(label, begin, at, order)
+    number, seen = unset(len(tree)), unset(len(tree))
+    for i in range(count):
+        members = order[begin[i] : begin[i + 1]]
+        jammed = jammed or _linked_one(
+            members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, exact,
+            tolerance, x, number, seen,
+        )  # fmt: skip
+    return jammed
+
+
+linked_retry = linked(retry)
+"""What compiled functions call."""

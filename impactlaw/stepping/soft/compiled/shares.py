@@ -1,0 +1,234 @@
+"""Impulses of a collision with all its restitution, or as much as creates no energy, as `laws.friction.scaled` has it.
+
+Bodies that jam, so that friction leaves no solution with restitution, have none.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from impactlaw.laws.friction import share
+from impactlaw.laws.friction.share import AIM, CREATED, FOUND, SEARCHES, SOLVABLE
+from impactlaw.solvers.cones import CONE
+from impactlaw.solvers.cones.algebra.loops import clear, cleared, copied, indices, kernel, norm, numbers, plain, zeros
+from impactlaw.solvers.cones.retry import linked_retry
+from impactlaw.solvers.cones.rows import impulse_jump, lengths
+from impactlaw.solvers.cones.solve import linked_improve
+from impactlaw.stepping.compiled.access import model_ints
+from impactlaw.stepping.compiled.fields import MODEL
+from impactlaw.stepping.soft.compiled.alone import solve_alone
+from impactlaw.stepping.soft.compiled.contacts.rows import influenced
+from impactlaw.stepping.soft.compiled.contacts.work import most_gained, work_of_each
+
+Array = np.ndarray[Any, Any]
+
+ENOUGH = 1e-12
+"""Natural map, relative to velocities, that the solver must reach."""
+_TOLERANCE = 1e-13  # what it aims at
+_ROUNDS = 24  # of its slower methods
+_AGAIN = 4  # times that it begins, at first without these
+_WORTH_IT = 0.5  # part of the natural map that is left, up to which going on was of use
+_NONE = np.inf  # energy created where there are no impulses
+_next_share = plain(share.next_share)
+
+
+class Wanted(NamedTuple):
+    """What a collision is asked for.
+
+    Attributes:
+        exact: exact Coulomb friction, or its convex relaxation.
+        before: velocities of all rows, (n,).
+        restored: what restitution asks for in addition to none being left of these, (n,).
+        velocity: whitened, before it, (nv,).
+        speed: its length.
+    """
+
+    exact: bool
+    before: Array
+    restored: Array
+    velocity: Array
+    speed: float
+
+
+@kernel
+def _sharpness(rows, members, firsts, sizes, compliance, b, velocity):
+    """Return how much larger the speed of what takes part is than what is asked of it, 1 or more.
+
+    Rounding is a part of the speed: what rests on fast bodies cannot be solved to as small a part of its own.
+    """
+    length, touched, asked, square = numbers(len(members)), cleared(len(velocity)), 0.0, 0.0
+    lengths(rows.nnz, rows.adr, rows.val, firsts, sizes, compliance, length)
+    for j in range(len(members)):
+        own = 0.0
+        for i in range(firsts[j], firsts[j] + sizes[j]):
+            own += b[i] * b[i]
+            for a in range(rows.adr[i], rows.adr[i] + rows.nnz[i]):
+                d = rows.col[a]
+                square += 0.0 if touched[d] else velocity[d] ** 2
+                touched[d] = True
+        if length[j] > 0.0:
+            asked = max(asked, np.sqrt(own) / length[j])
+    return max(1.0, np.sqrt(square) / asked) if asked > 0.0 else 1.0
+
+
+@kernel
+def _solve(w, rows, members, wanted, s, x, z):
+    """Overwrite a guess of impulses, (n,), for a share s of restitution, write their jump, return the natural map."""
+    n, k, b, residual, left = len(x), len(members), numbers(len(x)), np.inf, numbers(1)
+    for i in range(n):
+        b[i] = wanted.before[i] + s * wanted.restored[i]
+    first, count = rows.first[members[0]], rows.sizes[members[0]]
+    if k == 1 and count <= 3 and (wanted.exact or count == 1):
+        if solve_alone(rows, first, count, b, indices(3), numbers(24), x, z):
+            return 0.0
+    tree, firsts, sizes = model_ints(w, MODEL.dof_treeid, w.nv), rows.first[members], rows.sizes[members]
+    kinds, bounds, compliance = np.full(k, CONE, np.int32), zeros(k), zeros(n)
+    sharp = _sharpness(rows, members, firsts, sizes, compliance, b, wanted.velocity)
+    for attempt in range(_AGAIN):
+        before, left[0] = residual, 1.0
+        residual, _ = linked_improve(
+            rows.nnz, rows.adr, rows.col, rows.val, tree, firsts, sizes, kinds, bounds, compliance, b, wanted.exact,
+            sharp * _TOLERANCE, 0 if attempt == 0 else _ROUNDS, left, x, z,
+        )  # fmt: skip
+        residual /= sharp
+        if residual <= ENOUGH or not residual < _WORTH_IT * before:
+            break
+        if attempt == 0 and linked_retry(
+            rows.nnz, rows.adr, rows.col, rows.val, tree, firsts, sizes, kinds, bounds, compliance, b, wanted.exact,
+            sharp * _TOLERANCE, x,
+        ):  # fmt: skip
+            break
+    return residual
+
+
+@plain
+def _created(wanted, done, z, residual):
+    """Return the energy that works of contacts create, relative to that before, less what may be rounding."""
+    total, speed = 0.0, max(wanted.speed, norm(z))
+    for work in done:
+        total += work
+    if not residual <= ENOUGH:
+        return _NONE
+    return 2.0 * total / speed**2 - CREATED - 4.0 * residual / speed if speed > 0.0 else 0.0
+
+
+@kernel
+def _attempt(w, rows, members, wanted, s, x, z):
+    """Do what `_solve` does, and return also the energy that is created."""
+    residual, done = _solve(w, rows, members, wanted, s, x, z), numbers(len(members))
+    work_of_each(rows, members, x, z, wanted.before, 0.0, done)
+    return residual, _created(wanted, done, z, residual)
+
+
+@kernel
+def _largest(w, rows, group, wanted, created, x):
+    """Write impulses, (n,), with the largest share of restitution; return their natural map, and that share.
+
+    All of it creates so much.
+    """
+    clear(x)
+    z, low, high, third, above = zeros(w.nv), 0.0, 1.0, np.nan, created + AIM
+    best, below = _attempt(w, rows, group, wanted, 0.0, x, z)
+    below, beyond, stalled = below + AIM, np.nan, False
+    if not best <= ENOUGH or created == _NONE:
+        return best, 0.0
+    trial = numbers(len(x))
+    for _ in range(SEARCHES):
+        if high - low <= (FOUND if above < _NONE else SOLVABLE):
+            break
+        s = _next_share(low, high, third, below, above, beyond, stalled)
+        trial[:] = x
+        residual, missed = _attempt(w, rows, group, wanted, s, trial, z)
+        missed += AIM
+        stalled = abs(missed) > 0.5 * min(abs(below), above)
+        if missed > AIM:
+            third, high, beyond, above = high, s, above, missed
+            continue
+        third, low, beyond, below, best = low, s, below, missed, residual
+        x[:] = trial
+        if missed > -AIM:
+            break
+    return best, low
+
+
+@kernel
+def _of_group(w, rows, group, wanted, is_whole, solved, done, z, x):
+    """Write impulses, (n,), of contacts that influence no others, with all restitution or the largest share of it.
+
+    Args:
+        w: the world.
+        rows: whitened.
+        group: the contacts, int64.
+        wanted: see `Wanted`.
+        is_whole: whether there are no others.
+        solved: natural map with all restitution, of all contacts.
+        done: works of these contacts then.
+        z: jump of all contacts then.
+        x: impulses of all contacts then, those of others 0; written.
+
+    Returns:
+        Natural map and share.
+    """
+    created = _created(wanted, done, z, solved)
+    if created == _NONE and not is_whole:
+        own = zeros(w.nv)
+        clear(x)
+        solved, created = _attempt(w, rows, group, wanted, 1.0, x, own)
+    restored = False
+    for g in group:
+        for i in range(rows.first[g], rows.first[g] + rows.sizes[g]):
+            restored = restored or wanted.restored[i] != 0.0
+    if created <= 0.0 or not restored:
+        return solved, 1.0
+    return _largest(w, rows, group, wanted, created, x)
+
+
+@kernel
+def _in_groups(w, rows, members, wanted, solved, done, z, x):
+    """Do what `_of_group` does for each group of contacts that influence each other; return the largest natural map."""
+    n, k, share, worst = len(x), len(rows.of), 1.0, 0.0
+    whole, own, work, seen, queue = copied(x), numbers(n), zeros(k), cleared(k), indices(k)
+    for j in range(len(members)):
+        work[members[j]] = done[j]
+    clear(x)
+    for g in members:
+        if seen[g]:
+            continue
+        group = queue[: influenced(rows, g, w.nv, queue)]
+        clear(own)
+        for other in group:
+            seen[other] = True
+            for i in range(rows.first[other], rows.first[other] + rows.sizes[other]):
+                own[i] = whole[i]
+        is_whole = len(group) == len(members)
+        residual, s = _of_group(w, rows, group, wanted, is_whole, solved, work[group], z, own)
+        worst, share = max(worst, residual), min(share, s)
+        for i in range(n):
+            x[i] += own[i]
+    return worst, share
+
+
+@kernel
+def find_impulses(w, rows, members, wanted, x, z):
+    """Write impulses, zeros before, (n,), and their jump, (nv,); return the natural map and the least share of a group.
+
+    Args:
+        w: the world.
+        rows: whitened.
+        members: contacts that take part, int64 (k,).
+        wanted: see `Wanted`.
+        x: written.
+        z: written.
+    """
+    residual, done = _solve(w, rows, members, wanted, 1.0, x, z), numbers(len(members))
+    work_of_each(rows, members, x, z, wanted.before, 0.0, done)
+    if residual <= ENOUGH:
+        larger = max(wanted.speed, norm(z))
+        allowed = 0.5 * (CREATED + 4.0 * residual) * larger * larger
+        if most_gained(rows, members, done, allowed, w.nv) <= allowed:
+            return residual, 1.0
+    residual, share = _in_groups(w, rows, members, wanted, residual, done, z, x)
+    impulse_jump(rows.nnz, rows.adr, rows.col, rows.val, x, z)
+    return residual, share
