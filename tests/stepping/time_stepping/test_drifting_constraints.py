@@ -1,4 +1,4 @@
-"""Constraints that drift, and servos, next to collisions: what closes a limit by giving way, what a mocap body pulls."""
+"""Constraints that drift, and servos, next to collisions: what closes a limit by giving way, what a hand pulls."""
 
 import mujoco
 import numpy as np
