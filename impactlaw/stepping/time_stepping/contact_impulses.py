@@ -264,7 +264,7 @@ class ContactProblem:
             kinds[equal] = self.bilateral[data.efc_id[rows.row[rows.first[equal]]]]
             hold(
                 rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, kinds,
-                data.efc_R, self._model.nv,
+                self._model.nv,
             )  # fmt: skip
         return seen, together
 

@@ -1,5 +1,6 @@
-"""A constraint that closes a limit by giving way does so in a collision, too."""
+"""Constraints that drift, and servos, next to collisions: what closes a limit by giving way, what a hand pulls."""
 
+import mujoco
 import numpy as np
 import pytest
 from scenes import compiled as compile_scene
@@ -23,4 +24,27 @@ def test_a_knee_is_not_thrown_back_by_the_slip_of_its_shank(e, compiled):
     stepper.step(data)
     np.testing.assert_allclose(data.qvel[0], e, atol=1e-6)
     assert data.qvel[1] >= -1e-9
+    assert stepper.short_steps == 0
+
+
+PULLED = """<mujoco><option timestep="0.002" gravity="-.5 0 0"/><worldbody>
+  <body name="hand" mocap="true"/>
+  <body name="arm"><joint type="slide" axis="1 0 0" limited="true" range="0 1"/><joint type="slide" axis="0 0 1"/>
+    <geom size=".1" mass="1" contype="0" conaffinity="0"/>{}</body>{}</worldbody>
+  <equality><connect body1="arm" body2="hand" anchor="0 0 0"/></equality></mujoco>"""
+FINGER = """<body pos="0 0 1"><joint type="slide" axis="0 0 1" limited="true" range="0 1"/>
+  <geom size=".02" mass=".001" contype="0" conaffinity="0"/></body>"""
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("inside", [True, False])
+def test_what_a_mocap_body_pulls_against_a_stop_stays_there_while_a_finger_closes(inside, compiled):
+    """Pull and stop cancel, but for next to nothing that moves the arm along the stop: it is the work of the hand."""
+    model = mujoco.MjModel.from_xml_string(PULLED.format(FINGER, "") if inside else PULLED.format("", FINGER))
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
+    data.mocap_pos[0] = -1.0, 0.0, 6e-4
+    data.qpos[2], data.qvel[2] = 1e-5, -0.02
+    stepper.step(data)
+    np.testing.assert_allclose(data.qvel, [0.0, 3e-3, 0.01], rtol=0.02, atol=1e-12)
+    assert stepper.shortfall < 1e-12
     assert stepper.short_steps == 0

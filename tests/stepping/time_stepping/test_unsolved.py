@@ -11,8 +11,8 @@ from impactlaw.stepping.time_stepping.problem.solution.resolve import resolve_st
 
 
 @compiled()
-def _lose_energy(sparse, colind, value, groups, rates, reached, tree, unsolved, x, z, after):
-    energy.lose_energy(sparse, colind, value, groups, rates, reached, tree, unsolved, False, x, z, after)
+def _lose_energy(sparse, colind, value, groups, amounts, rates, reached, tree, unsolved, x, z, after):
+    energy.lose_energy(sparse, colind, value, groups, amounts, rates, reached, tree, unsolved, x, z, after)
 
 
 def _resolved(direction: list[float], free: list[float], target: list[float]) -> tuple[np.ndarray, float]:
@@ -69,8 +69,8 @@ def _two_pucks(impulse: np.ndarray, *, unsolved: bool) -> tuple[np.ndarray, np.n
     rates = np.ascontiguousarray([np.ones(4), velocity, velocity, np.zeros(4), np.zeros(4)])
     x, z, after = impulse.copy(), impulse.copy(), velocity + impulse
     _lose_energy(
-        sparse, np.arange(4, dtype=np.int32), np.ones(4), groups, rates, np.zeros(2), np.array([0, 0, 1, 1], np.int32),
-        unsolved, x, z, after,
+        sparse, np.arange(4, dtype=np.int32), np.ones(4), groups, np.zeros((2, 2)), rates, np.zeros(2),
+        np.array([0, 0, 1, 1], np.int32), unsolved, x, z, after,
     )  # fmt: skip
     np.testing.assert_allclose(z, x, atol=1e-15)
     np.testing.assert_allclose(after, velocity + x, atol=1e-15)

@@ -93,7 +93,7 @@ def _find_calm(sparse, value, groups, rates, collides, kinds, longest, found):
 
 
 @plain
-def hold_constraints(sparse, colind, value, groups, amounts, rates, collides, kinds, own, work, given, kept):
+def hold_constraints(sparse, colind, value, groups, amounts, rates, collides, kinds, work, given, kept):
     """Do what `hold` does; there are zeros, (nv,), and twice False, (g,)."""
     fastest = _fastest(sparse, value, groups, rates, collides)
     _find_drifts(sparse, colind, value, groups, amounts, rates, collides, fastest, work, given)
@@ -102,7 +102,7 @@ def hold_constraints(sparse, colind, value, groups, amounts, rates, collides, ki
         row = groups[0, g]
         if groups[2, g] != BILATERAL:
             continue
-        full = own[sparse[2, row]]
+        full = amounts[1, g]
         held = kept[g] or rates[4, row] < full  # by a collision before, in the same step
         rates[4, row] = full
         if held and not given[g]:
@@ -111,7 +111,7 @@ def hold_constraints(sparse, colind, value, groups, amounts, rates, collides, ki
 
 
 @compiled()
-def hold(sparse, colind, value, groups, amounts, rates, collides, kinds, own, nv):
+def hold(sparse, colind, value, groups, amounts, rates, collides, kinds, nv):
     """Let equality constraints keep their velocity in a collision, those that do not move against themselves.
 
     Ties do not become so stiff that they could drive the collision. One with a compliance R, which has the velocity
@@ -127,8 +127,7 @@ def hold(sparse, colind, value, groups, amounts, rates, collides, kinds, own, nv
         rates: see there.
         collides: which groups collide, bool (g,).
         kinds: those of `constraint_kinds` for each group, and 0 for other rows, (g,).
-        own: compliances of MuJoCo's rows, (nefc,).
         nv: degrees of freedom.
     """
     given, kept = np.zeros(len(collides), np.bool_), np.zeros(len(collides), np.bool_)
-    hold_constraints(sparse, colind, value, groups, amounts, rates, collides, kinds, own, zeros(nv), given, kept)
+    hold_constraints(sparse, colind, value, groups, amounts, rates, collides, kinds, zeros(nv), given, kept)

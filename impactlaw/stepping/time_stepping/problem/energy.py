@@ -77,14 +77,20 @@ def creates(groups, rates, after, x):
 
 
 @plain
-def _add_sums(sparse, value, groups, rates, after, reached, x, label, sums):
+def is_held(groups, amounts, rates, g):
+    """Return whether a group is an equality that keeps its velocity in a collision, see `drifts.hold`."""
+    return groups[2, g] == BILATERAL and rates[4, groups[0, g]] < amounts[1, g]
+
+
+@plain
+def _add_sums(sparse, value, groups, amounts, rates, after, reached, x, label, sums):
     """Add what `_shares` looks at, island by island, (9, islands)."""
     for g in range(groups.shape[1]):
         if label[g] < 0:
             continue
         island, row = label[g], groups[0, g]
         cone = groups[2, g] == CONE
-        if groups[2, g] == BILATERAL:
+        if is_held(groups, amounts, rates, g):
             sums[8, island] = 1.0
         if cone:
             sums[4, island] = max(sums[4, island], reached[g] - after[row])
@@ -102,22 +108,21 @@ def _add_sums(sparse, value, groups, rates, after, reached, x, label, sums):
 
 
 @plain
-def _shares(sums, unsolved, collides, share):
+def _shares(sums, unsolved, share):
     """Write the share of the impulses of each island, at most 1, with which it does not gain from its free motion.
 
     The share s of x changes its kinetic energy by ``s x^T J v_free + s^2 x^T (J v+ - J v_free) / 2``. An island
     that meets the law keeps all, unless what is given is unsolved and contact adds energy to it, or contacts collide
-    against constraints that leave them next to no motion: then impulses all but cancel each other, and the drift of
-    the constraints, small as it is, does their work. Return whether some share is less than 1.
+    against constraints that are held and leave them next to no motion: then impulses all but cancel each other, and
+    the drift of the constraints, small as it is, does their work. Constraints that are as soft as ever can do it: what
+    a mocap body pulls against a stop. Return whether some share is less than 1.
     """
     some = False
     for i in range(len(share)):
-        linear, square, total, work, missed, fastest, since, apart, tied = sums[:, i]
+        linear, square, total, work, missed, fastest, since, apart, held = sums[:, i]
         share[i] = 1.0
         gains = linear + square > CREATED * square + _ROUNDING * total  # impulses that cancel can be huge
-        drifts = (
-            tied != 0.0 and collides and square < _CANCEL * apart and min(linear + square, since) > _DRIFTS * square
-        )
+        drifts = held != 0.0 and square < _CANCEL * apart and min(linear + square, since) > _DRIFTS * square
         if gains and (drifts or not is_met(missed, fastest) or (unsolved and work > CREATED * total)):
             share[i] = max(0.0, -linear / square) if square > 0.0 else 0.0
             some = True
@@ -125,11 +130,11 @@ def _shares(sums, unsolved, collides, share):
 
 
 @kernel
-def lose_energy(sparse, colind, value, groups, rates, reached, tree, unsolved, collides, x, z, after):
+def lose_energy(sparse, colind, value, groups, amounts, rates, reached, tree, unsolved, x, z, after):
     """Take away impulses of islands that do not solve their problem and gain energy: such impulses can be anything.
 
     Impulses x, whitened jump z and velocities of rows after it are written. What is `unsolved` must have no energy from
-    contact; what is solved can have it, together with other forces. `collides` says whether some contact does.
+    contact; what is solved can have it, together with other forces.
     """
     many, trees = groups.shape[1], trees_of(tree)
     length, label, parent, number = numbers(many), indices(many), indices(trees), indices(trees)
@@ -138,8 +143,8 @@ def lose_energy(sparse, colind, value, groups, rates, reached, tree, unsolved, c
         sparse[0], sparse[1], colind, value, tree, groups[0], groups[1], length, label, parent, number
     )  # fmt: skip
     sums, share = zeros(9 * count).reshape((9, count)), numbers(count)
-    _add_sums(sparse, value, groups, rates, after, reached, x, label, sums)
-    if not _shares(sums, unsolved, collides, share):
+    _add_sums(sparse, value, groups, amounts, rates, after, reached, x, label, sums)
+    if not _shares(sums, unsolved, share):
         return
     for g in range(many):
         for k in range(groups[0, g], groups[0, g] + groups[1, g]):

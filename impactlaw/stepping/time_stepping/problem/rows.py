@@ -34,7 +34,8 @@ class Rows(NamedTuple):
         groups: first row, number of rows, kind (`BILATERAL`, `BOX`, `CONE`) and source of each group, int32 (4, g). The
             source is the number of a contact among MuJoCo's, ``-2 - row`` for a limit, and -1 for anything else.
         key: what tells a group from others from step to step, int64 (g,).
-        amounts: of each group the gap, m or rad, and the largest impulse of dry friction, N s, (2, g).
+        amounts: of each group the gap, m or rad, and the largest impulse of dry friction, N s, or the compliance that
+            an equality has where it does not keep its velocity in a collision, (2, g).
         rates: of each row, (5, n): the coefficient of friction of a row of friction, else 1; ``J v``, the velocity at
             the start of the step, m/s or rad/s; ``J v_free``, to which the forces without contact lead; the velocity
             at which an equality is met; and its compliance R, 0 for what is rigid.
@@ -194,12 +195,12 @@ def entries_of(Jnnz, Jadr, Jcol, J, tree, treenum, mark):
 
 
 @plain
-def _write_group(rows, g, r, row, size, kind, kinds, number, position, loss, geoms, timestep):
+def _write_group(rows, g, r, row, size, kind, kinds, number, position, regularizer, loss, geoms, timestep):
     """Write all of a group, which begins at one of MuJoCo's rows, but its rows."""
     rows.groups[0, g], rows.groups[1, g], rows.groups[2, g], rows.groups[3, g] = r, size, kind, -1
     rows.key[g] = -1 - (np.int64(number[row]) * 8 + kinds[row])
     rows.amounts[0, g] = position[row] if kind == CONE else 0.0
-    rows.amounts[1, g] = timestep * loss[row] if kind == BOX else 0.0
+    rows.amounts[1, g] = timestep * loss[row] if kind == BOX else regularizer[row] if kind == BILATERAL else 0.0
     if kind == CONE and kinds[row] >= 5:
         rows.groups[3, g] = number[row]
         one, other = geoms[number[row], 0], geoms[number[row], 1]
@@ -244,7 +245,7 @@ def write_rows(
         if not near[row]:
             row += step
             continue
-        _write_group(rows, g, r, row, size, kind, kinds, number, position, loss, geoms, timestep)
+        _write_group(rows, g, r, row, size, kind, kinds, number, position, regularizer, loss, geoms, timestep)
         for k in range(step if frictional else 1):
             i, scale = row + k, 1.0 if k == 0 else friction[number[row], k - 1]
             if k > 0 and not scale > NO_FRICTION:

@@ -8,7 +8,7 @@ import numpy as np
 
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.solvers.cones.algebra.loops import cleared, counts, kernel, plain, zeros
-from impactlaw.stepping.compiled.access import data_floats, data_ints, layout_of, model_ints, number, size
+from impactlaw.stepping.compiled.access import data_ints, layout_of, model_ints, number, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL, flags, floats
 from impactlaw.stepping.time_stepping.compiled.state.kinds import typeof
 from impactlaw.stepping.time_stepping.compiled.state.law import ask_law, reverse
@@ -55,11 +55,11 @@ def _find_kinds(w, rows, number_of, kinds):
 def _stiffen(w, rows, collides):
     """Let equality constraints keep their velocity in a collision, those that do not move against themselves."""
     n = number(w, DATA.nefc)
-    number_of, compliance = data_ints(w, DATA.efc_id, n), data_floats(w, DATA.efc_R, n)
+    number_of = data_ints(w, DATA.efc_id, n)
     kinds, given, kept = counts(len(rows.key)), cleared(len(rows.key)), cleared(len(rows.key))
     _find_kinds(w, rows, number_of, kinds)
     hold_constraints(
-        rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, kinds, compliance,
+        rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, kinds,
         zeros(w.nv), given, kept,
     )  # fmt: skip
 

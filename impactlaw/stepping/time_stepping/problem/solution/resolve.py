@@ -6,10 +6,9 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones import BILATERAL
 from impactlaw.solvers.cones.algebra.loops import numbers, plain
 from impactlaw.stepping.compiled.whitening import unwhitened
-from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, is_met, lose_energy
+from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, is_held, is_met, lose_energy
 from impactlaw.stepping.time_stepping.problem.overlaps import move_apart, overlap_targets
 from impactlaw.stepping.time_stepping.problem.solution.apart import solve_contacts
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import guess, shortfall
@@ -23,12 +22,12 @@ _FOUND = "boolean,float64,float64,float64,float64,float64,float64,boolean"
 
 
 @plain
-def _constrained(groups, collides):
-    """Return whether something collides where there are equality constraints, too."""
-    equal = some = False
-    for g in range(len(collides)):
-        equal, some = equal or groups[2, g] == BILATERAL, some or collides[g]
-    return equal and some
+def _some_held(groups, amounts, rates):
+    """Return whether an equality constraint keeps its velocity in a collision."""
+    some = False
+    for g in range(groups.shape[1]):
+        some = some or is_held(groups, amounts, rates, g)
+    return some
 
 
 @plain
@@ -47,10 +46,9 @@ def _resolve(
         together, rounds, left, x, z, after, reached, rest,
     )  # fmt: skip
     missed, fastest = shortfall(groups, rates, after, reached)
-    against = _constrained(groups, collides)
-    if against or not solved or not is_met(missed, fastest):
+    if _some_held(groups, amounts, rates) or not solved or not is_met(missed, fastest):
         lose_energy(
-            sparse, colind, value, groups, rates, reached, tree, dissipative and not solved, against, x, z, after
+            sparse, colind, value, groups, amounts, rates, reached, tree, dissipative and not solved, x, z, after
         )
         missed, fastest = shortfall(groups, rates, after, reached)
     for i in range(nv):
