@@ -52,6 +52,19 @@ def test_a_box_stays_at_any_timestep_and_integrator(integrator, timestep):
     assert_stays(model, data, Moreau(0.5), 200)
 
 
+@pytest.mark.parametrize("height", [0.2, 0.205, 0.215, 0.235, 0.3])
+@pytest.mark.parametrize("option", ["auto", "never"])
+def test_a_box_that_lands_flat_stays_flat(height, option):
+    # a step above the floor it falls at just the speed from which corners collide: rounding must not choose among them
+    model, data = compiled(FLOOR + box(z=height, size=0.1).replace("<body", '<body euler="0 0 33.3"'))
+    data.qvel[:2] = 0.3, -0.2
+    stepper = stepping(model, MaximalDissipation(), compiled=option)
+    for _ in range(150):
+        stepper.step(data)
+        assert abs(data.qpos[4:6]).max() < 1e-9
+    assert data.qpos[2] == pytest.approx(0.1, abs=1e-9)
+
+
 @every_law
 @pytest.mark.parametrize("condim", [1, 3])
 def test_a_stack_of_twenty_boxes_stays(law, condim):

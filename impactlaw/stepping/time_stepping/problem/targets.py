@@ -12,6 +12,11 @@ from impactlaw.stepping.time_stepping.problem.rows import NEAR
 
 _RESTING = 1e-6
 """Part of the largest contact velocity up to which a contact in touch does not separate."""
+_ROUNDED = 1.0 + 1e-9
+"""Part of what forces make up to which a contact does not collide.
+
+A body that has stopped a little above the floor falls on at just this speed, and rounding must not decide which of its
+corners collide."""
 
 
 @plain
@@ -23,7 +28,7 @@ def aim(groups, amounts, rates, timestep, restitution, slowest, resolved, may, t
         if groups[2, g] != CONE:
             continue
         gap, gamma, led = amounts[0, g], rates[1, groups[0, g]], rates[2, groups[0, g]]
-        threshold = max(slowest, min(gamma - led, resolved))
+        threshold = max(slowest, min(_ROUNDED * (gamma - led), resolved))
         if may[g] and gamma < -threshold and (gap <= 0.0 or gap + timestep * led < 0.0):
             collides[g] = some = True
             target[g] = -restitution * gamma
