@@ -20,7 +20,7 @@ from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
 from impactlaw.stepping.time_stepping.margins import find_outrun, find_sizes, set_margins
 from impactlaw.stepping.time_stepping.problem.forces import without_far_limits
-from impactlaw.stepping.time_stepping.problem.planes import level
+from impactlaw.stepping.time_stepping.problem.planes import mend_contacts
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
@@ -134,18 +134,18 @@ def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData, borrowed: Borrowe
         seen = data.warning.number[_FULL].sum()
         mj_fwdPosition(model, data)
         if data.warning.number[_FULL].sum() == seen:
-            _level(model, data)
+            _mend_contacts(model, data)
             return False
         borrowed.scale_margins(share)
     mj_fwdPosition(model, data)
-    _level(model, data)
+    _mend_contacts(model, data)
     return True
 
 
-def _level(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Put points of contact of one face into one plane; see `problem.planes`."""
+def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Make frames orthogonal, and put points of one face into one plane; see `problem.frames` and `problem.planes`."""
     contact = data.contact
-    if data.ncon > 1 and level(contact.dist, contact.pos, contact.frame, contact.geom, model.geom_bodyid):
+    if data.ncon and mend_contacts(contact.dist, contact.pos, contact.frame, contact.geom, model.geom_bodyid):
         mujoco.mj_makeConstraint(model, data)
 
 

@@ -34,6 +34,7 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
 )
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.margins import ALWAYS, outruns, write_arms, write_margins, write_sizes
+from impactlaw.stepping.time_stepping.problem.frames import make_orthogonal
 from impactlaw.stepping.time_stepping.problem.planes import put_on_planes
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
@@ -223,23 +224,27 @@ def _find_contacts(w, margins):
         seen = warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1]
         mj.fwd_position(w.model, w.data)
         if warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1] == seen:
-            _level(w)
+            _mend_contacts(w)
             return False
         for i in range(len(margins)):
             margins[i] *= share
     mj.fwd_position(w.model, w.data)
-    _level(w)
+    _mend_contacts(w)
     return True
 
 
 @plain
-def _level(w):
-    """Put points of contact of one face into one plane; see `problem.planes`."""
-    if number(w, DATA.ncon) > 1 and put_on_planes(
+def _mend_contacts(w):
+    """Make frames orthogonal, and put points of one face into one plane; see `problem.frames` and `problem.planes`."""
+    if number(w, DATA.ncon) == 0:
+        return
+    frame = contact_floats(w, CONTACT.frame, 9)
+    turned = make_orthogonal(frame)
+    moved = number(w, DATA.ncon) > 1 and put_on_planes(
         contact_floats(w, CONTACT.dist, 1)[:, 0], contact_floats(w, CONTACT.pos, 3),
-        contact_floats(w, CONTACT.frame, 9), contact_ints(w, CONTACT.geom, 2),
-        model_ints(w, MODEL.geom_bodyid, size(w, MODEL.ngeom)),
-    ):  # fmt: skip
+        frame, contact_ints(w, CONTACT.geom, 2), model_ints(w, MODEL.geom_bodyid, size(w, MODEL.ngeom)),
+    )  # fmt: skip
+    if turned or moved:
         mj.make_constraint(w.model, w.data)
 
 

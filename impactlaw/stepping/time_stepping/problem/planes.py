@@ -11,6 +11,7 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.stepping.time_stepping.problem.frames import make_orthogonal
 
 _PARALLEL = 1e-9  # difference of normals of one face
 _LEVEL = 1e-10  # m: points are in one plane that are as near to it
@@ -63,6 +64,7 @@ def put_on_planes(dist, pos, frame, geom, body_of_geom):
 
 
 @compiled()
-def level(dist, pos, frame, geom, body_of_geom):
-    """Do what `put_on_planes` does."""
-    return put_on_planes(dist, pos, frame, geom, body_of_geom)
+def mend_contacts(dist, pos, frame, geom, body_of_geom):
+    """Do what `make_orthogonal` and `put_on_planes` do."""
+    turned = make_orthogonal(frame)
+    return put_on_planes(dist, pos, frame, geom, body_of_geom) or turned

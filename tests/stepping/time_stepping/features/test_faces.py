@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from impactlaw import Moreau, Stepper
-from impactlaw.stepping.time_stepping.problem.planes import level
+from impactlaw.stepping.time_stepping.problem.planes import mend_contacts
 
 TABLE = """<mujoco><option timestep="0.002" cone="elliptic"/><worldbody><geom type="plane" size="1 1 1"/>
   <body pos="0 0 .1"><freejoint/><geom type="box" size=".12 .05 .02" mass="50" contype="0" conaffinity="0"/>
@@ -35,7 +35,7 @@ def _leveled(gaps, heights, second=(0.0, 0.0, 1.0)):
     """Return whether two points move, and their heights after; the second has this normal."""
     pos, frame = np.array([[0.0, 0.0, heights[0]], [1.0, 0.0, heights[1]]]), np.zeros((2, 9))
     frame[0, :3], frame[1, :3] = (0.0, 0.0, 1.0), second
-    moved = level(np.array(gaps), pos, frame, GEOMS, BODIES)
+    moved = mend_contacts(np.array(gaps), pos, frame, GEOMS, BODIES)
     return moved, pos[:, 2].tolist()
 
 

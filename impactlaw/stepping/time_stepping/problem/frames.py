@@ -1,0 +1,55 @@
+"""Frames of contacts: orthogonal, as friction is in the tangent plane.
+
+MuJoCo lays the first tangent of a contact of a capsule and a plane along the axis of the capsule. Where that is the
+normal, the tangent is what rounding leaves of it, and has a part along the normal: friction then works as a normal
+impulse does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlaw.solvers.cones.algebra.loops import plain
+
+_ORTHOGONAL = 1e-12  # product of unit vectors
+
+
+@plain
+def _product(frame, k, i, j):
+    return frame[k, i] * frame[k, j] + frame[k, i + 1] * frame[k, j + 1] + frame[k, i + 2] * frame[k, j + 2]
+
+
+@plain
+def _cross(frame, k, i, j, at):
+    """Write the vector product of two vectors of a frame."""
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        frame[k, at + a] = frame[k, i + b] * frame[k, j + c] - frame[k, i + c] * frame[k, j + b]
+
+
+@plain
+def make_orthogonal(frame):
+    """Give contacts whose first tangent is not in the tangent plane others; return if any is.
+
+    The tangent keeps what it has in the plane, if that is more than rounding.
+
+    Args:
+        frame: normals, and two tangents, (ncon, 9); tangents are written.
+    """
+    some = False
+    for k in range(len(frame)):
+        along = _product(frame, k, 0, 3)
+        if abs(along) <= _ORTHOGONAL:
+            continue
+        some, least = True, 0
+        for i in range(3):
+            frame[k, 3 + i] -= along * frame[k, i]
+            least = i if abs(frame[k, i]) < abs(frame[k, least]) else least
+        if _product(frame, k, 3, 3) < 0.25:
+            for i in range(3):
+                frame[k, 3 + i] = (1.0 if i == least else 0.0) - frame[k, least] * frame[k, i]
+        length = np.sqrt(_product(frame, k, 3, 3))
+        for i in range(3):
+            frame[k, 3 + i] /= length
+        _cross(frame, k, 0, 3, 6)
+    return some
