@@ -11,9 +11,8 @@ Acary & Cadoux 2013 for the fixed point; Walker & Ni 2011).
 import numpy as np
 from numba import types
 
-from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.blocks import assemble, factor, room, solve
+from impactlaw.solvers.cones.algebra.blocks import factored, room, solve
 from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve
 from impactlaw.solvers.cones.algebra.loops import (
     FIRST,
@@ -53,7 +52,7 @@ def _envelope(P: Island, y: Array, p: Array, kappa: Array) -> float:
     return s
 
 
-@kernel
+@linked(types.int64(ISLAND, BLOCKS, FLOATS, FLOATS, FLOATS, types.float64, types.float64, FLOATS, FLOATS))
 def proximal_step(
     P: Island, K: Blocks, b: Array, x: Array, z: Array, least: float, tolerance: float, W: Array, H: Array
 ) -> int:
@@ -89,8 +88,7 @@ def proximal_step(
             for i in range(m):
                 for j in range(m):
                     W[at + i * m + j] = D[i, j] / kappa[g]
-        assemble(P, K, W, H, left, row)
-        factor(K, H, pivot, row)
+        factored(P, K, W, H, pivot, left, row)
         solve(K, H, pivot, step)
         taken += 1
         decrease = 0.0
@@ -220,7 +218,7 @@ def _accelerated(S: Array, F: Array, count: int, new: Array) -> None:
         new[k] = max(s, 0.0)
 
 
-@compiled(types.int64(ISLAND, BLOCKS, FLOATS, types.float64, types.int64, types.int64, types.int64))
+@linked(types.int64(ISLAND, BLOCKS, FLOATS, types.float64, types.int64, types.int64, types.int64))
 def corrected(P: Island, K: Blocks, x: Array, tolerance: float, sweeps: int, outer: int, most: int) -> int:
     """Overwrite x by the best of `sweeps` convex problems, each with a new correction; return Newton steps.
 
@@ -263,7 +261,3 @@ def corrected(P: Island, K: Blocks, x: Array, tolerance: float, sweeps: int, out
         put(s, new)
     put(x, best)
     return taken
-
-
-linked_corrected = linked(corrected)
-"""What compiled functions call."""

@@ -12,9 +12,8 @@ derivative of u without its correction. A step solves ``(G + c + N W^-2) dx = N 
 import numpy as np
 from numba import types
 
-from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.blocks import assemble, back_substitute, factor, room
+from impactlaw.solvers.cones.algebra.blocks import back_substitute, factored, room
 from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve_rows
 from impactlaw.solvers.cones.algebra.loops import FIRST, FLOATS, Array, clear, indices, numbers, plain, put, zeros
 from impactlaw.solvers.cones.algebra.ordering import BLOCKS, Blocks
@@ -240,7 +239,7 @@ def _advance(P: Island, K: Blocks, x, u, S, eta, E, H, pivot, z) -> None:
         u[k] += f * du[k]
 
 
-@compiled(types.int64(ISLAND, BLOCKS, FLOATS, types.float64, types.float64, types.int64))
+@linked(types.int64(ISLAND, BLOCKS, FLOATS, types.float64, types.float64, types.int64))
 def interior(P: Island, K: Blocks, x: Array, size: float, tolerance: float, most: int) -> int:
     """Overwrite x by the best point of at most `most` steps, the guess among them; return steps taken.
 
@@ -264,8 +263,7 @@ def interior(P: Island, K: Blocks, x: Array, size: float, tolerance: float, most
     velocity(P, P.b, point, z, v)
     while taken < most and least > tolerance and fruitless < _PATIENCE:
         _prepare(P, point, u, v, S[0], S[1], eta, S[2], E, B, pivot)
-        assemble(P, K, E, H, left, row)
-        factor(K, H, pivot, row)
+        factored(P, K, E, H, pivot, left, row)
         _advance(P, K, point, u, S, eta, E, H, pivot, z)
         taken += 1
         velocity(P, P.b, point, z, v)
@@ -278,7 +276,3 @@ def interior(P: Island, K: Blocks, x: Array, size: float, tolerance: float, most
             least = s
             put(x, point)
     return taken
-
-
-linked_interior = linked(interior)
-"""What compiled functions call."""

@@ -1,9 +1,11 @@
 """From the rows of a problem to the scaled problem of one island, its columns in order of elimination."""
 
 import numpy as np
+from numba import types
 
-from impactlaw.solvers.cones.algebra.loops import Array, counts, indices, numbers, once, unsigned, zeros
-from impactlaw.solvers.cones.algebra.ordering import Blocks, lay_out, least_degree, one_block
+from impactlaw.linked import linked
+from impactlaw.solvers.cones.algebra.loops import INTEGERS, Array, counts, indices, numbers, once, unsigned, zeros
+from impactlaw.solvers.cones.algebra.ordering import BLOCKS, Blocks, lay_out, least_degree, one_block
 from impactlaw.solvers.cones.algebra.structure import Island
 
 _ONE_BLOCK = 48  # degrees of freedom up to which an island is one dense block
@@ -43,7 +45,7 @@ def _columns(
     return nv, count
 
 
-@once
+@linked(BLOCKS(types.int32[::1], INTEGERS, INTEGERS, INTEGERS))
 def _blocks(tree: Array, dofs: Array, begin: Array, cols: Array) -> Blocks:
     """Return the storage of the matrix, a block for each tree; `cols` are renumbered."""
     nv, trees, nb = len(dofs), 0, 0

@@ -12,9 +12,8 @@ degrees of freedom, dx is eliminated group by group: with ``B = I - D + E (c + d
 import numpy as np
 from numba import types
 
-from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.blocks import assemble, back_substitute, factor, room
+from impactlaw.solvers.cones.algebra.blocks import back_substitute, factored, room
 from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve, lu_solve_rows
 from impactlaw.solvers.cones.algebra.loops import (
     FIRST,
@@ -183,12 +182,11 @@ def reduced_step(
         lu_factor(B, at, m, pivot, FIRST)
         lu_solve_rows(B, at, m, pivot, FIRST, E, at, m)
         lu_solve(B, at, m, pivot, FIRST, step, o)
-    assemble(P, K, E, H, left, row)
-    factor(K, H, pivot, row)
+    factored(P, K, E, H, pivot, left, row)
     back_substitute(P, K, E, H, pivot, z, w, step)
 
 
-@compiled(
+@linked(
     types.Tuple((types.int64, types.float64))(
         ISLAND, BLOCKS, FLOATS, FLOATS, types.float64, types.int64, types.int64, types.float64, types.float64,
         types.float64, types.int64,
@@ -274,7 +272,3 @@ def newton(
             least = r
             put(x, point)
     return taken, least
-
-
-linked_newton = linked(newton)
-"""What compiled functions call."""

@@ -5,10 +5,14 @@ is one block, and this is then the dense LU.
 """
 
 import numpy as np
+from numba import types
 
+from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve, lu_solve_rows
 from impactlaw.solvers.cones.algebra.loops import (
     FIRST,
+    FLOATS,
+    INTEGERS,
     Array,
     add_at,
     add_three,
@@ -19,8 +23,8 @@ from impactlaw.solvers.cones.algebra.loops import (
     plain,
     subtract,
 )
-from impactlaw.solvers.cones.algebra.ordering import Blocks
-from impactlaw.solvers.cones.algebra.structure import Island, jump, rows_times
+from impactlaw.solvers.cones.algebra.ordering import BLOCKS, Blocks
+from impactlaw.solvers.cones.algebra.structure import ISLAND, Island, jump, rows_times
 
 
 @plain
@@ -86,8 +90,8 @@ def _add_to_one(P: Island, K: Blocks, W: Array, H: Array, left: Array, row: Arra
 
 
 @kernel
-def assemble(P: Island, K: Blocks, W: Array, H: Array, left: Array, row: Array) -> None:
-    """Write ``H = I + A^T W A``; W in the order of `Island.square`; `left`, `row`: room for m x k and k numbers."""
+def _assemble(P: Island, K: Blocks, W: Array, H: Array, left: Array, row: Array) -> None:
+    """Write H; see `factored`."""
     runs = indices(P.nv + 1)
     fill(H, FIRST, K.size, 0.0)
     for k in range(len(K.width)):
@@ -101,7 +105,7 @@ def assemble(P: Island, K: Blocks, W: Array, H: Array, left: Array, row: Array) 
 
 
 @plain
-def factor(K: Blocks, H: Array, pivot: Array, product: Array) -> None:
+def _factor(K: Blocks, H: Array, pivot: Array, product: Array) -> None:
     """Factor H in place; `product`: room for one row of a strip."""
     for k in range(len(K.width)):
         w, span = K.width[k], K.span[k]
@@ -123,6 +127,16 @@ def factor(K: Blocks, H: Array, pivot: Array, product: Array) -> None:
                     base, many = K.target[q] + i * K.stride[q], K.width[K.later[begin + b]]
                     subtract(H, base, product, at, 1.0, many)
                     at += many
+
+
+@linked(types.void(ISLAND, BLOCKS, FLOATS, FLOATS, INTEGERS, FLOATS, FLOATS))
+def factored(P: Island, K: Blocks, W: Array, H: Array, pivot: Array, left: Array, row: Array) -> None:
+    """Write the factors of ``I + A^T W A`` to H.
+
+    W is in the order of `Island.square`; `left` and `row` are room for m x k and k numbers.
+    """
+    _assemble(P, K, W, H, left, row)
+    _factor(K, H, pivot, row)
 
 
 @plain
