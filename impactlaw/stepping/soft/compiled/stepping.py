@@ -46,8 +46,7 @@ class CompiledSoftStepping:
         self._states = np.zeros((1, self._room + EXTRA))
         self._numbers = np.array([np.nan, 0.0, scheme.collisions.rest_speed, np.nan, np.nan, *np.zeros(SUMS)])
         self._context = np.zeros(len(CONTEXT), np.int64)
-        self._pool = Pool(mujoco.MjModel.from_xml_string(_EMPTY), 1, 1, persistent=True)  # one has no thread of its own
-        self._take, self._begun = self._pool.caller(entry.address, self._context.ctypes.data), False
+        self._at, self._pool = self._context.ctypes.data, None
         self._fields, self._total = memoryview(self._context.data), memoryview(self._numbers.data)[TOTAL:]
         kept = scheme.collisions.bilateral
         self._bilateral = constraint_kinds(model) if kept.any() else np.zeros(0, np.uint8)
@@ -110,11 +109,12 @@ class CompiledSoftStepping:
         if self._reason is not None:
             self._in_python(data, steps, parts)
             return together(parts)
-        if not self._begun:
+        if self._pool is None:
             if any(ctypes.c_size_t.from_address(place).value for place in self._callbacks.tolist()):
                 self._go_on(world.CALLBACK, data, steps, parts)
                 return together(parts)
-            self._begun = True
+            self._pool = Pool(mujoco.MjModel.from_xml_string(_EMPTY), 1, 1, persistent=True)
+            self._take = self._pool.caller(entry.address, self._at)
         if steps > self._steps:
             self._steps, self._states = steps, np.zeros((steps, self._room + EXTRA))
             self._write_context()

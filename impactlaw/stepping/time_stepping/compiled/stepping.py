@@ -58,9 +58,9 @@ class CompiledStepping:
         self._carriers = self._scheme.carriers
         self._margins, self._settings = np.zeros(room(model)), np.zeros(len(SETTING))
         self._bilateral, self._scratch = constraint_kinds(self._scheme.model), mujoco.MjData(model)
-        self._context, self._begun = np.zeros(len(CONTEXT), np.int64), False
-        self._pool = Pool(mujoco.MjModel.from_xml_string(_EMPTY), 1, 1, persistent=True)  # one has no thread of its own
-        self._take = self._pool.caller(single.address, self._context.ctypes.data)
+        self._pool: Pool | None = None
+        self._context = np.zeros(len(CONTEXT), np.int64)
+        self._at = self._context.ctypes.data
         self._fields, self._told = memoryview(self._context.data), memoryview(self.numbers.data)
         self._take_over()
 
@@ -123,10 +123,11 @@ class CompiledStepping:
         """Advance by one timestep and return what tells its collisions; data is back where it was after an error."""
         if self._reason is not None:
             return self._in_python(data)
-        if not self._begun:
+        if self._pool is None:
             if any(ctypes.c_size_t.from_address(place).value for place in self._callbacks.tolist()):
                 return self._in_python(data)
-            self._begun = True
+            self._pool = Pool(mujoco.MjModel.from_xml_string(_EMPTY), 1, 1, persistent=True)
+            self._take = self._pool.caller(single.address, self._at)
         if not self._inertial.act and self._inertial.look():
             self._settings[SETTING.inertial] = 1.0
         fields, world = self._fields, data
