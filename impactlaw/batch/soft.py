@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import ctypes
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -20,7 +19,7 @@ from impactlaw.solvers import load_solvers
 from impactlaw.stepping.compiled.engine import Pool, delete_others, fill_context, when_gone
 from impactlaw.stepping.compiled.law_table import Coefficients
 from impactlaw.stepping.compiled.layout import table
-from impactlaw.stepping.compiled.libmujoco import callbacks
+from impactlaw.stepping.compiled.libmujoco import callbacks, is_called_back
 from impactlaw.stepping.integration import restore_state, save_state
 from impactlaw.stepping.options import Options
 from impactlaw.stepping.plan import Plan
@@ -121,7 +120,7 @@ class SoftWorlds:
 
     def start(self, worlds: np.ndarray, steps: int) -> None:
         """Let the next call take so many steps of some worlds."""
-        if any(ctypes.c_size_t.from_address(place).value for place in self._callbacks.tolist()):
+        if is_called_back():
             raise SceneError("a callback of MuJoCo is set, which the threads of a batch would call; use Stepper")
         self.context[WORLDS.steps] = steps
         self._report[worlds] = FINE, 0, 0

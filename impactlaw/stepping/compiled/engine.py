@@ -103,6 +103,26 @@ class Pool:
         return self._functions.mjb_error(self.handle, world).decode()
 
 
+class Entry:
+    """The way of one world into compiled code: a pool calls its C function, and reports the errors of MuJoCo.
+
+    Making it takes milliseconds, and calls the control callback of MuJoCo, if there is one, with an empty model.
+
+    Args:
+        function: address of the C function.
+        context: what it is given, int64; kept by the caller.
+    """
+
+    def __init__(self, function: int, context: np.ndarray):
+        self._pool = Pool(mujoco.MjModel.from_xml_string("<mujoco/>"), 1, 1, persistent=True)
+        self.call = self._pool.caller(function, context.ctypes.data)
+
+    @property
+    def message(self) -> str:
+        """What MuJoCo has said in the last call."""
+        return self._pool.error(0)
+
+
 def delete_others(slots: np.ndarray) -> None:
     """Give back the other data of each thread, see `pooled.other_data`."""
     for _, other in slots:

@@ -111,9 +111,14 @@ def callbacks() -> np.ndarray:
     return np.array(places, dtype=np.int64)
 
 
+def is_called_back() -> bool:
+    """Return whether a callback of MuJoCo is set."""
+    return any(ctypes.c_size_t.from_address(place).value for place in callbacks().tolist())
+
+
 @plain
 def is_watched(places):
-    """Return whether a callback of MuJoCo is set, which may be in Python; see `callbacks`."""
+    """Return what `is_called_back` does, in compiled code; see `callbacks`."""
     for i in range(len(places)):
         if long_at(places[i]) != 0:
             return True

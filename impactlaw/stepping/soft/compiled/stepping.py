@@ -12,10 +12,10 @@ import numpy as np
 from impactlaw.errors import DivergenceError, UncompiledWarning
 from impactlaw.laws import Law
 from impactlaw.scene.equality_constraints import constraint_kinds
-from impactlaw.stepping.compiled.engine import Pool, fill_context
+from impactlaw.stepping.compiled.engine import Entry, fill_context
 from impactlaw.stepping.compiled.fields import DATA
 from impactlaw.stepping.compiled.layout import table
-from impactlaw.stepping.compiled.libmujoco import callbacks
+from impactlaw.stepping.compiled.libmujoco import callbacks, is_called_back
 from impactlaw.stepping.impact_event import ImpactEvent, Told, together
 from impactlaw.stepping.integration import empty_state, restore_state
 from impactlaw.stepping.soft.compiled import world
@@ -26,7 +26,6 @@ from impactlaw.stepping.soft.compiled.told import Replay
 from impactlaw.stepping.soft.compiled.world import SETTING
 from impactlaw.stepping.soft.scheme import SoftStepping
 
-_EMPTY = "<mujoco/>"
 _DATA, _STEPS, _TAKEN, _STATUS = CONTEXT.data, CONTEXT.steps, CONTEXT.taken, CONTEXT.status
 
 
@@ -46,7 +45,7 @@ class CompiledSoftStepping:
         self._states = np.zeros((1, self._room + EXTRA))
         self._numbers = np.array([np.nan, 0.0, scheme.collisions.rest_speed, np.nan, np.nan, *np.zeros(SUMS)])
         self._context = np.zeros(len(CONTEXT), np.int64)
-        self._at, self._pool = self._context.ctypes.data, None
+        self._entry = None if is_called_back() else Entry(entry.address, self._context)
         self._fields, self._total = memoryview(self._context.data), memoryview(self._numbers.data)[TOTAL:]
         kept = scheme.collisions.bilateral
         self._bilateral = constraint_kinds(model) if kept.any() else np.zeros(0, np.uint8)
@@ -109,12 +108,11 @@ class CompiledSoftStepping:
         if self._reason is not None:
             self._in_python(data, steps, parts)
             return together(parts)
-        if self._pool is None:
-            if any(ctypes.c_size_t.from_address(place).value for place in self._callbacks.tolist()):
+        if self._entry is None:
+            if is_called_back():
                 self._go_on(world.CALLBACK, data, steps, parts)
                 return together(parts)
-            self._pool = Pool(mujoco.MjModel.from_xml_string(_EMPTY), 1, 1, persistent=True)
-            self._take = self._pool.caller(entry.address, self._at)
+            self._entry = Entry(entry.address, self._context)
         if steps > self._steps:
             self._steps, self._states = steps, np.zeros((steps, self._room + EXTRA))
             self._write_context()
@@ -122,8 +120,8 @@ class CompiledSoftStepping:
         fields[_DATA] = simulation._address  # pyright: ignore[reportAttributeAccessIssue]
         while steps:
             fields[_STEPS], begun = steps, data.time  # which MuJoCo resets where it diverges
-            if self._take():
-                self._fail(data, self._pool.error(0))
+            if self._entry.call():
+                self._fail(data, self._entry.message)
             taken, how = fields[_TAKEN], fields[_STATUS]
             steps -= taken
             if self._total[0]:

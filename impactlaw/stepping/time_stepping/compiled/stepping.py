@@ -16,10 +16,10 @@ from impactlaw.laws import Law
 from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.solvers import load_solvers
 from impactlaw.stepping.compatibility import refuse_override
-from impactlaw.stepping.compiled.engine import Pool, fill_context, when_gone
+from impactlaw.stepping.compiled.engine import Entry, fill_context, when_gone
 from impactlaw.stepping.compiled.fields import DATA, SIZE
 from impactlaw.stepping.compiled.layout import table
-from impactlaw.stepping.compiled.libmujoco import callbacks
+from impactlaw.stepping.compiled.libmujoco import callbacks, is_called_back
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_input, check_timestep, empty_state, restore_state
 from impactlaw.stepping.time_stepping.compiled.borrow import room
@@ -32,7 +32,7 @@ from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
 from impactlaw.stepping.time_stepping.compiled.told import Teller
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
-_EMPTY = "<mujoco/>"
+_CALLBACK = "a callback of MuJoCo is set"
 _DATA, _STATUS, _COLLIDED = CONTEXT.data, CONTEXT.status, MEMORY.collided
 
 
@@ -58,9 +58,8 @@ class CompiledStepping:
         self._carriers = self._scheme.carriers
         self._margins, self._settings = np.zeros(room(model)), np.zeros(len(SETTING))
         self._bilateral, self._scratch = constraint_kinds(self._scheme.model), mujoco.MjData(model)
-        self._pool: Pool | None = None
         self._context = np.zeros(len(CONTEXT), np.int64)
-        self._at = self._context.ctypes.data
+        self._entry = None if is_called_back() else Entry(single.address, self._context)
         self._fields, self._told = memoryview(self._context.data), memoryview(self.numbers.data)
         self._take_over()
 
@@ -123,23 +122,23 @@ class CompiledStepping:
         """Advance by one timestep and return what tells its collisions; data is back where it was after an error."""
         if self._reason is not None:
             return self._in_python(data)
-        if self._pool is None:
-            if any(ctypes.c_size_t.from_address(place).value for place in self._callbacks.tolist()):
+        if self._entry is None:
+            if is_called_back():
+                self._tell(_CALLBACK)
                 return self._in_python(data)
-            self._pool = Pool(mujoco.MjModel.from_xml_string(_EMPTY), 1, 1, persistent=True)
-            self._take = self._pool.caller(single.address, self._at)
+            self._entry = Entry(single.address, self._context)
         if not self._inertial.act and self._inertial.look():
             self._settings[SETTING.inertial] = 1.0
         fields, world = self._fields, data
         fields[_DATA] = world._address  # pyright: ignore[reportAttributeAccessIssue]
         while True:
-            if self._take():
-                self._fail(data, self._pool.error(0))
+            if self._entry.call():
+                self._fail(data, self._entry.message)
             how = fields[_STATUS]
             if how == status.FINE:
                 break
             if how == status.CALLBACK:
-                self._tell("a callback of MuJoCo is set")
+                self._tell(_CALLBACK)
                 return self._in_python(data)
             if how != status.UNKNOWN:
                 raise self._error(how, data)

@@ -242,6 +242,26 @@ def test_callbacks_in_python_are_called():
     assert one.time == pytest.approx(2 * model.opt.timestep)
 
 
+@pytest.mark.parametrize("before", [True, False], ids=["set before the stepper is made", "set after it"])
+def test_a_callback_is_heard_and_called_with_the_user_s_model_alone(before):
+    model, heard = mujoco.MjModel.from_xml_string(SCENE.format(**VARIANTS[0])), []
+
+    def control(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        heard.append(model.nq)
+
+    if not before:
+        ours = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled="auto")
+    mujoco.set_mjcb_control(control)
+    try:
+        if before:
+            ours = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled="auto")
+        with pytest.warns(UncompiledWarning, match="callback"):
+            ours.step(mujoco.MjData(model))
+    finally:
+        mujoco.set_mjcb_control(None)
+    assert heard == [model.nq]
+
+
 def test_errors_of_the_engine_are_exceptions():
     xml = '<size memory="18K"/><worldbody>'
     scene = SCENE.format(**VARIANTS[0]).replace("<worldbody>", xml, 1)
