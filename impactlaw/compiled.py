@@ -21,6 +21,7 @@ import numba
 from numba.core import sigutils
 
 from impactlaw.compiling import LATER, Declared, alone, start_helpers
+from impactlaw.parts import LinkedCompiler
 
 _PARTS = (
     "solvers/cones/algebra",
@@ -148,7 +149,7 @@ class Kept:
         return str(self._line)
 
 
-def compiled(*signature: Any, counts: bool = True) -> Callable[[Callable[..., Any]], Any]:
+def compiled(*signature: Any, counts: bool = True, python: bool = True) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator that compiles a function when it is first called, or at once if its signature is given.
 
     A helper of `compiling` puts that off. It cannot where the signature does not say what the function returns, for
@@ -157,40 +158,46 @@ def compiled(*signature: Any, counts: bool = True) -> Callable[[Callable[..., An
     Args:
         signature: of the function, as text or as numba has it.
         counts: whether it counts who holds arrays; a function that makes none need not, see `loops.plain`.
+        python: whether Python calls it; if not, see `linked`.
     """
+    options: dict[str, Any] = {"_nrt": counts}
+    if not python:
+        options |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": LinkedCompiler}
 
     def decorate(function: Callable[..., Any]) -> Any:
         if not signature:
-            return _compile(function, (), counts)
+            return _compile(function, (), options)
         arguments, returned = cast(Any, sigutils).normalize_signature(*signature)
         later = LATER.get()
         if later is None or returned is None:
             announce(function.__module__)
-            return _compile_alone(function, signature, counts, wait=True)
-        later.append(lambda: _compile_alone(function, signature, counts, wait=False))
+            return _compile_alone(function, signature, options, wait=True)
+        later.append(lambda: _compile_alone(function, signature, options, wait=False))
         return Declared(function, arguments, returned)
 
     return decorate
 
 
-def _compile_alone(function: Callable[..., Any], signature: tuple[Any, ...], counts: bool, *, wait: bool) -> Any:
+def _compile_alone(
+    function: Callable[..., Any], signature: tuple[Any, ...], options: dict[str, Any], *, wait: bool
+) -> Any:
     """Compile a function that no other process compiles meanwhile; see `compiling.alone`."""
     folder = cache_folder(_parts(function.__module__))
     name = f"{function.__module__}.{function.__name__}.lock"
     with alone(folder and folder / name, wait=wait) as mine:
-        return _compile(function, signature, counts) if mine else None
+        return _compile(function, signature, options) if mine else None
 
 
-def _compile(function: Callable[..., Any], signature: tuple[Any, ...], counts: bool) -> Any:
+def _compile(function: Callable[..., Any], signature: tuple[Any, ...], options: dict[str, Any]) -> Any:
     folder, settings = cache_folder(_parts(function.__module__)), cast(Any, numba).config
     kept = settings.CACHE_DIR, getattr(settings, "CACHE_LOCATOR_CLASSES", "")
     settings.CACHE_DIR, settings.CACHE_LOCATOR_CLASSES = "" if folder is None else str(folder), _KEPT
     collects = gc.isenabled()
     gc.disable()  # numba makes millions of objects: to look through them all again and again takes a tenth longer
     try:
-        return cast(Any, numba.njit)(
-            *signature, cache=folder is not None, error_model="numpy", nogil=True, _nrt=counts
-        )(function)
+        return cast(Any, numba.njit)(*signature, cache=folder is not None, error_model="numpy", nogil=True, **options)(
+            function
+        )
     finally:
         settings.CACHE_DIR, settings.CACHE_LOCATOR_CLASSES = kept
         if collects:

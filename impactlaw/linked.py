@@ -1,23 +1,39 @@
-"""Compiled functions that others call by address: numba would make a copy of them in each function that calls them."""
+"""Compiled functions that others call by address: numba would make a copy of them in each function that calls them.
+
+Numba puts all that a function calls into its own machine code, and compiles it once more for that. What is linked is
+compiled once.
+"""
 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from typing import Any
 
 import llvmlite.binding as llvm
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
+from impactlaw.compiled import compiled
 from impactlaw.compiling import Declared
 
 
-def linked(function: Any) -> Any:
+def linked(*signature: Any, counts: bool = True) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator that compiles a function of one signature, which only compiled functions can call.
+
+    It needs nothing that takes Python's objects apart, and the cache keeps no code of it for those that call it.
+
+    Args:
+        signature: see `compiled`.
+        counts: see `compiled`.
+    """
+    return lambda function: by_address(compiled(*signature, counts=counts, python=False)(function))
+
+
+def by_address(function: Any) -> Any:
     """Return what compiled functions call instead of a compiled function that has one signature of its own.
 
-    Numba puts all that a function calls into its own machine code, and compiles it once more for that. What is linked
-    is compiled once. The symbol that stands for it in caches on disk is made here, before anything is loaded that needs
-    it.
+    The symbol that stands for it in caches on disk is made here, before anything is loaded that needs it.
     """
     made = function.function if isinstance(function, Declared) else function
     symbol = f"impactlaw_{made.__module__.replace('.', '_')}_{made.__name__}"

@@ -17,13 +17,17 @@ pytest.importorskip("fcntl", reason="on Windows each process compiles for itself
 
 _MODULE = """
 from impactlaw.compiled import compiled
-from impactlaw.linked import linked
+from impactlaw.linked import by_address, linked
 
 @compiled("float64(float64)")
 def double(x):
     return 2.0 * x
 
-_double = linked(double)
+_double = by_address(double)
+
+@linked("float64(float64)")
+def same(x):
+    return x
 
 @compiled("(float64,)")
 def half(x):
@@ -31,7 +35,7 @@ def half(x):
 
 @compiled("float64(float64)")
 def five_halves(x):
-    return _double(x) + half(x)
+    return _double(same(x)) + half(x)
 """
 _CALLED = """
 import dis, sys
@@ -49,6 +53,14 @@ for f in functions:
         if isinstance(f.__globals__.get(name), Declared):
             print(f"{f.__module__}.{f.__name__} calls {name}")
 assert asked > 100, asked
+"""
+_CALL = """
+from impactlaw.copied import five_halves, same
+print(five_halves(2.0))
+try:
+    same(2.0)
+except NotImplementedError as error:
+    print(error)
 """
 _READ = """
 from impactlaw.copied import double, five_halves, half
@@ -83,6 +95,13 @@ from impactlaw.compiling import alone, help_with
 with alone(cache_folder() / "{}"):
     help_with("impactlaw.copied", str(cache_folder() / "helper_0.lock"))
 """
+
+
+def test_only_compiled_functions_call_what_is_linked(copy):
+    compiles, loads = (_run(_CALL, copy).split("\n")[:2] for _ in range(2))
+    assert compiles == loads
+    assert compiles[0] == "5.0"
+    assert "pure-python" in compiles[1]
 
 
 def test_what_nobody_compiled_is_not_found(copy):

@@ -8,7 +8,6 @@ velocity. De Saxcé's correction is taken from the w of the step before. The mat
 import numpy as np
 from numba import types
 
-from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.blocks import assemble, factor, room, solve
 from impactlaw.solvers.cones.algebra.loops import (
@@ -74,7 +73,7 @@ def _shift(P: Island, u: Array, v: Array, sign: float) -> None:
                 v[P.start[g]] += sign * norm_of(u, P.start[g] + 1, P.start[g + 1])
 
 
-@compiled(types.int64(ISLAND, BLOCKS, types.float64, FLOATS, types.float64, types.int64))
+@linked(types.int64(ISLAND, BLOCKS, types.float64, FLOATS, types.float64, types.int64))
 def admm(P: Island, K: Blocks, L: float, x: Array, tolerance: float, most: int) -> int:
     """Overwrite x by what at most `most` steps from it lead to; return steps taken.
 
@@ -128,7 +127,3 @@ def admm(P: Island, K: Blocks, L: float, x: Array, tolerance: float, most: int) 
                 last = k
     put(x, y)
     return most
-
-
-linked_admm = linked(admm)
-"""What compiled functions call."""

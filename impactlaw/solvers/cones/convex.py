@@ -11,7 +11,6 @@ Acary & Cadoux 2013 for the fixed point; Walker & Ni 2011).
 import numpy as np
 from numba import types
 
-from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.blocks import assemble, factor, room, solve
 from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve
@@ -220,7 +219,7 @@ def _accelerated(S: Array, F: Array, count: int, new: Array) -> None:
         new[k] = max(s, 0.0)
 
 
-@compiled(types.int64(ISLAND, BLOCKS, FLOATS, types.float64, types.int64, types.int64, types.int64))
+@linked(types.int64(ISLAND, BLOCKS, FLOATS, types.float64, types.int64, types.int64, types.int64))
 def corrected(P: Island, K: Blocks, x: Array, tolerance: float, sweeps: int, outer: int, most: int) -> int:
     """Overwrite x by the best of `sweeps` convex problems, each with a new correction; return Newton steps.
 
@@ -263,7 +262,3 @@ def corrected(P: Island, K: Blocks, x: Array, tolerance: float, sweeps: int, out
         put(s, new)
     put(x, best)
     return taken
-
-
-linked_corrected = linked(corrected)
-"""What compiled functions call."""

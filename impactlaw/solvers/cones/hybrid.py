@@ -11,7 +11,7 @@ none (`convex.out_of_reach`).
 
 import numpy as np
 
-from impactlaw.solvers.cones.admm import largest_eigenvalue, linked_admm
+from impactlaw.solvers.cones.admm import admm, largest_eigenvalue
 from impactlaw.solvers.cones.algebra.blocks import flops
 from impactlaw.solvers.cones.algebra.linear import triangular_rows
 from impactlaw.solvers.cones.algebra.loops import (
@@ -31,10 +31,10 @@ from impactlaw.solvers.cones.algebra.loops import (
 from impactlaw.solvers.cones.algebra.ordering import Blocks, one_block
 from impactlaw.solvers.cones.algebra.projection import norm_of
 from impactlaw.solvers.cones.algebra.structure import BOX, CONE, Island, delassus
-from impactlaw.solvers.cones.convex import linked_corrected, out_of_reach
-from impactlaw.solvers.cones.interior import linked_interior
+from impactlaw.solvers.cones.convex import corrected, out_of_reach
+from impactlaw.solvers.cones.interior import interior
 from impactlaw.solvers.cones.large import solve_large
-from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, linked_newton
+from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, newton
 
 _FIRST_STEPS = np.array([4, 30, 12, 30])  # Newton steps with two maps from the guess, and from rest
 _FIRST_EASE = 1e2  # regularization per relative natural map there: all that is allowed until 1e-5 is left
@@ -139,8 +139,8 @@ def _solve_pile(P: Island, K: Blocks, x: Array, scale: float, tolerance: float) 
     dense, one, ease, total, least = numbers(0), 1.0, _EASE[0] / scale, 0, np.inf
     for k in range(2):
         if k == 1:
-            total += linked_interior(P, K, x, scale, _HANDED_ON * tolerance, _INTERIOR)
-        taken, least = linked_newton(P, K, dense, x, tolerance, _BRIEF, DE_SAXCE, one, _REDUCED, ease, _HURRY)
+            total += interior(P, K, x, scale, _HANDED_ON * tolerance, _INTERIOR)
+        taken, least = newton(P, K, dense, x, tolerance, _BRIEF, DE_SAXCE, one, _REDUCED, ease, _HURRY)
         total += taken
         if least <= tolerance:
             break
@@ -197,7 +197,7 @@ def solve_island(
             clear(point)
         kind = CONVEX if not P.exact else ALART_CURNIER if k % 2 == 0 else DE_SAXCE
         ease = 0.0 if k % 2 == 0 else _FIRST_EASE / scale
-        taken, r = linked_newton(P, K, G, point, tolerance, _FIRST_STEPS[k], kind, 1.0, delta, ease, patience)
+        taken, r = newton(P, K, G, point, tolerance, _FIRST_STEPS[k], kind, 1.0, delta, ease, patience)
         total += taken
         spend(left, taken * step, step, n)
         if r < least:
@@ -246,7 +246,7 @@ def _rounds(
                 spend(left, work - done, step, len(x))
                 break
         if k % 2 == 0:
-            taken = linked_admm(P, K, L, alternating, tolerance, 50 if k < _LATE else 150)
+            taken = admm(P, K, L, alternating, tolerance, 50 if k < _LATE else 150)
             work += taken * apart + 3.0 * cost
             put(point, alternating)
         elif many and k < _LATE:  # convex problems cost more than Newton steps from the best point
@@ -254,14 +254,14 @@ def _rounds(
             put(point, x)
         else:
             most = _affordable(left, cost, len(x))
-            taken = linked_corrected(P, K, convex, 1e2 * tolerance, 3 if k < _LATE else 6, _PROXIMAL, most)
+            taken = corrected(P, K, convex, 1e2 * tolerance, 3 if k < _LATE else 6, _PROXIMAL, most)
             work += taken * cost
             put(point, convex)
         total += taken
         v = k % len(_EASE)
         kind = CONVEX if not P.exact else _KINDS[v]
         delta = _DENSE if few else _REDUCED
-        taken, r = linked_newton(P, K, G, point, tolerance, after, kind, _FACTORS[v], delta, _EASE[v] / scale, patience)
+        taken, r = newton(P, K, G, point, tolerance, after, kind, _FACTORS[v], delta, _EASE[v] / scale, patience)
         total += taken
         work += taken * step
         spend(left, work - done, step, len(x))

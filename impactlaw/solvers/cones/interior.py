@@ -12,7 +12,6 @@ derivative of u without its correction. A step solves ``(G + c + N W^-2) dx = N 
 import numpy as np
 from numba import types
 
-from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.blocks import assemble, back_substitute, factor, room
 from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve_rows
@@ -240,7 +239,7 @@ def _advance(P: Island, K: Blocks, x, u, S, eta, E, H, pivot, z) -> None:
         u[k] += f * du[k]
 
 
-@compiled(types.int64(ISLAND, BLOCKS, FLOATS, types.float64, types.float64, types.int64))
+@linked(types.int64(ISLAND, BLOCKS, FLOATS, types.float64, types.float64, types.int64))
 def interior(P: Island, K: Blocks, x: Array, size: float, tolerance: float, most: int) -> int:
     """Overwrite x by the best point of at most `most` steps, the guess among them; return steps taken.
 
@@ -278,7 +277,3 @@ def interior(P: Island, K: Blocks, x: Array, size: float, tolerance: float, most
             least = s
             put(x, point)
     return taken
-
-
-linked_interior = linked(interior)
-"""What compiled functions call."""

@@ -9,8 +9,8 @@ import numpy as np
 from impactlaw.solvers.cones.algebra.loops import Array, copied, kernel, numbers, put
 from impactlaw.solvers.cones.algebra.ordering import Blocks
 from impactlaw.solvers.cones.algebra.structure import Island
-from impactlaw.solvers.cones.convex import linked_corrected
-from impactlaw.solvers.cones.newton import CONVEX, linked_newton
+from impactlaw.solvers.cones.convex import corrected
+from impactlaw.solvers.cones.newton import CONVEX, newton
 
 _STEPS, _PATIENCE = np.int64(10), np.int64(4)  # of Newton's method
 _ONE, _PROXIMAL = np.int64(1), np.int64(8)  # convex problem, and its proximal steps
@@ -25,12 +25,12 @@ def solve_large(P: Island, K: Blocks, x: Array, tolerance: float, most: int) -> 
     `tolerance` is the natural map that is small enough; what is safe begins no proximal step after `most` Newton steps.
     """
     dense, one, none = numbers(0), 1.0, 0.0
-    total, least = linked_newton(P, K, dense, x, tolerance, _STEPS, CONVEX, one, _DELTA, none, _PATIENCE)
+    total, least = newton(P, K, dense, x, tolerance, _STEPS, CONVEX, one, _DELTA, none, _PATIENCE)
     if least <= _NEAR * tolerance or most <= total:
         return total, least
     point = copied(x)
-    total += linked_corrected(P, K, point, _NEAR * tolerance, _ONE, _PROXIMAL, most - total)
-    taken, r = linked_newton(P, K, dense, point, tolerance, _STEPS, CONVEX, one, _DELTA, none, _PATIENCE)
+    total += corrected(P, K, point, _NEAR * tolerance, _ONE, _PROXIMAL, most - total)
+    taken, r = newton(P, K, dense, point, tolerance, _STEPS, CONVEX, one, _DELTA, none, _PATIENCE)
     if r < least:
         least = r
         put(x, point)

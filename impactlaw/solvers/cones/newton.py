@@ -12,7 +12,6 @@ degrees of freedom, dx is eliminated group by group: with ``B = I - D + E (c + d
 import numpy as np
 from numba import types
 
-from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.blocks import assemble, back_substitute, factor, room
 from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve, lu_solve_rows
@@ -188,7 +187,7 @@ def reduced_step(
     back_substitute(P, K, E, H, pivot, z, w, step)
 
 
-@compiled(
+@linked(
     types.Tuple((types.int64, types.float64))(
         ISLAND, BLOCKS, FLOATS, FLOATS, types.float64, types.int64, types.int64, types.float64, types.float64,
         types.float64, types.int64,
@@ -274,7 +273,3 @@ def newton(
             least = r
             put(x, point)
     return taken, least
-
-
-linked_newton = linked(newton)
-"""What compiled functions call."""

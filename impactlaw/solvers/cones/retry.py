@@ -6,14 +6,14 @@ Rounds of slower methods take hundreds of steps to find neither.
 import numpy as np
 
 from impactlaw.compiled import compiled
-from impactlaw.linked import linked
+from impactlaw.linked import by_address, linked
 from impactlaw.solvers.cones.algebra.loops import Array, clear, copied, counts, indices, numbers, put, unset
 from impactlaw.solvers.cones.algebra.projection import norm_of
 from impactlaw.solvers.cones.algebra.structure import delassus
 from impactlaw.solvers.cones.convex import out_of_reach
-from impactlaw.solvers.cones.interior import linked_interior
+from impactlaw.solvers.cones.interior import interior
 from impactlaw.solvers.cones.islands import build
-from impactlaw.solvers.cones.newton import DE_SAXCE, linked_newton
+from impactlaw.solvers.cones.newton import DE_SAXCE, newton
 from impactlaw.solvers.cones.rows import islands, lengths, trees_of
 from impactlaw.solvers.cones.solve import in_islands
 
@@ -23,7 +23,7 @@ _ONE, _NO_EASE = 1.0, 0.0
 _DENSE, _REDUCED = 1e-12, 1e-9  # least regularization of the system of all rows, and of the degrees of freedom
 
 
-@compiled(
+@linked(
     "boolean(int64[::1],int32[::1],int32[::1],int32[::1],float64[::1],int32[::1],int32[::1],int32[::1],int32[::1],"
     "float64[::1],float64[::1],float64[::1],float64[::1],boolean,float64,float64[::1],int64[::1],int64[::1])"
 )
@@ -53,8 +53,8 @@ def _retry_one(
     for again in range(2):
         if again:
             clear(point)
-        linked_interior(P, K, point, scale, _HANDED_ON * tolerance * scale, _STEPS)
-        _, r = linked_newton(
+        interior(P, K, point, scale, _HANDED_ON * tolerance * scale, _STEPS)
+        _, r = newton(
             P, K, G, point, tolerance * scale, _AFTER, DE_SAXCE, _ONE, _DENSE if few else _REDUCED, _NO_EASE, _ENDLESS
         )  # fmt: skip
         if r < least:
@@ -66,9 +66,6 @@ def _retry_one(
         for k in range(size[members[j]]):
             x[first[members[j]] + k] = start[P.start[j] + k] / length[members[j]]
     return False
-
-
-_linked_one = linked(_retry_one)
 
 
 @compiled(
@@ -104,12 +101,12 @@ def retry(
     number, seen = unset(len(tree)), unset(len(tree))
     for i in range(count):
         members = order[begin[i] : begin[i + 1]]
-        jammed = jammed or _linked_one(
+        jammed = jammed or _retry_one(
             members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, exact,
             tolerance, x, number, seen,
         )  # fmt: skip
     return jammed
 
 
-linked_retry = linked(retry)
+linked_retry = by_address(retry)
 """What compiled functions call."""

@@ -7,7 +7,7 @@ order of attempts.
 import numpy as np
 
 from impactlaw.compiled import compiled
-from impactlaw.linked import linked
+from impactlaw.linked import by_address, linked
 from impactlaw.solvers.cones.algebra.loops import (
     Array,
     counts,
@@ -21,7 +21,7 @@ from impactlaw.solvers.cones.islands import build
 from impactlaw.solvers.cones.rows import certificate, impulse_jump, islands, lengths, longest_group, trees_of
 
 
-@compiled(
+@linked(
     "int64(int64[::1],int32[::1],int32[::1],int32[::1],float64[::1],int32[::1],int32[::1],int32[::1],int32[::1],"
     "float64[::1],float64[::1],float64[::1],float64[::1],boolean,int64[::1],int64[::1],float64[::1],float64,float64,int64,float64[::1])"
 )
@@ -45,9 +45,6 @@ def _solve_one(
         for k in range(size[g]):
             x[first[g] + k] = point[P.start[j] + k] / length[g]
     return taken
-
-
-_linked_one = linked(_solve_one)
 
 
 @plain
@@ -110,7 +107,7 @@ def improve(
         if np.sqrt(squares[i]) <= tolerance * scale[i]:
             continue
         members = order[begin[i] : begin[i + 1]]
-        total += _linked_one(
+        total += _solve_one(
             members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, exact,
             number, seen, x, scale[i], tolerance, rounds, left,
         )  # fmt: skip
@@ -122,7 +119,7 @@ def improve(
     return worst, total
 
 
-linked_improve = linked(improve)
+linked_improve = by_address(improve)
 """What compiled functions call."""
 
 

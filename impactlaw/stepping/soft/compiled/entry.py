@@ -7,13 +7,12 @@ from typing import Any, NamedTuple, cast
 import numba
 from numba import types
 
-from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import clear
 from impactlaw.stepping.compiled.fields import flags, floats, longs
 from impactlaw.stepping.compiled.libmujoco import is_watched
 from impactlaw.stepping.soft.compiled.collide import SUMS
-from impactlaw.stepping.soft.compiled.step import linked_advance
+from impactlaw.stepping.soft.compiled.step import advance
 from impactlaw.stepping.soft.compiled.world import CALLBACK, FINE
 
 EXTRA = SUMS + 1
@@ -80,7 +79,7 @@ class Context(NamedTuple):
 CONTEXT = Context()
 
 
-@compiled("void(int64)")
+@linked("void(int64)")
 def steps(context):
     """Take steps until one ends in another way than it should."""
     c = longs(context, len(CONTEXT))
@@ -95,7 +94,7 @@ def steps(context):
         i = c[CONTEXT.taken]
         state = c[CONTEXT.states] + 8 * (width + EXTRA) * i
         sums = floats(state + 8 * width, SUMS)
-        c[CONTEXT.status] = linked_advance(
+        c[CONTEXT.status] = advance(
             c[CONTEXT.model], c[CONTEXT.data], c[CONTEXT.trial], c[CONTEXT.table],
             numbers[0], numbers[1], c[CONTEXT.exact] != 0, c[CONTEXT.last_exact] != 0, c[CONTEXT.frictional] != 0,
             numbers[2], c[CONTEXT.most],
@@ -112,10 +111,7 @@ def steps(context):
         c[CONTEXT.taken] += 1
 
 
-_steps = linked(steps)
-
-
 @cast(Any, numba).cfunc(types.void(types.int64, types.int64, types.int32, types.int64))
 def entry(model, data, simulation, context):
     """Take steps of the world that the numbers at an address tell of; the batch's own is not touched."""
-    _steps(context)
+    steps(context)

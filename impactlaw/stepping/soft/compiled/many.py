@@ -8,14 +8,13 @@ import numba
 import numpy as np
 from numba import types
 
-from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import numbers
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.fields import DATA, address_of, flags, floats, ints, keep, longs
 from impactlaw.stepping.compiled.pooled import copy_out, other_data
 from impactlaw.stepping.soft.compiled.collide import COUNT, LAST, SHORT, SUMS
-from impactlaw.stepping.soft.compiled.step import STATE, linked_advance
+from impactlaw.stepping.soft.compiled.step import STATE, advance
 from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, SETTING, UNKNOWN
 
 
@@ -62,7 +61,7 @@ class Worlds(NamedTuple):
 WORLDS = Worlds()
 
 
-@compiled("void(int64,int64,int64,int64)")
+@linked("void(int64,int64,int64,int64)")
 def some_steps(model, data, world, context):
     """Take the steps of one of many worlds; what Python is to do is left, and a failure puts the state back."""
     c = longs(context, len(WORLDS))
@@ -81,7 +80,7 @@ def some_steps(model, data, world, context):
     if report[2] == 0:
         mj.get_state(model, data, address_of(first), STATE)
     while report[2] < c[WORLDS.steps]:
-        report[0] = linked_advance(
+        report[0] = advance(
             model, data, other, c[WORLDS.table],
             settings[SETTING.restitution], settings[SETTING.sliding], settings[SETTING.exact] != 0.0,
             settings[SETTING.last_exact] != 0.0, c[WORLDS.frictional] != 0,
@@ -103,10 +102,7 @@ def some_steps(model, data, world, context):
     keep(first)
 
 
-_some_steps = linked(some_steps)
-
-
 @cast(Any, numba).cfunc(types.void(types.int64, types.int64, types.int32, types.int64))
 def many(model, data, world, context):
     """Take the steps of one of many worlds."""
-    _some_steps(model, data, world, context)
+    some_steps(model, data, world, context)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import clear, kernel, numbers, once, plain, zeros
 from impactlaw.stepping.compiled import libmujoco as mj
@@ -154,7 +153,7 @@ def _from_start(w, law, trial, integrator, state, sums):
     return status
 
 
-@compiled(
+@linked(
     "int64(int64,int64,int64,int64,float64,float64,boolean,boolean,boolean,float64,int64,int64[::1],float64[::1],int64[::1],"
     "float64[::1],uint8[::1],float64[::1],float64[::1],float64[::1],boolean)"
 )
@@ -220,7 +219,3 @@ def advance(
     if left[0] <= time or _bad_states(w) != bad:
         return DIVERGED
     return FINE
-
-
-linked_advance = linked(advance)
-"""What compiled functions call."""

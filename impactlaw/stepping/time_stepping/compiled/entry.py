@@ -7,7 +7,6 @@ from typing import Any, NamedTuple, cast
 import numba
 from numba import types
 
-from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import copied, indices, numbers, put
 from impactlaw.stepping.compiled import libmujoco as mj
@@ -16,7 +15,7 @@ from impactlaw.stepping.compiled.pooled import copy_out, other_data
 from impactlaw.stepping.time_stepping.compiled.state.memory import go_back
 from impactlaw.stepping.time_stepping.compiled.state.status import CALLBACK, FINE
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
-from impactlaw.stepping.time_stepping.compiled.step import STATE, linked_advance
+from impactlaw.stepping.time_stepping.compiled.step import STATE, advance
 
 
 class Context(NamedTuple):
@@ -49,7 +48,7 @@ class Context(NamedTuple):
 CONTEXT = Context()
 
 
-@compiled("void(int64)")
+@linked("void(int64)")
 def one_step(context):
     """Take one step of one world."""
     c = longs(context, len(CONTEXT))
@@ -58,7 +57,7 @@ def one_step(context):
         return
     memory = floats(c[CONTEXT.memory], c[CONTEXT.memories])
     put(floats(c[CONTEXT.before], c[CONTEXT.memories]), memory)
-    c[CONTEXT.status] = linked_advance(
+    c[CONTEXT.status] = advance(
         c[CONTEXT.model],
         c[CONTEXT.data],
         c[CONTEXT.scratch],
@@ -103,7 +102,7 @@ class Worlds(NamedTuple):
 WORLDS = Worlds()
 
 
-@compiled("void(int64,int64,int64,int64)")
+@linked("void(int64,int64,int64,int64)")
 def some_steps(model, data, world, context):
     """Take the steps of one of many worlds; after a failure its state and memory are those of before."""
     c = longs(context, len(WORLDS))
@@ -119,7 +118,7 @@ def some_steps(model, data, world, context):
     before = copied(memory)
     mj.get_state(model, data, address_of(first), STATE)
     for step in range(c[WORLDS.steps]):
-        report[0] = linked_advance(
+        report[0] = advance(
             model, data, other, c[WORLDS.table], settings, c[WORLDS.carriers], c[WORLDS.bilateral], keys, values,
             report[1:2], memory,
             address_of(structure),
@@ -137,16 +136,13 @@ def some_steps(model, data, world, context):
     keep(first)
 
 
-_one_step, _some_steps = linked(one_step), linked(some_steps)
-
-
 @cast(Any, numba).cfunc(types.void(types.int64, types.int64, types.int32, types.int64))
 def many(model, data, world, context):
     """Take the steps of one of many worlds."""
-    _some_steps(model, data, world, context)
+    some_steps(model, data, world, context)
 
 
 @cast(Any, numba).cfunc(types.void(types.int64, types.int64, types.int32, types.int64))
 def single(model, data, simulation, context):
     """Take one step of the world that the numbers at an address tell of; the batch's own is not touched."""
-    _one_step(context)
+    one_step(context)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import (
     FIRST,
@@ -222,7 +221,7 @@ def _to_end(w, middle, shift, opens):
         mj.integrate_pos(w.model, address_of(qpos), address_of(shift), w.timestep)
 
 
-@compiled(
+@linked(
     "int64(int64,int64,int64,int64,int64,int64,int64,int64[::1],float64[::1],int64[::1],float64[::1],int64,float64[::1],"
     "float64[::1],boolean)"
 )
@@ -276,7 +275,3 @@ def advance(
         mj.fwd_position(user, data)
     keep(sizes)
     return status
-
-
-linked_advance = linked(advance)
-"""What compiled functions call."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import clear, once, plain
 from impactlaw.stepping.compiled.access import (
@@ -21,7 +20,7 @@ from impactlaw.stepping.compiled.access import (
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
 from impactlaw.stepping.compiled.ties import leave_tied_out
 from impactlaw.stepping.time_stepping.compiled.impulses.answer import NO_ANSWER, Solved, goes_on, lost, scalable, solve
-from impactlaw.stepping.time_stepping.compiled.impulses.phased import linked_phases
+from impactlaw.stepping.time_stepping.compiled.impulses.phased import resolve_in_phases
 from impactlaw.stepping.time_stepping.compiled.state.kinds import (
     BOOLEAN,
     INTEGER,
@@ -137,7 +136,7 @@ def _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums):
     return solved, cut
 
 
-@compiled(
+@linked(
     typeof(Outcome(0, 0, NO_ANSWER, False))(
         WORLD, JACOBIAN, MARKS, NUMBERS, NUMBERS, NUMBERS, KNOWN, INTEGER, LAW, BOOLEAN, MARKS, ROOM, NUMBERS
     ),
@@ -178,14 +177,10 @@ def attempt(w, jacobian, chosen, start, moved, free, known, rounds, law, phases,
             before[i] = start[i] + moved[i]
         add_before(rows.sparse, rows.rates, nnz, adr, col, J, moved)
     if phases:
-        solved, cut = linked_phases(w, rows, metric, before, free, known, rounds, law, answer, sums)
+        solved, cut = resolve_in_phases(w, rows, metric, before, free, known, rounds, law, answer, sums)
     else:
         solved, cut = _resolve(w, rows, metric, before, free, known, rounds, law, answer, sums)
     return Outcome(groups, many, solved, cut)
-
-
-linked_attempt = linked(attempt)
-"""What compiled functions call."""
 
 
 @plain

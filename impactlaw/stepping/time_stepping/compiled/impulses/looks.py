@@ -10,7 +10,7 @@ from impactlaw.stepping.compiled.fields import floats
 from impactlaw.stepping.time_stepping.compiled.impulses.answer import Solved, work_left
 from impactlaw.stepping.time_stepping.compiled.impulses.contact import (
     Outcome,
-    linked_attempt,
+    attempt,
     near,
     sees_more,
     take_over,
@@ -37,7 +37,7 @@ def _again(w, law, start, moved, free, jacobian, chosen, mark, room, found, phas
     known, last = known_at(room.known, found.groups, found.rows), answer_at(room.answer, found.groups, found.rows, w.nv)
     keep_known(known, rows.groups, rows.key, rows.rates[0], last.x)
     sums = floats(room.sums, SUMS)
-    return linked_attempt(w, jacobian, chosen, start, moved, free, known, _FEW, law, phases, mark, room, sums)
+    return attempt(w, jacobian, chosen, start, moved, free, known, _FEW, law, phases, mark, room, sums)
 
 
 @plain
@@ -78,7 +78,7 @@ def find_impulses(
     still, unseen = free[:0], False
     put(free, qvel)
     near(w, jacobian, start, free, 2.0 * h, chosen)
-    found = linked_attempt(
+    found = attempt(
         w, jacobian, chosen, start, still, free, known, rounds, law, phases, mark, room, floats(room.sums, SUMS)
     )  # fmt: skip
     while found.rows > 0 and found.solved.status == FINE:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
-from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import clear, copied, kernel, once, put, zeros
 from impactlaw.stepping.compiled.access import model_ints, velocity_of
@@ -76,7 +75,7 @@ def _meet(w, rows, metric, before, known, rounds, law, may, more, block, sums):
     return solved, answer, place, later, waiting
 
 
-@compiled(types.Tuple((SOLVED, BOOLEAN))(WORLD, ROWS, METRIC, NUMBERS, NUMBERS, KNOWN, INTEGER, LAW, ANSWER, NUMBERS))
+@linked(types.Tuple((SOLVED, BOOLEAN))(WORLD, ROWS, METRIC, NUMBERS, NUMBERS, KNOWN, INTEGER, LAW, ANSWER, NUMBERS))
 def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, sums):
     """Find the impulses, phase by phase; see `contact_impulses.ContactProblem.find`.
 
@@ -116,7 +115,3 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
     keep(block)
     put(velocity_of(w), velocity)
     return Solved(collided, opens, missed, fastest, 1.0, created, work, rounding, FINE, False), cut
-
-
-linked_phases = linked(resolve_in_phases)
-"""What compiled functions call."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.compiled import compiled
-from impactlaw.linked import linked
+from impactlaw.linked import by_address
 from impactlaw.solvers.cones.algebra.loops import numbers, plain
 from impactlaw.stepping.compiled.whitening import unwhitened
 from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, is_held, is_met, lose_energy
@@ -82,7 +82,7 @@ def resolve(
     )  # fmt: skip
 
 
-linked_resolve = linked(resolve)
+linked_resolve = by_address(resolve)
 """What compiled functions call."""
 
 
