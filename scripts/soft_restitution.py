@@ -6,6 +6,7 @@ Contacts that are tuned to bounce by themselves, as those of a table tennis task
 
 import mujoco
 import numpy as np
+import tyro
 
 from impactlaw import Moreau, Stepper
 
@@ -42,4 +43,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main, description=__doc__)

@@ -207,7 +207,7 @@ class VectorWorlds(VectorEnv):
         reward[going] = np.where(found.diverged, 0.0, found.reward)
         terminated[going], truncated[going] = found.terminated & ~found.diverged, found.diverged
         for name, value in (found.info | told).items():
-            info[name] = np.zeros(self.num_envs)
+            info[name] = np.zeros(self.num_envs, float if value.dtype.kind == "f" else int)
             info[name][going] = value
             info[f"_{name}"] = ~self._over
         self._elapsed[going] += 1

@@ -54,7 +54,7 @@ def one_each(law: Any, count: int) -> list[Law]:
         raise SceneError(f"{count} worlds need as many laws, got {len(laws)}")
     for own in laws:
         if not isinstance(own, Law):
-            raise UnknownNameError("law", own, ("a Law, see impactlaw.make_law",))
+            raise UnknownNameError("law of a batch", own, ('a Law, such as impactlaw.make_law("moreau", 0.5)',))
     return list(laws)
 
 

@@ -1,7 +1,5 @@
 """Reading measured collisions: a recording, or a table in CSV or Parquet."""
 
-from __future__ import annotations
-
 import ast
 import json
 import math
@@ -69,7 +67,7 @@ def read_collisions(path: str | Path) -> Collisions:
     raise MeasurementError(f"{path} has no column {missing}; a table has {', '.join(FULL)} or {', '.join(CONTACT)}")
 
 
-def _table(path: Path) -> pd.DataFrame:
+def _table(path: Path) -> "pd.DataFrame":
     import pandas as pd
 
     if path.suffix == ".rrd":
@@ -87,7 +85,7 @@ def _table(path: Path) -> pd.DataFrame:
         raise MeasurementError(f"{path} cannot be read as a table: {reason}") from None
 
 
-def _full(table: pd.DataFrame) -> Collisions:
+def _full(table: "pd.DataFrame") -> Collisions:
     collisions, after = [], []
     for i, row in enumerate(table.to_dict("records")):
         M, J = (_array(row, name, i, 2) for name in ("mass_matrix", "jacobian"))
@@ -108,7 +106,7 @@ def _full(table: pd.DataFrame) -> Collisions:
     return Collisions(collisions, after)
 
 
-def _contact(table: pd.DataFrame) -> Collisions:
+def _contact(table: "pd.DataFrame") -> Collisions:
     rows = table.to_dict("records")
     before, after, labels, contacts = [], [], [], []
     for i, row in enumerate(rows):

@@ -44,7 +44,7 @@ def _extent(recording: Recording) -> str:
     time, energy = recording.series("energy/total")
     episodes = len(recording.episodes)
     counted += f" in {episodes} episodes" if episodes > 1 else ""
-    return f"{len(time)} steps up to t = {time[-1]:.6g} s, {counted}; energy {energy[0]:.6g} J -> {energy[-1]:.6g} J"
+    return f"{len(time)} states up to t = {time[-1]:.6g} s, {counted}; energy {energy[0]:.6g} J -> {energy[-1]:.6g} J"
 
 
 def _episodes(recording: Recording, limit: int) -> str:

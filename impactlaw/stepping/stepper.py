@@ -285,7 +285,8 @@ class Stepper:
         if isinstance(law, str) and law == "scene":
             law = scene_law(self.model)
         if not isinstance(law, Law):
-            raise UnknownNameError("law", law, ("scene", "a Law, see impactlaw.make_law"))
+            known = "scene", 'a Law, such as impactlaw.make_law("moreau", 0.5)'
+            raise UnknownNameError("law of a stepper", law, known)
         check_law(self.model, law, self._chosen)
         check_friction(law, self.friction)
         return law

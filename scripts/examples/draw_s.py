@@ -2,8 +2,10 @@
 
 One sees a sector, of 60 degrees in the kinetic metric: its corners are maximal dissipation, Moreau's law with e = 1 and
 the reversal law.
-Writes possible_outcomes.png.
+Writes out/possible_outcomes.png.
 """
+
+from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
@@ -28,5 +30,6 @@ half_line = np.array([Moreau(e).resolve(collision).post_contact_velocity for e i
 axis.plot(*half_line.T, "k--", linewidth=1, label="Moreau's half-line")
 axis.set(xlabel="velocity at contact 1 after, m/s", ylabel="velocity at contact 2 after, m/s", aspect="equal")
 axis.legend(fontsize=8)
-figure.savefig("possible_outcomes.png", dpi=120)
-print("intensities of S reach from {:.4f} to {:.4f}; possible_outcomes.png".format(*S.intensity_range()))
+Path("out").mkdir(exist_ok=True)
+figure.savefig("out/possible_outcomes.png", dpi=120)
+print("intensities of S reach from {:.4f} to {:.4f}; out/possible_outcomes.png".format(*S.intensity_range()))

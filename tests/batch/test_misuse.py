@@ -50,9 +50,9 @@ def test_keyframes_that_there_are_not(batch, keyframe):
 
 @pytest.mark.parametrize("law", ["moreau", None, ["moreau"] * 3, [Moreau(0.5), None, Moreau(0.5)]], ids=str)
 def test_laws_that_are_none(batch, law):
-    with pytest.raises(UnknownNameError, match=r"a Law, see impactlaw.make_law"):
+    with pytest.raises(UnknownNameError, match=r"a Law, such as impactlaw.make_law"):
         Batch(batch.model, law, 3, 1)
-    with pytest.raises(UnknownNameError, match=r"a Law, see impactlaw.make_law"):
+    with pytest.raises(UnknownNameError, match=r"a Law, such as impactlaw.make_law"):
         batch.set_law(law)
 
 

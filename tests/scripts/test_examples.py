@@ -10,6 +10,7 @@ from wrapped import theirs
 pytestmark = theirs
 FOLDER = Path(__file__).parents[2] / "scripts" / "examples"
 EXAMPLES = {path.stem: path for path in sorted(FOLDER.glob("*.py")) if path.stem != "__init__"}
+TRAINS = "train_in_many_worlds"
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +43,8 @@ def numbers(shown, capsys, monkeypatch):
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_an_example_is_short_and_runs_and_prints(name, shown, capsys, monkeypatch):
+    if name == TRAINS:
+        pytest.importorskip("stable_baselines3", reason="impactlaw[train] is not installed")
     lines = EXAMPLES[name].read_text().splitlines()
     assert len(lines) <= 40
     assert "One sees" in EXAMPLES[name].read_text().split('"""')[1]
@@ -91,7 +94,7 @@ def test_the_own_law_keeps_what_it_is_asked_to_if_contact_lets_it(numbers):
 
 def test_the_picture_of_s_is_drawn(shown, numbers):
     assert [row[:2] for row in numbers("draw_s")[1:3]] == [[1.0, 1.0], [0.0, 1.0]]  # e = 1 in the name of Moreau's
-    assert (shown.folder / "possible_outcomes.png").stat().st_size > 10_000
+    assert (shown.folder / "out" / "possible_outcomes.png").stat().st_size > 10_000
 
 
 def test_the_recording_has_the_break_of_the_rack(numbers):
