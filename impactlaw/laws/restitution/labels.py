@@ -17,12 +17,17 @@ from impactlaw.errors import RestitutionError, UnknownNameError
 
 
 def canonical(label: object) -> str:
-    """Return the label with its two names sorted; takes ``"a/b"`` or ``("a", "b")``; any other string as it is."""
-    if isinstance(label, str):
-        names = label.split("/")
-        return "/".join(sorted(names)) if len(names) == 2 else label
+    """Return the label with its two names in an order of their own; takes ``"a/b"`` or ``("a", "b")``.
+
+    Names that have slashes themselves cannot be told apart: of all labels that begin after a slash and go on with what
+    was before it, this is the first one by alphabet. Patterns of such names stay as they are.
+    """
     if isinstance(label, tuple) and len(label) == 2 and all(isinstance(name, str) for name in label):
-        return "/".join(sorted(label))
+        label = "/".join(label)
+    if isinstance(label, str):
+        if label.count("/") > 1 and is_pattern(label):
+            return label
+        return min([label, *(f"{second}/{first}" for first, second in _pairs(label))])
     raise RestitutionError(f'a contact is named "first/second" or ("first", "second"), got {label!r}')
 
 
@@ -130,10 +135,10 @@ def check_labels(used: Iterable[str], known: tuple[str, ...], *, patterns: bool 
         UnknownNameError: a label that no contact of the scene can have, or a pattern that none matches; names the
             nearest ones.
     """
-    known_canonical = {canonical(label) for label in known}
+    exact = {canonical(label) for label in known}
     for label in sorted(used):
         a_pattern = patterns and is_pattern(label)
-        if label not in known_canonical and not (a_pattern and any(matches(label, one) for one in known_canonical)):
+        if label not in exact and not (a_pattern and any(matches(label, one) for one in known)):
             raise UnknownNameError("contact pattern" if a_pattern else "contact", label, known)
 
 

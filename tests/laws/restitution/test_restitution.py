@@ -50,6 +50,30 @@ def test_fremond_by_label():
     np.testing.assert_array_equal(law.restitution_matrix(part), [[1.0, 0.0], [0.0, 0.0]])
 
 
+@pytest.mark.parametrize("first", ["robot/foot", "a/foot", "zebra/left/foot"])
+@pytest.mark.parametrize("second", ["world/floor", "floor", "b/c/d/e"])
+@pytest.mark.parametrize("turned", [False, True])
+def test_names_with_slashes_are_keys_in_either_order(first, second, turned):
+    known = (f"{first}/{second}", "other/thing")
+    names = (second, first) if turned else (first, second)
+    for key in (names, "/".join(names)):
+        check_labels([canonical(key)], known)
+        c = Collision(np.eye(2), np.eye(2), [-1.0, -1.0], labels=known)
+        np.testing.assert_array_equal(Newton({key: 0.9}, default=0.1).coefficients(c), [0.9, 0.1])
+        keyed = Fremond({(key, key): 0.9}).restitution_matrix(c)
+        np.testing.assert_array_equal(keyed, [[0.9, 0.0], [0.0, 0.0]])
+    with pytest.raises(UnknownNameError):
+        check_labels([canonical((first + "x", second))], known)
+
+
+@pytest.mark.parametrize("key", [("*/foot", "world/floor"), ("world/floor", "*/foot"), "robot/*", "*foot/world*"])
+def test_patterns_of_names_with_slashes(key):
+    known = ("robot/foot/world/floor", "other/thing")
+    check_labels([canonical(key)], known)
+    c = Collision(np.eye(2), np.eye(2), [-1.0, -1.0], labels=known)
+    np.testing.assert_array_equal(Newton({key: 0.9}, default=0.1).coefficients(c), [0.9, 0.1])
+
+
 def test_fremond_keyed_cradle_survives_another_order_of_the_contacts():
     pairs = [("b1/b2", "b3/b4"), ("b2/b3", "b3/b2"), ("b3/b4", "b2/b1")]
     law = Fremond(dict.fromkeys(pairs, 1.0))
