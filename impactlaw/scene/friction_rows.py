@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.contacts import Contacts, constraint_rows, sorted_geoms
+from impactlaw.scene.frames import straighten
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.scene.tolerances import MIN_FRICTION, NO_FRICTION
 
@@ -151,7 +152,8 @@ def active_friction(
 ) -> ActiveFriction | None:
     """Return the rows of friction of the contacts that MuJoCo's solver acts on; None if there are none.
 
-    They are those of MuJoCo's constraints, or, with pyramidal cones, half of the difference of two of these.
+    They are those of MuJoCo's constraints, or, with pyramidal cones, half of the difference of two of these; where
+    MuJoCo's tangents are not in the tangent plane, those of others that are.
     """
     found, index = data.contact, np.flatnonzero(data.contact.efc_address >= 0)
     _, order, swapped = sorted_geoms(found.geom[index])
@@ -167,11 +169,16 @@ def active_friction(
         J = (constraint_rows(model, data, first) - constraint_rows(model, data, first + 1)) / (2.0 * mu[:, None])
     else:
         J = constraint_rows(model, data, address + 1 + kind)
-    drift = np.zeros(len(contact))
+    frame, slides, drift = found.frame[index], (kind < _TORSION)[:, None], np.zeros(len(contact))
+    skew = straighten(frame)
+    axis = frame.reshape(-1, 3, 3)[contact, np.where(kind < _TORSION, kind + 1, kind - _TORSION)]
+    for i in skew.tolist():
+        own, k = contact == i, index[i]
+        slide, turn = _relative(model, data, found.pos[k], tuple(model.geom_bodyid[found.geom[k]]))
+        J[own] = np.where(slides[own], axis[own] @ slide, axis[own] @ turn)
     if surfaces is not None:
         velocity, spin, belt = (part[contact] for part in surfaces.motion(data, contacts))
-        axis = found.frame[index].reshape(-1, 3, 3)[contact, np.where(kind < _TORSION, kind + 1, kind - _TORSION)]
-        drift = np.vecdot(axis, np.where((kind < _TORSION)[:, None], velocity + belt, spin))
+        drift = np.vecdot(axis, np.where(slides, velocity + belt, spin))
         drift = np.where(swapped[contact], -drift, drift)
     return ActiveFriction(J, contact, mu, drift)
 
