@@ -169,8 +169,11 @@ def active_friction(
         J = (constraint_rows(model, data, first) - constraint_rows(model, data, first + 1)) / (2.0 * mu[:, None])
     else:
         J = constraint_rows(model, data, address + 1 + kind)
-    frame, slides, drift = found.frame[index], (kind < _TORSION)[:, None], np.zeros(len(contact))
+    frame, drift = found.frame[index], np.zeros(len(contact))
     skew = straighten(frame)
+    if surfaces is None and not len(skew):
+        return ActiveFriction(J, contact, mu, drift)
+    slides = (kind < _TORSION)[:, None]
     axis = frame.reshape(-1, 3, 3)[contact, np.where(kind < _TORSION, kind + 1, kind - _TORSION)]
     for i in skew.tolist():
         own, k = contact == i, index[i]
