@@ -10,9 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.compiled import compiled
+from impactlaw.scene.tolerances import ORTHOGONAL
 from impactlaw.solvers.cones.algebra.loops import plain
-
-_ORTHOGONAL = 1e-12  # product of unit vectors
 
 
 @plain
@@ -31,7 +30,7 @@ def _cross(frame, k, i, j, at):
 @plain
 def is_orthogonal(frame, k):
     """Return whether the first tangent of a contact is in the tangent plane."""
-    return abs(_product(frame, k, 0, 3)) <= _ORTHOGONAL
+    return abs(_product(frame, k, 0, 3)) <= ORTHOGONAL
 
 
 @plain
@@ -62,13 +61,6 @@ def make_orthogonal(frame):
 
 
 @compiled()
-def _make_orthogonal(frame):
+def straighten(frame):
+    """Do what `make_orthogonal` does, for Python."""
     make_orthogonal(frame)
-
-
-def straighten(frame: np.ndarray) -> np.ndarray:
-    """Do what `make_orthogonal` does, for Python; return which contacts have other tangents, int (k,)."""
-    skew = np.flatnonzero(np.abs(np.vecdot(frame[:, :3], frame[:, 3:6])) > _ORTHOGONAL)
-    if len(skew):
-        _make_orthogonal(frame)
-    return skew

@@ -9,9 +9,8 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.contacts import Contacts, constraint_rows, sorted_geoms
-from impactlaw.scene.frames import straighten
 from impactlaw.scene.moving_surfaces import Surfaces
-from impactlaw.scene.tolerances import MIN_FRICTION, NO_FRICTION
+from impactlaw.scene.tolerances import MIN_FRICTION, NO_FRICTION, ORTHOGONAL
 
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
@@ -170,7 +169,7 @@ def active_friction(
     else:
         J = constraint_rows(model, data, address + 1 + kind)
     frame, drift = found.frame[index], np.zeros(len(contact))
-    skew = straighten(frame)
+    skew = _straighten(frame)
     if surfaces is None and not len(skew):
         return ActiveFriction(J, contact, mu, drift)
     slides = (kind < _TORSION)[:, None]
@@ -184,6 +183,16 @@ def active_friction(
         drift = np.vecdot(axis, np.where(slides, velocity + belt, spin))
         drift = np.where(swapped[contact], -drift, drift)
     return ActiveFriction(J, contact, mu, drift)
+
+
+def _straighten(frame: np.ndarray) -> np.ndarray:
+    """Make frames of contacts, (h, 9), orthogonal; return which were not, int (k,)."""
+    skew = np.flatnonzero(np.abs(np.vecdot(frame[:, :3], frame[:, 3:6])) > ORTHOGONAL)
+    if len(skew):
+        from impactlaw.scene.frames import straighten  # compiled: nothing that reading a scene should load
+
+        straighten(frame)
+    return skew
 
 
 def friction_on_contacts(
