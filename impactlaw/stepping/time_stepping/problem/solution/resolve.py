@@ -6,18 +6,20 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import numbers, plain
+from impactlaw.solvers.cones.algebra.loops import numbers, plain, put
 from impactlaw.stepping.compiled.whitening import unwhitened
 from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, is_held, is_met, lose_energy
 from impactlaw.stepping.time_stepping.problem.overlaps import move_apart, overlap_targets
 from impactlaw.stepping.time_stepping.problem.solution.apart import solve_contacts
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import guess, shortfall
+from impactlaw.stepping.time_stepping.problem.solution.driven import turn_back
 
 _ARRAYS = (
     "int32[:,::1],int32[::1],float64[::1],int32[:,::1],int64[::1],float64[:,::1],float64[:,::1],float64[::1],"
     "float64[::1],boolean[::1],int32[:,::1],int64[::1],float64[::1],float64[::1],float64,boolean,boolean,boolean,int64,"
     "float64[::1],int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1]"
 )
+_TURNS = 8
 _FOUND = "boolean,float64,float64,float64,float64,float64,float64,boolean"
 
 
@@ -36,15 +38,23 @@ def _resolve(
     known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
     factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z, room,
 ):  # fmt: skip
-    """Do what `resolve` does with room for (3 n + 2 g + 2 nv,)."""
+    """Do what `resolve` does with room for (6 n + 2 g + 2 nv,)."""
     n, g, nv = len(x), len(target), len(z)
     after, root, w = room[:n], room[n : n + nv], room[n + nv : n + 2 * nv]
     need, push, rest = room[n + 2 * nv :][:g], room[n + 2 * nv + g :][:g], room[n + 2 * nv + 2 * g :]
+    aimed, held, soft = rest[2 * n :][:n], rest[3 * n :][:n], rest[4 * n :][:n]
     guess(groups, key, rates[0], known_groups, known_key, known_scale, known, x)
-    share, created, solved, sharp = solve_contacts(
-        sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative,
-        together, rounds, left, x, z, after, reached, rest,
-    )  # fmt: skip
+    put(aimed, sliding)
+    put(held, rates[3])
+    put(soft, rates[4])
+    for _ in range(_TURNS):
+        put(sliding, aimed)
+        share, created, solved, sharp = solve_contacts(
+            sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative,
+            together, rounds, left, x, z, after, reached, rest[: 2 * n],
+        )  # fmt: skip
+        if not turn_back(sparse, colind, value, groups, rates, tree, collides, x, after):
+            break
     missed, fastest = shortfall(groups, rates, after, reached)
     if _some_held(groups, amounts, rates) or not solved or not is_met(missed, fastest):
         lose_energy(
@@ -57,6 +67,8 @@ def _resolve(
     overlaps = overlap_targets(groups, amounts, rates, after, timestep, need)
     if overlaps:
         move_apart(sparse, colind, value, groups, rates, need, timestep, factor, root, Mnnz, Madr, Mcol, push, w, shift)
+    put(rates[3], held)
+    put(rates[4], soft)
     work, total = contact_work(groups, rates, after, x)
     return overlaps, missed, fastest, share, created, work, CREATED * total, sharp
 
@@ -74,7 +86,7 @@ def resolve(
     overlap has to be opened, the numbers of `resolve_step`, and whether the impulses solve the problem as it was given,
     as well as solvers can.
     """
-    room = numbers(3 * len(x) + 2 * len(target) + 2 * len(z))
+    room = numbers(6 * len(x) + 2 * len(target) + 2 * len(z))
     return _resolve(
         sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
         known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
