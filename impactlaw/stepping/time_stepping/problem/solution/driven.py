@@ -1,82 +1,129 @@
-"""Equality constraints whose drift drives a collision: they collide themselves, as stops do, and add no energy.
+"""Equality constraints whose drift would drive a collision: they are stops there, and add no energy.
 
-An equality with the velocity u- that aims at t does the work ``Lambda (u- + u+) / 2``. It is positive where contact
-throws it back to less than ``-u-``, and the equality makes up for that: a knob of 1 g m^2 that is coupled 174 : 1 to a burner
-whose limit stops it is thrown to what the burner has lost, times 174. No work is done where u+ is -u-, by an elastic
-stop, or where there is no impulse, between these stops.
+An equality whose velocity changes from u- to u+ does the work ``Lambda (u- + u+) / 2``. If it aims at its drift u-, or
+at a part of that, it adds energy wherever contact pushes it the other way: a knob coupled 174 : 1 to a burner that its
+limit stops at 1 m/s would be thrown to 174 rad/s. It does no work where u+ is -u-, as after an elastic stop, and where
+it has no impulse, as between stops. With two stops, at u- and -u-, its drift does not grow either.
 """
 
 from __future__ import annotations
 
-from impactlaw.solvers.cones import BILATERAL, CONE
-from impactlaw.solvers.cones.algebra.loops import indices, kernel, numbers, plain, zeros
+from impactlaw.solvers.cones import BILATERAL
+from impactlaw.solvers.cones.algebra.loops import indices, kernel, numbers, plain, put, zeros
 from impactlaw.solvers.cones.rows import islands, lengths, trees_of
+from impactlaw.stepping.time_stepping.problem.drifts import square_of
+from impactlaw.stepping.time_stepping.problem.solution.apart import solve_contacts
 from impactlaw.stepping.time_stepping.tolerances import DRIVEN
 
-_GONE = 1e12  # compliance of an equality that does nothing, as a multiple of what it resists impulses with
+_GONE = 1e12  # compliance of an equality that does nothing, as a multiple of all that resists its impulses
+_TURNS = 8  # solutions of a problem at most
 
 
 @plain
-def _square(sparse, value, row):
-    """Return the square of the length of a row."""
-    s = 0.0
-    for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
-        s += value[a] * value[a]
-    return s
+def _work_of(groups, rates, after, x, g):
+    """Return ``Lambda^T (u- + u+) / 2`` of one group."""
+    work = 0.0
+    for k in range(groups[0, g], groups[0, g] + groups[1, g]):
+        work += 0.5 * x[k] * rates[0, k] * (rates[1, k] + after[k])
+    return work
 
 
 @plain
-def _add_work(sparse, value, groups, rates, after, x, collides, label, sums):
-    """Add, island by island, (3, islands): work of equalities, of all rows, and the energy of the fastest contact."""
-    for g in range(groups.shape[1]):
-        if label[g] < 0:
-            continue
-        row = groups[0, g]
-        for k in range(row, row + groups[1, g]):
-            work = 0.5 * x[k] * rates[0, k] * (rates[1, k] + after[k])
-            sums[1, label[g]] += work
-            if groups[2, g] == BILATERAL:
-                sums[0, label[g]] += work
-        if collides[g]:
-            energy = 0.5 * rates[1, row] ** 2 / max(_square(sparse, value, row), 1e-300)
-            sums[2, label[g]] = max(sums[2, label[g]], energy)
-
-
-@plain
-def _let_go(sparse, value, groups, rates, x):
-    """Let equalities do nothing that are between their stops; return whether there are some that did something."""
+def _let_go(sparse, value, groups, rates, turned, x):
+    """Let equalities that would pull towards their stop do nothing; return whether some did something."""
     some = False
-    for g in range(groups.shape[1]):
+    for g in range(len(turned)):
         row = groups[0, g]
-        if groups[2, g] == BILATERAL and rates[3, row] == -rates[1, row] and x[row] * rates[1, row] < 0.0:
-            gone = _GONE * (_square(sparse, value, row) + rates[4, row])
-            if rates[4, row] < gone * 1e-6:
-                rates[4, row] = gone
-                some = True
+        if turned[g] == 1 and x[row] * rates[1, row] < 0.0:
+            rates[4, row] = _GONE * (square_of(sparse, value, row) + rates[4, row])
+            turned[g] = 2
+            some = True
     return some
 
 
-@kernel
-def turn_back(sparse, colind, value, groups, rates, tree, collides, x, after):
-    """Let equalities that drive a collision collide themselves; return whether the problem has changed by that.
+@plain
+def _some_work(groups, rates, after, x, bound, turned):
+    """Return whether some equality that may not drive a collision adds energy to it."""
+    some = False
+    for g in range(len(bound)):
+        some = some or (bound[g] and turned[g] == 0 and _work_of(groups, rates, after, x, g) > 0.0)
+    return some
 
-    They drive it where they and all rows together add more than `DRIVEN` of the energy of the fastest contact of their
-    island. Targets and compliances in rates are written.
+
+@plain
+def _add_sums(sparse, value, groups, rates, after, x, collides, bound, label, sums):
+    """Add, island by island, (3, islands): work of such equalities, theirs and that of contact, the fastest contact.
+
+    Of that it is the energy. Servos and forces, which drive a collision, may have any work.
     """
-    some = _let_go(sparse, value, groups, rates, x)
+    for g in range(len(bound)):
+        i = label[g]
+        if i < 0 or (groups[2, g] == BILATERAL and not bound[g]):
+            continue
+        work = _work_of(groups, rates, after, x, g)
+        sums[1, i] += work
+        if bound[g]:
+            sums[0, i] += work
+        if collides[g]:
+            row = groups[0, g]
+            sums[2, i] = max(sums[2, i], 0.5 * rates[1, row] ** 2 / max(square_of(sparse, value, row), 1e-300))
+
+
+@kernel
+def _turn(sparse, colind, value, groups, rates, tree, collides, bound, turned, x, after):
+    """Let equalities that add energy to a collision be stops; return whether there are more than before.
+
+    They do where all of an island, and with its contacts, add more than `DRIVEN` of the energy of the fastest contact.
+    """
     many, trees = groups.shape[1], trees_of(tree)
     length, label, parent, number = numbers(many), indices(many), indices(trees), indices(trees)
     lengths(sparse[0], sparse[1], value, groups[0], groups[1], rates[4], length)
     count = islands(
         sparse[0], sparse[1], colind, value, tree, groups[0], groups[1], length, label, parent, number
     )  # fmt: skip
-    sums = zeros(3 * count).reshape((3, count))
-    _add_work(sparse, value, groups, rates, after, x, collides, label, sums)
+    sums, some = zeros(3 * count).reshape((3, count)), False
+    _add_sums(sparse, value, groups, rates, after, x, collides, bound, label, sums)
     for g in range(many):
-        row, i = groups[0, g], label[g]
-        if groups[2, g] != BILATERAL or i < 0 or sums[2, i] == 0.0 or min(sums[0, i], sums[1, i]) <= DRIVEN * sums[2, i]:
+        i = label[g]
+        if not bound[g] or turned[g] != 0 or i < 0 or sums[2, i] == 0.0:
             continue
-        if x[row] * (rates[1, row] + after[row]) > 0.0 and rates[3, row] != -rates[1, row]:
-            rates[3, row] = -rates[1, row]
+        driven = min(sums[0, i], sums[1, i]) > DRIVEN * sums[2, i]
+        if driven and _work_of(groups, rates, after, x, g) > 0.0:
+            rates[3, groups[0, g]], turned[g] = -rates[1, groups[0, g]], 1
             some = True
     return some
+
+
+@plain
+def solve_undriven(
+    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, bound, tree, exact, dissipative,
+    together, rounds, left, x, z, after, scaled, turned, room,
+):  # fmt: skip
+    """Do what `solve_contacts` does, where equalities that would drive the collision are stops.
+
+    Those are `bound`, (g,). There are zeros, (g,), and room for (5 n,).
+    """
+    n = len(x)
+    aimed, held, soft = room[2 * n : 3 * n], room[3 * n : 4 * n], room[4 * n : 5 * n]
+    put(aimed, sliding)
+    put(held, rates[3])
+    put(soft, rates[4])
+    found = solve_contacts(
+        sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative,
+        together, rounds, left, x, z, after, scaled, room[: 2 * n],
+    )  # fmt: skip
+    for _ in range(_TURNS - 1):
+        changed = _let_go(sparse, value, groups, rates, turned, x)
+        if _some_work(groups, rates, after, x, bound, turned):
+            more = _turn(sparse, colind, value, groups, rates, tree, collides, bound, turned, x, after)
+            changed = changed or more
+        if not changed:
+            break
+        put(sliding, aimed)
+        found = solve_contacts(
+            sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative,
+            together, rounds, left, x, z, after, scaled, room[: 2 * n],
+        )  # fmt: skip
+    put(rates[3], held)
+    put(rates[4], soft)
+    return found

@@ -6,20 +6,18 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import numbers, plain, put
+from impactlaw.solvers.cones.algebra.loops import counts, numbers, plain
 from impactlaw.stepping.compiled.whitening import unwhitened
 from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, is_held, is_met, lose_energy
 from impactlaw.stepping.time_stepping.problem.overlaps import move_apart, overlap_targets
-from impactlaw.stepping.time_stepping.problem.solution.apart import solve_contacts
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import guess, shortfall
-from impactlaw.stepping.time_stepping.problem.solution.driven import turn_back
+from impactlaw.stepping.time_stepping.problem.solution.driven import solve_undriven
 
 _ARRAYS = (
     "int32[:,::1],int32[::1],float64[::1],int32[:,::1],int64[::1],float64[:,::1],float64[:,::1],float64[::1],"
-    "float64[::1],boolean[::1],int32[:,::1],int64[::1],float64[::1],float64[::1],float64,boolean,boolean,boolean,int64,"
-    "float64[::1],int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1]"
+    "float64[::1],boolean[::1],boolean[::1],int32[:,::1],int64[::1],float64[::1],float64[::1],float64,boolean,boolean,"
+    "boolean,int64,float64[::1],int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1]"
 )
-_TURNS = 8
 _FOUND = "boolean,float64,float64,float64,float64,float64,float64,boolean"
 
 
@@ -34,27 +32,19 @@ def _some_held(groups, amounts, rates):
 
 @plain
 def _resolve(
-    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
+    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, bound,
     known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
-    factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z, room,
+    factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z, turned, room,
 ):  # fmt: skip
-    """Do what `resolve` does with room for (6 n + 2 g + 2 nv,)."""
+    """Do what `resolve` does, with zeros, (g,), and room for (6 n + 2 g + 2 nv,)."""
     n, g, nv = len(x), len(target), len(z)
     after, root, w = room[:n], room[n : n + nv], room[n + nv : n + 2 * nv]
     need, push, rest = room[n + 2 * nv :][:g], room[n + 2 * nv + g :][:g], room[n + 2 * nv + 2 * g :]
-    aimed, held, soft = rest[2 * n :][:n], rest[3 * n :][:n], rest[4 * n :][:n]
     guess(groups, key, rates[0], known_groups, known_key, known_scale, known, x)
-    put(aimed, sliding)
-    put(held, rates[3])
-    put(soft, rates[4])
-    for _ in range(_TURNS):
-        put(sliding, aimed)
-        share, created, solved, sharp = solve_contacts(
-            sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative,
-            together, rounds, left, x, z, after, reached, rest[: 2 * n],
-        )  # fmt: skip
-        if not turn_back(sparse, colind, value, groups, rates, tree, collides, x, after):
-            break
+    share, created, solved, sharp = solve_undriven(
+        sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, bound, tree, exact, dissipative,
+        together, rounds, left, x, z, after, reached, turned, rest,
+    )  # fmt: skip
     missed, fastest = shortfall(groups, rates, after, reached)
     if _some_held(groups, amounts, rates) or not solved or not is_met(missed, fastest):
         lose_energy(
@@ -67,15 +57,13 @@ def _resolve(
     overlaps = overlap_targets(groups, amounts, rates, after, timestep, need)
     if overlaps:
         move_apart(sparse, colind, value, groups, rates, need, timestep, factor, root, Mnnz, Madr, Mcol, push, w, shift)
-    put(rates[3], held)
-    put(rates[4], soft)
     work, total = contact_work(groups, rates, after, x)
     return overlaps, missed, fastest, share, created, work, CREATED * total, sharp
 
 
 @compiled(f"Tuple(({_FOUND}))({_ARRAYS},float64[::1],float64[::1],float64[::1],float64[::1],float64[::1])")
 def resolve(
-    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
+    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, bound,
     known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
     factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z,
 ):  # fmt: skip
@@ -86,11 +74,11 @@ def resolve(
     overlap has to be opened, the numbers of `resolve_step`, and whether the impulses solve the problem as it was given,
     as well as solvers can.
     """
-    room = numbers(6 * len(x) + 2 * len(target) + 2 * len(z))
+    turned, room = counts(len(target)), numbers(6 * len(x) + 2 * len(target) + 2 * len(z))
     return _resolve(
-        sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
+        sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, bound,
         known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
-        factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z, room,
+        factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z, turned, room,
     )  # fmt: skip
 
 
@@ -103,12 +91,13 @@ linked_resolve = linked(resolve)
     f"float64[::1],float64[::1]))({_ARRAYS})"
 )
 def resolve_step(
-    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
+    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, bound,
     known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
     factor, inverse, Mnnz, Madr, Mcol,
 ):  # fmt: skip
     """Return what the contacts of a step do.
 
+    Equality constraints that are `bound`, bool (g,), do not drive the collision, see `driven`.
     Restitution that creates energy is scaled for each group of contacts that influence each other, or for all of them
     `together`, as under a law that couples others.
 
@@ -125,7 +114,7 @@ def resolve_step(
     change, shift, reached = np.empty(len(tree)), np.empty(len(tree)), np.empty(len(target))
     aimed = sliding.copy()
     overlaps, missed, fastest, s, created, work, rounding, _ = linked_resolve(
-        sparse, colind, value, groups, key, amounts, rates, target, aimed, collides,
+        sparse, colind, value, groups, key, amounts, rates, target, aimed, collides, bound,
         known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
         factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z,
     )  # fmt: skip
