@@ -24,13 +24,7 @@ from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
 from impactlaw.stepping.time_stepping.problem.solution.resolve import resolve_step
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
-from impactlaw.stepping.time_stepping.tolerances import (
-    FEW_ROUNDS,
-    PHASES,
-    RESOLVED,
-    REST_SPEED,
-    is_met,
-)
+from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASES, RESOLVED, REST_SPEED, is_met
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,3 +48,38 @@ def test_what_a_mocap_body_pulls_against_a_stop_stays_there_while_a_finger_close
     np.testing.assert_allclose(data.qvel, [0.0, 3e-3, 0.01], rtol=0.02, atol=1e-12)
     assert stepper.shortfall < 1e-12
     assert stepper.short_steps == 0
+
+
+KNOB = """<body><joint name="knob" range="-90 0"/><geom size=".05" mass=".1" contype="0"/></body>
+    <body><joint name="burner" type="slide" axis="0 0 1" range="-.009 0"/>
+    <geom size=".05" mass=".01" contype="0"/></body>"""
+TURNED = '<equality><joint joint1="knob" joint2="burner" polycoef="0 174 0 0 0"/></equality>'
+"""A knob that lifts a burner, as those of the kitchen of gymnasium-robotics; both joints end at 0."""
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("start", [(0.0, 1.0), (-1.0, 1.0), (-100.0, 1.0), (100.0, 0.0), (100.0, -1.0), (1.0, -1.0)])
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+def test_a_coupling_that_is_violated_adds_no_energy_where_a_limit_stops_one_of_its_ends(e, start, compiled):
+    """To keep its drift of 174 rad/s, the knob would get what the burner has lost, times 174."""
+    model, data = compile_scene(KNOB, TURNED, option='gravity="0 0 0"')
+    data.qvel[:] = start
+    stepper, kinetic = Stepper(model, Moreau(e), scheme="time-stepping", compiled=compiled), []
+    for _ in range(60):
+        mujoco.mj_forward(model, data)
+        mujoco.mj_energyVel(model, data)
+        kinetic.append(data.energy[1])
+        stepper.step(data)
+    assert np.diff(kinetic).max() < 1e-2 * kinetic[0]
+    assert stepper.short_steps == 0
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+def test_a_limit_stops_a_burner_as_the_law_says_whose_coupling_is_violated(e, compiled):
+    model, data = compile_scene(KNOB, TURNED, option='gravity="0 0 0"')
+    data.qvel[:] = -1.0, 1.0
+    stepper = Stepper(model, Moreau(e), scheme="time-stepping", compiled=compiled)
+    stepper.step(data)
+    np.testing.assert_allclose(data.qvel, [-1.0, -e], atol=1e-8)
+    assert stepper.shortfall < 1e-9

@@ -1,9 +1,9 @@
 """Equality constraints whose drift would drive a collision: they are stops there, and add no energy.
 
-An equality whose velocity changes from u- to u+ does the work ``Lambda (u- + u+) / 2``. If it aims at its drift u-, or
-at a part of that, it adds energy wherever contact pushes it the other way: a knob coupled 174 : 1 to a burner that its
-limit stops at 1 m/s would be thrown to 174 rad/s. It does no work where u+ is -u-, as after an elastic stop, and where
-it has no impulse, as between stops. With two stops, at u- and -u-, its drift does not grow either.
+An equality whose velocity changes from u- to u+ does the work ``Lambda (u- + u+) / 2``. Where it aims at its drift u-,
+or at less, it adds energy if contact pushes it the other way: a knob coupled 174 : 1 to a burner that its limit stops at
+1 m/s would be thrown to 174 rad/s. Such an equality becomes an elastic stop at -u-. Before that is reached it has no
+impulse, and where it is, it does no work: contact moves it as it likes until its drift has turned around.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from impactlaw.solvers.cones.algebra.loops import indices, kernel, numbers, plai
 from impactlaw.solvers.cones.rows import islands, lengths, trees_of
 from impactlaw.stepping.time_stepping.problem.drifts import square_of
 from impactlaw.stepping.time_stepping.problem.solution.apart import solve_contacts
+from impactlaw.stepping.time_stepping.problem.solution.contact_problem import solve_scaled
 from impactlaw.stepping.time_stepping.tolerances import DRIVEN
 
 _GONE = 1e12  # compliance of an equality that does nothing, as a multiple of all that resists its impulses
-_TURNS = 8  # solutions of a problem at most
+_TURNS = 8  # times at most that a problem is looked at for such equalities
 
 
 @plain
@@ -30,7 +31,7 @@ def _work_of(groups, rates, after, x, g):
 
 @plain
 def _let_go(sparse, value, groups, rates, turned, x):
-    """Let equalities that would pull towards their stop do nothing; return whether some did something."""
+    """Let equalities that have not reached their stop do nothing; return whether some did something."""
     some = False
     for g in range(len(turned)):
         row = groups[0, g]
@@ -38,6 +39,15 @@ def _let_go(sparse, value, groups, rates, turned, x):
             rates[4, row] = _GONE * (square_of(sparse, value, row) + rates[4, row])
             turned[g] = 2
             some = True
+    return some
+
+
+@plain
+def _some_of(marks):
+    """Return whether some are True."""
+    some = False
+    for mark in marks:
+        some = some or mark
     return some
 
 
@@ -52,9 +62,9 @@ def _some_work(groups, rates, after, x, bound, turned):
 
 @plain
 def _add_sums(sparse, value, groups, rates, after, x, collides, bound, label, sums):
-    """Add, island by island, (3, islands): work of such equalities, theirs and that of contact, the fastest contact.
+    """Add, island by island, (3, islands): work of such equalities, that with contact, energy of the fastest contact.
 
-    Of that it is the energy. Servos and forces, which drive a collision, may have any work.
+    Servos may drive a collision: what they do is left out.
     """
     for g in range(len(bound)):
         i = label[g]
@@ -73,7 +83,8 @@ def _add_sums(sparse, value, groups, rates, after, x, collides, bound, label, su
 def _turn(sparse, colind, value, groups, rates, tree, collides, bound, turned, x, after):
     """Let equalities that add energy to a collision be stops; return whether there are more than before.
 
-    They do where all of an island, and with its contacts, add more than `DRIVEN` of the energy of the fastest contact.
+    They are where those of an island, and also they and its contacts, add more than `DRIVEN` of the energy with which
+    its fastest contact collides.
     """
     many, trees = groups.shape[1], trees_of(tree)
     length, label, parent, number = numbers(many), indices(many), indices(trees), indices(trees)
@@ -95,35 +106,49 @@ def _turn(sparse, colind, value, groups, rates, tree, collides, bound, turned, x
 
 
 @plain
-def solve_undriven(
-    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, bound, tree, exact, dissipative,
-    together, rounds, left, x, z, after, scaled, turned, room,
+def _stop(
+    sparse, colind, value, groups, amounts, rates, target, sliding, collides, bound, tree, exact, rounds, left,
+    x, z, after, scaled, turned, room,
 ):  # fmt: skip
-    """Do what `solve_contacts` does, where equalities that would drive the collision are stops.
+    """Let equalities that would drive the collision, with all its restitution, be stops.
 
-    Those are `bound`, (g,). There are zeros, (g,), and room for (5 n,).
+    Those that add energy only then follow. Impulses x are a guess of what solves it. There is room for (2 n,).
     """
-    n = len(x)
-    aimed, held, soft = room[2 * n : 3 * n], room[3 * n : 4 * n], room[4 * n : 5 * n]
-    put(aimed, sliding)
-    put(held, rates[3])
-    put(soft, rates[4])
-    found = solve_contacts(
-        sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative,
-        together, rounds, left, x, z, after, scaled, room[: 2 * n],
-    )  # fmt: skip
-    for _ in range(_TURNS - 1):
+    for _ in range(_TURNS):
+        solve_scaled(
+            sparse, colind, value, groups, amounts, rates, target, sliding, collides, 1.0, tree, exact, rounds, left,
+            x, z, after, scaled, room,
+        )  # fmt: skip
         changed = _let_go(sparse, value, groups, rates, turned, x)
         if _some_work(groups, rates, after, x, bound, turned):
             more = _turn(sparse, colind, value, groups, rates, tree, collides, bound, turned, x, after)
             changed = changed or more
         if not changed:
             break
-        put(sliding, aimed)
-        found = solve_contacts(
-            sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative,
-            together, rounds, left, x, z, after, scaled, room[: 2 * n],
+
+
+@plain
+def solve_undriven(
+    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, bound, tree, exact, dissipative,
+    together, rounds, left, x, z, after, scaled, turned, room,
+):  # fmt: skip
+    """Do what `solve_contacts` does, where equalities that would drive the collision are stops.
+
+    Those are `bound`, (g,). There are zeros, (g,), and room for (4 n,).
+    """
+    n = len(x)
+    held, soft, rest = room[2 * n : 3 * n], room[3 * n : 4 * n], room[: 2 * n]
+    put(held, rates[3])
+    put(soft, rates[4])
+    if _some_of(bound):
+        _stop(
+            sparse, colind, value, groups, amounts, rates, target, sliding, collides, bound, tree, exact, rounds, left,
+            x, z, after, scaled, turned, rest,
         )  # fmt: skip
+    found = solve_contacts(
+        sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative,
+        together, rounds, left, x, z, after, scaled, rest,
+    )  # fmt: skip
     put(rates[3], held)
     put(rates[4], soft)
     return found
