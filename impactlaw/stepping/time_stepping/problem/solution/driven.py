@@ -1,9 +1,9 @@
 """Equality constraints whose drift would drive a collision: they are stops there, and add no energy.
 
 An equality whose velocity changes from u- to u+ does the work ``Lambda (u- + u+) / 2``. Where it aims at its drift u-,
-or at less, it adds energy if contact pushes it the other way: a knob coupled 174 : 1 to a burner that its limit stops at
-1 m/s would be thrown to 174 rad/s. Such an equality becomes an elastic stop at -u-. Before that is reached it has no
-impulse, and where it is, it does no work: contact moves it as it likes until its drift has turned around.
+or at less, it adds energy if contact pushes it the other way: a knob coupled 174 : 1 to a burner that its limit stops
+at 1 m/s would be thrown to 174 rad/s. Such an equality becomes an elastic stop at -u-. Before that is reached it has
+no impulse, and where it is, it does no work: contact moves it as it likes until its drift has turned around.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ _TURNS = 8  # times at most that a problem is looked at for such equalities
 
 
 @plain
-def _work_of(groups, rates, after, x, g):
-    """Return ``Lambda^T (u- + u+) / 2`` of one group."""
+def _work_of(groups, rates, base, after, x, g):
+    """Return ``Lambda^T (u + u+) / 2`` of one group, from velocities u."""
     work = 0.0
     for k in range(groups[0, g], groups[0, g] + groups[1, g]):
-        work += 0.5 * x[k] * rates[0, k] * (rates[1, k] + after[k])
+        work += 0.5 * x[k] * rates[0, k] * (base[k] + after[k])
     return work
 
 
@@ -56,27 +56,30 @@ def _some_work(groups, rates, after, x, bound, turned):
     """Return whether some equality that may not drive a collision adds energy to it."""
     some = False
     for g in range(len(bound)):
-        some = some or (bound[g] and turned[g] == 0 and _work_of(groups, rates, after, x, g) > 0.0)
+        some = some or (bound[g] and turned[g] == 0 and _work_of(groups, rates, rates[1], after, x, g) > 0.0)
     return some
 
 
 @plain
 def _add_sums(sparse, value, groups, rates, after, x, collides, bound, label, sums):
-    """Add, island by island, (3, islands): work of such equalities, that with contact, energy of the fastest contact.
+    """Add, island by island, (5, islands): work of such equalities, that with contact, energy of the fastest contact.
 
-    Servos may drive a collision: what they do is left out.
+    Work is from the velocity before, then from that to which forces alone lead: what carries a load, which a collision
+    need not drive, gives energy to one of them only. Servos may drive a collision: what they do is left out.
     """
     for g in range(len(bound)):
         i = label[g]
         if i < 0 or (groups[2, g] == BILATERAL and not bound[g]):
             continue
-        work = _work_of(groups, rates, after, x, g)
-        sums[1, i] += work
+        since, led = _work_of(groups, rates, rates[1], after, x, g), _work_of(groups, rates, rates[2], after, x, g)
+        sums[1, i] += since
+        sums[3, i] += led
         if bound[g]:
-            sums[0, i] += work
+            sums[0, i] += since
+            sums[2, i] += led
         if collides[g]:
             row = groups[0, g]
-            sums[2, i] = max(sums[2, i], 0.5 * rates[1, row] ** 2 / max(square_of(sparse, value, row), 1e-300))
+            sums[4, i] = max(sums[4, i], 0.5 * rates[1, row] ** 2 / max(square_of(sparse, value, row), 1e-300))
 
 
 @kernel
@@ -92,14 +95,14 @@ def _turn(sparse, colind, value, groups, rates, tree, collides, bound, turned, x
     count = islands(
         sparse[0], sparse[1], colind, value, tree, groups[0], groups[1], length, label, parent, number
     )  # fmt: skip
-    sums, some = zeros(3 * count).reshape((3, count)), False
+    sums, some = zeros(5 * count).reshape((5, count)), False
     _add_sums(sparse, value, groups, rates, after, x, collides, bound, label, sums)
     for g in range(many):
         i = label[g]
-        if not bound[g] or turned[g] != 0 or i < 0 or sums[2, i] == 0.0:
+        if not bound[g] or turned[g] != 0 or i < 0 or sums[4, i] == 0.0:
             continue
-        driven = min(sums[0, i], sums[1, i]) > DRIVEN * sums[2, i]
-        if driven and _work_of(groups, rates, after, x, g) > 0.0:
+        driven = min(sums[0, i], sums[1, i], sums[2, i], sums[3, i]) > DRIVEN * sums[4, i]
+        if driven and _work_of(groups, rates, rates[1], after, x, g) > 0.0:
             rates[3, groups[0, g]], turned[g] = -rates[1, groups[0, g]], 1
             some = True
     return some
