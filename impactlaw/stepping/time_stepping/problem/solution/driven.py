@@ -62,24 +62,23 @@ def _some_work(groups, rates, after, x, bound, turned):
 
 @plain
 def _add_sums(sparse, value, groups, rates, after, x, collides, bound, label, sums):
-    """Add, island by island, (5, islands): work of such equalities, that with contact, energy of the fastest contact.
+    """Add, island by island, (4, islands): work of such equalities, that with contact, energy of the fastest contact.
 
-    Work is from the velocity before, then from that to which forces alone lead: what carries a load, which a collision
-    need not drive, gives energy to one of them only. Servos may drive a collision: what they do is left out.
+    Work with contact is from the velocity before, then from that to which forces alone lead: what carries a load while
+    something collides adds energy to the first only. Servos may drive a collision: what they do is left out.
     """
     for g in range(len(bound)):
         i = label[g]
         if i < 0 or (groups[2, g] == BILATERAL and not bound[g]):
             continue
-        since, led = _work_of(groups, rates, rates[1], after, x, g), _work_of(groups, rates, rates[2], after, x, g)
-        sums[1, i] += since
-        sums[3, i] += led
+        work = _work_of(groups, rates, rates[1], after, x, g)
+        sums[1, i] += work
+        sums[2, i] += _work_of(groups, rates, rates[2], after, x, g)
         if bound[g]:
-            sums[0, i] += since
-            sums[2, i] += led
+            sums[0, i] += work
         if collides[g]:
             row = groups[0, g]
-            sums[4, i] = max(sums[4, i], 0.5 * rates[1, row] ** 2 / max(square_of(sparse, value, row), 1e-300))
+            sums[3, i] = max(sums[3, i], 0.5 * rates[1, row] ** 2 / max(square_of(sparse, value, row), 1e-300))
 
 
 @kernel
@@ -95,13 +94,13 @@ def _turn(sparse, colind, value, groups, rates, tree, collides, bound, turned, x
     count = islands(
         sparse[0], sparse[1], colind, value, tree, groups[0], groups[1], length, label, parent, number
     )  # fmt: skip
-    sums, some = zeros(5 * count).reshape((5, count)), False
+    sums, some = zeros(4 * count).reshape((4, count)), False
     _add_sums(sparse, value, groups, rates, after, x, collides, bound, label, sums)
     for g in range(many):
         i = label[g]
-        if not bound[g] or turned[g] != 0 or i < 0 or sums[4, i] == 0.0:
+        if not bound[g] or turned[g] != 0 or i < 0 or sums[3, i] == 0.0:
             continue
-        driven = min(sums[0, i], sums[1, i], sums[2, i], sums[3, i]) > DRIVEN * sums[4, i]
+        driven = min(sums[0, i], sums[1, i], sums[2, i]) > DRIVEN * sums[3, i]
         if driven and _work_of(groups, rates, rates[1], after, x, g) > 0.0:
             rates[3, groups[0, g]], turned[g] = -rates[1, groups[0, g]], 1
             some = True
