@@ -61,7 +61,8 @@ _SET_UP = 4  # Newton steps that it takes to set up a problem
 _ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances will do: such problems are degenerate
 _STAGNANT, _HOPELESS = 4, 8  # rounds without 10 % less after which to stop if they were long, and in any case
 _PROVED = 1  # round before which to see whether anything says that there is a solution ...
-_PROMISING = 1e-1  # ... unless the natural map does, which is then less than so many scales
+_PROMISING = 1e-1  # ... unless the natural map does, which is then less than so many scales ...
+_HOPEFUL = 1e-3  # ... and after the interior point method less than so many
 _PILE = 40  # rows from which bodies are a pile
 _INTERIOR, _HANDED_ON = np.int64(15), 1e4  # steps of the interior point method, and tolerances that will do there
 _HURRY = np.int64(2)  # patience of Newton's method before and after it
@@ -125,12 +126,16 @@ def compressed(P: Island) -> tuple[Island, Blocks]:
 @plain
 def _is_pile(P: Island, K: Blocks) -> bool:
     """Return whether an island is one of many bodies with exact friction, and without dry friction of joints."""
-    if not P.exact or len(P.b) < _PILE or len(K.width) == 1:
-        return False
+    return P.exact and len(P.b) >= _PILE and len(K.width) > 1 and not _has_boxes(P)
+
+
+@plain
+def _has_boxes(P: Island) -> bool:
+    """Return whether some joint has dry friction."""
     for kind in P.kind:
         if kind == BOX:
-            return False
-    return True
+            return True
+    return False
 
 
 @once
@@ -188,9 +193,9 @@ def solve_island(
     delta = _DENSE if few else _REDUCED
     start, point = copied(x), copied(x)
     patience = _ENDLESS if len(K.width) == 1 else _PATIENCE if n < LARGE else _HASTE
-    warm = norm_of(x, FIRST, n) > 0.0
+    warm, inside = norm_of(x, FIRST, n) > 0.0, P.exact and rounds > 1 and not large and not _has_boxes(P)
     for k in range(4):
-        if (k < 2) != warm and (k < 3 or rounds < 2 or large):
+        if (k < 2) != warm and (k < 3 or rounds < 2 or large or inside):
             continue
         put(point, start)
         if k > 1:
@@ -207,8 +212,46 @@ def solve_island(
             return total, least
     if few and n < P.nv:
         P, K = compressed(P)
+    if inside:
+        taken, least = _from_inside(P, K, G, x, start, least, scale, tolerance, delta, patience)
+        total += taken
+        spend(left, taken * step, step, n)
+        if least <= _NEAR * tolerance or left[0] <= 0.0:
+            return total, least
+        if left[0] < np.inf and len(K.width) == 1 and least > _HOPEFUL * scale:
+            taken, hopeless = out_of_reach(P, K, scale)
+            total += taken
+            spend(left, taken * cost, step, n)
+            if hopeless:
+                return total, least
     taken, least = _rounds(P, K, G, x, start, least, scale, tolerance, rounds, few, left)
     return total + taken, least
+
+
+@once
+def _from_inside(
+    P: Island, K: Blocks, G: Array, x: Array, start: Array, least: float, scale: float, tolerance: float, delta: float,
+    patience: int,
+) -> tuple[int, float]:  # fmt: skip
+    """Follow the interior point method, from `start` and from rest, by Newton's; x is the best point.
+
+    Return steps taken and its natural map.
+    """
+    total, inside, point = 0, copied(start), numbers(len(x))
+    for k in range(2):
+        if k == 1:
+            clear(inside)
+        total += interior(P, K, inside, scale, _HANDED_ON * tolerance, _INTERIOR)
+        for kind, ease in ((DE_SAXCE, _FIRST_EASE / scale), (ALART_CURNIER, 0.0)):
+            put(point, inside)
+            taken, r = newton(P, K, G, point, tolerance, _AFTER, kind, 1.0, delta, ease, patience)
+            total += taken
+            if r < least:
+                least = r
+                put(x, point)
+            if least <= tolerance:
+                return total, least
+    return total, least
 
 
 @once
