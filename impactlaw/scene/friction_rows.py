@@ -10,7 +10,7 @@ import numpy as np
 
 from impactlaw.scene.contacts import Contacts, constraint_rows, sorted_geoms
 from impactlaw.scene.moving_surfaces import Surfaces
-from impactlaw.scene.tolerances import MIN_FRICTION, NO_FRICTION
+from impactlaw.scene.tolerances import MIN_FRICTION, NO_FRICTION, ORTHOGONAL
 
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
@@ -151,7 +151,8 @@ def active_friction(
 ) -> ActiveFriction | None:
     """Return the rows of friction of the contacts that MuJoCo's solver acts on; None if there are none.
 
-    They are those of MuJoCo's constraints, or, with pyramidal cones, half of the difference of two of these.
+    They are those of MuJoCo's constraints, or, with pyramidal cones, half of the difference of two of these; where
+    MuJoCo's tangents are not in the tangent plane, those of others that are.
     """
     found, index = data.contact, np.flatnonzero(data.contact.efc_address >= 0)
     _, order, swapped = sorted_geoms(found.geom[index])
@@ -167,13 +168,31 @@ def active_friction(
         J = (constraint_rows(model, data, first) - constraint_rows(model, data, first + 1)) / (2.0 * mu[:, None])
     else:
         J = constraint_rows(model, data, address + 1 + kind)
-    drift = np.zeros(len(contact))
+    frame, drift = found.frame[index], np.zeros(len(contact))
+    skew = _straighten(frame)
+    if surfaces is None and not len(skew):
+        return ActiveFriction(J, contact, mu, drift)
+    slides = (kind < _TORSION)[:, None]
+    axis = frame.reshape(-1, 3, 3)[contact, np.where(kind < _TORSION, kind + 1, kind - _TORSION)]
+    for i in skew.tolist():
+        own, k = contact == i, index[i]
+        slide, turn = _relative(model, data, found.pos[k], tuple(model.geom_bodyid[found.geom[k]]))
+        J[own] = np.where(slides[own], axis[own] @ slide, axis[own] @ turn)
     if surfaces is not None:
         velocity, spin, belt = (part[contact] for part in surfaces.motion(data, contacts))
-        axis = found.frame[index].reshape(-1, 3, 3)[contact, np.where(kind < _TORSION, kind + 1, kind - _TORSION)]
-        drift = np.vecdot(axis, np.where((kind < _TORSION)[:, None], velocity + belt, spin))
+        drift = np.vecdot(axis, np.where(slides, velocity + belt, spin))
         drift = np.where(swapped[contact], -drift, drift)
     return ActiveFriction(J, contact, mu, drift)
+
+
+def _straighten(frame: np.ndarray) -> np.ndarray:
+    """Make frames of contacts, (h, 9), orthogonal; return which were not, int (k,)."""
+    skew = np.flatnonzero(np.abs(np.vecdot(frame[:, :3], frame[:, 3:6])) > ORTHOGONAL)
+    if len(skew):
+        from impactlaw.scene.frames import straighten  # compiled: nothing that reading a scene should load
+
+        straighten(frame)
+    return skew
 
 
 def friction_on_contacts(

@@ -9,6 +9,7 @@ direction is lost. Such geoms may start anywhere from no overlap on.
 CCD_TOLERANCE = 1e-12  # m, of that collider: MuJoCo's default of 1e-6 makes gaps noisier than the gap tolerance
 PARALLEL = 0.99  # cosine of the angle within which MuJoCo takes two faces for parallel
 ON_AXIS = 4e-15  # part of distances from the origin that is rounding of a lever arm: the normal meets the axis
+ORTHOGONAL = 1e-12  # product of unit vectors up to which they are orthogonal
 MIN_FRICTION = 1e-10  # coefficient up to which there is no friction
 NO_FRICTION = 1.0000001e-5  # the same of MuJoCo's contacts, whose smallest coefficient is 1e-5 and stands for none
 PUT = 20.0

@@ -42,6 +42,7 @@ _FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "mj_rnePostConstraint": (_P, _P),
     "mj_mulM": (_P, _P, _P, _P),
     "mj_mulJacTVec": (_P, _P, _P, _P),
+    "mj_jac": (_P, _P, _P, _P, _P, _I),
     "mj_step": (_P, _P),
     "mj_step1": (_P, _P),
     "mj_forwardSkip": (_P, _P, _I, _I),
@@ -97,6 +98,7 @@ check_acc, compare_fwd_inv = _external("mj_checkAcc"), _external("mj_compareFwdI
 runge_kutta, fwd_constraint, mul_jac_vec = (
     _external(name) for name in ("mj_RungeKutta", "mj_fwdConstraint", "mj_mulJacVec")
 )
+jac = _external("mj_jac")
 sub_quat, rotate = _external("mju_subQuat"), _external("mju_rotVecQuat")
 axis_angle_to_quat, mul_quat = _external("mju_axisAngle2Quat"), _external("mju_mulQuat")
 get_state, set_state = _external("mj_getState"), _external("mj_setState")

@@ -24,13 +24,7 @@ from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
 from impactlaw.stepping.time_stepping.problem.solution.resolve import resolve_step
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
-from impactlaw.stepping.time_stepping.tolerances import (
-    FEW_ROUNDS,
-    PHASES,
-    RESOLVED,
-    REST_SPEED,
-    is_met,
-)
+from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASES, RESOLVED, REST_SPEED, is_met
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,14 +211,14 @@ class ContactProblem:
         target, collides = contact_targets(
             rows.groups, rows.amounts, rows.rates, h, 0.0 if e is None else e, self._rest_speed, RESOLVED, may
         )
-        n, seen, together = len(rows.scale), None, False
+        n, seen, together, bound = len(rows.scale), None, False, np.zeros(len(rows.key), dtype=bool)
         some = bool(np.count_nonzero(collides))
         sliding = -self._sliding * rows.before if self._sliding and some else np.zeros(n)
         if some:
-            seen, together = self._collide(step, rows, before, target, sliding, collides)
+            seen, together = self._collide(step, rows, before, target, sliding, collides, bound)
         project = scaled and self._on_inadmissible == "project"
         answer = resolve_step(
-            *rows, target, sliding, collides, *known, h, self._exact, project, together, rounds,
+            *rows, target, sliding, collides, bound, *known, h, self._exact, project, together, rounds,
             step.left, model.dof_treeid, factor, inverse, model.M_rownnz, model.M_rowadr, model.M_colind,
         )  # fmt: skip
         missed, created = answer[4], answer[7]
@@ -247,10 +241,12 @@ class ContactProblem:
         target: np.ndarray,
         sliding: np.ndarray,
         collides: np.ndarray,
+        bound: np.ndarray,
     ) -> tuple[Seen | None, bool]:
         """Ask the law, and let equality constraints keep their velocity in the collision.
 
-        Return what the law has been shown, and whether it couples contacts that do not influence each other.
+        Write which of them must not drive it. Return what the law has been shown, and whether it couples contacts that
+        do not influence each other.
         """
         data, seen, together = step.data, None, False
         if self.targets.restitution is None:
@@ -266,6 +262,7 @@ class ContactProblem:
                 rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, kinds,
                 self._model.nv,
             )  # fmt: skip
+            bound[:] = kinds != 0
         return seen, together
 
     def _ask_law(

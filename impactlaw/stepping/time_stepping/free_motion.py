@@ -143,7 +143,7 @@ def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData, borrowed: Borrowe
 
 
 def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Make frames orthogonal, and put points of one face into one plane; see `problem.frames` and `problem.planes`."""
+    """Make frames orthogonal, and put points of one face into one plane; see `scene.frames` and `problem.planes`."""
     contact = data.contact
     if data.ncon and mend_contacts(contact.dist, contact.pos, contact.frame, contact.geom, model.geom_bodyid):
         mujoco.mj_makeConstraint(model, data)

@@ -35,7 +35,9 @@ Couplings of joints and of tendons, which tie no bodies to each other in a point
 STIFF = 1e-5
 """Part of their compliance that equality constraints keep in a collision."""
 DRIVEN = 1e-2
-"""Part of the energy of the fastest contact of a collision that a row of a connect or weld may add by its drift."""
+"""Part of the energy of the fastest contact of a collision that equality constraints may add by their drift.
+
+It is for each row of a connect or weld, and for all of an island together, see `problem.solution.driven`."""
 SLOWEST = 1e-2
 """Velocity below which shortfalls are compared with this, m/s."""
 SHARES = 0.2, 0.0

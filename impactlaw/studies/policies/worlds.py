@@ -7,9 +7,9 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.vector import VectorEnv
 from stable_baselines3.common.vec_env import VecEnv
 
-from impactlaw.envs.vector.worlds import VectorWorlds
 from impactlaw.errors import SceneError, UnsupportedError
 from impactlaw.studies.environments import Conditions, is_own, spec_of
 
@@ -36,7 +36,7 @@ def training_worlds(conditions: Conditions, count: int) -> Worlds | None:
 class Worlds(VecEnv):
     """Worlds of one task as stable-baselines3 takes them: one whose episode has ended is reset in the same step."""
 
-    def __init__(self, worlds: VectorWorlds):
+    def __init__(self, worlds: VectorEnv[Any, Any, Any]):
         self._worlds = worlds
         self._actions = np.zeros(0)
         super().__init__(worlds.num_envs, worlds.single_observation_space, worlds.single_action_space)

@@ -48,3 +48,80 @@ def test_what_a_mocap_body_pulls_against_a_stop_stays_there_while_a_finger_close
     np.testing.assert_allclose(data.qvel, [0.0, 3e-3, 0.01], rtol=0.02, atol=1e-12)
     assert stepper.shortfall < 1e-12
     assert stepper.short_steps == 0
+
+
+KNOB = """<body><joint name="knob" range="-90 0"/><geom size=".05" mass=".1" contype="0"/></body>
+    <body><joint name="burner" type="slide" axis="0 0 1" range="-.009 0"/>
+    <geom size=".05" mass=".01" contype="0"/></body>"""
+TURNED = '<equality><joint joint1="knob" joint2="burner" polycoef="0 174 0 0 0"/></equality>'
+"""A knob that lifts a burner, as those of the kitchen of gymnasium-robotics; both joints end at 0."""
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("start", [(0.0, 1.0), (-1.0, 1.0), (-100.0, 1.0), (100.0, 0.0), (100.0, -1.0), (1.0, -1.0)])
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+def test_a_coupling_that_is_violated_adds_no_energy_where_a_limit_stops_one_of_its_ends(e, start, compiled):
+    """To keep its drift of 174 rad/s, the knob would get what the burner has lost, times 174."""
+    model, data = compile_scene(KNOB, TURNED, option='gravity="0 0 0"')
+    data.qvel[:] = start
+    stepper, kinetic = Stepper(model, Moreau(e), scheme="time-stepping", compiled=compiled), []
+    for _ in range(60):
+        mujoco.mj_forward(model, data)
+        mujoco.mj_energyVel(model, data)
+        kinetic.append(data.energy[1])
+        stepper.step(data)
+    assert np.diff(kinetic).max() < 1e-2 * kinetic[0]
+    assert stepper.short_steps == 0
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+def test_a_limit_stops_a_burner_as_the_law_says_whose_coupling_is_violated(e, compiled):
+    model, data = compile_scene(KNOB, TURNED, option='gravity="0 0 0"')
+    data.qvel[:] = -1.0, 1.0
+    stepper = Stepper(model, Moreau(e), scheme="time-stepping", compiled=compiled)
+    stepper.step(data)
+    np.testing.assert_allclose(data.qvel, [-1.0, -e], atol=1e-8)
+    assert stepper.shortfall < 1e-9
+
+
+@pytest.mark.parametrize("start", [(0.0, 1.0), (-100.0, 1.0)])
+def test_equalities_that_are_stops_are_the_same_in_python_and_compiled(start):
+    ends = []
+    for compiled in ("auto", "never"):
+        model, data = compile_scene(KNOB, TURNED, option='gravity="0 0 0"')
+        data.qvel[:] = start
+        stepper = Stepper(model, Moreau(0.8), scheme="time-stepping", compiled=compiled)
+        for _ in range(60):
+            stepper.step(data)
+        ends.append(np.concatenate([data.qpos, data.qvel]))
+    np.testing.assert_allclose(*ends, rtol=1e-10, atol=1e-10)
+
+
+BOX = """<body name="{0}" pos="{1} 0 .05"><freejoint/><geom type="box" size=".1 .05 .05" mass="1"/></body>"""
+WELDED = """<equality><weld body1="left" body2="right" solref="{} 1"/></equality>
+    <contact><exclude body1="left" body2="right"/></contact>"""
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("softness", [0.02, 0.1])
+@pytest.mark.parametrize("drift", [0.05, 0.2, 1.0])
+@pytest.mark.parametrize("e", [0.5, 1.0])
+def test_a_weld_that_drifts_adds_next_to_no_energy_where_its_boxes_land(e, drift, softness, compiled):
+    """With e = 1 its drift added energy at most of these starts."""
+    world = '<geom type="plane" size="9 9 1"/>' + BOX.format("left", -0.11) + BOX.format("right", 0.11)
+    frictionless = 'friction="0" condim="1"'
+    model, data = compile_scene(world, WELDED.format(softness), option='gravity="0 0 0"', geom=frictionless)
+    for seed in range(10):
+        mujoco.mj_resetData(model, data)
+        data.qvel[:] = drift * np.random.default_rng(seed).normal(size=model.nv)
+        data.qvel[2::6] -= 1.0
+        mujoco.mj_forward(model, data)
+        mujoco.mj_energyVel(model, data)
+        before = data.energy[1]
+        stepper = Stepper(model, Moreau(e), scheme="time-stepping", compiled=compiled)
+        stepper.step(data)
+        mujoco.mj_forward(model, data)
+        mujoco.mj_energyVel(model, data)
+        assert data.energy[1] < before * (1.0 + 1e-2)
+        assert stepper.shortfall < 1e-6

@@ -22,11 +22,11 @@ def _resolved(direction: list[float], free: list[float], target: list[float]) ->
     sparse = np.ascontiguousarray([np.ones(n), rows, rows], dtype=np.int32)
     groups = np.ascontiguousarray([rows, np.ones(n), np.full(n, CONE), rows], dtype=np.int32)
     rates = np.ascontiguousarray([np.ones(n), free, free, np.zeros(n), np.zeros(n)])
-    one, first = np.ones(1), np.zeros(1, np.int32)
+    one, first, none = np.ones(1), np.zeros(1, np.int32), np.zeros(n, dtype=bool)
     answer = resolve_step(
         sparse, np.zeros(n, np.int32), np.array(direction), groups, np.arange(n), np.zeros((2, n)), rates,
-        np.array(target), np.zeros(n), np.zeros(n, dtype=bool), np.zeros((4, 0), np.int32), np.zeros(0, np.int64), no,
-        no, 0.002, True, True, False, 1, np.ones(1), first, one, one, np.ones(1, np.int32), first, first,
+        np.array(target), np.zeros(n), none, none, np.zeros((4, 0), np.int32), np.zeros(0, np.int64), no, no, 0.002,
+        True, True, False, 1, np.ones(1), first, one, one, np.ones(1, np.int32), first, first,
     )  # fmt: skip
     return answer[1], answer[4]
 
@@ -49,12 +49,12 @@ def test_velocities_that_are_not_finite_are_not_taken_for_zero():
 
 def test_an_overlap_whose_gradient_nearly_vanishes_moves_a_joint_by_little():
     gap, timestep = -0.1, 0.002
-    one, first, no = np.ones(1), np.zeros(1, np.int32), np.zeros(0)
+    one, first, no, none = np.ones(1), np.zeros(1, np.int32), np.zeros(0), np.zeros(1, dtype=bool)
     groups = np.array([[0], [1], [CONE], [0]], np.int32)
     amounts, rates = np.array([[gap], [0.0]]), np.array([[1.0], [0.0], [0.0], [0.0], [0.0]])
     shift = resolve_step(
         np.array([[1], [0], [0]], np.int32), first, np.array([1e-9]), groups, np.zeros(1, np.int64), amounts, rates,
-        np.zeros(1), np.zeros(1), np.zeros(1, dtype=bool), np.zeros((4, 0), np.int32), np.zeros(0, np.int64), no, no,
+        np.zeros(1), np.zeros(1), none, none, np.zeros((4, 0), np.int32), np.zeros(0, np.int64), no, no,
         timestep, True, True, False, 1, np.ones(1), first, one, one, np.ones(1, np.int32), first, first,
     )[2]  # fmt: skip
     np.testing.assert_allclose(timestep * shift, 0.1, rtol=1e-12)  # m; it would have been 2e6
@@ -92,12 +92,12 @@ def test_what_is_solved_keeps_its_impulses():
 def test_a_body_that_cannot_meet_its_law_takes_nothing_from_another():
     """Two masses on rails: walls throw back the first from both sides, the second rebounds."""
     rows, one, first, no = np.arange(3, dtype=np.int32), np.ones(3), np.zeros(2, np.int32), np.zeros(0)
-    free = np.array([0.0, 0.0, -2.0])
+    free, none = np.array([0.0, 0.0, -2.0]), np.zeros(3, dtype=bool)
     answer = resolve_step(
         np.ascontiguousarray([one, rows, rows], dtype=np.int32), np.array([0, 0, 1], np.int32),
         np.array([1.0, -1.0, 1.0]), np.ascontiguousarray([rows, one, np.full(3, CONE), rows], dtype=np.int32),
         np.arange(3), np.zeros((2, 3)), np.ascontiguousarray([one, free, free, np.zeros(3), np.zeros(3)]),
-        np.array([1.0, 3.0, 1.0]), np.zeros(3), np.zeros(3, dtype=bool), np.zeros((4, 0), np.int32),
+        np.array([1.0, 3.0, 1.0]), np.zeros(3), none, none, np.zeros((4, 0), np.int32),
         np.zeros(0, np.int64), no, no, 0.002, True, True, False, 1, np.ones(1), np.array([0, 1], np.int32),
         one[:2], one[:2], np.ones(2, np.int32), np.array([0, 1], np.int32), first,
     )  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from impactlaw.scene.frames import make_orthogonal
 from impactlaw.solvers.cones.algebra.loops import clear, norm, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
@@ -34,7 +35,6 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
 )
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.margins import ALWAYS, outruns, write_arms, write_margins, write_sizes
-from impactlaw.stepping.time_stepping.problem.frames import make_orthogonal
 from impactlaw.stepping.time_stepping.problem.planes import put_on_planes
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
@@ -235,7 +235,7 @@ def _find_contacts(w, margins):
 
 @plain
 def _mend_contacts(w):
-    """Make frames orthogonal, and put points of one face into one plane; see `problem.frames` and `problem.planes`."""
+    """Make frames orthogonal, and put points of one face into one plane; see `scene.frames` and `problem.planes`."""
     if number(w, DATA.ncon) == 0:
         return
     frame = contact_floats(w, CONTACT.frame, 9)

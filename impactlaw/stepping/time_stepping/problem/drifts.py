@@ -20,7 +20,7 @@ _ALL = 1e-12  # square of what is left of a gradient that the constraint takes a
 
 
 @plain
-def _square(sparse, value, row):
+def square_of(sparse, value, row):
     """Return the square of the length of a row."""
     s = 0.0
     for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
@@ -35,14 +35,14 @@ def _fastest(sparse, value, groups, rates, collides):
     for g in range(len(collides)):
         row = groups[0, g]
         if collides[g]:
-            fastest = max(fastest, rates[1, row] ** 2 / max(_square(sparse, value, row), 1e-300))
+            fastest = max(fastest, rates[1, row] ** 2 / max(square_of(sparse, value, row), 1e-300))
     return np.sqrt(fastest)
 
 
 @plain
 def _is_closed_by(sparse, colind, value, rates, row, limit, fastest, work):
     """Return whether a constraint, whose row is scattered to work, closes a limit by giving way."""
-    product, own, other = 0.0, _square(sparse, value, row), _square(sparse, value, limit)
+    product, own, other = 0.0, square_of(sparse, value, row), square_of(sparse, value, limit)
     for a in range(sparse[1, limit], sparse[1, limit] + sparse[0, limit]):
         product += value[a] * work[colind[a]]
     share = product / max(own, 1e-300)
@@ -89,7 +89,7 @@ def _find_calm(sparse, value, groups, rates, collides, kinds, longest, found):
         if kinds[g] == TYING:
             found[g] = abs(rates[1, row]) <= CALM_TIES * fastest
         elif kinds[g] != 0:
-            found[g] = abs(rates[1, row]) <= CALM * longest * np.sqrt(_square(sparse, value, row))
+            found[g] = abs(rates[1, row]) <= CALM * longest * np.sqrt(square_of(sparse, value, row))
 
 
 @plain

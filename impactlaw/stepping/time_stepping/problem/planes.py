@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.compiled import compiled
+from impactlaw.scene.frames import make_orthogonal
 from impactlaw.solvers.cones.algebra.loops import plain
-from impactlaw.stepping.time_stepping.problem.frames import make_orthogonal
 
 _PARALLEL = 1e-9  # difference of normals of one face
 _LEVEL = 1e-10  # m: points are in one plane that are as near to it

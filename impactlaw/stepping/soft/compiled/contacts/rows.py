@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlaw.laws.tolerances import INFLUENCE
+from impactlaw.scene.frames import is_orthogonal
 from impactlaw.scene.tolerances import NO_FRICTION
 from impactlaw.solvers.cones.algebra.loops import (
     FIRST,
@@ -29,6 +30,7 @@ from impactlaw.stepping.compiled.access import (
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
 from impactlaw.stepping.compiled.whitening import whiten
+from impactlaw.stepping.soft.compiled.contacts.tangents import write_row
 
 Array = np.ndarray[Any, Any]
 
@@ -99,7 +101,7 @@ def _fill(w, found, jacobian, reached, root, frictional, mark, work, mixed, rows
     """Write the rows of the contacts that are reached, and return the number of entries."""
     nnz, adr, col, val = jacobian
     dim, mu = contact_ints(w, CONTACT.dim, 1)[:, 0], contact_floats(w, CONTACT.friction, 5)
-    trees = len(mark)
+    frame, trees = contact_floats(w, CONTACT.frame, 9), len(mark)
     tree, treeadr = model_ints(w, MODEL.dof_treeid, w.nv), model_ints(w, MODEL.tree_dofadr, trees)
     treenum, factor = model_ints(w, MODEL.tree_dofnum, trees), data_floats(w, DATA.qLD, size(w, MODEL.nC))
     Mnnz, Madr, Mcol = layout_of(w)
@@ -112,7 +114,10 @@ def _fill(w, found, jacobian, reached, root, frictional, mark, work, mixed, rows
         for d in range(dim[c] if frictional and c >= 0 else 1):
             if d > 0 and not mu[c, d - 1] > NO_FRICTION:
                 continue
-            _mix(found, i, d, 1.0 if d == 0 else mu[c, d - 1], nnz, adr, val, mixed)
+            if d == 0 or is_orthogonal(frame, c):
+                _mix(found, i, d, 1.0 if d == 0 else mu[c, d - 1], nnz, adr, val, mixed)
+            else:
+                write_row(w, c, d, mu[c, d - 1], col[adr[row] : adr[row] + nnz[row]], mixed)
             rows.adr[r] = end
             rows.nnz[r] = whiten(
                 nnz[row], FIRST, col[adr[row] : adr[row] + nnz[row]], mixed, end, work, mark, factor, Mnnz, Madr, Mcol,

@@ -52,12 +52,17 @@ def _find_kinds(w, rows, number_of, kinds):
 
 
 @kernel
-def _stiffen(w, rows, collides):
-    """Let equality constraints keep their velocity in a collision, those that do not move against themselves."""
+def _stiffen(w, rows, collides, bound):
+    """Let equality constraints keep their velocity in a collision, those that do not move against themselves.
+
+    Write which must not drive it, bool (g,).
+    """
     n = number(w, DATA.nefc)
     number_of = data_ints(w, DATA.efc_id, n)
     kinds, given, kept = counts(len(rows.key)), cleared(len(rows.key)), cleared(len(rows.key))
     _find_kinds(w, rows, number_of, kinds)
+    for g in range(len(bound)):
+        bound[g] = kinds[g] != 0
     hold_constraints(
         rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, kinds,
         zeros(w.nv), given, kept,
@@ -78,7 +83,7 @@ def _collide(w, rows, tree, law, answer):
     close_gaps(
         rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, tree, answer.collides, answer.target
     )  # fmt: skip
-    _stiffen(w, rows, answer.collides)
+    _stiffen(w, rows, answer.collides, answer.bound)
     return status
 
 
@@ -94,6 +99,7 @@ def solve(w, rows, metric, known, rounds, law, answer, scaled):
         rows.groups, rows.amounts, rows.rates, w.timestep, 0.0 if np.isnan(e) else e, setting(w, SETTING.rest_speed),
         RESOLVED, answer.may, answer.target, answer.collides,
     )  # fmt: skip
+    answer.bound[:] = False
     if collided:
         status, sliding = _collide(w, rows, tree, law, answer), setting(w, SETTING.sliding)
     if status != FINE:
@@ -105,7 +111,7 @@ def solve(w, rows, metric, known, rounds, law, answer, scaled):
     project = scaled and setting(w, SETTING.dissipative) > 0.0
     opens, missed, fastest, share, created, work, rounding, sharp = linked_resolve(
         rows.sparse, rows.colind, rows.value, rows.groups, rows.key, rows.amounts, rows.rates, answer.target,
-        answer.sliding, answer.collides, known_groups, known_key, known_scale, impulses, w.timestep,
+        answer.sliding, answer.collides, answer.bound, known_groups, known_key, known_scale, impulses, w.timestep,
         setting(w, SETTING.exact) != 0.0, project, _APART, rounds, floats(w.work, 1), tree, factor, inverse, Mnnz, Madr,
         Mcol, answer.x, answer.change, answer.shift, answer.reached, answer.z,
     )  # fmt: skip

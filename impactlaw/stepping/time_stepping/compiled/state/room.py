@@ -43,6 +43,7 @@ class Answer(NamedTuple):
         may: which groups may collide, bool (g,).
         collides: which groups do, bool (g,).
         later: which are hit only through others, bool (g,).
+        bound: which are equality constraints that must not drive the collision, bool (g,).
     """
 
     x: Array
@@ -55,6 +56,7 @@ class Answer(NamedTuple):
     may: Array
     collides: Array
     later: Array
+    bound: Array
 
 
 VELOCITIES = 13
@@ -70,7 +72,7 @@ def rows_size(g, n, m):
 @plain
 def answer_size(g, n, nv):
     """Return how many numbers of 64 bits an answer takes."""
-    return 2 * n + 2 * g + 3 * nv + (3 * g + 7) // 8
+    return 2 * n + 2 * g + 3 * nv + (4 * g + 7) // 8
 
 
 @plain
@@ -109,8 +111,8 @@ def answer_at(at, g, n, nv):
     z = shift + 8 * nv
     may = z + 8 * nv
     return Answer(
-        floats(at, n), floats(sliding, n), floats(target, g), floats(reached, g), floats(change, nv),
-        floats(shift, nv), floats(z, nv), bools(may, g), bools(may + g, g), bools(may + 2 * g, g),
+        floats(at, n), floats(sliding, n), floats(target, g), floats(reached, g), floats(change, nv), floats(shift, nv),
+        floats(z, nv), bools(may, g), bools(may + g, g), bools(may + 2 * g, g), bools(may + 3 * g, g),
     )  # fmt: skip
 
 

@@ -6,17 +6,17 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import by_address
-from impactlaw.solvers.cones.algebra.loops import numbers, plain
+from impactlaw.solvers.cones.algebra.loops import counts, numbers, plain
 from impactlaw.stepping.compiled.whitening import unwhitened
 from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, is_held, is_met, lose_energy
 from impactlaw.stepping.time_stepping.problem.overlaps import move_apart, overlap_targets
-from impactlaw.stepping.time_stepping.problem.solution.apart import solve_contacts
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import guess, shortfall
+from impactlaw.stepping.time_stepping.problem.solution.driven import solve_undriven
 
 _ARRAYS = (
     "int32[:,::1],int32[::1],float64[::1],int32[:,::1],int64[::1],float64[:,::1],float64[:,::1],float64[::1],"
-    "float64[::1],boolean[::1],int32[:,::1],int64[::1],float64[::1],float64[::1],float64,boolean,boolean,boolean,int64,"
-    "float64[::1],int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1]"
+    "float64[::1],boolean[::1],boolean[::1],int32[:,::1],int64[::1],float64[::1],float64[::1],float64,boolean,boolean,"
+    "boolean,int64,float64[::1],int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1]"
 )
 _FOUND = "boolean,float64,float64,float64,float64,float64,float64,boolean"
 
@@ -32,18 +32,18 @@ def _some_held(groups, amounts, rates):
 
 @plain
 def _resolve(
-    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
+    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, bound,
     known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
-    factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z, room,
+    factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z, turned, room,
 ):  # fmt: skip
-    """Do what `resolve` does with room for (3 n + 2 g + 2 nv,)."""
+    """Do what `resolve` does, with zeros, (g,), and room for (5 n + 2 g + 2 nv,)."""
     n, g, nv = len(x), len(target), len(z)
     after, root, w = room[:n], room[n : n + nv], room[n + nv : n + 2 * nv]
     need, push, rest = room[n + 2 * nv :][:g], room[n + 2 * nv + g :][:g], room[n + 2 * nv + 2 * g :]
     guess(groups, key, rates[0], known_groups, known_key, known_scale, known, x)
-    share, created, solved, sharp = solve_contacts(
-        sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative,
-        together, rounds, left, x, z, after, reached, rest,
+    share, created, solved, sharp = solve_undriven(
+        sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, bound, tree, exact, dissipative,
+        together, rounds, left, x, z, after, reached, turned, rest,
     )  # fmt: skip
     missed, fastest = shortfall(groups, rates, after, reached)
     if _some_held(groups, amounts, rates) or not solved or not is_met(missed, fastest):
@@ -63,7 +63,7 @@ def _resolve(
 
 @compiled(f"Tuple(({_FOUND}))({_ARRAYS},float64[::1],float64[::1],float64[::1],float64[::1],float64[::1])")
 def resolve(
-    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
+    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, bound,
     known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
     factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z,
 ):  # fmt: skip
@@ -74,11 +74,11 @@ def resolve(
     overlap has to be opened, the numbers of `resolve_step`, and whether the impulses solve the problem as it was given,
     as well as solvers can.
     """
-    room = numbers(3 * len(x) + 2 * len(target) + 2 * len(z))
+    turned, room = counts(len(target)), numbers(5 * len(x) + 2 * len(target) + 2 * len(z))
     return _resolve(
-        sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
+        sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, bound,
         known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
-        factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z, room,
+        factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z, turned, room,
     )  # fmt: skip
 
 
@@ -91,12 +91,13 @@ linked_resolve = by_address(resolve)
     f"float64[::1],float64[::1]))({_ARRAYS})"
 )
 def resolve_step(
-    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides,
+    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, bound,
     known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
     factor, inverse, Mnnz, Madr, Mcol,
 ):  # fmt: skip
     """Return what the contacts of a step do.
 
+    Equality constraints that are `bound`, bool (g,), do not drive the collision, see `driven`.
     Restitution that creates energy is scaled for each group of contacts that influence each other, or for all of them
     `together`, as under a law that couples others.
 
@@ -113,7 +114,7 @@ def resolve_step(
     change, shift, reached = np.empty(len(tree)), np.empty(len(tree)), np.empty(len(target))
     aimed = sliding.copy()
     overlaps, missed, fastest, s, created, work, rounding, _ = linked_resolve(
-        sparse, colind, value, groups, key, amounts, rates, target, aimed, collides,
+        sparse, colind, value, groups, key, amounts, rates, target, aimed, collides, bound,
         known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
         factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z,
     )  # fmt: skip

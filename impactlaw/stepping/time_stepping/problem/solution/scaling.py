@@ -76,8 +76,9 @@ def largest_share(
     for i in range(5):
         put(alone[i], rates[1 if i == 2 else i])
     for g in range(len(target)):
-        if groups[2, g] == BILATERAL:
-            alone[3, groups[0, g]] = rates[1, groups[0, g]]
+        row = groups[0, g]
+        if groups[2, g] == BILATERAL and rates[3, row] != -rates[1, row]:  # else it is a stop, see `driven`
+            alone[3, row] = rates[1, row]
     s, gained = _largest(
         sparse, colind, value, groups, amounts, alone, target, sliding, collides, 1.0, 0.0, tree, exact, rounds, left,
         x, z, after, scaled, room,

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from impactlaw.compiled import compiled
+from impactlaw.scene.tolerances import ORTHOGONAL
 from impactlaw.solvers.cones.algebra.loops import plain
-
-_ORTHOGONAL = 1e-12  # product of unit vectors
 
 
 @plain
@@ -28,6 +28,12 @@ def _cross(frame, k, i, j, at):
 
 
 @plain
+def is_orthogonal(frame, k):
+    """Return whether the first tangent of a contact is in the tangent plane."""
+    return abs(_product(frame, k, 0, 3)) <= ORTHOGONAL
+
+
+@plain
 def make_orthogonal(frame):
     """Give contacts whose first tangent is not in the tangent plane others; return if any is.
 
@@ -38,10 +44,9 @@ def make_orthogonal(frame):
     """
     some = False
     for k in range(len(frame)):
-        along = _product(frame, k, 0, 3)
-        if abs(along) <= _ORTHOGONAL:
+        if is_orthogonal(frame, k):
             continue
-        some, least = True, 0
+        along, some, least = _product(frame, k, 0, 3), True, 0
         for i in range(3):
             frame[k, 3 + i] -= along * frame[k, i]
             least = i if abs(frame[k, i]) < abs(frame[k, least]) else least
@@ -53,3 +58,9 @@ def make_orthogonal(frame):
             frame[k, 3 + i] /= length
         _cross(frame, k, 0, 3, 6)
     return some
+
+
+@compiled()
+def straighten(frame):
+    """Do what `make_orthogonal` does, for Python."""
+    make_orthogonal(frame)

@@ -1,0 +1,156 @@
+"""Equality constraints whose drift would drive a collision: they are stops there, and add no energy.
+
+An equality whose velocity changes from u- to u+ does the work ``Lambda (u- + u+) / 2``. Where it aims at its drift u-,
+or at less, it adds energy if contact pushes it the other way: a knob coupled 174 : 1 to a burner that its limit stops
+at 1 m/s would be thrown to 174 rad/s. Such an equality becomes an elastic stop at -u-. Before that is reached it has
+no impulse, and where it is, it does no work: contact moves it as it likes until its drift has turned around.
+"""
+
+from __future__ import annotations
+
+from impactlaw.solvers.cones import BILATERAL
+from impactlaw.solvers.cones.algebra.loops import indices, kernel, numbers, plain, put, zeros
+from impactlaw.solvers.cones.rows import islands, lengths, trees_of
+from impactlaw.stepping.time_stepping.problem.drifts import square_of
+from impactlaw.stepping.time_stepping.problem.solution.apart import solve_contacts
+from impactlaw.stepping.time_stepping.problem.solution.contact_problem import solve_scaled
+from impactlaw.stepping.time_stepping.tolerances import DRIVEN
+
+_GONE = 1e12  # compliance of an equality that does nothing, as a multiple of all that resists its impulses
+_TURNS = 8  # times at most that a problem is looked at for such equalities
+
+
+@plain
+def _work_of(groups, rates, base, after, x, g):
+    """Return ``Lambda^T (u + u+) / 2`` of one group, from velocities u."""
+    work = 0.0
+    for k in range(groups[0, g], groups[0, g] + groups[1, g]):
+        work += 0.5 * x[k] * rates[0, k] * (base[k] + after[k])
+    return work
+
+
+@plain
+def _let_go(sparse, value, groups, rates, turned, x):
+    """Let equalities that have not reached their stop do nothing; return whether some did something."""
+    some = False
+    for g in range(len(turned)):
+        row = groups[0, g]
+        if turned[g] == 1 and x[row] * rates[1, row] < 0.0:
+            rates[4, row] = _GONE * (square_of(sparse, value, row) + rates[4, row])
+            turned[g] = 2
+            some = True
+    return some
+
+
+@plain
+def _some_of(marks):
+    """Return whether some are True."""
+    some = False
+    for mark in marks:
+        some = some or mark
+    return some
+
+
+@plain
+def _some_work(groups, rates, after, x, bound, turned):
+    """Return whether some equality that may not drive a collision adds energy to it."""
+    some = False
+    for g in range(len(bound)):
+        some = some or (bound[g] and turned[g] == 0 and _work_of(groups, rates, rates[1], after, x, g) > 0.0)
+    return some
+
+
+@plain
+def _add_sums(sparse, value, groups, rates, after, x, collides, bound, label, sums):
+    """Add, island by island, (4, islands): work of such equalities, that with contact, energy of the fastest contact.
+
+    Work with contact is from the velocity before, then from that to which forces alone lead: what carries a load while
+    something collides adds energy to the first only. Servos may drive a collision: what they do is left out.
+    """
+    for g in range(len(bound)):
+        i = label[g]
+        if i < 0 or (groups[2, g] == BILATERAL and not bound[g]):
+            continue
+        work = _work_of(groups, rates, rates[1], after, x, g)
+        sums[1, i] += work
+        sums[2, i] += _work_of(groups, rates, rates[2], after, x, g)
+        if bound[g]:
+            sums[0, i] += work
+        if collides[g]:
+            row = groups[0, g]
+            sums[3, i] = max(sums[3, i], 0.5 * rates[1, row] ** 2 / max(square_of(sparse, value, row), 1e-300))
+
+
+@kernel
+def _turn(sparse, colind, value, groups, rates, tree, collides, bound, turned, x, after):
+    """Let equalities that add energy to a collision be stops; return whether there are more than before.
+
+    They are where those of an island, and also they and its contacts, add more than `DRIVEN` of the energy with which
+    its fastest contact collides.
+    """
+    many, trees = groups.shape[1], trees_of(tree)
+    length, label, parent, number = numbers(many), indices(many), indices(trees), indices(trees)
+    lengths(sparse[0], sparse[1], value, groups[0], groups[1], rates[4], length)
+    count = islands(
+        sparse[0], sparse[1], colind, value, tree, groups[0], groups[1], length, label, parent, number
+    )  # fmt: skip
+    sums, some = zeros(4 * count).reshape((4, count)), False
+    _add_sums(sparse, value, groups, rates, after, x, collides, bound, label, sums)
+    for g in range(many):
+        i = label[g]
+        if not bound[g] or turned[g] != 0 or i < 0 or sums[3, i] == 0.0:
+            continue
+        driven = min(sums[0, i], sums[1, i], sums[2, i]) > DRIVEN * sums[3, i]
+        if driven and _work_of(groups, rates, rates[1], after, x, g) > 0.0:
+            rates[3, groups[0, g]], turned[g] = -rates[1, groups[0, g]], 1
+            some = True
+    return some
+
+
+@plain
+def _stop(
+    sparse, colind, value, groups, amounts, rates, target, sliding, collides, bound, tree, exact, rounds, left,
+    x, z, after, scaled, turned, room,
+):  # fmt: skip
+    """Let equalities that would drive the collision, with all its restitution, be stops.
+
+    Those that add energy only then follow. Impulses x are a guess of what solves it. There is room for (2 n,).
+    """
+    for _ in range(_TURNS):
+        solve_scaled(
+            sparse, colind, value, groups, amounts, rates, target, sliding, collides, 1.0, tree, exact, rounds, left,
+            x, z, after, scaled, room,
+        )  # fmt: skip
+        changed = _let_go(sparse, value, groups, rates, turned, x)
+        if _some_work(groups, rates, after, x, bound, turned):
+            more = _turn(sparse, colind, value, groups, rates, tree, collides, bound, turned, x, after)
+            changed = changed or more
+        if not changed:
+            break
+
+
+@plain
+def solve_undriven(
+    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, bound, tree, exact, dissipative,
+    together, rounds, left, x, z, after, scaled, turned, room,
+):  # fmt: skip
+    """Do what `solve_contacts` does, where equalities that would drive the collision are stops.
+
+    Those are `bound`, (g,). There are zeros, (g,), and room for (4 n,).
+    """
+    n = len(x)
+    held, soft, rest = room[2 * n : 3 * n], room[3 * n : 4 * n], room[: 2 * n]
+    put(held, rates[3])
+    put(soft, rates[4])
+    if _some_of(bound):
+        _stop(
+            sparse, colind, value, groups, amounts, rates, target, sliding, collides, bound, tree, exact, rounds, left,
+            x, z, after, scaled, turned, rest,
+        )  # fmt: skip
+    found = solve_contacts(
+        sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative,
+        together, rounds, left, x, z, after, scaled, rest,
+    )  # fmt: skip
+    put(rates[3], held)
+    put(rates[4], soft)
+    return found
