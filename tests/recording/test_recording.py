@@ -182,7 +182,7 @@ def test_summaries(cradle_log):
 def test_description(cradle_log):
     recording = read_log(cradle_log[0])
     text = describe(recording)
-    for part in ("newtons_cradle", "Reversal(restitution=1.0)", "450 steps", "ball4/ball5", "worst violation", "yes"):
+    for part in ("newtons_cradle", "Reversal(restitution=1.0)", "450 states", "ball4/ball5", "worst violation", "yes"):
         assert part in text
     assert "... and 1 more" in describe(recording, limit=len(recording.collisions) - 1)
 

@@ -188,7 +188,7 @@ def test_a_scene_without_anything_to_see(tmp_path):
     assert recording.collisions.empty
     assert recording.worst_violation() is None
     assert recording.contact_summary().empty
-    assert "2 steps" in describe(recording)
+    assert "2 states" in describe(recording)
 
 
 def test_size_on_the_humanoid(tmp_path):

@@ -38,8 +38,8 @@ class ContactCoefficients(OfContacts):
             stepper refuses the law if the scene can have one.
 
     Raises:
-        RestitutionError: a coefficient is not in [0, 1], a contact has two, a mapping is empty and there is no default,
-            a default is given without a mapping, or coefficients are a set, which has no order.
+        RestitutionError: a coefficient is not in [0, 1], a contact has two, a sequence is empty, a mapping is and there
+            is no default, a default is given without a mapping, or coefficients are a set, which has no order.
     """
 
     restitution: Coefficients
@@ -47,8 +47,9 @@ class ContactCoefficients(OfContacts):
 
     def __post_init__(self):
         value = checked_values(self.restitution, "restitution", _checked, type(self).__name__)
-        if value == {} and self.default is None:
-            raise RestitutionError(f"{type(self).__name__} has no coefficient: an empty mapping, and no default")
+        if value == () or (value == {} and self.default is None):
+            kind = "an empty sequence" if value == () else "an empty mapping, and no default"
+            raise RestitutionError(f"{type(self).__name__} has no coefficient: {kind}")
         object.__setattr__(self, "restitution", value)
         if self.default is not None:
             if not isinstance(value, dict):
@@ -99,7 +100,7 @@ def _at(e: Any, speed: float, label: str) -> float:
     name = f"restitution {described(e)} of contact {label} at speed {speed:.6g}"
     try:
         value = e(speed)
-    except ArithmeticError as error:
+    except (ArithmeticError, TypeError) as error:
         raise RestitutionError(f"{name} cannot be computed: {error}") from error
     return coefficient(value, name)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from problems import LAWS, OF_SOME, SWAPPED, launched
 
-from impactlaw import Collision, Fremond, LinearMap, MaximalDissipation, Moreau, Newton, make_law
+from impactlaw import Collision, Fremond, LinearMap, MaximalDissipation, Moreau, Newton, Poisson, make_law
 from impactlaw.errors import RestitutionError, UnknownNameError
 from impactlaw.laws import LAWS as REGISTRY
 from impactlaw.laws import Law
@@ -39,6 +39,13 @@ def test_newton_by_label_with_default_and_without():
     np.testing.assert_allclose(law.coefficients(labelled()), [0.9, 0.5, 0.5])
     with pytest.raises(RestitutionError, match="Newton has no restitution for contact ball1/ball2, and no default"):
         Newton({("ball1", "floor"): 0.9}).resolve(labelled())
+
+
+@pytest.mark.parametrize("law", [Newton, Poisson])
+@pytest.mark.parametrize("empty", [[], (), np.array([]), {}])
+def test_no_coefficient_at_all_is_refused(law, empty):
+    with pytest.raises(RestitutionError, match="has no coefficient: an empty"):
+        law(empty)
 
 
 def test_fremond_by_label():

@@ -88,6 +88,7 @@ def test_rod_that_falls_tilting():
         (lambda speed: None, "must be a number in"),
         (lambda speed: (-speed) ** 0.25, "must be a number in"),
         (lambda speed: 1.0 / (speed - 1.0), "contact 0 at speed 1 cannot be computed: float division by zero"),
+        (lambda: 0.5, "contact 0 at speed 1 cannot be computed: .* takes 0 positional arguments but 1 was given"),
     ],
 )
 def test_wrong_functions(function, message):
