@@ -1,7 +1,7 @@
-"""The order of attempts: Newton's method from the guess and from rest, then rounds of what is slower but safer.
+"""The order of attempts: Newton's method from the guess or from rest, an interior point method, then slower rounds.
 
-Piles of bodies have friction that is not unique, where Newton's method runs in circles: an interior point method comes
-first, and where hundreds of rows depend on each other, nothing comes after it.
+Where friction is not unique, Newton's method runs in circles. From inside of the cones it soon ends. In piles of bodies
+that comes first, and where hundreds of rows depend on each other, nothing comes after it.
 
 In turn alternating directions, and convex problems with accelerated correction; each goes on from where it was, and
 each is followed by Newton's method with another map, step and regularization. The best point of all is kept.
@@ -31,6 +31,7 @@ from impactlaw.solvers.cones.algebra.loops import (
 from impactlaw.solvers.cones.algebra.ordering import Blocks, one_block
 from impactlaw.solvers.cones.algebra.projection import norm_of
 from impactlaw.solvers.cones.algebra.structure import BOX, CONE, Island, delassus
+from impactlaw.solvers.cones.budget import LARGE, affordable, spend
 from impactlaw.solvers.cones.convex import corrected, out_of_reach
 from impactlaw.solvers.cones.interior import interior
 from impactlaw.solvers.cones.large import solve_large
@@ -51,47 +52,16 @@ _WORK = 1.5e7  # operations after which no further round begins ...
 _FACTORIZATIONS = 150.0  # ... or so many factorizations of one block, whatever is more ...
 _OF_MANY = 30.0  # ... or of many blocks ...
 _OF_LARGE = 1.0  # ... or in an island of so many rows, where Newton's method soon gets no further
-LARGE = 300
-"""Rows of such an island."""
-_ALLOWED = 5e7  # operations of one time step ...
-_STEPS_ALLOWED, _STEPS_OF_LARGE = 200.0, 60.0  # ... or Newton steps if these are more, the second in large islands
-_MANY = 1e9  # Newton steps, where nothing limits them
-_OF_ROW = 800.0  # operations of a Newton step in each row, most of them in the line search
 _SET_UP = 4  # Newton steps that it takes to set up a problem
 _ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances will do: such problems are degenerate
 _STAGNANT, _HOPELESS = 4, 8  # rounds without 10 % less after which to stop if they were long, and in any case
 _PROVED = 1  # round before which to see whether anything says that there is a solution ...
-_PROMISING = 1e-1  # ... unless the natural map does, which is then less than so many scales
+_PROMISING = 1e-1  # ... unless the natural map does, which is then less than so many scales ...
+_HOPEFUL = 1e-2  # ... and after the interior point method less than so many
 _PILE = 40  # rows from which bodies are a pile
 _INTERIOR, _HANDED_ON = np.int64(15), 1e4  # steps of the interior point method, and tolerances that will do there
 _HURRY = np.int64(2)  # patience of Newton's method before and after it
 _SHORT = 0.25  # what is not long, as a part of the work allowed
-
-
-@plain
-def _worth(step: float, rows: int) -> float:
-    """Return how many Newton steps are allowed in a time step; see `spend`."""
-    whole = step + _OF_ROW * rows
-    return max(_ALLOWED / whole, _STEPS_OF_LARGE if rows >= LARGE else _STEPS_ALLOWED)
-
-
-@plain
-def spend(left: Array, operations: float, step: float, rows: int) -> None:
-    """Take operations from the part of the work allowed in a time step that is left, (1,).
-
-    Args:
-        left: 1 at the start of the step.
-        operations: that were done.
-        step: operations of one Newton step of this problem, without those that are few in each row.
-        rows: of it.
-    """
-    left[0] -= operations / (step * _worth(step, rows))
-
-
-@plain
-def _affordable(left: Array, step: float, rows: int) -> int:
-    """Return how many Newton steps can be taken with what is left."""
-    return int(min(max(0.0, left[0]) * _worth(step, rows), _MANY))
 
 
 @once
@@ -125,12 +95,16 @@ def compressed(P: Island) -> tuple[Island, Blocks]:
 @plain
 def _is_pile(P: Island, K: Blocks) -> bool:
     """Return whether an island is one of many bodies with exact friction, and without dry friction of joints."""
-    if not P.exact or len(P.b) < _PILE or len(K.width) == 1:
-        return False
+    return P.exact and len(P.b) >= _PILE and len(K.width) > 1 and not _has_boxes(P)
+
+
+@plain
+def _has_boxes(P: Island) -> bool:
+    """Return whether some joint has dry friction."""
     for kind in P.kind:
         if kind == BOX:
-            return False
-    return True
+            return True
+    return False
 
 
 @once
@@ -171,7 +145,7 @@ def solve_island(
         return _solve_one_contact(P, x)
     large, total, least = n >= LARGE and len(K.width) > 1, 0, np.inf
     if large and not P.exact:
-        total, least = solve_large(P, K, x, tolerance, _affordable(left, cost, n))
+        total, least = solve_large(P, K, x, tolerance, affordable(left, cost, n))
         spend(left, (total + _SET_UP) * cost, cost, n)
         return total, least
     if _is_pile(P, K):
@@ -188,9 +162,9 @@ def solve_island(
     delta = _DENSE if few else _REDUCED
     start, point = copied(x), copied(x)
     patience = _ENDLESS if len(K.width) == 1 else _PATIENCE if n < LARGE else _HASTE
-    warm = norm_of(x, FIRST, n) > 0.0
+    warm, inside = norm_of(x, FIRST, n) > 0.0, P.exact and rounds > 1 and not large and not _has_boxes(P)
     for k in range(4):
-        if (k < 2) != warm and (k < 3 or rounds < 2 or large):
+        if (k < 2) != warm and (k < 3 or rounds < 2 or large or inside):
             continue
         put(point, start)
         if k > 1:
@@ -207,8 +181,48 @@ def solve_island(
             return total, least
     if few and n < P.nv:
         P, K = compressed(P)
+    if inside:
+        taken, least = _from_inside(P, K, G, x, start, least, scale, tolerance, delta, patience, warm)
+        total += taken
+        spend(left, taken * step, step, n)
+        if least <= _NEAR * tolerance or left[0] <= 0.0:
+            return total, least
+        if left[0] < np.inf and len(K.width) == 1 and least > _HOPEFUL * scale:
+            taken, hopeless = out_of_reach(P, K, scale)
+            total += taken
+            spend(left, taken * cost, step, n)
+            if hopeless:
+                return total, least
     taken, least = _rounds(P, K, G, x, start, least, scale, tolerance, rounds, few, left)
     return total + taken, least
+
+
+@once
+def _from_inside(
+    P: Island, K: Blocks, G: Array, x: Array, start: Array, least: float, scale: float, tolerance: float, delta: float,
+    patience: int, warm: bool,
+) -> tuple[int, float]:  # fmt: skip
+    """Let Newton's method follow the interior point method, from `start` if that is `warm`, and from rest.
+
+    Write the best point of all to x; return steps taken and its natural map.
+    """
+    total, inside, point = 0, copied(start), numbers(len(x))
+    for k in range(2):
+        if k == 0 and not warm:
+            continue
+        if k == 1:
+            clear(inside)
+        total += interior(P, K, inside, scale, _HANDED_ON * tolerance, _INTERIOR)
+        for kind, ease in ((DE_SAXCE, _FIRST_EASE / scale), (ALART_CURNIER, 0.0)):
+            put(point, inside)
+            taken, r = newton(P, K, G, point, tolerance, _AFTER, kind, 1.0, delta, ease, patience)
+            total += taken
+            if r < least:
+                least = r
+                put(x, point)
+            if least <= tolerance:
+                return total, least
+    return total, least
 
 
 @once
@@ -253,7 +267,7 @@ def _rounds(
             taken = 0
             put(point, x)
         else:
-            most = _affordable(left, cost, len(x))
+            most = affordable(left, cost, len(x))
             taken = corrected(P, K, convex, 1e2 * tolerance, 3 if k < _LATE else 6, _PROXIMAL, most)
             work += taken * cost
             put(point, convex)

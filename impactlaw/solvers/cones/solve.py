@@ -83,7 +83,7 @@ def improve(
 ):  # fmt: skip
     """Overwrite a guess x by the solution, write z, and return what else `solve` returns; the arguments are its own.
 
-    `left` (1,) is the part of the work allowed that is left, see `hybrid.spend`: what is done is taken from it, and
+    `left` (1,) is the part of the work allowed that is left, see `budget.spend`: what is done is taken from it, and
     where nothing is left, only the first attempt is made, or all first ones of a convex problem.
     """
     groups, trees = len(first), trees_of(tree)

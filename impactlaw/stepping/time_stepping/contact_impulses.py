@@ -136,7 +136,7 @@ class ContactProblem:
             metric: the inertia of the step.
             known: impulses of the step before, a guess.
             rounds: of the slower solvers.
-            left: part of the work allowed in the step that is left, (1,), see `solvers.cones.hybrid.spend`.
+            left: part of the work allowed in the step that is left, (1,), see `solvers.cones.budget.spend`.
             phases: whether collisions may be one after another.
 
         Raises:

@@ -48,7 +48,7 @@ class Looks:
     velocity: np.ndarray  # at the start of the step, (nv,)
     middle: np.ndarray  # configuration in the middle of the step, (nq,)
     metric: Metric  # the inertia of the step
-    work: np.ndarray  # part of the work allowed in the step that is left, (1,), see `solvers.cones.hybrid.spend`
+    work: np.ndarray  # part of the work allowed in the step that is left, (1,), see `solvers.cones.budget.spend`
     rounds: int  # of the slower solvers
     phases: bool = False  # whether collisions may be one after another
     moved: np.ndarray | None = None  # what is added to the velocity before a collision, (nv,), see `inertial_forces`

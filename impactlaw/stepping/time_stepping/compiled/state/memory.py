@@ -34,7 +34,7 @@ class Memory(NamedTuple):
     shortfall: int = 12  # largest amount by which a contact velocity of the last step misses its law, m/s or rad/s
     worst: int = 13  # the largest of these so far
     created: int = 14  # energy that the law would have created in the last step, J
-    work: int = 15  # part of the work allowed in a step that is left in this one, see `solvers.cones.hybrid`
+    work: int = 15  # part of the work allowed in a step that is left in this one, see `solvers.cones.budget`
     found_groups: int = 16  # of the impulses found so far in a step that is taken again, an int64
     found_rows: int = 17  # the same of their rows, 0 if there are none, an int64
     found_work: int = 18  # what was left of the work allowed when they were found

@@ -48,7 +48,7 @@ class World(NamedTuple):
     timestep: float  # h, s
     damped: bool  # whether the integrator damps implicitly
     surfaces: int  # address of what is known of mocap bodies, see `surfaces`; 0 if they do not move through a step
-    work: int  # address of the part of the work allowed in the step that is left, see `solvers.cones.hybrid.spend`
+    work: int  # address of the part of the work allowed in the step that is left, see `solvers.cones.budget.spend`
 
 
 @plain

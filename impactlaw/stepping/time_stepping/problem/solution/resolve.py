@@ -101,7 +101,7 @@ def resolve_step(
     Restitution that creates energy is scaled for each group of contacts that influence each other, or for all of them
     `together`, as under a law that couples others.
 
-    What solvers do is taken from `left` (1,), the part of the work allowed in the step, see `solvers.cones.hybrid`.
+    What solvers do is taken from `left` (1,), the part of the work allowed in the step, see `solvers.cones.budget`.
 
     Returns:
         Impulses (n,), in units of the problem; the change of velocity (nv,); the velocity that opens overlaps (nv,),
