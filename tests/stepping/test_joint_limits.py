@@ -78,6 +78,31 @@ def test_a_ball_joint_bounces_at_its_angle():
     assert data.qvel == pytest.approx([0.0, -1.0, 0.0], abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    "options", [{}, {"contact_model": "soft"}, {"contact_model": "soft", "compiled": "never"}], ids=str
+)
+def test_a_ball_joint_that_spins_keeps_its_energy_under_rk4(options):
+    """Each bounce does, whichever axis it is about; and RK4 between them, where Euler diverges."""
+    link = '<body pos="0 0 1"><joint type="ball" range="0 50"/><geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03"/>'
+    model, data = compiled(link + "</body>", option='timestep="0.01" integrator="RK4"')
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    stepper, energies, other = Stepper(model, Moreau(1), **options), [], mujoco.MjData(model)
+    data.qvel[:] = 6.0, 3.0, 5.0
+    bounces = 0
+    for _ in range(300):
+        other.qpos[:], other.qvel[:] = data.qpos, data.qvel
+        mujoco.mj_forward(model, other)
+        energies.append(other.energy.sum())
+        stepper.step(data)
+        for event in stepper.events:
+            bounces += 1
+            impact = event.impact
+            assert impact.post_contact_velocity == pytest.approx(-impact.collision.pre_contact_velocity, rel=1e-9)
+            assert abs(impact.energy_change) < 1e-12 * energies[0]
+    assert bounces > 20
+    assert max(energies - np.minimum.accumulate(energies)) < 2e-4 * energies[0]
+
+
 def test_a_string_becomes_taut():
     """A mass on a string of length 2 flies off: only the radial velocity is reversed."""
     world = """<site name="hook"/>

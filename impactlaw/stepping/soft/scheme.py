@@ -13,9 +13,9 @@ MuJoCo gives mocap bodies no velocity. The law does, from their motion (`Surface
 decides what collides and how. Between collisions MuJoCo's contacts meet them at rest, where they are at the end of the
 step.
 
-RK4's stages look ahead: they feel a contact before it is there, and would take up to half of the speed that the law is
-to reverse. Where the last stage has met new contacts, the step is tried again with Euler, whose forces are those of
-its start; if there is a collision at the end of that, the law resolves it there, and that is the step.
+RK4's stages look ahead, which would take from what the law is to reverse. Where the last stage has met new contacts,
+the step is tried again without them (`look_not_ahead`); if there is a collision at the end of that, the law resolves it
+there, and that is the step.
 """
 
 from __future__ import annotations
@@ -47,6 +47,7 @@ from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_timestep
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.collisions import NOTHING, VELOCITY, Collisions
+from impactlaw.stepping.soft.look_not_ahead import look_not_ahead
 
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
 _ENERGY, _COMPARE = int(mujoco.mjtEnableBit.mjENBL_ENERGY), int(mujoco.mjtEnableBit.mjENBL_FWDINV)
@@ -260,7 +261,7 @@ class SoftStepping:
         trial = self._trial
         mujoco.mj_setState(model, trial, self._before, _STATE)
         _update(model, trial)
-        mj_Euler(model, trial)
+        look_not_ahead(model, trial)
         mujoco.mj_fwdPosition(model, trial)
         mujoco.mj_fwdVelocity(model, trial)
         events, stage = self.collisions.resolve(trial) if trial.ncon or trial.nl else NOTHING

@@ -1,5 +1,7 @@
 """Soft stepping with collisions: the law exactly at each, MuJoCo in between, divergence seen."""
 
+import copy
+
 import mujoco
 import numpy as np
 import pytest
@@ -33,6 +35,12 @@ HEAP = """
   </worldbody>
 </mujoco>
 """
+
+CHAIN = """<mujoco><option timestep="{h}" integrator="RK4"><flag energy="enable" contact="disable"/></option><worldbody>
+  <body pos="0 0 1"><joint type="ball" range="0 50"/><geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03"/>
+  <body pos="0 0 -.4"><joint type="ball" pos="0 .1 .05"/><geom type="ellipsoid" size=".07 .06 .05"/></body></body>
+  </worldbody></mujoco>"""
+"""Two links, the first of which has a limit."""
 
 
 def build(xml, **options):
@@ -118,6 +126,31 @@ def test_rk4_does_not_look_ahead_into_a_limit_while_that_of_a_tendon_opens(compi
     stepper = Stepper(model, Moreau(1), contact_model="soft", compiled=compiled)
     assert [event.contacts.labels for event in run(stepper, data, 1)] == [("z",)]
     assert data.qvel[0] == pytest.approx(2.0, abs=0.11)
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("h", [0.01, 0.005])
+def test_rk4_is_left_in_a_step_that_ends_in_a_collision(h, compiled):
+    """The chain turns by up to half a radian in a step; Euler, to which such steps fell back, made it diverge."""
+    model = mujoco.MjModel.from_xml_string(CHAIN.format(h=h))
+    data, alone = mujoco.MjData(model), copy.copy(model)
+    data.qvel[:] = 6.0, 3.0, 5.0, 1.0, 2.0, 3.0
+    alone.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+    free, energy = mujoco.MjData(alone), []
+    stepper, hits = Stepper(model, Moreau(1), contact_model="soft", compiled=compiled), 0
+    for _ in range(round(3 / h)):
+        free.qpos[:], free.qvel[:] = data.qpos, data.qvel
+        mujoco.mj_forward(model, free)
+        touches = free.nl
+        energy.append(free.energy.sum())
+        stepper.step(data)
+        mujoco.mj_step(alone, free)
+        if stepper.events and not touches:
+            hits += 1
+            np.testing.assert_array_equal(data.qpos, free.qpos)
+            np.testing.assert_array_equal(stepper.events[0].impact.collision.pre_velocity, free.qvel)
+    assert hits > 20
+    assert max(energy - np.minimum.accumulate(energy)) < 0.05 * energy[0]
 
 
 def test_a_meeting_in_free_space():

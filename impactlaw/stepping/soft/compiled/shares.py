@@ -16,6 +16,7 @@ from impactlaw.solvers.cones.algebra.loops import clear, cleared, copied, indice
 from impactlaw.solvers.cones.retry import linked_retry
 from impactlaw.solvers.cones.rows import impulse_jump, lengths
 from impactlaw.solvers.cones.solve import linked_improve
+from impactlaw.solvers.friction import problem
 from impactlaw.stepping.compiled.access import model_ints
 from impactlaw.stepping.compiled.fields import MODEL
 from impactlaw.stepping.soft.compiled.alone import solve_alone
@@ -26,6 +27,7 @@ Array = np.ndarray[Any, Any]
 
 ENOUGH = 1e-12
 """Natural map, relative to velocities, that the solver must reach."""
+_ALMOST = problem.ENOUGH  # what is enough in Python, which takes a collision that is solved to that
 _TOLERANCE = 1e-13  # what it aims at
 _ROUNDS = 24  # of its slower methods
 _AGAIN = 4  # times that it begins, at first without these
@@ -176,6 +178,8 @@ def _of_group(w, rows, group, wanted, is_whole, solved, done, z, x):
         own = zeros(w.nv)
         clear(x)
         solved, created = _attempt(w, rows, group, wanted, 1.0, x, own)
+    if ENOUGH < solved <= _ALMOST:
+        return solved, 1.0
     restored = False
     for g in group:
         for i in range(rows.first[g], rows.first[g] + rows.sizes[g]):

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import clear, kernel, numbers, once, plain, zeros
+from impactlaw.solvers.cones.algebra.loops import clear, indices, kernel, numbers, once, plain, put, zeros
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     contact_ints,
@@ -18,12 +18,26 @@ from impactlaw.stepping.compiled.access import (
     size,
     velocity_of,
 )
-from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, float_at, ints, keep, long_at
+from impactlaw.stepping.compiled.fields import (
+    CONTACT,
+    DATA,
+    MODEL,
+    SIZE,
+    address_of,
+    float_at,
+    int_at,
+    ints,
+    keep,
+    long_at,
+    longs,
+    put_int,
+)
 from impactlaw.stepping.soft.compiled.collide import collide
 from impactlaw.stepping.soft.compiled.contacts.found import find, normal_velocities
 from impactlaw.stepping.soft.compiled.locked import lock, locks, unlock
 from impactlaw.stepping.soft.compiled.rebounds import bounces, hold_back
 from impactlaw.stepping.soft.compiled.world import DIVERGED, FINE, PYTHON, Law, World
+from impactlaw.stepping.soft.look_not_ahead import NO_CONTACT
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
@@ -95,8 +109,30 @@ def _update(w):
 
 
 @kernel
+def _look_not_ahead(w):
+    """Do what `look_not_ahead.look_not_ahead` does.
+
+    What differs from the model is in a copy of its own structure: other threads step with the model.
+    """
+    if _touches(w):
+        mj.euler(w.model, w.data)
+        return
+    words = long_at(w.table + 8 * SIZE.model) // 8
+    copied = indices(words)
+    model = address_of(copied)
+    put(copied, longs(w.model, words))
+    flags = model + offset(w, MODEL.opt_disableflags)
+    put_int(flags, np.int32(int_at(flags) | NO_CONTACT))
+    mj.runge_kutta(model, w.data, np.int32(4))
+    keep(copied)
+
+
+@kernel
 def _collide_at_end(w, law, trial, state, sums):
-    """Take an RK4 step again with Euler if that ends in a collision that the law changes; return how it has ended."""
+    """Take an RK4 step again, see `_look_not_ahead`, if that ends in a collision that the law changes.
+
+    Return how it has ended.
+    """
     n, q = number(w, DATA.nefc), 1 + size(w, MODEL.nq)
     rows, before, found = numbers(n), state[q : q + w.nv], find(w, law.bilateral)
     mj.mul_jac_vec(w.model, w.data, address_of(rows), address_of(before))
@@ -106,7 +142,7 @@ def _collide_at_end(w, law, trial, state, sums):
     now = World(w.model, trial, w.table, w.nv)
     mj.set_state(w.model, trial, address_of(state), STATE)
     _update(now)
-    mj.euler(w.model, trial)
+    _look_not_ahead(now)
     mj.fwd_position(w.model, trial)
     mj.fwd_velocity(w.model, trial)
     of_trial, told = zeros(len(sums)), law.outcomes[0] if len(law.outcomes) > 0 else 0.0
