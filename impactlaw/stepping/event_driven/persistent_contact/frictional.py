@@ -69,7 +69,8 @@ def hold_with_friction(
     shift = (moving_part(configuration.model) * phase.duration) * change - felt.shift
     if np.count_nonzero(shift):
         reach = phase_end.contact_set.opening(shift + felt.shift)
-        phase_end, table = _settle(phase_end, shift, table, phase, look_again, reach)
+        far = phase.duration * (configuration.kinetic_norm(free) + configuration.kinetic_norm(change))
+        phase_end, table = _settle(phase_end, shift, table, phase, look_again, reach, far)
     phase_end = _with_more(phase_end, phase)
     if np.count_nonzero(phase_end.sustained & (phase_end.gap < -CORRECTED * phase.tolerance)):
         before = phase_end.known
@@ -112,13 +113,23 @@ def _with_more(phase_end: PhaseEnd, phase: Phase) -> PhaseEnd:
 
 
 def _settle(
-    phase_end: PhaseEnd, shift: np.ndarray, table: np.ndarray, phase: Phase, look_again: LookAgain, reach: float
+    phase_end: PhaseEnd,
+    shift: np.ndarray,
+    table: np.ndarray,
+    phase: Phase,
+    look_again: LookAgain,
+    reach: float,
+    far: float,
 ) -> tuple[PhaseEnd, np.ndarray]:
     """Shift the bodies, and then so that active contacts are closed; return the contacts and their impulses.
 
     What sticks does not slide in that, unless there are equality constraints, which give way: a light foot would, as
     the nearest place where it is closed may be far aside.
     They are looked for up to a gap of ``reach`` at least, m: surfaces may recede, too.
+
+    Raises:
+        SolverError: that would move the bodies farther than they have moved in the phase, ``far``, by the kinetic norm:
+            points that are next to each other, as both faces of a foil are, cannot be closed at once.
     """
     configuration, held = phase_end.now.configuration, phase_end.known[phase_end.sustained]
     for settling in range(_SETTLINGS):
@@ -136,6 +147,8 @@ def _settle(
         rows = Rows(*(part[(rows.kind == 0) | sticks[rows.contact]] for part in rows))
         wanted = np.where(rows.kind == 0, -now.gap[rows.contact], 0.0)
         shift = configuration.jump(rows.jacobian, _closing_impulse(rows.whitened, wanted))
+        if configuration.kinetic_norm(shift) > far:
+            raise SolverError(f"no small shift closes {np.count_nonzero(active)} contacts; use a smaller timestep")
     return phase_end, table
 
 
