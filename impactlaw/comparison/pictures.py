@@ -15,10 +15,12 @@ from impactlaw.mechanics.collision import Collision
 
 _FREE, _BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 _MOST_LINES = 12  # degrees of freedom drawn; those that move most
+_FEW = 10  # lines that matplotlib's own cycle of colors tells apart
 
 
 def draw(runs: Sequence[Run], path: Path, title: str, names: Sequence[str]) -> None:
     """Write a picture of all runs: one panel of velocities each, and S(v-) where two contacts collide first."""
+    from matplotlib import colormaps
     from matplotlib.figure import Figure
 
     first = next((run.first for run in runs if run.first is not None), None)
@@ -30,11 +32,12 @@ def draw(runs: Sequence[Run], path: Path, title: str, names: Sequence[str]) -> N
     grid = figure.add_gridspec(rows, 2 if planar else 1)
     span = np.max([np.ptp(run.velocities, axis=0) for run in runs], axis=0)
     lines = np.sort(np.argsort(-span, kind="stable")[:_MOST_LINES])
+    colors = colormaps["tab10" if len(lines) <= _FEW else "tab20"]
     shared = None
     for row, run in enumerate(runs):
         shared = axes = figure.add_subplot(grid[row, 0], sharex=shared, sharey=shared)
-        for dof in lines:
-            axes.plot(run.times, run.velocities[:, dof], linewidth=1.2, label=names[dof])
+        for place, dof in enumerate(lines):
+            axes.plot(run.times, run.velocities[:, dof], linewidth=1.2, label=names[dof], color=colors(place))
         axes.set_title(run.name + (" (refused)" if run.refusal else ""), loc="left", fontsize=11)
         axes.set_ylabel("qvel")
         axes.grid(alpha=0.3)

@@ -130,18 +130,27 @@ def _shares(sums, unsolved, share):
 
 
 @kernel
+def find_islands(sparse, colind, value, groups, rates, tree, label):
+    """Write the island of each group, -1 for one that cannot move; return the number of islands.
+
+    `tree`, (nv,), tells which degrees of freedom belong together: those of a kinematic tree, or each to itself alone.
+    """
+    length, parent, number = numbers(len(label)), indices(trees_of(tree)), indices(trees_of(tree))
+    lengths(sparse[0], sparse[1], value, groups[0], groups[1], rates[4], length)
+    return islands(
+        sparse[0], sparse[1], colind, value, tree, groups[0], groups[1], length, label, parent, number
+    )  # fmt: skip
+
+
+@kernel
 def lose_energy(sparse, colind, value, groups, amounts, rates, reached, tree, unsolved, x, z, after):
     """Take away impulses of islands that do not solve their problem and gain energy: such impulses can be anything.
 
     Impulses x, whitened jump z and velocities of rows after it are written. What is `unsolved` must have no energy from
     contact; what is solved can have it, together with other forces.
     """
-    many, trees = groups.shape[1], trees_of(tree)
-    length, label, parent, number = numbers(many), indices(many), indices(trees), indices(trees)
-    lengths(sparse[0], sparse[1], value, groups[0], groups[1], rates[4], length)
-    count = islands(
-        sparse[0], sparse[1], colind, value, tree, groups[0], groups[1], length, label, parent, number
-    )  # fmt: skip
+    many, label = groups.shape[1], indices(groups.shape[1])
+    count = find_islands(sparse, colind, value, groups, rates, tree, label)
     sums, share = zeros(9 * count).reshape((9, count)), numbers(count)
     _add_sums(sparse, value, groups, amounts, rates, after, reached, x, label, sums)
     if not _shares(sums, unsolved, share):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import cleared, indices, integers, kernel, numbers, plain, zeros
-from impactlaw.solvers.cones.rows import impulse_jump, islands, lengths
-from impactlaw.stepping.time_stepping.problem.energy import CREATED, row_velocities
+from impactlaw.solvers.cones.rows import impulse_jump
+from impactlaw.stepping.time_stepping.problem.energy import CREATED, find_islands, row_velocities
 from impactlaw.stepping.time_stepping.problem.phases import some_groups
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import TOLERANCE, UNSOLVED
 from impactlaw.stepping.time_stepping.problem.solution.scaling import (
@@ -37,21 +37,6 @@ def _may_gain(groups, rates, after, x):
             if work > CREATED * total:
                 return True
     return False
-
-
-@kernel
-def _find_islands(sparse, colind, value, groups, rates, nv, label):
-    """Write the island of each group, -1 for one that cannot move; return the number of islands.
-
-    Contacts of a tree that move no degree of freedom in common do not influence each other.
-    """
-    freedom, length, parent, number = integers(nv), numbers(len(label)), indices(nv), indices(nv)
-    for i in range(nv):
-        freedom[i] = i
-    lengths(sparse[0], sparse[1], value, groups[0], groups[1], rates[4], length)
-    return islands(
-        sparse[0], sparse[1], colind, value, freedom, groups[0], groups[1], length, label, parent, number
-    )  # fmt: skip
 
 
 @kernel
@@ -96,8 +81,10 @@ def _solve_parts(
     First in what is returned is whether there are several islands; with one, nothing is done.
     """
     residual, _, jammed = found
-    label = indices(groups.shape[1])
-    count = _find_islands(sparse, colind, value, groups, rates, len(tree), label)
+    label, freedom = indices(groups.shape[1]), integers(len(tree))
+    for i in range(len(tree)):  # contacts of a tree that move nothing in common do not influence each other
+        freedom[i] = i
+    count = find_islands(sparse, colind, value, groups, rates, freedom, label)
     if count <= 1:
         return False, 1.0, 0.0, False, False
     every, keep, sums = jammed or residual > UNSOLVED, cleared(len(label)), zeros(2 * count).reshape((2, count))

@@ -9,9 +9,9 @@ no impulse, and where it is, it does no work: contact moves it as it likes until
 from __future__ import annotations
 
 from impactlaw.solvers.cones import BILATERAL
-from impactlaw.solvers.cones.algebra.loops import indices, kernel, numbers, plain, put, zeros
-from impactlaw.solvers.cones.rows import islands, lengths, trees_of
+from impactlaw.solvers.cones.algebra.loops import indices, kernel, plain, put, zeros
 from impactlaw.stepping.time_stepping.problem.drifts import square_of
+from impactlaw.stepping.time_stepping.problem.energy import find_islands
 from impactlaw.stepping.time_stepping.problem.solution.apart import solve_contacts
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import solve_scaled
 from impactlaw.stepping.time_stepping.tolerances import DRIVEN
@@ -88,12 +88,8 @@ def _turn(sparse, colind, value, groups, rates, tree, collides, bound, turned, x
     They are where those of an island, and also they and its contacts, add more than `DRIVEN` of the energy with which
     its fastest contact collides.
     """
-    many, trees = groups.shape[1], trees_of(tree)
-    length, label, parent, number = numbers(many), indices(many), indices(trees), indices(trees)
-    lengths(sparse[0], sparse[1], value, groups[0], groups[1], rates[4], length)
-    count = islands(
-        sparse[0], sparse[1], colind, value, tree, groups[0], groups[1], length, label, parent, number
-    )  # fmt: skip
+    many, label = groups.shape[1], indices(groups.shape[1])
+    count = find_islands(sparse, colind, value, groups, rates, tree, label)
     sums, some = zeros(4 * count).reshape((4, count)), False
     _add_sums(sparse, value, groups, rates, after, x, collides, bound, label, sums)
     for g in range(many):
