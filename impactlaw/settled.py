@@ -25,10 +25,15 @@ class Settled(property):
 
     def __set__(self, instance: Any, value: Any) -> None:
         """Set it."""
-        kept, place = instance.__dict__, f"_settled_{self._name}"
-        if place in kept:
+        place = f"_settled_{self._name}"
+        if hasattr(instance, place):
             raise SettledError(
                 f"{self._name} of {type(instance).__name__} is settled when it is made, and cannot be set to {value!r} "
                 f"later; {self._instead}"
             )
-        kept[place] = value
+        setattr(instance, place, value)
+
+
+def places(*names: str) -> tuple[str, ...]:
+    """Return the slots of settled attributes, for a class without a ``__dict__``: other names are errors there."""
+    return tuple(f"_settled_{name}" for name in names)

@@ -14,7 +14,7 @@ from impactlaw.batch.rows import Fields
 from impactlaw.compiled import compile_together
 from impactlaw.errors import CopyError, SceneError, UnknownNameError, WorldsFailedError
 from impactlaw.laws import Law
-from impactlaw.settled import Settled
+from impactlaw.settled import Settled, places
 from impactlaw.stepping.compatibility import FRICTION, check_count, check_law, check_model, check_override
 from impactlaw.stepping.compiled.engine import Pool, functions
 from impactlaw.stepping.left_out import watched_fields
@@ -64,6 +64,10 @@ class Batch:
 
     model, nsim, contact_model = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
     state = Settled("write into it, as state[:] = ...")
+    __slots__ = (
+        *places("model", "nsim", "contact_model", "state"),
+        *("_left_out", "_pool", "_fields", "_functions", "_worlds", "_laws", "__weakref__"),
+    )
 
     def __init__(
         self,

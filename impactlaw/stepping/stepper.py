@@ -12,7 +12,7 @@ from impactlaw.errors import ManyCollisionsWarning, SceneError, UnknownNameError
 from impactlaw.laws import Law
 from impactlaw.laws.restitution.from_scene import scene_law
 from impactlaw.scene.contacts import is_data_of
-from impactlaw.settled import Settled
+from impactlaw.settled import Settled, places
 from impactlaw.solvers import load_solvers
 from impactlaw.stepping.compatibility import check_count, check_friction, check_law, check_model, check_override
 from impactlaw.stepping.event_driven.scheme import RigidStepping
@@ -104,6 +104,11 @@ class Stepper:
     on_inadmissible, gap_tolerance, rest_speed = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
     on_unsolved, max_events, solver = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
     compiled = Settled(_ANEW)
+    __slots__ = (
+        *places("model", "plan", "contacts", "limits", *Options._fields),
+        *("_model", "_law", "_chosen", "_left_out", "_way", "_stepping", "_is_soft", "_at_once", "_events", "_warned"),
+        "__weakref__",
+    )
 
     def __init__(
         self,

@@ -31,6 +31,12 @@ def test_laws_of_worlds_that_there_are_not(batch):
     np.testing.assert_array_equal(batch.restitution, [0.2, 0.5, 0.1])
 
 
+def test_what_a_batch_does_not_have_cannot_be_set(batch):
+    for name in ("restituton", "shortfall"):
+        with pytest.raises(AttributeError, match=name):
+            setattr(batch, name, 0.3)
+
+
 def test_data_of_a_world_that_there_is_not(batch):
     with pytest.raises(OptionError, match=r"numbers of worlds"):
         batch.get_data(3)

@@ -25,7 +25,7 @@ from impactlaw.models import load
     "name",
     [
         "model", "plan", "contact_model", "scheme", "friction", "overlap", "on_inadmissible", "gap_tolerance",
-        "rest_speed", "max_events", "solver",
+        "rest_speed", "max_events", "solver", "on_unsolved", "compiled", "contacts", "limits",
     ],
 )  # fmt: skip
 def test_other_options_can_be_read_and_setting_them_is_an_error(way, name):
@@ -34,6 +34,14 @@ def test_other_options_can_be_read_and_setting_them_is_an_error(way, name):
     with pytest.raises(SettledError, match=rf"{name} of Stepper .* make a new Stepper"):
         setattr(stepper, name, "ignore")
     assert getattr(stepper, name) is before
+
+
+@every_way
+@pytest.mark.parametrize("name", ["restitution", "lav", "events"])
+def test_what_is_no_option_cannot_be_set(way, name):
+    stepper = Stepper(ball()[0], Moreau(0.5), **WAYS[way])
+    with pytest.raises(AttributeError, match=name):
+        setattr(stepper, name, 0.3)
 
 
 @pytest.mark.parametrize("way", ["soft", "time-stepping"])
