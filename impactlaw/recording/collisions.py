@@ -6,16 +6,15 @@ import math
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
+import mujoco
 import numpy as np
 
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.recording import layout
 from impactlaw.recording.layout import COLLISION_COLUMNS, Column, time_columns
-from impactlaw.scene.friction_rows import tangential_impulses
+from impactlaw.scene.friction_rows import friction_on_contacts
 
 if TYPE_CHECKING:
-    import mujoco
-
     from impactlaw.mechanics.collision import Collision
     from impactlaw.stepping.impact_event import ImpactEvent
 
@@ -25,8 +24,8 @@ MARK_TIME = 0.05
 _NOWHERE = np.zeros((0, 3))
 
 
-def collision_record(model: mujoco.MjModel, event: ImpactEvent) -> dict[str, Any]:
-    """Return what is kept of a collision of the scene, by the names of the collision table."""
+def collision_record(model: mujoco.MjModel, data: mujoco.MjData, event: ImpactEvent) -> dict[str, Any]:
+    """Return what is kept of a collision of the scene, by the names of the collision table; `data` is overwritten."""
     impact, contacts = event.impact, event.contacts
     violations = impact.violations
     common = {
@@ -49,19 +48,25 @@ def collision_record(model: mujoco.MjModel, event: ImpactEvent) -> dict[str, Any
         "residual": float(impact.residual),
         "delassus": _delassus(impact.collision),
     }
-    return common | _friction(model, event) | _moving(event)
+    return common | _friction(model, data, event) | _moving(event)
 
 
-def _friction(model: mujoco.MjModel, event: ImpactEvent) -> dict[str, Any]:
-    impact = event.impact
-    if not isinstance(impact, FrictionImpact) or impact.collision.friction is None:
+def _friction(model: mujoco.MjModel, data: mujoco.MjData, event: ImpactEvent) -> dict[str, Any]:
+    impact, rows = event.impact, event.impact.collision.friction
+    if not isinstance(impact, FrictionImpact) or rows is None:
         return {}
+    data.qpos[:] = event.qpos
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    sliding, _ = friction_on_contacts(
+        model, data, event.contacts, contact=rows.contact, jacobian=rows.jacobian, impulse=impact.friction_impulse
+    )
     return {
-        "friction_contact": impact.collision.friction.contact.tolist(),
+        "friction_contact": rows.contact.tolist(),
         "friction_impulse": impact.friction_impulse.tolist(),
         "pre_sliding_velocity": impact.pre_sliding_velocity.tolist(),
         "post_sliding_velocity": impact.post_sliding_velocity.tolist(),
-        "tangential_impulse": tangential_impulses(model, event.contacts, impact.friction_impulse).tolist(),
+        "tangential_impulse": sliding.tolist(),
         "restitution_scale": float(impact.restitution_scale),
     }
 
@@ -97,6 +102,7 @@ class CollisionLog:
 
     def __init__(self, model: mujoco.MjModel, law: str, arrow_scale: float):
         self._model, self.law, self._arrow_scale = model, law, arrow_scale
+        self._data = mujoco.MjData(model)  # of collisions, whose configurations are not those of steps
         self._mark_steps = max(1, math.ceil(MARK_TIME / model.opt.timestep))
         self._count = 0
         self._clear_at: tuple[float, int] | None = None
@@ -105,7 +111,7 @@ class CollisionLog:
     def add(self, event: ImpactEvent, clock: float, *, episode: int, step: int) -> None:
         """Take a collision up; ``clock`` is its place on the timeline, s."""
         where = {"index": self._count, "episode": episode, "step": step, "law": self.law}
-        record = collision_record(self._model, event) | where
+        record = collision_record(self._model, self._data, event) | where
         self._count += 1
         admissible = event.impact.violations.is_admissible()
         self._rows.append((clock, record, _summary(record, admissible), "INFO" if admissible else "WARN"))

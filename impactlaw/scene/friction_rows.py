@@ -232,18 +232,6 @@ def friction_on_contacts(
     return force, torque
 
 
-def tangential_impulses(model: mujoco.MjModel, contacts: Contacts, friction_impulse: np.ndarray) -> np.ndarray:
-    """Return the impulses of sliding friction on contacts that collided, world frame, N s, (h, 3)."""
-    impulse = np.zeros((len(contacts), 3))
-    pattern = learn_friction(model, contacts.geoms[contacts.geoms[:, 0] >= 0], overridden=True)
-    if pattern is not None:
-        slides = pattern.kind < _TORSION
-        contact, kind = pattern.contact[slides], pattern.kind[slides]
-        axes = contact_axes(contacts.normal)[kind + 1, contact]
-        np.add.at(impulse, contact, axes * friction_impulse[slides, None])
-    return impulse
-
-
 def contact_axes(normal: np.ndarray) -> np.ndarray:
     """Return the axes of contacts, normals first, then two tangents, (3, h, 3)."""
     axes = np.empty((3, *normal.shape))
