@@ -39,6 +39,8 @@ from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, newt
 
 _FIRST_STEPS = np.array([4, 30, 12, 30])  # Newton steps with two maps from the guess, and from rest
 _FIRST_EASE = 1e2  # regularization per relative natural map there: all that is allowed until 1e-5 is left
+_EASES = np.array([0.0, 1.0, 0.0, 0.0])  # the same of attempts from the best point, the last two from inside of cones
+_DOUBT = 2  # the one after which to see whether anything says that there is a solution
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
 _PATIENCE, _ENDLESS = np.int64(8), np.int64(1000)
 _PROXIMAL = np.int64(8)  # proximal steps of a convex problem
@@ -162,7 +164,7 @@ def solve_island(
     delta = _DENSE if few else _REDUCED
     start, point = copied(x), copied(x)
     patience = _ENDLESS if len(K.width) == 1 else _PATIENCE if n < LARGE else _HASTE
-    warm, inside = norm_of(x, FIRST, n) > 0.0, P.exact and rounds > 1 and not large and not _has_boxes(P)
+    warm, inside = norm_of(x, FIRST, n) > 0.0, P.exact and rounds > 0 and not large
     for k in range(4):
         if (k < 2) != warm and (k < 3 or rounds < 2 or large or inside):
             continue
@@ -181,47 +183,54 @@ def solve_island(
             return total, least
     if few and n < P.nv:
         P, K = compressed(P)
-    if inside:
-        taken, least = _from_inside(P, K, G, x, start, least, scale, tolerance, delta, patience, warm)
+    for k in range(len(_EASES) if inside else 0):
+        taken, least = _from_best(P, K, G, x, least, scale, tolerance, delta, k)
         total += taken
         spend(left, taken * step, step, n)
         if least <= _NEAR * tolerance or left[0] <= 0.0:
             return total, least
-        if left[0] < np.inf and len(K.width) == 1 and least > _HOPEFUL * scale:
+        if k == _DOUBT and left[0] < np.inf and len(K.width) == 1 and least > _HOPEFUL * scale:
             taken, hopeless = out_of_reach(P, K, scale)
             total += taken
             spend(left, taken * cost, step, n)
             if hopeless:
                 return total, least
+    rounds -= inside
     taken, least = _rounds(P, K, G, x, start, least, scale, tolerance, rounds, few, left)
     return total + taken, least
 
 
-@once
-def _from_inside(
-    P: Island, K: Blocks, G: Array, x: Array, start: Array, least: float, scale: float, tolerance: float, delta: float,
-    patience: int, warm: bool,
-) -> tuple[int, float]:  # fmt: skip
-    """Let Newton's method follow the interior point method, from `start` if that is `warm`, and from rest.
+@plain
+def _rest(P: Island, x: Array, point: Array) -> None:
+    """Write a point without impulses of contacts, and with the dry friction of x."""
+    for g in range(len(P.kind)):
+        for k in range(P.start[g], P.start[g + 1]):
+            point[k] = x[k] if P.kind[g] == BOX else 0.0
 
-    Write the best point of all to x; return steps taken and its natural map.
+
+@once
+def _from_best(
+    P: Island, K: Blocks, G: Array, x: Array, least: float, scale: float, tolerance: float, delta: float, k: int
+) -> tuple[int, float]:
+    """Go on from the best point x, in the k-th way; write a better one and return steps taken and its natural map.
+
+    Newton's method begins there, where the interior point method leads to from there, or where that does from rest.
     """
-    total, inside, point = 0, copied(start), numbers(len(x))
-    for k in range(2):
-        if k == 0 and not warm:
-            continue
-        if k == 1:
-            clear(inside)
+    total, inside, point = 0, copied(x), numbers(len(x))
+    if k == _DOUBT + 1:
+        _rest(P, x, inside)
+    if k >= _DOUBT:
         total += interior(P, K, inside, scale, _HANDED_ON * tolerance, _INTERIOR)
-        for kind, ease in ((DE_SAXCE, _FIRST_EASE / scale), (ALART_CURNIER, 0.0)):
-            put(point, inside)
-            taken, r = newton(P, K, G, point, tolerance, _AFTER, kind, 1.0, delta, ease, patience)
-            total += taken
-            if r < least:
-                least = r
-                put(x, point)
-            if least <= tolerance:
-                return total, least
+    for again in range(2 if k == _DOUBT + 1 else 1):
+        put(point, inside)
+        kind, ease, most = (DE_SAXCE, _FIRST_EASE, _AFTER) if again else (ALART_CURNIER, _EASES[k], _BRIEF)
+        taken, r = newton(P, K, G, point, tolerance, most, kind, 1.0, delta, ease / scale, _PATIENCE)
+        total += taken
+        if r < least:
+            least = r
+            put(x, point)
+        if least <= tolerance:
+            break
     return total, least
 
 

@@ -18,7 +18,7 @@ from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve_rows
 from impactlaw.solvers.cones.algebra.loops import FIRST, FLOATS, Array, clear, indices, numbers, plain, put, zeros
 from impactlaw.solvers.cones.algebra.ordering import BLOCKS, Blocks
 from impactlaw.solvers.cones.algebra.projection import norm_of, project, residual
-from impactlaw.solvers.cones.algebra.structure import CONE, ISLAND, Island, velocity
+from impactlaw.solvers.cones.algebra.structure import BOX, CONE, ISLAND, Island, velocity
 
 _BILATERAL = 1e-9  # least compliance of equality constraints
 _SHORT = 0.99  # part of the way to the border of the cones
@@ -107,7 +107,8 @@ def _prepare(P: Island, x, u, v, F, w, eta, lam, E, B, pivot) -> None:
                 F[k] = v[k] - u[k]
             F[o] += norm_of(u, o + 1, e)
         else:
-            E[P.square[g]] = 1.0 / (P.c[o] + _BILATERAL)
+            slides = P.kind[g] == BOX and abs(x[o]) >= P.bound[g] and x[o] * v[o] <= 0.0
+            E[P.square[g]] = 0.0 if slides else 1.0 / (P.c[o] + _BILATERAL)
             F[o] = v[o]
 
 
@@ -201,6 +202,14 @@ def _correct(P: Island, w, eta, lam, dx, du, center: float, r, t, p) -> None:
 
 
 @plain
+def _clip(P: Island, x: Array, point: Array) -> None:
+    """Write the dry friction of x, cut to what there is."""
+    for g in range(len(P.kind)):
+        if P.kind[g] == BOX:
+            point[P.start[g]] = min(max(x[P.start[g]], -P.bound[g]), P.bound[g])
+
+
+@plain
 def _begin(P: Island, x, v, r: float, size: float, t, point, u) -> None:
     """Write where to start: inside of the cones, near the guess if its natural map r is small next to velocities."""
     inside = size
@@ -217,9 +226,11 @@ def _begin(P: Island, x, v, r: float, size: float, t, point, u) -> None:
         clear(point)
         clear(u)
     for g in range(len(P.kind)):
+        o = P.start[g]
         if P.kind[g] == CONE:
-            point[P.start[g]] += inside
-            u[P.start[g]] += inside
+            point[o] += inside
+            u[o] += inside
+    _clip(P, x, point)
 
 
 @plain
@@ -258,8 +269,8 @@ def interior(P: Island, K: Blocks, x: Array, size: float, tolerance: float, most
     z, eta, E, H = numbers(P.nv), numbers(groups), numbers(P.square[groups]), numbers(K.size)
     pivot, left, row, B = indices(max(rows, P.nv)), numbers(room(P)), numbers(max(P.nv, 1)), numbers(rows * rows)
     velocity(P, P.b, x, z, v)
-    least, low, fruitless, taken = residual(P, x, v, P.exact), np.inf, 0, 0
-    _begin(P, x, v, least, size, S[0], point, u)
+    least, fruitless, taken = np.inf, 0, 0
+    _begin(P, x, v, residual(P, x, v, P.exact), size, S[0], point, u)
     velocity(P, P.b, point, z, v)
     while taken < most and least > tolerance and fruitless < _PATIENCE:
         _prepare(P, point, u, v, S[0], S[1], eta, S[2], E, B, pivot)
@@ -267,12 +278,12 @@ def interior(P: Island, K: Blocks, x: Array, size: float, tolerance: float, most
         factor(K, H, pivot, row)
         _advance(P, K, point, u, S, eta, E, H, pivot, z)
         taken += 1
+        _clip(P, point, point)
         velocity(P, P.b, point, z, v)
         s = residual(P, point, v, P.exact)
         if not s < 1e100:
             break
-        fruitless = 0 if s < _BETTER * low else fruitless + 1
-        low = min(low, s)
+        fruitless = 0 if s < _BETTER * least else fruitless + 1
         if s < least:
             least = s
             put(x, point)
