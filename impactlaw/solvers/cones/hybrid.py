@@ -39,8 +39,14 @@ from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, newt
 
 _FIRST_STEPS = np.array([4, 30, 12, 30])  # Newton steps with two maps from the guess, and from rest
 _FIRST_EASE = 1e2  # regularization per relative natural map there: all that is allowed until 1e-5 is left
-_EASES = np.array([0.0, 1.0, 0.0, 0.0])  # the same of attempts from the best point, the last two from inside of cones
-_DOUBT = 2  # the one after which to see whether anything says that there is a solution
+_BEST, _NEAR_BEST, _REST, _INSIDE = 0, 1, 2, 3
+_BEGINS = np.array([_BEST, _BEST, _NEAR_BEST, _REST, _INSIDE, _BEST])
+"""Where Newton's method begins then: at the best point, where the interior point method leads to from there, where it
+leads to from rest, and there once more."""
+_MAPS = np.array([ALART_CURNIER, ALART_CURNIER, ALART_CURNIER, ALART_CURNIER, DE_SAXCE, DE_SAXCE])
+_MOST = np.array([10, 10, 10, 10, 25, 25])  # steps
+_EASES = np.array([0.0, 1.0, 0.0, 0.0, 1e2, 1.0])  # regularization per relative natural map
+_DOUBT = 2  # the attempt after which to see whether anything says that there is a solution
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
 _PATIENCE, _ENDLESS = np.int64(8), np.int64(1000)
 _PROXIMAL = np.int64(8)  # proximal steps of a convex problem
@@ -183,19 +189,11 @@ def solve_island(
             return total, least
     if few and n < P.nv:
         P, K = compressed(P)
-    for k in range(len(_EASES) if inside else 0):
-        taken, least = _from_best(P, K, G, x, least, scale, tolerance, delta, k)
+    if inside:
+        taken, least, ends = _go_on(P, K, G, x, least, scale, tolerance, delta, step, left)
         total += taken
-        spend(left, taken * step, step, n)
-        if least <= _NEAR * tolerance or left[0] <= 0.0:
+        if ends or rounds < 2:
             return total, least
-        if k == _DOUBT and left[0] < np.inf and len(K.width) == 1 and least > _HOPEFUL * scale:
-            taken, hopeless = out_of_reach(P, K, scale)
-            total += taken
-            spend(left, taken * cost, step, n)
-            if hopeless:
-                return total, least
-    rounds -= inside
     taken, least = _rounds(P, K, G, x, start, least, scale, tolerance, rounds, few, left)
     return total + taken, least
 
@@ -209,29 +207,38 @@ def _rest(P: Island, x: Array, point: Array) -> None:
 
 
 @once
-def _from_best(
-    P: Island, K: Blocks, G: Array, x: Array, least: float, scale: float, tolerance: float, delta: float, k: int
-) -> tuple[int, float]:
-    """Go on from the best point x, in the k-th way; write a better one and return steps taken and its natural map.
+def _go_on(
+    P: Island, K: Blocks, G: Array, x: Array, least: float, scale: float, tolerance: float, delta: float, step: float,
+    left: Array,
+) -> tuple[int, float, bool]:  # fmt: skip
+    """Try what follows Newton's method from the guess or from rest, and write the best point of all to x.
 
-    Newton's method begins there, where the interior point method leads to from there, or where that does from rest.
+    Return steps taken, its natural map, and whether that is enough, or nothing more is to be tried.
     """
-    total, inside, point = 0, copied(x), numbers(len(x))
-    if k == _DOUBT + 1:
-        _rest(P, x, inside)
-    if k >= _DOUBT:
-        total += interior(P, K, inside, scale, _HANDED_ON * tolerance, _INTERIOR)
-    for again in range(2 if k == _DOUBT + 1 else 1):
+    n, total, hopeless = len(x), 0, False
+    inside, point = numbers(n), numbers(n)
+    for k in range(len(_BEGINS)):
+        taken = 0
+        if _BEGINS[k] == _REST:
+            _rest(P, x, inside)
+        elif _BEGINS[k] != _INSIDE:
+            put(inside, x)
+        if _BEGINS[k] == _REST or _BEGINS[k] == _NEAR_BEST:
+            taken += interior(P, K, inside, scale, _HANDED_ON * tolerance, _INTERIOR)
         put(point, inside)
-        kind, ease, most = (DE_SAXCE, _FIRST_EASE, _AFTER) if again else (ALART_CURNIER, _EASES[k], _BRIEF)
-        taken, r = newton(P, K, G, point, tolerance, most, kind, 1.0, delta, ease / scale, _PATIENCE)
-        total += taken
+        more, r = newton(P, K, G, point, tolerance, _MOST[k], _MAPS[k], 1.0, delta, _EASES[k] / scale, _PATIENCE)
+        taken += more
         if r < least:
             least = r
             put(x, point)
-        if least <= tolerance:
-            break
-    return total, least
+        if k == _DOUBT and left[0] < np.inf and len(K.width) == 1 and least > _HOPEFUL * scale:
+            more, hopeless = out_of_reach(P, K, scale)
+            taken += more
+        total += taken
+        spend(left, taken * step, step, n)
+        if least <= _NEAR * tolerance or left[0] <= 0.0 or hopeless:
+            return total, least, True
+    return total, least, False
 
 
 @once
