@@ -169,7 +169,7 @@ def solve_island(
         delassus(P, G)
     delta = _DENSE if few else _REDUCED
     start, point = copied(x), copied(x)
-    patience = _ENDLESS if len(K.width) == 1 else _PATIENCE if n < LARGE else _HASTE
+    patience = _PATIENCE if n < LARGE else _HASTE
     warm, inside = norm_of(x, FIRST, n) > 0.0, P.exact and rounds > 0 and not large
     for k in range(4):
         if (k < 2) != warm and (k < 3 or rounds < 2 or large or inside):
