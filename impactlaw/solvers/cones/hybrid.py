@@ -1,7 +1,8 @@
-"""The order of attempts: Newton's method from the guess or from rest, an interior point method, then slower rounds.
+"""The order of attempts: Newton's method from the guess or from rest, from the best point, then slower rounds.
 
-Where friction is not unique, Newton's method runs in circles. From inside of the cones it soon ends. In piles of bodies
-that comes first, and where hundreds of rows depend on each other, nothing comes after it.
+Where friction is not unique, Newton's method runs in circles. With the other map it often ends soon from the best point
+that it has found, or from where an interior point method leads to from there, or from rest. In piles of bodies that
+method comes first, and where hundreds of rows depend on each other, nothing comes after it.
 
 In turn alternating directions, and convex problems with accelerated correction; each goes on from where it was, and
 each is followed by Newton's method with another map, step and regularization. The best point of all is kept.
@@ -13,40 +14,37 @@ import numpy as np
 
 from impactlaw.solvers.cones.admm import admm, largest_eigenvalue
 from impactlaw.solvers.cones.algebra.blocks import flops
-from impactlaw.solvers.cones.algebra.linear import triangular_rows
 from impactlaw.solvers.cones.algebra.loops import (
     FIRST,
     Array,
     clear,
     copied,
-    counts,
-    indices,
     numbers,
     once,
     plain,
     put,
-    unsigned,
-    zeros,
 )
-from impactlaw.solvers.cones.algebra.ordering import Blocks, one_block
+from impactlaw.solvers.cones.algebra.ordering import Blocks
 from impactlaw.solvers.cones.algebra.projection import norm_of
 from impactlaw.solvers.cones.algebra.structure import BOX, CONE, Island, delassus
 from impactlaw.solvers.cones.budget import LARGE, affordable, spend
 from impactlaw.solvers.cones.convex import corrected, out_of_reach
 from impactlaw.solvers.cones.interior import interior
+from impactlaw.solvers.cones.islands import compressed
 from impactlaw.solvers.cones.large import solve_large
 from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, newton
 
 _FIRST_STEPS = np.array([4, 30, 12, 30])  # Newton steps with two maps from the guess, and from rest
 _FIRST_EASE = 1e2  # regularization per relative natural map there: all that is allowed until 1e-5 is left
-_BEST, _NEAR_BEST, _REST, _INSIDE = 0, 1, 2, 3
-_BEGINS = np.array([_BEST, _BEST, _NEAR_BEST, _REST, _INSIDE, _BEST])
-"""Where Newton's method begins then: at the best point, where the interior point method leads to from there, where it
-leads to from rest, and there once more."""
+_BEST, _FROM_BEST, _FROM_REST, _AGAIN = 0, 1, 2, 3
+_BEGINS = np.array([_BEST, _BEST, _FROM_BEST, _FROM_REST, _AGAIN, _BEST])
+"""Where Newton's method begins after that: at the best point, where the interior point method leads to from there or
+from rest, and there once more."""
 _MAPS = np.array([ALART_CURNIER, ALART_CURNIER, ALART_CURNIER, ALART_CURNIER, DE_SAXCE, DE_SAXCE])
-_MOST = np.array([10, 10, 10, 10, 25, 25])  # steps
+_MOST = np.array([10, 10, 10, 10, 25, 25])  # steps of each
 _EASES = np.array([0.0, 1.0, 0.0, 0.0, 1e2, 1.0])  # regularization per relative natural map
-_DOUBT = 2  # the attempt after which to see whether anything says that there is a solution
+_DOUBT = 2  # the attempt after which to see whether anything says that there is a solution ...
+_HOPEFUL = 1e-2  # ... unless the natural map does, which is then less than so many scales
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
 _PATIENCE, _ENDLESS = np.int64(8), np.int64(1000)
 _PROXIMAL = np.int64(8)  # proximal steps of a convex problem
@@ -63,41 +61,11 @@ _OF_LARGE = 1.0  # ... or in an island of so many rows, where Newton's method so
 _SET_UP = 4  # Newton steps that it takes to set up a problem
 _ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances will do: such problems are degenerate
 _STAGNANT, _HOPELESS = 4, 8  # rounds without 10 % less after which to stop if they were long, and in any case
-_PROVED = 1  # round before which to see whether anything says that there is a solution ...
-_PROMISING = 1e-1  # ... unless the natural map does, which is then less than so many scales ...
-_HOPEFUL = 1e-2  # ... and after the interior point method less than so many
+_PROVED, _PROMISING = 1, 1e-1  # the same of convex problems: the round before which to see that, and what is less
 _PILE = 40  # rows from which bodies are a pile
 _INTERIOR, _HANDED_ON = np.int64(15), 1e4  # steps of the interior point method, and tolerances that will do there
 _HURRY = np.int64(2)  # patience of Newton's method before and after it
 _SHORT = 0.25  # what is not long, as a part of the work allowed
-
-
-@once
-def compressed(P: Island) -> tuple[Island, Blocks]:
-    """Return the same problem with at most as many degrees of freedom as rows: ``A Q`` with orthogonal Q."""
-    n, groups = len(P.b), len(P.kind)
-    Y = zeros(n * P.nv).reshape((n, P.nv))
-    for g in range(groups):
-        begin, a = P.begin[g], P.entry[g]
-        for i in range(P.start[g], P.start[g + 1]):
-            for j in range(P.begin[g + 1] - begin):
-                Y[i, P.cols[begin + j]] = P.A[a + j]
-            a += P.begin[g + 1] - begin
-    triangular_rows(Y)
-    begin, entry = counts(groups + 1), counts(groups + 1)
-    for g in range(groups):  # the rows up to e have e columns
-        e = P.start[g + 1]
-        begin[g + 1] = begin[g] + e
-        entry[g + 1] = entry[g] + (e - P.start[g]) * e
-    cols, columns, A = indices(begin[groups]), unsigned(begin[groups]), numbers(entry[groups])
-    for g in range(groups):
-        o, e = P.start[g], P.start[g + 1]
-        for j in range(e):
-            cols[begin[g] + j] = columns[begin[g] + j] = j
-            for i in range(o, e):
-                A[entry[g] + (i - o) * e + j] = Y[i, j]
-    K = one_block(n, begin, cols)
-    return Island(P.start, P.kind, P.bound, P.c, P.b, begin, columns, entry, A, P.square, n, P.exact), K
 
 
 @plain
@@ -118,12 +86,15 @@ def _has_boxes(P: Island) -> bool:
 @once
 def _solve_pile(P: Island, K: Blocks, x: Array, scale: float, tolerance: float) -> tuple[int, float]:
     """Overwrite the guess x by the best point found; return steps taken and its natural map."""
-    dense, one, ease, total, least = numbers(0), 1.0, _EASE[0] / scale, 0, np.inf
+    dense, one, ease, total, least, point = numbers(0), 1.0, _EASE[0] / scale, 0, np.inf, copied(x)
     for k in range(2):
         if k == 1:
-            total += interior(P, K, x, scale, _HANDED_ON * tolerance, _INTERIOR)
-        taken, least = newton(P, K, dense, x, tolerance, _BRIEF, DE_SAXCE, one, _REDUCED, ease, _HURRY)
+            total += interior(P, K, point, scale, _HANDED_ON * tolerance, _INTERIOR)
+        taken, r = newton(P, K, dense, point, tolerance, _BRIEF, DE_SAXCE, one, _REDUCED, ease, _HURRY)
         total += taken
+        if r < least:
+            least = r
+            put(x, point)
         if least <= tolerance:
             break
     return total, least
@@ -219,11 +190,11 @@ def _go_on(
     inside, point = numbers(n), numbers(n)
     for k in range(len(_BEGINS)):
         taken = 0
-        if _BEGINS[k] == _REST:
+        if _BEGINS[k] == _FROM_REST:
             _rest(P, x, inside)
-        elif _BEGINS[k] != _INSIDE:
+        elif _BEGINS[k] != _AGAIN:
             put(inside, x)
-        if _BEGINS[k] == _REST or _BEGINS[k] == _NEAR_BEST:
+        if _BEGINS[k] == _FROM_REST or _BEGINS[k] == _FROM_BEST:
             taken += interior(P, K, inside, scale, _HANDED_ON * tolerance, _INTERIOR)
         put(point, inside)
         more, r = newton(P, K, G, point, tolerance, _MOST[k], _MAPS[k], 1.0, delta, _EASES[k] / scale, _PATIENCE)

@@ -252,10 +252,10 @@ def _advance(P: Island, K: Blocks, x, u, S, eta, E, H, pivot, z) -> None:
 
 @linked(types.int64(ISLAND, BLOCKS, FLOATS, types.float64, types.float64, types.int64))
 def interior(P: Island, K: Blocks, x: Array, size: float, tolerance: float, most: int) -> int:
-    """Overwrite x by the best point of at most `most` steps, the guess among them; return steps taken.
+    """Overwrite x by the best point of at most `most` steps; return steps taken.
 
     Args:
-        P: the problem, exact friction, without box rows.
+        P: the problem, exact friction. Joints that slide keep their dry friction in a step, others are held by it.
         K: storage of the matrix of the size of the degrees of freedom.
         x: guess, written.
         size: of velocities.
