@@ -43,8 +43,7 @@ from rest, and there once more."""
 _MAPS = np.array([ALART_CURNIER, ALART_CURNIER, ALART_CURNIER, ALART_CURNIER, DE_SAXCE, DE_SAXCE])
 _MOST = np.array([10, 10, 10, 10, 25, 25])  # steps of each
 _EASES = np.array([0.0, 1.0, 0.0, 0.0, 1e2, 1.0])  # regularization per relative natural map
-_DOUBT = 2  # the attempt after which to see whether anything says that there is a solution ...
-_HOPEFUL = 1e-2  # ... unless the natural map does, which is then less than so many scales
+_HOPEFUL = 1e-2  # part of the scale from which on the natural map does not say that there is a solution
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
 _PATIENCE, _ENDLESS = np.int64(8), np.int64(1000)
 _PROXIMAL = np.int64(8)  # proximal steps of a convex problem
@@ -61,7 +60,7 @@ _OF_LARGE = 1.0  # ... or in an island of so many rows, where Newton's method so
 _SET_UP = 4  # Newton steps that it takes to set up a problem
 _ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances will do: such problems are degenerate
 _STAGNANT, _HOPELESS = 4, 8  # rounds without 10 % less after which to stop if they were long, and in any case
-_PROVED, _PROMISING = 1, 1e-1  # the same of convex problems: the round before which to see that, and what is less
+_PROVED, _PROMISING = 1, 1e-1  # the same for convex problems, and the round before which to see if anything does
 _PILE = 40  # rows from which bodies are a pile
 _INTERIOR, _HANDED_ON = np.int64(15), 1e4  # steps of the interior point method, and tolerances that will do there
 _HURRY = np.int64(2)  # patience of Newton's method before and after it
@@ -186,7 +185,7 @@ def _go_on(
 
     Return steps taken, its natural map, and whether that is enough, or nothing more is to be tried.
     """
-    n, total, hopeless = len(x), 0, False
+    n, total = len(x), 0
     inside, point = numbers(n), numbers(n)
     for k in range(len(_BEGINS)):
         taken = 0
@@ -198,18 +197,18 @@ def _go_on(
             taken += interior(P, K, inside, scale, _HANDED_ON * tolerance, _INTERIOR)
         put(point, inside)
         more, r = newton(P, K, G, point, tolerance, _MOST[k], _MAPS[k], 1.0, delta, _EASES[k] / scale, _PATIENCE)
-        taken += more
+        spend(left, (taken + more) * step, step, n)
+        total += taken + more
         if r < least:
             least = r
             put(x, point)
-        if k == _DOUBT and left[0] < np.inf and len(K.width) == 1 and least > _HOPEFUL * scale:
-            more, hopeless = out_of_reach(P, K, scale)
-            taken += more
-        total += taken
-        spend(left, taken * step, step, n)
-        if least <= _NEAR * tolerance or left[0] <= 0.0 or hopeless:
+        if least <= _NEAR * tolerance or left[0] <= 0.0:
             return total, least, True
-    return total, least, False
+    if left[0] == np.inf or len(K.width) > 1 or least <= _HOPEFUL * scale:
+        return total, least, False
+    taken, hopeless = out_of_reach(P, K, scale)
+    spend(left, taken * step, step, n)
+    return total + taken, least, hopeless
 
 
 @once
