@@ -1,8 +1,8 @@
 """The order of attempts: Newton's method from the guess or from rest, from the best point, then slower rounds.
 
 Where friction is not unique, Newton's method runs in circles. With the other map it often ends soon from the best point
-that it has found, or from where an interior point method leads to from there, or from rest. In piles of bodies that
-method comes first, and where hundreds of rows depend on each other, nothing comes after it.
+that it has found, or from where an interior point method leads to, from there, the guess or rest. In piles of bodies
+that method comes first, and where hundreds of rows depend on each other, nothing comes after it.
 
 In turn alternating directions, and convex problems with accelerated correction; each goes on from where it was, and
 each is followed by Newton's method with another map, step and regularization. The best point of all is kept.
@@ -36,13 +36,14 @@ from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, newt
 
 _FIRST_STEPS = np.array([4, 30, 12, 30])  # Newton steps with two maps from the guess, and from rest
 _FIRST_EASE = 1e2  # regularization per relative natural map there: all that is allowed until 1e-5 is left
-_BEST, _FROM_BEST, _FROM_REST, _AGAIN = 0, 1, 2, 3
-_BEGINS = np.array([_BEST, _BEST, _FROM_BEST, _FROM_REST, _AGAIN, _BEST])
-"""Where Newton's method begins after that: at the best point, where the interior point method leads to from there or
-from rest, and there once more."""
+_BEST, _FROM_BEST, _FROM_GUESS, _FROM_REST, _AGAIN = 0, 1, 2, 3, 4
+_BEGINS = np.array([_BEST, _FROM_BEST, _FROM_GUESS, _FROM_REST, _AGAIN, _BEST])
+"""Where Newton's method begins after that: at the best point, where the interior point method leads to from there, from
+the guess or from rest, and there once more."""
 _MAPS = np.array([ALART_CURNIER, ALART_CURNIER, ALART_CURNIER, ALART_CURNIER, DE_SAXCE, DE_SAXCE])
-_MOST = np.array([10, 10, 10, 10, 25, 25])  # steps of each
-_EASES = np.array([0.0, 1.0, 0.0, 0.0, 1e2, 1.0])  # regularization per relative natural map
+_MOST = np.array([10, 10, 10, 15, 25, 25])  # steps of each
+_SCALES = np.array([1.0, 1.0, 1.0, 10.0, 1.0, 1.0])  # of R
+_EASES = np.array([0.0, 0.0, 0.0, 0.0, 1e2, 1.0])  # regularization per relative natural map
 _HOPEFUL = 1e-2  # part of the scale from which on the natural map does not say that there is a solution
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
 _PATIENCE, _ENDLESS = np.int64(8), np.int64(1000)
@@ -160,7 +161,7 @@ def solve_island(
     if few and n < P.nv:
         P, K = compressed(P)
     if inside:
-        taken, least, ends = _go_on(P, K, G, x, least, scale, tolerance, delta, step, left)
+        taken, least, ends = _go_on(P, K, G, x, start, least, scale, tolerance, delta, step, left)
         total += taken
         if ends or rounds < 2:
             return total, least
@@ -178,10 +179,10 @@ def _rest(P: Island, x: Array, point: Array) -> None:
 
 @once
 def _go_on(
-    P: Island, K: Blocks, G: Array, x: Array, least: float, scale: float, tolerance: float, delta: float, step: float,
-    left: Array,
+    P: Island, K: Blocks, G: Array, x: Array, start: Array, least: float, scale: float, tolerance: float, delta: float,
+    step: float, left: Array,
 ) -> tuple[int, float, bool]:  # fmt: skip
-    """Try what follows Newton's method from the guess or from rest, and write the best point of all to x.
+    """Try what follows Newton's method from the guess, `start`, or from rest; write the best point of all to x.
 
     Return steps taken, its natural map, and whether that is enough, or nothing more is to be tried.
     """
@@ -192,11 +193,13 @@ def _go_on(
         if _BEGINS[k] == _FROM_REST:
             _rest(P, x, inside)
         elif _BEGINS[k] != _AGAIN:
-            put(inside, x)
-        if _BEGINS[k] == _FROM_REST or _BEGINS[k] == _FROM_BEST:
+            put(inside, start if _BEGINS[k] == _FROM_GUESS else x)
+        if _FROM_BEST <= _BEGINS[k] <= _FROM_REST:
             taken += interior(P, K, inside, scale, _HANDED_ON * tolerance, _INTERIOR)
         put(point, inside)
-        more, r = newton(P, K, G, point, tolerance, _MOST[k], _MAPS[k], 1.0, delta, _EASES[k] / scale, _PATIENCE)
+        more, r = newton(
+            P, K, G, point, tolerance, _MOST[k], _MAPS[k], _SCALES[k], delta, _EASES[k] / scale, _PATIENCE
+        )  # fmt: skip
         spend(left, (taken + more) * step, step, n)
         total += taken + more
         if r < least:
