@@ -182,7 +182,7 @@ class Plan:
     def __call__(self) -> None:
         """Print the plan."""
         from impactlaw.models import load
-        from impactlaw.stepping.compatibility import check_override, check_rigid, check_time_stepping
+        from impactlaw.stepping.compatibility import check_rigid, check_scene_friction, check_time_stepping
         from impactlaw.stepping.plan import format_plan, make_plan
 
         model, _ = load(self.scene)
@@ -192,7 +192,7 @@ class Plan:
             raise SceneError("scheme means nothing to soft steps; leave it out")
         friction = self.friction or "coulomb"
         plan = make_plan(model, self.contact_model, scheme=self.scheme, friction=friction)
-        check_override(model, plan)
+        check_scene_friction(model, plan)
         print(format_plan(plan))
 
 

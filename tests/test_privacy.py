@@ -7,7 +7,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("impactlaw", "envs", "models", "scripts", "tests")
-OTHERS = {"_replace", "_env", "_step_mujoco_simulation"}  # of named tuples, shimmy and gymnasium
+OTHERS = {"_replace", "_fields", "_env", "_step_mujoco_simulation"}  # of named tuples, shimmy and gymnasium
 FILES = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]
 
 
@@ -23,7 +23,8 @@ def borrowed(source: str) -> list[str]:
             modules |= {(name.asname or name.name).split(".")[0] for name in node.names}
             found += [name.name for name in node.names if isinstance(node, ast.ImportFrom) and private(name.name)]
         if isinstance(node, ast.Attribute) and private(node.attr) and isinstance(node.value, ast.Name):
-            found += [f"{node.value.id}.{node.attr}"] if node.value.id in modules else []
+            known = node.value.id in modules and node.attr not in OTHERS
+            found += [f"{node.value.id}.{node.attr}"] if known else []
     return found
 
 

@@ -15,7 +15,7 @@ from impactlaw.compiled import compile_together
 from impactlaw.errors import CopyError, SceneError, UnknownNameError, WorldsFailedError
 from impactlaw.laws import Law
 from impactlaw.settled import Settled, places
-from impactlaw.stepping.compatibility import FRICTION, check_count, check_law, check_model, check_override
+from impactlaw.stepping.compatibility import FRICTION, check_count, check_law, check_model, check_scene_friction
 from impactlaw.stepping.compiled.engine import Pool, functions
 from impactlaw.stepping.left_out import watched_fields
 from impactlaw.stepping.options import Options
@@ -87,7 +87,7 @@ class Batch:
         options = _options(contact_model, friction, on_inadmissible, rest_speed)
         self.model, self.nsim, self.contact_model = model, nsim, contact_model
         plan = make_plan(model, contact_model, scheme=options.scheme, friction=friction)
-        check_override(model, plan)
+        check_scene_friction(model, plan)
         self._left_out = watched_fields(plan, friction)
         first = one_each(law, nsim)[0]
         try:

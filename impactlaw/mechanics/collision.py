@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import compress
 from math import sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impactlaw.errors import InvalidCollisionError
+from impactlaw.errors import InvalidCollisionError, SolverError
 from impactlaw.mechanics.arrays import finite_array, finite_sparse, is_sparse, of_shape, real_array
 from impactlaw.mechanics.bilateral import Bilateral, Reached, velocity_with
 from impactlaw.mechanics.block_metric import SparseMetric
@@ -150,15 +151,24 @@ class Collision:
         """The collision less friction of contacts that no normal impulse moves, as it meets the axis of a hinge.
 
         Any normal impulse would do there, and with it any friction.
+
+        Raises:
+            SolverError: only by its coefficients friction is so much longer than a gap gradient that this is rounding.
         """
         friction = self.friction
         if friction is None or not len(friction):
             return self
-        along = row_lengths(self.whitened_friction) * friction.coefficient
-        longest = np.zeros(len(self.labels))
-        np.maximum.at(longest, friction.contact, along)
-        idle = (self.gradient_norms <= IDLE * longest)[friction.contact]
-        return replace(self, friction=friction.without(idle)) if idle.any() else self
+        longest, along = np.zeros((2, len(self.labels))), row_lengths(self.whitened_friction)
+        for row, coefficient in zip(
+            longest, (friction.coefficient, np.minimum(friction.coefficient, 1.0)), strict=True
+        ):
+            np.maximum.at(row, friction.contact, along * coefficient)
+        idle, unmoved = self.gradient_norms <= IDLE * longest
+        if (idle & ~unmoved).any():
+            named = ", ".join(compress(self.labels, idle & ~unmoved))
+            raise SolverError(f"coefficients of friction of contacts {named} are too large to be resolved; 100 will do")
+        rows = idle[friction.contact]
+        return replace(self, friction=friction.without(rows)) if rows.any() else self
 
     def _whitened(self, rows: np.ndarray) -> np.ndarray:
         Y = self.metric.whiten_gradients(rows)

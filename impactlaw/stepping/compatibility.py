@@ -15,10 +15,12 @@ from impactlaw.laws.restitution.coefficients import ContactCoefficients
 from impactlaw.laws.restitution.labels import canonical, check_labels
 from impactlaw.laws.restitution.on_contacts import Chosen
 from impactlaw.scene.contacts import geom_names
+from impactlaw.scene.friction_rows import pair_friction
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.scene.pairs import geom_pairs, one_contact
 from impactlaw.stepping.plan import Plan
 
+_LARGEST_FRICTION = 1e4  # boxes slide by a tenth farther at ten times that, and freely at 1e8
 _RESOLVED = 1e-15  # part of the size of the scene that gaps are rounded to
 OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 _NAMED = 5  # contacts that an error names
@@ -96,6 +98,30 @@ def check_time_stepping(model: mujoco.MjModel) -> None:
         raise SceneError(
             "MuJoCo's buffers of delayed actuators and sensors take one sample a step of MuJoCo's own; "
             'use contact_model="soft", or leave out delay and nsample'
+        )
+
+
+def check_scene_friction(model: mujoco.MjModel, plan: Plan) -> None:
+    """Refuse friction of rigid contacts that their steps do not use, or cannot resolve.
+
+    Cones scale rows of friction by their coefficients. Where these are too large, gaps are lost in the rounding of
+    friction, and what should stick slides or sinks in.
+
+    Raises:
+        SceneError: MuJoCo's override of contacts is on, or a coefficient of sliding is larger.
+    """
+    check_override(model, plan)
+    if plan.contact_model != "rigid" or not plan.friction:
+        return
+    geoms = plan.pairs.geoms
+    dim, mu = pair_friction(model, geoms)
+    mu = np.where(dim > 1, mu[:, :2].max(axis=1, initial=0.0), 0.0)
+    most = int(mu.argmax())
+    if mu[most] > _LARGEST_FRICTION:
+        one, other = (geom_names(model)[geom] for geom in geoms[most])
+        raise SceneError(
+            f"rigid steps resolve coefficients of friction up to {_LARGEST_FRICTION:g}, got {mu[most]:g} of "
+            f"{one}/{other}; 100 already keeps nearly everything from sliding"
         )
 
 

@@ -14,7 +14,7 @@ from impactlaw.laws.restitution.from_scene import scene_law
 from impactlaw.scene.contacts import is_data_of
 from impactlaw.settled import Settled, places
 from impactlaw.solvers import load_solvers
-from impactlaw.stepping.compatibility import check_count, check_friction, check_law, check_model, check_override
+from impactlaw.stepping.compatibility import check_count, check_friction, check_law, check_model, check_scene_friction
 from impactlaw.stepping.event_driven.scheme import RigidStepping
 from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, Told, sums_of, together
 from impactlaw.stepping.left_out import LeftOut
@@ -153,7 +153,7 @@ class Stepper:
         self._chosen = select(model, contacts, limits)
         self._law = self._known(law)
         self.plan = make_plan(model, contact_model, scheme=scheme, friction=friction or "coulomb")
-        check_override(model, self.plan)
+        check_scene_friction(model, self.plan)
         self._left_out = LeftOut(model, self.plan, friction or "coulomb") or None
         self._way = Way(model, self.plan, options, self._chosen)
         self._stepping = self._way.stepping(self._law)

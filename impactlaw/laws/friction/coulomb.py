@@ -104,6 +104,7 @@ class Coulomb(Law):
 
         Raises:
             UnsolvableLawError: surfaces move against each other so that no velocity is left.
+            SolverError: no answer passed its certificate, or coefficients of friction are too large (1e10).
         """
         collision = checked(collision).without_idle_friction
         if collision.friction is None or not len(collision.friction):

@@ -13,6 +13,7 @@ from impactlaw import (
     Moreau,
     Newton,
 )
+from impactlaw.errors import SolverError
 
 EXACT = {"rtol": 0, "atol": 1e-12}
 
@@ -42,6 +43,19 @@ def test_boundary_of_sticking():
     for factor, sliding in ((0.999, True), (1.001, False)):
         impact = Coulomb(Moreau(0.5)).resolve(sphere([3.0, 0.0, -2.0, 0, 0, 0], factor * critical))
         assert bool(abs(impact.post_sliding_velocity[0]) > 1e-6) is sliding
+
+
+@pytest.mark.parametrize("mu", [1e2, 1e4, 1e8])
+def test_large_coefficients_make_it_stick(mu):
+    impact = Coulomb(Moreau(0.5)).resolve(sphere([3.0, 0.0, -2.0, 0, 0, 0], mu))
+    np.testing.assert_allclose(impact.post_velocity, [15 / 7, 0.0, 1.0, 0.0, 15 / 7 / 0.5, 0.0], **EXACT)
+
+
+@pytest.mark.parametrize("mu", [1e12, 1e15])
+def test_coefficients_that_hide_the_normal_are_refused(mu):
+    """Its gap gradient was taken for rounding then, and the sphere slid on as if without friction."""
+    with pytest.raises(SolverError, match="coefficients of friction of contacts 0 are too large"):
+        Coulomb(Moreau(0.5)).resolve(sphere([3.0, 0.0, -2.0, 0, 0, 0], mu))
 
 
 def test_superball_reverses():
