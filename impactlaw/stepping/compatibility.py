@@ -108,9 +108,12 @@ def check_scene_friction(model: mujoco.MjModel, plan: Plan) -> None:
     friction, and what should stick slides or sinks in.
 
     Raises:
-        SceneError: MuJoCo's override of contacts is on, or a coefficient of sliding is larger.
+        SceneError: MuJoCo's override of contacts is on, or a coefficient of sliding is larger, or one is no number.
     """
     check_override(model, plan)
+    for name in ("geom_friction", "pair_friction"):
+        if not np.isfinite(getattr(model, name)).all():
+            raise SceneError(f"model.{name} has entries that are not finite")
     if plan.contact_model != "rigid" or not plan.friction:
         return
     geoms = plan.pairs.geoms

@@ -36,6 +36,15 @@ def test_more_is_refused(mu, options):
         Stepper(box_above(mu)[0], Moreau(0), **options)
 
 
+@pytest.mark.parametrize("options", [*WAYS, {"contact_model": "soft"}])
+def test_what_is_no_number_is_refused(options):
+    """Rigid steps took a coefficient of NaN for none."""
+    model, _ = box_above(1)
+    model.geom("floor").friction[0] = np.nan
+    with pytest.raises(SceneError, match="geom_friction has entries that are not finite"):
+        Stepper(model, Moreau(0), **options)
+
+
 def test_more_is_refused_in_batches_and_allowed_where_it_is_not_used():
     with pytest.raises(SceneError, match="friction up to 10000"):
         Batch(box_above(1e8)[0], Moreau(0), 2)
