@@ -20,7 +20,7 @@ from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
 from impactlaw.stepping.time_stepping.margins import find_outrun, find_sizes, set_margins
 from impactlaw.stepping.time_stepping.problem.forces import without_far_limits
-from impactlaw.stepping.time_stepping.problem.planes import mend_contacts
+from impactlaw.stepping.time_stepping.problem.points import mend_contacts
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
@@ -143,9 +143,9 @@ def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData, borrowed: Borrowe
 
 
 def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Make frames orthogonal, and put points of one face into one plane; see `scene.frames` and `problem.planes`."""
-    contact = data.contact
-    if data.ncon and mend_contacts(contact.dist, contact.pos, contact.frame, contact.geom, model.geom_bodyid):
+    """Make frames orthogonal, and put points where they belong; see `scene.frames` and `problem.points`."""
+    found, bodies = data.contact, (model.geom_bodyid, model.body_weldid)
+    if data.ncon and mend_contacts(found.dist, found.pos, found.frame, found.dim, found.geom, *bodies):
         mujoco.mj_makeConstraint(model, data)
 
 

@@ -35,7 +35,7 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
 )
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.margins import ALWAYS, outruns, write_arms, write_margins, write_sizes
-from impactlaw.stepping.time_stepping.problem.planes import put_on_planes
+from impactlaw.stepping.time_stepping.problem.points import put_on_bodies, put_on_planes
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
@@ -235,15 +235,18 @@ def _find_contacts(w, margins):
 
 @plain
 def _mend_contacts(w):
-    """Make frames orthogonal, and put points of one face into one plane; see `scene.frames` and `problem.planes`."""
+    """Make frames orthogonal, and put points where they belong; see `scene.frames` and `problem.points`."""
     if number(w, DATA.ncon) == 0:
         return
-    frame = contact_floats(w, CONTACT.frame, 9)
+    frame, dist = contact_floats(w, CONTACT.frame, 9), contact_floats(w, CONTACT.dist, 1)[:, 0]
+    pos, geom = contact_floats(w, CONTACT.pos, 3), contact_ints(w, CONTACT.geom, 2)
+    body, weld = (
+        model_ints(w, MODEL.geom_bodyid, size(w, MODEL.ngeom)),
+        model_ints(w, MODEL.body_weldid, size(w, MODEL.nbody)),
+    )
     turned = make_orthogonal(frame)
-    moved = number(w, DATA.ncon) > 1 and put_on_planes(
-        contact_floats(w, CONTACT.dist, 1)[:, 0], contact_floats(w, CONTACT.pos, 3),
-        frame, contact_ints(w, CONTACT.geom, 2), model_ints(w, MODEL.geom_bodyid, size(w, MODEL.ngeom)),
-    )  # fmt: skip
+    moved = put_on_bodies(dist, pos, frame, contact_ints(w, CONTACT.dim, 1)[:, 0], geom, body, weld)
+    moved = put_on_planes(dist, pos, frame, geom, body) or moved
     if turned or moved:
         mj.make_constraint(w.model, w.data)
 

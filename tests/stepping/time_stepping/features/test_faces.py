@@ -5,13 +5,14 @@ import numpy as np
 import pytest
 
 from impactlaw import Moreau, Stepper
-from impactlaw.stepping.time_stepping.problem.planes import mend_contacts
+from impactlaw.stepping.time_stepping.problem.points import mend_contacts
 
 TABLE = """<mujoco><option timestep="0.002" cone="elliptic"/><worldbody><geom type="plane" size="1 1 1"/>
   <body pos="0 0 .1"><freejoint/><geom type="box" size=".12 .05 .02" mass="50" contype="0" conaffinity="0"/>
     <geom size=".005" pos="-.1 -.04 -.095"/><geom size=".005" pos=".1 -.04 -.095"/>
     <geom size=".005" pos="-.1 .04 -.095"/><geom size=".005" pos=".1 .04 -.095"/></body></worldbody></mujoco>"""
 BODIES, GEOMS = np.array([0, 0, 1], np.int32), np.array([[0, 2], [1, 2]], np.int32)
+BOTH, SECOND = np.array([1, 2], np.int32), np.array([0, 1], np.int32)  # bodies that move
 
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
@@ -31,11 +32,11 @@ def test_a_table_that_comes_down_on_four_feet_is_held_without_friction(compiled)
     assert np.ptp(data.geom_xpos[2:, 2]) < 1e-6  # bodies at rest touch from there
 
 
-def _leveled(gaps, heights, second=(0.0, 0.0, 1.0)):
+def _leveled(gaps, heights, second=(0.0, 0.0, 1.0), *, move=BOTH, condim=3):
     """Return whether two points move, and their heights after; the second has this normal."""
     pos, frame = np.array([[0.0, 0.0, heights[0]], [1.0, 0.0, heights[1]]]), np.zeros((2, 9))
     frame[0, :3], frame[1, :3] = (0.0, 0.0, 1.0), second
-    moved = mend_contacts(np.array(gaps), pos, frame, GEOMS, BODIES)
+    moved = mend_contacts(np.array(gaps), pos, frame, np.full(2, condim, np.int32), GEOMS, BODIES, move)
     return moved, pos[:, 2].tolist()
 
 
@@ -56,3 +57,29 @@ def test_points_of_one_face_lie_in_the_plane_of_the_one_with_the_least_gap():
 )
 def test_points_stay_where_they_are_not_of_one_face(gaps, heights, normal):
     assert _leveled(gaps, heights, normal) == (False, heights)
+
+
+def test_points_far_above_what_does_not_move_are_on_the_body():
+    assert _leveled([4e-3, 2e-3], [2e-3, 1e-3], move=SECOND) == (True, [4e-3, 2e-3])
+    assert _leveled([-4e-3, 2e-3], [-2e-3, 1e-3], move=SECOND) == (True, [-4e-3, 2e-3])
+    assert _leveled([4e-3, 2e-3], [2e-3, 1e-3], move=1 - SECOND) == (True, [0.0, 0.0])
+    assert _leveled([4e-3, 2e-3], [2e-3, 1e-3], move=SECOND, condim=1) == (False, [2e-3, 1e-3])
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("start", [0.0, 0.3, 0.6, 0.9])  # of a step, when it hits
+@pytest.mark.parametrize("on_a_box", [False, True])
+def test_a_ball_that_bounces_and_sticks_gets_the_spin_of_its_radius(start, on_a_box, compiled):
+    """Jump of a solid sphere that sticks: -2/7 of its speed along the floor, and the spin with which it rolls."""
+    h, r, fall, along = 0.005, 0.02, 4.0, 3.0
+    ball = f'<body><freejoint/><geom size="{r}" mass="1"/></body>'
+    floor = '<geom type="plane" size="1 1 1" friction="3"/>'
+    if on_a_box:
+        floor = '<geom type="box" size="9 9 .5" pos="0 0 -.5" friction="3"/>'
+    option = f'<option timestep="{h}" gravity="0 0 0"/>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco>{option}<worldbody>{floor}{ball}</worldbody></mujoco>")
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
+    data.qpos[2], data.qvel[[0, 2]] = r + fall * h * (2.0 + start), (along, -fall)
+    for _ in range(6):
+        stepper.step(data)
+    np.testing.assert_allclose(data.qvel[[0, 2, 4]], [along * 5 / 7, 0.5 * fall, along * 5 / 7 / r], rtol=1e-9)

@@ -1,8 +1,11 @@
-"""Points of contact of one face: all in one plane, so that a body can roll onto the face and stick at all of them.
+"""Points of contact: on the body that moves, and those of one face in one plane.
 
-MuJoCo puts a point of contact halfway between two surfaces. A foot whose corners are 1e-6 m apart in height then has
+MuJoCo puts a point of contact halfway between two surfaces. Across a gap that the step closes, friction then has a
+lever that is longer than a ball's radius by half the gap. Where one of two bodies does not move, the point is put on
+the surface of the other one. A foot whose corners are 1e-6 m apart in height then has
 points of contact that are not in one plane, and closing their gaps by a rotation asks for tangential velocities
 that differ by 1e-8 m/s: points that stick cannot have them, and push each other apart with all the friction there is.
+So a body can roll onto the face and stick at all of them only if they are in one plane.
 """
 
 from __future__ import annotations
@@ -15,7 +18,39 @@ from impactlaw.solvers.cones.algebra.loops import plain
 
 _PARALLEL = 1e-9  # difference of normals of one face
 _LEVEL = 1e-10  # m: points are in one plane that are as near to it
+_SEEN = 1e-6  # m: smaller gaps change the lever of a single point by less than matters
 _CLOSED = 1e-4  # m: gaps up to which; of corners farther apart, a body meets one at a time
+
+
+@plain
+def put_on_bodies(dist, pos, frame, dim, geom, body_of_geom, weld):
+    """Move points of contact with what does not move onto the surface of the other body; return if any moves.
+
+    It is done for contacts with friction; of several points of two bodies, for those that `put_on_planes` leaves.
+
+    Args:
+        dist: gaps, m, (ncon,).
+        pos: points of contact, m, (ncon, 3); written.
+        frame: normals first, (ncon, 3) at least.
+        dim: MuJoCo's condim of contacts, (ncon,).
+        geom: of contacts, (ncon, 2).
+        body_of_geom: (ngeom,).
+        weld: MuJoCo's body_weldid, 0 for what does not move, (nbody,).
+    """
+    moved = False
+    for k in range(len(dist)):
+        one, other = body_of_geom[geom[k, 0]], body_of_geom[geom[k, 1]]
+        first, second = weld[one] == 0, weld[other] == 0
+        if dim[k] == 1 or first == second or abs(dist[k]) <= _SEEN:
+            continue
+        more = k > 0 and body_of_geom[geom[k - 1, 0]] == one and body_of_geom[geom[k - 1, 1]] == other
+        if k < len(dist) - 1:
+            more = more or (body_of_geom[geom[k + 1, 0]] == one and body_of_geom[geom[k + 1, 1]] == other)
+        if not more or abs(dist[k]) > _CLOSED:
+            moved = True
+            for i in range(3):
+                pos[k, i] += (0.5 if first else -0.5) * dist[k] * frame[k, i]
+    return moved
 
 
 @plain
@@ -64,7 +99,8 @@ def put_on_planes(dist, pos, frame, geom, body_of_geom):
 
 
 @compiled()
-def mend_contacts(dist, pos, frame, geom, body_of_geom):
-    """Do what `make_orthogonal` and `put_on_planes` do."""
+def mend_contacts(dist, pos, frame, dim, geom, body_of_geom, weld):
+    """Do what `make_orthogonal`, `put_on_bodies` and `put_on_planes` do."""
     turned = make_orthogonal(frame)
-    return put_on_planes(dist, pos, frame, geom, body_of_geom) or turned
+    moved = put_on_bodies(dist, pos, frame, dim, geom, body_of_geom, weld)
+    return put_on_planes(dist, pos, frame, geom, body_of_geom) or moved or turned
