@@ -260,7 +260,7 @@ class ContactProblem:
             kinds[equal] = self.bilateral[data.efc_id[rows.row[rows.first[equal]]]]
             hold(
                 rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, kinds,
-                self._model.nv,
+                self._model.dof_treeid,
             )  # fmt: skip
             bound[:] = kinds != 0
         return seen, together

@@ -12,7 +12,8 @@ import numpy as np
 from impactlaw.compiled import compiled
 from impactlaw.scene.equality_constraints import CALM, DRIFT, TIED, TYING
 from impactlaw.solvers.cones import BILATERAL, CONE
-from impactlaw.solvers.cones.algebra.loops import plain, zeros
+from impactlaw.solvers.cones.algebra.loops import cleared, indices, kernel, plain, zeros
+from impactlaw.stepping.time_stepping.problem.energy import find_islands
 from impactlaw.stepping.time_stepping.problem.rows import NEAR
 from impactlaw.stepping.time_stepping.tolerances import CALM_TIES, DRIVEN, STIFF
 
@@ -29,14 +30,14 @@ def square_of(sparse, value, row):
 
 
 @plain
-def _fastest(sparse, value, groups, rates, collides):
-    """Return the largest velocity of a contact that collides, in the kinetic metric."""
-    fastest = 0.0
+def _find_fastest(sparse, value, groups, rates, collides, label, fastest):
+    """Write the largest velocity of a contact that collides in each island, and that in the kinetic metric, zeros."""
     for g in range(len(collides)):
-        row = groups[0, g]
-        if collides[g]:
-            fastest = max(fastest, rates[1, row] ** 2 / max(square_of(sparse, value, row), 1e-300))
-    return np.sqrt(fastest)
+        if collides[g] and label[g] >= 0:
+            i, row = label[g], groups[0, g]
+            speed = abs(rates[1, row])
+            fastest[0, i] = max(fastest[0, i], speed)
+            fastest[1, i] = max(fastest[1, i], speed / np.sqrt(max(square_of(sparse, value, row), 1e-300)))
 
 
 @plain
@@ -54,65 +55,69 @@ def _is_closed_by(sparse, colind, value, rates, row, limit, fastest, work):
 
 
 @plain
-def _find_drifts(sparse, colind, value, groups, amounts, rates, collides, fastest, work, found):
+def _find_drifts(sparse, colind, value, groups, amounts, rates, collides, label, fastest, work, found):
     """Write to False which groups are equality constraints that close a limit by giving way, (g,).
 
     There are zeros, (nv,).
     """
     for g in range(len(found)):
         row = groups[0, g]
-        if groups[2, g] != BILATERAL:
+        if groups[2, g] != BILATERAL or label[g] < 0:
             continue
         for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
             work[colind[a]] = value[a]
         for k in range(len(found)):
             limit = groups[2, k] == CONE and groups[3, k] < -1 and (collides[k] or amounts[0, k] <= NEAR)
-            if limit and _is_closed_by(sparse, colind, value, rates, row, groups[0, k], fastest, work):
+            if limit and _is_closed_by(
+                sparse, colind, value, rates, row, groups[0, k], fastest[1, label[g]], work
+            ):  # fmt: skip
                 found[g] = True
         for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
             work[colind[a]] = 0.0
 
 
 @plain
-def _find_calm(sparse, value, groups, rates, collides, kinds, longest, found):
-    """Write to False which groups are equality constraints that can keep their velocity in a collision, (g,).
+def _is_calm(sparse, value, rates, row, kind, speed, longest):
+    """Return whether an equality constraint can keep its velocity in a collision with these largest velocities.
 
     That is nothing next to the collision. For couplings, whose units are not those of contact, both are taken in the
     kinetic metric.
     """
-    fastest = 0.0
-    for g in range(len(collides)):
-        if collides[g]:
-            fastest = max(fastest, abs(rates[1, groups[0, g]]))
-    for g in range(len(found)):
-        row = groups[0, g]
-        if kinds[g] == TYING:
-            found[g] = abs(rates[1, row]) <= CALM_TIES * fastest
-        elif kinds[g] != 0:
-            found[g] = abs(rates[1, row]) <= CALM * longest * np.sqrt(square_of(sparse, value, row))
+    if kind == TYING:
+        return abs(rates[1, row]) <= CALM_TIES * speed
+    return kind != 0 and abs(rates[1, row]) <= CALM * longest * np.sqrt(square_of(sparse, value, row))
 
 
-@plain
-def hold_constraints(sparse, colind, value, groups, amounts, rates, collides, kinds, work, given, kept):
-    """Do what `hold` does; there are zeros, (nv,), and twice False, (g,)."""
-    fastest = _fastest(sparse, value, groups, rates, collides)
-    _find_drifts(sparse, colind, value, groups, amounts, rates, collides, fastest, work, given)
-    _find_calm(sparse, value, groups, rates, collides, kinds, fastest, kept)
-    for g in range(len(kept)):
+@kernel
+def hold_constraints(sparse, colind, value, groups, amounts, rates, collides, kinds, tree):
+    """Do what `hold` does."""
+    many, label, given = groups.shape[1], indices(groups.shape[1]), cleared(groups.shape[1])
+    count = find_islands(sparse, colind, value, groups, rates, tree, label)
+    fastest = zeros(2 * count).reshape((2, count))
+    _find_fastest(sparse, value, groups, rates, collides, label, fastest)
+    _find_drifts(
+        sparse, colind, value, groups, amounts, rates, collides, label, fastest, zeros(len(tree)), given
+    )  # fmt: skip
+    for g in range(many):
         row = groups[0, g]
-        if groups[2, g] != BILATERAL:
+        if groups[2, g] != BILATERAL or label[g] < 0 or fastest[0, label[g]] == 0.0:
             continue
+        speed, longest = fastest[:, label[g]]
         full = amounts[1, g]
-        held = kept[g] or rates[4, row] < full  # by a collision before, in the same step
+        held = rates[4, row] < full  # by a collision before, in the same step
+        held = held or _is_calm(sparse, value, rates, row, kinds[g], speed, longest)
         rates[4, row] = full
         if held and not given[g]:
-            drift = (rates[1, row] + rates[3, row]) / fastest if kinds[g] == TYING else 0.0
+            drift = (rates[1, row] + rates[3, row]) / longest if kinds[g] == TYING else 0.0
             rates[4, row] = min(full, max(STIFF * full, 0.25 * drift * drift / DRIVEN))
 
 
 @compiled()
-def hold(sparse, colind, value, groups, amounts, rates, collides, kinds, nv):
+def hold(sparse, colind, value, groups, amounts, rates, collides, kinds, tree):
     """Let equality constraints keep their velocity in a collision, those that do not move against themselves.
+
+    What they are compared with is the fastest collision of their island: one that cannot influence them does nothing to
+    them.
 
     Ties do not become so stiff that they could drive the collision. One with a compliance R, which has the velocity
     gamma and aims at t, does the work ``(t - gamma+) (gamma + gamma+) / 2 R``, at most ``(gamma + t)^2 / 8 R``. Rows
@@ -127,7 +132,6 @@ def hold(sparse, colind, value, groups, amounts, rates, collides, kinds, nv):
         rates: see there.
         collides: which groups collide, bool (g,).
         kinds: those of `constraint_kinds` for each group, and 0 for other rows, (g,).
-        nv: degrees of freedom.
+        tree: of each degree of freedom, (nv,).
     """
-    given, kept = np.zeros(len(collides), np.bool_), np.zeros(len(collides), np.bool_)
-    hold_constraints(sparse, colind, value, groups, amounts, rates, collides, kinds, zeros(nv), given, kept)
+    hold_constraints(sparse, colind, value, groups, amounts, rates, collides, kinds, tree)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlaw.solvers.cones import BILATERAL
-from impactlaw.solvers.cones.algebra.loops import cleared, counts, kernel, plain, zeros
+from impactlaw.solvers.cones.algebra.loops import counts, kernel, plain
 from impactlaw.stepping.compiled.access import data_ints, layout_of, model_ints, number, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL, flags, floats
 from impactlaw.stepping.time_stepping.compiled.state.kinds import typeof
@@ -52,20 +52,19 @@ def _find_kinds(w, rows, number_of, kinds):
 
 
 @kernel
-def _stiffen(w, rows, collides, bound):
+def _stiffen(w, rows, tree, collides, bound):
     """Let equality constraints keep their velocity in a collision, those that do not move against themselves.
 
     Write which must not drive it, bool (g,).
     """
     n = number(w, DATA.nefc)
     number_of = data_ints(w, DATA.efc_id, n)
-    kinds, given, kept = counts(len(rows.key)), cleared(len(rows.key)), cleared(len(rows.key))
+    kinds = counts(len(rows.key))
     _find_kinds(w, rows, number_of, kinds)
     for g in range(len(bound)):
         bound[g] = kinds[g] != 0
     hold_constraints(
-        rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, kinds,
-        zeros(w.nv), given, kept,
+        rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, kinds, tree
     )  # fmt: skip
 
 
@@ -83,7 +82,7 @@ def _collide(w, rows, tree, law, answer):
     close_gaps(
         rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, tree, answer.collides, answer.target
     )  # fmt: skip
-    _stiffen(w, rows, answer.collides, answer.bound)
+    _stiffen(w, rows, tree, answer.collides, answer.bound)
     return status
 
 
