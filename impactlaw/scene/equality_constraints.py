@@ -59,14 +59,14 @@ def bilateral_constraints(model: mujoco.MjModel) -> np.ndarray:
 
 
 def bilateral_rows(
-    model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray, *, calm: float | None = None
+    model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray, *, calm: np.ndarray | None = None
 ) -> np.ndarray | None:
     """Return ``J_eq`` of the equality constraints that are kept and active, (m, nv), among the rows of now.
 
     MuJoCo's constraints are soft: where they have given way by a distance d, rows that depend on each other do so up
     to d over the size of the bodies only. Directions of that size are left out, or redundant constraints would lock a
     mechanism; then rows that span the others are returned. Inertia must be current (`contacts.update_positions`).
-    Those that move against themselves faster than `calm`, m/s or rad/s, are left out: they are giving way.
+    Rows that move against themselves faster than `calm`, m/s or rad/s, (ne,), are left out: they are giving way.
     """
     chosen = kept[data.efc_id[: data.ne]]
     rows = np.flatnonzero(chosen if calm is None else chosen & (np.abs(data.efc_vel[: data.ne]) <= calm))

@@ -151,3 +151,37 @@ def test_a_batch():
     batch.step()
     np.testing.assert_allclose(energy(batch.bind("qvel")[:, :3]), 1.0, atol=1e-8)
     np.testing.assert_allclose(batch.bind("qvel")[:, 3], 1.0, atol=1e-9)
+
+
+HALF = """<body name="{0}" pos="{1} 0 .05"><freejoint/>
+  <geom name="{0}" type="box" size=".1 .05 .05" mass="1" friction="0" condim="1"/></body>"""
+TIES = {"weld": "", "connect": 'anchor=".11 0 0"'}
+
+
+def landed(far: str, tie: str, seed: int, e: float, way: str) -> tuple[np.ndarray, int]:
+    """Two boxes that land at 1 m/s, and away from each other against what ties them; a far ball lands at 30 m/s."""
+    pair = HALF.format("left", -0.11) + HALF.format("right", 0.11)
+    tied = f"""<equality><{tie} body1="left" body2="right" {TIES[tie]}/></equality>
+      <contact><exclude body1="left" body2="right"/></contact>"""
+    model, data = compiled(FLOOR + pair + far, tied)
+    data.qvel[:12] = np.random.default_rng(seed).normal(size=12)
+    data.qvel[2:12:6] -= 1.0
+    data.qvel[12:] = -30.0
+    gap = -1e-6 if "soft" in way else 0.0
+    data.qpos[[2, 9]] += gap
+    data.qpos[14:] = gap
+    stepper = Stepper(model, Moreau(e), **WAYS[way])  # pyright: ignore[reportArgumentType]
+    stepper.step(data)
+    return data.qvel[:12].copy(), len(stepper.events)
+
+
+@pytest.mark.parametrize("way", [way for way in WAYS if way != "event-driven"])
+@pytest.mark.parametrize("tie", TIES)
+@pytest.mark.parametrize("e", [0.0, 0.5])
+def test_what_constraints_keep_is_not_decided_by_a_far_collision(way: str, tie: str, e: float):
+    """Next to 30 m/s a drift of 1 m/s is nothing: it drove the boxes, or held them."""
+    for seed in range(4):
+        alone, _ = landed("", tie, seed, e, way)
+        both, events = landed(BALL, tie, seed, e, way)
+        assert events
+        np.testing.assert_allclose(both, alone, atol=1e-8)

@@ -36,7 +36,8 @@ def lengths(rownnz: Array, rowadr: Array, value: Array, first: Array, size: Arra
 
 
 @plain
-def _root(parent: Array, i: int) -> int:
+def root_of(parent: Array, i: int) -> int:
+    """Return what stands for all that is joined to one; ``parent`` leads there, and is shortened."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -88,11 +89,11 @@ def islands(
                 for k in range(rowadr[i], rowadr[i] + rownnz[i]):
                     t = np.int64(tree[colind[k]])
                     if value[k] != 0.0 and t != label[g]:
-                        t = _root(parent, t)
+                        t = root_of(parent, t)
                         if label[g] < 0:
                             label[g] = t
                         elif t != label[g]:
-                            root = _root(parent, label[g])
+                            root = root_of(parent, label[g])
                             parent[t] = root
                             label[g] = root
     count = 0
@@ -102,7 +103,7 @@ def islands(
                 label[g] = count
                 count += 1
                 continue
-            t = _root(parent, label[g])
+            t = root_of(parent, label[g])
             if number[t] < 0:
                 number[t] = count
                 count += 1

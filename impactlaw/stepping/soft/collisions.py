@@ -17,8 +17,6 @@ from impactlaw.mechanics.impact import Impact
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.scene.contacts import Contacts, active_contacts, closes, gap_gradients, geom_names
 from impactlaw.scene.equality_constraints import (
-    CALM,
-    RESTING,
     TYING,
     are_tied,
     bilateral_constraints,
@@ -35,7 +33,7 @@ from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import is_huge, locked_joints
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.drifting import drifting
-from impactlaw.stepping.soft.driven import is_dragged, is_driven
+from impactlaw.stepping.soft.driven import Constraints, is_dragged
 from impactlaw.stepping.soft.rebounds import bounces, hold_back
 from impactlaw.stepping.soft.tolerances import LOCKED, ROUNDING, WORK
 from impactlaw.stepping.work import Work
@@ -103,9 +101,11 @@ class Collisions:
         if not still and not np.count_nonzero(gamma < -speed):
             return NOTHING
         closed = Closed(contacts, jacobian, None, drift, friction=friction)
-        found = self._resolved(data, closed, gamma, CALM)
-        if any(is_driven(event.impact) for event in found.events):
-            found = self._resolved(data, closed, gamma, RESTING)
+        constraints = Constraints(self._model, data) if data.ne and self.bilateral.any() else None
+        found = self._resolved(data, closed, gamma, constraints)
+        while constraints is not None and (driven := constraints.drive(found.events)).any():
+            constraints.give_way(driven)
+            found = self._resolved(data, closed, gamma, constraints)
         if surfaces is not None and any(is_dragged(event.impact, self._mass) for event in found.events):
             found = _Resolved(None, [], is_short=True)
         self.short_steps += found.is_short
@@ -118,10 +118,12 @@ class Collisions:
         data.qvel[:] = found.velocity
         return events, POSITION
 
-    def _resolved(self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, share: float) -> _Resolved:
-        """Resolve the collisions; constraints that move faster than a share of the fastest contact are giving way."""
-        if data.ne and self.bilateral.any():
-            closed, gamma = self._constrained(data, closed, gamma, share)
+    def _resolved(
+        self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, constraints: Constraints | None
+    ) -> _Resolved:
+        """Resolve the collisions, those in which constraints that are not giving way keep their velocity."""
+        if constraints is not None:
+            closed, gamma = self._constrained(data, closed, gamma, constraints)
             if not np.count_nonzero(gamma < -self.rest_speed):
                 return _Resolved(None, [])
         if self.chosen is not None:
@@ -131,7 +133,7 @@ class Collisions:
             velocity = self._collide(self.collider, data, closed, gamma, events)
             return _Resolved(velocity, events, is_short=any(_has_lost_restitution(event.impact) for event in events))
         except _UNSOLVED as unsolved:
-            if share > RESTING and any(is_driven(event.impact) for event in events):
+            if constraints is not None and constraints.drive(events).any():
                 return _Resolved(None, events)
             events = []
             velocity = self._without_restitution(data, closed, gamma, events)
@@ -164,7 +166,7 @@ class Collisions:
         )  # fmt: skip
 
     def _constrained(
-        self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, share: float
+        self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, kept: Constraints
     ) -> tuple[Closed, np.ndarray]:
         """Return the contacts that equality constraints do not tie, with constraints to be kept, and velocities."""
         model = self._model
@@ -173,8 +175,7 @@ class Collisions:
             between = closed.contacts.geoms[:, 0] >= 0
             free = np.flatnonzero(~(between & are_tied(closed.jacobian, ties, lengths(model))))
             closed, gamma = closed.select(free), gamma[free]
-        calm = share * max(0.0, -gamma.min(initial=0.0))
-        constraints = bilateral_rows(model, data, self.bilateral, calm=calm)
+        constraints = bilateral_rows(model, data, self.bilateral, calm=kept.calm(closed.jacobian, gamma))
         if constraints is not None:
             limits = closed.contacts.geoms[:, 0] < 0
             given = drifting(self._metric(data), closed.jacobian, constraints, data.qvel)

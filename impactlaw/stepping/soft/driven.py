@@ -4,16 +4,64 @@ from __future__ import annotations
 
 import math
 
+import mujoco
 import numpy as np
 
 from impactlaw.mechanics.impact import Impact
+from impactlaw.scene.equality_constraints import CALM, RESTING
+from impactlaw.stepping.compiled.dense import sparse_jacobian
+from impactlaw.stepping.compiled.islands import joined_trees, trees_of_rows
+from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.soft.tolerances import DRAGGED, GAINED
 
 
-def is_driven(impact: Impact) -> bool:
-    """Return whether constraints that give way have driven bodies into each other: a part of the energy is theirs."""
-    constraints = impact.collision.bilateral_jacobian
-    return constraints is not None and impact.energy_change > 0.5 * GAINED * impact.intensity**2
+class Constraints:
+    """Equality constraints next to the collisions of their own islands, and which islands these constraints drive.
+
+    Args:
+        model: the scene.
+        data: rows current.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData):
+        jacobian, trees = sparse_jacobian(model, data), model.dof_treeid
+        island = joined_trees(data.efc_type, data.efc_id, *jacobian, trees, model.ntree)
+        self._island, self._of_row = island[trees], trees_of_rows(*jacobian, trees, data.ne)
+        self._of_row[self._of_row >= 0] = island[self._of_row[self._of_row >= 0]]
+        self._driven = np.zeros(model.ntree, dtype=bool)
+
+    def calm(self, jacobian: np.ndarray, gamma: np.ndarray) -> np.ndarray:
+        """Return how fast rows may move against themselves and keep that in a collision, m/s or rad/s, (ne,).
+
+        Args:
+            jacobian: of contacts, (h, nv).
+            gamma: their velocities, (h,).
+        """
+        fastest = np.zeros(len(self._driven) + 1)  # the last one is for rows that move nothing
+        moves = jacobian.any(axis=1)
+        where = self._island[(jacobian[moves] != 0.0).argmax(axis=1)]
+        np.maximum.at(fastest, where, -gamma[moves])
+        return (np.append(np.where(self._driven, RESTING, CALM), 0.0) * fastest)[self._of_row]
+
+    def drive(self, events: list[ImpactEvent]) -> np.ndarray:
+        """Return in which islands constraints that give way have driven bodies into each other, bool (ntree,).
+
+        There a part of the energy is theirs. Islands that have been found before are left out.
+        """
+        found = np.zeros(len(self._driven), dtype=bool)
+        for event in events:
+            collision = event.impact.collision
+            if collision.bilateral_jacobian is None:
+                continue
+            z = collision.metric.whiten(event.impact.post_velocity - collision.pre_velocity)
+            v, many = collision.metric.whiten(collision.pre_velocity), len(found)
+            gained = np.bincount(self._island, z * (v + 0.5 * z), minlength=many)
+            found |= gained > 0.5 * GAINED * np.bincount(self._island, z * z, minlength=many)
+        return found & ~self._driven
+
+    def give_way(self, islands: np.ndarray) -> None:
+        """Let constraints of islands, bool (ntree,), that move at all not take part in collisions."""
+        self._driven |= islands
 
 
 def is_dragged(impact: Impact, mass: float) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from impactlaw.mechanics.tolerances import SIGNIFICANT
@@ -12,6 +14,7 @@ from impactlaw.solvers.cones.algebra.loops import (
     cleared,
     copied,
     dot,
+    indices,
     kernel,
     norm,
     numbers,
@@ -26,11 +29,13 @@ from impactlaw.stepping.compiled.access import (
     data_ints,
     jacobian_of,
     layout_of,
+    model_ints,
     number,
     size,
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, keep
+from impactlaw.stepping.compiled.islands import join_trees, tree_of
 from impactlaw.stepping.compiled.whitening import unwhitened, whitened
 from impactlaw.stepping.soft.compiled.contacts.drifting import leave_drifting_out
 from impactlaw.stepping.soft.compiled.contacts.equalities import projected, span
@@ -41,6 +46,8 @@ from impactlaw.stepping.soft.compiled.shares import ENOUGH, Wanted, find_impulse
 from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, UNKNOWN
 from impactlaw.stepping.soft.tolerances import GAINED, ROUNDING
 
+Array = np.ndarray[Any, Any]
+
 COUNT, ENERGY, INTENSITY, DISTANT, LAST, SHORT = 0, 1, 2, 3, 4, 5
 """Places in the sums over collisions: their number, T+ - T-, |v+ - v-|, those with a distant effect, those that
 ended the matter, and whether some of them have lost all restitution."""
@@ -48,6 +55,19 @@ SUMS = 6
 """Numbers of these sums."""
 
 _DRIVEN = -1  # how a collision has ended that is resolved once more, see `_collide`
+
+
+class _Islands(NamedTuple):
+    """Trees of bodies that influence each other; there are none where there are no equality constraints.
+
+    Attributes:
+        label: one tree of its island for each tree, int64 (ntree,).
+        driven: whether constraints that give way have driven a collision of the island that this tree stands for, so
+            that those that move at all do not take part, bool (ntree,).
+    """
+
+    label: Array
+    driven: Array
 
 
 @plain
@@ -82,11 +102,37 @@ def _ask(w, law, found, rows, members, velocity, last, before, restored):
 
 
 @kernel
-def _resolve(w, law, found, gamma, calm, rounding, last, guarded, velocity, sums):
+def _join(w, label):
+    """Write the islands of trees."""
+    n, (nnz, adr, col, val) = number(w, DATA.nefc), jacobian_of(w)
+    kinds, numbers_of = data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n)
+    join_trees(kinds, numbers_of, nnz, adr, col, val, model_ints(w, MODEL.dof_treeid, w.nv), label)
+
+
+@kernel
+def _some_driven(w, v, z, islands):
+    """Write in which islands constraints that give way have driven a collision; return whether some are new.
+
+    There a part of the energy is theirs that comes with a change z of the velocity v, whitened, (nv,).
+    """
+    tree, many, some = model_ints(w, MODEL.dof_treeid, w.nv), len(islands.label), False
+    gained, changed = zeros(many), zeros(many)
+    for i in range(len(z)):
+        t = islands.label[tree[i]]
+        gained[t] += z[i] * (v[i] + 0.5 * z[i])
+        changed[t] += z[i] * z[i]
+    for t in range(many):
+        if not islands.driven[t] and gained[t] > 0.5 * GAINED * changed[t]:
+            islands.driven[t] = some = True
+    return some
+
+
+@kernel
+def _resolve(w, law, found, gamma, calm, islands, rounding, last, velocity, sums):
     """Resolve one collision: change the velocity, (nv,), and add to the sums; return how it has ended.
 
-    The last one is of all contacts, with E = 0. If `guarded`, that is `_DRIVEN` where much of the energy is that of
-    constraints that give way.
+    The last one is of all contacts, with E = 0. How it has ended is `_DRIVEN` where much of the energy of an island is
+    that of constraints that give way, see `_Islands`.
     """
     Mnnz, Madr, Mcol = layout_of(w)
     factor, root = data_floats(w, DATA.qLD, size(w, MODEL.nC)), numbers(w.nv)
@@ -121,7 +167,7 @@ def _resolve(w, law, found, gamma, calm, rounding, last, guarded, velocity, sums
     changed = norm(z)
     distant = work_of_each(rows, members, x, z, before, SIGNIFICANT * speed, numbers(len(members)))
     gained = dot(v, FIRST, z, FIRST, w.nv) + 0.5 * changed * changed
-    if guarded and kept > 0 and gained > 0.5 * GAINED * changed * changed:
+    if kept > 0 and _some_driven(w, v, z, islands):
         return _DRIVEN
     sums[COUNT] += 1.0
     sums[ENERGY] += gained
@@ -154,18 +200,39 @@ def _same(one, other):
     return True
 
 
+@plain
+def _find_calm(w, found, gamma, jacobian, islands, calm):
+    """Write how fast constraints may move and keep that in a collision, of each tree, zeros, (ntree,).
+
+    That is a share of the fastest contact of the island.
+    """
+    (nnz, adr, col, val), tree = jacobian, model_ints(w, MODEL.dof_treeid, w.nv)
+    for i in range(len(gamma)):
+        t = tree_of(nnz, adr, col, val, found.row[i], tree)
+        if t >= 0:
+            t = islands.label[t]
+            calm[t] = max(calm[t], -gamma[i])
+    for t in range(len(calm)):  # the tree that stands for an island is changed by itself
+        if islands.label[t] == t:
+            calm[t] *= RESTING if islands.driven[t] else CALM
+    for t in range(len(calm)):
+        calm[t] = calm[islands.label[t]]
+
+
 @kernel
-def _collide(w, law, share, sums):
+def _collide(w, law, islands, sums):
     """Do what `collide` does; constraints that move faster than a share of the fastest contact are giving way.
 
-    `_DRIVEN` is how it has ended where these have driven a collision, unless all were giving way that moved.
+    `_DRIVEN` is how it has ended where these have driven a collision in an island in which they had not before.
     """
     n, speeds = number(w, DATA.nefc), data_floats(w, DATA.efc_vel, number(w, DATA.nefc))
     found = find(w, law.bilateral)
     gamma, qvel = numbers(len(found.row)), velocity_of(w)
     lowest, rounding = normal_velocities(found, speeds, gamma), 0.0
-    calm = -share * lowest
-    if lowest < -law.rest_speed and len(law.bilateral) > 0 and number(w, DATA.ne) > 0 and number(w, DATA.nl) > 0:
+    calm, jacobian = zeros(len(islands.label)), jacobian_of(w)
+    if len(calm) > 0:
+        _find_calm(w, found, gamma, jacobian, islands, calm)
+    if lowest < -law.rest_speed and len(calm) > 0 and number(w, DATA.nl) > 0:
         h = leave_drifting_out(w, law.bilateral, calm, found, gamma)
         found, gamma = Found(found.row[:h], found.contact[:h], found.paired[:h]), gamma[:h]
         lowest = normal_velocities(found, speeds, gamma)
@@ -177,7 +244,7 @@ def _collide(w, law, share, sums):
     while status == FINE:
         last = sums[COUNT] >= law.most
         put(before, velocity)
-        status = _resolve(w, law, found, gamma, calm, rounding, last, share > RESTING, velocity, sums)
+        status = _resolve(w, law, found, gamma, calm, islands, rounding, last, velocity, sums)
         if status == FINE:
             _tell(law.outcomes, velocity)
             sums[LAST] += last
@@ -213,11 +280,15 @@ def collide(w, law, sums):
         lowest = min(lowest, speeds[r])
     if not lowest < -law.rest_speed:
         return FINE, False
+    constrained = len(law.bilateral) > 0 and number(w, DATA.ne) > 0
+    trees = size(w, MODEL.ntree) if constrained else 0
+    islands = _Islands(indices(trees), cleared(trees))
+    if constrained:
+        _join(w, islands.label)
     told, status, changed = law.outcomes[0] if len(law.outcomes) > 0 else 0.0, _DRIVEN, False
-    for share in (CALM, RESTING):
-        if status == _DRIVEN:
-            clear(sums)
-            if len(law.outcomes) > 0:
-                law.outcomes[0] = told
-            status, changed = _collide(w, law, share, sums)
+    while status == _DRIVEN:
+        clear(sums)
+        if len(law.outcomes) > 0:
+            law.outcomes[0] = told
+        status, changed = _collide(w, law, islands, sums)
     return status, changed

@@ -12,8 +12,9 @@ from impactlaw.mechanics.tolerances import FIXED
 from impactlaw.scene.tolerances import GIVEN_WAY, OWN_CONSTRAINT
 from impactlaw.solvers.cones.algebra.loops import clear, dot, integers, norm, numbers, once, plain, put
 from impactlaw.solvers.tolerances import RANK
-from impactlaw.stepping.compiled.access import data_floats, data_ints, layout_of, number, offset, size
+from impactlaw.stepping.compiled.access import data_floats, data_ints, layout_of, model_ints, number, offset, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL, float_at
+from impactlaw.stepping.compiled.islands import tree_of
 from impactlaw.stepping.compiled.ties import leave_out
 from impactlaw.stepping.soft.compiled.contacts.rows import Rows
 
@@ -39,8 +40,13 @@ def whitened_row(nnz, adr, col, val, row, factor, Mnnz, Madr, Mcol, root, out):
 
 
 @plain
-def _is_kept(bilateral, calm, source, speeds, r):
-    return bilateral[source[r]] != 0 and not abs(speeds[r]) > calm
+def _is_kept(w, bilateral, calm, jacobian, r):
+    n, (nnz, adr, col, val) = number(w, DATA.nefc), jacobian
+    source, speeds = data_ints(w, DATA.efc_id, n), data_floats(w, DATA.efc_vel, n)
+    if bilateral[source[r]] == 0:
+        return False
+    t = tree_of(nnz, adr, col, val, r, model_ints(w, MODEL.dof_treeid, w.nv))
+    return not abs(speeds[r]) > (calm[t] if t >= 0 else 0.0)
 
 
 @plain
@@ -99,14 +105,9 @@ def _singular_vectors(w, bilateral, calm, jacobian, root, basis):
     many, nv, given = 0, w.nv, 0.0
     nnz, adr, col, val = jacobian
     Mnnz, Madr, Mcol = layout_of(w)
-    n, factor = number(w, DATA.nefc), data_floats(w, DATA.qLD, size(w, MODEL.nC))
-    source, speeds, gaps = (
-        data_ints(w, DATA.efc_id, n),
-        data_floats(w, DATA.efc_vel, n),
-        data_floats(w, DATA.efc_pos, n),
-    )
+    factor, gaps = data_floats(w, DATA.qLD, size(w, MODEL.nC)), data_floats(w, DATA.efc_pos, number(w, DATA.nefc))
     for r in range(number(w, DATA.ne)):
-        if _is_kept(bilateral, calm, source, speeds, r):
+        if _is_kept(w, bilateral, calm, jacobian, r):
             row = basis[many * nv : many * nv + nv]
             whitened_row(nnz, adr, col, val, r, factor, Mnnz, Madr, Mcol, root, row)
             length = norm(row)
@@ -128,7 +129,8 @@ def span(w, bilateral, calm, jacobian, root, basis):
     Args:
         w: the world.
         bilateral: which constraints are kept, uint8 (neq,).
-        calm: velocity of a constraint, m/s or rad/s, above which it is giving way, and is not kept.
+        calm: velocity of a constraint, m/s or rad/s, above which it is giving way, and is not kept; of each tree of
+            bodies, (ntree,).
         jacobian: MuJoCo's rows.
         root: ``D^-1/2``, (nv,).
         basis: room for as many rows as there are constraints and one more, (ne + 1) nv.
@@ -136,10 +138,9 @@ def span(w, bilateral, calm, jacobian, root, basis):
     count, nv, volume, many = 0, w.nv, 1.0, number(w, DATA.ne)
     nnz, adr, col, val = jacobian
     Mnnz, Madr, Mcol = layout_of(w)
-    factor, source = data_floats(w, DATA.qLD, size(w, MODEL.nC)), data_ints(w, DATA.efc_id, number(w, DATA.nefc))
-    speeds = data_floats(w, DATA.efc_vel, number(w, DATA.nefc))
+    factor = data_floats(w, DATA.qLD, size(w, MODEL.nC))
     for r in range(many):
-        if not _is_kept(bilateral, calm, source, speeds, r):
+        if not _is_kept(w, bilateral, calm, jacobian, r):
             continue
         at = count * nv
         row = basis[at : at + nv]

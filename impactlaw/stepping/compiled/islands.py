@@ -1,0 +1,69 @@
+"""Bodies that contacts, limits and equality constraints join: an impulse in one island does nothing in another."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlaw.compiled import compiled
+from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.solvers.cones.rows import root_of
+
+_LOSS = (1, 2)  # mjtConstraint: dry friction, whose force is bounded, does nothing in an instant
+
+
+@plain
+def tree_of(Jnnz, Jadr, Jcol, J, row, tree):
+    """Return a tree that one of MuJoCo's rows moves, -1 if there is none."""
+    for a in range(Jadr[row], Jadr[row] + Jnnz[row]):
+        if J[a] != 0.0:
+            return np.int64(tree[Jcol[a]])
+    return np.int64(-1)
+
+
+@plain
+def join_trees(kinds, number, Jnnz, Jadr, Jcol, J, tree, label):
+    """Write what `joined_trees` returns."""
+    for t in range(len(label)):
+        label[t] = t
+    last = np.int64(-1)
+    for row in range(len(kinds)):
+        if kinds[row] == _LOSS[0] or kinds[row] == _LOSS[1]:
+            continue
+        if row == 0 or kinds[row] != kinds[row - 1] or number[row] != number[row - 1]:
+            last = np.int64(-1)
+        for a in range(Jadr[row], Jadr[row] + Jnnz[row]):
+            if J[a] != 0.0:
+                t = root_of(label, np.int64(tree[Jcol[a]]))
+                if last >= 0:
+                    label[t] = root_of(label, last)
+                last = root_of(label, t)
+    for t in range(len(label)):
+        label[t] = root_of(label, t)
+
+
+@compiled()
+def joined_trees(kinds, number, Jnnz, Jadr, Jcol, J, tree, many):
+    """Return one tree of its island for each tree of bodies, int64 (many,).
+
+    Args:
+        kinds: of MuJoCo's rows, (nefc,).
+        number: which constraint or contact each row is of, (nefc,).
+        Jnnz: entries of rows of J.
+        Jadr: where they begin.
+        Jcol: their degrees of freedom.
+        J: the entries.
+        tree: of each degree of freedom, (nv,).
+        many: how many trees there are.
+    """
+    label = np.empty(many, np.int64)
+    join_trees(kinds, number, Jnnz, Jadr, Jcol, J, tree, label)
+    return label
+
+
+@compiled()
+def trees_of_rows(Jnnz, Jadr, Jcol, J, tree, many):
+    """Return what `tree_of` returns for each of the first rows, int64 (many,)."""
+    found = np.empty(many, np.int64)
+    for row in range(many):
+        found[row] = tree_of(Jnnz, Jadr, Jcol, J, row, tree)
+    return found
