@@ -9,8 +9,6 @@ import numpy as np
 
 from impactlaw.mechanics.impact import Impact
 from impactlaw.scene.equality_constraints import CALM, RESTING
-from impactlaw.stepping.compiled.dense import sparse_jacobian
-from impactlaw.stepping.compiled.islands import joined_trees, trees_of_rows
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.soft.tolerances import DRAGGED, GAINED
 
@@ -24,6 +22,10 @@ class Constraints:
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData):
+        # numba is not loaded before it is used
+        from impactlaw.stepping.compiled.dense import sparse_jacobian
+        from impactlaw.stepping.compiled.islands import joined_trees, trees_of_rows
+
         jacobian, trees = sparse_jacobian(model, data), model.dof_treeid
         island = joined_trees(data.efc_type, data.efc_id, *jacobian, trees, model.ntree)
         self._island, self._of_row = island[trees], trees_of_rows(*jacobian, trees, data.ne)
