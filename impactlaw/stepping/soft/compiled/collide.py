@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import types
 
+from impactlaw.linked import linked
 from impactlaw.mechanics.tolerances import SIGNIFICANT
 from impactlaw.scene.equality_constraints import CALM, RESTING
 from impactlaw.solvers.cones.algebra.loops import (
     FIRST,
+    FLOATS,
     clear,
     cleared,
     copied,
@@ -18,6 +21,7 @@ from impactlaw.solvers.cones.algebra.loops import (
     kernel,
     norm,
     numbers,
+    place_of,
     plain,
     put,
     zeros,
@@ -40,6 +44,7 @@ from impactlaw.stepping.compiled.whitening import unwhitened, whitened
 from impactlaw.stepping.soft.compiled.contacts.drifting import leave_drifting_out
 from impactlaw.stepping.soft.compiled.contacts.equalities import projected, span
 from impactlaw.stepping.soft.compiled.contacts.found import Found, find, normal_velocities, within_reach
+from impactlaw.stepping.soft.compiled.contacts.kinds import FOUND, LAW, WORLD, typeof
 from impactlaw.stepping.soft.compiled.contacts.rows import everyone, reached_by, read
 from impactlaw.stepping.soft.compiled.contacts.work import work_of_each
 from impactlaw.stepping.soft.compiled.shares import ENOUGH, Wanted, find_impulses
@@ -70,6 +75,9 @@ class _Islands(NamedTuple):
     driven: Array
 
 
+_ISLANDS = typeof(_Islands(np.zeros(0, np.int64), np.zeros(0, np.bool_)))
+
+
 @plain
 def _key(w, found, i):
     """Return the key of a contact or limit; see `law_table.Coefficients`."""
@@ -89,7 +97,7 @@ def _ask(w, law, found, rows, members, velocity, last, before, restored):
         e = 0.0 if last else law.restitution
         if np.isnan(e):
             key = _key(w, found, i)
-            at = np.searchsorted(law.key, key)
+            at = place_of(law.key, key)
             if at == len(law.key) or law.key[at] != key:
                 law.asked[0] = key
                 return False
@@ -127,7 +135,7 @@ def _some_driven(w, v, z, islands):
     return some
 
 
-@kernel
+@linked(types.int64(WORLD, LAW, FOUND, FLOATS, FLOATS, _ISLANDS, types.float64, types.boolean, FLOATS, FLOATS))
 def _resolve(w, law, found, gamma, calm, islands, rounding, last, velocity, sums):
     """Resolve one collision: change the velocity, (nv,), and add to the sums; return how it has ended.
 
@@ -262,7 +270,7 @@ def _collide(w, law, islands, sums):
     return status, changed
 
 
-@kernel
+@linked(types.Tuple((types.int64, types.boolean))(WORLD, LAW, FLOATS))
 def collide(w, law, sums):
     """Resolve the collisions of now; qvel is the velocity after them.
 

@@ -8,11 +8,25 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import types
 
 from impactlaw.laws.friction import share
 from impactlaw.laws.friction.share import AIM, CREATED, FOUND, SEARCHES, SOLVABLE
+from impactlaw.linked import linked
 from impactlaw.solvers.cones import CONE
-from impactlaw.solvers.cones.algebra.loops import clear, cleared, copied, indices, kernel, norm, numbers, plain, zeros
+from impactlaw.solvers.cones.algebra.loops import (
+    FLOATS,
+    INTEGERS,
+    clear,
+    cleared,
+    copied,
+    indices,
+    kernel,
+    norm,
+    numbers,
+    plain,
+    zeros,
+)
 from impactlaw.solvers.cones.retry import linked_retry
 from impactlaw.solvers.cones.rows import impulse_jump, lengths
 from impactlaw.solvers.cones.solve import linked_improve
@@ -20,6 +34,7 @@ from impactlaw.solvers.friction import problem
 from impactlaw.stepping.compiled.access import model_ints
 from impactlaw.stepping.compiled.fields import MODEL
 from impactlaw.stepping.soft.compiled.alone import solve_alone
+from impactlaw.stepping.soft.compiled.contacts.kinds import ROWS, WORLD, typeof
 from impactlaw.stepping.soft.compiled.contacts.rows import influenced
 from impactlaw.stepping.soft.compiled.contacts.work import most_gained, work_of_each
 
@@ -52,6 +67,9 @@ class Wanted(NamedTuple):
     restored: Array
     velocity: Array
     speed: float
+
+
+_WANTED = typeof(Wanted(True, np.zeros(0), np.zeros(0), np.zeros(0), 0.0))
 
 
 @kernel
@@ -214,7 +232,7 @@ def _in_groups(w, rows, members, wanted, solved, done, z, x):
     return worst, share
 
 
-@kernel
+@linked(types.UniTuple(types.float64, 2)(WORLD, ROWS, INTEGERS, _WANTED, FLOATS, FLOATS))
 def find_impulses(w, rows, members, wanted, x, z):
     """Write impulses, zeros before, (n,), and their jump, (nv,); return the natural map and the least share of a group.
 

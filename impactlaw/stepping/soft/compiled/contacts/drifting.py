@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import types
 
 from impactlaw.laws.tolerances import INFLUENCE
+from impactlaw.linked import linked
 from impactlaw.mechanics.tolerances import FIXED
 from impactlaw.scene.equality_constraints import CALM, DRIFT, TIED
-from impactlaw.solvers.cones.algebra.loops import FIRST, dot, kernel, numbers, plain
+from impactlaw.solvers.cones.algebra.loops import FIRST, FLOATS, dot, numbers, plain
 from impactlaw.stepping.compiled.access import data_floats, jacobian_of, layout_of, number, size, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, MODEL
 from impactlaw.stepping.compiled.ties import leave_out
 from impactlaw.stepping.compiled.whitening import whitened
 from impactlaw.stepping.soft.compiled.contacts.equalities import span, whitened_row
+from impactlaw.stepping.soft.compiled.contacts.kinds import BYTES, FOUND, WORLD
 
 
 @plain
@@ -57,7 +60,7 @@ def _keep(found, gamma, left, lengths, before, allowed, nv):
     return count
 
 
-@kernel
+@linked(types.int64(WORLD, BYTES, FLOATS, FOUND, FLOATS))
 def leave_drifting_out(w, bilateral, calm, found, gamma):
     """Move contacts and limits to the front that do not close because constraints give way; return how many there are.
 

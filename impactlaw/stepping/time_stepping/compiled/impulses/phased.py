@@ -6,7 +6,7 @@ import numpy as np
 from numba import types
 
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import clear, copied, kernel, once, put, zeros
+from impactlaw.solvers.cones.algebra.loops import clear, copied, kernel, numbers, once, plain, put, zeros
 from impactlaw.stepping.compiled.access import model_ints, velocity_of
 from impactlaw.stepping.compiled.fields import MODEL, address_of, floats, keep
 from impactlaw.stepping.time_stepping.compiled.impulses.answer import (
@@ -40,10 +40,40 @@ from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASES
 
 
 @kernel
-def _some(rows, rates, kept):
+def _groups(rows, rates, kept):
     """Return some groups, with other rates, and the places of their rows."""
     chosen, place = some_groups(rows.sparse, rows.colind, rows.value, rows.groups, rows.key, rows.amounts, rates, kept)
     return Rows(*chosen), place
+
+
+@kernel
+def _those(values, kept):
+    """Return those values that are kept, bool."""
+    many = 0
+    for g in range(len(kept)):
+        many += kept[g]
+    some, at = np.empty(many, np.bool_), 0
+    for g in range(len(kept)):
+        if kept[g]:
+            some[at], at = values[g], at + 1
+    return some
+
+
+@plain
+def _leave_out(later, more):
+    """Mark more of the groups that are not left out yet."""
+    at = 0
+    for g in range(len(later)):
+        if not later[g]:
+            later[g], at = more[at], at + 1
+
+
+@plain
+def _some(marks):
+    some = False
+    for mark in marks:
+        some = some or mark
+    return some
 
 
 @once
@@ -55,7 +85,8 @@ def _meet(w, rows, metric, before, known, rounds, law, may, more, block, sums):
 
     `more` says whether contacts may be left out.
     """
-    later, place = np.zeros(len(may), np.bool_), np.arange(len(rows.rates[0]))
+    later, kept, place = np.empty(len(may), np.bool_), np.empty(len(may), np.bool_), np.arange(len(rows.rates[0]))
+    clear(later)
     part, allowed = rows, may
     while True:
         answer = answer_at(address_of(block), len(part.key), len(part.rates[0]), w.nv)
@@ -66,10 +97,12 @@ def _meet(w, rows, metric, before, known, rounds, law, may, more, block, sums):
             if scalable(w, solved):
                 solved = solve(w, part, metric, known, rounds, law, answer, True)
             break
-        later[np.flatnonzero(~later)] |= answer.later
+        _leave_out(later, answer.later)
+        for g in range(len(later)):
+            kept[g] = not later[g]
         known, rounds = (part.groups, part.key, part.rates[0], answer.x.copy()), FEW_ROUNDS
-        part, place = _some(rows, rows.rates, ~later)
-        allowed = may[~later]
+        part, place = _groups(rows, rows.rates, kept)
+        allowed = _those(may, kept)
     if solved.status == FINE and solved.collided and setting(w, SETTING.told) != 0.0:
         add_collision(w, part, answer, metric, before, sums)
     return solved, answer, place, later, waiting
@@ -84,9 +117,11 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
     phase of their own.
     """
     now, n = rows, len(rows.rates[0])
-    place, may, x, velocity = np.arange(n), np.ones(len(rows.key), np.bool_), zeros(n), copied(free)
+    place, may, x, velocity = np.arange(n), np.empty(len(rows.key), np.bool_), zeros(n), copied(free)
     missed, fastest, created, work, rounding, collided, opens = 0.0, 0.0, 0.0, 0.0, 0.0, False, False
-    more, cut, before = True, False, start
+    more, cut, before, moved = True, False, start, numbers(w.nv)
+    for g in range(len(may)):
+        may[g] = True
     block = np.empty(answer_size(len(rows.key), n, w.nv))
     clear(sums)
     for phase in range(PHASES):
@@ -105,12 +140,16 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
         put(whole.shift, met.shift)
         missed, fastest = max(missed, solved.missed), max(fastest, solved.fastest)
         work, rounding = work + solved.work, rounding + solved.rounding
-        if not later.any():
+        if not _some(later):
             break
         reached = reached_by(now.groups, now.sparse, now.colind, model_ints(w, MODEL.dof_treeid, w.nv), later)
         rates = later_rates(now.groups, now.sparse, now.colind, now.value, now.rates, met.z)
-        now, chosen = _some(now, rates, reached)
-        place, may, before = place[chosen], later[reached], start + (velocity - free)
+        now, chosen = _groups(now, rates, reached)
+        for r in range(len(chosen)):  # the places are in ascending order
+            place[r] = place[chosen[r]]
+        place, may, before = place[: len(chosen)], _those(later, reached), moved
+        for i in range(w.nv):
+            moved[i] = start[i] + (velocity[i] - free[i])
     put(whole.x, x)
     keep(block)
     put(velocity_of(w), velocity)

@@ -10,7 +10,7 @@ import numpy as np
 
 from impactlaw.mechanics.tolerances import SIGNIFICANT
 from impactlaw.solvers.cones import BILATERAL, CONE
-from impactlaw.solvers.cones.algebra.loops import kernel, norm, numbers, once, zeros
+from impactlaw.solvers.cones.algebra.loops import cleared, indices, integers, kernel, norm, numbers, once, plain, zeros
 from impactlaw.solvers.cones.solve import linked_improve
 from impactlaw.stepping.compiled.access import layout_of, model_ints
 from impactlaw.stepping.compiled.fields import MODEL
@@ -44,6 +44,16 @@ def _aims(rows, members, v, speed, target, sliding, b):
     return True
 
 
+@plain
+def _list(groups, reached, members, firsts, sizes, kinds):
+    """Write which groups are reached, their first rows and sizes, and that they are contacts."""
+    at = 0
+    for g in range(len(reached)):
+        if reached[g]:
+            members[at], firsts[at], sizes[at], kinds[at] = g, groups[0, g], groups[1, g], CONE
+            at += 1
+
+
 @kernel
 def add_collision(w, rows, answer, metric, velocity, sums):
     """Add a collision of a phase to the sums, (4,); NaN where it needs its event.
@@ -57,30 +67,33 @@ def add_collision(w, rows, answer, metric, velocity, sums):
         sums: see `COUNT`, written.
     """
     tree, (factor, inverse), n = model_ints(w, MODEL.dof_treeid, w.nv), metric, len(answer.x)
-    pushed = np.empty(len(rows.key), np.bool_)
+    pushed, target, many = cleared(len(rows.key)), numbers(len(rows.key)), 0
     for g in range(len(pushed)):
+        target[g] = answer.reached[g] if answer.collides[g] else 0.0
         pushed[g] = answer.x[rows.groups[0, g]] > 0.0
         if rows.groups[2, g] == BILATERAL:
             sums[COUNT] = np.nan
-    members = np.flatnonzero(
-        reached_groups(rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, tree, answer.collides, pushed)
-    )
-    target = np.where(answer.collides, answer.reached, 0.0)
+    reached = reached_groups(
+        rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, tree, answer.collides, pushed
+    )  # fmt: skip
+    for g in range(len(reached)):
+        many += reached[g]
+    members, firsts, sizes, kinds = indices(many), integers(many), integers(many), integers(many)
+    _list(rows.groups, reached, members, firsts, sizes, kinds)
     root, v = numbers(w.nv), numbers(w.nv)
     for i in range(w.nv):
         root[i] = np.sqrt(inverse[i])
     Mnnz, Madr, Mcol = layout_of(w)
     whitened(velocity, factor, Mnnz, Madr, Mcol, root, v)
-    b, k = zeros(n), len(members)
+    b = zeros(n)
     if not _aims(rows, members, v, norm(v), target, answer.sliding, b):
         sums[COUNT] = np.nan
         return
     x, z, left = zeros(n), numbers(w.nv), zeros(1)
     left[0] = 1.0
     residual, _ = linked_improve(
-        rows.sparse[0], rows.sparse[1], rows.colind, rows.value, tree, rows.groups[0][members],
-        rows.groups[1][members], np.full(k, CONE, np.int32), zeros(k), zeros(n), b,
-        setting(w, SETTING.exact) != 0.0, _TOLERANCE, _ROUNDS, left, x, z,
+        rows.sparse[0], rows.sparse[1], rows.colind, rows.value, tree, firsts, sizes, kinds, zeros(many),
+        zeros(n), b, setting(w, SETTING.exact) != 0.0, _TOLERANCE, _ROUNDS, left, x, z,
     )  # fmt: skip
     if not residual <= _ENOUGH:
         sums[COUNT] = np.nan

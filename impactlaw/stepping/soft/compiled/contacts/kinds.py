@@ -1,0 +1,20 @@
+"""Types of what compiled functions are given that have one signature."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numba
+import numpy as np
+
+from impactlaw.stepping.soft.compiled.contacts.found import Found
+from impactlaw.stepping.soft.compiled.contacts.rows import Rows
+from impactlaw.stepping.soft.compiled.world import Law, World
+
+typeof: Any = cast(Any, numba).typeof
+_FLOATS, _KEYS, _SHORT = np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int32)
+WORLD = typeof(World(0, 0, 0, 0))
+LAW = typeof(Law(0.0, 0.0, True, True, True, 0.0, 0, _KEYS, _FLOATS, _KEYS, _FLOATS, np.zeros(0, np.uint8)))
+BYTES = typeof(np.zeros(0, np.uint8))
+FOUND = typeof(Found(_KEYS, _KEYS, _KEYS))
+ROWS = typeof(Rows(_KEYS, _SHORT, _SHORT, _SHORT, _SHORT, _SHORT, _FLOATS))
