@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from impactlaw import Batch, Moreau, Newton, Stepper
+from impactlaw.stepping.time_stepping.problem.solution.resolve import resolve_step
 
 DRIVERS = pytest.mark.parametrize("compiled", ["auto", "never"])
 
@@ -206,3 +207,27 @@ def test_looking_farther_leaves_work_for_the_collisions_of_a_row(compiled):
         before = data.qvel @ data.qvel
         Stepper(model, Moreau(1.0), scheme="time-stepping", compiled=compiled).step(data)
         assert data.qvel @ data.qvel == pytest.approx(before, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", [3, 6])
+def test_contacts_of_a_face_are_left_out_together(seed, monkeypatch):
+    """One by one, each of them would hold the box that the last one left out had held before."""
+    turn = np.array([1.0, *(2e-3 * np.random.default_rng(seed).normal(size=3))])
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><option gravity="0 0 0"/><worldbody>'
+        '<body pos="-.2001 0 0"><freejoint/><geom size=".1" mass="1"/></body>'
+        '<body><freejoint/><geom type="box" size=".1 .1 .1" mass="1"/></body>'
+        '<body pos=".2008 .03 .02"><freejoint/><geom type="box" size=".1 .1 .1" mass="1"/></body></worldbody></mujoco>'
+    )
+    data = mujoco.MjData(model)
+    data.qpos[17:21] = turn / np.linalg.norm(turn)
+    data.qvel[0] = 1.0
+    stepper, sizes, solve = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled="never"), [], resolve_step
+    monkeypatch.setattr(
+        "impactlaw.stepping.time_stepping.contact_impulses.resolve_step",
+        lambda *problem: (sizes.append(len(problem[4])), solve(*problem))[1],
+    )
+    stepper.step(data)
+    assert len(stepper.events) == 2
+    assert max(sizes) > 3
+    assert not [one for one in zip(sizes, sizes[1:], sizes[2:], strict=False) if one[0] > one[1] > one[2]], sizes

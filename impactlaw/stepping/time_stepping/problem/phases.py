@@ -11,29 +11,50 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import BILATERAL, BOX, CONE
-from impactlaw.solvers.cones.algebra.loops import cleared, plain, put
+from impactlaw.solvers.cones.algebra.loops import cleared, kernel, plain, put
 from impactlaw.solvers.cones.rows import trees_of
 from impactlaw.stepping.time_stepping.problem.energy import row_velocities
 from impactlaw.stepping.time_stepping.problem.rows import NEAR
 
 
 @plain
+def _is_struck(groups, sparse, colind, value, amounts, rates, z, x, g, slowest, resolved):
+    row = groups[0, g]
+    threshold = max(slowest, min(rates[1, row] - rates[2, row], resolved))  # up to which forces hold it
+    if not x[row] > 0.0 or (amounts[0, g] <= NEAR and rates[1, row] <= threshold):
+        return False
+    velocity = rates[1, row]
+    for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
+        velocity += value[a] * (z[colind[a]] - value[a] * x[row])
+    return velocity < -threshold
+
+
+@plain
+def _meets(sparse, colind, row, struck):
+    """Return whether a row moves what some contact that is struck later moves."""
+    meets = False
+    for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
+        meets = meets or struck[colind[a]]
+    return meets
+
+
+@kernel
 def find_later(groups, sparse, colind, value, amounts, rates, z, x, collides, slowest, resolved, later):
     """Write what `struck_later` returns, (g,), and return whether there is some such contact."""
-    some = False
+    some, struck = False, cleared(len(z))
     for g in range(len(collides)):
-        later[g] = False
-        row = groups[0, g]
-        if groups[2, g] != CONE or collides[g] or not x[row] > 0.0:
-            continue
-        threshold = max(slowest, min(rates[1, row] - rates[2, row], resolved))
-        if amounts[0, g] <= NEAR and rates[1, row] <= threshold:
-            continue
-        velocity = rates[1, row]
-        for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
-            velocity += value[a] * (z[colind[a]] - value[a] * x[row])
-        later[g] = velocity < -threshold
-        some = some or later[g]
+        later[g], row = False, groups[0, g]
+        if groups[2, g] == CONE and not collides[g]:
+            later[g] = _is_struck(groups, sparse, colind, value, amounts, rates, z, x, g, slowest, resolved)
+        if later[g]:
+            some = True
+            for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
+                struck[colind[a]] = True
+    if some:
+        for g in range(len(collides)):
+            row = groups[0, g]
+            idle = groups[2, g] == CONE and not collides[g] and x[row] == 0.0
+            later[g] = later[g] or (idle and amounts[0, g] > NEAR and _meets(sparse, colind, row, struck))
     return some
 
 
@@ -42,6 +63,7 @@ def struck_later(groups, sparse, colind, value, amounts, rates, z, x, collides, 
     """Return which contacts are hit only through the collision of others, bool (g,).
 
     Such a contact is open, or opens, and without its own impulse it would approach faster than one that forces hold.
+    Open ones beside it that do nothing yet are left out with it, or each contact of a face would be in turn.
 
     Args:
         groups: see `rows.Rows`, like the five that follow.
