@@ -61,7 +61,7 @@ class Looks:
         tried where a few looks do not find all that is closed.
         Where Coriolis and gyroscopic forces create energy because of a collision, it is between two half steps.
         """
-        free, h = data.qvel.copy(), self.model.opt.timestep
+        free, h, begun = data.qvel.copy(), self.model.opt.timestep, self.work[0]
         near, look = self.reader.near(data, self.velocity, free, 2.0 * h), 1
         found, looks = self._try(data, near, free, known), replace(self, rounds=FEW_ROUNDS)
         while True:
@@ -70,7 +70,7 @@ class Looks:
             allowed = len(found.rows.row) <= PHASE_LOOK_ROWS if looks.phases else look < LOOKS
             if more and unseen and allowed:
                 near = near | new
-            elif more and (unseen or found.loses) and found.met and not looks.phases and self.work[0] > 0.0:
+            elif more and (unseen or found.loses) and found.met and not looks.phases and 2.0 * self.work[0] > begun:
                 near, looks = near | new, replace(looks, phases=True)
             else:
                 break

@@ -7,7 +7,7 @@ import numpy as np
 from impactlaw.solvers.cones.algebra.loops import clear, once, plain, put
 from impactlaw.stepping.compiled.access import velocity_of
 from impactlaw.stepping.compiled.fields import floats
-from impactlaw.stepping.time_stepping.compiled.impulses.answer import Solved, work_left
+from impactlaw.stepping.time_stepping.compiled.impulses.answer import Solved
 from impactlaw.stepping.time_stepping.compiled.impulses.contact import (
     Outcome,
     attempt,
@@ -75,7 +75,7 @@ def find_impulses(
         narrow: whether limits of joints were left out; the status is `UNSEEN` if one of them would be passed.
     """
     h, qvel, free, look, phases = w.timestep, velocity_of(w), velocities_at(room, 0, 1), 1, _AT_ONCE
-    still, unseen = free[:0], False
+    still, unseen, begun = free[:0], False, floats(w.work, 1)[0]
     put(free, qvel)
     near(w, jacobian, start, free, 2.0 * h, chosen)
     found = attempt(
@@ -92,7 +92,7 @@ def find_impulses(
         met = is_met(found.solved.missed, found.solved.fastest)
         if more and unseen and allowed:
             take_over(chosen, seen)
-        elif more and not phases and (unseen or found.later) and work_left(w) and met:
+        elif more and not phases and (unseen or found.later) and 2.0 * floats(w.work, 1)[0] > begun and met:
             take_over(chosen, seen)
             phases = unseen or found.later
         else:
