@@ -94,6 +94,7 @@ class _Model(NamedTuple):
     body_pos: int
     body_parentid: int
     body_rootid: int
+    body_treeid: int
     body_weldid: int
     body_mocapid: int
     M_rownnz: int

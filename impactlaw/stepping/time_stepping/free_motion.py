@@ -144,7 +144,7 @@ def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData, borrowed: Borrowe
 
 def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Make frames orthogonal, and put points where they belong; see `scene.frames` and `problem.points`."""
-    found, bodies = data.contact, (model.geom_bodyid, model.body_weldid)
+    found, bodies = data.contact, (model.geom_bodyid, model.body_weldid, model.body_treeid)
     if data.ncon and mend_contacts(found.dist, found.pos, found.frame, found.dim, found.geom, *bodies):
         mujoco.mj_makeConstraint(model, data)
 

@@ -240,13 +240,11 @@ def _mend_contacts(w):
         return
     frame, dist = contact_floats(w, CONTACT.frame, 9), contact_floats(w, CONTACT.dist, 1)[:, 0]
     pos, geom = contact_floats(w, CONTACT.pos, 3), contact_ints(w, CONTACT.geom, 2)
-    body, weld = (
-        model_ints(w, MODEL.geom_bodyid, size(w, MODEL.ngeom)),
-        model_ints(w, MODEL.body_weldid, size(w, MODEL.nbody)),
-    )
+    body, many = model_ints(w, MODEL.geom_bodyid, size(w, MODEL.ngeom)), size(w, MODEL.nbody)
+    weld, tree = model_ints(w, MODEL.body_weldid, many), model_ints(w, MODEL.body_treeid, many)
     turned = make_orthogonal(frame)
-    moved = put_on_bodies(dist, pos, frame, contact_ints(w, CONTACT.dim, 1)[:, 0], geom, body, weld)
-    moved = put_on_planes(dist, pos, frame, geom, body) or moved
+    moved = put_on_bodies(dist, pos, frame, contact_ints(w, CONTACT.dim, 1)[:, 0], geom, body, weld, tree)
+    moved = put_on_planes(dist, pos, frame, geom, body, weld) or moved
     if turned or moved:
         mj.make_constraint(w.model, w.data)
 

@@ -1,11 +1,13 @@
 """Points of contact: on the body that moves, and those of one face in one plane.
 
 MuJoCo puts a point of contact halfway between two surfaces. Across a gap that the step closes, friction then has a
-lever that is longer than a ball's radius by half the gap. Where one of two bodies does not move, the point is put on
-the surface of the other one. A foot whose corners are 1e-6 m apart in height then has
-points of contact that are not in one plane, and closing their gaps by a rotation asks for tangential velocities
-that differ by 1e-8 m/s: points that stick cannot have them, and push each other apart with all the friction there is.
-So a body can roll onto the face and stick at all of them only if they are in one plane.
+lever that is longer than a ball's radius by half the gap. Where one of two bodies has no degrees of freedom, as mocap
+bodies have none, the point is put on the surface of the other one.
+
+A foot whose corners are 1e-6 m apart in height has points of contact that are not in one plane, and closing their gaps
+by a rotation asks for tangential velocities that differ by 1e-8 m/s: points that stick cannot have them, and push each
+other apart with all the friction there is. So a body can roll onto the face and stick at all of them only if they are
+in one plane.
 """
 
 from __future__ import annotations
@@ -23,10 +25,29 @@ _CLOSED = 1e-4  # m: gaps up to which; of corners farther apart, a body meets on
 
 
 @plain
-def put_on_bodies(dist, pos, frame, dim, geom, body_of_geom, weld):
-    """Move points of contact with what does not move onto the surface of the other body; return if any moves.
+def _are_between(geom, body_of_geom, weld, j, k):
+    """Return whether two contacts are between the same two bodies; those that no joint separates are one."""
+    one, other = weld[body_of_geom[geom[k, 0]]], weld[body_of_geom[geom[k, 1]]]
+    return weld[body_of_geom[geom[j, 0]]] == one and weld[body_of_geom[geom[j, 1]]] == other
 
-    It is done for contacts with friction; of several points of two bodies, for those that `put_on_planes` leaves.
+
+@plain
+def _is_of_face(dist, geom, body_of_geom, weld, k):
+    """Return whether some other contact between the same two bodies is as good as closed."""
+    for step in (-1, 1):
+        j = k + step
+        while 0 <= j < len(dist) and _are_between(geom, body_of_geom, weld, j, k):
+            if abs(dist[j]) <= _CLOSED:
+                return True
+            j += step
+    return False
+
+
+@plain
+def put_on_bodies(dist, pos, frame, dim, geom, body_of_geom, weld, tree):
+    """Move points of contact with what has no degrees of freedom onto the other body; return if any moves.
+
+    It is done for contacts with friction, but for those of one face that `put_on_planes` takes.
 
     Args:
         dist: gaps, m, (ncon,).
@@ -35,18 +56,15 @@ def put_on_bodies(dist, pos, frame, dim, geom, body_of_geom, weld):
         dim: MuJoCo's condim of contacts, (ncon,).
         geom: of contacts, (ncon, 2).
         body_of_geom: (ngeom,).
-        weld: MuJoCo's body_weldid, 0 for what does not move, (nbody,).
+        weld: MuJoCo's body_weldid, (nbody,).
+        tree: MuJoCo's body_treeid, -1 for what has no degrees of freedom, (nbody,).
     """
     moved = False
     for k in range(len(dist)):
-        one, other = body_of_geom[geom[k, 0]], body_of_geom[geom[k, 1]]
-        first, second = weld[one] == 0, weld[other] == 0
+        first, second = tree[body_of_geom[geom[k, 0]]] < 0, tree[body_of_geom[geom[k, 1]]] < 0
         if dim[k] == 1 or first == second or abs(dist[k]) <= _SEEN:
             continue
-        more = k > 0 and body_of_geom[geom[k - 1, 0]] == one and body_of_geom[geom[k - 1, 1]] == other
-        if k < len(dist) - 1:
-            more = more or (body_of_geom[geom[k + 1, 0]] == one and body_of_geom[geom[k + 1, 1]] == other)
-        if not more or abs(dist[k]) > _CLOSED:
+        if abs(dist[k]) > _CLOSED or not _is_of_face(dist, geom, body_of_geom, weld, k):
             moved = True
             for i in range(3):
                 pos[k, i] += (0.5 if first else -0.5) * dist[k] * frame[k, i]
@@ -68,7 +86,7 @@ def _height(dist, pos, frame, k, near):
 
 
 @plain
-def put_on_planes(dist, pos, frame, geom, body_of_geom):
+def put_on_planes(dist, pos, frame, geom, body_of_geom, weld):
     """Move points of contact of the same two bodies into the plane of the one with the least gap; return if any moves.
 
     Args:
@@ -77,13 +95,13 @@ def put_on_planes(dist, pos, frame, geom, body_of_geom):
         frame: normals first, (ncon, 3) at least.
         geom: of contacts, (ncon, 2).
         body_of_geom: (ngeom,).
+        weld: MuJoCo's body_weldid, (nbody,).
     """
     begin, end, moved = 0, 0, False
     for k in range(len(dist)):
         if k == end:
             begin = k
-        one, other = body_of_geom[geom[k, 0]], body_of_geom[geom[k, 1]]
-        while end < len(dist) and body_of_geom[geom[end, 0]] == one and body_of_geom[geom[end, 1]] == other:
+        while end < len(dist) and _are_between(geom, body_of_geom, weld, end, k):
             end += 1
         least, rise = abs(dist[k]), 0.0
         for j in range(begin, end if least <= _CLOSED else begin):
@@ -99,8 +117,8 @@ def put_on_planes(dist, pos, frame, geom, body_of_geom):
 
 
 @compiled()
-def mend_contacts(dist, pos, frame, dim, geom, body_of_geom, weld):
+def mend_contacts(dist, pos, frame, dim, geom, body_of_geom, weld, tree):
     """Do what `make_orthogonal`, `put_on_bodies` and `put_on_planes` do."""
     turned = make_orthogonal(frame)
-    moved = put_on_bodies(dist, pos, frame, dim, geom, body_of_geom, weld)
-    return put_on_planes(dist, pos, frame, geom, body_of_geom) or moved or turned
+    moved = put_on_bodies(dist, pos, frame, dim, geom, body_of_geom, weld, tree)
+    return put_on_planes(dist, pos, frame, geom, body_of_geom, weld) or moved or turned

@@ -12,7 +12,8 @@ TABLE = """<mujoco><option timestep="0.002" cone="elliptic"/><worldbody><geom ty
     <geom size=".005" pos="-.1 -.04 -.095"/><geom size=".005" pos=".1 -.04 -.095"/>
     <geom size=".005" pos="-.1 .04 -.095"/><geom size=".005" pos=".1 .04 -.095"/></body></worldbody></mujoco>"""
 BODIES, GEOMS = np.array([0, 0, 1], np.int32), np.array([[0, 2], [1, 2]], np.int32)
-BOTH, SECOND = np.array([1, 2], np.int32), np.array([0, 1], np.int32)  # bodies that move
+WELD = np.array([1, 2], np.int32)
+BOTH, SECOND = np.array([0, 1], np.int32), np.array([-1, 0], np.int32)  # bodies that have degrees of freedom
 
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
@@ -36,7 +37,7 @@ def _leveled(gaps, heights, second=(0.0, 0.0, 1.0), *, move=BOTH, condim=3):
     """Return whether two points move, and their heights after; the second has this normal."""
     pos, frame = np.array([[0.0, 0.0, heights[0]], [1.0, 0.0, heights[1]]]), np.zeros((2, 9))
     frame[0, :3], frame[1, :3] = (0.0, 0.0, 1.0), second
-    moved = mend_contacts(np.array(gaps), pos, frame, np.full(2, condim, np.int32), GEOMS, BODIES, move)
+    moved = mend_contacts(np.array(gaps), pos, frame, np.full(2, condim, np.int32), GEOMS, BODIES, WELD, move)
     return moved, pos[:, 2].tolist()
 
 
@@ -62,7 +63,7 @@ def test_points_stay_where_they_are_not_of_one_face(gaps, heights, normal):
 def test_points_far_above_what_does_not_move_are_on_the_body():
     assert _leveled([4e-3, 2e-3], [2e-3, 1e-3], move=SECOND) == (True, [4e-3, 2e-3])
     assert _leveled([-4e-3, 2e-3], [-2e-3, 1e-3], move=SECOND) == (True, [-4e-3, 2e-3])
-    assert _leveled([4e-3, 2e-3], [2e-3, 1e-3], move=1 - SECOND) == (True, [0.0, 0.0])
+    assert _leveled([4e-3, 2e-3], [2e-3, 1e-3], move=-1 - SECOND) == (True, [0.0, 0.0])
     assert _leveled([4e-3, 2e-3], [2e-3, 1e-3], move=SECOND, condim=1) == (False, [2e-3, 1e-3])
 
 
