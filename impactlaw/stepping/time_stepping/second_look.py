@@ -174,7 +174,7 @@ class SecondLook:
                 now.efc_type, now.efc_id, now.efc_pos, nothing[:0], now.efc_aref, now.efc_R, now.efc_frictionloss,
                 *sparse_jacobian(model, now), found.efc_address, found.dim, found.geom, found.friction,
                 *layout, factor, inverse, model.dof_treeid, model.tree_dofadr, model.tree_dofnum,
-                nothing, nothing, near, h, False, 0.0,
+                nothing, nothing, near, h, True, 0.0,
             )
         )  # fmt: skip
         started = rows.gap - 0.5 * h * rows.before[rows.first]

@@ -47,7 +47,7 @@ from impactlaw.stepping.time_stepping.problem.overlaps import open_overlaps
 from impactlaw.stepping.time_stepping.second_look import BEYOND, LAST_LOSS, SLOP, bend, end_targets
 
 _PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
-_FRICTIONAL = np.bool_(False)
+_FRICTIONAL = np.bool_(True)
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 

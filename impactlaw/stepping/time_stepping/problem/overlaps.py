@@ -15,6 +15,8 @@ _SETTLED = 1e-4  # part of the velocity needed that is no change any more
 _OPENING = 0.2  # m/s or rad/s at which overlaps of the start are opened at least
 _OPENING_TIME = 0.1  # s in which most of a deep one is
 _FARTHEST = 0.1  # m or rad in one step, by which overlaps are opened at most
+_ALONG = 30.0  # m along the surfaces for each m that opens, from which a motion does not open an overlap
+_NEVER = -1e30  # m/s, the velocity needed where nothing has to open
 
 
 @plain
@@ -38,21 +40,48 @@ def overlap_targets(groups, amounts, rates, after, timestep, need):
 
 
 @plain
+def _leave_out(sparse, colind, value, groups, rates, need, z):
+    """Let overlaps be that no motion opens: what would, moves the surfaces along each other by far more.
+
+    So it is in a finger that slides across its palm, with hulls that share some room: opened, it would go anywhere.
+    There is room for z, (nv,).
+    """
+    for g in range(len(need)):
+        if groups[2, g] != CONE or groups[1, g] < 2 or need[g] <= 0.0:
+            continue
+        normal, G, along = groups[0, g], 0.0, 0.0
+        clear(z)
+        for a in range(sparse[1, normal], sparse[1, normal] + sparse[0, normal]):
+            z[colind[a]] = value[a]
+            G += value[a] * value[a]
+        for row in range(normal + 1, normal + min(3, groups[1, g])):  # not rows of torsion and rolling
+            velocity = 0.0
+            for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
+                velocity += value[a] * z[colind[a]]
+            along += (velocity / rates[0, row]) ** 2  # rows of friction are scaled by its coefficient
+        if along > _ALONG * _ALONG * G * G:
+            need[g] = _NEVER
+
+
+@plain
 def _move_apart(sparse, colind, value, groups, rates, need, x, z):
     """Write a small whitened velocity, (nv,), with ``J w >= need``; there is room for x, (g,).
 
-    By projected Gauss-Seidel, whose error the next step corrects.
+    By projected Gauss-Seidel, whose error the next step corrects. Where not all can be opened, limits are.
     """
+    _leave_out(sparse, colind, value, groups, rates, need, z)
     clear(z)
     clear(x)
     largest = 0.0
     for g in range(len(need)):
         if groups[2, g] == CONE:
             largest = max(largest, need[g])
-    for _ in range(_SWEEPS):
+    for sweep in range(2 * _SWEEPS):
         change = 0.0
         for g in range(len(need)):
             if groups[2, g] != CONE and groups[2, g] != BILATERAL:
+                continue
+            if sweep >= _SWEEPS and groups[2, g] == CONE and groups[3, g] >= 0:
                 continue
             row = groups[0, g]
             begin, end = sparse[1, row], sparse[1, row] + sparse[0, row]

@@ -1,0 +1,81 @@
+"""Overlaps of a scene that no motion opens, as of hulls of a gripper's palm and fingers: joints must not run away."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from impactlaw import Moreau, Stepper
+
+_GRIPPER = """<mujoco>
+  <option gravity="0 0 0"/>
+  <worldbody>
+    <geom type="box" size="0.1 0.1 0.05"/>
+    <body pos="0 0 0.07">
+      <joint type="slide" axis="{axis}" range="{limits}" damping="1"/>
+      <geom type="box" size="0.01 0.01 0.03" mass="0.1" friction="{friction}"/>
+    </body>
+  </worldbody>
+</mujoco>"""  # the finger is 1 cm deep in the palm
+
+
+def _path(steps=200, compiled="auto", restitution=0.0, friction=0.5, **scene):
+    """Return where the finger is after each step, (steps,)."""
+    model = mujoco.MjModel.from_xml_string(_GRIPPER.format(friction=friction, **scene))
+    model.jnt_limited[:] = 1
+    data = mujoco.MjData(model)
+    stepper = Stepper(model, Moreau(restitution), scheme="time-stepping", compiled=compiled)
+    path = []
+    for _ in range(steps):
+        stepper.step(data)
+        path.append(float(data.qpos[0]))
+    return np.array(path)
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("friction", [0.05, 0.5, 2.0])
+def test_a_finger_that_slides_across_its_palm_stays(friction, compiled):
+    """To open 1 cm it would have to slide 10 m."""
+    path = _path(axis="0 1 0.001", limits="-0.04 0.04", friction=friction, compiled=compiled)
+    np.testing.assert_allclose(path, 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_what_overlaps_does_not_push_a_joint_beyond_its_limit(restitution, compiled):
+    path = _path(axis="0 0 1", limits="-0.01 0.005", restitution=restitution, compiled=compiled)
+    np.testing.assert_allclose(path[-1], 0.005, atol=1e-6)
+    assert path.max() < 0.005 + 6e-4  # what a step opens
+
+
+def test_what_can_be_opened_along_a_slope_is():
+    path = _path(axis="0 0.95 0.3", limits="-0.1 0.1")
+    np.testing.assert_allclose(path[-1], 0.01 * np.hypot(0.95, 0.3) / 0.3, atol=1e-4)
+
+
+_DRIVEN = """<mujoco>
+  <option gravity="0 0 0"/>
+  <worldbody>
+    <geom type="cylinder" size="0.03 0.05" pos="0 0 0.04" zaxis="0 1 0"/>
+    <body pos="0 0.01 0.044">
+      <joint name="slide" type="slide" axis="0 1 0" range="-0.0115 0.02" armature="1" damping="100"/>
+      <geom type="box" size="0.005 0.00675 0.0375" pos="0 0.01725 0.04"/>
+      <geom type="box" size="0.005 0.025 0.0085" pos="-0.005 -0.003 0.0083"/>
+    </body>
+  </worldbody>
+  <actuator><position joint="slide" kp="1000"/></actuator>
+</mujoco>"""  # a finger of robosuite's Rethink gripper
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_a_finger_that_is_driven_does_not_leap(compiled):
+    """Points of contact that come and go are looked for once more at the end of a step, and there opened as a whole."""
+    model = mujoco.MjModel.from_xml_string(_DRIVEN)
+    data, path = mujoco.MjData(model), [0.0]
+    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled)
+    for i in range(400):
+        data.ctrl[0] = 0.02 if i // 100 % 2 == 0 else -0.011
+        stepper.step(data)
+        path.append(float(data.qpos[0]))
+    assert np.abs(np.diff(path)).max() < 0.002
+    assert min(path) > -0.0116
+    assert max(path) < 0.021
