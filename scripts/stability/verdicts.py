@@ -25,7 +25,8 @@ class Measurement:
         energy: energy error relative to the energy of the motion.
         penetration: m/s relative to the speed (laws), or m beyond zero gap (stepping).
         deviation: distance from the closed form, in the unit that the case names; 0 where there is none.
-        first_order: the same as residual, or penetration relative to the size, in steps counted as time stepped.
+        first_order: in steps counted as time stepped, penetration relative to the size, or the same as residual, next
+            to the fastest contact so far: in these, what is slower than g h does not bounce.
         collisions: how many there were.
         note: a fact that the table should show.
     """

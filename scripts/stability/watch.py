@@ -104,9 +104,11 @@ class Watch:
             errors = [self._certify(event, final=number >= MOST) for number, event in enumerate(self.events)]
             depth = self._look() if self.steps % self._every == 0 else 0.0
             if self.unlocated > located:
-                self.first_order = float(np.max([self.first_order, depth / self._size, *errors]))
+                parts = [error * (speed / self._fastest if speed else 1.0) for error, speed in errors]
+                self.first_order = float(np.max([self.first_order, depth / self._size, *parts]))
                 continue
-            self.residual, self.penetration = float(np.max([self.residual, *errors])), max(self.penetration, depth)
+            worst = [error for error, _ in errors]
+            self.residual, self.penetration = float(np.max([self.residual, *worst])), max(self.penetration, depth)
 
     def energy(self) -> tuple[float, float]:
         """Return potential and kinetic energy of now, J."""
@@ -155,14 +157,15 @@ class Watch:
         self.gain = float(np.maximum(self.gain, energy - self._lowest))
         return -float(np.min(self._scratch.contact.dist, initial=0.0))
 
-    def _certify(self, event: ImpactEvent, *, final: bool) -> float:
-        """Count a collision and return its worst error."""
+    def _certify(self, event: ImpactEvent, *, final: bool) -> tuple[float, float]:
+        """Count a collision and return its worst error, and the velocity of its fastest contact."""
         impact, c = event.impact, event.impact.collision
         kind = np.longdouble if len(c.pre_velocity) <= _EXTENDED else float
         w, after = c.surface_velocity, c.post_surface_velocity
         w = np.zeros(len(c.labels)) if w is None else w
         gamma = c.jacobian @ c.pre_velocity + w
-        self._fastest = max(self._fastest, np.abs(gamma).max(initial=0.0))
+        speed = float(np.abs(gamma).max(initial=0.0))
+        self._fastest = max(self._fastest, speed)
         e = 0.0 if final else coefficient(self._law)
         wanted = -e * (gamma[::-1] if self._law.startswith("reversal") else gamma)
         sliding = None
@@ -181,7 +184,7 @@ class Watch:
         if not self._law.startswith("reversal"):
             worst = max(worst, found.change)
         self.collisions += 1
-        return float(worst)
+        return float(worst), speed
 
 
 def bounce(time: float, e: float, height: float, gravity: float) -> float:
