@@ -73,10 +73,10 @@ def is_data_of(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
 
     MuJoCo's signature tells. Models out of a binary file or a pickle have none: their sizes tell.
     """
-    signature = data.signature
-    if signature != model.signature:
-        return False
-    return signature != 0 or data.model is model or _sizes(data.model) == _sizes(model)
+    signature, own = data.signature, model.signature
+    if signature != 0 and own != 0:
+        return signature == own
+    return data.model is model or _sizes(data.model) == _sizes(model)
 
 
 def geom_names(model: mujoco.MjModel) -> tuple[str, ...]:

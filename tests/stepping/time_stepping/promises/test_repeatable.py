@@ -105,6 +105,17 @@ def test_copies_and_pickles_go_on_like_the_original(duplicate):
     np.testing.assert_array_equal(mine, theirs)
 
 
+def test_a_stepper_out_of_a_pickle_takes_data_of_the_original_model():
+    """Its own model has no signature any more; that of other bodies is refused all the same."""
+    model, data = load("bouncing_ball")
+    stepper = stepping(model, Moreau(0.5))
+    run(stepper, data, 60)
+    other, copied = pickle.loads(pickle.dumps(stepper)), copy.copy(data)
+    np.testing.assert_array_equal(trajectory(model, other, copied, 80), trajectory(model, stepper, data, 80))
+    with pytest.raises(SceneError, match="another model"):
+        other.step(load("billiard_rack")[1])
+
+
 def test_copied_data_go_on_like_the_original():
     model, data = compiled(pile())
     run(stepping(model, Moreau(0.5)), data, 30)
