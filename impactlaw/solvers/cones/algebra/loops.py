@@ -174,19 +174,6 @@ def scatter_add(v: Array, at: int, f: float, z: Array, cols: Array, begin: int, 
 
 
 @plain
-def place_of(ascending: Array, number: int) -> int:
-    """Return the place of the first of some ascending numbers that is not less, or how many there are."""
-    low, high = 0, len(ascending)
-    while low < high:
-        middle = (low + high) // 2
-        if ascending[middle] < number:
-            low = middle + 1
-        else:
-            high = middle
-    return low
-
-
-@plain
 def norm(v: Array) -> float:
     """Return the Euclidean length of v."""
     s = 0.0

@@ -21,7 +21,6 @@ from impactlaw.solvers.cones.algebra.loops import (
     kernel,
     norm,
     numbers,
-    place_of,
     plain,
     put,
     zeros,
@@ -97,7 +96,7 @@ def _ask(w, law, found, rows, members, velocity, last, before, restored):
         e = 0.0 if last else law.restitution
         if np.isnan(e):
             key = _key(w, found, i)
-            at = place_of(law.key, key)
+            at = np.searchsorted(law.key, key)
             if at == len(law.key) or law.key[at] != key:
                 law.asked[0] = key
                 return False

@@ -77,26 +77,11 @@ def _forget_contacts(w):
     ints(w.data + offset(w, DATA.ncon), 1)[0] = ints(w.data + offset(w, DATA.nl), 1)[0] = 0
 
 
-@once
+@kernel
 def _rows(w):
-    """Return what tells constraint rows and contacts apart, int64 (nefc + 2 ncon,)."""
-    n, geoms = number(w, DATA.nefc), contact_ints(w, CONTACT.geom, 2)
-    number_of, kinds, apart = data_ints(w, DATA.efc_id, n), data_ints(w, DATA.efc_type, n), indices(n + 2 * len(geoms))
-    for i in range(n):
-        apart[i] = 8 * number_of[i] + kinds[i]
-    for c in range(len(geoms)):
-        apart[n + 2 * c], apart[n + 2 * c + 1] = geoms[c, 0], geoms[c, 1]
-    return apart
-
-
-@plain
-def _same(one, other):
-    if len(one) != len(other):
-        return False
-    for i in range(len(one)):
-        if one[i] != other[i]:
-            return False
-    return True
+    """Return what tells constraint rows apart, int (nefc,)."""
+    n = number(w, DATA.nefc)
+    return 8 * data_ints(w, DATA.efc_id, n) + data_ints(w, DATA.efc_type, n)
 
 
 @kernel
@@ -191,9 +176,10 @@ def _from_start(w, law, trial, integrator, state, sums):
     if integrator == _RK4 and not held:  # its stages would compute forces of their own
         middle = numbers(len(state))
         mj.get_state(w.model, w.data, address_of(middle), STATE)
-        rows = _rows(w)
+        geoms, rows = contact_ints(w, CONTACT.geom, 2).copy(), _rows(w)
         mj.runge_kutta(w.model, w.data, np.int32(4))
-        if not _same(_rows(w), rows):
+        same = np.array_equal(_rows(w), rows)
+        if not (same and np.array_equal(contact_ints(w, CONTACT.geom, 2), geoms)):
             status = _collide_at_end(w, law, trial, middle, sums)
         keep(middle)
     elif integrator == _EULER or integrator == _RK4:

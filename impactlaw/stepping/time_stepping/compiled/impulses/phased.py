@@ -85,8 +85,7 @@ def _meet(w, rows, metric, before, known, rounds, law, may, more, block, sums):
 
     `more` says whether contacts may be left out.
     """
-    later, kept, place = np.empty(len(may), np.bool_), np.empty(len(may), np.bool_), np.arange(len(rows.rates[0]))
-    clear(later)
+    later, kept, place = np.zeros(len(may), np.bool_), np.zeros(len(may), np.bool_), np.arange(len(rows.rates[0]))
     part, allowed = rows, may
     while True:
         answer = answer_at(address_of(block), len(part.key), len(part.rates[0]), w.nv)
@@ -117,11 +116,9 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
     phase of their own.
     """
     now, n = rows, len(rows.rates[0])
-    place, may, x, velocity = np.arange(n), np.empty(len(rows.key), np.bool_), zeros(n), copied(free)
+    place, may, x, velocity = np.arange(n), np.ones(len(rows.key), np.bool_), zeros(n), copied(free)
     missed, fastest, created, work, rounding, collided, opens = 0.0, 0.0, 0.0, 0.0, 0.0, False, False
     more, cut, before, moved = True, False, start, numbers(w.nv)
-    for g in range(len(may)):
-        may[g] = True
     block = np.empty(answer_size(len(rows.key), n, w.nv))
     clear(sums)
     for phase in range(PHASES):

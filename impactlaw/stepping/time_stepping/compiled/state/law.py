@@ -8,7 +8,7 @@ import numpy as np
 
 from impactlaw.laws.fremond import Reversal
 from impactlaw.laws.tolerances import INFLUENCE
-from impactlaw.solvers.cones.algebra.loops import cleared, kernel, place_of, zeros
+from impactlaw.solvers.cones.algebra.loops import cleared, kernel, zeros
 from impactlaw.stepping.compiled import law_table
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE, UNKNOWN
 from impactlaw.stepping.time_stepping.problem.targets import reached_groups
@@ -31,7 +31,7 @@ def ask_law(law, rows, tree, collides, target):
     for g in range(len(target)):
         if not collides[g]:
             continue
-        at = place_of(law.key, rows.key[g])
+        at = np.searchsorted(law.key, rows.key[g])
         if at == len(law.key) or law.key[at] != rows.key[g]:
             law.asked[0] = rows.key[g]
             return UNKNOWN
