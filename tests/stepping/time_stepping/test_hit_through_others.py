@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from impactlaw import Batch, Moreau, Newton, Stepper
+from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem
 from impactlaw.stepping.time_stepping.problem.solution.resolve import resolve_step
 
 DRIVERS = pytest.mark.parametrize("compiled", ["auto", "never"])
@@ -195,6 +196,27 @@ def test_a_third_collision_of_a_step_that_the_second_one_leads_to(compiled, inad
     assert len(stepper.events) == 3
     assert stepper.short_steps == 0
     assert mass @ data.qvel**2 == pytest.approx(before, rel=1e-11)
+
+
+@pytest.mark.parametrize(("left", "apart"), [(0.6, True), (0.4, False)])
+def test_collisions_are_one_after_another_if_more_than_half_of_the_work_is_left(left, apart, monkeypatch):
+    """They take several times what the first looks take: a step that has spent much already would not end in time."""
+    find, tried = ContactProblem.find, []
+
+    def spend(self, data, rows, before, free, middle, metric, known, rounds, work, *, phases):
+        found = find(self, data, rows, before, free, middle, metric, known, rounds, work, phases=phases)
+        work[0] = min(work[0], left)
+        tried.append(phases)
+        return found
+
+    monkeypatch.setattr(ContactProblem, "find", spend)
+    model = line([2e-5, 2e-5])
+    data = mujoco.MjData(model)
+    data.qvel[:] = 0.5, -0.5, -0.5  # none is thrown farther than contacts are looked for
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled="never")
+    stepper.step(data)
+    assert any(tried) == apart
+    assert (len(stepper.events), stepper.short_steps) == ((3, 0) if apart else (1, 1))
 
 
 @DRIVERS
