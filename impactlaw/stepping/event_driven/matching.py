@@ -13,6 +13,7 @@ from impactlaw.stepping.event_driven.contact_state import ContactState, Phase, P
 from impactlaw.stepping.event_driven.location.travel import Frames
 
 _SAME_POINT = 1e3  # gap tolerances that a contact point may move more than the geoms
+_SMOOTH = 0.1  # part of its bend by which a smooth gap may miss a quarter of it after half of the phase
 _LAST = 1e9  # m: puts contacts that separate behind those that do not
 
 
@@ -26,8 +27,18 @@ class Matched(NamedTuple):
 class Continued(NamedTuple):
     """How the gap of a contact that continues another one has changed."""
 
-    halfway: float  # gap to which its velocity alone leads in half of the phase, m
-    bent: float  # the part of the gap at the end that is not due to the velocity, m
+    begun: float  # gap at the start of the phase, m
+    led: float  # by how much its velocity at the start alone changes it in the phase, m
+    gap: float  # at the end, m
+
+    def is_smooth(self, half: float) -> bool:
+        """Return whether the gap has bent as that of a smooth surface, ``t^2``, which halfway was ``half``, m."""
+        bent = self.gap - self.begun - self.led
+        return abs(half - self.begun - 0.5 * self.led - 0.25 * bent) <= _SMOOTH * abs(bent)
+
+    def to_half(self, half: float) -> Continued:
+        """Return how the gap has changed in the first half of the phase, at the end of which it was ``half``, m."""
+        return Continued(self.begun, 0.5 * self.led, half)
 
 
 def match(contact_set: ContactSet, phase: Phase) -> np.ndarray:
@@ -82,7 +93,7 @@ def continued(phase_end: PhaseEnd, phase: Phase, deepest: int, gap: float) -> Co
     if not np.count_nonzero(held):
         return None
     one = int(np.flatnonzero(held)[velocity[held].argmin()])
-    return Continued(float(start.gap[one] + 0.5 * velocity[one] * tau), float(bent[one]))
+    return Continued(float(start.gap[one]), float(velocity[one] * tau), gap)
 
 
 def _match_points(contact_set: ContactSet, phase: Phase) -> np.ndarray:

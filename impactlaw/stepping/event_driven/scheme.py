@@ -44,7 +44,7 @@ from impactlaw.stepping.collisions import Collider, kinetic_metric
 from impactlaw.stepping.compatibility import OVERRIDE, check_override, check_resolved, check_rigid
 from impactlaw.stepping.event_driven.contact_state import ContactState
 from impactlaw.stepping.event_driven.last_step import LastStep
-from impactlaw.stepping.event_driven.overlap import overlaps, push_out, refuse
+from impactlaw.stepping.event_driven.overlap import clearance, overlaps, push_out, refuse
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 from impactlaw.stepping.impact_event import ImpactEvent, Told
@@ -271,7 +271,7 @@ class RigidStepping:
             )
         if self._rest is not None and self._ties(state):
             raise UnfinishedStepError('equality constraints tie bodies that touch; scheme="time-stepping" leaves them')
-        if state.gap.min(initial=0.0) < -_DEEP * self._tolerance:
+        if clearance(state.contact_set).min(initial=0.0) < -_DEEP * self._tolerance:
             reason = 'smaller timesteps, or scheme="time-stepping", may hold them'
             overlap = refuse(state.contact_set, self._tolerance, reason)
             raise UnfinishedStepError(f"contacts were not held: {overlap}")

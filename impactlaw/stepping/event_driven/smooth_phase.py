@@ -33,7 +33,6 @@ from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.work import Work
 
 _LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located
-_SMOOTH = 0.1  # part of its bent depth by which a smooth gap may miss a quarter of it after half of the phase
 _NEAR = 1e3  # gap tolerances within which contacts are looked for
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
@@ -192,13 +191,18 @@ class SmoothPhases:
         return located, True
 
     def _is_continued(self, trial: TrialStep, again: Callable[[float], TrialStep]) -> bool:
-        """Return whether the deepest contact continues one that was closed at the start, in another place."""
+        """Return whether the deepest contact continues one that was closed at the start, in another place.
+
+        That its gap has bent smoothly is seen from two earlier times: one alone does not tell it from that of another
+        edge, which was open and falls at constant speed.
+        """
         begun = continued(trial.phase_end, trial.phase, trial.deepest, trial.gap)
         if begun is None:
             return False
         half = again(0.5 * trial.duration)
-        smooth = abs(half.gap - begun.halfway - 0.25 * begun.bent) <= _SMOOTH * abs(begun.bent)
-        return smooth or runs_on(half.phase_end, trial.phase_end, trial.phase, trial.deepest)
+        if runs_on(half.phase_end, trial.phase_end, trial.phase, trial.deepest):
+            return True
+        return begun.is_smooth(half.gap) and begun.to_half(half.gap).is_smooth(again(0.25 * trial.duration).gap)
 
     def _try_safely(
         self, state: np.ndarray, start: ContactState, duration: float, *, hold_all: bool = False

@@ -14,6 +14,7 @@ from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SMALL_PART,
 from impactlaw.stepping.time_stepping.problem.energy import move_rows
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Rows
+from impactlaw.stepping.time_stepping.problem.targets import keep_closing
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LOOKS, PHASE_LOOK_ROWS, PHASE_LOOKS, is_met
 
 
@@ -30,6 +31,12 @@ class Look:
     def loses(self) -> bool:
         """Whether contacts lose their restitution, see `StepImpulses.later`, or are left out."""
         return self.unseen or (self.impulses is not None and self.impulses.later)
+
+    @property
+    def collided(self) -> np.ndarray | None:
+        """Which groups have collided, bool (g,), in the first of several collisions; None if none has."""
+        collisions = self.impulses.collisions if self.impulses else ()
+        return collisions[0].collides if collisions else None
 
     @property
     def met(self) -> bool:
@@ -93,7 +100,7 @@ class Looks:
         for _ in range(ROUNDS if begins and ends else 0):
             looks = replace(self, moved=forces.kick(np.zeros_like(v), end - begin, metric, 0.5 * h))
             free = forces.lead_to(data, v, gravity + 0.5 * (begin + end), metric, h)
-            found = looks._try(data, near, free, found.known)
+            found = looks._try(data, near, free, found.known, found.collided)
             used, (end, _) = end, forces.half(data, data.qvel, gravity, metric, h)
             mean = forces.kick(data.qvel, end, metric, 0.25 * h)
             work, rounding = (found.impulses.work, found.impulses.rounding) if found.impulses else (0.0, 0.0)
@@ -104,15 +111,22 @@ class Looks:
                 break
             was = created
         if created > best[2]:
-            found = best[0]._try(data, near, best[1], found.known)
+            found = best[0]._try(data, near, best[1], found.known, found.collided)
         return found
 
     def _size(self, work: float) -> float:
         """Return energy that a collision creates, or where nothing is to be lost either, its size."""
         return abs(work) if self.problem.targets.restitution == 1.0 and not self.reader.frictional else work
 
-    def _try(self, data: mujoco.MjData, near: np.ndarray, free: np.ndarray, known: Known | None) -> Look:
-        """Solve the problem of the rows that are near."""
+    def _try(
+        self,
+        data: mujoco.MjData,
+        near: np.ndarray,
+        free: np.ndarray,
+        known: Known | None,
+        collided: np.ndarray | None = None,
+    ) -> Look:
+        """Solve the problem of the rows that are near; between half steps what has collided before does so again."""
         rows = self.reader.read(data, near, self.velocity, free, self.metric)
         if not len(rows.key):
             return Look(rows, None, known)
@@ -120,6 +134,8 @@ class Looks:
         if self.moved is not None:
             before = before + self.moved
             move_rows(rows.sparse, rows.rates, *sparse_jacobian(self.model, data), self.moved)
+            if collided is not None and not self.phases:
+                keep_closing(rows.groups, rows.amounts, rows.rates, self.model.opt.timestep, collided)
         found = self.problem.find(
             data, rows, before, free, self.middle, self.metric, known, self.rounds, self.work, phases=self.phases
         )

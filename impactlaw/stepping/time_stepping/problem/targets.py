@@ -18,6 +18,9 @@ _ROUNDED = 1.0 + 1e-9
 A body that has stopped a little above the floor falls on at just this speed, and rounding must not decide which of its
 corners collide."""
 
+_JUST = 1.0 - 1e-9
+"""Part of the way of a timestep that a contact has at most that closes within it, but for rounding."""
+
 
 @plain
 def aim(groups, amounts, rates, timestep, restitution, slowest, resolved, may, target, collides):
@@ -35,6 +38,32 @@ def aim(groups, amounts, rates, timestep, restitution, slowest, resolved, may, t
         elif gap > 0.0:
             target[g] = -gap / timestep
     return some
+
+
+@plain
+def write_closing(groups, amounts, rates, timestep, collided):
+    """Do what `keep_closing` does."""
+    for g in range(len(collided)):
+        led = rates[2, groups[0, g]]
+        if collided[g] and led < 0.0:
+            amounts[0, g] = min(amounts[0, g], -_JUST * timestep * led)
+
+
+@compiled()
+def keep_closing(groups, amounts, rates, timestep, collided):
+    """Let contacts that have collided still close within the step, with the velocity without contact of now.
+
+    Forces that change with the collision can lead to a velocity that closes them a little later. Without the collision
+    they would lead to one that closes them in time, so that neither would be right.
+
+    Args:
+        groups: see `rows.Rows`, like the two that follow; gaps in `amounts` are written.
+        amounts: gaps first.
+        rates: velocities without contact third.
+        timestep: h, s.
+        collided: bool (g,).
+    """
+    write_closing(groups, amounts, rates, timestep, collided)
 
 
 @compiled()

@@ -41,6 +41,7 @@ from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, metri
 from impactlaw.stepping.time_stepping.problem.energy import add_before
 from impactlaw.stepping.time_stepping.problem.rest import TOUCHING
 from impactlaw.stepping.time_stepping.problem.rows import count_groups, entries_of, find_near, write_rows
+from impactlaw.stepping.time_stepping.problem.targets import write_closing
 
 
 class Outcome(NamedTuple):
@@ -176,6 +177,8 @@ def attempt(w, jacobian, chosen, start, moved, free, known, rounds, law, phases,
         for i in range(w.nv):
             before[i] = start[i] + moved[i]
         add_before(rows.sparse, rows.rates, nnz, adr, col, J, moved)
+        if not phases:  # the answer is that of the attempt before, at the same rows
+            write_closing(rows.groups, rows.amounts, rows.rates, w.timestep, answer.collides)
     if phases:
         solved, cut = resolve_in_phases(w, rows, metric, before, free, known, rounds, law, answer, sums)
     else:
