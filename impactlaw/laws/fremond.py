@@ -57,7 +57,7 @@ class Fremond(RestitutionLaw):
 
     @staticmethod
     def reversal(restitution: float = 1.0) -> Reversal:
-        """Return the law of Newton's cradle: ``e`` times the anti-identity along the contacts' order."""
+        """Return the law of Newton's cradle: ``e`` times the anti-identity along chains of contacts."""
         return Reversal(restitution)
 
     @property
@@ -93,10 +93,12 @@ class Fremond(RestitutionLaw):
 
 @dataclass(frozen=True)
 class Reversal(RestitutionLaw):
-    """``e`` times the anti-identity along the contacts' order: a chain of equal balls passes its velocities on.
+    """``e`` times the anti-identity along chains of contacts: a chain of equal balls passes its velocities on.
 
     For N equal balls on a line and any number launched, v+ is v- reversed (e = 1): Newton's cradle. Contacts that
-    do not influence each other (separate blocks of the Delassus matrix) are reversed block by block.
+    do not influence each other (separate blocks of the Delassus matrix) are reversed block by block. The contacts of a
+    block may come in any order if they are a chain, of which each influences its neighbours alone; those of other
+    blocks are reversed in the order in which they come.
 
     Attributes:
         restitution: e in [0, 1].
@@ -107,7 +109,7 @@ class Reversal(RestitutionLaw):
 
     restitution: float = 1.0
     name = "reversal"
-    description = "E = e times the anti-identity along the contacts' order: Newton's cradle"
+    description = "E = e times the anti-identity along chains of contacts: Newton's cradle"
 
     def __post_init__(self):
         object.__setattr__(self, "restitution", coefficient(self.restitution))
@@ -133,15 +135,31 @@ def _mirror(collision: Collision) -> np.ndarray:
         return np.arange(len(scale))
     if isinstance(Y, np.ndarray):
         coupled = np.abs(collision.delassus) > INFLUENCE * np.outer(scale, scale)
-        if coupled.diagonal(1).all():  # a chain: one block
+        if coupled.diagonal(1).all():  # one block, in order
             return np.arange(len(scale))[::-1]
+        first, second = coupled.nonzero()
     else:
         G: Any = collision.delassus
         G = G.tocoo()
         real = np.abs(G.data) > INFLUENCE * scale[G.row] * scale[G.col]
-        coupled = scipy.sparse.csr_array((G.data[real], (G.row[real], G.col[real])), shape=G.shape)
-    _, member = scipy.sparse.csgraph.connected_components(coupled, directed=False)
-    along = np.arange(len(member))
+        first, second = G.row[real], G.col[real]
+    links = first != second
+    first, second = first[links], second[links]
+    graph = scipy.sparse.csr_array((np.ones(len(first)), (first, second)), shape=(len(scale), len(scale)))
+    count, member = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    along = _along_chains(graph, count, member)
     mirror = np.empty_like(along)
     mirror[np.lexsort((along, member))] = np.lexsort((-along, member))
     return mirror
+
+
+def _along_chains(graph: Any, count: int, member: np.ndarray) -> np.ndarray:
+    """Return numbers by which contacts of a block are in order: along it if it is a chain, else as they come, (h,)."""
+    along, degree = np.arange(len(member)), np.diff(graph.indptr)
+    ends = degree == 1
+    chains = (np.bincount(member[ends], minlength=count) == 2) & (np.bincount(member[degree > 2], minlength=count) == 0)
+    for block in np.flatnonzero(chains):
+        end = np.flatnonzero(ends & (member == block))[0]
+        chain = scipy.sparse.csgraph.breadth_first_order(graph, end, directed=False, return_predecessors=False)
+        along[chain] = np.arange(len(chain))
+    return along

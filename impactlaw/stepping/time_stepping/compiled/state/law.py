@@ -8,9 +8,10 @@ import numpy as np
 
 from impactlaw.laws.fremond import Reversal
 from impactlaw.laws.tolerances import INFLUENCE
-from impactlaw.solvers.cones.algebra.loops import cleared, kernel, zeros
+from impactlaw.solvers.cones.algebra.loops import cleared, indices, kernel, zeros
 from impactlaw.stepping.compiled import law_table
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE, UNKNOWN
+from impactlaw.stepping.time_stepping.problem.drifts import square_of
 from impactlaw.stepping.time_stepping.problem.targets import reached_groups
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
@@ -49,7 +50,10 @@ def reverse(e, rows, tree, collides, target):
     for g in range(len(collides)):
         collides[g] = collides[g] or reached[g]
     order = _in_order(rows, collides)
-    label, h = _blocks(rows, order, len(tree)), len(order)
+    h = len(order)
+    label, linked = indices(h), cleared(h * h).reshape((h, h))
+    _find_blocks(rows, order, zeros(len(tree)), label, linked)
+    _put_along_chains(order, label, linked)
     for i in range(h):
         after = 0  # contacts of its own block behind it
         for j in range(i + 1, h):
@@ -83,32 +87,52 @@ def _in_order(rows, chosen):
 
 
 @kernel
-def _blocks(rows, order, nv):
-    """Return a number for each contact, the same for those that influence each other, int64 (h,)."""
-    h = len(order)
-    label, row, norm = np.arange(h), zeros(nv), zeros(h)
-    sparse, colind, value = rows.sparse, rows.colind, rows.value
-    for i in range(h):
+def _find_blocks(rows, order, row, label, linked):
+    """Write which contacts influence each other, to False, (h, h), and a number for each block of these, (h,).
+
+    There is room for a row of zeros, (nv,).
+    """
+    sparse, colind, value, norm = rows.sparse, rows.colind, rows.value, zeros(len(order))
+    for i in range(len(order)):
         r = rows.groups[0, order[i]]
-        for a in range(sparse[1, r], sparse[1, r] + sparse[0, r]):
-            norm[i] += value[a] * value[a]
-        norm[i] = np.sqrt(norm[i])
-    for i in range(h):
-        r = rows.groups[0, order[i]]
+        label[i], norm[i] = i, np.sqrt(square_of(sparse, value, r))
         for a in range(sparse[1, r], sparse[1, r] + sparse[0, r]):
             row[colind[a]] = value[a]
         for j in range(i):
             q, s = rows.groups[0, order[j]], 0.0
             for a in range(sparse[1, q], sparse[1, q] + sparse[0, q]):
                 s += value[a] * row[colind[a]]
-            if abs(s) > INFLUENCE * norm[i] * norm[j] and label[i] != label[j]:
+            linked[i, j] = linked[j, i] = abs(s) > INFLUENCE * norm[i] * norm[j]
+            if linked[i, j] and label[i] != label[j]:
                 old, new = max(label[i], label[j]), min(label[i], label[j])
                 for k in range(i + 1):
                     if label[k] == old:
                         label[k] = new
         for a in range(sparse[1, r], sparse[1, r] + sparse[0, r]):
             row[colind[a]] = 0.0
-    return label
+
+
+@kernel
+def _put_along_chains(order, label, linked):
+    """Put the contacts of each block that is a chain in their order along it, int64 (h,)."""
+    found = order.copy()
+    for block in range(len(order)):
+        ends, most, now, before = 0, 0, -1, -1
+        for i in range(len(order)):
+            if label[i] == block:
+                degree = np.count_nonzero(linked[i])
+                ends, most = ends + (degree == 1), max(most, degree)
+                if degree == 1 and now < 0:
+                    now = i
+        if ends != 2 or most > 2:
+            continue
+        for i in range(len(order)):
+            if label[i] == block:
+                order[i], after = found[now], -1
+                for k in range(len(order)):
+                    if linked[now, k] and k != before:
+                        after = k
+                before, now = now, after
 
 
 def reason(scheme: TimeStepping) -> str | None:
