@@ -54,10 +54,11 @@ class Stepper:
             coefficients of the scene; "convex" its convex relaxation, in which contacts that slide also separate;
             "ignore" leaves it out. Under soft contact that is the friction of collisions only. A law without friction
             of its own gets `Coulomb` around it where contacts have friction.
-        overlap: "refuse" geoms that overlap and joints beyond their limits by more than gap_tolerance, or "push-out":
-            move the configuration by the smallest shift in the kinetic metric that opens all gaps, with the velocity as
-            it is. Looked at where the configuration is not the one that the last step has left, as at the start and
-            after a reset (event-driven; time stepping opens what overlaps over time).
+        overlap: "refuse" geoms that overlap and joints beyond their limits by more than gap_tolerance (of meshes and
+            height fields, what rounding to single precision makes is not counted), or "push-out": move the
+            configuration by the smallest shift in the kinetic metric that opens all gaps, with the velocity as it is.
+            Looked at where the configuration is not the one that the last step has left, as at the start and after a
+            reset (event-driven; time stepping opens what overlaps over time).
         contacts: which contacts between geoms the law is for: a pattern such as "*foot*" or "*foot*/floor", or several
             (`laws.restitution.labels`); all if not given. The others are MuJoCo's soft contacts if contact_model is
             "soft", and do not collide by the law; where contacts are rigid they have E = 0.

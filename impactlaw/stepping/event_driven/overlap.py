@@ -28,6 +28,8 @@ _SMALLEST = 40  # of them that look for the smallest one; those after them only 
 _SETTLED = 1e-6  # part of the shift by which a last correction would still change it
 _NAMED = 5  # overlaps that an error names
 _SINGLE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+_ROUNDED = int(mujoco.mjtGeom.mjGEOM_MESH), int(mujoco.mjtGeom.mjGEOM_HFIELD)  # whose points have single precision
+_ROUNDING = 2.0**-24  # of them, next to their size
 
 
 def clearance(contact_set: ContactSet) -> np.ndarray:
@@ -36,15 +38,24 @@ def clearance(contact_set: ContactSet) -> np.ndarray:
     return gap if skin is None else gap + skin
 
 
+def _allowed(contact_set: ContactSet, tolerance: float) -> np.ndarray | float:
+    """Return which overlaps are none, m or rad, (h,): up to the gap tolerance, and to what rounding makes of meshes."""
+    model, geoms = contact_set.configuration.model, contact_set.contacts.geoms
+    if not model.nmesh and not model.nhfield:
+        return tolerance
+    size = np.where(np.isin(model.geom_type, _ROUNDED), model.geom_rbound, 0.0)
+    return tolerance + _ROUNDING * np.where(geoms < 0, 0.0, size[geoms]).sum(axis=1)
+
+
 def overlaps(contact_set: ContactSet, tolerance: float) -> bool:
-    """Return whether something overlaps by more than the gap tolerance, m or rad."""
-    return bool(np.count_nonzero(clearance(contact_set) < -tolerance))
+    """Return whether something overlaps by more than the gap tolerance, m or rad, but for rounding of meshes."""
+    return bool(np.count_nonzero(clearance(contact_set) < -_allowed(contact_set, tolerance)))
 
 
 def refuse(contact_set: ContactSet, tolerance: float, reason: str) -> OverlapError:
     """Return the error that names what overlaps, the deepest first."""
     contacts, depth = contact_set.contacts, -clearance(contact_set)
-    deep = np.flatnonzero(depth > tolerance)
+    deep = np.flatnonzero(depth > _allowed(contact_set, tolerance))
     deep = deep[np.argsort(-depth[deep])]
     units = np.where(contacts.geoms[:, 0] < 0, "beyond the limit", "m")
     named = ", ".join(f"{contacts.labels[i]} by {depth[i]:.3g} {units[i]}" for i in deep[:_NAMED])

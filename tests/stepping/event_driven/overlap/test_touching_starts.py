@@ -4,6 +4,7 @@ import pytest
 from scenes import compiled, run
 
 from impactlaw import Moreau, Stepper
+from impactlaw.errors import OverlapError
 
 BLOCK = "".join(f"{x} {y} {z} " for x in (-0.125, 0.125) for y in (-0.125, 0.125) for z in (-0.25, 0.25))
 ASSETS = f'<asset><mesh name="block" vertex="{BLOCK}"/></asset>'  # of numbers that single precision holds
@@ -22,3 +23,29 @@ def test_what_touches_at_the_start_is_held(shape, gap, tolerance):
     stepper = Stepper(model, Moreau(0.5), gap_tolerance=tolerance, on_unsolved="raise")
     assert run(stepper, data, 5) == []
     assert abs(data.qpos[2] - 0.25) < 2e-6
+
+
+def rests(half, depth, field=False):
+    """A mesh of so much half height, a little below where it rests on a plane, or on a flat height field."""
+    bar = "".join(f"{x} {y} {z} " for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-half, half))
+    grid = '<hfield name="field" nrow="3" ncol="3" size="2 2 .3 .1" elevation="3 3 3 3 3 3 3 0 10"/>' if field else ""
+    floor = '<geom type="hfield" hfield="field"/>' if field else '<geom type="plane" size="2 2 1"/>'
+    body = f'<body pos="-1 -1 {half + (0.09 if field else 0.0) - depth}"><freejoint/>'
+    shape = '<geom type="sphere" size=".1" mass="1"/>' if field else '<geom type="mesh" mesh="bar" mass="1"/>'
+    return compiled(floor + body + shape + "</body>", f'<asset>{grid}<mesh name="bar" vertex="{bar}"/></asset>')
+
+
+@pytest.mark.parametrize(("half", "field"), [(0.1, False), (0.3, False), (1.1, False), (0.1, True)])
+def test_points_that_are_rounded_to_single_precision_do_not_overlap(half, field):
+    """MuJoCo keeps 0.1 as 0.1000000015: where the scene says that they touch, they are 1e-9 to 1e-7 m deep."""
+    model, data = rests(half, 0.0, field)
+    height = data.qpos[2]
+    assert run(Stepper(model, Moreau(0.5), on_unsolved="raise"), data, 20) == []
+    assert abs(data.qpos[2] - height) < 1e-7
+
+
+@pytest.mark.parametrize("field", [False, True])
+def test_what_is_deeper_than_that_is_refused(field):
+    model, data = rests(0.1, 1e-6, field)
+    with pytest.raises(OverlapError, match=r"by 1(\.0\d)?e-06 m"):
+        Stepper(model, Moreau(0.5)).step(data)
