@@ -72,5 +72,7 @@ def test_bodies_of_a_cradle_in_any_order(way, order):
     stepper = Stepper(model, Fremond.reversal(), **way)
     stepper.step(data)
     (event,) = stepper.events
-    found = [event.impact.post_velocity[model.joint(f"x{i}").dofadr[0]] for i in range(5)]
-    np.testing.assert_allclose(found, [0, 0, 0, 1, 1], atol=1e-9)
+    order = [model.joint(f"x{i}").dofadr[0] for i in range(5)]
+    np.testing.assert_allclose(event.impact.post_velocity[order], [0, 0, 0, 1, 1], atol=1e-9)
+    if way.get("contact_model") != "soft":  # events are told in Python, whoever took the step
+        np.testing.assert_allclose(data.qvel[order], [0, 0, 0, 1, 1], atol=1e-9)
