@@ -23,15 +23,12 @@ def impact_info(sums: ImpactSums, *, short: int = 0, diverged: bool = False) -> 
     | ``impact/surface_work`` | what moving surfaces did of that, and equality constraints that had drifted | float, J |
     | ``impact/intensity`` | sum of \|v+ - v-\| in the kinetic metric | float, sqrt(J) |
     | ``impact/distant`` | collisions with a distant effect (an antidissipative contact) | int |
-    | ``impact/inadmissible`` | collisions whose outcome by the law left S(v-) and was projected or let through | int |
+    | ``impact/inadmissible`` | collisions whose outcome by the law left S(v-): projected, scaled or let through | int |
     | ``impact/short`` | timesteps that did not meet the law, or did not locate each collision (event-driven) | int |
     | ``impact/diverged`` | 1 if the simulation left the finite numbers, which ends the episode | int |
 
     Environments add ``impact/law``, the law in force as text, and ``impact/restitution``, its coefficient, NaN where it
     has not just one (`describe_law`).
-
-    With friction, and under time stepping, restitution that would create energy is scaled instead, so that the outcome
-    is in S(v-): such collisions are not among the inadmissible ones (`FrictionImpact.restitution_scale` tells them).
 
     Args:
         sums: over the collisions of the step.

@@ -201,9 +201,10 @@ class VectorWorlds(VectorEnv):
         over, going = np.flatnonzero(self._over), np.flatnonzero(~self._over)
         reward, terminated = np.zeros(self.num_envs), np.zeros(self.num_envs, bool)
         truncated, info = np.zeros(self.num_envs, bool), dict[str, Any]()
-        short = self.batch.short_steps[going]
+        before = self._counts()
         found = self._task.step(going, actions[going])
-        told = {"impact/short": self.batch.short_steps[going] - short, "impact/diverged": found.diverged}
+        told = {name: (now - before[name])[going] for name, now in self._counts().items()}
+        told["impact/diverged"] = found.diverged
         reward[going] = np.where(found.diverged, 0.0, found.reward)
         terminated[going], truncated[going] = found.terminated & ~found.diverged, found.diverged
         for name, value in (found.info | told).items():
@@ -218,6 +219,9 @@ class VectorWorlds(VectorEnv):
         info |= self._laws.info()
         self._over = terminated | truncated
         return self._task.observe(), reward, terminated, truncated, info
+
+    def _counts(self) -> dict[str, np.ndarray]:
+        return {"impact/inadmissible": self.batch.inadmissible_count, "impact/short": self.batch.short_steps}
 
     def _checked(self, actions: Any) -> np.ndarray:
         """Return actions of all worlds; refuse what is no numbers, or has the wrong shape."""

@@ -138,6 +138,11 @@ class Batch:
         return self._worlds.impact_count
 
     @property
+    def inadmissible_count(self) -> np.ndarray:
+        """Of these, steps in which an outcome by the law left S(v-) and was scaled or let through, (nsim,)."""
+        return self._worlds.inadmissible_count
+
+    @property
     def short_steps(self) -> np.ndarray:
         """Steps of each world so far that did not meet their law, (nsim,); see `Stepper.short_steps`."""
         return self._worlds.short_steps

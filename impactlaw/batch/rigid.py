@@ -97,6 +97,11 @@ class RigidWorlds:
         return self._memory[:, MEMORY.impacts].astype(int)
 
     @property
+    def inadmissible_count(self) -> np.ndarray:
+        """Of these, steps in which an outcome by the law left S(v-), (nsim,)."""
+        return self._memory[:, MEMORY.inadmissible].astype(int)
+
+    @property
     def short_steps(self) -> np.ndarray:
         """Steps of each world so far that did not meet their law, (nsim,)."""
         return self._memory[:, MEMORY.short_steps].astype(int)

@@ -20,6 +20,7 @@ from impactlaw.stepping.compiled.engine import Pool, delete_others, fill_context
 from impactlaw.stepping.compiled.law_table import Coefficients
 from impactlaw.stepping.compiled.layout import table
 from impactlaw.stepping.compiled.libmujoco import callbacks, is_called_back
+from impactlaw.stepping.impact_event import sums_of
 from impactlaw.stepping.integration import restore_state, save_state
 from impactlaw.stepping.options import Options
 from impactlaw.stepping.plan import Plan
@@ -31,7 +32,7 @@ from impactlaw.stepping.way import Way
 
 _DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
 _HOW, _ASKED, _TAKEN = 0, 1, 2  # places in the report of a world
-_IMPACTS, _SHORT, _LEFT = 0, 1, 2  # places in what is remembered of a world
+_IMPACTS, _INADMISSIBLE, _SHORT, _LEFT = 0, 1, 2, 3  # places in what is remembered of a world
 _FAILED = -1  # how a world has ended whose step in Python has failed: later rounds of the call are not for it
 _HUGE = "MuJoCo met a state that is not finite, or huge"
 
@@ -79,7 +80,7 @@ class SoftWorlds:
         if why is not None:
             raise SceneError(f"a batch takes no soft steps of this scene: {why}; use Stepper")
         self.laws, self._data, self._expanded = Laws(self._one, worlds, len(SETTING)), mujoco.MjData(model), False
-        self._memory, self._report = np.zeros((worlds, 3)), np.zeros((worlds, 3), np.int64)
+        self._memory, self._report = np.zeros((worlds, 4)), np.zeros((worlds, 3), np.int64)
         self._failed: dict[int, tuple[str, bool]] = {}
         self._counted = self._memory[:, :_LEFT].copy()
         self._first, self._table, self._callbacks = np.zeros_like(fields.state), table(), callbacks()
@@ -103,6 +104,11 @@ class SoftWorlds:
     def impact_count(self) -> np.ndarray:
         """Steps of each world so far in which something collided, (nsim,)."""
         return self._memory[:, _IMPACTS].astype(int)
+
+    @property
+    def inadmissible_count(self) -> np.ndarray:
+        """Of these, steps in which an outcome by the law left S(v-), (nsim,)."""
+        return self._memory[:, _INADMISSIBLE].astype(int)
 
     @property
     def short_steps(self) -> np.ndarray:
@@ -163,7 +169,7 @@ class SoftWorlds:
 
     def begin(self, worlds: np.ndarray) -> None:
         """Let worlds have nothing to remember."""
-        self._memory[worlds] = 0.0, 0.0, np.nan
+        self._memory[worlds] = 0.0, 0.0, 0.0, np.nan
 
     def _step_in_python(self, world: int) -> None:
         """Take one step of a world in Python; if that fails the world is as it was before the call."""
@@ -184,7 +190,9 @@ class SoftWorlds:
             self._report[world, _HOW] = _FAILED
             self.put_back(np.array([world]))
             return
-        self._memory[world, _IMPACTS] += bool(events)
+        sums = sums_of(events)
+        self._memory[world, _IMPACTS] += sums.collisions > 0
+        self._memory[world, _INADMISSIBLE] += sums.inadmissible > 0
         self._memory[world, _SHORT] += scheme.short_steps + scheme.unlocated - missed
         self._memory[world, _LEFT] = np.nan if data.ncon + data.nl else data.time
         self._report[world, _HOW] = FINE

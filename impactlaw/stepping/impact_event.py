@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact
 from impactlaw.scene.contacts import Contacts
 
@@ -38,7 +39,7 @@ class ImpactSums(NamedTuple):
     surface_work: float = 0.0  # what moving surfaces did of that, and equality constraints that had drifted, J
     intensity: float = 0.0  # of ``|v+ - v-|`` in the kinetic metric, sqrt(J)
     distant: int = 0  # collisions with a distant effect
-    inadmissible: int = 0  # collisions whose outcome by the law left S(v-) and was projected or let through
+    inadmissible: int = 0  # collisions whose outcome by the law left S(v-) and was projected, scaled or let through
 
     @classmethod
     def of(cls, events: Iterable[ImpactEvent]) -> ImpactSums:
@@ -46,10 +47,9 @@ class ImpactSums(NamedTuple):
         total = cls()
         for event in events:
             impact = event.impact
-            projected = impact.target_contact_velocity is None
-            inadmissible = projected or not impact.violations.is_admissible()
             distant, work = int(impact.has_distant_effect), impact.surface_work
-            total = total.with_more(cls(1, impact.energy_change, work, impact.intensity, distant, int(inadmissible)))
+            inadmissible = int(_is_inadmissible(impact))
+            total = total.with_more(cls(1, impact.energy_change, work, impact.intensity, distant, inadmissible))
         return total
 
     def with_more(self, other: ImpactSums) -> ImpactSums:
@@ -66,6 +66,15 @@ class ImpactSums(NamedTuple):
 
 NOTHING = ImpactSums()
 """The sums over no collision."""
+
+
+def _is_inadmissible(impact: Impact) -> bool:
+    """Whether the outcome by the law left S(v-): it was projected, scaled or let through."""
+    if impact.target_contact_velocity is None:
+        return True
+    scaled = isinstance(impact, FrictionImpact) and impact.restitution_scale < 1.0
+    return scaled or not impact.violations.is_admissible()
+
 
 Told = tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]]
 """Collisions, or what returns them, which may know the sums over them: an attribute `sums`."""

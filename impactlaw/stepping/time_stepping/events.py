@@ -65,7 +65,10 @@ class CollisionRecord:
                 answer = solve_with_jump(problem, collision.labels, shared=False)
             except (UnsolvableLawError, SolverError):  # the step went to the nearest point
                 return Impact.observed(collision, self.after)
-            return Impact.solved(collision, problem, answer, target)
+            impact = Impact.solved(collision, problem, answer, target)
+            return (
+                impact if self.share == 1.0 else Impact.observed(collision, impact.post_velocity)
+            )  # not the law's own
         targets = target, self.sliding[self.seen.tangential(groups)[0]]
         problem = cone_problem(collision, *targets, exact=self.exact)
         answer = solve_cones(problem)

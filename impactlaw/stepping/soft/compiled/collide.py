@@ -52,10 +52,10 @@ from impactlaw.stepping.soft.tolerances import GAINED, ROUNDING
 
 Array = np.ndarray[Any, Any]
 
-COUNT, ENERGY, INTENSITY, DISTANT, LAST, SHORT = 0, 1, 2, 3, 4, 5
-"""Places in the sums over collisions: their number, T+ - T-, |v+ - v-|, those with a distant effect, those that
-ended the matter, and whether some of them have lost all restitution."""
-SUMS = 6
+COUNT, ENERGY, INTENSITY, DISTANT, SCALED, LAST, SHORT = 0, 1, 2, 3, 4, 5, 6
+"""Places in the sums over collisions: their number, T+ - T-, |v+ - v-|, those with a distant effect, those whose
+restitution was scaled, those that ended the matter, and whether some of them have lost all restitution."""
+SUMS = 7
 """Numbers of these sums."""
 
 _DRIVEN = -1  # how a collision has ended that is resolved once more, see `_collide`
@@ -180,6 +180,7 @@ def _resolve(w, law, found, gamma, calm, islands, rounding, last, velocity, sums
     sums[ENERGY] += gained
     sums[INTENSITY] += changed
     sums[DISTANT] += distant
+    sums[SCALED] += share < 1.0
     if share == 0.0:
         sums[SHORT] = 1.0
     unwhitened(z, factor, Mnnz, Madr, Mcol, root, v)

@@ -90,8 +90,8 @@ class Replay:
 
     def __init__(self, scheme: SoftStepping, rows: np.ndarray, total: memoryview, compile: Callable[..., Any]):
         self._scheme, self._collider, self._rows, self._compile = scheme, scheme.collisions.collider, rows, compile
-        count, energy, intensity, distant, *_ = total
-        self.sums = ImpactSums(int(count), energy, 0.0, intensity, int(distant), 0)
+        count, energy, intensity, distant, scaled, *_ = total
+        self.sums = ImpactSums(int(count), energy, 0.0, intensity, int(distant), int(scaled))
 
     def __call__(self) -> tuple[ImpactEvent, ...]:
         """Return them as events."""

@@ -140,8 +140,9 @@ def _constrain(
     status = _end(w, start, middle, answer.shift, solved.opens)
     if status == FINE and touched and met:  # what is squeezed cannot be opened
         look_again(w, rows)
-    if status == FINE and counts[MEMORY.solved] == 0:
-        memory[MEMORY.short_steps] += 1.0
+    if status == FINE:
+        memory[MEMORY.short_steps] += counts[MEMORY.solved] == 0
+        memory[MEMORY.inadmissible] += solved.collided and (solved.share < 1.0 or solved.created > 0.0)
     return status, solved.collided, solved.missed
 
 

@@ -45,8 +45,8 @@ class Teller:
         """Return the sums that a step has found; None if it was not to, or where only events tell."""
         if not self._settings[SETTING.told]:
             return None
-        count, energy, intensity, distant = numbers[MEMORY.sums : MEMORY.sums + SUMS].tolist()
-        return ImpactSums(int(count), energy, 0.0, intensity, int(distant), 0) if count > 0.0 else None
+        count, energy, intensity, *many = numbers[MEMORY.sums : MEMORY.sums + SUMS].tolist()
+        return ImpactSums(int(count), energy, 0.0, intensity, *map(int, many)) if count > 0.0 else None
 
     def sums(self, state: np.ndarray, numbers: np.ndarray, impulses: bytes) -> ImpactSums | None:
         """Return the sums over the collisions of a step; None where only events tell. Later steps find theirs."""

@@ -130,7 +130,7 @@ def _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums):
     if setting(w, SETTING.told) != 0.0:
         clear(sums)
         if solved.collided:
-            add_collision(w, rows, answer, metric, start, sums)
+            add_collision(w, rows, answer, solved.share, metric, start, sums)
     velocity = velocity_of(w)
     for i in range(w.nv):
         velocity[i] = free[i] + answer.change[i]

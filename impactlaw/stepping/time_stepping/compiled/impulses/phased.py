@@ -103,7 +103,7 @@ def _meet(w, rows, metric, before, known, rounds, law, may, more, block, sums):
         part, place = _groups(rows, rows.rates, kept)
         allowed = _those(may, kept)
     if solved.status == FINE and solved.collided and setting(w, SETTING.told) != 0.0:
-        add_collision(w, part, answer, metric, before, sums)
+        add_collision(w, part, answer, solved.share, metric, before, sums)
     return solved, answer, place, later, waiting
 
 
@@ -117,7 +117,7 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
     """
     now, n = rows, len(rows.rates[0])
     place, may, x, velocity = np.arange(n), np.ones(len(rows.key), np.bool_), zeros(n), copied(free)
-    missed, fastest, created, work, rounding, collided, opens = 0.0, 0.0, 0.0, 0.0, 0.0, False, False
+    missed, fastest, share, created, work, rounding, collided, opens = 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, False, False
     more, cut, before, moved = True, False, start, numbers(w.nv)
     block = np.empty(answer_size(len(rows.key), n, w.nv))
     clear(sums)
@@ -135,7 +135,7 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
         for i in range(w.nv):
             velocity[i] += met.change[i]
         put(whole.shift, met.shift)
-        missed, fastest = max(missed, solved.missed), max(fastest, solved.fastest)
+        missed, fastest, share = max(missed, solved.missed), max(fastest, solved.fastest), min(share, solved.share)
         work, rounding = work + solved.work, rounding + solved.rounding
         if not _some(later):
             break
@@ -150,4 +150,4 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
     put(whole.x, x)
     keep(block)
     put(velocity_of(w), velocity)
-    return Solved(collided, opens, missed, fastest, 1.0, created, work, rounding, FINE, False), cut
+    return Solved(collided, opens, missed, fastest, share, created, work, rounding, FINE, False), cut

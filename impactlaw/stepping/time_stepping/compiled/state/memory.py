@@ -30,19 +30,20 @@ class Memory(NamedTuple):
     steps: int = 8  # taken so far
     short_steps: int = 9  # of these, steps that have missed it; see `scheme.TimeStepping`
     impacts: int = 10  # steps so far with a collision
-    collided: int = 11  # 1 if the last step had one
-    shortfall: int = 12  # largest amount by which a contact velocity of the last step misses its law, m/s or rad/s
-    worst: int = 13  # the largest of these so far
-    created: int = 14  # energy that the law would have created in the last step, J
-    work: int = 15  # part of the work allowed in a step that is left in this one, see `solvers.cones.budget`
-    found_groups: int = 16  # of the impulses found so far in a step that is taken again, an int64
-    found_rows: int = 17  # the same of their rows, 0 if there are none, an int64
-    found_work: int = 18  # what was left of the work allowed when they were found
-    sums: int = 19  # over the collisions of the last step, see `sums`, if they are asked for, four numbers
+    inadmissible: int = 11  # of these, steps with one whose outcome by the law left S(v-)
+    collided: int = 12  # 1 if the last step had one
+    shortfall: int = 13  # largest amount by which a contact velocity of the last step misses its law, m/s or rad/s
+    worst: int = 14  # the largest of these so far
+    created: int = 15  # energy that the law would have created in the last step, J
+    work: int = 16  # part of the work allowed in a step that is left in this one, see `solvers.cones.budget`
+    found_groups: int = 17  # of the impulses found so far in a step that is taken again, an int64
+    found_rows: int = 18  # the same of their rows, 0 if there are none, an int64
+    found_work: int = 19  # what was left of the work allowed when they were found
+    sums: int = 20  # over the collisions of the last step, see `sums`, if they are asked for, five numbers
     # nothing but the number of places: here qpos and qvel begin that the last step has left, and after them the
     # velocity that forces have added without contact in the last step, what contact has added to that if nothing
     # collided, and what is known of mocap bodies, see `surfaces`
-    left: int = 23
+    left: int = 25
 
 
 MEMORY = Memory()

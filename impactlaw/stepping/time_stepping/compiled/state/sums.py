@@ -18,9 +18,10 @@ from impactlaw.stepping.compiled.whitening import whitened
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.problem.targets import reached_groups
 
-COUNT, ENERGY, INTENSITY, DISTANT = 0, 1, 2, 3
-"""Places in the sums: number of collisions, T+ - T-, |v+ - v-|, collisions with a distant effect."""
-SUMS = 4
+COUNT, ENERGY, INTENSITY, DISTANT, INADMISSIBLE = 0, 1, 2, 3, 4
+"""Places in the sums: number of collisions, T+ - T-, |v+ - v-|, collisions with a distant effect, and with scaled
+restitution."""
+SUMS = 5
 
 _TOLERANCE, _ENOUGH, _ROUNDS = 1e-13, 1e-10, np.int64(24)
 _DRIFT = 1e-10  # part of |v-|, as a row sees it, that the velocity of a row may differ from J v
@@ -55,13 +56,14 @@ def _list(groups, reached, members, firsts, sizes, kinds):
 
 
 @kernel
-def add_collision(w, rows, answer, metric, velocity, sums):
-    """Add a collision of a phase to the sums, (4,); NaN where it needs its event.
+def add_collision(w, rows, answer, share, metric, velocity, sums):
+    """Add a collision of a phase to the sums, (`SUMS`,); NaN where it needs its event.
 
     Args:
         w: the world.
         rows: of the phase.
         answer: see `room.Answer`.
+        share: of the law's restitution that is left.
         metric: L and 1 / D.
         velocity: v-, (nv,).
         sums: see `COUNT`, written.
@@ -98,6 +100,7 @@ def add_collision(w, rows, answer, metric, velocity, sums):
     if not residual <= _ENOUGH:
         sums[COUNT] = np.nan
     _book(rows, members, x, z, norm(v), sums)
+    sums[INADMISSIBLE] += share < 1.0
 
 
 @once
