@@ -113,7 +113,7 @@ class RunStudy:
     episodes: int | None = None
     """Episodes of each cell of the table; 20 if not given."""
     steps: int | None = None
-    """Timesteps of each training; 100 000 if not given."""
+    """Timesteps of each training, in whole rollouts of 16 384; 100 000 if not given."""
     quick: bool = False
     """The scripted controllers on this package's own tasks, instead of all of the above."""
     backend: str = "loky"

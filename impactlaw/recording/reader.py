@@ -63,7 +63,12 @@ class Recording:
 
         Raises:
             UnknownNameError: there is none in this file; the message names those that are.
+            RecordingError: there is no episode at all.
         """
+        if not self.episodes:
+            raise RecordingError(
+                f"{self.path} has no episode yet: a run that goes on is written in parts, and the rest by close()"
+            )
         found = [episode for episode in self.episodes if episode.number == number]
         if not found:
             raise UnknownNameError("episode", number, [str(episode.number) for episode in self.episodes])

@@ -34,7 +34,7 @@ class Study:
             event-driven for this package's own and soft for others, if not given.
         seeds: each seed trains a policy of its own and plays episodes of its own; these are the same under every law.
         episodes: of a cell.
-        steps: of a training; 100 000 if not given.
+        steps: of a training, in whole rollouts of 16 384; 100 000 if not given.
 
     Raises:
         StudyError: something is missing, twice, or would have no effect.

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from impactlaw.errors import UnknownNameError
+from impactlaw.errors import RecordingError, UnknownNameError
 from impactlaw.laws import Fremond, LinearMap, MaximalDissipation, Moreau, Newton
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.impact import Impact
@@ -160,6 +160,13 @@ def test_properties(tmp_path, scene, law, restitution, name, value):
     assert properties == {
         "scene": "box_drop", "law": name, "restitution": value, "timestep": 0.005, "integrator": "RK4", "seed": 7
     }  # fmt: skip
+
+
+def test_a_recording_without_an_episode_says_so(tmp_path, scene):
+    with Recorder(scene[0], tmp_path / "run.rrd"):
+        pass
+    with pytest.raises(RecordingError, match="has no episode yet"):
+        read_log(tmp_path / "run.rrd").episode(0)
 
 
 def test_summaries(cradle_log):
