@@ -250,20 +250,29 @@ class ContactProblem:
         """
         data, seen, together = step.data, None, False
         if self.targets.restitution is None:
-            seen = Seen.of(self._model, data, rows, self.names, self.limits, step.metric)
+            seen = self._see(step, rows)
             together = self._ask_law(seen, before, target, sliding, collides)
         close_gaps(
             rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, self._model.dof_treeid, collides, target
         )
         if data.ne:
-            kinds, equal = np.zeros(len(collides), dtype=np.uint8), rows.kind == BILATERAL
-            kinds[equal] = self.bilateral[data.efc_id[rows.row[rows.first[equal]]]]
+            kinds = self._kinds(data, rows)
             hold(
                 rows.sparse, rows.colind, rows.value, rows.groups, rows.amounts, rows.rates, collides, kinds,
                 self._model.dof_treeid,
             )  # fmt: skip
             bound[:] = kinds != 0
         return seen, together
+
+    def _kinds(self, data: mujoco.MjData, rows: Rows) -> np.ndarray:
+        """Return `constraint_kinds` of groups that are equality constraints, 0 for others, uint8 (g,)."""
+        kinds, equal = np.zeros(len(rows.key), dtype=np.uint8), rows.kind == BILATERAL
+        kinds[equal] = self.bilateral[data.efc_id[rows.row[rows.first[equal]]]]
+        return kinds
+
+    def _see(self, step: _Step, rows: Rows) -> Seen:
+        kept = self._kinds(step.data, rows) != 0
+        return Seen.of(self._model, step.data, rows, kept, self.names, self.limits, step.metric)
 
     def _ask_law(
         self, seen: Seen, velocity: np.ndarray, target: np.ndarray, sliding: np.ndarray, collides: np.ndarray
@@ -280,10 +289,11 @@ class ContactProblem:
         if law.alone:
             target[groups] = law.of_each(labels, rows.before[rows.first[groups]])
             return False
-        collision = seen.collision(groups, velocity, labels, friction=law.rule is not None)
+        shown = {"bilateral": seen.kept}
+        collision = seen.collision(groups, velocity, labels, friction=law.rule is not None, **shown)
         ended = law.with_friction(collision)
         if ended is None:
-            target[groups] = law.of_all(seen.collision(groups, velocity, labels, friction=False))
+            target[groups] = law.of_all(seen.collision(groups, velocity, labels, friction=False, **shown))
         else:
             target[groups], sliding[seen.tangential(groups)[0]] = ended
         return law.couples(collision)
@@ -291,7 +301,7 @@ class ContactProblem:
     def _record(self, step: _Step, met: _Phase, before: np.ndarray, after: np.ndarray) -> CollisionRecord:
         """Keep a collision as it was met."""
         rows, (x, _, _, reached, _, _, share, *_, aimed) = met.rows, met.answer
-        seen = met.seen or Seen.of(self._model, step.data, rows, self.names, self.limits, step.metric)
+        seen = met.seen or self._see(step, rows)
         return CollisionRecord(
             seen, met.collides, x[rows.first] > 0.0, step.data.time - 0.5 * self._model.opt.timestep, step.middle,
             before, after.copy(), reached, aimed, self._exact, float(share),

@@ -29,7 +29,8 @@ class CollisionRecord:
     """What collides in a step: everything that the event is made of, copied.
 
     The event is the collision by itself, at the velocity of the start of the step and without the other forces of the
-    step: ``v+ = v- + M_h^-1 J^T Lambda`` reaches the same contact velocities as the step.
+    step: ``v+ = v- + M_h^-1 J^T Lambda`` reaches the same contact velocities as the step. Equality constraints that
+    give way in the collision are among these forces.
     """
 
     seen: Seen  # contacts, rows and inertia of the middle of the step
@@ -54,7 +55,8 @@ class CollisionRecord:
     def _events(self) -> tuple[ImpactEvent, ...]:
         groups = in_order(self.seen.rows, self.seen.reached(self.collides, self.pushed))
         contacts = self.seen.contacts(groups)
-        collision = self.seen.collision(groups, self.velocity, contacts.labels, friction=True)
+        held = self.seen.rows.held
+        collision = self.seen.collision(groups, self.velocity, contacts.labels, bilateral=held, friction=True)
         return (ImpactEvent(self.time, contacts, self._impact(collision, groups), self.qpos),)
 
     def _impact(self, collision: Collision, groups: np.ndarray) -> Impact:

@@ -237,3 +237,30 @@ def test_events_of_a_limit_that_an_equality_holds_can_be_read():
             count += len(stepper.events)
             assert np.isfinite(data.qpos).all()
         assert count > 0
+
+
+@pytest.mark.parametrize("how", ["auto", "never"])
+def test_a_hand_that_a_servo_drives_hits_the_floor(how):
+    """The weld to a mocap body gives way in the collision: in the event it does not hold the hand."""
+    model, data = compiled(
+        FLOOR
+        + """<body name="target" mocap="true" pos="0 0 .3"/>
+        <body name="hand" pos="0 0 .3"><freejoint/><geom type="box" size=".05 .05 .05" mass="1"/>
+        <body pos="0 0 -.05"><joint type="slide" axis="1 0 0"/><geom name="tip" size=".02" pos="0 0 -.05" mass=".1"/>
+        </body></body>""",
+        '<equality><weld body1="target" body2="hand"/></equality>',
+        option='timestep=".002"',
+    )
+    stepper = stepping(model, Moreau(0.5), compiled=how)
+    while not stepper.sums.collisions:
+        data.mocap_pos[0, 2] -= 0.3 * model.opt.timestep
+        stepper.step(data)
+    sums, (event,) = stepper.sums, stepper.events
+    impact, approach = event.impact, event.impact.collision.pre_contact_velocity[0]
+    assert approach == pytest.approx(-0.3, rel=0.02)
+    assert impact.post_contact_velocity[0] == pytest.approx(-0.5 * approach, rel=1e-9)
+    assert impact.violations.is_admissible()
+    assert sums.inadmissible == 0
+    assert sums.energy_change == pytest.approx(impact.energy_change, rel=1e-9)
+    assert sums.energy_change == pytest.approx(-0.375 * impact.collision.mass_matrix[2, 2] * approach**2, rel=0.05)
+    assert abs(sums.surface_work) < 1e-12

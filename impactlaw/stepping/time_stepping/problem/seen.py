@@ -11,7 +11,6 @@ from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction import Friction
 from impactlaw.scene.contacts import Contacts
 from impactlaw.scene.joint_limits import NO_GEOM, Limits, LimitState
-from impactlaw.solvers.cones import BILATERAL
 from impactlaw.stepping.compiled.dense import gradients, mass_matrix
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.targets import reached_groups
@@ -34,6 +33,7 @@ class Seen:
         names: of all geoms, as in contact labels.
         limits: of joints and tendons.
         rows: of the step.
+        kept: which of its groups are equality constraints that collisions must not violate, bool (g,).
         geoms: of MuJoCo's contacts, (ncon, 2).
         frame: of these, normals first, (ncon, 9).
         position: of these, m, (ncon, 3).
@@ -46,6 +46,7 @@ class Seen:
     names: tuple[str, ...]
     limits: Limits
     rows: Rows
+    kept: np.ndarray
     geoms: np.ndarray
     frame: np.ndarray
     position: np.ndarray
@@ -59,6 +60,7 @@ class Seen:
         model: mujoco.MjModel,
         data: mujoco.MjData,
         rows: Rows,
+        kept: np.ndarray,
         names: tuple[str, ...],
         limits: Limits,
         metric: tuple[np.ndarray, np.ndarray],
@@ -67,7 +69,7 @@ class Seen:
         contact = data.contact
         state = LimitState.of(data) if np.count_nonzero(rows.source < -1) else None
         copies = contact.geom.copy(), contact.frame.copy(), contact.pos.copy()
-        return cls(model, names, limits, rows, *copies, state, metric[0].copy(), metric[1].copy())
+        return cls(model, names, limits, rows, kept, *copies, state, metric[0].copy(), metric[1].copy())
 
     def contacts(self, groups: np.ndarray) -> Contacts:
         """Return some groups, contacts first and then limits, int (h,), as contacts."""
@@ -98,9 +100,15 @@ class Seen:
         return first[contact] + 1 + np.arange(len(contact)) - np.repeat(np.cumsum(more) - more, more), contact
 
     def collision(
-        self, groups: np.ndarray, velocity: np.ndarray, labels: tuple[str, ...], *, friction: bool
+        self,
+        groups: np.ndarray,
+        velocity: np.ndarray,
+        labels: tuple[str, ...],
+        *,
+        bilateral: np.ndarray,
+        friction: bool,
     ) -> Collision:
-        """Return the collision of some groups, int (h,), at v-, (nv,)."""
+        """Return the collision of some groups, int (h,), at v-, (nv,), beside bilateral constraints, bool (g,)."""
         rows, friction_of_rows = self.rows, None
         first, (tangential, contact) = rows.first[groups], self.tangential(groups)
         J = self._gradients(first)
@@ -108,7 +116,7 @@ class Seen:
             J_t = self._gradients(tangential)
             along = _beside(rows.before[tangential], J_t @ velocity)
             friction_of_rows = Friction(J_t, contact, rows.scale[tangential], along)
-        surface, equal = _beside(rows.before[first], J @ velocity), rows.first[rows.kind == BILATERAL]
+        surface, equal = _beside(rows.before[first], J @ velocity), rows.first[bilateral]
         return Collision(
             mass_matrix(self.factor, *self._layout, self.inverse),
             J,
