@@ -33,6 +33,7 @@ _WHY = {
     status.TIMESTEP: "the timestep is not positive",
     status.OVERRIDDEN: "MuJoCo's override of contacts is on",
 }
+_COUNTED = slice(MEMORY.steps, MEMORY.created)  # what is counted over steps, and told of the last one
 _DIVERGED = {status.HUGE_INPUT, status.HUGE_OUTPUT, status.NOT_FINITE}
 
 
@@ -75,6 +76,7 @@ class RigidWorlds:
         self._model, self._scheme, worlds = model, scheme, pool.worlds
         self.laws = Laws(_OneRigidWorld(scheme), worlds, len(SETTING))
         self._memory = memory.make_memory(model, worlds)
+        self._counted = self._memory[:, _COUNTED].copy()
         self._report = np.zeros((worlds, 2), np.int64)
         self._carriers, self._bilateral = scheme.carriers, constraint_kinds(scheme.model)
         self._slots, self._table = np.zeros((pool.threads + 1, 2), np.int64), table()
@@ -121,6 +123,7 @@ class RigidWorlds:
         """Let the next call take so many steps of some worlds."""
         self.context[WORLDS.steps] = steps
         self._report[worlds, 0] = status.FINE
+        self._counted = self._memory[:, _COUNTED].copy()
 
     def go_on(self, worlds: np.ndarray) -> np.ndarray:
         """Do what compiled code has left, and return the worlds that are to be stepped once more, int32 (k,)."""
@@ -139,6 +142,7 @@ class RigidWorlds:
     def put_back(self, worlds: np.ndarray) -> None:
         """Let worlds that an error of MuJoCo's engine has ended be as they were before the call."""
         self._memory.view(np.int64)[worlds, MEMORY.known] = 0
+        self._memory[worlds, _COUNTED] = self._counted[worlds]
         forget_surfaces(self._memory, worlds, self._model)
 
     def begin(self, worlds: np.ndarray) -> None:

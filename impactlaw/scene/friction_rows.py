@@ -9,12 +9,11 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.contacts import Contacts, constraint_rows, sorted_geoms
-from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.scene.moving_surfaces import TORSION, Surfaces
 from impactlaw.scene.tolerances import MIN_FRICTION, NO_FRICTION, ORTHOGONAL
 
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
-_TORSION = 2  # rows of a contact are two of sliding, one of torsion, two of rolling
 
 
 class Span(NamedTuple):
@@ -82,14 +81,14 @@ def learn_friction(
     if not rows.any():
         return None
     contact, kind = np.nonzero(rows)
-    slides = kind < _TORSION
+    slides = kind < TORSION
     bodies = model.geom_bodyid[geoms]
     bodies = np.where(model.body_weldid[bodies] != 0, bodies, -1)
     rubbing, first, count = np.unique(contact, return_index=True, return_counts=True)
     columns = first, first + np.add.reduceat(slides, first), first + count, rubbing, bodies[rubbing]
     rows_of = zip(*(column.tolist() for column in columns), strict=True)
     spans = [Span(begin, turning, last, i, tuple(pair)) for begin, turning, last, i, pair in rows_of]
-    axis, normal = np.where(slides, kind + 1, kind - _TORSION), np.arange(len(geoms) + limits)
+    axis, normal = np.where(slides, kind + 1, kind - TORSION), np.arange(len(geoms) + limits)
     rows_contact = np.concatenate([normal, contact])
     rows_kind = np.concatenate([np.zeros_like(normal), kind + 1])
     order = np.argsort(rows_contact, kind="stable")
@@ -120,9 +119,7 @@ def find_tangents(
             J[turning:last] = axis[turning:last] @ turn
     drift = np.zeros(len(axis))
     if surfaces is not None:
-        velocity, spin, belt = (part[friction_pattern.contact] for part in surfaces.motion(data, contacts))
-        slides = (friction_pattern.kind < _TORSION)[:, None]
-        drift = np.vecdot(axis, np.where(slides, velocity + belt, spin))
+        drift = surfaces.motion(data, contacts).along(axis, friction_pattern.contact, friction_pattern.kind)
     return J, drift
 
 
@@ -172,15 +169,14 @@ def active_friction(
     skew = _straighten(frame)
     if surfaces is None and not len(skew):
         return ActiveFriction(J, contact, mu, drift)
-    slides = (kind < _TORSION)[:, None]
-    axis = frame.reshape(-1, 3, 3)[contact, np.where(kind < _TORSION, kind + 1, kind - _TORSION)]
+    slides = (kind < TORSION)[:, None]
+    axis = frame.reshape(-1, 3, 3)[contact, np.where(kind < TORSION, kind + 1, kind - TORSION)]
     for i in skew.tolist():
         own, k = contact == i, index[i]
         slide, turn = _relative(model, data, found.pos[k], tuple(model.geom_bodyid[found.geom[k]]))
         J[own] = np.where(slides[own], axis[own] @ slide, axis[own] @ turn)
     if surfaces is not None:
-        velocity, spin, belt = (part[contact] for part in surfaces.motion(data, contacts))
-        drift = np.vecdot(axis, np.where(slides, velocity + belt, spin))
+        drift = surfaces.motion(data, contacts).along(axis, contact, kind)
         drift = np.where(swapped[contact], -drift, drift)
     return ActiveFriction(J, contact, mu, drift)
 
@@ -225,7 +221,7 @@ def friction_on_contacts(
         if len(kinds) != len(rows):
             kinds = np.flatnonzero((np.arange(5) < dims[i] - 1) & (mus[i] > NO_FRICTION))
         parts = _relative(model, data, contacts.position[i], tuple(model.geom_bodyid[contacts.geoms[i]]))
-        slides = kinds < _TORSION
+        slides = kinds < TORSION
         for which, moves, vector in ((rows[slides], parts[0], force), (rows[~slides], parts[1], torque)):
             if len(which):
                 vector[i] = np.linalg.lstsq(moves.T, impulse[which] @ jacobian[which], rcond=None)[0]

@@ -8,9 +8,9 @@ u' differ by more than `BLOW`, the body was struck: it moves at constant velocit
 A body that would move farther in a step than it is large, and faster than `PUT`, does not move: it is put where it is
 to be, and stands there.
 
-A geom's ``surfacevel`` moves its surface within itself. As in MuJoCo, it counts in the tangent plane of a contact only:
-it takes along by friction, and never pushes. A model that was compiled without any has none for good: MuJoCo does not
-look at what is written into the compiled model then.
+A geom's ``surfacevel`` moves its surface within itself. As in MuJoCo, it counts in the tangent plane of a contact, and
+about its normal, only: it takes along by friction of sliding and torsion, and never pushes. A model that was compiled
+without any has none for good: MuJoCo does not look at what is written into the compiled model then.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ import numpy as np
 from impactlaw.scene.contacts import Contacts
 from impactlaw.scene.tolerances import BLOW, PUT
 
+TORSION = 2
+"""Kind of the row of torsion: rows of friction are two of sliding, one of torsion, two of rolling."""
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]  # of the axes x, y, z
 
 
@@ -34,6 +36,16 @@ class Motion(NamedTuple):
     velocity: np.ndarray  # of the contact point, world frame, m/s, (h, 3)
     spin: np.ndarray  # angular velocity, world frame, rad/s, (h, 3)
     belt: np.ndarray  # of surfaces that run within themselves, world frame, m/s, (h, 3)
+    belt_spin: np.ndarray  # angular velocity of these, world frame, rad/s, (h, 3)
+
+    def along(self, axis: np.ndarray, contact: np.ndarray, kind: np.ndarray) -> np.ndarray:
+        """Return what that adds to rows of friction, m/s or rad/s, (k,), with these axes, (k, 3).
+
+        The kind is 0 or 1 for sliding, 2 for torsion, more for rolling, int (k,).
+        """
+        slides, twists = (kind < TORSION)[:, None], (kind == TORSION)[:, None]
+        spin = self.spin[contact] + np.where(twists, self.belt_spin[contact], 0.0)
+        return np.vecdot(axis, np.where(slides, (self.velocity + self.belt)[contact], spin))
 
 
 class LastMotion(NamedTuple):
@@ -107,6 +119,8 @@ class Surfaces:
             self._measure()
         target = np.empty_like(self._target)
         target[:, :3], target[:, 3:] = data.mocap_pos, data.mocap_quat
+        for quat in target[:, 3:]:
+            mujoco.mju_normalize4(quat)  # as MuJoCo does when it places the body
         self.goes_on = going_on = self._time == data.time
         self._time, self._duration = data.time, duration
         if going_on and self.still and np.array_equal(target, self._target):
@@ -211,17 +225,20 @@ class Surfaces:
     def motion(self, data: mujoco.MjData, contacts: Contacts) -> Motion:
         """Return how the surfaces of these contacts move."""
         velocity, spin = self._relative(data, contacts, self._now(data))
-        belt = np.zeros_like(velocity)
+        belt, belt_spin = np.zeros_like(velocity), np.zeros_like(velocity)
         if self.run:
             belts = np.append(self._model.geom_surfacevel.any(axis=1), False)
             for sign, geom in ((-1.0, contacts.geoms[:, 0]), (1.0, contacts.geoms[:, 1])):
                 for i in np.flatnonzero(belts[geom]):
-                    belt[i] += sign * self._belt(data, int(geom[i]), contacts.position[i])
-        return Motion(velocity, spin, belt)
+                    own = self._belt(data, int(geom[i]), contacts.position[i])
+                    belt[i], belt_spin[i] = belt[i] + sign * own[0], belt_spin[i] + sign * own[1]
+        return Motion(velocity, spin, belt, belt_spin)
 
-    def _belt(self, data: mujoco.MjData, geom: int, point: np.ndarray) -> np.ndarray:
+    def _belt(self, data: mujoco.MjData, geom: int, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return velocity and angular velocity of a surface that runs, world frame, (3,) each."""
         own, turn = self._model.geom_surfacevel[geom], data.geom_xmat[geom].reshape(3, 3)
-        return turn @ (own[:3] + np.cross(own[3:], turn.T @ (point - data.geom_xpos[geom])))
+        spin = turn @ own[3:]
+        return turn @ own[:3] + np.cross(spin, point - data.geom_xpos[geom]), spin
 
     def _relative(self, data: mujoco.MjData, contacts: Contacts, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         linear, spin = np.zeros((2, len(contacts), 3))

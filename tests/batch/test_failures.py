@@ -79,3 +79,19 @@ def test_only_worlds_that_were_stepped_have_failed(contact_model):
     batch.bind("qvel")[2, 0] = np.nan
     with pytest.raises(WorldsFailedError, match=r"^4 worlds have failed \(0, 1, 2, 3\): .*memory"):
         batch.step()
+
+
+def test_collisions_of_a_call_that_the_engine_ends_do_not_count():
+    """Twelve balls need more of MuJoCo's memory for their contacts than there is; one far from them does not."""
+    balls = "".join(f'<body pos="{0.3 * i} 0 .9"><freejoint/><geom size=".1" condim="6"/></body>' for i in range(12))
+    first = '<geom type="plane" size="9 9 1"/><body pos="0 3 .11"><freejoint/><geom size=".1" condim="6"/></body>'
+    scene = f'<mujoco><size memory="28K"/><worldbody>{first}{balls}</worldbody></mujoco>'
+    batch = Batch(mujoco.MjModel.from_xml_string(scene), Moreau(0.5), 2, 1)
+    batch.bind("qvel")[:, 2] = -2.0
+    batch.bind("qpos")[0, 9::7] = 50.0  # those of the first world stay in the air
+    with pytest.raises(WorldsFailedError, match="out of memory") as caught:
+        batch.step(nstep=300)
+    assert list(caught.value.worlds) == [1]
+    assert batch.bind("time")[1] == 0.0
+    assert batch.impact_count[0] > 0
+    assert [counted[1] for counted in (batch.impact_count, batch.short_steps, batch.shortfall)] == [0, 0, 0]

@@ -55,6 +55,7 @@ _FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "mju_rotVecQuat": (_P, _P, _P),
     "mju_axisAngle2Quat": (_P, _P, _F),
     "mju_mulQuat": (_P, _P, _P),
+    "mju_normalize4": (_P,),
     "mj_isSparse": (_P,),
     "mj_makeData": (_P,),
     "mj_getState": (_P, _P, _P, _I),
@@ -101,6 +102,7 @@ runge_kutta, fwd_constraint, mul_jac_vec = (
 jac = _external("mj_jac")
 sub_quat, rotate = _external("mju_subQuat"), _external("mju_rotVecQuat")
 axis_angle_to_quat, mul_quat = _external("mju_axisAngle2Quat"), _external("mju_mulQuat")
+normalize4 = _external("mju_normalize4", types.float64)
 get_state, set_state = _external("mj_getState"), _external("mj_setState")
 is_sparse, make_data = _external("mj_isSparse", types.int32), _external("mj_makeData", types.int64)
 

@@ -92,7 +92,7 @@ class RowReader:
         seen = Contacts((), contact.geom, contact.dist, contact.pos, contact.frame[:, :3])
         end = data.time
         data.time = end - 0.5 * h
-        velocity, spin, _ = surfaces.motion(data, seen)
+        velocity, spin, *_ = surfaces.motion(data, seen)
         data.time = end
         for g in np.flatnonzero(rows.source >= 0):
             i, first = rows.source[g], rows.first[g]

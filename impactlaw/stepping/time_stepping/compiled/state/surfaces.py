@@ -165,6 +165,7 @@ def begin_surfaces(w):
     for i in range(m):
         put(rows[i, ROW.to : ROW.to + 3], position[3 * i : 3 * i + 3])
         put(rows[i, ROW.to + 3 : ROW.through], quaternion[4 * i : 4 * i + 4])
+        mj.normalize4(address_of(rows[i]) + 8 * (ROW.to + 3))  # as MuJoCo does when it places the body
         speed, moves = _begin(w, rows[i], goes_on, arm[i])
         fastest, moving = max(fastest, speed), moving or moves
     head[HEAD.speed] = fastest
