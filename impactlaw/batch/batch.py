@@ -144,7 +144,7 @@ class Batch:
 
     @property
     def short_steps(self) -> np.ndarray:
-        """Steps of each world so far that did not meet their law, (nsim,); see `Stepper.short_steps`."""
+        """Steps of each world so far that did not meet their law, (nsim,): `Stepper.short_steps` and `unlocated`."""
         return self._worlds.short_steps
 
     @property

@@ -108,7 +108,7 @@ def check_scene_friction(model: mujoco.MjModel, plan: Plan) -> None:
     friction, and what should stick slides or sinks in.
 
     Raises:
-        SceneError: MuJoCo's override of contacts is on, or a coefficient of sliding is larger, or one is no number.
+        SceneError: MuJoCo's override of contacts is on, or a coefficient is larger, or one is no number.
     """
     check_override(model, plan)
     for name in ("geom_friction", "pair_friction"):
@@ -118,7 +118,7 @@ def check_scene_friction(model: mujoco.MjModel, plan: Plan) -> None:
         return
     geoms = plan.pairs.geoms
     dim, mu = pair_friction(model, geoms)
-    mu = np.where(dim > 1, mu[:, :2].max(axis=1, initial=0.0), 0.0)
+    mu = np.where(np.arange(5) < dim[:, None] - 1, mu, 0.0).max(axis=1, initial=0.0)
     most = int(mu.argmax())
     if mu[most] > _LARGEST_FRICTION:
         one, other = (geom_names(model)[geom] for geom in geoms[most])

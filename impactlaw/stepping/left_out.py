@@ -11,11 +11,13 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import SceneError
+from impactlaw.stepping.compatibility import check_scene_friction
 from impactlaw.stepping.plan import Plan, make_plan
 
 _FRICTION = ("geom_friction", "geom_condim", "geom_priority", "pair_friction", "pair_dim")
 _CONTACT = ("geom_contype", "geom_conaffinity")
 _LIMITED = ("jnt_limited", "tendon_limited")
+_FILTER_PARENT = int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT)
 _WORDS = {
     "detection": "geoms can meet",
     "friction": "contacts have friction",
@@ -62,9 +64,12 @@ class LeftOut:
         """Refuse to go on where the model has come to need what was left out; return whether friction was changed.
 
         Raises:
-            SceneError: it has, or limits of joints are other ones (event-driven); says what has changed.
+            SceneError: it has, or limits of joints are other ones (event-driven), or friction is none that can be
+                resolved; says what has changed.
         """
         model, rubs = self._model, False
+        if self._parents != model.opt.disableflags & _FILTER_PARENT and not self._plan.detection:
+            self._compare("opt.disableflags")
         for name, kept in self._kept:
             if getattr(model, name).tobytes() != kept:
                 self._compare(name)
@@ -73,6 +78,7 @@ class LeftOut:
         return rubs
 
     def _keep(self) -> None:
+        self._parents = self._model.opt.disableflags & _FILTER_PARENT
         self._kept = [(name, getattr(self._model, name).tobytes()) for name in self._names]
 
     def _compare(self, name: str) -> None:
@@ -85,6 +91,8 @@ class LeftOut:
                     f"{words} since model.{name} was changed, but none did when the stepper was made, and it has left "
                     "that out; make a new Stepper, or, of an environment, a new environment"
                 )
+        if name in _FRICTION:
+            check_scene_friction(model, new)
         if old.scheme == "event-driven" and _active_limits(model) != self._limits:
             raise SceneError(
                 f"model.{name} was changed, but event-driven steps keep the limits that joints and tendons had when "

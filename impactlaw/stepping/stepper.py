@@ -243,6 +243,7 @@ class Stepper:
                 (event-driven).
             UnfinishedStepError: the step takes too much work, or contact is not held, and on_unsolved is "raise".
             DivergenceError: position or velocity is not finite.
+            mujoco.FatalError: MuJoCo's own memory is too small, or it refuses what was written into the model.
             SceneError: data is no MjData, or of a model with other bodies, joints or geoms; or the model has come to
                 need what the plan has left out, such as friction, or has other limits of joints (event-driven).
         """

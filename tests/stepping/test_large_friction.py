@@ -5,7 +5,7 @@ import pytest
 from scenes import compiled
 
 from impactlaw import Batch, Moreau, Stepper
-from impactlaw.errors import SceneError
+from impactlaw.errors import DivergenceError, SceneError, WorldsFailedError
 
 WAYS = [{}, {"scheme": "time-stepping"}, {"scheme": "time-stepping", "compiled": "never"}]
 
@@ -51,3 +51,44 @@ def test_more_is_refused_in_batches_and_allowed_where_it_is_not_used():
     Stepper(box_above(1e8, condim=1)[0], Moreau(0))
     Stepper(box_above(1e8)[0], Moreau(0), friction="ignore")
     Stepper(box_above(1e8)[0], Moreau(0), contact_model="soft")
+
+
+@pytest.mark.parametrize("friction", ["1 1e8 1e-4", "1 .1 1e6"])
+@pytest.mark.parametrize("options", WAYS)
+def test_torsion_and_rolling_that_are_too_large_are_refused(friction, options):
+    """A ball kept all of its 10 rad/s about the normal as it landed, or some, and nothing was counted."""
+    floor = f'<geom name="floor" type="plane" size="1 1 1" friction="{friction}" condim="6"/>'
+    model, _ = compiled(floor + '<body pos="0 0 .2"><freejoint/><geom name="ball" size=".1"/></body>')
+    with pytest.raises(SceneError, match=r"friction up to 10000, got .* of floor/ball"):
+        Stepper(model, Moreau(0.5), **options)
+
+
+@pytest.mark.parametrize("options", WAYS)
+def test_friction_that_becomes_no_number_ends_the_steps(options):
+    """A box slid as on ice."""
+    model, data = box_above(1)
+    data.qpos[2] = 0.1
+    stepper = Stepper(model, Moreau(0), **options)
+    stepper.step(data)
+    model.geom_friction[:] = np.nan
+    with pytest.raises((SceneError, DivergenceError), match="not finite"):
+        stepper.step(data)
+
+
+def test_friction_that_becomes_no_number_in_one_world():
+    model, _ = box_above(1)
+    batch = Batch(model, Moreau(0), 2)
+    batch.bind("qpos")[:, 2] = 0.1
+    batch.expand("geom_friction")[1] = np.nan
+    with pytest.raises(WorldsFailedError, match="not finite") as caught:
+        batch.step()
+    assert list(caught.value.worlds) == [1]
+
+
+def test_friction_that_becomes_too_large_ends_event_driven_steps():
+    model, data = box_above(1)
+    stepper = Stepper(model, Moreau(0))
+    stepper.step(data)
+    model.geom("floor").friction[0] = 1e7
+    with pytest.raises(SceneError, match="friction up to 10000"):
+        stepper.step(data)

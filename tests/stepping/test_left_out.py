@@ -277,3 +277,15 @@ def test_friction_of_the_override_in_a_batch_and_a_plan(tmp_path, monkeypatch, c
     with pytest.raises(SystemExit):
         main()
     assert "o_friction" in capsys.readouterr().err
+
+
+@every_way
+def test_a_child_that_comes_to_meet_its_parent(way):
+    """MuJoCo leaves parents and children out, unless a flag says otherwise; event-driven steps let them pass."""
+    model, data = compiled("""<body><joint type="slide" axis="1 0 0"/><geom size=".1"/>
+      <body pos="0 0 .5"><joint type="slide" axis="0 0 1"/><geom size=".1"/></body></body>""")
+    stepper = Stepper(model, Moreau(0.5), **WAYS[way])
+    stepper.step(data)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT)
+    with pytest.raises(SceneError, match=r"geoms can meet since model.opt.disableflags was changed"):
+        stepper.step(data)

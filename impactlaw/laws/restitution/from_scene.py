@@ -22,7 +22,7 @@ def scene_law(model: mujoco.MjModel) -> Newton:
     """Return the law that the scene itself carries: Newton, keyed by geom pairs, joints and tendons.
 
     Raises:
-        RestitutionError: the scene names no restitution, or a coefficient is not one number in [0, 1].
+        RestitutionError: the scene names no restitution, or a coefficient is not one number in [0, 1], or was renamed.
         UnknownNameError: a coefficient is of something that the scene does not have.
     """
     names, limits = geom_names(model), Limits(model).names
@@ -34,6 +34,11 @@ def scene_law(model: mujoco.MjModel) -> Newton:
             default = _one_coefficient(numeric)
         elif numeric.name.startswith(f"{RESTITUTION}/"):
             table[_split_name(numeric.name, names, limits)] = _one_coefficient(numeric)
+        elif numeric.name.split("/")[0].endswith(RESTITUTION):
+            raise RestitutionError(
+                f"<numeric name={numeric.name!r}> would be passed over: an <attach prefix=...> has renamed it. Put one "
+                f"of the geoms' new names beside the <attach>, as {RESTITUTION}/a/b"
+            )
     if default is None and not table:
         raise RestitutionError(
             'the scene carries no restitution; add <custom><numeric name="restitution" data="0.5"/></custom> '

@@ -1,10 +1,11 @@
 """Restitution in all its spellings: by number, list, matrix, contact label and name of the law; what is refused."""
 
+import mujoco
 import numpy as np
 import pytest
 from problems import LAWS, OF_SOME, SWAPPED, launched
 
-from impactlaw import Collision, Fremond, LinearMap, MaximalDissipation, Moreau, Newton, make_law
+from impactlaw import Collision, Fremond, LinearMap, MaximalDissipation, Moreau, Newton, Stepper, make_law
 from impactlaw.errors import RestitutionError, UnknownNameError
 from impactlaw.laws import LAWS as REGISTRY
 from impactlaw.laws import Law
@@ -205,3 +206,19 @@ def test_laws_do_not_change():
     np.testing.assert_array_equal(law.restitution_matrix(launched(3, 1)), np.eye(2))
     with pytest.raises(AttributeError):
         Moreau(0.5).restitution = 0.7  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_restitution_that_an_attached_model_brings_is_not_passed_over():
+    """MuJoCo puts the prefix before the whole name of its <numeric>."""
+    child = mujoco.MjSpec.from_string(
+        '<mujoco><custom><numeric name="restitution/ball/floor" data=".9"/></custom><worldbody>'
+        '<geom name="floor" type="plane" size="1 1 1"/><body name="b" pos="0 0 1"><freejoint/>'
+        '<geom name="ball" size=".1"/></body></worldbody></mujoco>'
+    )
+    parent = mujoco.MjSpec.from_string(
+        '<mujoco><custom><numeric name="restitution" data=".3"/></custom><worldbody/></mujoco>'
+    )
+    parent.attach(child, prefix="p_", frame=parent.worldbody.add_frame())
+    model = parent.compile()
+    with pytest.raises(RestitutionError, match=r"p_restitution/ball/floor.* would be passed over"):
+        Stepper(model, "scene")

@@ -119,7 +119,7 @@ def _group(kinds, dim, friction, number, row, frictional):
     rows = 1
     if frictional:
         for k in range(dim[contact] - 1):
-            rows += friction[contact, k] > NO_FRICTION
+            rows += not friction[contact, k] <= NO_FRICTION  # NaN counts: the step fails, rather than go on without
     return CONE, rows, dim[contact]
 
 
@@ -253,7 +253,7 @@ def write_rows(
         _write_group(rows, g, r, row, size, kind, kinds, number, position, regularizer, loss, geoms, timestep)
         for k in range(step if frictional else 1):
             i, scale = row + k, 1.0 if k == 0 else friction[number[row], k - 1]
-            if k > 0 and not scale > NO_FRICTION:
+            if k > 0 and scale <= NO_FRICTION:
                 continue
             _write_rates(
                 rows, r, i, kind, scale, velocity, reference, regularizer, Jnnz, Jadr, Jcol, J, before, free, timestep
