@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,6 +16,7 @@ from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
 from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers import solve_with_jump
 from impactlaw.solvers.friction.solve import solve_cones
+from impactlaw.solvers.problem import Status
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
 
@@ -74,6 +76,9 @@ class CollisionRecord:
         targets = target, self.sliding[self.seen.tangential(groups)[0]]
         problem = cone_problem(collision, *targets, exact=self.exact)
         answer = solve_cones(problem)
+        if answer.status is not Status.SOLVED:  # the step went to the nearest point
+            with suppress(SolverError):
+                return FrictionImpact.observed(collision, self.after)
         return FrictionImpact.of_cones(
             collision, answer.impulse, answer.jump, targets, scale=self.share, exact=self.exact, problem=problem
         )

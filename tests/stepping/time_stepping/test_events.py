@@ -264,3 +264,33 @@ def test_a_hand_that_a_servo_drives_hits_the_floor(how):
     assert sums.energy_change == pytest.approx(impact.energy_change, rel=1e-9)
     assert sums.energy_change == pytest.approx(-0.375 * impact.collision.mass_matrix[2, 2] * approach**2, rel=0.05)
     assert abs(sums.surface_work) < 1e-12
+
+
+@pytest.mark.parametrize("how", ["auto", "never"])
+@pytest.mark.parametrize("friction", [0.0, 1.0])
+def test_the_tip_of_a_four_bar_linkage_hits_the_floor(friction, how):
+    """With friction it jams: it moves along a curve on which friction lets no impulse of the floor throw it back.
+
+    The drift of its constraint leaves no exact solution then. The event took impulses of 1e12 N s for one.
+    """
+    bars = """<geom name="floor" type="plane" size="3 3 1" pos="0 0 -.5" contype="1" conaffinity="1"/>
+    <body><joint axis="0 1 0"/><geom fromto="0 0 0 0 0 -.4"/>
+    <body pos="0 0 -.4"><joint axis="0 1 0"/><geom fromto="0 0 0 .5 0 0"/>
+    <geom name="tip" type="sphere" size=".05" pos=".25 0 -.1" contype="1" conaffinity="1"/>
+    <body name="last" pos=".5 0 0"><joint axis="0 1 0"/><geom fromto="0 0 0 0 0 .4"/></body></body></body>
+    <body name="post" pos=".5 0 0"/>"""
+    closed = '<equality><connect body1="last" body2="post" anchor="0 0 .4"/></equality>'
+    shape = f'type="capsule" size=".02" contype="0" conaffinity="0" friction="{friction}"'
+    model, data = compiled(bars, closed, option='timestep=".002"', geom=shape)
+    data.qpos[:] = 0.9, -0.9, 0.9
+    stepper = stepping(model, Moreau(0.5), compiled=how)
+    while not stepper.sums.collisions:
+        stepper.step(data)
+    (event,) = stepper.events
+    impact = event.impact
+    approach, energy = -impact.collision.pre_contact_velocity[0], impact.collision.kinetic_energy
+    assert approach == pytest.approx(0.72, rel=0.01)
+    assert 0.0 < impact.impulse[0] < 10.0
+    assert abs(impact.surface_work) < 0.01 * energy  # of the constraint, which drifts
+    assert impact.post_contact_velocity[0] == pytest.approx(0.0 if friction else 0.5 * approach, abs=0.01)
+    assert stepper.sums.inadmissible == bool(friction)
