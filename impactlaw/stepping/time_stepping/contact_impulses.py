@@ -289,11 +289,10 @@ class ContactProblem:
         if law.alone:
             target[groups] = law.of_each(labels, rows.before[rows.first[groups]])
             return False
-        shown = {"bilateral": seen.kept}
-        collision = seen.collision(groups, velocity, labels, friction=law.rule is not None, **shown)
+        collision = seen.collision(groups, velocity, labels, friction=law.rule is not None)
         ended = law.with_friction(collision)
         if ended is None:
-            target[groups] = law.of_all(seen.collision(groups, velocity, labels, friction=False, **shown))
+            target[groups] = law.of_all(seen.collision(groups, velocity, labels, friction=False))
         else:
             target[groups], sliding[seen.tangential(groups)[0]] = ended
         return law.couples(collision)

@@ -32,7 +32,7 @@ class CollisionRecord:
 
     The event is the collision by itself, at the velocity of the start of the step and without the other forces of the
     step: ``v+ = v- + M_h^-1 J^T Lambda`` reaches the same contact velocities as the step. Equality constraints that
-    give way in the collision are among these forces.
+    collisions may violate, such as servos, are among these forces.
     """
 
     seen: Seen  # contacts, rows and inertia of the middle of the step
@@ -57,8 +57,7 @@ class CollisionRecord:
     def _events(self) -> tuple[ImpactEvent, ...]:
         groups = in_order(self.seen.rows, self.seen.reached(self.collides, self.pushed))
         contacts = self.seen.contacts(groups)
-        held = self.seen.rows.held
-        collision = self.seen.collision(groups, self.velocity, contacts.labels, bilateral=held, friction=True)
+        collision = self.seen.collision(groups, self.velocity, contacts.labels, friction=True)
         return (ImpactEvent(self.time, contacts, self._impact(collision, groups), self.qpos),)
 
     def _impact(self, collision: Collision, groups: np.ndarray) -> Impact:

@@ -241,7 +241,7 @@ def test_events_of_a_limit_that_an_equality_holds_can_be_read():
 
 @pytest.mark.parametrize("how", ["auto", "never"])
 def test_a_hand_that_a_servo_drives_hits_the_floor(how):
-    """The weld to a mocap body gives way in the collision: in the event it does not hold the hand."""
+    """The weld to a mocap body may give way in collisions: in the event it does not hold the hand."""
     model, data = compiled(
         FLOOR
         + """<body name="target" mocap="true" pos="0 0 .3"/>

@@ -95,11 +95,6 @@ class Rows(NamedTuple):
         return self.rates[2]
 
     @property
-    def held(self) -> np.ndarray:
-        """Which groups are equality constraints that keep their velocity in a collision, bool (g,); see `drifts`."""
-        return (self.kind == BILATERAL) & (self.compliance[self.first] < self.amounts[1])
-
-    @property
     def compliance(self) -> np.ndarray:
         """R of soft equalities, else 0, (n,)."""
         return self.rates[4]

@@ -100,15 +100,9 @@ class Seen:
         return first[contact] + 1 + np.arange(len(contact)) - np.repeat(np.cumsum(more) - more, more), contact
 
     def collision(
-        self,
-        groups: np.ndarray,
-        velocity: np.ndarray,
-        labels: tuple[str, ...],
-        *,
-        bilateral: np.ndarray,
-        friction: bool,
+        self, groups: np.ndarray, velocity: np.ndarray, labels: tuple[str, ...], *, friction: bool
     ) -> Collision:
-        """Return the collision of some groups, int (h,), at v-, (nv,), beside bilateral constraints, bool (g,)."""
+        """Return the collision of some groups, int (h,), at v-, (nv,)."""
         rows, friction_of_rows = self.rows, None
         first, (tangential, contact) = rows.first[groups], self.tangential(groups)
         J = self._gradients(first)
@@ -116,7 +110,7 @@ class Seen:
             J_t = self._gradients(tangential)
             along = _beside(rows.before[tangential], J_t @ velocity)
             friction_of_rows = Friction(J_t, contact, rows.scale[tangential], along)
-        surface, equal = _beside(rows.before[first], J @ velocity), rows.first[bilateral]
+        surface, equal = _beside(rows.before[first], J @ velocity), rows.first[self.kept]
         return Collision(
             mass_matrix(self.factor, *self._layout, self.inverse),
             J,

@@ -1,7 +1,7 @@
 """Sums over the collisions of a compiled step, as those over its events would be; see `events.CollisionRecord`.
 
 A collision by itself starts at v- and knows no forces, so that its problem is solved once more. Where that is not all,
-because surfaces move, equality constraints keep their velocity, or the outcome is not in S(v-), events are asked for.
+because surfaces move, equality constraints take part, or the outcome is not in S(v-), events are asked for.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.mechanics.tolerances import SIGNIFICANT
-from impactlaw.solvers.cones import BILATERAL, CONE
+from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import cleared, indices, integers, kernel, norm, numbers, once, plain, zeros
 from impactlaw.solvers.cones.solve import linked_improve
 from impactlaw.stepping.compiled.access import layout_of, model_ints
@@ -73,7 +73,7 @@ def add_collision(w, rows, answer, share, metric, velocity, sums):
     for g in range(len(pushed)):
         target[g] = answer.reached[g] if answer.collides[g] else 0.0
         pushed[g] = answer.x[rows.groups[0, g]] > 0.0
-        if rows.groups[2, g] == BILATERAL and rows.rates[4, rows.groups[0, g]] < rows.amounts[1, g]:
+        if answer.bound[g]:
             sums[COUNT] = np.nan
     reached = reached_groups(
         rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, tree, answer.collides, pushed
