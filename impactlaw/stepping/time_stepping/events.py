@@ -69,9 +69,9 @@ class CollisionRecord:
             except (UnsolvableLawError, SolverError):  # the step went to the nearest point
                 return Impact.observed(collision, self.after)
             impact = Impact.solved(collision, problem, answer, target)
-            return (
-                impact if self.share == 1.0 else Impact.observed(collision, impact.post_velocity)
-            )  # not the law's own
+            if self.share < 1.0:  # not the law's own outcome
+                return Impact.observed(collision, impact.post_velocity)
+            return impact
         targets = target, self.sliding[self.seen.tangential(groups)[0]]
         problem = cone_problem(collision, *targets, exact=self.exact)
         answer = solve_cones(problem)
