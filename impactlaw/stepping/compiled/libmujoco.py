@@ -66,13 +66,18 @@ _FUNCTIONS: dict[str, tuple[Any, ...]] = {
 @cache
 def library() -> Any:
     """Return the library that the bindings of MuJoCo have loaded."""
-    (path,) = [path for path in Path(mujoco.__file__).parent.iterdir() if _is_library(path.name)]
-    return ctypes.CDLL(str(path))
+    return ctypes.CDLL(str(find_library(Path(mujoco.__file__).parent)))
 
 
 def add_tendon_bias(model: mujoco.MjModel, data: mujoco.MjData, bias: np.ndarray) -> None:
     """Add the forces of tendons with inertia that turn to a bias, (nv,): a function that MuJoCo's bindings lack."""
     library().mj_tendonBias(*map(ctypes.c_void_p, (model._address, data._address, bias.ctypes.data)))
+
+
+def find_library(folder: Path) -> Path:
+    """Return the library of the version of the bindings: one of MuJoCo 4 stays there where 3 has taken its place."""
+    libraries = [path for path in folder.iterdir() if _is_library(path.name)]
+    return max(libraries, key=lambda path: mujoco.mj_versionString() in path.name)
 
 
 def _is_library(name: str) -> bool:
