@@ -105,25 +105,28 @@ class Collision:
             )
 
     @classmethod
-    def from_mujoco(cls, model: mujoco.MjModel, data: mujoco.MjData) -> Collision:
+    def from_mujoco(cls, model: mujoco.MjModel, data: mujoco.MjData, *, friction: bool = False) -> Collision:
         """Read the contacts that are closed now, and ``M`` and ``v-``, from a MuJoCo model and its state.
 
-        Equality constraints are its bilateral ones; friction and moving surfaces are left to `impactlaw.Stepper`.
+        Equality constraints are its bilateral ones; moving surfaces are left to `impactlaw.Stepper`.
 
         Args:
             model: the compiled scene; not changed.
             data: its state, of which qpos, qvel, mocap poses and which equality constraints are active are read; not
                 changed.
+            friction: whether to read the friction of these contacts, too, for `impactlaw.Coulomb` and
+                `FrictionImpact.observed`. Without it the collision has an admissible set.
 
         Raises:
             SceneError: a contact that is not between two geoms (a flex); or data is of another model.
             InvalidCollisionError: the state is not finite.
+            OptionError: friction is not True or False.
         """
         from impactlaw.scene.read import read_closed
 
-        M, near = read_closed(model, data)
-        labels = near.contacts.labels
-        return cls(M, near.jacobian, data.qvel, labels=labels, bilateral_jacobian=near.bilateral)
+        M, near, rows = read_closed(model, data, friction=friction)
+        labels, rubbed = near.contacts.labels, None if rows is None else Friction(*rows)
+        return cls(M, near.jacobian, data.qvel, labels=labels, bilateral_jacobian=near.bilateral, friction=rubbed)
 
     @cached_property
     def whitened_jacobian(self) -> np.ndarray:

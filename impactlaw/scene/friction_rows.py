@@ -134,8 +134,8 @@ def _relative(
     return other[0] - one[0], other[1] - one[1]
 
 
-class ActiveFriction(NamedTuple):
-    """Rows of friction of the contacts that MuJoCo's solver acts on, in the order of `contacts.active_contacts`."""
+class FrictionRows(NamedTuple):
+    """Rows of friction of some contacts."""
 
     jacobian: np.ndarray  # ``J_t``, (k, nv): sliding in m/s, torsion and rolling in rad/s
     contact: np.ndarray  # index of the contact of each row, ascending, int (k,)
@@ -145,8 +145,8 @@ class ActiveFriction(NamedTuple):
 
 def active_friction(
     model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts, surfaces: Surfaces | None
-) -> ActiveFriction | None:
-    """Return the rows of friction of the contacts that MuJoCo's solver acts on; None if there are none.
+) -> FrictionRows | None:
+    """Return the rows of friction of the contacts that MuJoCo's solver acts on, `contacts.active_contacts`, or None.
 
     They are those of MuJoCo's constraints, or, with pyramidal cones, half of the difference of two of these; where
     MuJoCo's tangents are not in the tangent plane, those of others that are.
@@ -168,7 +168,7 @@ def active_friction(
     frame, drift = found.frame[index], np.zeros(len(contact))
     skew = _straighten(frame)
     if surfaces is None and not len(skew):
-        return ActiveFriction(J, contact, mu, drift)
+        return FrictionRows(J, contact, mu, drift)
     slides = (kind < TORSION)[:, None]
     axis = frame.reshape(-1, 3, 3)[contact, np.where(kind < TORSION, kind + 1, kind - TORSION)]
     for i in skew.tolist():
@@ -178,7 +178,7 @@ def active_friction(
     if surfaces is not None:
         drift = surfaces.motion(data, contacts).along(axis, contact, kind)
         drift = np.where(swapped[contact], -drift, drift)
-    return ActiveFriction(J, contact, mu, drift)
+    return FrictionRows(J, contact, mu, drift)
 
 
 def _straighten(frame: np.ndarray) -> np.ndarray:

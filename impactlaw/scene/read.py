@@ -11,6 +11,7 @@ import numpy as np
 from impactlaw.errors import DivergenceError, InvalidCollisionError, OptionError, SceneError
 from impactlaw.scene.contacts import Contacts, is_data_of, mass_matrix, update_positions
 from impactlaw.scene.detection import Detector, Found
+from impactlaw.scene.friction_rows import FrictionRows, find_tangents, learn_friction
 from impactlaw.scene.tolerances import GAP_TOLERANCE
 
 _NOT_FINITE = "qpos or a pose of a mocap body is not finite"
@@ -38,19 +39,33 @@ def read_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, within: float =
     return Detector(model).near(_position_copy(model, data), within).contacts
 
 
-def read_closed(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, Found]:
-    """Return the mass matrix, (nv, nv), and what is closed now, with equality constraints.
+def read_closed(
+    model: mujoco.MjModel, data: mujoco.MjData, *, friction: bool = False
+) -> tuple[np.ndarray, Found, FrictionRows | None]:
+    """Return the mass matrix, (nv, nv), what is closed now, with equality constraints, and its friction if asked for.
 
     Raises:
         SceneError: a contact that is not between two geoms (a flex); or data is of another model.
         InvalidCollisionError: a position is not finite.
+        OptionError: friction is not True or False.
     """
     _check_state(model, data)
+    if not isinstance(friction, bool | np.bool_):
+        raise OptionError(f"friction is True or False: whether to read the friction of contacts; got {friction!r}")
     if not _finite(data):  # MuJoCo leaves contacts of such bodies out
         raise InvalidCollisionError(f"{_NOT_FINITE} at t = {data.time:.6g} s: there is no collision to read")
     scratch = _position_copy(model, data)
     near = Detector(model).near(scratch, GAP_TOLERANCE)
-    return mass_matrix(model, scratch), near
+    return mass_matrix(model, scratch), near, _friction(model, scratch, near.contacts) if friction else None
+
+
+def _friction(model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts) -> FrictionRows | None:
+    of_geoms = contacts.geoms[contacts.geoms[:, 0] >= 0]
+    pattern = learn_friction(model, of_geoms, len(contacts) - len(of_geoms), overridden=True)
+    if pattern is None:
+        return None
+    J, drift = find_tangents(model, data, contacts, pattern, None)
+    return FrictionRows(J, pattern.contact, pattern.coefficient, drift)
 
 
 def _check_state(model: mujoco.MjModel, data: mujoco.MjData) -> None:

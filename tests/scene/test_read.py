@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from impactlaw import Collision, read_contacts
+from impactlaw import Collision, Coulomb, Moreau, Stepper, read_contacts
 from impactlaw.errors import DivergenceError, InvalidCollisionError, OptionError, SceneError
 from impactlaw.models import load
 
@@ -49,3 +49,43 @@ def test_a_position_that_is_not_finite_is_refused(number):
 def test_a_largest_gap_that_is_none_is_refused(within):
     with pytest.raises(OptionError, match="within is a gap of 0 m or more"):
         read_contacts(*load("ball_chain"), within=within)
+
+
+TOUCHING = """<mujoco><option gravity="0 0 0" integrator="RK4"/>
+  <worldbody><geom name="floor" type="plane" size="3 3 1" friction=".4"/>
+  <body pos="0 0 .1"><freejoint/><geom name="box" type="box" size=".2 .15 .1" condim="4" friction=".3 .02 .01"/></body>
+  <body pos=".1 0 .27"><freejoint/><geom name="ball" size=".07" condim="6" friction=".5 .03 .002"/></body>
+  <body pos="2 0 .05"><freejoint/><geom name="ice" size=".05" condim="1" priority="1"/></body>
+  <body pos="-2 0 .5"><joint name="lift" type="slide" axis="0 0 1" range="0 1" limited="true"/>
+    <geom name="arm" size=".1" contype="0" conaffinity="0"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("limit", [0.0, 0.2], ids=["at a limit", "off it"])
+def test_the_friction_that_is_read_is_that_of_a_step(limit: float):
+    """The first collision of an event-driven step from contacts in touch is the one that is read there."""
+    model = mujoco.MjModel.from_xml_string(TOUCHING)
+    data = mujoco.MjData(model)
+    data.qpos[-1] = limit
+    data.qvel[:] = np.random.default_rng(0).normal(size=model.nv)
+    data.qvel[[2, 8, 14, 18]] = -1.0, -2.0, -1.0, -1.0
+    read = Collision.from_mujoco(model, data, friction=True)
+    assert read.friction is not None
+    assert read.friction.coefficient.tolist() == pytest.approx(4 * [0.4, 0.4, 0.02] + [0.5, 0.5, 0.03, 0.01, 0.01])
+    stepper = Stepper(model, Moreau(0.5))
+    stepper.step(data)
+    seen = stepper.events[0].impact
+    impact = Coulomb(Moreau(0.5)).resolve(read)
+    assert read.labels == seen.collision.labels
+    assert seen.collision.friction is not None
+    np.testing.assert_allclose(read.friction.jacobian, seen.collision.friction.jacobian, atol=1e-12)
+    np.testing.assert_allclose(impact.post_velocity, seen.post_velocity, atol=1e-9)
+
+
+def test_friction_is_read_only_if_it_is_asked_for_and_there():
+    model, data = load("box_drop")
+    data.qpos[2] = 0.1
+    assert Collision.from_mujoco(model, data).friction is None
+    assert Collision.from_mujoco(model, data, friction=False).friction is None
+    assert Collision.from_mujoco(*slider(), friction=True).friction is None
+    with pytest.raises(OptionError, match="friction is True or False"):
+        Collision.from_mujoco(model, data, friction="ignore")  # pyright: ignore[reportArgumentType]
