@@ -15,6 +15,7 @@ from impactlaw.mechanics.collision import Collision
 
 _FREE, _BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 _MOST_LINES = 12  # degrees of freedom drawn; those that move most
+_HANDLE, _LETTER = 0.6, 0.08  # width of a line and of a letter of its name in the legend, inches
 _FEW = 10  # lines that matplotlib's own cycle of colors tells apart
 
 
@@ -47,7 +48,9 @@ def draw(runs: Sequence[Run], path: Path, title: str, names: Sequence[str]) -> N
         shared.set_xlabel("time, s")
         if len(lines) > 1:
             handles = shared.get_legend_handles_labels()
-            figure.legend(*handles, loc="outside lower center", ncols=6, fontsize=9)
+            longest = max(len(names[dof]) for dof in lines)
+            fitting = int(figure.get_figwidth() / (_HANDLE + _LETTER * longest))
+            figure.legend(*handles, loc="outside lower center", ncols=min(6, max(1, fitting)), fontsize=9)
     if planar and c is not None:
         draw_admissible_set(figure.add_subplot(grid[:, 1]), c, runs)
     figure.savefig(path, dpi=110)

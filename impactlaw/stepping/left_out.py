@@ -68,7 +68,7 @@ class LeftOut:
                 resolved; says what has changed.
         """
         model, rubs = self._model, False
-        if self._parents != model.opt.disableflags & _FILTER_PARENT and not self._plan.detection:
+        if not self._plan.detection and self._parents != model.opt.disableflags & _FILTER_PARENT:
             self._compare("opt.disableflags")
         for name, kept in self._kept:
             if getattr(model, name).tobytes() != kept:

@@ -1,0 +1,28 @@
+"""The picture of a comparison shows all of its legend."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from impactlaw.comparison.pictures import draw
+from impactlaw.comparison.runs import Run
+
+
+@pytest.mark.parametrize("longest", [1, 12, 26, 60])
+def test_the_legend_is_within_the_picture(monkeypatch, tmp_path, longest: int):
+    """As robots have them: twelve joints with names of up to so many letters."""
+    figures: list[Figure] = []
+    save = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda self, *path, **kw: (figures.append(self), save(self, *path, **kw)))
+    names = ["right_hip_pitch_joint_" * 3 for _ in range(12)]
+    names = [name[:longest] for name in names]
+    times, none = np.linspace(0.0, 1.0, 5), np.zeros(5)
+    run = Run("moreau", times, np.zeros((5, 12)), np.outer(times, range(12)), none, none, 0.0, 0, 0, 0.0, None, None)
+    draw([run], tmp_path / "picture.png", "robot", names)
+    (legend,) = figures[0].legends
+    box, whole = legend.get_window_extent(), figures[0].bbox
+    assert len(legend.get_texts()) == 12
+    assert whole.x0 <= box.x0 < box.x1 <= whole.x1
+    assert whole.y0 <= box.y0 < box.y1 <= whole.y1
