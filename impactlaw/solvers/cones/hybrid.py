@@ -1,8 +1,9 @@
 """The order of attempts: Newton's method from the guess or from rest, from the best point, then slower rounds.
 
-Where friction is not unique, Newton's method runs in circles. With the other map (of exact friction) it often ends soon
-from the best point that it has found, or from where an interior point method leads to, from there, the guess or rest. In piles of bodies
-that method comes first, and where hundreds of rows depend on each other, nothing comes after it.
+Where friction is not unique, Newton's method runs in circles. With the other map (of exact friction) it often ends
+soon from the best point that it has found, or from where an interior point method leads to, from there, the guess or
+rest. In piles of bodies that method comes first, and where hundreds of rows depend on each other, nothing comes after
+it.
 
 In turn alternating directions, and convex problems with accelerated correction; each goes on from where it was, and
 each is followed by Newton's method with another map, step and regularization. The best point of all is kept.
@@ -197,8 +198,9 @@ def _go_on(
         if _FROM_BEST <= _BEGINS[k] <= _FROM_REST:
             taken += interior(P, K, inside, scale, _HANDED_ON * tolerance, _INTERIOR)
         put(point, inside)
+        kind = _MAPS[k] if P.exact else CONVEX
         more, r = newton(
-            P, K, G, point, tolerance, _MOST[k], _MAPS[k] if P.exact else CONVEX, _SCALES[k], delta, _EASES[k] / scale, _PATIENCE
+            P, K, G, point, tolerance, _MOST[k], kind, _SCALES[k], delta, _EASES[k] / scale, _PATIENCE
         )  # fmt: skip
         spend(left, (taken + more) * step, step, n)
         total += taken + more
