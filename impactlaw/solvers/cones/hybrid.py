@@ -1,8 +1,9 @@
 """The order of attempts: Newton's method from the guess or from rest, from the best point, then slower rounds.
 
-Where friction is not unique, Newton's method runs in circles. With the other map it often ends soon from the best point
-that it has found, or from where an interior point method leads to, from there, the guess or rest. In piles of bodies
-that method comes first, and where hundreds of rows depend on each other, nothing comes after it.
+Where friction is not unique, Newton's method runs in circles. With the other map (of exact friction) it often ends
+soon from the best point that it has found, or from where an interior point method leads to, from there, the guess or
+rest. In piles of bodies that method comes first, and where hundreds of rows depend on each other, nothing comes after
+it.
 
 In turn alternating directions, and convex problems with accelerated correction; each goes on from where it was, and
 each is followed by Newton's method with another map, step and regularization. The best point of all is kept.
@@ -141,7 +142,7 @@ def solve_island(
     delta = _DENSE if few else _REDUCED
     start, point = copied(x), copied(x)
     patience = _PATIENCE if n < LARGE else _HASTE
-    warm, inside = norm_of(x, FIRST, n) > 0.0, P.exact and rounds > 0 and not large
+    warm, inside = norm_of(x, FIRST, n) > 0.0, rounds > 0 and not large
     for k in range(4):
         if (k < 2) != warm and (k < 3 or rounds < 2 or large or inside):
             continue
@@ -197,15 +198,16 @@ def _go_on(
         if _FROM_BEST <= _BEGINS[k] <= _FROM_REST:
             taken += interior(P, K, inside, scale, _HANDED_ON * tolerance, _INTERIOR)
         put(point, inside)
+        kind = _MAPS[k] if P.exact else CONVEX
         more, r = newton(
-            P, K, G, point, tolerance, _MOST[k], _MAPS[k], _SCALES[k], delta, _EASES[k] / scale, _PATIENCE
+            P, K, G, point, tolerance, _MOST[k], kind, _SCALES[k], delta, _EASES[k] / scale, _PATIENCE
         )  # fmt: skip
         spend(left, (taken + more) * step, step, n)
         total += taken + more
         if r < least:
             least = r
             put(x, point)
-        if least <= _NEAR * tolerance or left[0] <= 0.0:
+        if least <= (_NEAR * tolerance if P.exact else tolerance) or left[0] <= 0.0:
             return total, least, True
     if left[0] == np.inf or len(K.width) > 1 or least <= _HOPEFUL * scale:
         return total, least, False

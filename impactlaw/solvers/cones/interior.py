@@ -1,5 +1,7 @@
 """An interior point method for ``K ∋ x  ⊥  u = A A^T x + c x + b + |u_t| e_n ∈ K``, de Saxcé's correction in u.
 
+The convex relaxation is without that correction.
+
 Primal and dual steps with the scaling of Nesterov & Todd and the predictor and corrector of Mehrotra (Acary, Armand &
 Nguyen 2023 for contact with friction). It needs no guess, and about as many steps as Newton's method takes from a good
 one; what it leaves, about 1e-4, is degenerate: friction that is not unique, contacts that only touch.
@@ -78,7 +80,7 @@ def _scale(P: Island, g: int, x: Array, u: Array, w: Array, E: Array, B: Array, 
     f = 0.5 / np.sqrt(0.5 * (1.0 + s / (a * b)))
     for k in range(o, e):
         w[k] = f * (x[k] / a + (u[k] if k == o else -u[k]) / b)
-    slip, compliant = norm_of(u, o + 1, e), False
+    slip, compliant = norm_of(u, o + 1, e) if P.exact else 0.0, False
     for i in range(m):
         first = a / b * (2.0 * w[o + i] * w[o] - (1.0 if i == 0 else 0.0))
         for j in range(m):
@@ -105,7 +107,7 @@ def _prepare(P: Island, x, u, v, F, w, eta, lam, E, B, pivot) -> None:
             _scaled(w, o, e, eta[g], 1.0, u, lam)
             for k in range(o, e):
                 F[k] = v[k] - u[k]
-            F[o] += norm_of(u, o + 1, e)
+            F[o] += norm_of(u, o + 1, e) if P.exact else 0.0
         else:
             slides = P.kind[g] == BOX and abs(x[o]) >= P.bound[g] and x[o] * v[o] <= 0.0
             E[P.square[g]] = 0.0 if slides else 1.0 / (P.c[o] + _BILATERAL)
@@ -119,7 +121,7 @@ def _direction(P: Island, K: Blocks, u, F, w, eta, E, H, pivot, r, z, t, dx, du)
         o, e = P.start[g], P.start[g + 1]
         if P.kind[g] == CONE:
             _scaled(w, o, e, 1.0 / eta[g], -1.0, r, t)
-            s, slip = 0.0, norm_of(u, o + 1, e)
+            s, slip = 0.0, norm_of(u, o + 1, e) if P.exact else 0.0
             for k in range(o + 1, e):
                 s += u[k] * t[k]
             t[o] -= s / slip if slip > 0.0 else 0.0
@@ -219,7 +221,7 @@ def _begin(P: Island, x, v, r: float, size: float, t, point, u) -> None:
             o = P.start[g]
             for k in range(o, P.start[g + 1]):
                 t[k] = v[k]
-            t[o] += norm_of(v, o + 1, P.start[g + 1])
+            t[o] += norm_of(v, o + 1, P.start[g + 1]) if P.exact else 0.0
         project(P, x, point)
         project(P, t, u)
     else:
@@ -255,7 +257,7 @@ def interior(P: Island, K: Blocks, x: Array, size: float, tolerance: float, most
     """Overwrite x by the best point of at most `most` steps; return steps taken.
 
     Args:
-        P: the problem, exact friction. Joints that slide keep their dry friction in a step, others are held by it.
+        P: the problem. Joints that slide keep their dry friction in a step, others are held by it.
         K: storage of the matrix of the size of the degrees of freedom.
         x: guess, written.
         size: of velocities.
