@@ -11,7 +11,7 @@ from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction import Friction
 
 _RANK = 1e-9  # eigenvalue of G, relative to the largest one, that is rounding
-_REACHED = 1e-6  # part of the contact velocities that may lie outside of the range of G
+_REACHED = 1e-6  # part of the contact velocities that may change, or move surfaces, outside of the range of G
 _CONSTANT = 1e-3  # misfit, relative to the jumps, up to which one G explains all collisions
 
 
@@ -19,6 +19,9 @@ def collision_of(
     G: np.ndarray, before: np.ndarray, after: np.ndarray, labels: tuple[str, ...], contact: np.ndarray, mu: np.ndarray
 ) -> tuple[Collision, np.ndarray]:
     """Return a collision with M = 1, ``J J^T = G`` and these contact velocities, and v+.
+
+    What no impulse can change of contact velocities, as what a robot that moves in a plane has across it, or what
+    equality constraints move, is that of surfaces.
 
     Args:
         G: of normal rows, then those of friction, (h + k, h + k).
@@ -29,26 +32,25 @@ def collision_of(
         mu: coefficients of friction, (k,).
 
     Raises:
-        MeasurementError: G is not symmetric and positive semidefinite, or no motion has these contact velocities.
+        MeasurementError: G is not symmetric and positive semidefinite, or no motion has this jump.
     """
     h = len(labels)
     if not np.allclose(G, G.T, rtol=0, atol=1e-8 * np.abs(G).max()):
         raise MeasurementError("delassus is not symmetric")
     w, V = np.linalg.eigh(0.5 * (G + G.T))
-    if w[-1] <= 0 or w[0] < -1e-8 * w[-1] or (G.diagonal() <= 0).any():
+    if w[-1] <= 0 or w[0] < -1e-8 * w[-1]:
         raise MeasurementError(f"delassus is not positive: eigenvalues {w[0]:.3g} to {w[-1]:.3g}")
     large = w > _RANK * w[-1]
     J, inverse = V[:, large] * np.sqrt(w[large]), (V[:, large] / np.sqrt(w[large])).T
     v, post = inverse @ before, inverse @ after
+    rest, rest_after = before - J @ v, after - J @ post
     scale = np.abs(before).max() + np.abs(after).max()
-    for name, velocity, gamma in (("before", v, before), ("after", post, after)):
-        if np.abs(J @ velocity - gamma).max() > _REACHED * scale:
-            raise MeasurementError(
-                f"no motion of these contacts has the contact velocities {name} the impact: G is singular"
-            )
+    if np.abs(rest_after - rest).max() > _REACHED * scale:
+        raise MeasurementError("no motion of these contacts has this jump of their velocities: G is singular")
+    surfaces = 0.5 * (rest + rest_after) if np.abs(rest).max() > _REACHED * scale else np.zeros(len(G))
     order = np.argsort(contact, kind="stable")
-    friction = Friction(J[h:][order], contact[order], mu[order]) if len(contact) else None
-    return Collision(np.eye(len(v)), J[:h], v, labels=labels, friction=friction), post
+    friction = Friction(J[h:][order], contact[order], mu[order], surfaces[h:][order]) if len(contact) else None
+    return Collision(np.eye(len(v)), J[:h], v, labels=labels, surface_velocity=surfaces[:h], friction=friction), post
 
 
 def delassus_by_contacts(

@@ -52,14 +52,19 @@ def outcomes(law: Law, collisions: Sequence[Collision], friction: float | None =
     return [law.resolve(c).post_velocity for c in collisions]
 
 
+def have_friction(collisions: Sequence[Collision]) -> bool:
+    """Return whether any of these collisions has tangential directions."""
+    return any(c.friction is not None and len(c.friction) for c in collisions)
+
+
 def with_friction(collision: Collision, coefficient: float) -> Collision:
-    """Return the collision with another coefficient of friction; coefficients of one contact keep their ratios."""
+    """Return the collision with another coefficient of friction; coefficients of one contact keep their ratios.
+
+    One without friction, such as that of limits of joints, is returned itself.
+    """
     friction = collision.friction
     if friction is None or not len(friction):
-        raise MeasurementError(
-            f"the collision of {', '.join(collision.labels)} has no tangential directions, which a coefficient of "
-            "friction is for: give it the rows of friction (Collision(..., friction=Friction(...)))"
-        )
+        return collision
     first = np.searchsorted(friction.contact, friction.contact)
     scaled = coefficient * friction.coefficient / friction.coefficient[first]
     return replace(collision, friction=replace(friction, coefficient=scaled))
@@ -86,12 +91,11 @@ def _per_contact(name: str, law: Callable[[object], Law]) -> Callable[[Measureme
 
 def _sliding(name: str, law: Callable[[float], Law]) -> Callable[[Measurements], Family]:
     def family(measured: Measurements) -> Family:
-        for i, c in enumerate(measured.collisions):
-            if c.friction is None or not len(c.friction):
-                raise MeasurementError(
-                    f"family {name!r} needs tangential directions, but collision {i} of {', '.join(c.labels)} has "
-                    "none: give friction_jacobian, or sliding velocities"
-                )
+        if not have_friction(measured.collisions):
+            raise MeasurementError(
+                f"family {name!r} needs tangential directions, but no collision has any: give friction_jacobian, or "
+                "sliding velocities"
+            )
         mu = Parameter("friction", 1e-6, 5.0, (0.3,))
         return Family(name, (_restitution(), mu), lambda x: law(float(x[0])), friction=True)
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import ImpactLawError, MeasurementError, UnknownNameError
-from impactlaw.identification.families import FAMILIES, Family, outcomes
+from impactlaw.identification.families import FAMILIES, Family, have_friction, outcomes
 from impactlaw.identification.intervals import matrix_intervals, parameter_intervals
 from impactlaw.identification.measurements import Measurements, rms
 from impactlaw.identification.restitution_matrix import MatrixFit
@@ -64,9 +64,15 @@ class Identified:
         """Return v+ of other collisions, with the friction found, (nv,) each.
 
         Raises:
-            MeasurementError: the law has friction, and a collision has no tangential directions.
+            MeasurementError: the law has friction, and no collision has tangential directions.
         """
-        return outcomes(self.law, collisions, self.parameters.get("friction"))
+        friction = self.parameters.get("friction")
+        if friction is not None and not have_friction(collisions):
+            raise MeasurementError(
+                f"the collision of {', '.join(collisions[0].labels)} has no tangential directions, which a coefficient "
+                "of friction is for, nor has another: give it rows of friction (Collision(..., friction=Friction(...)))"
+            )
+        return outcomes(self.law, collisions, friction)
 
 
 def fit(
@@ -96,13 +102,23 @@ def fit(
         MeasurementError: the data cannot tell, or the family does not know the option.
     """
     measured = _checked(collisions, post_velocities, family, contacts)
-    make = FAMILIES[family]
-    if admissible and make is not None:
+    fitted = _family(family, measured, projected=projected)
+    if admissible and fitted is not None:
         raise MeasurementError(f"admissible=True restricts a full matrix, family 'fremond', not {family!r}")
-    fitted = None if make is None else make(measured)
-    if projected and fitted is not None and fitted.friction:
-        raise MeasurementError(f"projected=True leaves out the friction that family {family!r} is about")
-    found = _fit_matrix(measured, admissible=admissible) if fitted is None else _fit_parameters(measured, fitted)
+    return _fit(measured, fitted, admissible=admissible, projected=projected)
+
+
+def _family(name: str, measured: Measurements, *, projected: bool) -> Family | None:
+    """Return the family over the contacts of measurements; None for a full matrix."""
+    make = FAMILIES[name]
+    family = None if make is None else make(measured)
+    if projected and family is not None and family.friction:
+        raise MeasurementError(f"projected=True leaves out the friction that family {name!r} is about")
+    return family
+
+
+def _fit(measured: Measurements, family: Family | None, *, admissible: bool, projected: bool) -> Identified:
+    found = _fit_matrix(measured, admissible=admissible) if family is None else _fit_parameters(measured, family)
     if not projected:
         return found
     law = Scattered(found.law, 0.0)
@@ -258,6 +274,8 @@ def cross_validate(
 ) -> CrossValidation:
     """Fit the family to all folds but one, predict that one, and do so for each.
 
+    Contacts that are in that one alone have the numbers with which searches begin.
+
     Args:
         collisions: what collided.
         post_velocities: v+ of each, (nv,).
@@ -275,11 +293,11 @@ def cross_validate(
     n = len(measured)
     if not isinstance(folds, Integral) or not 2 <= folds <= n:
         raise MeasurementError(f"{n} collision{'s' if n > 1 else ''} cannot be split into {folds!r} folds, 2 or more")
-    errors, fold_rms, parameters = [], [], []
+    errors, fold_rms, parameters, fitted = [], [], [], _family(family, measured, projected=projected)
     for part in np.array_split(np.random.default_rng(seed).permutation(n), folds):
         rest, held = measured.select(np.setdiff1d(np.arange(n), part)), measured.select(part)
-        found = fit(rest.collisions, rest.post_velocities, family, projected=projected)
-        own = held.errors(found.predict(held.collisions))
+        found = _fit(rest, fitted, admissible=False, projected=projected)
+        own = held.errors(outcomes(found.law, held.collisions, found.parameters.get("friction")))
         errors += own
         fold_rms.append(rms(own))
         parameters.append(found.parameters)

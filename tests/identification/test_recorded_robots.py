@@ -1,0 +1,69 @@
+"""Laws are found again in recordings of robots: in a plane, with limits of joints, with contacts that depend."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import pytest
+
+from impactlaw import Collision, Newton
+from impactlaw.envs import ImpactLaw
+from impactlaw.identification import cross_validate, fit, read_collisions
+from impactlaw.identification.contact_space import collision_of
+
+
+@pytest.mark.parametrize("contact_model", ["soft", "rigid"])
+def test_a_robot_that_moves_in_a_plane(tmp_path, contact_model):
+    """No impulse moves it across the plane: those rows of friction are zero. Limits of joints have no friction."""
+    env = ImpactLaw(
+        gymnasium.make("HalfCheetah-v5"), "moreau", 0.5, contact_model=contact_model, log=tmp_path / "run.rrd"
+    )
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    for _ in range(30):
+        env.step(env.action_space.sample())
+    env.close()
+    measured = read_collisions(tmp_path / "run.rrd")
+    assert len({len(c.labels) for c in measured.collisions}) > 1
+    found = fit(*measured, "coulomb")
+    assert found.parameters == pytest.approx({"restitution": 0.5, "friction": 0.4}, abs=1e-4)
+    assert found.rms < 1e-4
+
+
+def test_contacts_that_hardly_move_apart():
+    """Impulses change the second velocity by a thousand millionth of what they change the first one by."""
+    J, v = np.array([[1.0, 0.0], [1.0, 1e-5]]), np.array([-1.0, 3.0])
+    c = Collision(np.eye(2), J, v, labels=("a", "b"))
+    impact = Newton(0.6).resolve(c)
+    after = impact.post_contact_velocity
+    read, post = collision_of(J @ J.T, J @ v, after, c.labels, np.zeros(0, int), np.zeros(0))
+    np.testing.assert_allclose(read.pre_contact_velocity, J @ v, atol=1e-9)
+    np.testing.assert_allclose(read.contact_velocity_after(post), after, atol=1e-9)
+    np.testing.assert_allclose(Newton(0.6).resolve(read).post_velocity, post, atol=1e-4)
+
+
+def test_what_no_impulse_changes_is_a_velocity_of_surfaces():
+    """A body on a rail along x meets a floor that it also has no impulse along."""
+    G, contact, mu = np.diag([2.0, 0.0, 3.0]), np.array([0, 0]), np.array([0.5, 0.5])
+    before, after = np.array([-1.0, 0.7, 0.2]), np.array([0.5, 0.7, 0.1])
+    c, post = collision_of(G, before, after, ("floor",), contact, mu)
+    assert c.friction is not None
+    np.testing.assert_allclose(c.pre_contact_velocity, before[:1])
+    np.testing.assert_allclose(c.pre_sliding_velocity, before[1:])
+    np.testing.assert_allclose(c.friction.jacobian @ post + c.friction.surface_velocity, after[1:])
+    assert c.friction.surface_velocity.tolist() == pytest.approx([0.7, 0.0])
+
+
+@pytest.mark.parametrize("family", ["newton", "poisson", "compliant"])
+def test_a_contact_that_one_fold_alone_has(family):
+    """Its number is that with which searches begin, in the law that has not seen it."""
+    rng, collisions = np.random.default_rng(0), []
+    for i in range(12):
+        labels = ("rare",) if i == 5 else ("often",) if i % 2 else ("other",)
+        G, none = np.array([[1.0]]), np.zeros(0, int)
+        speed = np.array([-rng.uniform(0.5, 1.0)])
+        collisions.append(collision_of(G, speed, -0.7 * speed, labels, none, np.zeros(0))[0])
+    after = [Newton(0.7).resolve(c).post_velocity for c in collisions]
+    checked = cross_validate(collisions, after, family, folds=4)
+    assert np.sort(checked.fold_rms)[:3] == pytest.approx(0.0, abs=1e-6)
+    assert checked.fold_rms.max() < 0.3
