@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from tqdm import tqdm
 
 from impactlaw.errors import ImpactLawError, MeasurementError
 from impactlaw.identification.auditing import TOLERANCE, Audit, audit
@@ -68,7 +69,11 @@ def study(path: Path, *, family: str | None = None, folds: int = 5, contacts: Se
     if found.admissible < _WORST:
         raise MeasurementError(f"{path}: {refusal(found)}")
     names = [family] if family is not None else list(FAMILIES)
-    rows = [_row(name, measured, min(folds, n), contacts) for name in names]
+    rows = []
+    with tqdm(names, desc="families", leave=False, disable=None) as bar:
+        for name in bar:
+            bar.set_postfix_str(name)
+            rows.append(_row(name, measured, min(folds, n), contacts))
     fitted = [row for row in rows if row.law is not None and row.held_out is not None]
     if not fitted:
         raise MeasurementError(f"{path}: {rows[0].reason}" if family else f"{path}: no family fits: {rows[0].reason}")
