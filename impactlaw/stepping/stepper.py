@@ -74,8 +74,8 @@ class Stepper:
             given (event-driven).
         rest_speed: closing speed above which a contact collides, m/s or rad/s: 0.1 for soft contacts if not given; 1e-3
             under time stepping, where forces must not have made more within a step.
-        max_events: collisions of one step, 100 if not given; what is left of a step with more is finished with E = 0,
-            or time stepped if that would cost energy (event-driven, soft). A larger one allows more work.
+        max_events: collisions of one step, 100 if not given; what is left of a step with more is finished with E = 0
+            (soft), or time stepped if that would cost energy (event-driven). A larger one allows more work.
         solver: a name from `impactlaw.solvers.SOLVERS`, or "auto" (event-driven, soft).
         compiled: take steps in compiled code where that covers the scene and the law, or "never"; "auto" is the default
             and, if given, warns where steps are in Python (time stepping, soft).
@@ -201,7 +201,7 @@ class Stepper:
 
     @property
     def unlocated(self) -> int:
-        """Steps so far that had more than max_events collisions, or were time stepped in part (event-driven)."""
+        """Steps so far that had more than max_events collisions (soft), or were time stepped in part (event-driven)."""
         return self._stepping.unlocated
 
     @property
