@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import SolverError
-from impactlaw.identification.families import with_friction
+from impactlaw.identification.families import have_friction, with_friction
 from impactlaw.identification.measurements import Measurements
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact
@@ -186,9 +186,11 @@ def _inertias(measured: Measurements, some: Measurements, before: np.ndarray) ->
 
 
 def _friction(some: Measurements) -> list[Cause]:
-    """Try other coefficients of friction."""
-    if any(c.friction is None or not len(c.friction) for c in some.collisions):
+    """Try other coefficients of friction of the collisions that have some."""
+    rubbing = [i for i, c in enumerate(some.collisions) if have_friction([c])]
+    if not rubbing:
         return []
+    some = some.select(rubbing)
 
     def kinetic(mu: float | None) -> np.ndarray:
         cs = [c if mu is None else with_friction(c, mu) for c in some.collisions]

@@ -5,11 +5,13 @@ from __future__ import annotations
 import gymnasium
 import numpy as np
 import pytest
+from laws.frictional import one_contact
 
-from impactlaw import Collision, Newton
+from impactlaw import Collision, Coulomb, Newton
 from impactlaw.envs import ImpactLaw
-from impactlaw.identification import cross_validate, fit, read_collisions
+from impactlaw.identification import audit, cross_validate, fit, read_collisions
 from impactlaw.identification.contact_space import collision_of
+from impactlaw.identification.families import with_friction
 
 
 @pytest.mark.parametrize("contact_model", ["soft", "rigid"])
@@ -28,6 +30,14 @@ def test_a_robot_that_moves_in_a_plane(tmp_path, contact_model):
     found = fit(*measured, "coulomb")
     assert found.parameters == pytest.approx({"restitution": 0.5, "friction": 0.4}, abs=1e-4)
     assert found.rms < 1e-4
+
+
+def test_an_audit_tells_the_friction_beside_limits_of_joints():
+    sliding = [with_friction(one_contact(np.random.default_rng([2, i])), 0.3) for i in range(20)]
+    limits = [Collision(c.mass_matrix, c.jacobian[:1], c.pre_velocity) for c in sliding[:5]]
+    after = [Coulomb(Newton(0.5)).resolve(c).post_velocity for c in sliding + limits]
+    cause = audit([*(with_friction(c, 0.02) for c in sliding), *limits], after).likely_causes[0]
+    assert (cause.name, cause.value) == ("friction", 0.3)
 
 
 def test_contacts_that_hardly_move_apart():
