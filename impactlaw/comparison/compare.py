@@ -25,6 +25,7 @@ from impactlaw.models import load
 from impactlaw.recording import Recorder
 
 DEFAULT_LAWS = ("maximal-dissipation", "moreau", "scene", "reversal")
+_BETWEEN = "; "  # of labels, in which blanks may be
 _WIDTH = 5  # velocities shown in the printed table
 
 
@@ -95,7 +96,7 @@ def format_table(table: pd.DataFrame) -> str:
     shown = table.drop(columns=["law", "refused"]).copy()
     shown["v+"] = [_short(v) for v in table["v+"]]
     shown["T+/T-"] = table["T+/T-"].astype(float).round(4) + 0.0
-    shown["antidissipative"] = [_first((labels or "").split()) for labels in table["antidissipative"]]
+    shown["antidissipative"] = [_first(labels.split(_BETWEEN) if labels else []) for labels in table["antidissipative"]]
     formats = {
         "events": "{:.0f}",
         "T+/T-": "{:.4f}",
@@ -155,7 +156,7 @@ def _row(run: Run, lowest: float) -> dict[str, object]:
         row["admissible"] = describe_violations(impact)
         if collision.has_admissible_set:
             row["distance from S"] = collision.admissible_set.distance(impact.post_velocity)
-        row["antidissipative"] = " ".join(compress(collision.labels, impact.antidissipative))
+        row["antidissipative"] = _BETWEEN.join(compress(collision.labels, impact.antidissipative))
     return row | {
         "energy kept": end / begin if begin > 0 else 1.0,
         "penetration": max(0.0, -run.deepest),

@@ -29,7 +29,7 @@ def draw(runs: Sequence[Run], path: Path, title: str, names: Sequence[str]) -> N
     planar = c is not None and c.has_admissible_set and len(c.labels) == 2 and np.linalg.matrix_rank(c.jacobian) == 2
     rows = len(runs)
     figure = Figure(figsize=(11.0 if planar else 8.0, max(5.0, 1.25 * rows)), layout="constrained")
-    figure.suptitle(title)
+    figure.suptitle(plain(title))
     grid = figure.add_gridspec(rows, 2 if planar else 1)
     span = np.max([np.ptp(run.velocities, axis=0) for run in runs], axis=0)
     lines = np.sort(np.argsort(-span, kind="stable")[:_MOST_LINES])
@@ -38,7 +38,8 @@ def draw(runs: Sequence[Run], path: Path, title: str, names: Sequence[str]) -> N
     for row, run in enumerate(runs):
         shared = axes = figure.add_subplot(grid[row, 0], sharex=shared, sharey=shared)
         for place, dof in enumerate(lines):
-            axes.plot(run.times, run.velocities[:, dof], linewidth=1.2, label=names[dof], color=colors(place))
+            name = plain(names[int(dof)])
+            axes.plot(run.times, run.velocities[:, dof], linewidth=1.2, label=name, color=colors(place))
         axes.set_title(run.name + (" (refused)" if run.refusal else ""), loc="left", fontsize=11)
         axes.set_ylabel("qvel")
         axes.grid(alpha=0.3)
@@ -54,6 +55,12 @@ def draw(runs: Sequence[Run], path: Path, title: str, names: Sequence[str]) -> N
     if planar and c is not None:
         draw_admissible_set(figure.add_subplot(grid[:, 1]), c, runs)
     figure.savefig(path, dpi=110)
+
+
+def plain(name: str) -> str:
+    """Return a name as matplotlib draws it: "$" begins no formula, and "_" leaves none out of a legend."""
+    name = name.replace("$", r"\$")
+    return f" {name}" if name.startswith("_") else name
 
 
 def freedom_names(model: mujoco.MjModel) -> list[str]:
@@ -85,7 +92,8 @@ def draw_admissible_set(axes: Any, collision: Collision, runs: Sequence[Run]) ->
         axes.plot(*np.stack([-along, along], axis=1), color=f"C{i}", linewidth=0.8, linestyle=":")
         axes.annotate("", normal * 0.35 * radius, (0, 0), arrowprops={"arrowstyle": "->", "color": f"C{i}"})
         side = "left" if normal[0] > 0.5 else "right" if normal[0] < -0.5 else "center"
-        axes.annotate(label, normal * 0.4 * radius, fontsize=9, color=f"C{i}", ha=side, va="bottom")
+        named = axes.annotate(plain(label), normal * 0.4 * radius, fontsize=9, color=f"C{i}", ha=side, va="bottom")
+        named.set_in_layout(False)  # a long one would make the panels narrow
     corners = _boundary(gradients, before, radius)
     if len(corners):
         axes.fill(*corners.T, color="C2", alpha=0.25, label="S(v-)")

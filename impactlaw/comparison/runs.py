@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -37,7 +36,7 @@ class Run:
     deepest: float  # smallest gap seen after any step, 0 if none overlapped, m
     events: int | None  # number of collisions resolved; None for soft contacts, which have none
     unlocated: int  # steps with more collisions than are located one by one
-    seconds_per_step: float  # wall time of a step
+    seconds_per_step: float  # mean wall time of a step, the slowest one left out
     first: Impact | None  # the first collision's outcome; None if there was none
     qpos: np.ndarray | None  # the configuration it happened at, (nq,)
     refusal: str = ""  # why the law was refused, or an empty string
@@ -84,16 +83,15 @@ def run_law(
     trajectory = _Trajectory(model)
     trajectory.add(data)
     first: ImpactEvent | None = None
-    events, spent, counted, refusal = 0, 0.0, 0, ""
+    events, spent, refusal = 0, [], ""
     for _ in range(steps):
-        loaded, begin = len(sys.modules), time.perf_counter()
+        begin = time.perf_counter()
         try:
             stepper.step(data)
         except (InadmissibleImpactError, UnsolvableLawError) as error:
             refusal = str(error)
             break
-        if loaded == len(sys.modules):  # else the step has loaded the compiled solver, which takes seconds
-            spent, counted = spent + time.perf_counter() - begin, counted + 1
+        spent.append(time.perf_counter() - begin)
         if first is None and stepper.events:
             first = stepper.events[0]
         events += len(stepper.events)
@@ -107,7 +105,7 @@ def run_law(
         deepest=trajectory.deepest,
         events=events,
         unlocated=stepper.unlocated,
-        seconds_per_step=spent / max(1, counted),
+        seconds_per_step=_mean(spent),
         first=None if first is None else first.impact,
         qpos=None if first is None else first.qpos,
         refusal=refusal,
@@ -129,14 +127,14 @@ def run_soft(
 
     What is recorded are the run's own collisions, see `SoftCollisions`.
     """
-    data, seen = _copy(model, start), _copy(model, start)
-    trajectory, collisions, spent = _Trajectory(model), SoftCollisions(model), 0.0
+    data, seen, spent = _copy(model, start), _copy(model, start), []
+    trajectory, collisions = _Trajectory(model), SoftCollisions(model)
     trajectory.add(seen)
     collisions.look(seen)
     for _ in range(steps):
         begin = time.perf_counter()
         mujoco.mj_step(model, data)
-        spent += time.perf_counter() - begin
+        spent.append(time.perf_counter() - begin)
         _assign(model, data, seen)  # looking at contacts must not disturb the solver
         trajectory.add(seen)
         if recorder is not None:
@@ -144,6 +142,7 @@ def run_soft(
         progress()
     first = None
     if reference is not None and reference.first is not None:
+        _assign(model, start, data)
         data.qpos[:] = reference.qpos
         first = soft_outcome(model, data, reference.first)
     return Run(
@@ -152,10 +151,15 @@ def run_soft(
         deepest=trajectory.deepest,
         events=None,
         unlocated=0,
-        seconds_per_step=spent / max(1, steps),
+        seconds_per_step=_mean(spent),
         first=first,
         qpos=None if reference is None else reference.qpos,
     )
+
+
+def _mean(spent: list[float]) -> float:
+    """Return the mean time of a step, s, of all steps but the slowest, which may have loaded compiled code."""
+    return (sum(spent) - max(spent)) / (len(spent) - 1) if len(spent) > 1 else sum(spent)
 
 
 def _copy(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:

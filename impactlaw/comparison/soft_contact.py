@@ -13,6 +13,7 @@ from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact
 from impactlaw.scene.contacts import update_positions
 from impactlaw.scene.detection import Detector
+from impactlaw.stepping.integration import restore_state, save_state
 
 _STEPS_IN_CONTACT = 10  # timesteps one bounce of the tuned contact lasts; fewer and the integrator decides the outcome
 _LONGEST_CONTACT = 0.1  # s after which a soft collision that has not come apart is audited as it is, if that is more
@@ -21,9 +22,10 @@ _IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # nearly one and constant, so th
 
 
 def tuned_contacts(model: mujoco.MjModel, restitution: float) -> mujoco.MjModel:
-    """Return a copy of the model whose contacts are springs and dampers tuned to a coefficient of restitution.
+    """Return a copy of the model whose contacts and limits are springs and dampers tuned to a restitution.
 
-    Friction is that of the scene.
+    Coefficients of friction are the scene's. MuJoCo's friction has the damping of the contact, so that a restitution
+    near 1 leaves little of it.
 
     MuJoCo's direct format ``solref = (-k, -b)`` makes a contact the oscillator ``r'' + b r' + k r = 0`` that pushes
     but does not pull, ``b = 2 zeta sqrt(k)``. It lets go after the time ``t`` with the restitution ``e``:
@@ -36,11 +38,13 @@ def tuned_contacts(model: mujoco.MjModel, restitution: float) -> mujoco.MjModel:
     zeta, time = _damping(max(restitution, 0.01))
     frequency = time / (_STEPS_IN_CONTACT * model.opt.timestep)
     tuned = copy.deepcopy(model)
-    for reference in (tuned.geom_solref, tuned.pair_solref, tuned.opt.o_solref):
+    limits = (tuned.jnt_solref, tuned.tendon_solref_lim), (tuned.jnt_solimp, tuned.tendon_solimp_lim)
+    for reference in (tuned.geom_solref, tuned.pair_solref, tuned.opt.o_solref, *limits[0]):
         reference[:] = -(frequency**2), -2.0 * zeta * frequency
-    for impedance in (tuned.geom_solimp, tuned.pair_solimp, tuned.opt.o_solimp):
+    for impedance in (tuned.geom_solimp, tuned.pair_solimp, tuned.opt.o_solimp, *limits[1]):
         impedance[:] = _IMPEDANCE
-    for margin in (tuned.geom_margin, tuned.geom_gap, tuned.pair_margin, tuned.pair_gap):
+    margins = tuned.geom_margin, tuned.geom_gap, tuned.pair_margin, tuned.pair_gap, tuned.jnt_margin
+    for margin in (*margins, tuned.tendon_margin):
         margin[:] = 0.0
     tuned.opt.o_margin = 0.0  # where the scene overrides contact parameters by itself
     return tuned
@@ -62,23 +66,23 @@ def soft_outcome(model: mujoco.MjModel, data: mujoco.MjData, impact: Impact) -> 
     """Let MuJoCo's contacts act on a collision that a law has resolved, and audit what comes out.
 
     The collision starts at data's configuration with the velocity before the impact, and has ended at the first step
-    after which no contact overlaps, or after 0.1 s (40 timesteps if that is longer). Whatever else acts
-    meanwhile (gravity) is part of the outcome.
+    after which none of its contacts overlaps, or after 0.1 s (40 timesteps if that is longer). Whatever else acts
+    meanwhile (gravity, motors, other contacts) is part of the outcome.
 
     Args:
         model: the scene with the soft contacts wanted.
-        data: the configuration of the collision; not changed.
+        data: the configuration of the collision, controls and other forces; not changed.
         impact: the law's impact there.
     """
     scratch = mujoco.MjData(model)
-    scratch.qpos[:] = data.qpos
+    restore_state(model, scratch, save_state(model, data))
     scratch.qvel[:] = impact.collision.pre_velocity
-    scratch.eq_active[:] = data.eq_active
-    scratch.mocap_pos[:], scratch.mocap_quat[:] = data.mocap_pos, data.mocap_quat
-    touched, detector = False, Detector(model)
+    touched, detector, own = False, Detector(model), set(impact.collision.labels)
     for _ in range(max(_LONGEST_STEPS, math.ceil(_LONGEST_CONTACT / model.opt.timestep))):
         mujoco.mj_step(model, scratch)
-        overlap = deepest_gap(model, scratch, detector) < 0
+        update_positions(model, scratch)
+        near = detector.near(scratch, 0.0).contacts
+        overlap = not own.isdisjoint(label for label, gap in zip(near.labels, near.gap, strict=True) if gap < 0)
         touched |= overlap
         if touched and not overlap:
             break

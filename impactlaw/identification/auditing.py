@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import SolverError
-from impactlaw.identification.families import have_friction, with_friction
+from impactlaw.identification.families import largest_friction, with_friction
 from impactlaw.identification.measurements import Measurements
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact
@@ -187,13 +187,14 @@ def _inertias(measured: Measurements, some: Measurements, before: np.ndarray) ->
 
 def _friction(some: Measurements) -> list[Cause]:
     """Try other coefficients of friction of the collisions that have some."""
-    rubbing = [i for i, c in enumerate(some.collisions) if have_friction([c])]
+    rubbing = [i for i, c in enumerate(some.collisions) if largest_friction([c])]
     if not rubbing:
         return []
     some = some.select(rubbing)
+    largest = largest_friction(some.collisions)
 
     def kinetic(mu: float | None) -> np.ndarray:
-        cs = [c if mu is None else with_friction(c, mu) for c in some.collisions]
+        cs = [c if mu is None else with_friction(c, mu, largest) for c in some.collisions]
         return np.array([_violations(c, v)[1] for c, v in zip(cs, some.post_velocities, strict=True)])
 
     before = kinetic(None)

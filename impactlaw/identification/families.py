@@ -35,38 +35,49 @@ class Family:
     name: str  # of the family
     parameters: tuple[Parameter, ...]  # its numbers
     make: Callable[[np.ndarray], Law]  # the law of these numbers
-    friction: bool = False  # whether the last parameter is the coefficient of friction, which belongs to the collisions
+    # the largest coefficient of friction of the collisions, which the last parameter takes the place of; 0 if none does
+    largest: float = 0.0
     # from so many of the best starts one goes on, until it fits: several where there are local minima
     searches: int = 1
 
     def predicted(self, measured: Measurements, values: np.ndarray) -> list[np.ndarray]:
         """Return v+ of all collisions, (nv,) each."""
-        mu = float(values[-1]) if self.friction else None
-        return outcomes(self.make(values), measured.collisions, mu)
+        mu = float(values[-1]) if self.largest else None
+        return outcomes(self.make(values), measured.collisions, mu, self.largest)
 
 
-def outcomes(law: Law, collisions: Sequence[Collision], friction: float | None = None) -> list[np.ndarray]:
-    """Return v+ of collisions, (nv,) each, with another coefficient of friction where one is given."""
+def outcomes(
+    law: Law, collisions: Sequence[Collision], friction: float | None = None, largest: float = 1.0
+) -> list[np.ndarray]:
+    """Return v+ of collisions, (nv,) each, with another friction where one is given; see `with_friction`."""
     if friction is not None:
-        collisions = [with_friction(c, friction) for c in collisions]
+        collisions = [with_friction(c, friction, largest) for c in collisions]
     return [law.resolve(c).post_velocity for c in collisions]
 
 
-def have_friction(collisions: Sequence[Collision]) -> bool:
-    """Return whether any of these collisions has tangential directions."""
-    return any(c.friction is not None and len(c.friction) for c in collisions)
+def largest_friction(collisions: Sequence[Collision]) -> float:
+    """Return the largest coefficient of friction of sliding that collisions were given; 0 if none has friction."""
+    return max((_sliding_coefficients(c).max(initial=0.0) for c in collisions), default=0.0)
 
 
-def with_friction(collision: Collision, coefficient: float) -> Collision:
-    """Return the collision with another coefficient of friction; coefficients of one contact keep their ratios.
+def _sliding_coefficients(collision: Collision) -> np.ndarray:
+    friction = collision.friction
+    if friction is None or not len(friction):
+        return np.zeros(0)
+    return friction.coefficient[np.unique(friction.contact, return_index=True)[1]]
+
+
+def with_friction(collision: Collision, coefficient: float, largest: float | None = None) -> Collision:
+    """Return the collision with a coefficient of friction in the place of ``largest``, its own if None.
+
+    All coefficients keep their ratios.
 
     One without friction, such as that of limits of joints, is returned itself.
     """
     friction = collision.friction
     if friction is None or not len(friction):
         return collision
-    first = np.searchsorted(friction.contact, friction.contact)
-    scaled = coefficient * friction.coefficient / friction.coefficient[first]
+    scaled = coefficient / (largest or largest_friction([collision])) * friction.coefficient
     return replace(collision, friction=replace(friction, coefficient=scaled))
 
 
@@ -91,13 +102,14 @@ def _per_contact(name: str, law: Callable[[object], Law]) -> Callable[[Measureme
 
 def _sliding(name: str, law: Callable[[float], Law]) -> Callable[[Measurements], Family]:
     def family(measured: Measurements) -> Family:
-        if not have_friction(measured.collisions):
+        largest = largest_friction(measured.collisions)
+        if not largest:
             raise MeasurementError(
                 f"family {name!r} needs tangential directions, but no collision has any: give friction_jacobian, or "
                 "sliding velocities"
             )
         mu = Parameter("friction", 1e-6, 5.0, (0.3,))
-        return Family(name, (_restitution(), mu), lambda x: law(float(x[0])), friction=True)
+        return Family(name, (_restitution(), mu), lambda x: law(float(x[0])), largest=largest)
 
     return family
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import ImpactLawError, MeasurementError, UnknownNameError
-from impactlaw.identification.families import FAMILIES, Family, have_friction, outcomes
+from impactlaw.identification.families import FAMILIES, Family, largest_friction, outcomes
 from impactlaw.identification.intervals import matrix_intervals, parameter_intervals
 from impactlaw.identification.measurements import Measurements, rms
 from impactlaw.identification.restitution_matrix import MatrixFit
@@ -45,6 +45,8 @@ class Identified:
             for others the largest ``|v+| / |v-|`` that it gives these collisions.
         rank: how many directions of ``gamma-`` (family fremond, at most h, of the contact that is seen the least), or
             how many parameters, the data tell.
+        largest: the largest coefficient of friction that the collisions were given, 1 where they were given none. The
+            parameter "friction" takes its place, and all keep their ratios to it; 0 if the law has no such parameter.
     """
 
     family: str
@@ -54,6 +56,7 @@ class Identified:
     residuals: np.ndarray
     certificate: float
     rank: int
+    largest: float = 0.0
 
     @property
     def rms(self) -> float:
@@ -67,12 +70,12 @@ class Identified:
             MeasurementError: the law has friction, and no collision has tangential directions.
         """
         friction = self.parameters.get("friction")
-        if friction is not None and not have_friction(collisions):
+        if friction is not None and not largest_friction(collisions):
             raise MeasurementError(
                 f"the collision of {', '.join(collisions[0].labels)} has no tangential directions, which a coefficient "
                 "of friction is for, nor has another: give it rows of friction (Collision(..., friction=Friction(...)))"
             )
-        return outcomes(self.law, collisions, friction)
+        return outcomes(self.law, collisions, friction, self.largest)
 
 
 def fit(
@@ -112,7 +115,7 @@ def _family(name: str, measured: Measurements, *, projected: bool) -> Family | N
     """Return the family over the contacts of measurements; None for a full matrix."""
     make = FAMILIES[name]
     family = None if make is None else make(measured)
-    if projected and family is not None and family.friction:
+    if projected and family is not None and family.largest:
         raise MeasurementError(f"projected=True leaves out the friction that family {name!r} is about")
     return family
 
@@ -178,6 +181,7 @@ def _fit_parameters(measured: Measurements, family: Family) -> Identified:
         _lengths(np.split(residual(x), np.cumsum(sizes)[:-1])),
         _certificate(law, measured, family, x),
         rank,
+        family.largest,
     )
 
 
@@ -297,7 +301,7 @@ def cross_validate(
     for part in np.array_split(np.random.default_rng(seed).permutation(n), folds):
         rest, held = measured.select(np.setdiff1d(np.arange(n), part)), measured.select(part)
         found = _fit(rest, fitted, admissible=False, projected=projected)
-        own = held.errors(outcomes(found.law, held.collisions, found.parameters.get("friction")))
+        own = held.errors(outcomes(found.law, held.collisions, found.parameters.get("friction"), found.largest))
         errors += own
         fold_rms.append(rms(own))
         parameters.append(found.parameters)

@@ -13,11 +13,12 @@ from tqdm import tqdm
 
 from impactlaw.errors import ImpactLawError, MeasurementError
 from impactlaw.identification.auditing import TOLERANCE, Audit, audit
-from impactlaw.identification.families import FAMILIES
+from impactlaw.identification.families import FAMILIES, outcomes
 from impactlaw.identification.fitting import CrossValidation, Identified, cross_validate, fit
 from impactlaw.identification.reading import Collisions, read_collisions
 from impactlaw.laws.restitution.portable import portable
 
+_UNTOLD = " (?)"
 _SHOWN = 6  # parameters in a line of the table
 _WORST = 0.5  # share of collisions that must be admissible for a fit to make sense
 
@@ -65,6 +66,8 @@ def study(path: Path, *, family: str | None = None, folds: int = 5, contacts: Se
     n = len(measured.collisions)
     if n < 2:
         raise MeasurementError(f"{path} has 1 collision: a law is identified from 2 or more")
+    if not any((v != c.pre_velocity).any() for c, v in zip(*measured, strict=True)):
+        raise MeasurementError(f"{path}: no collision changes a velocity: they tell nothing of a law")
     found = audit(*measured)
     if found.admissible < _WORST:
         raise MeasurementError(f"{path}: {refusal(found)}")
@@ -86,6 +89,8 @@ def study(path: Path, *, family: str | None = None, folds: int = 5, contacts: Se
 def _row(name: str, measured: Collisions, folds: int, contacts: Sequence[str] | None) -> Row:
     try:
         law = fit(*measured, name, contacts=contacts)
+        if law.rank == 0 and name != "fremond":
+            return Row(name, None, None, "the collisions tell none of its numbers")
         return Row(name, law, cross_validate(*measured, name, folds=folds, contacts=contacts))
     except ImpactLawError as error:
         if name not in FAMILIES:
@@ -121,6 +126,8 @@ def format_study(found: Study) -> str:
             numbers = f"{row.error:>9.4f}{row.law.rms:>9.4f}{row.law.certificate:>13.6f}{row.law.rank:>6}"
             lines.append(f"{row.family:<11}{numbers}  {parameters_in_words(row.law)}")
     lines += [f"{row.family:<11}not fitted: {row.reason}" for row in found.rows if row.law is None]
+    if any(_UNTOLD in line for line in lines):
+        lines += ["", f"{_UNTOLD.strip()}: at a bound, or the collisions do not tell this number"]
     lines.append(f"\nbest: {found.best.family}")
     return "\n".join(lines)
 
@@ -130,7 +137,7 @@ def parameters_in_words(law: Identified) -> str:
     parts = []
     for name, value in list(law.parameters.items())[:_SHOWN]:
         low, high = law.confidence[name]
-        parts.append(f"{name} {value:.4f}" + ("" if np.isnan(low) else f" +- {0.5 * (high - low):.4f}"))
+        parts.append(f"{name} {value:.4f}" + (_UNTOLD if np.isnan(low) else f" +- {0.5 * (high - low):.4f}"))
     more = len(law.parameters) - _SHOWN
     return ", ".join(parts) + (f" and {more} more" if more > 0 else "")
 
@@ -159,17 +166,17 @@ def draw(found: Study, path: Path, title: str) -> None:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 4.0), layout="constrained")
-    figure.suptitle(title, fontsize=10)
+    figure.suptitle(title.replace("$", r"\$"), fontsize=10)
     left, right = figure.subplots(1, 2)
     law = found.best.law
     assert law is not None
     for c, seen in zip(*found.measured, strict=True):
         with suppress(ImpactLawError):  # a collision of another set of contacts
-            after = law.predict([c])[0]
+            (after,) = outcomes(law.law, [c], law.parameters.get("friction"), law.largest)
             left.plot(c.contact_velocity_after(seen), c.contact_velocity_after(after), ".", color="C0", markersize=3)
     ends = np.array(left.get_xlim())
     left.plot(ends, ends, color="0.6", linewidth=0.8)
-    left.set_xlabel("contact velocity observed")
+    left.set_xlabel("contact velocity observed, m/s or rad/s")
     left.set_ylabel(f"predicted, {found.best.family}")
     rows = sorted((row for row in found.rows if row.held_out is not None), key=lambda row: -row.error)
     right.barh([row.family for row in rows], [row.error for row in rows], color="C0")

@@ -63,6 +63,7 @@ def _friction(model: mujoco.MjModel, data: mujoco.MjData, event: ImpactEvent) ->
     )
     return {
         "friction_contact": rows.contact.tolist(),
+        "friction_coefficient": rows.coefficient.tolist(),
         "friction_impulse": impact.friction_impulse.tolist(),
         "pre_sliding_velocity": impact.pre_sliding_velocity.tolist(),
         "post_sliding_velocity": impact.post_sliding_velocity.tolist(),

@@ -52,16 +52,18 @@ there are more than `MOST_COUPLED` rows, and in files of older versions, which h
 MOST_COUPLED = 64
 
 EXTRA_COLUMNS = {
-    "friction_contact": "ints", "friction_impulse": "floats", "pre_sliding_velocity": "floats",
-    "post_sliding_velocity": "floats", "tangential_impulse": "vectors", "restitution_scale": "float",
+    "friction_contact": "ints", "friction_coefficient": "floats", "friction_impulse": "floats",
+    "pre_sliding_velocity": "floats", "post_sliding_velocity": "floats", "tangential_impulse": "vectors",
+    "restitution_scale": "float",
     "surface_velocity": "floats", "post_surface_velocity": "floats", "surface_work": "float", "pre_speed": "float",
     "bilateral_rows": "int",
 }  # fmt: skip
 """Columns that a file has only if a collision in it has friction, moving surfaces or bilateral constraints.
 
-Friction impulses (N s, or N m s) and sliding velocities (m/s, or rad/s) have one value per row of friction, which
-belongs to the contact ``friction_contact``; ``tangential_impulse`` is that of sliding, per contact, in the world frame.
-Of a collision without any of it a cell is empty, or has the value in `EXTRA_DEFAULTS`."""
+Coefficients of friction (1, or m), friction impulses (N s, or N m s) and sliding velocities (m/s, or rad/s) have one
+value per row of friction, which belongs to the contact ``friction_contact``; ``tangential_impulse`` is that of sliding,
+per contact, in the world frame. Of a collision without any of it a cell is empty, or has the value in
+`EXTRA_DEFAULTS`."""
 EXTRA_DEFAULTS: dict[str, float | int] = {
     "restitution_scale": 1.0, "surface_work": 0.0, "pre_speed": float("nan"), "bilateral_rows": 0,
 }  # fmt: skip

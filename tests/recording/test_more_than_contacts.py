@@ -13,7 +13,9 @@ from impactlaw.recording.layout import COLLISION_COLUMNS, EXTRA_COLUMNS, MARKS
 from impactlaw.recording.recorder import BATCH
 from impactlaw.recording.rrd import read_entities
 
-FRICTION = ["friction_contact", "friction_impulse", "pre_sliding_velocity", "post_sliding_velocity"]
+FRICTION = [
+    "friction_contact", "friction_coefficient", "friction_impulse", "pre_sliding_velocity", "post_sliding_velocity",
+]  # fmt: skip
 PLANE = '<geom name="floor" type="plane" size="9 9 .1"/>'
 
 
@@ -55,6 +57,7 @@ def test_friction_comes_back(oblique):
     for (_, row), event in zip(recording.collisions.iterrows(), events, strict=True):
         impact = event.impact
         assert row["friction_contact"] == [0, 0, 0]
+        assert row["friction_coefficient"] == [0.2, 0.2, 0.01]
         assert row["friction_impulse"] == impact.friction_impulse.tolist()
         assert row["pre_sliding_velocity"] == impact.pre_sliding_velocity.tolist()
         assert row["post_sliding_velocity"] == impact.post_sliding_velocity.tolist()
