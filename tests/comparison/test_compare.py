@@ -2,7 +2,6 @@
 
 import inspect
 import math
-import sys
 import time
 
 import mujoco
@@ -214,8 +213,59 @@ def test_the_time_of_a_step_is_without_that_of_loading_the_compiled_solver(monke
     def first_loads(self, data):
         if not loaded:
             loaded.append(time.sleep(1.0))
-            monkeypatch.setitem(sys.modules, "compiled_solver", sys)
         step(self, data)
 
     monkeypatch.setattr(Stepper, "step", first_loads)
     assert 0.0 < run_law(model, start, "moreau", Moreau(0.5), 3).seconds_per_step < 0.3  # a third of it would be more
+
+
+DRIVEN = """<mujoco><option gravity="0 0 0" timestep="0.001"/><worldbody>
+  <body pos="0 0 0"><joint name="rail" type="slide" axis="1 0 0" range="-1 .1" limited="true"/>
+    <geom name="the cart" size=".05" mass="1"/></body></worldbody>
+  <actuator><motor joint="rail" gear="{gear}"/></actuator>
+  <keyframe><key name="start" qpos=".09" qvel="1" ctrl="1"/></keyframe></mujoco>"""
+
+
+@pytest.mark.parametrize("gear", [0.0, 20.0])
+def test_mujocos_outcome_is_under_the_controls_of_the_scene(tmp_path, gear):
+    """A cart hits the end of its rail, and a motor pushes it there: under 20 N it does not come back with e = .5."""
+    scene = tmp_path / "cart.xml"
+    scene.write_text(DRIVEN.format(gear=gear))
+    table = compare(Comparison(scene=str(scene), duration=0.3, restitution=0.5, laws=("moreau",)), tmp_path)
+    after = {row["run"]: row["v+"][0] for _, row in table.iterrows()}
+    assert after["moreau"] == pytest.approx(-0.5 * math.sqrt(1.0 + 2.0 * 0.01 * gear), rel=0.02)
+    if gear == 0.0:
+        assert after["mujoco-tuned"] == pytest.approx(-0.5, abs=0.05)  # limits are tuned, too
+        assert after["mujoco"] > -0.2  # critically damped
+    else:
+        assert after["mujoco"] > -0.05
+
+
+ABOVE = """<mujoco><worldbody><geom name="floor" type="plane" size="9 9 1"/>
+  <body pos="0 0 .15"><freejoint/><geom name="the lower/ball" size=".1" mass="1"/></body>
+  <body pos="0 0 .37"><freejoint/><geom name="the upper" size=".1" mass="1"/></body></worldbody></mujoco>"""
+
+
+def test_mujocos_outcome_ends_with_the_contacts_that_collide():
+    """A ball above another one hits it while that rebounds: its collision is another one."""
+    model = mujoco.MjModel.from_xml_string(ABOVE)
+    data = mujoco.MjData(model)
+    run = run_law(model, data, "moreau", Moreau(1.0), 80)
+    assert run.first is not None
+    assert run.first.collision.labels == ("floor/the lower/ball",)
+    data.qpos[:] = run.qpos
+    outcome = soft_outcome(tuned_contacts(model, 1.0), data, run.first)
+    assert outcome.post_velocity[2] == pytest.approx(-outcome.collision.pre_velocity[2], rel=0.1)
+    assert outcome.post_velocity[8] < outcome.collision.pre_velocity[8]  # it falls on
+
+
+def test_names_with_blanks_dollars_and_underscores(tmp_path):
+    scene = tmp_path / "odd.xml"
+    text = ABOVE.replace("the lower/ball", "a$\\frac$b c").replace("<freejoint/>", '<freejoint name="_free"/>', 1)
+    scene.write_text(text)
+    table = compare(Comparison(scene=str(scene), duration=0.2, restitution=1.0), tmp_path)
+    assert (tmp_path / "picture.png").stat().st_size > 0
+    table["antidissipative"] = "floor/a$\\frac$b c"
+    assert "floor/a$\\frac$b c " in format_table(table)
+    table["antidissipative"] = "floor/a b; floor/c d"
+    assert "floor/a b and 1 more" in format_table(table)

@@ -26,3 +26,14 @@ def test_the_legend_is_within_the_picture(monkeypatch, tmp_path, longest: int):
     assert len(legend.get_texts()) == 12
     assert whole.x0 <= box.x0 < box.x1 <= whole.x1
     assert whole.y0 <= box.y0 < box.y1 <= whole.y1
+
+
+def test_names_are_drawn_as_they_are(monkeypatch, tmp_path):
+    """Dollars begin no formula, and an underscore keeps no line out of the legend."""
+    figures: list[Figure] = []
+    save = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda self, *path, **kw: (figures.append(self), save(self, *path, **kw)))
+    times, none = np.linspace(0.0, 1.0, 5), np.zeros(5)
+    run = Run("moreau", times, np.zeros((5, 3)), np.outer(times, range(3)), none, none, 0.0, 0, 0, 0.0, None, None)
+    draw([run], tmp_path / "picture.png", r"a$\frac$b", ["_left", r"$\frac$", "right"])
+    assert [text.get_text().strip() for text in figures[0].legends[0].get_texts()] == ["_left", r"\$\frac\$", "right"]

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
+from identification.tables import run_cli, table
 from laws.frictional import one_contact
 
-from impactlaw import Collision, Coulomb, Newton
+from impactlaw import Collision, Coulomb, Moreau, Newton, Stepper
 from impactlaw.envs import ImpactLaw
 from impactlaw.identification import audit, cross_validate, fit, read_collisions
 from impactlaw.identification.contact_space import collision_of
 from impactlaw.identification.families import with_friction
+from impactlaw.recording import Recorder
 
 
 @pytest.mark.parametrize("contact_model", ["soft", "rigid"])
@@ -30,6 +33,51 @@ def test_a_robot_that_moves_in_a_plane(tmp_path, contact_model):
     found = fit(*measured, "coulomb")
     assert found.parameters == pytest.approx({"restitution": 0.5, "friction": 0.4}, abs=1e-4)
     assert found.rms < 1e-4
+
+
+BALLS = """<mujoco><option timestep="0.005"/><worldbody>
+  <geom name="floor" type="plane" size="9 9 1" friction="0 0 0"/>
+  <body pos="0 0 .5"><freejoint/><geom size=".1" condim="4" friction=".05 .01 0"/></body>
+  <body pos="1 0 .5"><freejoint/><geom size=".1" condim="6" friction=".2 .02 .005"/></body></worldbody></mujoco>"""
+
+
+def test_contacts_with_friction_of_their_own(tmp_path):
+    """Sliding, torsion and rolling of all contacts keep their ratios: one number tells them all."""
+    model = mujoco.MjModel.from_xml_string(BALLS)
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    stepper = Stepper(model, Moreau(0.6), scheme="time-stepping")
+    with Recorder(model, tmp_path / "run.rrd", law=stepper.law) as recorder:
+        for i in range(600):
+            if i % 150 == 0:
+                mujoco.mj_resetData(model, data)
+                data.qvel[:] = rng.normal(size=12) * np.tile([4, 4, 1, 20, 20, 20], 2)
+            stepper.step(data)
+            recorder.step(data, stepper.events)
+    found = fit(*read_collisions(tmp_path / "run.rrd"), "coulomb")
+    assert found.parameters == pytest.approx({"restitution": 0.6, "friction": 0.2}, abs=1e-4)
+    assert found.largest == pytest.approx(0.2)
+
+
+def test_collisions_that_tell_nothing(tmp_path, monkeypatch, capsys):
+    """Contacts that only open tell no restitution, and what sticks tells no friction."""
+    opened = [{"contacts": ["a/b"], "pre_contact_velocity": [v], "post_contact_velocity": [v]} for v in (0.5, 1.0)]
+    code, _, said = run_cli(
+        monkeypatch, capsys, "identify", table(tmp_path / "open.csv", opened), "--out", tmp_path / "l.json"
+    )
+    assert code == 2
+    assert "no collision changes a velocity" in said
+    assert not (tmp_path / "l.json").exists()
+    G = [[1.0, 0.0], [0.0, 1.0]]
+    stuck = [
+        {"contacts": ["a/b"], "pre_contact_velocity": [-v], "post_contact_velocity": [0.5 * v], "delassus": G,
+         "pre_sliding_velocity": [0.01 * v], "post_sliding_velocity": [0.0], "friction_contact": [0]}
+        for v in (0.5, 1.0, 2.0)
+    ]  # fmt: skip
+    path = table(tmp_path / "stuck.csv", stuck)
+    code, shown, _ = run_cli(monkeypatch, capsys, "identify", path, "--family", "coulomb", "--out", tmp_path / "l.json")
+    assert code == 0
+    assert "friction 0.3000 (?)" in shown
+    assert "(?): at a bound, or the collisions do not tell this number" in shown
 
 
 def test_an_audit_tells_the_friction_beside_limits_of_joints():
