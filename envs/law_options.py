@@ -15,7 +15,7 @@ from impactlaw.envs.episode_seeds import EpisodeSeeds
 from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.errors import OptionError, RestitutionError, SceneError, UnknownNameError
 from impactlaw.laws import Law, MaximalDissipation, make_law, portable
-from impactlaw.laws.restitution.from_scene import scene_law, scene_number
+from impactlaw.laws.restitution.from_scene import scene_law, scene_restitution
 from impactlaw.recording.properties import law_name
 from impactlaw.stepping.stepper import Stepper
 
@@ -168,7 +168,7 @@ def choose_law(model: mujoco.MjModel, law: str | Law | Mapping[str, Any], restit
     try:
         return make_law(law, restitution)
     except RestitutionError:
-        own = scene_number(model, "restitution")
+        own = scene_restitution(model)
         if restitution is not None or own is None:
             raise
         return make_law(law, own)

@@ -19,7 +19,7 @@ from impactlaw.comparison.soft_contact import tuned_contacts
 from impactlaw.errors import RestitutionError, SceneError
 from impactlaw.laws import LAWS, Law, make_law, takes_restitution
 from impactlaw.laws.base import coefficient
-from impactlaw.laws.restitution.from_scene import scene_law, scene_number
+from impactlaw.laws.restitution.from_scene import scene_law, scene_number, scene_restitution
 from impactlaw.mechanics.impact import Impact
 from impactlaw.models import load
 from impactlaw.recording import Recorder
@@ -46,7 +46,7 @@ def compare(study: Comparison, folder: Path) -> pd.DataFrame:
         model.opt.timestep = _positive("timestep", study.timestep)
     duration = study.duration if study.duration is not None else scene_number(model, "duration") or 2.0
     steps = max(1, round(_positive("duration", duration) / model.opt.timestep))
-    restitution = study.restitution if study.restitution is not None else scene_number(model, "restitution")
+    restitution = study.restitution if study.restitution is not None else scene_restitution(model)
     restitution = coefficient(1.0 if restitution is None else restitution)
     laws = choose_laws(model, study.laws, restitution)
     runs: list[Run] = []

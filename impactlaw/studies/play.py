@@ -32,7 +32,7 @@ def play(conditions: Conditions, begin: Callable[[], Callable[[Any], Any]], seed
 
     Returns:
         score, the mean return; deviation of the returns, lowest and highest; mean number of steps; mean number of
-        collisions, NaN for MuJoCo's own contacts; diverged, the episodes that left the finite numbers.
+        collisions, NaN for MuJoCo's own contacts; diverged, the episodes that left the finite numbers, which ends them.
     """
     env = conditions.make()
     try:
@@ -53,6 +53,8 @@ def _episode(env: gymnasium.Env, act: Callable[[Any], Any], seed: int) -> tuple[
     for step in range(1, LONGEST + 1):
         action = act(observation)
         observation, reward, terminated, truncated, info = env.step(int(action) if discrete else np.atleast_1d(action))
+        if not math.isfinite(reward):  # environments without a law go on
+            return total, step, collisions, 1.0
         total += float(reward)
         collisions += info.get("impact/count", math.nan)
         diverged += info.get("impact/diverged", 0)

@@ -11,6 +11,7 @@ from impactlaw.laws import portable
 from impactlaw.studies import Study, run
 from impactlaw.studies.environments import Conditions
 from impactlaw.studies.laws import read_law
+from impactlaw.studies.play import play
 
 JUGGLER = "impactlaw/Juggler-v0"
 
@@ -154,3 +155,13 @@ def test_what_does_not_fit_is_refused_before_anything_runs(changes, message, tmp
 def test_what_is_no_study_is_refused(what, tmp_path):
     with pytest.raises(StudyError, match="a study is an"):
         run(what, tmp_path)
+
+
+def test_an_episode_that_leaves_the_finite_numbers_ends():
+    """MuJoCo's own environments go on with rewards that are none."""
+    conditions = Conditions("Hopper-v5", read_law("mujoco"), "soft")
+    found = play(conditions, lambda: lambda observation: np.full(3, np.nan), [0, 1])
+    assert (found["diverged"], found["steps"], found["score"]) == (2.0, 1.0, 0.0)
+    found = play(conditions, lambda: lambda observation: np.zeros(3), [0])
+    assert found["diverged"] == 0.0
+    assert found["score"] > 0.0

@@ -25,6 +25,26 @@ def scene_law(model: mujoco.MjModel) -> Newton:
         RestitutionError: the scene names no restitution, or a coefficient is not one number in [0, 1], or was renamed.
         UnknownNameError: a coefficient is of something that the scene does not have.
     """
+    table, default = _coefficients(model)
+    if default is None and not table:
+        raise RestitutionError(
+            'the scene carries no restitution; add <custom><numeric name="restitution" data="0.5"/></custom> '
+            "or pass a law"
+        )
+    return Newton(table, default=default)
+
+
+def scene_restitution(model: mujoco.MjModel) -> float | None:
+    """Return the coefficient that a scene carries for all contacts without one of their own; None if it has none.
+
+    Raises:
+        RestitutionError: as `scene_law`, but for scenes without restitution.
+        UnknownNameError: as `scene_law`.
+    """
+    return _coefficients(model)[1]
+
+
+def _coefficients(model: mujoco.MjModel) -> tuple[dict[str | tuple[str, str], float], float | None]:
     names, limits = geom_names(model), Limits(model).names
     table: dict[str | tuple[str, str], float] = {}
     default = None
@@ -39,12 +59,7 @@ def scene_law(model: mujoco.MjModel) -> Newton:
                 f"<numeric name={numeric.name!r}> would be passed over: an <attach prefix=...> has renamed it. Put one "
                 f"of the geoms' new names beside the <attach>, as {RESTITUTION}/a/b"
             )
-    if default is None and not table:
-        raise RestitutionError(
-            'the scene carries no restitution; add <custom><numeric name="restitution" data="0.5"/></custom> '
-            "or pass a law"
-        )
-    return Newton(table, default=default)
+    return table, default
 
 
 def scene_number(model: mujoco.MjModel, name: str) -> float | None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from impactlaw.errors import RestitutionError
+from impactlaw.errors import ImpactLawError, RestitutionError
 from impactlaw.laws.base import Law
 
 _LAW, _FUNCTION, _ENTRIES = "law class", "function", "entries"
@@ -44,10 +44,20 @@ def restored(value: Any) -> Any:
     """Return what `portable` has made the plain value of; anything else as it is.
 
     Raises:
-        RestitutionError: it names a law or a function that is not there, or something that a law does not have.
+        RestitutionError: it names a law or a function that is not there, or something that a law does not have or
+            lacks.
     """
     if not isinstance(value, Mapping):
         return value
+    try:
+        return _made(value)
+    except (TypeError, ValueError) as error:
+        if isinstance(error, ImpactLawError):
+            raise
+        raise RestitutionError(f"{dict(value)!r:.100} is no law that was written down: {error}") from None
+
+
+def _made(value: Mapping[str, Any]) -> Any:
     if _LAW in value:
         kind = _found(value[_LAW])
         if not (isinstance(kind, type) and issubclass(kind, Law)):
@@ -85,5 +95,5 @@ def _found(place: str) -> Any:
     module, _, name = str(place).partition(":")
     try:
         return getattr(import_module(module), name)
-    except (ImportError, AttributeError, ValueError):
+    except (ImportError, AttributeError, TypeError, ValueError):
         raise RestitutionError(f"there is no {place} here") from None

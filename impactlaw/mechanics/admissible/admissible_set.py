@@ -97,12 +97,16 @@ class AdmissibleSet:
         a point, a segment or anything up to the rank of J.
 
         Raises:
-            InvalidCollisionError: n is no whole number, or negative.
+            InvalidCollisionError: n is no whole number, or negative, or rng neither a generator nor a seed.
         """
         check_number(n)
+        try:
+            generator = np.random.default_rng(rng)
+        except (TypeError, ValueError):
+            raise InvalidCollisionError(f"rng is a numpy generator, or a seed for one, got {rng!r:.100}") from None
         if self._body is None:
             return np.tile(self.collision.pre_velocity, (n, 1))
-        return self._velocity_at(self._least * uniform_samples(self._body, n, np.random.default_rng(rng)))
+        return self._velocity_at(self._least * uniform_samples(self._body, n, generator))
 
     def intensity_range(self) -> tuple[float, float]:
         """Return the least and the largest ``rho = |v - v-|`` over v in S, sqrt(J).

@@ -41,7 +41,8 @@ def measured(c: Any, jump: np.ndarray, after: np.ndarray, kinetic: float, gain: 
     before = c.relative_velocity
     z = before + jump
     speeds = sqrt(z @ z) + sqrt(before @ before)
-    energetic = max(0.0, 2.0 * gain / speeds) if speeds > 0 else 0.0
+    grown = 2.0 * gain / speeds if speeds > 0 else 0.0
+    energetic = np.inf if np.isnan(grown) else max(0.0, grown)  # NaN is infinite energy next to infinite speed
     return Violations(_penetration(c, jump, after), kinetic, energetic, speed)
 
 

@@ -82,3 +82,27 @@ def test_what_is_not_there_is_refused():
             restored({"law class": place})
     with pytest.raises(RestitutionError, match="Moreau has no hardness"):
         restored(portable(Moreau(0.5)) | {"hardness": 1.0})
+
+
+MOREAU = "impactlaw.laws.moreau:Moreau"
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        {"law class": MOREAU},
+        {"law class": MOREAU, "restitution": {"entries": 5}},
+        {"law class": MOREAU, "restitution": {"entries": [[1]]}},
+        {"law class": MOREAU, "restitution": {"entries": [[{"a": 1}, 0.5]]}},
+        {"law class": "impactlaw.laws.base:Law"},
+        {"law class": ".x:y"},
+        {"law class": ":"},
+        {"function": 3},
+    ],
+    ids=str,
+)
+def test_a_damaged_law_is_told(damaged):
+    with pytest.raises(RestitutionError):
+        restored(damaged)
+    with pytest.raises(RestitutionError):
+        make_law(damaged)

@@ -6,9 +6,11 @@ import pytest
 from problems import LAWS, OF_SOME, SWAPPED, launched
 
 from impactlaw import Collision, Fremond, LinearMap, MaximalDissipation, Moreau, Newton, Stepper, make_law
+from impactlaw.comparison.compare import Comparison, compare
 from impactlaw.errors import RestitutionError, UnknownNameError
 from impactlaw.laws import LAWS as REGISTRY
 from impactlaw.laws import Law
+from impactlaw.laws.restitution.from_scene import scene_restitution
 from impactlaw.laws.restitution.labels import canonical, check_labels
 
 EXACT = {"rtol": 0, "atol": 1e-12}
@@ -222,3 +224,19 @@ def test_restitution_that_an_attached_model_brings_is_not_passed_over():
     model = parent.compile()
     with pytest.raises(RestitutionError, match=r"p_restitution/ball/floor.* would be passed over"):
         Stepper(model, "scene")
+
+
+@pytest.mark.parametrize(
+    "numeric", ['"p_restitution" data=".2"', '"restitution" data=".2 .3 .4"'], ids=["renamed", "three"]
+)
+def test_nobody_passes_over_restitution_that_is_none_of_a_scene(numeric, tmp_path):
+    """Law "scene" refuses it, and so does who takes the scene's coefficient for another law."""
+    text = (
+        f"<mujoco><custom><numeric name={numeric}/></custom><worldbody><geom type='plane' size='1 1 1'/>"
+        "<body pos='0 0 .2'><freejoint/><geom size='.1'/></body></worldbody></mujoco>"
+    )
+    with pytest.raises(RestitutionError):
+        scene_restitution(mujoco.MjModel.from_xml_string(text))
+    (tmp_path / "scene.xml").write_text(text)
+    with pytest.raises(RestitutionError):
+        compare(Comparison(scene=str(tmp_path / "scene.xml"), duration=0.01), tmp_path)

@@ -6,6 +6,7 @@ from problems import PROBLEMS, balls, box, launched
 from scipy.stats import ks_2samp, kstest
 
 from impactlaw import Collision, Moreau
+from impactlaw.errors import InvalidCollisionError
 
 UNIFORM = 1e-3  # least p-value of Kolmogorov's test; the seeds are fixed
 
@@ -161,3 +162,9 @@ def test_separating_contact_cuts_the_intensity():
     least, largest = c.admissible_set.intensity_range()
     assert not c.admissible_set.contains(Moreau(1.0).resolve(c).post_velocity)
     assert largest < 2 * least - 0.01
+
+
+@pytest.mark.parametrize("rng", ["x", -1, 1.5, object()], ids=["text", "negative", "half", "object"])
+def test_a_generator_that_is_none(rng):
+    with pytest.raises(InvalidCollisionError, match="rng is a numpy generator"):
+        launched(3, 1).admissible_set.sample(3, rng)
