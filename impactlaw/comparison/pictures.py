@@ -16,6 +16,7 @@ from impactlaw.mechanics.collision import Collision
 _FREE, _BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 _MOST_LINES = 12  # degrees of freedom drawn; those that move most
 _HANDLE, _LETTER = 0.6, 0.08  # width of a line and of a letter of its name in the legend, inches
+_LONGEST = 22  # letters of a label at an arrow
 _FEW = 10  # lines that matplotlib's own cycle of colors tells apart
 
 
@@ -92,7 +93,8 @@ def draw_admissible_set(axes: Any, collision: Collision, runs: Sequence[Run]) ->
         axes.plot(*np.stack([-along, along], axis=1), color=f"C{i}", linewidth=0.8, linestyle=":")
         axes.annotate("", normal * 0.35 * radius, (0, 0), arrowprops={"arrowstyle": "->", "color": f"C{i}"})
         side = "left" if normal[0] > 0.5 else "right" if normal[0] < -0.5 else "center"
-        named = axes.annotate(plain(label), normal * 0.4 * radius, fontsize=9, color=f"C{i}", ha=side, va="bottom")
+        shown = plain(label if len(label) <= _LONGEST else f"{label[:_LONGEST]}...")
+        named = axes.annotate(shown, normal * 0.4 * radius, fontsize=9, color=f"C{i}", ha=side, va="bottom")
         named.set_in_layout(False)  # a long one would make the panels narrow
     corners = _boundary(gradients, before, radius)
     if len(corners):
