@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -11,10 +12,11 @@ from gymnasium import spaces
 from gymnasium.vector import SyncVectorEnv, VectorEnv
 
 from impactlaw.batch import Batch
+from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.tasks.driven import DrivenEnv
 from impactlaw.envs.tasks.juggler import Juggler
 from impactlaw.envs.tasks.rocking_block import RockingBlock
-from impactlaw.envs.vector.asked_laws import asked_laws
+from impactlaw.envs.vector.asked_laws import asked_laws, each
 from impactlaw.envs.vector.task import Outcome, step_worlds
 from impactlaw.envs.vector.worlds import VectorWorlds
 from impactlaw.errors import ActionError, OptionError, UncompiledWarning
@@ -104,13 +106,42 @@ def _make(kind: type[DrivenEnv], num_envs: int, **options: Any) -> VectorEnv:
     )  # fmt: skip
 
 
-def _side_by_side(name: str, num_envs: int, options: dict[str, Any], single: str) -> SyncVectorEnv:
+class Alongside(SyncVectorEnv):
+    """Single environments, stepped one after another, whose laws are set as those of worlds are."""
+
+    @property
+    def law(self) -> tuple[Any, ...]:
+        """The law in force in each environment; set to one for all, or to a list with one for each."""
+        return self.get_attr("law")
+
+    @law.setter
+    def law(self, law: Any) -> None:
+        self.set_attr("law", each("laws", law, self.num_envs))
+
+    @property
+    def restitution(self) -> tuple[Any, ...]:
+        """The restitution of each environment, set as the law."""
+        return self.get_attr("restitution")
+
+    @restitution.setter
+    def restitution(self, restitution: Any) -> None:
+        self.set_attr("restitution", each("values of restitution", restitution, self.num_envs))
+
+
+def _side_by_side(name: str, num_envs: int, options: dict[str, Any], single: str) -> Alongside:
     """Return single environments, and warn that they, for these options, are no compiled worlds."""
     check_count("num_envs", num_envs)
     for worlds in ("nthread", "batch_options"):
         if worlds in options:
             raise OptionError(f"{worlds} is for compiled worlds, which do not have {single}: leave one of them out")
-    made = SyncVectorEnv([lambda: gymnasium.make(name, **options)] * num_envs)
+    if isinstance(options.get("law"), LawDistribution):
+        raise OptionError(f"a LawDistribution is for compiled worlds, which do not have {single}: use RandomLaw here")
+    own = [dict(options) for _ in range(num_envs)]
+    for option in ("law", "restitution"):
+        if option in options:
+            for one, value in zip(own, each(f"values of {option}", options[option], num_envs), strict=True):
+                one[option] = value
+    made = Alongside([partial(gymnasium.make, name, **one) for one in own])
     warnings.warn(
         f"only single environments have {single}: these are {num_envs} of them, stepped one after another, and not "
         'compiled worlds; leave it out for worlds, or pass vectorization_mode="sync"',

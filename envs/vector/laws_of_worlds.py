@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
@@ -13,7 +14,7 @@ from impactlaw.envs.episode_seeds import LAWS, EpisodeSeeds
 from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.law_options import choose_law, describe_law
 from impactlaw.envs.vector.asked_laws import each, several
-from impactlaw.errors import OptionError, UnknownNameError
+from impactlaw.errors import OptionError, RestitutionError, UnknownNameError
 from impactlaw.laws import Law
 
 _OF_BATCH = ("friction", "on_inadmissible", "rest_speed")
@@ -73,7 +74,9 @@ class LawsOfWorlds:
         self._use(changed, [laws[world] for world in changed])
 
     def set(self, name: str, values: Any) -> None:
-        """Let "law" or "restitution" of all worlds be another, or one for each, from now on.
+        """Let "law" or "restitution" of all worlds be another, or one for each, from now on; none is drawn any more.
+
+        A restitution goes with the law that is in force.
 
         Raises:
             OptionError: there is not one for each world.
@@ -82,7 +85,8 @@ class LawsOfWorlds:
             SceneError: compiled code does not take a law; all stay what they were.
         """
         every = each(f"values of {name}", values, len(self._own))
-        chosen = [self._asked(world, {name: value}) for world, value in enumerate(every)]
+        pairs = zip(self.in_force, every, strict=True)
+        chosen = [self._asked(law, {name: value}) for law, value in pairs]
         self._use(range(len(chosen)), chosen)
         self._own, self._distribution = chosen, None
 
@@ -95,12 +99,15 @@ class LawsOfWorlds:
     def _of_episode(self, world: int, given: Mapping[str, Any]) -> Law:
         if self._distribution is not None:
             given = self._distribution.draw(self._seeds[world].generator, given) | dict(given)
-        return self._asked(world, given) if given else self._own[world]
+        return self._asked(self._own[world], given) if given else self._own[world]
 
-    def _asked(self, world: int, given: Mapping[str, Any]) -> Law:
-        """Return the law that options ask for; the world's own with another restitution if they name none."""
-        law = given["law"] if "law" in given else self._own[world].name
-        return choose_law(self._model, law, given.get("restitution"))
+    def _asked(self, own: Law, given: Mapping[str, Any]) -> Law:
+        """Return the law that options ask for; a world's own with another restitution if they name none."""
+        if "law" not in given:
+            if not own.name or math.isnan(float(describe_law(own)["impact/restitution"])):
+                raise RestitutionError(f"{own!r:.100} has its restitution already: set a law instead")
+            return choose_law(self._model, own.name, given.get("restitution"))
+        return choose_law(self._model, given["law"], given.get("restitution"))
 
     def _use(self, worlds: Sequence[int], laws: Sequence[Law]) -> None:
         self.batch.set_law(laws, worlds)

@@ -16,7 +16,7 @@ from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.law_options import check_reset, describe_law
 from impactlaw.envs.vector.laws_of_worlds import LawsOfWorlds
 from impactlaw.envs.vector.task import Task
-from impactlaw.errors import ActionError, OptionError, SettledError
+from impactlaw.errors import ActionError, CopyError, OptionError, SettledError
 from impactlaw.laws import Law
 from impactlaw.settled import Settled
 from impactlaw.stepping.compatibility import check_count
@@ -149,6 +149,8 @@ class VectorWorlds(VectorEnv):
     def set_attr(self, name: str, values: Any) -> None:
         """Let "law" or "restitution" of all worlds be another, or one for each; it is in force from now on, and stays.
 
+        A restitution goes with the law in force. A `LawDistribution` draws no more.
+
         Raises:
             SettledError: anything else is settled when the worlds are made.
             OptionError: there is not one value for each world.
@@ -180,6 +182,10 @@ class VectorWorlds(VectorEnv):
     @restitution.setter
     def restitution(self, restitution: Any) -> None:
         self.set_attr("restitution", restitution)
+
+    def __copy__(self) -> VectorWorlds:
+        """Refuse to be copied, as the batch does: the copy would step the same worlds."""
+        raise CopyError("worlds cannot be copied: they are in memory that compiled code holds; make other ones")
 
     def _begin(self, worlds: np.ndarray, given: Mapping[str, Any] = MappingProxyType({})) -> None:
         self._laws.begin(worlds.tolist(), given)  # first: what is refused changes nothing

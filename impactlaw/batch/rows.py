@@ -52,7 +52,9 @@ class Fields:
     def write(self, world: int, data: Any) -> None:
         """Let the bound fields of a world that are no parts of its state be those of data."""
         for offset, place, size in self.outputs.tolist():
-            ctypes.memmove(place + size * world, ctypes.c_size_t.from_address(data._address + offset).value, size)
+            inside = data._address + abs(offset)
+            source = inside if offset < 0 else ctypes.c_size_t.from_address(inside).value
+            ctypes.memmove(place + size * world, source, size)
 
     def _part(self, name: str) -> np.ndarray:
         size = ctypes.c_int()

@@ -98,8 +98,10 @@ def table() -> np.ndarray:
 
 @cache
 def data_offset(name: str) -> int:
-    """Return where mjData tells the address of an array, bytes."""
-    return getattr(_named("mjData", {}), name).offset
+    """Return where mjData tells the address of an array, bytes; negative where the array itself is there."""
+    data = _named("mjData", {})
+    offset = getattr(data, name).offset
+    return offset if dict(data._fields_)[name] is ctypes.c_void_p else -offset
 
 
 _SCENE = (

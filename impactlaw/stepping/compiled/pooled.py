@@ -36,11 +36,12 @@ def copy_out(data, world, outputs, count):
     Args:
         data: address of the data of a world.
         world: its number.
-        outputs: address of three numbers for each field: where data tells its address, where that of world 0 is to be,
-            and its bytes.
+        outputs: address of three numbers for each field: where data tells its address (or, negative, has it itself),
+            where that of world 0 is to be, and its bytes.
         count: of fields.
     """
     for i in range(count):
         output = longs(outputs + 24 * i, 3)
-        size = output[2]
-        put(flags(output[1] + size * world, size), flags(long_at(data + output[0]), size))
+        at, size = output[0], output[2]
+        source = long_at(data + at) if at >= 0 else data - at
+        put(flags(output[1] + size * world, size), flags(source, size))

@@ -9,7 +9,7 @@ import pytest
 from gymnasium.error import ResetNeeded
 
 import impactlaw.envs  # noqa: F401  (registers the environments)
-from impactlaw import AnyOutcome, Moreau, Newton, make_law
+from impactlaw import AnyOutcome, Coulomb, Moreau, Newton, make_law
 from impactlaw.envs import LawDistribution
 from impactlaw.errors import (
     ActionError,
@@ -223,3 +223,18 @@ def test_a_restitution_that_is_no_number(vec, e):
     for name in ("moreau", "reversal", "compliant", "poisson", "routh"):
         with pytest.raises(RestitutionError, match="number"):
             make_law(name, e)
+
+
+def test_worlds_are_not_copied(vec):
+    with pytest.raises(CopyError, match="cannot be copied"):
+        copy.copy(vec)
+
+
+@pytest.mark.parametrize("law", [Newton({("ball", "paddle"): 0.3}, default=0.5), Coulomb(Moreau(0.3))], ids=repr)
+def test_a_restitution_for_a_law_that_has_its_own(vec, law):
+    vec.law = law
+    with pytest.raises(RestitutionError, match="has its restitution already"):
+        vec.restitution = 0.5
+    with pytest.raises(RestitutionError, match="has its restitution already"):
+        vec.reset(options={"restitution": 0.5})
+    assert all(repr(one) == repr(law) for one in vec.law)
