@@ -107,7 +107,13 @@ def _make(kind: type[DrivenEnv], num_envs: int, **options: Any) -> VectorEnv:
 
 
 class Alongside(SyncVectorEnv):
-    """Single environments, stepped one after another, whose laws are set as those of worlds are."""
+    """Single environments, stepped one after another, whose laws are set as those of worlds are.
+
+    Raises:
+        OptionError: what is set has not one value for each environment.
+        UnknownNameError: as by each of them, when it is set, like the next.
+        RestitutionError: the restitution does not fit the law.
+    """
 
     @property
     def law(self) -> tuple[Any, ...]:

@@ -67,6 +67,14 @@ def test_collisions_that_tell_nothing(tmp_path, monkeypatch, capsys):
     assert code == 2
     assert "no collision changes a velocity" in said
     assert not (tmp_path / "l.json").exists()
+    noisy = [
+        {"contacts": ["a/b"], "pre_contact_velocity": [v], "post_contact_velocity": [1.05 * v]} for v in (0.5, 0.7, 1.0)
+    ]
+    path = table(tmp_path / "noisy.csv", noisy)
+    code, _, said = run_cli(monkeypatch, capsys, "identify", path, "--out", tmp_path / "l.json")
+    assert code == 2
+    assert "no family fits" in said
+    assert not (tmp_path / "l.json").exists()
     G = [[1.0, 0.0], [0.0, 1.0]]
     stuck = [
         {"contacts": ["a/b"], "pre_contact_velocity": [-v], "post_contact_velocity": [0.5 * v], "delassus": G,

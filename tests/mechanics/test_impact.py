@@ -190,3 +190,11 @@ def test_rod_is_one_point_collision_on_its_induced_contact():
     np.testing.assert_allclose(
         rod().pre_velocity + 1.5 * np.array([1.0, -1 / 9]) / [1.0, 1 / 3], impact.post_velocity, **EXACT
     )
+
+
+def test_a_velocity_beyond_all_energy_is_no_small_violation():
+    """Its square is infinite, and so is what it violates; NaN passed for 0."""
+    with np.errstate(over="ignore"):
+        violations = Impact.observed(launched(3, 1), [1e200, 0.0, 0.0]).violations
+    assert violations.energetic == np.inf
+    assert not violations.is_admissible()
