@@ -241,6 +241,18 @@ def test_mujocos_outcome_is_under_the_controls_of_the_scene(tmp_path, gear):
         assert after["mujoco"] > -0.05
 
 
+def test_mujocos_outcome_is_that_of_the_collision_however_long_the_run_goes_on(tmp_path):
+    """It begins with the activations of the start: those of the end grow with the run."""
+    scene = tmp_path / "cart.xml"
+    motor = '<general joint="rail" dyntype="integrator" gainprm="400"/>'
+    scene.write_text(DRIVEN.replace('<motor joint="rail" gear="{gear}"/>', motor))
+    found = []
+    for duration in (0.05, 1.0):
+        study = Comparison(scene=str(scene), duration=duration, restitution=0.5, laws=("moreau",))
+        found.append([row["v+"][0] for _, row in compare(study, tmp_path).iterrows()])
+    assert found[0] == pytest.approx(found[1], abs=1e-12)
+
+
 ABOVE = """<mujoco><worldbody><geom name="floor" type="plane" size="9 9 1"/>
   <body pos="0 0 .15"><freejoint/><geom name="the lower/ball" size=".1" mass="1"/></body>
   <body pos="0 0 .37"><freejoint/><geom name="the upper" size=".1" mass="1"/></body></worldbody></mujoco>"""
