@@ -42,12 +42,14 @@ class Inspect:
     file: Annotated[Path, tyro.conf.Positional]
     """A recording, run.rrd."""
     csv: Path | None = None
-    """Also write the collisions to this file."""
+    """Also write the collisions to this file; not a .rrd, which is the end of recordings."""
 
     def __call__(self) -> None:
         """Read the recording and print it."""
         from impactlaw.recording import describe, read_log
 
+        if self.csv is not None:
+            _check_other_file(self.csv, self.file)
         recording = read_log(self.file)
         print(describe(recording))
         if self.csv is not None:
@@ -55,6 +57,14 @@ class Inspect:
                 recording.collisions.to_csv(self.csv, index=False)
             except OSError as error:
                 raise RecordingError(f"cannot write {self.csv}: {error.strerror or error}") from None
+
+
+def _check_other_file(csv: Path, recording: Path) -> None:
+    """Refuse to write a table over a recording."""
+    if csv.suffix.lower() == ".rrd":
+        raise RecordingError(f"the collisions are written as CSV, but {csv} ends with .rrd, as recordings do")
+    if csv.exists() and recording.exists() and csv.samefile(recording):
+        raise RecordingError(f"{csv} is the recording that is read; write the collisions to another file")
 
 
 @dataclass(frozen=True)

@@ -144,6 +144,29 @@ def test_inspect_prints_the_collisions_and_writes_them_as_csv(run, tmp_path):
     assert "None" not in err
 
 
+@pytest.mark.parametrize(
+    ("csv", "message"),
+    [
+        ("run.rrd", "ends with .rrd"),
+        ("other.RRD", "ends with .rrd"),
+        ("linked.csv", "is the recording that is read"),
+        ("folder/../plain", "is the recording that is read"),
+    ],
+)
+def test_inspect_writes_no_table_over_a_recording(csv, message, run, tmp_path, cradle_log):
+    content = cradle_log[0].read_bytes()
+    for name in ("run.rrd", "plain"):
+        (tmp_path / name).write_bytes(content)
+    (tmp_path / "linked.csv").symlink_to("run.rrd")
+    (tmp_path / "folder").mkdir()
+    code, out, err = run("inspect", "plain" if csv.endswith("plain") else "run.rrd", "--csv", csv)
+    assert (code, out) == (2, "")
+    assert message in err
+    assert len(err.splitlines()) == 1, err
+    assert {(tmp_path / name).read_bytes() for name in ("run.rrd", "plain")} == {content}
+    assert not (tmp_path / "other.RRD").exists()
+
+
 def test_laws_and_scenes_are_listed_one_line_each(capsys):
     Laws()()
     lines = capsys.readouterr().out.splitlines()
