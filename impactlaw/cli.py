@@ -75,8 +75,9 @@ class Identify:
     """A recording (.rrd), or a table (.csv, .parquet); see `impactlaw.identification.read_collisions`."""
     family: str | None = None
     """One family of laws: moreau, newton, poisson, reversal, fremond, coulomb, routh or compliant; all if not given."""
-    folds: int = 5
-    """Parts that the collisions are split into, each of which is predicted by a law fitted to the others."""
+    folds: int | None = None
+    """Parts that the collisions are split into, each of which is predicted by a law fitted to the others. 5 if not
+    given, or as many as there are collisions where these are fewer; the report tells how many."""
     contacts: tuple[str, ...] | None = None
     """Labels of the set of closed contacts whose collisions are used; all collisions if not given."""
     out: Path | None = None
@@ -90,7 +91,7 @@ class Identify:
         out = Path("out") / self.file.stem / "law.json" if self.out is None else self.out
         if out.suffix != ".json":
             raise MeasurementError(f"the law is written as JSON, but {out} does not end with .json")
-        if self.folds < 2:
+        if self.folds is not None and self.folds < 2:
             raise MeasurementError(f"folds must be 2 or more, got {self.folds}")
         found = study(self.file, family=self.family, folds=self.folds, contacts=self.contacts)
         assert found.best.law is not None

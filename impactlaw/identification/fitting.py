@@ -104,7 +104,7 @@ def fit(
         UnknownNameError: no such family.
         MeasurementError: the data cannot tell, or the family does not know the option.
     """
-    measured = _checked(collisions, post_velocities, family, contacts)
+    measured = checked(collisions, post_velocities, family, contacts)
     fitted = _family(family, measured, projected=projected)
     if admissible and fitted is not None:
         raise MeasurementError(f"admissible=True restricts a full matrix, family 'fremond', not {family!r}")
@@ -128,13 +128,13 @@ def _fit(measured: Measurements, family: Family | None, *, admissible: bool, pro
     return replace(found, law=law, residuals=_lengths(measured.errors(outcomes(law, measured.collisions))))
 
 
-def _checked(
+def checked(
     collisions: Sequence[Collision],
     post_velocities: Sequence[ArrayLike] | np.ndarray,
     family: str,
     contacts: Sequence[str] | None,
 ) -> Measurements:
-    """Return the measurements of the set of contacts, of all if None."""
+    """Return the measurements of the set of contacts, of all if None, to which the family is fitted: see `fit`."""
     if family not in FAMILIES:
         raise UnknownNameError("family", family, FAMILIES)
     measured = Measurements(collisions, post_velocities)
@@ -293,10 +293,9 @@ def cross_validate(
         UnknownNameError: no such family.
         MeasurementError: fewer collisions than folds, fewer than two folds, or see `fit`.
     """
-    measured = _checked(collisions, post_velocities, family, contacts)
+    measured = checked(collisions, post_velocities, family, contacts)
     n = len(measured)
-    if not isinstance(folds, Integral) or not 2 <= folds <= n:
-        raise MeasurementError(f"{n} collision{'s' if n > 1 else ''} cannot be split into {folds!r} folds, 2 or more")
+    check_folds(folds, n)
     errors, fold_rms, parameters, fitted = [], [], [], _family(family, measured, projected=projected)
     for part in np.array_split(np.random.default_rng(seed).permutation(n), folds):
         rest, held = measured.select(np.setdiff1d(np.arange(n), part)), measured.select(part)
@@ -306,3 +305,9 @@ def cross_validate(
         fold_rms.append(rms(own))
         parameters.append(found.parameters)
     return CrossValidation(family, rms(errors), np.array(fold_rms), tuple(parameters))
+
+
+def check_folds(folds: object, n: int) -> None:
+    """Refuse to split n collisions into so many folds, if that cannot be done."""
+    if not isinstance(folds, Integral) or not 2 <= folds <= n:
+        raise MeasurementError(f"{n} collision{'s' if n > 1 else ''} cannot be split into {folds!r} folds, 2 or more")

@@ -14,10 +14,11 @@ from tqdm import tqdm
 from impactlaw.errors import ImpactLawError, MeasurementError
 from impactlaw.identification.auditing import TOLERANCE, Audit, audit
 from impactlaw.identification.families import FAMILIES, outcomes
-from impactlaw.identification.fitting import CrossValidation, Identified, cross_validate, fit
+from impactlaw.identification.fitting import CrossValidation, Identified, check_folds, checked, cross_validate, fit
 from impactlaw.identification.reading import Collisions, read_collisions
 from impactlaw.laws.restitution.portable import portable
 
+_FOLDS = 5  # if not given
 _UNTOLD = " (?)"
 _SHOWN = 6  # parameters in a line of the table
 _WORST = 0.5  # share of collisions that must be admissible for a fit to make sense
@@ -47,16 +48,20 @@ class Study:
         audit: of it.
         rows: of the families.
         best: the one with the least error on unseen collisions; of equally good ones that with fewer parameters.
+        folds: parts that the collisions were split into for those errors.
     """
 
     measured: Collisions
     audit: Audit
     rows: tuple[Row, ...]
     best: Row
+    folds: int
 
 
-def study(path: Path, *, family: str | None = None, folds: int = 5, contacts: Sequence[str] | None = None) -> Study:
-    """Read a file, audit it, and fit one family, or all.
+def study(
+    path: Path, *, family: str | None = None, folds: int | None = None, contacts: Sequence[str] | None = None
+) -> Study:
+    """Read a file, audit it, and fit one family, or all, with 5 folds, or as many as there are collisions, if not told.
 
     Raises:
         MeasurementError: the file cannot be read, its collisions are too few or no collisions, or no family fits.
@@ -72,18 +77,32 @@ def study(path: Path, *, family: str | None = None, folds: int = 5, contacts: Se
     if found.admissible < _WORST:
         raise MeasurementError(f"{path}: {refusal(found)}")
     names = [family] if family is not None else list(FAMILIES)
+    folds = _number_of_folds(path, measured, names[0], folds, contacts)
     rows = []
     with tqdm(names, desc="families", leave=False, disable=None) as bar:
         for name in bar:
             bar.set_postfix_str(name)
-            rows.append(_row(name, measured, min(folds, n), contacts))
+            rows.append(_row(name, measured, folds, contacts))
     fitted = [row for row in rows if row.law is not None and row.held_out is not None]
     if not fitted:
         raise MeasurementError(f"{path}: {rows[0].reason}" if family else f"{path}: no family fits: {rows[0].reason}")
     least = min(row.error for row in fitted)
     good = [row for row in fitted if row.error <= least * (1 + 1e-3) + 1e-9]
     best = min(good, key=lambda row: len(row.law.parameters) if row.law else 0)
-    return Study(measured, found, tuple(rows), best)
+    return Study(measured, found, tuple(rows), best, folds)
+
+
+def _number_of_folds(
+    path: Path, measured: Collisions, family: str, folds: int | None, contacts: Sequence[str] | None
+) -> int:
+    """Return how many folds the collisions of the set of contacts are split into; refuse a given number that is not."""
+    try:
+        n = len(checked(*measured, family, contacts))
+        wanted = max(2, min(_FOLDS, n)) if folds is None else folds
+        check_folds(wanted, n)
+    except MeasurementError as error:
+        raise MeasurementError(f"{path}: {error}") from None
+    return wanted
 
 
 def _row(name: str, measured: Collisions, folds: int, contacts: Sequence[str] | None) -> Row:
@@ -119,7 +138,7 @@ def refusal(found: Audit) -> str:
 def format_study(found: Study) -> str:
     """Return the table for the screen."""
     n = len(found.measured.collisions)
-    lines = [f"{n} collisions, {found.audit.admissible:.0%} admissible within {TOLERANCE:g} |v-|", ""]
+    lines = [f"{n} collisions, {found.audit.admissible:.0%} admissible within {TOLERANCE:g} |v-|; {found.folds} folds", ""]
     lines.append(f"{'family':<11}{'held out':>9}{'fit':>9}{'certificate':>13}{'rank':>6}  parameters (95 %)")
     for row in sorted(found.rows, key=lambda row: row.error):
         if row.law is not None:

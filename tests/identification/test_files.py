@@ -139,3 +139,20 @@ def test_the_best_family_is_the_law_that_made_it(tmp_path):
     assert found.audit.admissible == 1.0
     with pytest.raises(MeasurementError):
         cross_validate(*read_collisions(tmp_path / "data.csv"), "newton", folds=50)
+
+
+@pytest.mark.parametrize(("collisions", "words", "folds"), [(12, (), 5), (12, ("--folds", 12), 12), (3, (), 3)])
+def test_the_report_tells_the_number_of_folds(collisions, words, folds, tmp_path, monkeypatch, capsys):
+    path = table(tmp_path / "data.csv", chain_rows(collisions))
+    words = ("--family", "newton", "--out", tmp_path / "law.json", *words)
+    code, said, _ = run_cli(monkeypatch, capsys, "identify", path, *words)
+    first = f"{collisions} collisions, 100% admissible within 0.1 |v-|; {folds} folds"
+    assert (code, said.splitlines()[0]) == (0, first)
+
+
+def test_folds_are_those_of_the_contacts_that_are_chosen(tmp_path):
+    other = {"contacts": '["d/e", "e/f"]'}
+    path = table(tmp_path / "data.csv", chain_rows(3) + [one | other for one in chain_rows(9, seed=1)])
+    assert study(path, family="newton", contacts=("a/b", "b/c")).folds == 3
+    with pytest.raises(MeasurementError, match="3 collisions cannot be split into 4 folds"):
+        study(path, family="newton", contacts=("a/b", "b/c"), folds=4)
