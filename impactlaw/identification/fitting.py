@@ -83,7 +83,7 @@ def fit(
     post_velocities: Sequence[ArrayLike] | np.ndarray,
     family: str = "newton",
     *,
-    contacts: Sequence[str] | None = None,
+    contacts: str | Sequence[str] | None = None,
     admissible: bool = False,
     projected: bool = False,
 ) -> Identified:
@@ -93,8 +93,8 @@ def fit(
         collisions: what collided, as from `read_collisions`.
         post_velocities: v+ of each, (nv,).
         family: "moreau", "newton", "poisson", "reversal", "fremond", "coulomb", "routh" or "compliant".
-        contacts: labels of the set of closed contacts whose collisions are used; all collisions if not given. A full
-            matrix (fremond) belongs to one set.
+        contacts: labels of the set of closed contacts whose collisions are used, or the label of one contact; all
+            collisions if not given. A full matrix (fremond) belongs to one set.
         admissible: restrict E (fremond) to ``E >= 0`` and ``G^-1 (1 + E) >= 0``, so that no ``gamma- <= 0`` leads to
             penetration or pulling.
         projected: let the law found project its outcome onto S(v-), which is never worse for what was measured in
@@ -132,7 +132,7 @@ def checked(
     collisions: Sequence[Collision],
     post_velocities: Sequence[ArrayLike] | np.ndarray,
     family: str,
-    contacts: Sequence[str] | None,
+    contacts: str | Sequence[str] | None,
 ) -> Measurements:
     """Return the measurements of the set of contacts, of all if None, to which the family is fitted: see `fit`."""
     if family not in FAMILIES:
@@ -140,7 +140,9 @@ def checked(
     measured = Measurements(collisions, post_velocities)
     if contacts is None:
         return measured
-    wanted = tuple(sorted(map(canonical, contacts)))
+    wanted = tuple(sorted(map(canonical, (contacts,) if isinstance(contacts, str) else contacts)))
+    if not wanted:
+        raise MeasurementError("contacts is empty: there is nothing to fit; name the contacts of a set, or leave it out")
     if wanted not in measured.contact_sets:
         known = "; ".join(" ".join(labels) for labels in measured.contact_sets)
         raise MeasurementError(f"no collision has exactly the contacts {', '.join(wanted)}; there are: {known}")
@@ -273,7 +275,7 @@ def cross_validate(
     *,
     folds: int = 5,
     seed: int = 0,
-    contacts: Sequence[str] | None = None,
+    contacts: str | Sequence[str] | None = None,
     projected: bool = False,
 ) -> CrossValidation:
     """Fit the family to all folds but one, predict that one, and do so for each.

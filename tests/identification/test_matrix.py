@@ -196,6 +196,17 @@ def test_mixed_sets_are_refused_and_chosen():
     np.testing.assert_allclose(found_matrix(found, two[0]), 0.5 * np.eye(2), rtol=0, atol=1e-10)
     with pytest.raises(MeasurementError, match="no collision has exactly the contacts x"):
         fit(two + one, after, "fremond", contacts=("x",))
+    with pytest.raises(MeasurementError, match="contacts is empty: there is nothing to fit"):
+        fit(two + one, after, "fremond", contacts=())
+
+
+def test_a_text_is_the_label_of_one_contact():
+    """Not the set of its letters."""
+    one = [Collision(np.eye(2), [[-1.0, 1.0]], [1.0, 0.0], labels=("a/b",))] * 5
+    other = [balls(np.ones(3), [1.0, 0.0, -1.0])] * 5
+    after = [Newton(0.5).resolve(c).post_velocity for c in one] + [Newton(0.9).resolve(c).post_velocity for c in other]
+    found = fit(one + other, after, "newton", contacts="b/a")
+    assert found.parameters == pytest.approx({"restitution": 0.5}, abs=1e-7)
 
 
 def test_redundant_contacts_are_refused():
