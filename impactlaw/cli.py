@@ -26,12 +26,13 @@ class Compare(Comparison):
         """Simulate, write the files and print the table."""
         from impactlaw.comparison.compare import compare, format_table
         from impactlaw.comparison.new_files import new_files_in
+        from impactlaw.comparison.wording import in_options, refusals_in_options
 
         out = Path("out") / Path(self.scene).stem if self.out is None else self.out
-        with new_files_in(out) as folder:
+        with refusals_in_options(), new_files_in(out) as folder:
             table = compare(self, folder)
             written = sorted(path.name for path in folder.iterdir())
-        print(format_table(table))
+        print(in_options(format_table(table)))
         print(f"\nin {out}: {', '.join(written)}")
 
 

@@ -18,8 +18,8 @@ class Comparison:
     """Laws by name (see `impactlaw laws`), but fremond, which needs a matrix; "scene" is what the MJCF itself carries.
     If not given: maximal-dissipation, moreau, reversal, and scene where that differs between pairs of geoms."""
     restitution: float | None = None
-    """Coefficient of restitution, of every law that takes one: all but maximal-dissipation and scene. The scene's own,
-    or 1, if not given."""
+    """Coefficient of restitution, of every law that takes one: all but maximal-dissipation, any-outcome and scene. The
+    scene's own, or 1, if not given."""
     duration: float | None = None
     """Simulated time, s; the scene's own, or 2, if not given."""
     timestep: float | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from itertools import compress
 from pathlib import Path
@@ -17,7 +17,7 @@ from impactlaw.comparison.pictures import draw, freedom_names
 from impactlaw.comparison.runs import Run, run_law, run_soft
 from impactlaw.comparison.soft_contact import tuned_contacts
 from impactlaw.errors import RestitutionError, SceneError
-from impactlaw.laws import LAWS, Law, make_law, takes_restitution
+from impactlaw.laws import LAWS, Fremond, Law, make_law, takes_restitution
 from impactlaw.laws.base import coefficient
 from impactlaw.laws.restitution.from_scene import scene_law, scene_number, scene_restitution
 from impactlaw.mechanics.impact import Impact
@@ -38,7 +38,7 @@ def compare(study: Comparison, folder: Path) -> pd.DataFrame:
     Raises:
         SceneError: no such scene, or not one for rigid stepping.
         UnknownNameError: no such scene or law.
-        RestitutionError: a coefficient is not in [0, 1].
+        RestitutionError: a coefficient is not in [0, 1], or none of the laws takes one.
     """
     model, start = load(study.scene)
     name = Path(study.scene).stem
@@ -49,6 +49,8 @@ def compare(study: Comparison, folder: Path) -> pd.DataFrame:
     restitution = study.restitution if study.restitution is not None else scene_restitution(model)
     restitution = coefficient(1.0 if restitution is None else restitution)
     laws = choose_laws(model, study.laws, restitution)
+    if study.restitution is not None:
+        _check_taken(study.restitution, laws)
     runs: list[Run] = []
     with ExitStack() as stack:
         bar = stack.enter_context(tqdm(total=steps * (len(laws) + 2), unit="step", disable=None))
@@ -83,12 +85,20 @@ def choose_laws(model: mujoco.MjModel, names: Sequence[str] | None, restitution:
         own = any(model.numeric(i).name.startswith("restitution/") for i in range(model.nnumeric))
         names = [name for name in DEFAULT_LAWS if name != "scene" or own]
     if not names:
-        raise RestitutionError(f"no law to compare; choose from {', '.join([*LAWS, 'scene'])}")
+        known = ", ".join([*(name for name in LAWS if name != Fremond.name), "scene"])
+        raise RestitutionError(f"laws is empty: there is nothing to compare; choose from {known}")
 
     def law(name: str) -> Law:
         return scene_law(model) if name == "scene" else make_law(name, restitution if takes_restitution(name) else None)
 
     return {name: law(name) for name in names}
+
+
+def _check_taken(restitution: float, names: Iterable[str]) -> None:
+    """Refuse a restitution that none of the laws takes."""
+    if not any(name != "scene" and takes_restitution(name) for name in names):
+        laws = ", ".join(map(repr, names))
+        raise RestitutionError(f"of the laws {laws} none takes a restitution, got {restitution!r}; leave it out")
 
 
 def format_table(table: pd.DataFrame) -> str:
