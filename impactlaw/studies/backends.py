@@ -30,39 +30,56 @@ def workers(backend: str, address: str | None, jobs: int) -> Iterator[Callable[[
         MissingExtraError: it needs a package that is not installed.
         StudyError: there is no such number of jobs, nobody answers at the address, or the backend takes none.
     """
-    if not isinstance(jobs, int) or (jobs < 1 and jobs != -1):
-        raise StudyError(f"jobs must be 1 or more, or -1 for one per processor, got {jobs!r}")
-    if address is not None and backend not in (DASK, RAY):
-        raise StudyError(f"an address means nothing to {backend!r}; it is that of a cluster of {DASK!r} or {RAY!r}")
-    module = {DASK: "distributed", RAY: "ray"}.get(backend)
-    if module is not None and importlib.util.find_spec(module) is None:
-        raise MissingExtraError(f"the backend {backend!r}", module, "cluster")
+    check_workers(backend, address, jobs)
     with ExitStack() as stack:
         if backend == DASK:
             stack.enter_context(_dask(address, jobs))
         yield stack.enter_context(_ray(address, jobs) if backend == RAY else _joblib(backend, jobs))
 
 
-@contextmanager
-def _joblib(backend: str, jobs: int) -> Iterator[Callable[[Jobs], Iterator[Any]]]:
+def check_workers(backend: str, address: str | None, jobs: int) -> None:
+    """Refuse what `workers` can tell to be wrong before anything starts; see there."""
     import joblib
     from joblib.parallel import BACKENDS
 
-    if backend not in BACKENDS and backend != DASK:  # which joblib registers when it is asked for
+    if not isinstance(jobs, int) or (jobs < 1 and jobs != -1):
+        raise StudyError(f"jobs must be 1 or more, or -1 for one per processor, got {jobs!r}")
+    if backend not in {*BACKENDS, DASK, RAY}:  # joblib registers Dask's when it is asked for
         raise UnknownNameError("backend", backend, {*BACKENDS, DASK, RAY})
-    # Ctrl-C reaches the workers, too: they end without a word
-    quiet: dict[str, Any] = {"initializer": _end_silently} if backend == PROCESSES else {}
+    if address is not None and backend not in (DASK, RAY):
+        raise StudyError(f"an address means nothing to {backend!r}; it is that of a cluster of {DASK!r} or {RAY!r}")
+    module = {DASK: "distributed", RAY: "ray"}.get(backend)
+    if module is not None and importlib.util.find_spec(module) is None:
+        raise MissingExtraError(f"the backend {backend!r}", module, "cluster")
+    if module is None:
+        with joblib.parallel_config(backend):
+            _parallel(backend, jobs)
+
+
+@contextmanager
+def _joblib(backend: str, jobs: int) -> Iterator[Callable[[Jobs], Iterator[Any]]]:
+    import joblib
+
     with joblib.parallel_config(backend):
-        try:
-            parallel: Any = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", **quiet)
-        except ValueError as error:
-            raise StudyError(f"backend {backend!r} does not give results as they are done: {error}") from None
+        parallel = _parallel(backend, jobs)
 
         def results_of(calls: Jobs) -> Iterator[Any]:
             with _without_ctrl_c():  # it is with processes that start here until they can end silently
                 return parallel(joblib.delayed(call)() for call in calls)
 
         yield results_of
+
+
+def _parallel(backend: str, jobs: int) -> Any:
+    """Return what calls jobs in workers of joblib, which start with the first call."""
+    import joblib
+
+    # Ctrl-C reaches the workers, too: they end without a word
+    quiet: dict[str, Any] = {"initializer": _end_silently} if backend == PROCESSES else {}
+    try:
+        return joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", **quiet)
+    except ValueError as error:
+        raise StudyError(f"backend {backend!r} does not give results as they are done: {error}") from None
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tqdm import tqdm
 
 from impactlaw.errors import StudyError
-from impactlaw.studies.backends import PROCESSES, Jobs, workers
+from impactlaw.studies.backends import PROCESSES, Jobs, check_workers, workers
 from impactlaw.studies.store import Store, write
 from impactlaw.studies.study import Study
 
@@ -43,6 +43,7 @@ def run(
 
     Raises:
         StudyError: it is no study, or does not fit its tasks, or cells have failed; what is finished is kept.
+        UnknownNameError: there is no such backend.
         MissingExtraError: a policy or the backend needs a package that is not installed.
         ImpactLawError: a law does not fit a task.
     """
@@ -50,6 +51,7 @@ def run(
 
     if not isinstance(study, Study):
         raise StudyError(f"a study is an impactlaw.studies.Study, got {study!r:.100}")
+    check_workers(backend, address, jobs)
     cells = list(cells_of(study))
     store = Store(Path(folder))
     missing = {cell.key: cell for cell in cells if store.row(cell.key) is None}

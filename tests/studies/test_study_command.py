@@ -7,7 +7,7 @@ import pytest
 
 import impactlaw.studies
 from impactlaw.cli import RunStudy
-from impactlaw.errors import StudyError
+from impactlaw.errors import ImpactLawError
 from impactlaw.studies import Study, quick_study
 
 TASK = "impactlaw/Billiards-v0"
@@ -58,9 +58,14 @@ def test_a_policy_of_the_folder_where_one_is_acts_in_workers(tmp_path):
         ({"tasks": (TASK,)}, "--tasks and --act, or --quick"),
         ({"quick": True, "seeds": (0,), "steps": 5}, "leave it out, or --seeds, --steps"),
         ({"quick": True, "address": "tcp://127.0.0.1:1"}, "address means nothing"),
+        ({"quick": True, "jobs": 0}, "jobs must be 1 or more, or -1"),
+        ({"quick": True, "jobs": -5}, "jobs must be 1 or more, or -1"),
+        ({"quick": True, "backend": "nope"}, "unknown backend 'nope'"),
+        ({"quick": True, "backend": "multiprocessing"}, "does not give results as they are done"),
     ],
 )
 def test_what_is_missing_or_would_be_ignored_is_refused(options, message, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path])
-    with pytest.raises(StudyError, match=message):
+    with pytest.raises(ImpactLawError, match=message):
         RunStudy(**options, out=tmp_path / "out")()
+    assert not list(tmp_path.iterdir())
