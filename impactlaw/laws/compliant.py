@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike
 from impactlaw.errors import InvalidCollisionError, RestitutionError, SolverError
 from impactlaw.laws.base import Law, Target, coefficient, number
 from impactlaw.laws.restitution.labels import OfContacts, checked_values
+from impactlaw.mechanics.arrays import finite_array
 from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.tolerances import SYMMETRY
 
 _STEP = 0.05  # timestep, in units of one over the largest frequency: energy is kept to 1e-9
 _CREATED = 1e-7  # relative energy created, or speed of closing that is left, which mean that steps were too long
@@ -97,14 +99,17 @@ class Compliant(OfContacts, Law):
 
         Raises:
             RestitutionError: the stiffness is keyed by labels, or is for another number of contacts.
-            InvalidCollisionError: shapes do not fit, or more than 512 contacts.
+            InvalidCollisionError: shapes do not fit, entries are no finite numbers, delassus is not symmetric and
+                positive semidefinite, or more than 512 contacts.
             SolverError: the contacts never come to an end.
         """
-        G, gamma = np.asarray(delassus, dtype=float), np.asarray(pre_contact_velocities, dtype=float)
+        G = finite_array(delassus, "delassus")
+        gamma = finite_array(pre_contact_velocities, "pre_contact_velocities")
         if G.ndim != 2 or G.shape[0] != G.shape[1] or gamma.ndim != 2 or gamma.shape[1] != len(G):
             raise InvalidCollisionError(
                 f"delassus must be (h, h) and pre_contact_velocities (n, h), got {G.shape} and {gamma.shape}"
             )
+        _check_delassus(G)
         return self._impulses(G, gamma, self._stiffness(tuple(map(str, range(len(G))))))
 
     def _impulses(self, delassus: Any, gamma: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
@@ -147,6 +152,15 @@ class Compliant(OfContacts, Law):
         if None in found:
             raise RestitutionError(f"no stiffness for contact {labels[found.index(None)]}")
         return np.array(found)
+
+
+def _check_delassus(G: np.ndarray) -> None:
+    """Refuse a matrix that is not ``J M^-1 J^T`` of any collision, but for rounding."""
+    rounding = SYMMETRY * np.abs(G).max(initial=0.0)
+    if (np.abs(G - G.T) > rounding).any() or np.linalg.eigvalsh(G).min(initial=0.0) < -rounding:
+        raise InvalidCollisionError(
+            "delassus is not symmetric and positive semidefinite: it is G = J M^-1 J^T, as Collision.delassus is"
+        )
 
 
 def _positive(value: Any, name: str) -> float:

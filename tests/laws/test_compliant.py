@@ -188,3 +188,29 @@ def test_wrong_numbers(make, message):
 def test_wrong_shapes():
     with pytest.raises(InvalidCollisionError, match="must be"):
         Compliant(1.0).impulses(np.eye(2), np.ones((3, 3)))
+
+
+@pytest.mark.parametrize(
+    ("delassus", "velocities", "message"),
+    [
+        ([[1.0, 0.0], [0.0, -1.0]], [[-1.0, -1.0]], "delassus is not symmetric and positive semidefinite"),
+        ([[1.0, 2.0], [2.0, 1.0]], [[-1.0, -1.0]], "delassus is not symmetric and positive semidefinite"),
+        ([[1.0, 0.5], [0.0, 1.0]], [[-1.0, -1.0]], "delassus is not symmetric and positive semidefinite"),
+        ([[0.0, 0.5], [0.5, 1.0]], [[-1.0, -1.0]], "delassus is not symmetric and positive semidefinite"),
+        ([[np.nan]], [[-1.0]], "delassus has entries that are not finite"),
+        ([[1.0]], [[np.nan]], "pre_contact_velocities has entries that are not finite"),
+        ("G", [[-1.0]], "delassus is not an array of numbers"),
+        ([[1.0]], "v", "pre_contact_velocities is not an array of numbers"),
+        ([[1.0]], None, "pre_contact_velocities has entries that are not finite"),
+    ],
+)
+def test_what_is_no_delassus_matrix_or_no_velocity(delassus, velocities, message):
+    with pytest.raises(InvalidCollisionError, match=message):
+        Compliant(1.0).impulses(delassus, velocities)
+
+
+def test_redundant_contacts_have_a_delassus_matrix():
+    """Two contacts at one place share what one has: 2 N s of a mass of 1 kg at 1 m/s."""
+    J = np.array([[1.0], [1.0]]) / 3.0
+    impulse = Compliant(1.0).impulses(J @ J.T, [[-1.0, -1.0]])
+    np.testing.assert_allclose(impulse @ J, [[6.0]], rtol=1e-9)
