@@ -142,7 +142,9 @@ def checked(
         return measured
     wanted = tuple(sorted(map(canonical, (contacts,) if isinstance(contacts, str) else contacts)))
     if not wanted:
-        raise MeasurementError("contacts is empty: there is nothing to fit; name the contacts of a set, or leave it out")
+        raise MeasurementError(
+            "contacts is empty: there is nothing to fit; name the contacts of a set, or leave it out"
+        )
     if wanted not in measured.contact_sets:
         known = "; ".join(" ".join(labels) for labels in measured.contact_sets)
         raise MeasurementError(f"no collision has exactly the contacts {', '.join(wanted)}; there are: {known}")

@@ -138,7 +138,10 @@ def refusal(found: Audit) -> str:
 def format_study(found: Study) -> str:
     """Return the table for the screen."""
     n = len(found.measured.collisions)
-    lines = [f"{n} collisions, {found.audit.admissible:.0%} admissible within {TOLERANCE:g} |v-|; {found.folds} folds", ""]
+    lines = [
+        f"{n} collisions, {found.audit.admissible:.0%} admissible within {TOLERANCE:g} |v-|; {found.folds} folds",
+        "",
+    ]
     lines.append(f"{'family':<11}{'held out':>9}{'fit':>9}{'certificate':>13}{'rank':>6}  parameters (95 %)")
     for row in sorted(found.rows, key=lambda row: row.error):
         if row.law is not None:

@@ -16,7 +16,7 @@ SCENES = {
     "override": ('<option><flag override="enable"/></option>', BALL.format(z=1, name="ball")),
     "sticky": ("", BALL.format(z=1, name="ball").replace("size", 'adhesion="1" size')),
     "huge": ("", BALL.format(z=1e12, name="ball")),
-    "stack": ("", BALL.format(z=0.1, name="low") + BALL.format(z=0.301, name="high").replace("0 0 0.301", ".05 0 .294")),
+    "stack": ("", BALL.format(z=0.1, name="low") + BALL.format(z=0.294, name="high").replace("0 0 0", ".05 0 0")),
 }
 NAMED = re.compile(r"(contact_model|scheme|overlap|friction|gap_tolerance|max_events|on_inadmissible)=|\w\(")
 
