@@ -12,7 +12,7 @@ import numpy as np
 from impactlaw.batch.given import check_name, check_threads, keyframes, one_each, world_numbers
 from impactlaw.batch.rows import Fields
 from impactlaw.compiled import compile_together
-from impactlaw.errors import CopyError, SceneError, UnknownNameError, WorldsFailedError
+from impactlaw.errors import CopyError, SceneError, SettledError, UnknownNameError, WorldsFailedError
 from impactlaw.laws import Law
 from impactlaw.settled import Settled, places
 from impactlaw.stepping.compatibility import FRICTION, check_count, check_law, check_model, check_scene_friction
@@ -131,6 +131,13 @@ class Batch:
     def restitution(self) -> np.ndarray:
         """E of each world, (nsim,), to be written, in [0, 1]; NaN where a law has more than one."""
         return self._laws.restitution
+
+    @restitution.setter
+    def restitution(self, value: object) -> None:
+        raise SettledError(
+            f"restitution of Batch is settled when it is made, and cannot be set to {value!r:.100} later; write into "
+            "it, as restitution[:] = ..."
+        )
 
     @property
     def impact_count(self) -> np.ndarray:

@@ -84,7 +84,7 @@ def test_attributes_that_are_set_have_an_effect_or_are_refused(batch):
     np.testing.assert_array_equal(batch.restitution, 0.25)
     batch.law = [Moreau(0.1), Moreau(0.2), Moreau(0.3)]
     assert batch.law == (Moreau(0.1), Moreau(0.2), Moreau(0.3))
-    for name in ("model", "nsim", "contact_model", "state"):
+    for name in ("model", "nsim", "contact_model", "state", "restitution"):
         with pytest.raises(SettledError, match=f"{name} of Batch is settled"):
             setattr(batch, name, getattr(batch, name))
 
