@@ -53,7 +53,7 @@ def scene_path(name: str) -> Path:
     Raises:
         UnknownNameError: no such scene; the message names the nearest ones.
     """
-    known = name.replace("-", "_")
+    known = name.replace("-", "_") if isinstance(name, str) else None
     if known not in SCENES:
         raise UnknownNameError("scene", name, SCENES)
     return _FOLDER / f"{known}.xml"

@@ -5,8 +5,10 @@ Lengths that are powers of two, as the defaults are, keep every gap at exactly 0
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import Literal
+from numbers import Integral, Real
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -35,9 +37,10 @@ def chain(
         restitution: the scene's coefficient.
 
     Raises:
-        SceneError: n, the number of masses or the number of launched balls do not fit.
+        SceneError: a number is none, or of the wrong sign; n, the number of masses or of launched balls do not fit.
     """
     masses = _per_body(n, mass)
+    _check_positive(radius=radius)
     spec = _spec(f"chain{n}", gravity=0.0, timestep=0.01, integrator=mujoco.mjtIntegrator.mjINT_EULER)
     for i, m in enumerate(masses):
         body = spec.worldbody.add_body(name=f"ball{i + 1}", pos=[2 * radius * i, 0, 0])
@@ -66,9 +69,10 @@ def cradle(
         restitution: the scene's coefficient.
 
     Raises:
-        SceneError: n, the number of masses or the number of launched balls do not fit.
+        SceneError: a number is none, or of the wrong sign; n, the number of masses or of launched balls do not fit.
     """
     masses = _per_body(n, mass)
+    _check_positive(radius=radius, length=length)
     spec = _spec(f"cradle{n}", gravity=-9.81, timestep=0.005, integrator=mujoco.mjtIntegrator.mjINT_RK4)
     for i, m in enumerate(masses):
         body = spec.worldbody.add_body(name=f"ball{i + 1}", pos=[2 * radius * i, 0, 0])
@@ -97,11 +101,14 @@ def stack(
         restitution: the scene's coefficient.
 
     Raises:
-        SceneError: n, the number of masses or the shape do not fit.
+        SceneError: a number is none, or of the wrong sign; n, the number of masses or the shape do not fit.
     """
     if shape not in _SHAPES:
         raise SceneError(f"a stack is of {' or '.join(map(repr, _SHAPES))}, not {shape!r}")
     masses = _per_body(n, mass)
+    _check_positive(radius=radius)
+    if not _is_number(drop):
+        raise SceneError(f"drop must be a number, m, got {drop!r}")
     spec = _spec(f"stack{n}", gravity=-9.81, timestep=0.005, integrator=mujoco.mjtIntegrator.mjINT_RK4)
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], condim=1)
     for i, m in enumerate(masses):
@@ -125,21 +132,36 @@ def _add_geom(body, name: str, shape: str, radius: float, mass: float, pos=(0.0,
 
 
 def _finish(spec: mujoco.MjSpec, restitution: float, qpos: list[float], qvel: list[float]) -> mujoco.MjSpec:
+    if not (_is_number(restitution) and 0.0 <= restitution <= 1.0):
+        raise SceneError(f"restitution must be a number in [0, 1], got {restitution!r}")
     spec.add_numeric(name="restitution", data=[restitution], size=1)
     spec.add_key(name=START, qpos=qpos, qvel=qvel)
     return spec
 
 
 def _per_body(n: int, mass: float | Sequence[float]) -> list[float]:
-    if n < 1:
-        raise SceneError(f"needs at least one body, got {n}")
-    masses = np.full(n, mass) if np.ndim(mass) == 0 else np.asarray(mass)
-    if masses.shape != (n,):
-        raise SceneError(f"masses of shape {masses.shape} for {n} bodies")
-    return masses.astype(float).tolist()
+    if not isinstance(n, Integral) or n < 1:
+        raise SceneError(f"needs a whole number of bodies, at least one, got {n!r}")
+    given: Any = mass
+    masses = [given] * n if np.ndim(given) == 0 else list(given)
+    if len(masses) != n:
+        raise SceneError(f"{len(masses)} masses for {n} bodies")
+    for one in masses:
+        _check_positive(mass=one)
+    return [float(one) for one in masses]
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and math.isfinite(value)
+
+
+def _check_positive(**values: object) -> None:
+    for name, value in values.items():
+        if not (_is_number(value) and value > 0):  # pyright: ignore[reportOperatorIssue]
+            raise SceneError(f"{name} must be a positive number, got {value!r}")
 
 
 def _launch(n: int, launched: int) -> list[float]:
-    if not 0 <= launched <= n:
-        raise SceneError(f"cannot launch {launched} of {n} balls")
+    if not isinstance(launched, Integral) or not 0 <= launched <= n:
+        raise SceneError(f"cannot launch {launched!r} of {n} balls")
     return [1.0] * launched + [0.0] * (n - launched)

@@ -81,6 +81,16 @@ def test_builder_refuses_what_does_not_fit():
         (lambda: chain(3, mass=[1, 2]), "masses"),
         (lambda: cradle(3, launched=4), "cannot launch 4 of 3"),
         (lambda: stack(3, shape="cone"), "cone"),
+        (lambda: chain(2.5), "whole number of bodies, at least one, got 2.5"),
+        (lambda: chain("x"), "whole number of bodies, at least one, got 'x'"),
+        (lambda: chain(3, launched=1.5), "cannot launch 1.5 of 3"),
+        (lambda: chain(3, radius=-1), "radius must be a positive number, got -1"),
+        (lambda: chain(3, mass=-1), "mass must be a positive number, got -1"),
+        (lambda: chain(3, mass=[1, 2, "x"]), "mass must be a positive number, got 'x'"),
+        (lambda: chain(3, mass="x"), "mass must be a positive number, got 'x'"),
+        (lambda: chain(3, restitution=2), r"restitution must be a number in \[0, 1\], got 2"),
+        (lambda: cradle(3, length=0), "length must be a positive number, got 0"),
+        (lambda: stack(3, drop="x"), "drop must be a number, m, got 'x'"),
     ):
         with pytest.raises(SceneError, match=message):
             call()

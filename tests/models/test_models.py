@@ -90,8 +90,9 @@ def test_unknown_scene_names_the_nearest(name):
 
 @pytest.mark.parametrize("name", [None, 3, b"wedge", ["wedge"]], ids=str)
 def test_what_is_no_name_of_a_scene(name):
-    with pytest.raises(UnknownNameError, match="unknown scene"):
-        load(name)
+    for call in (load, scene_path):
+        with pytest.raises(UnknownNameError, match="unknown scene"):
+            call(name)
 
 
 @pytest.mark.parametrize(
