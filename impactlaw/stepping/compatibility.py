@@ -60,8 +60,14 @@ def check_resolved(model: mujoco.MjModel, gap_tolerance: float) -> None:
     if gap_tolerance < _RESOLVED * extent:
         raise SceneError(
             f"a gap tolerance of {gap_tolerance:g} m is below the rounding of positions in a scene of {extent:.2g} m; "
-            f"pass gap_tolerance={1e-9 * extent:.0e}, or at least {_RESOLVED * extent:.0e}"
+            f"pass gap_tolerance={1e-9 * extent:.0e}, or at least {_rounded_up(_RESOLVED * extent)}"
         )
+
+
+def _rounded_up(value: float) -> str:
+    """Return a positive number with one digit, no smaller than it is."""
+    text = f"{value:.0e}"
+    return text if float(text) >= value else f"{float(text) + 10.0 ** math.floor(math.log10(value)):.0e}"
 
 
 def check_rigid(model: mujoco.MjModel) -> None:

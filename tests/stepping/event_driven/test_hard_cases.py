@@ -163,6 +163,14 @@ def test_a_stiff_actuator_leaves_no_step_in_penetration(timestep):
     assert abs(data.qvel[0]) < 1e-9
 
 
+@pytest.mark.parametrize(("size", "least"), [("1.2e6", "2e-09"), ("9.4e6", "1e-08"), ("9.6e6", "1e-08")])
+def test_the_least_gap_tolerance_that_is_advised_is_taken(size, least):
+    model, _ = compiled(FLOOR + ball(pos=f"0 0 {size}", size=size))
+    with pytest.raises(SceneError, match=f"or at least {least}"):
+        Stepper(model, Moreau(1))
+    Stepper(model, Moreau(1), gap_tolerance=float(least))
+
+
 def test_a_gap_tolerance_below_the_rounding_of_positions_is_refused():
     model, data = compiled(FLOOR + ball(pos="0 0 2e6", size="1e6"))
     with pytest.raises(SceneError, match=r"tolerance of 1e-09 m is below the rounding.*pass gap_tolerance=2e-03"):
