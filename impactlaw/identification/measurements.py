@@ -31,6 +31,9 @@ class Measurements:
     """
 
     def __init__(self, collisions: Sequence[Collision], post_velocities: Sequence[ArrayLike] | np.ndarray):
+        for name, given in (("collisions", collisions), ("post_velocities", post_velocities)):
+            if not np.iterable(given):
+                raise MeasurementError(f"{name} must be a list with an entry for each collision, got {given!r:.60}")
         self.collisions = tuple(collisions)
         if not self.collisions:
             raise MeasurementError("there are no collisions to identify a law from")

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from impactlaw.errors import InvalidCollisionError, RestitutionError
 from impactlaw.mechanics.arrays import finite_array, finite_sparse, is_sparse
 from impactlaw.mechanics.bilateral import velocity_with
-from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.collision import Collision, checked
 from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers import Problem, solve_with_jump
 from impactlaw.solvers.tolerances import RANK
@@ -125,16 +125,6 @@ class Law(ABC):
         return Impact.solved(collision, problem, answer, target.contact_velocity)
 
 
-def checked(collision: Collision) -> Collision:
-    """Return the collision; a `resolve` of a law's own begins with this, too."""
-    if not isinstance(collision, Collision):
-        raise InvalidCollisionError(
-            f"a law resolves a Collision, got {collision!r:.100}; Collision(mass, jacobian, velocity) and "
-            "Collision.from_mujoco(model, data) make one"
-        )
-    return collision
-
-
 def aim(law: Law, collision: Collision) -> Target:
     """Return the target of a law, whoever wrote that, its contact velocity as an array of finite numbers, (h,)."""
     target, h = law.target(collision), len(collision.labels)
@@ -189,9 +179,9 @@ def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:
 
     Raises:
         RestitutionError: E has the wrong shape or entries that are not finite.
-        InvalidCollisionError: the collision is sparse and too large for this.
+        InvalidCollisionError: it is no `Collision`, or is sparse and too large for this.
     """
-    E = square_matrix(restitution_matrix)
+    E, collision = square_matrix(restitution_matrix), checked(collision)
     if len(E) != len(collision.labels):
         raise RestitutionError(f"restitution matrix is {E.shape} for {len(collision.labels)} contacts")
     if not collision.gradient_norms.any():

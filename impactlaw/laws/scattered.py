@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from impactlaw.errors import RestitutionError
 from impactlaw.laws.base import Law, Target, number, square_matrix
 from impactlaw.laws.drawn.drawing import DrawnLaw
-from impactlaw.mechanics.admissible.sampling import check_number
-from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.admissible.sampling import check_number, generator_of
+from impactlaw.mechanics.collision import Collision, checked
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,10 +76,12 @@ class Scattered(DrawnLaw):
 
         Raises:
             RestitutionError: the covariance or the law is for another number of contacts.
-            InvalidCollisionError: n is no whole number, or negative.
+            InvalidCollisionError: it is no `Collision`, n is no whole number, or negative, or rng neither a generator
+                nor a seed.
         """
         check_number(n)
-        c = collision if collision.friction is None else replace(collision, friction=None)
+        generator = generator_of(rng)
+        c = collision if checked(collision).friction is None else replace(collision, friction=None)
         middle, h = self.law.resolve(c).post_velocity, len(c.labels)
         C = np.asarray(self.covariance)
         if C.ndim and len(C) != h:
@@ -87,7 +89,7 @@ class Scattered(DrawnLaw):
         if not c.has_admissible_set:
             return np.tile(middle, (n, 1))
         w, V = np.linalg.eigh(C if C.ndim else C * np.eye(h))
-        xi = np.random.default_rng(rng).normal(size=(n, h)) @ (V * np.sqrt(np.maximum(w, 0.0))).T
+        xi = generator.normal(size=(n, h)) @ (V * np.sqrt(np.maximum(w, 0.0))).T
         U, s, Vt = np.linalg.svd(c.dense_gradients, full_matrices=False)
         directions = U[:, s > 1e-12 * s.max(initial=0.0)], Vt[s > 1e-12 * s.max(initial=0.0)]
         delta = c.metric.unwhiten(xi @ directions[0] @ directions[1]) * c.pre_speed

@@ -360,3 +360,13 @@ class Collision:
 def _kept(values: np.ndarray) -> np.ndarray:
     values.flags.writeable = False
     return values
+
+
+def checked(collision: object) -> Collision:
+    """Return the collision; `InvalidCollisionError` if it is none."""
+    if not isinstance(collision, Collision):
+        raise InvalidCollisionError(
+            f"this takes a Collision, got {collision!r:.100}; Collision(mass, jacobian, velocity) and "
+            "Collision.from_mujoco(model, data) make one"
+        )
+    return collision

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.mechanics.admissible.violations import Violations, imbalance, larger_speed, measured, pushed
-from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.collision import Collision, checked
 from impactlaw.mechanics.tolerances import FIXED, SIGNIFICANT
 from impactlaw.solvers import Answer, Problem, nonnegative_combination, share
 
@@ -63,9 +63,10 @@ class Impact:
         Friction is left out, which that would show; `FrictionImpact.observed` knows it.
 
         Raises:
-            InvalidCollisionError: post_velocity has the wrong shape or entries that are not finite.
+            InvalidCollisionError: it is no `Collision`, or post_velocity has the wrong shape or entries that are not
+                finite.
         """
-        v = collision.velocity(post_velocity, "post_velocity")
+        v = checked(collision).velocity(post_velocity, "post_velocity")
         jump = collision.metric.whiten(v - collision.pre_velocity)
         return cls(collision, v, nonnegative_combination(collision.whitened_jacobian, jump))
 

@@ -21,6 +21,7 @@ from impactlaw.recording.output.file import RecordingFile
 from impactlaw.recording.output.frames import Frames
 from impactlaw.recording.properties import law_name, run_properties
 from impactlaw.recording.rrd import file_path
+from impactlaw.stepping.compatibility import check_model
 
 if TYPE_CHECKING:
     from impactlaw.scene.contacts import Contacts
@@ -55,6 +56,7 @@ class Recorder:
         view: also show the run in the rerun viewer as it happens, one flush behind.
 
     Raises:
+        SceneError: the model is none.
         RecordingError: the file cannot be written, rerun is switched off, or there is no display to view on.
     """
 
@@ -69,6 +71,7 @@ class Recorder:
         seed: int | None = None,
         view: bool = False,
     ):
+        check_model(model)
         self.path = file_path(path)
         self._episode = -1
         self._coming: dict[str, Any] | None = None

@@ -211,6 +211,9 @@ def test_refusals():
         cross_validate([launched(3, 1)] * 2, [[0.0, 0.0, 1.0]] * 2, folds="all")
     with pytest.raises(MeasurementError, match="no collisions"):
         fit([], [], "newton")
+    for no_list in ((None, after), (collisions, None)):
+        with pytest.raises(MeasurementError, match="must be a list with an entry for each collision, got None"):
+            fit(*no_list)
     with pytest.raises(MeasurementError, match="2 collisions, but 1 velocities"):
         fit(collisions, after[:1], "newton")
     with pytest.raises(MeasurementError, match="velocity after collision 1 must be finite"):

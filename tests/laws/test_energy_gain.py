@@ -5,7 +5,7 @@ import pytest
 from problems import PROBLEMS, SWAPPED, balls, box, launched
 
 from impactlaw import Collision, Fremond, energy_gain
-from impactlaw.errors import RestitutionError
+from impactlaw.errors import InvalidCollisionError, RestitutionError
 
 
 def all_active(rng, E, c):
@@ -72,3 +72,8 @@ def test_energy_gain_of_named_matrices():
     assert energy_gain(scaled, 0.5 * np.eye(2)) == pytest.approx(0.25, abs=1e-9)
     with pytest.raises(RestitutionError, match=r"\(3, 3\) for 2 contacts"):
         energy_gain(c, np.eye(3))
+
+
+def test_no_collision_gains_energy():
+    with pytest.raises(InvalidCollisionError, match="this takes a Collision, got None"):
+        energy_gain(None, [[1]])

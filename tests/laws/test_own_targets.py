@@ -38,7 +38,7 @@ def test_what_is_no_collision_is_refused(law, collision):
     made = {Coulomb: lambda: Coulomb(Moreau(0.5)), Scattered: lambda: Scattered(Moreau(0.5), 0.1)}
     given = {MaximalDissipation: (), AnyOutcome: (), Fremond: ([[0.5]],), LinearMap: ([[0.5]],)}
     law = made[law]() if law in made else law(*given.get(law, (0.5,)))
-    with pytest.raises(InvalidCollisionError, match="a law resolves a Collision, got"):
+    with pytest.raises(InvalidCollisionError, match="this takes a Collision, got"):
         law.resolve(collision)
 
 

@@ -25,6 +25,15 @@ def test_a_number_of_samples_that_is_none(n):
             Scattered(Newton(0.5), 0.1).sample(sampled, n, 1)
 
 
+def test_no_collision_and_no_generator():
+    law = Scattered(Newton(0.5), 0.1)
+    with pytest.raises(InvalidCollisionError, match="this takes a Collision, got None"):
+        law.sample(None, 1, 0)
+    for sampled in (Collision(np.eye(2), np.eye(2), [-1.0, -1.0]), Collision(np.eye(2), -np.eye(2), [-1.0, -1.0])):
+        with pytest.raises(InvalidCollisionError, match="rng is a numpy generator, or a seed for one, got 'x'"):
+            law.sample(sampled, 2, "x")
+
+
 @pytest.mark.parametrize("seed", [None, 3])
 def test_it_prints_what_was_given_first(seed):
     law = Scattered(Moreau(0.7), 0.2, seed=seed)

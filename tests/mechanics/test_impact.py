@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from problems import LAWS, PROBLEMS, SWAPPED, balls, box, energy, launched, rod
 
-from impactlaw import Collision, Fremond, Impact, MaximalDissipation, Moreau, Newton
+from impactlaw import Collision, Fremond, FrictionImpact, Impact, MaximalDissipation, Moreau, Newton
 from impactlaw.errors import InvalidCollisionError
 
 EXACT = {"rtol": 0, "atol": 1e-12}
@@ -167,6 +167,12 @@ def test_hand_made_impulses_that_pull_are_measured_against_those_that_push():
 def test_what_is_not_an_outcome(velocity):
     with pytest.raises(InvalidCollisionError, match=r"post_velocity must be finite with shape \(3,\)"):
         Impact.observed(launched(3, 1), velocity)
+
+
+@pytest.mark.parametrize("observed", [Impact.observed, FrictionImpact.observed])
+def test_outcome_of_what_is_no_collision(observed):
+    with pytest.raises(InvalidCollisionError, match="this takes a Collision, got None"):
+        observed(None, [1])
 
 
 def test_outcome_that_is_not_numbers():

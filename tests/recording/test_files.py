@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from impactlaw.errors import RecordingError
+from impactlaw.errors import RecordingError, SceneError
 from impactlaw.recording import Recorder, read_log, viewer
 from impactlaw.recording.recorder import BATCH
 
@@ -297,3 +297,9 @@ def test_a_recorder_that_is_gone_has_written_its_file(tmp_path, scene):
     model, data = scene
     Recorder(model, tmp_path / "run.rrd").step(data)
     assert len(read_log(tmp_path / "run.rrd").episode(0).time) == 1
+
+
+def test_what_is_no_model_is_not_recorded(tmp_path):
+    with pytest.raises(SceneError, match=r"a model is a mujoco\.MjModel, got None"):
+        Recorder(None, tmp_path / "run.rrd")
+    assert not list(tmp_path.iterdir())

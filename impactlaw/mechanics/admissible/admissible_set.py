@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from impactlaw.errors import InvalidCollisionError, SolverError
 from impactlaw.mechanics.admissible.capped_polyhedron import CappedPolyhedron
 from impactlaw.mechanics.admissible.cone import cone_facets, nearest_in_cone
-from impactlaw.mechanics.admissible.sampling import check_number, uniform_samples
+from impactlaw.mechanics.admissible.sampling import check_number, generator_of, uniform_samples
 from impactlaw.mechanics.admissible.violations import measured, pushed
 from impactlaw.mechanics.tolerances import POINT, SET_CERTIFIED, SET_RANK, TIGHT
 from impactlaw.solvers import nonnegative_combination
@@ -40,13 +40,18 @@ class AdmissibleSet:
         collision: the `Collision`, with ``M``, ``J`` and ``v-``.
 
     Raises:
-        InvalidCollisionError: contacts have friction; or surfaces move against each other, or their velocity jumps: the
-            ball of S has no center.
+        InvalidCollisionError: it is no `Collision`; contacts have friction; or surfaces move against each other, or
+            their velocity jumps: the ball of S has no center.
     """
 
     collision: Any
 
     def __post_init__(self):
+        if not hasattr(type(self.collision), "admissible_set"):  # `Collision` is not known here
+            raise InvalidCollisionError(
+                f"S(v-) is that of a Collision, got {self.collision!r:.100}; Collision(mass, jacobian, velocity) makes "
+                "one"
+            )
         if self.collision.friction is not None:
             raise InvalidCollisionError(
                 "S(v-) is for contacts without friction; FrictionImpact.violations covers those with it"
@@ -58,7 +63,11 @@ class AdmissibleSet:
             )
 
     def contains(self, v: ArrayLike, tol: float = 1e-9) -> bool:
-        """Whether v is in S: its distances to the three sets that S is made of are at most ``tol |v-|``."""
+        """Whether v is in S: its distances to the three sets that S is made of are at most ``tol |v-|``.
+
+        Raises:
+            InvalidCollisionError: v is no velocity, or tol no number.
+        """
         c, v = self.collision, self.collision.velocity(v, "v")
         jump = c.metric.whiten(v - c.pre_velocity)
         impulse = nonnegative_combination(c.whitened_jacobian, jump)
@@ -100,10 +109,7 @@ class AdmissibleSet:
             InvalidCollisionError: n is no whole number, or negative, or rng neither a generator nor a seed.
         """
         check_number(n)
-        try:
-            generator = np.random.default_rng(rng)
-        except (TypeError, ValueError):
-            raise InvalidCollisionError(f"rng is a numpy generator, or a seed for one, got {rng!r:.100}") from None
+        generator = generator_of(rng)
         if self._body is None:
             return np.tile(self.collision.pre_velocity, (n, 1))
         return self._velocity_at(self._least * uniform_samples(self._body, n, generator))

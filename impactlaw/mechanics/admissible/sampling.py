@@ -22,6 +22,14 @@ def check_number(n: object) -> None:
         raise InvalidCollisionError(f"n must be a whole number, 0 or more, got {n!r}")
 
 
+def generator_of(rng: np.random.Generator | int) -> np.random.Generator:
+    """Return the generator, or the one of a seed; refuse what is neither."""
+    try:
+        return np.random.default_rng(rng)
+    except (TypeError, ValueError):
+        raise InvalidCollisionError(f"rng is a numpy generator, or a seed for one, got {rng!r:.100}") from None
+
+
 def uniform_samples(body: CappedPolyhedron, n: int, rng: np.random.Generator) -> np.ndarray:
     """Return n points, uniform in the set within its affine hull and independent, shape (n, r).
 

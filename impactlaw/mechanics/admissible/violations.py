@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import sqrt
+from numbers import Real
 from typing import Any
 
 import numpy as np
 
-from impactlaw.errors import UnsolvableLawError
+from impactlaw.errors import InvalidCollisionError, UnsolvableLawError
 from impactlaw.solvers import Problem, beyond_rounding, nonnegative_combination, solve_with_jump
 
 
@@ -29,7 +30,9 @@ class Violations:
     pre_speed: float
 
     def is_admissible(self, tol: float = 1e-9) -> bool:
-        """Whether no violation exceeds ``tol`` times ``|v-|``."""
+        """Whether no violation exceeds ``tol`` times ``|v-|``; `InvalidCollisionError` if tol is no number."""
+        if not isinstance(tol, Real):
+            raise InvalidCollisionError(f"tol must be a number, a part of |v-|, got {tol!r}")
         return max(self.kinematic, self.kinetic, self.energetic) <= tol * self.pre_speed
 
 

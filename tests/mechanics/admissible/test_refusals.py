@@ -18,6 +18,13 @@ def test_not_a_velocity(method, value):
         getattr(AdmissibleSet(launched(3, 1)), method)(value)
 
 
+def test_no_collision_and_no_tolerance():
+    with pytest.raises(InvalidCollisionError, match=r"S\(v-\) is that of a Collision, got None"):
+        AdmissibleSet(None)
+    with pytest.raises(InvalidCollisionError, match="tol must be a number"):
+        launched(3, 1).admissible_set.contains([0.0, 0.0, 1.0], tol="x")
+
+
 def test_number_of_samples():
     S = launched(3, 1).admissible_set
     assert S.sample(0, 0).shape == (0, 3)
