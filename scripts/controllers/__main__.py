@@ -85,7 +85,7 @@ def play(name: str, law: str, restitution: float | None, seed: int, controller: 
 
 
 def main(study: Study, csv: Path | None = None) -> None:
-    """Print the table.
+    """Print the scores of the controllers under several laws, a row for each.
 
     Args:
         study: what to play.
@@ -100,4 +100,4 @@ def main(study: Study, csv: Path | None = None) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main, config=(tyro.conf.OmitArgPrefixes,))
+    tyro.cli(main, description=__doc__, config=(tyro.conf.OmitArgPrefixes,))

@@ -1,8 +1,8 @@
 """Stability: extreme and stiff cases under every law and solver, each with its verdict and the one it should have.
 
-A verdict is computed from the study's own measurements (`stability_verdicts`), never from what the package says of its
-own result: "right", "refused" (a typed error), "WRONG" (a silent error), "NaN", "HANGS" (over the case's time budget),
-"CRASHES" (any other exception, or a floating-point warning). Every row runs in a process of its own. The exit code is 1
+A verdict is computed from the study's own measurements (`scripts.stability.verdicts`), never from what the package says
+of its own result: "right", "refused" (a typed error), "WRONG" (a silent error), "NaN", "HANGS" (over the case's time
+budget), "CRASHES" (any other exception, or a floating-point warning). Every row runs in a process of its own. The exit code is 1
 if any verdict is not the expected one.
 """
 

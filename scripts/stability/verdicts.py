@@ -1,6 +1,7 @@
 """What the stability study says of a row: measurements, limits, verdicts.
 
-A verdict never uses what the package says of its own result; what it uses instead is in `stability_certificate`.
+A verdict never uses what the package says of its own result; instead it uses
+`scripts.stability.certificate`.
 """
 
 from collections.abc import Callable
