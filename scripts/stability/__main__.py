@@ -2,8 +2,8 @@
 
 A verdict is computed from the study's own measurements (`scripts.stability.verdicts`), never from what the package says
 of its own result: "right", "refused" (a typed error), "WRONG" (a silent error), "NaN", "HANGS" (over the case's time
-budget), "CRASHES" (any other exception, or a floating-point warning). Every row runs in a process of its own. The exit code is 1
-if any verdict is not the expected one.
+budget), "CRASHES" (any other exception, or a floating-point warning). Every row runs in a process of its own. The exit
+code is 1 if any verdict is not the expected one.
 """
 
 import sys
