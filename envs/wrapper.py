@@ -158,7 +158,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
 
     @property
     def stepper(self) -> Stepper | None:
-        """What steps the episode, with its plan and its options; None before the first reset and after `remove`."""
+        """What steps the episode, with its plan and its options; None after `remove`."""
         return None if self._placed is None else self._placed.stepper
 
     @property
