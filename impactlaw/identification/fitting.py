@@ -311,7 +311,7 @@ def cross_validate(
     return CrossValidation(family, rms(errors), np.array(fold_rms), tuple(parameters))
 
 
-def check_folds(folds: Any, n: int) -> None:
+def check_folds(folds: int, n: int) -> None:
     """Refuse to split n collisions into so many folds, if that cannot be done."""
     if not isinstance(folds, Integral) or not 2 <= folds <= n:
         raise MeasurementError(f"{n} collision{'s' if n > 1 else ''} cannot be split into {folds!r} folds, 2 or more")
