@@ -8,10 +8,9 @@ With the timestep h, the integrator's mass matrix ``M_h`` and everything evaluat
     q+ = q_M ⊕ ((h / 2) v+ + h w)                            w opens overlaps, beside the velocities
 
 (J. J. Moreau, *Numerical aspects of the sweeping process*, Comput. Methods Appl. Mech. Eng. 177, 1999; M. Jean, same
-volume.) ``gamma^h`` is the law's where contacts collide (`targets`), and half of what gradients turn where contact goes on
-(`turns`). What contact does in a step is
-``Lambda^T (gamma- + gamma+) / 2``, and forces that do not depend on velocity do their work to second order: so no
-energy comes from contact, and an elastic ball keeps its own exactly.
+volume.) ``gamma^h`` is the law's where contacts collide (`targets`), and half of what gradients turn where contact goes
+on (`turns`). What contact does in a step is ``Lambda^T (gamma- + gamma+) / 2``, and forces that do not depend on
+velocity do their work to second order: so no energy comes from contact, and an elastic ball keeps its own exactly.
 
 A contact that is hit only through others, across a gap that is still open, collides after them in the same step, from
 the velocity that they lead to (`problem.phases`).

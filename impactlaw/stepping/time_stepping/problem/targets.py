@@ -79,8 +79,9 @@ def contact_targets(groups, amounts, rates, timestep, restitution, slowest, reso
     contacts, ``gap + h gamma_free < 0``. Then ``gamma^h = -e gamma-``. Any other may come as close as to touch,
     ``gamma^h = -gap / h`` while it is open and 0 when it is not. One that goes on, and approaches more slowly than
     ``resolved`` because its gradient turns by ``d < 0`` much as in the step before (`turns`), has ``-d / 2`` added to
-    that, at most ``-gamma-`` so that no energy comes of it, and does not collide. The threshold is what forces make of a
-    contact at rest within a step, ``h |J a|``, but at most ``resolved``, and at least ``slowest``: slower collisions are not resolved.
+    that, at most ``-gamma-`` so that no energy comes of it, and does not collide. The threshold is what forces make of
+    a contact at rest within a step, ``h |J a|``, but at most ``resolved``, and at least ``slowest``: slower collisions
+    are not resolved.
 
     Args:
         groups: see `rows.Rows`, like the two that follow.
