@@ -24,6 +24,7 @@ from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
 from impactlaw.stepping.time_stepping.problem.solution.resolve import resolve_step
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
+from impactlaw.stepping.time_stepping.problem.turns import keep_sticking
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASES, RESOLVED, REST_SPEED, is_met
 
 
@@ -144,17 +145,18 @@ class ContactProblem:
             InadmissibleImpactError: the law creates energy, and ``on_inadmissible`` is "raise".
         """
         step = _Step(data, velocity, free, middle, metric, left)
-        known = known or (rows.groups, rows.key, rows.scale, np.zeros(len(rows.scale)))
+        known = known or (rows.groups, rows.key, rows.scale, np.zeros(len(rows.scale)), rows.rates[5:])
         now, place, may = rows, np.arange(len(rows.scale)), np.ones(len(rows.key), dtype=bool)
         impulse, before, after = np.zeros(len(rows.scale)), step.velocity, step.free
         missed = fastest = work = rounding = 0.0
         records: tuple[CollisionRecord, ...] = ()
-        shift, cut, more = np.zeros(0), False, phases
+        shift = reached = sliding = np.zeros(0)
+        cut, more = False, phases
         for phase in range(PHASES):
             met = self._meet(step, now, before, known, rounds, may, more=more and phase < PHASES - 1)
             cut = cut or met.cut or met.gives_up(step.left)
             more = more and met.solved
-            x, change, shift, _, miss, fast, _, _, done, part, z, _ = met.answer
+            x, change, shift, reached, miss, fast, _, _, done, part, z, sliding = met.answer
             impulse[place[met.place]] += x
             after = after + change
             missed, fastest, work, rounding = max(missed, miss), max(fastest, fast), work + done, rounding + part
@@ -167,7 +169,9 @@ class ContactProblem:
             chosen, where = some_groups(*now[:6], rates, keep)
             now, place, may, rounds = Rows(*chosen), place[where], met.later[keep], FEW_ROUNDS
             before = step.velocity + (after - step.free)
-        return StepImpulses(impulse, after, shift, missed, fastest, work, rounding, records, cut)
+        if phases:
+            reached = np.full(len(rows.key), np.nan)
+        return StepImpulses(impulse, after, shift, missed, fastest, work, rounding, records, cut, reached, sliding)
 
     def _meet(
         self, step: _Step, rows: Rows, before: np.ndarray, known: Known, rounds: int, may: np.ndarray, *, more: bool
@@ -182,7 +186,10 @@ class ContactProblem:
             if not cut or not more or not met.solved or step.left[0] <= RESERVE:
                 break
             later[keep] |= new
-            known, rounds = (met.rows.groups, met.rows.key, met.rows.scale, met.answer[0]), FEW_ROUNDS
+            known, rounds = (
+                (met.rows.groups, met.rows.key, met.rows.scale, met.answer[0], met.rows.rates[5:]),
+                FEW_ROUNDS,
+            )
             chosen, place = some_groups(*rows, ~later)
             part = Rows(*chosen)
         if met.scalable:
@@ -216,9 +223,11 @@ class ContactProblem:
         sliding = -self._sliding * rows.before if self._sliding and some else np.zeros(n)
         if some:
             seen, together = self._collide(step, rows, before, target, sliding, collides, bound)
+        else:
+            keep_sticking(rows.groups, rows.rates, RESOLVED, sliding)
         project = scaled and self._on_inadmissible == "project"
         answer = resolve_step(
-            *rows, target, sliding, collides, bound, *known, h, self._exact, project, together, rounds,
+            *rows, target, sliding, collides, bound, *known[:4], h, self._exact, project, together, rounds,
             step.left, model.dof_treeid, factor, inverse, model.M_rownnz, model.M_rowadr, model.M_colind,
         )  # fmt: skip
         missed, created = answer[4], answer[7]

@@ -20,8 +20,8 @@ from impactlaw.solvers.problem import Status
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
 
-Known = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Groups, keys, coefficients of friction and impulses of a step."""
+Known = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Groups, keys, coefficients of friction and impulses of a step, and its `turns`."""
 Metric = tuple[np.ndarray, np.ndarray]
 """L and ``1 / D`` of the mass matrix of a step, ``M_h = L^T D L``."""
 
@@ -98,3 +98,5 @@ class StepImpulses:
     # whether restitution is lost: contacts that are hit only through others were not left for a phase of their own,
     # bodies jam, or there was no work left to find how much of it creates no energy
     later: bool
+    reached: np.ndarray  # targets of groups, NaN if collisions were one after another, (g,)
+    sliding: np.ndarray  # sliding velocities aimed at, (n,)

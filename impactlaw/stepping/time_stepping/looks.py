@@ -15,6 +15,7 @@ from impactlaw.stepping.time_stepping.problem.energy import move_rows
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.targets import keep_closing
+from impactlaw.stepping.time_stepping.problem.turns import recall_turns
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LOOKS, PHASE_LOOK_ROWS, PHASE_LOOKS, is_met
 
 
@@ -130,6 +131,8 @@ class Looks:
         rows = self.reader.read(data, near, self.velocity, free, self.metric)
         if not len(rows.key):
             return Look(rows, None, known)
+        if known is not None:
+            recall_turns(rows.groups, rows.key, rows.rates, known[0], known[1], known[4])
         before = self.velocity
         if self.moved is not None:
             before = before + self.moved
@@ -140,4 +143,4 @@ class Looks:
             data, rows, before, free, self.middle, self.metric, known, self.rounds, self.work, phases=self.phases
         )
         data.qvel[:] = found.velocity
-        return Look(rows, found, (rows.groups, rows.key, rows.scale, found.impulse))
+        return Look(rows, found, (rows.groups, rows.key, rows.scale, found.impulse, rows.rates[5:]))

@@ -8,9 +8,9 @@ With the timestep h, the integrator's mass matrix ``M_h`` and everything evaluat
     q+ = q_M ⊕ ((h / 2) v+ + h w)                            w opens overlaps, beside the velocities
 
 (J. J. Moreau, *Numerical aspects of the sweeping process*, Comput. Methods Appl. Mech. Eng. 177, 1999; M. Jean, same
-volume.) ``gamma^h`` is the law's where contacts collide (`targets`). What contact does in a step is
-``Lambda^T (gamma- + gamma+) / 2``, and forces that do not depend on velocity do their work to second order: so no
-energy comes from contact, and an elastic ball keeps its own exactly.
+volume.) ``gamma^h`` is the law's where contacts collide (`targets`), and half of what gradients turn where contact goes
+on (`turns`). What contact does in a step is ``Lambda^T (gamma- + gamma+) / 2``, and forces that do not depend on
+velocity do their work to second order: so no energy comes from contact, and an elastic ball keeps its own exactly.
 
 A contact that is hit only through others, across a gap that is still open, collides after them in the same step, from
 the velocity that they lead to (`problem.phases`).
@@ -56,6 +56,7 @@ from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rest import TOUCHING
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
+from impactlaw.stepping.time_stepping.problem.turns import take_turns
 from impactlaw.stepping.time_stepping.second_look import SecondLook
 from impactlaw.stepping.time_stepping.tolerances import FARTHER_LOOKS, FEW_ROUNDS, MANY_ROUNDS
 
@@ -293,6 +294,9 @@ class TimeStepping:
         self.solved = met and not look.loses and not outruns
         self.short_steps += not self.solved
         self._rows, self._known = (look.rows, look.known) if found else (None, None)
+        if found:
+            rows = look.rows
+            take_turns(rows.groups, rows.rates, found.impulse, found.reached, found.sliding)
         self.shortfall = found.shortfall if found else 0.0
         return (found.shift if found and len(found.shift) else None), met
 

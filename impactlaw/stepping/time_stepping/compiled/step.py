@@ -59,6 +59,7 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import aim_surface
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, setting
 from impactlaw.stepping.time_stepping.problem.energy import is_met
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
+from impactlaw.stepping.time_stepping.problem.turns import write_turns
 from impactlaw.stepping.time_stepping.tolerances import FARTHER_LOOKS, FEW_ROUNDS, HUGE, MANY_ROUNDS
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -120,7 +121,7 @@ def _constrain(
     answer, touched = answer_at(room.answer, found.groups, found.rows, w.nv), found.rows > 0
     outruns = not full and solved.collided and outrun(w)
     if outruns and may and floats(w.work, 1)[0] - RESERVE > work - floats(w.work, 1)[0]:
-        remember_so_far(counts, rows.groups, rows.key, rows.rates[0], answer.x)
+        remember_so_far(counts, rows.groups, rows.key, rows.rates[0], answer.x, rows.rates[5:])
         return FARTHER, False, 0.0
     clear(held)
     if touched and not solved.collided:
@@ -132,7 +133,8 @@ def _constrain(
     if touched:
         if setting(w, SETTING.told) != 0.0:
             put(memory[MEMORY.sums : MEMORY.sums + SUMS], floats(room.sums, SUMS))
-        remember(counts, rows.groups, rows.key, rows.rates[0], answer.x)
+        write_turns(rows.groups, rows.rates, answer.x, answer.reached, answer.sliding)
+        remember(counts, rows.groups, rows.key, rows.rates[0], answer.x, rows.rates[5:])
     else:
         forget(counts)
     met = is_met(solved.missed, solved.fastest) and not full

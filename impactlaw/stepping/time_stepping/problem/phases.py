@@ -85,7 +85,7 @@ def struck_later(groups, sparse, colind, value, amounts, rates, z, x, collides, 
 
 @compiled()
 def later_rates(groups, sparse, colind, value, rates, z):
-    """Return the rates of rows in the next phase, (5, n): it starts from the velocity that this one leads to.
+    """Return the rates of rows, see `rows.Rows`, in the next phase: it starts from the velocity that this one leads to.
 
     Half of what forces do in the step is before all its phases and half is after them, so that a phase changes the
     velocities before and without contact alike. What equality constraints do in a collision is to keep their velocity.
@@ -113,7 +113,7 @@ def some_groups(sparse, colind, value, groups, key, amounts, rates, keep):
             for r in range(groups[0, g], groups[0, g] + groups[1, g]):
                 entries += sparse[0, r]
     place, keys = np.empty(many, np.int64), np.empty(count, np.int64)
-    table, new = np.empty((3, many), np.int32), np.empty((5, many))
+    table, new = np.empty((3, many), np.int32), np.empty((len(rates), many))
     columns, values = np.empty(entries, np.int32), np.empty(entries)
     kinds, gaps = np.empty((4, count), np.int32), np.empty((2, count))
     i, r, end = 0, 0, 0
@@ -129,7 +129,7 @@ def some_groups(sparse, colind, value, groups, key, amounts, rates, keep):
         for old in range(groups[0, g], groups[0, g] + groups[1, g]):
             place[r] = old
             table[0, r], table[2, r] = sparse[0, old], sparse[2, old]
-            for k in range(5):
+            for k in range(len(rates)):
                 new[k, r] = rates[k, old]
             table[1, r] = end
             for a in range(sparse[1, old], sparse[1, old] + sparse[0, old]):

@@ -36,9 +36,10 @@ class Rows(NamedTuple):
         key: what tells a group from others from step to step, int64 (g,).
         amounts: of each group the gap, m or rad, and the largest impulse of dry friction, N s, or the compliance that
             an equality has where it does not keep its velocity in a collision, (2, g).
-        rates: of each row, (5, n): the coefficient of friction of a row of friction, else 1; ``J v``, the velocity at
+        rates: of each row, (7, n): the coefficient of friction of a row of friction, else 1; ``J v``, the velocity at
             the start of the step, m/s or rad/s; ``J v_free``, to which the forces without contact lead; the velocity
-            at which an equality is met; and its compliance R, 0 for what is rigid.
+            at which an equality is met; its compliance R, 0 for what is rigid; and t and d of the step before, see
+            `turns`, NaN where there are none.
     """
 
     sparse: np.ndarray
@@ -224,6 +225,7 @@ def _write_rates(
     rows.rates[0, r], rows.rates[1, r], rows.rates[2, r] = scale, was, led
     rows.rates[3, r] = velocity[i] + timestep * reference[i] if kind == BILATERAL and some else 0.0
     rows.rates[4, r] = regularizer[i] if kind == BILATERAL else 0.0
+    rows.rates[5, r] = rows.rates[6, r] = np.nan
 
 
 @plain
@@ -292,7 +294,7 @@ def read_rows(
     entries = entries_of(Jnnz, Jadr, Jcol, J, tree, treenum, mark)
     rows = Rows(
         np.empty((3, count), np.int32), np.empty(entries, np.int32), np.empty(entries), np.empty((4, groups), np.int32),
-        np.empty(groups, np.int64), np.empty((2, groups)), np.empty((5, count)),
+        np.empty(groups, np.int64), np.empty((2, groups)), np.empty((7, count)),
     )  # fmt: skip
     end = write_rows(
         kinds, number, position, velocity, reference, regularizer, loss, Jnnz, Jadr, Jcol, J, dim, geoms, friction,

@@ -9,6 +9,7 @@ from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import cleared, plain
 from impactlaw.solvers.cones.rows import trees_of
 from impactlaw.stepping.time_stepping.problem.rows import NEAR
+from impactlaw.stepping.time_stepping.problem.turns import SMOOTH
 
 _RESTING = 1e-6
 """Part of the largest contact velocity up to which a contact in touch does not separate."""
@@ -31,6 +32,10 @@ def aim(groups, amounts, rates, timestep, restitution, slowest, resolved, may, t
         if groups[2, g] != CONE:
             continue
         gap, gamma, led = amounts[0, g], rates[1, groups[0, g]], rates[2, groups[0, g]]
+        turn = gamma - rates[5, groups[0, g]]
+        if turn < 0.0 and abs(turn - rates[6, groups[0, g]]) <= -SMOOTH * turn and -resolved < gamma < 0.0:
+            target[g] = min(-0.5 * turn, -gamma) - max(gap, 0.0) / timestep
+            continue
         threshold = max(slowest, min(_ROUNDED * (gamma - led), resolved))
         if may[g] and gamma < -threshold and (gap <= 0.0 or gap + timestep * led < 0.0):
             collides[g] = some = True
@@ -72,13 +77,16 @@ def contact_targets(groups, amounts, rates, timestep, restitution, slowest, reso
 
     A contact collides if it approaches, ``gamma- < -threshold``, and is closed, or would be before the next look at
     contacts, ``gap + h gamma_free < 0``. Then ``gamma^h = -e gamma-``. Any other may come as close as to touch,
-    ``gamma^h = -gap / h`` while it is open and 0 when it is not. The threshold is what forces make of a contact at rest
-    within a step, ``h |J a|``, but at most ``resolved``, and at least ``slowest``: slower collisions are not resolved.
+    ``gamma^h = -gap / h`` while it is open and 0 when it is not. One that goes on, and approaches more slowly than
+    ``resolved`` because its gradient turns by ``d < 0`` much as in the step before (`turns`), has ``-d / 2`` added to
+    that, at most ``-gamma-`` so that no energy comes of it, and does not collide. The threshold is what forces make of
+    a contact at rest within a step, ``h |J a|``, but at most ``resolved``, and at least ``slowest``: slower collisions
+    are not resolved.
 
     Args:
         groups: see `rows.Rows`, like the two that follow.
         amounts: gaps first.
-        rates: velocities of rows at the start of the step, and without contact.
+        rates: velocities of rows at the start of the step, and without contact; their turns.
         timestep: h, s.
         restitution: e.
         slowest: least threshold, m/s or rad/s.

@@ -18,6 +18,7 @@ from impactlaw.stepping.time_stepping.problem.drifts import hold_constraints
 from impactlaw.stepping.time_stepping.problem.phases import find_later
 from impactlaw.stepping.time_stepping.problem.solution.resolve import linked_resolve
 from impactlaw.stepping.time_stepping.problem.targets import aim, close_gaps
+from impactlaw.stepping.time_stepping.problem.turns import write_sliding
 from impactlaw.stepping.time_stepping.tolerances import RESOLVED
 
 _APART = np.bool_(False)  # laws in compiled code couple only contacts that influence each other
@@ -105,7 +106,9 @@ def solve(w, rows, metric, known, rounds, law, answer, scaled):
         return Solved(collided, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, status, False)
     for r in range(len(answer.sliding)):
         answer.sliding[r] = -sliding * rows.rates[1, r] if sliding != 0.0 else 0.0
-    known_groups, known_key, known_scale, impulses = known
+    if not collided:
+        write_sliding(rows.groups, rows.rates, RESOLVED, answer.sliding)
+    known_groups, known_key, known_scale, impulses, _ = known
     Mnnz, Madr, Mcol = layout_of(w)
     project = scaled and setting(w, SETTING.dissipative) > 0.0
     opens, missed, fastest, share, created, work, rounding, sharp = linked_resolve(

@@ -42,6 +42,7 @@ from impactlaw.stepping.time_stepping.problem.energy import add_before
 from impactlaw.stepping.time_stepping.problem.rest import TOUCHING
 from impactlaw.stepping.time_stepping.problem.rows import count_groups, entries_of, find_near, write_rows
 from impactlaw.stepping.time_stepping.problem.targets import write_closing
+from impactlaw.stepping.time_stepping.problem.turns import write_recalled
 
 
 class Outcome(NamedTuple):
@@ -153,7 +154,7 @@ def attempt(w, jacobian, chosen, start, moved, free, known, rounds, law, phases,
         start: velocity at the start, (nv,).
         moved: what is added to it before a collision, (nv,), see `inertial_forces`; (0,) where it is nothing.
         free: velocity without contact, (nv,).
-        known: groups, keys, coefficients and impulses of the last step.
+        known: groups, keys, coefficients, impulses and turns of the last step.
         rounds: of the slower solvers.
         law: see `law`.
         phases: whether collisions may be one after another.
@@ -169,6 +170,7 @@ def attempt(w, jacobian, chosen, start, moved, free, known, rounds, law, phases,
     rows, answer = rows_at(room.rows, groups, many, room.entries), answer_at(room.answer, groups, many, w.nv)
     work = velocities_at(room, 2, 2)
     read(w, jacobian, metric, velocity, start, free, chosen, frictional, mark, work, rows)
+    write_recalled(rows.groups, rows.key, rows.rates, known[0], known[1], known[4])
     if surfaces_move(w):
         add_surfaces(w, rows.groups, rows.sparse, rows.rates)
     before = start

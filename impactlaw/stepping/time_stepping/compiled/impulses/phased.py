@@ -99,7 +99,7 @@ def _meet(w, rows, metric, before, known, rounds, law, may, more, block, sums):
         _leave_out(later, answer.later)
         for g in range(len(later)):
             kept[g] = not later[g]
-        known, rounds = (part.groups, part.key, part.rates[0], answer.x.copy()), FEW_ROUNDS
+        known, rounds = (part.groups, part.key, part.rates[0], answer.x.copy(), part.rates[5:]), FEW_ROUNDS
         part, place = _groups(rows, rows.rates, kept)
         allowed = _those(may, kept)
     if solved.status == FINE and solved.collided and setting(w, SETTING.told) != 0.0:
@@ -148,6 +148,7 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
         for i in range(w.nv):
             moved[i] = start[i] + (velocity[i] - free[i])
     put(whole.x, x)
+    whole.reached[:] = np.nan
     keep(block)
     put(velocity_of(w), velocity)
     return Solved(collided, opens, missed, fastest, share, created, work, rounding, FINE, False), cut

@@ -23,6 +23,6 @@ ROWS = typeof(Rows(_INT_TABLE, np.zeros(0, np.int32), _FEW, _INT_TABLE, _KEYS, _
 ANSWER = typeof(Answer(*([_FEW] * 7), *([_MARKS] * 4)))
 ROOM = typeof(Room(*([0] * len(Room.__annotations__))))
 LAW = typeof(LawTable(_KEYS, _FEW, _KEYS))
-KNOWN = types.Tuple((types.int32[:, ::1], types.int64[::1], NUMBERS, NUMBERS))
+KNOWN = types.Tuple((types.int32[:, ::1], types.int64[::1], NUMBERS, NUMBERS, types.float64[:, ::1]))
 METRIC = types.Tuple((NUMBERS, NUMBERS))
 JACOBIAN = types.Tuple((_INTS, _INTS, _INTS, NUMBERS))

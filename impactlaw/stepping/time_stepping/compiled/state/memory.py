@@ -63,7 +63,7 @@ _realloc: Any = _external("realloc", types.int64, types.int64)
 
 @kernel
 def last_step(counts):
-    """Return groups, keys, coefficients and impulses of the last step; see `contact_problem.recall`."""
+    """Return groups, keys, coefficients, impulses and turns of the last step; see `contact_problem.recall`."""
     return known_at(counts[MEMORY.block], counts[MEMORY.groups], counts[MEMORY.rows])
 
 
@@ -82,21 +82,21 @@ def forget(counts):
 
 
 @plain
-def remember_so_far(counts, groups, key, scale, impulses):
-    """Keep groups, keys, coefficients and impulses of a step that is taken again."""
+def remember_so_far(counts, groups, key, scale, impulses, turns):
+    """Keep groups, keys, coefficients, impulses and turns of a step that is taken again."""
     g, n = len(key), len(scale)
-    needed = 8 * g + 16 * n + 16 * g
+    needed = 24 * g + 32 * n
     if counts[MEMORY.other_capacity] < needed:
         counts[MEMORY.other_capacity] = 2 * needed
         counts[MEMORY.other] = _realloc(counts[MEMORY.other], 2 * needed)
     counts[MEMORY.found_groups], counts[MEMORY.found_rows] = g, n
-    keep_known(known_at(counts[MEMORY.other], g, n), groups, key, scale, impulses)
+    keep_known(known_at(counts[MEMORY.other], g, n), groups, key, scale, impulses, turns)
 
 
 @plain
-def remember(counts, groups, key, scale, impulses):
-    """Keep groups, keys, coefficients and impulses of a step."""
-    remember_so_far(counts, groups, key, scale, impulses)
+def remember(counts, groups, key, scale, impulses, turns):
+    """Keep groups, keys, coefficients, impulses and turns of a step."""
+    remember_so_far(counts, groups, key, scale, impulses, turns)
     for one, other in ((MEMORY.block, MEMORY.other), (MEMORY.capacity, MEMORY.other_capacity)):
         counts[one], counts[other] = counts[other], counts[one]
     counts[MEMORY.groups], counts[MEMORY.rows] = counts[MEMORY.found_groups], counts[MEMORY.found_rows]
@@ -139,31 +139,32 @@ def free(memory: np.ndarray) -> None:
 
 
 class Known(NamedTuple):
-    """What `contact_problem.recall` takes: groups, keys, coefficients and impulses of a step."""
+    """What `contact_problem.recall` and `turns.recall_turns` take: groups, keys, coefficients, impulses and turns."""
 
     groups: np.ndarray
     key: np.ndarray
     scale: np.ndarray
     impulses: np.ndarray
+    turns: np.ndarray
 
 
 def raw(numbers: np.ndarray) -> bytes:
     """Return a copy of the impulses that the numbers of a world tell of; its block must not have been written since."""
     block, _, g, n = _BLOCK.unpack_from(numbers.data)
-    return ctypes.string_at(block, 24 * g + 16 * n) if g else b""
+    return ctypes.string_at(block, 24 * g + 32 * n) if g else b""
 
 
 def recollect(numbers: np.ndarray, impulses: bytes) -> Known:
     """Return the impulses that the numbers of a world tell of, from what `raw` returned."""
     g, n = numbers[MEMORY.groups : MEMORY.rows + 1].view(np.int64).tolist()
-    parts = (np.int64, g), (np.float64, n), (np.float64, n), (np.int32, 4 * g)
+    parts = (np.int64, g), (np.float64, n), (np.float64, n), (np.float64, 2 * n), (np.int32, 4 * g)
     found, at = [], 0
     for kind, many in parts:
         size = many * np.dtype(kind).itemsize
         found.append(np.frombuffer(impulses[at : at + size], kind).copy())
         at += size
-    key, scale, x, groups = found
-    return Known(groups.reshape(4, g), key, scale, x)
+    key, scale, x, turns, groups = found
+    return Known(groups.reshape(4, g), key, scale, x, turns.reshape(2, n))
 
 
 def restore(numbers: np.ndarray, kept: np.ndarray, impulses: bytes) -> None:

@@ -22,7 +22,7 @@ class Room(NamedTuple):
 
     rows: int  # of `Rows`
     answer: int  # of `Answer`
-    known: int  # of groups, keys, coefficients and impulses that are known last
+    known: int  # of groups, keys, coefficients, impulses and turns that are known last
     velocities: int  # of velocities, (`VELOCITIES`, nv)
     sums: int  # over the collisions, see `sums`
     entries: int  # most entries of whitened rows
@@ -66,7 +66,7 @@ VELOCITIES = 13
 @plain
 def rows_size(g, n, m):
     """Return how many numbers of 64 bits the rows of g groups, n rows and m entries take."""
-    return m + 5 * n + 5 * g + (3 * n + 1) // 2 + (m + 1) // 2
+    return m + 7 * n + 5 * g + (3 * n + 1) // 2 + (m + 1) // 2
 
 
 @plain
@@ -80,7 +80,7 @@ def lay_out(at, n, m, nv):
     """Return `Room` for n rows and m entries at an address, and how many numbers of 64 bits it takes."""
     answer = at + 8 * rows_size(n, n, m)
     known = answer + 8 * answer_size(n, n, nv)
-    velocities = known + 8 * (3 * n + 2 * n)
+    velocities = known + 8 * (3 * n + 4 * n)
     sums = velocities + 8 * VELOCITIES * nv
     return Room(at, answer, known, velocities, sums, m, nv), (sums - at) // 8 + SUMS
 
@@ -89,14 +89,14 @@ def lay_out(at, n, m, nv):
 def rows_at(at, g, n, m):
     """Return `Rows` of g groups, n rows and room for m entries at an address."""
     rates = at + 8 * m
-    amounts = rates + 40 * n
+    amounts = rates + 56 * n
     key = amounts + 16 * g
     groups = key + 8 * g
     sparse = groups + 16 * g
     colind = sparse + 8 * ((3 * n + 1) // 2)
     return Rows(
         table_ints(sparse, 3, n), ints(colind, m), floats(at, m), table_ints(groups, 4, g), longs(key, g),
-        table_floats(amounts, 2, g), table_floats(rates, 5, n),
+        table_floats(amounts, 2, g), table_floats(rates, 7, n),
     )  # fmt: skip
 
 
@@ -124,17 +124,22 @@ def velocities_at(room, first, many):
 
 @kernel
 def known_at(at, g, n):
-    """Return groups, keys, coefficients and impulses of g groups and n rows at an address."""
+    """Return groups, keys, coefficients, impulses and turns of g groups and n rows at an address."""
     scale = at + 8 * g
     impulses = scale + 8 * n
-    return table_ints(impulses + 8 * n, 4, g), longs(at, g), floats(scale, n), floats(impulses, n)
+    turns = impulses + 8 * n
+    return (
+        table_ints(turns + 16 * n, 4, g), longs(at, g), floats(scale, n), floats(impulses, n), table_floats(turns, 2, n)
+    )  # fmt: skip
 
 
 @plain
-def keep_known(known, groups, key, scale, impulses):
-    """Copy groups, keys, coefficients and impulses of a step to where they are known."""
+def keep_known(known, groups, key, scale, impulses, turns):
+    """Copy groups, keys, coefficients, impulses and turns of a step to where they are known."""
     for k in range(4):
         put(known[0][k], groups[k])
     put(known[1], key)
     put(known[2], scale)
     put(known[3], impulses)
+    for k in range(2):
+        put(known[4][k], turns[k])

@@ -1,0 +1,135 @@
+"""Contact whose gradient turns goes on, and does not collide: ropes, legs that fall over, disks that roll, tables."""
+
+import mujoco
+import numpy as np
+import pytest
+from scenes import compiled, energy
+from stepping.time_stepping.stepped import FLOOR, stepping
+
+from impactlaw import Moreau, Poisson
+from impactlaw.solvers.cones import CONE
+from impactlaw.stepping.time_stepping.problem.targets import contact_targets
+from impactlaw.stepping.time_stepping.tolerances import RESOLVED, REST_SPEED
+
+BOB = '<site name="hook"/><body pos="0 0 -1"><freejoint/><geom size=".05" mass="1"/><site name="bob"/></body>'
+ROPE = """<tendon><spatial limited="true" range="0 1"><site site="hook"/><site site="bob"/></spatial></tendon>"""
+LEG = """<body pos="0 0 .52"><freejoint/><geom type="capsule" fromto="0 0 -.5 0 0 .5" size=".02" mass=".2"/>
+    <geom pos="0 0 .5" size=".05" mass="1"/></body>"""
+
+
+def energies(model, data, law, seconds, **options):
+    """Return what the energy has changed by after each step, J, and how many steps had a collision."""
+    stepper, found, collisions = stepping(model, law, **options), [energy(model, data)], 0
+    for _ in range(round(seconds / model.opt.timestep)):
+        stepper.step(data)
+        collisions += bool(stepper.events)
+        found.append(energy(model, data))
+    return np.subtract(found[1:], found[0]), collisions
+
+
+@pytest.mark.parametrize(
+    ("law", "code"),
+    [
+        (Moreau(0.0), "auto"),
+        (Moreau(0.0), "never"),
+        (Moreau(0.5), "auto"),
+        (Moreau(0.5), "never"),
+        (Poisson(0.5), "never"),
+    ],
+    ids=str,
+)
+def test_a_bob_on_a_taut_rope_keeps_its_energy(law, code):
+    """It closes the rope by 9 h m/s in every step, which is no collision: the loss is of second order."""
+    losses = []
+    for timestep in (4e-3, 2e-3, 1e-3):
+        model, data = compiled(BOB, ROPE, option=f'timestep="{timestep}"')
+        data.qvel[0] = 3.0
+        change, collisions = energies(model, data, law, 2.0, compiled=code)
+        losses.append(-change[-1])
+        assert collisions <= 8
+        assert change.max() < 1e-9
+    assert losses[2] < 1e-3
+    assert losses[1] < 0.4 * losses[0]
+    assert losses[2] < 0.4 * losses[1]
+
+
+@pytest.mark.parametrize("code", ["auto", "never"])
+def test_a_leg_that_falls_over_gains_no_energy(code):
+    """Its foot sticks while its gradient turns: what the leg gains is of second order, and so is what it loses."""
+    gains = []
+    for timestep in (4e-3, 2e-3, 1e-3):
+        model, data = compiled(FLOOR + LEG, option=f'timestep="{timestep}"', geom='friction="1.5 0 0"')
+        data.qvel[3:6] = 1.6, 2.0, 0.0
+        data.qvel[:3] = np.cross(data.qvel[3:6], [0, 0, 0.52])
+        change, collisions = energies(model, data, Moreau(0.5), 0.2, compiled=code)
+        assert collisions == 0
+        gains.append(np.abs(change).max())
+    assert gains[2] < 1e-5
+    assert gains[2] < 0.3 * gains[1] < 0.09 * gains[0]
+
+
+def test_a_disk_that_rolls_on_its_edge_does_not_collide():
+    """Euler's disk: by its own collisions it lost 14 % of its energy a second."""
+    radius, half, tilt = 0.1, 0.002, np.radians(20)
+    disk = f'<body><freejoint/><geom type="cylinder" size="{radius} {half}" mass=".4"/></body>'
+    model, data = compiled(FLOOR + disk, option='timestep="1e-3"', geom='friction="1 0 0"')
+    mujoco.mju_axisAngle2Quat(data.qpos[3:7], np.array([0.0, 1.0, 0.0]), tilt)
+    frame = np.empty(9)
+    mujoco.mju_quat2Mat(frame, data.qpos[3:7])
+    axes = frame.reshape(3, 3)
+    center = -axes @ [radius, 0, -half]
+    spin = np.sqrt(4 * 9.81 / (radius * np.sin(tilt))) * (np.array([0, 0, 1]) - np.cos(tilt) * axes[:, 2])
+    data.qpos[:3], data.qvel[:3], data.qvel[3:] = center, np.cross(spin, center), axes.T @ spin
+    before = energy(model, data)
+    change, collisions = energies(model, data, Moreau(0.0), 0.5)
+    assert collisions <= 3
+    assert np.abs(change).max() < 1e-3 * before
+
+
+@pytest.mark.parametrize("code", ["auto", "never"])
+def test_a_table_that_accelerates_carries_a_body(code):
+    """The body approaches it by h a in every step, and has its velocity at the end of each."""
+    world = """<body name="table" mocap="true"><geom type="box" size="1 1 .1" pos="0 0 -.1"/></body>
+        <body pos="0 0 .1"><freejoint/><geom size=".1" mass="1"/></body>"""
+    model, data = compiled(world, option='timestep="1e-3"')
+    stepper, collisions = stepping(model, Moreau(0.5), compiled=code), 0
+    for step in range(1, 201):
+        data.mocap_pos[0, 2] = 10.0 * (step * 1e-3) ** 2
+        stepper.step(data)
+        collisions += bool(stepper.events)
+        if step > 10:
+            assert data.qvel[2] == pytest.approx(20.0 * data.time, abs=1e-9)
+            assert data.qpos[2] - 0.1 == pytest.approx(data.mocap_pos[0, 2], abs=1e-5)
+    assert collisions <= 3
+
+
+def test_an_elastic_ball_joint_keeps_bouncing():
+    """It has next to no inertia about its arm, and bounces off its limit of 1.2 degrees in every step."""
+    arm = """<body><joint type="ball" limited="true" range="0 1.2"/>
+        <geom pos="0 0 -1" size=".05" mass="1" contype="0" conaffinity="0"/></body>"""
+    model, data = compiled(arm, option='timestep="1e-3"')
+    data.qvel[:] = 5.0, 0.0, 3.0
+    change, collisions = energies(model, data, Moreau(1.0), 0.5)
+    assert collisions > 300
+    assert np.abs(change).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("gamma", "reached", "turned", "collides", "target"),
+    [
+        (-0.02, 0.02, -0.04, False, 0.02),  # goes on
+        (-0.03, 0.02, -0.05, False, 0.025),  # the same, and minus half of the turn
+        (-0.01, 0.03, -0.04, False, 0.01),  # not more than elastic: no energy comes of it
+        (-0.02, np.nan, np.nan, True, 0.01),  # no impulse in the step before: e = 0.5
+        (-0.02, 0.0, np.nan, True, 0.01),  # an impulse in that alone
+        (-0.02, 0.02, -0.02, True, 0.01),  # an edge: what turns all at once
+        (-0.09, 0.09, -0.18, True, 0.045),  # as fast as what always collides
+        (0.02, -0.02, 0.04, False, 0.0),  # opens
+    ],
+)
+def test_what_turns_as_in_the_step_before_goes_on(gamma, reached, turned, collides, target):
+    groups, amounts = np.array([[0], [1], [CONE], [0]], np.int32), np.zeros((2, 1))
+    rates = np.array([1.0, gamma, gamma, 0.0, 0.0, reached, turned]).reshape(7, 1)
+    found, which = contact_targets(groups, amounts, rates, 1e-3, 0.5, REST_SPEED, RESOLVED, np.ones(1, bool))
+    assert which[0] == collides
+    assert found[0] == pytest.approx(target, abs=1e-15)
