@@ -6,6 +6,9 @@ REST_SPEED = 0.1
 ROUNDING = 1e-12
 """Part of the largest contact velocity up to which a contact does not separate: a collision with E = 0 leaves it so."""
 
+OPENING = 0.1
+"""Part of `rest_speed` up to which a contact does not separate either: soft contact at rest trembles."""
+
 LOCKED = 1.0
 """Ratio of damping to inertia, h D / M, above which a joint has the inertia ``M + h D`` in a collision.
 
