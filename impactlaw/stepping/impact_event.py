@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, reduce
 from typing import NamedTuple
 
@@ -70,27 +70,15 @@ NOTHING = ImpactSums()
 
 
 def _is_inadmissible(impact: Impact) -> bool:
-    """Whether the outcome by the law left S(v-): it was projected, scaled or let through.
-
-    A soft contact that trembles, and opened a little before the collision, may close no faster after it.
-    """
-    if impact.target_contact_velocity is None or (
-        isinstance(impact, FrictionImpact) and impact.restitution_scale < 1.0
-    ):
+    """Whether the outcome by the law left S(v-): it was projected, scaled or let through."""
+    if impact.target_contact_velocity is None:
         return True
-    v = impact.violations
-    if v.is_admissible():
-        return False
-    opened = np.maximum(impact.collision.pre_contact_velocity, 0.0)
-    closes = bool(np.any(impact.post_contact_velocity < -_NO_FASTER * opened))
-    return closes or not replace(v, kinematic=0.0).is_admissible()
+    scaled = isinstance(impact, FrictionImpact) and impact.restitution_scale < 1.0
+    return scaled or not impact.violations.is_admissible()
 
 
 Told = tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]]
 """Collisions, or what returns them, which may know the sums over them: an attribute `sums`."""
-
-
-_NO_FASTER = 1.0 + 1e-9  # but for rounding
 
 
 def changed_model(time: float) -> SceneError:

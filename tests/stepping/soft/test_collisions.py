@@ -1,7 +1,6 @@
 """Soft stepping with collisions: the law exactly at each, MuJoCo in between, divergence seen."""
 
 import copy
-from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -186,20 +185,15 @@ def test_a_box_that_falls_flat_collides_once_with_four_contacts():
 @pytest.mark.parametrize("law", [MaximalDissipation(), Moreau(0.5), Moreau(0.9), Newton(0.7)], ids=repr)
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_every_collision_of_a_heap_is_admissible(compiled, integrator, law):
-    """Events of compiled steps have velocities as they were, and on faces impulses that are fitted to these.
-
-    A contact that opened by up to a tenth of the least speed of collisions may close by as much.
-    """
+    """Events of compiled steps have velocities as they were, and on faces impulses that are fitted to these."""
     model, data = build(HEAP, integrator=integrator)
     events = run(Stepper(model, law, contact_model="soft", compiled=compiled), data, 600)
     assert len(events) > 10
     for event in events:
-        before, violations = event.impact.collision.pre_contact_velocity, event.impact.violations
-        assert replace(violations, kinematic=0.0).is_admissible()
-        assert violations.is_admissible() or (event.impact.post_contact_velocity >= -np.maximum(before, 0.0)).all()
+        assert event.impact.violations.is_admissible()
         assert event.impact.residual < (1e-9 if compiled == "never" else 1e-7)
-        assert before.max() <= 0.01
-        assert before.min() < -0.1
+        assert event.impact.collision.pre_contact_velocity.max() < 1e-12
+        assert event.impact.collision.pre_contact_velocity.min() < -0.1
     assert np.isfinite(data.qpos).all()
 
 

@@ -48,7 +48,7 @@ from impactlaw.stepping.soft.compiled.contacts.rows import everyone, reached_by,
 from impactlaw.stepping.soft.compiled.contacts.work import work_of_each
 from impactlaw.stepping.soft.compiled.shares import ENOUGH, Wanted, find_impulses
 from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, UNKNOWN
-from impactlaw.stepping.soft.tolerances import GAINED, OPENING, ROUNDING
+from impactlaw.stepping.soft.tolerances import GAINED, ROUNDING
 
 Array = np.ndarray[Any, Any]
 
@@ -236,7 +236,7 @@ def _collide(w, law, islands, sums):
     n, speeds = number(w, DATA.nefc), data_floats(w, DATA.efc_vel, number(w, DATA.nefc))
     found = find(w, law.bilateral)
     gamma, qvel = numbers(len(found.row)), velocity_of(w)
-    lowest = normal_velocities(found, speeds, gamma)
+    lowest, rounding = normal_velocities(found, speeds, gamma), 0.0
     calm, jacobian = zeros(len(islands.label)), jacobian_of(w)
     if len(calm) > 0:
         _find_calm(w, found, gamma, jacobian, islands, calm)
@@ -246,7 +246,6 @@ def _collide(w, law, islands, sums):
         lowest = normal_velocities(found, speeds, gamma)
     if not lowest < -law.rest_speed:
         return FINE, False
-    rounding = OPENING * law.rest_speed
     for speed in gamma:
         rounding = max(rounding, ROUNDING * abs(speed))
     velocity, before, rows, status, changed = copied(qvel), numbers(w.nv), numbers(n), FINE, False
