@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from impactlaw.errors import SceneError
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact
 from impactlaw.scene.contacts import Contacts
@@ -78,6 +79,14 @@ def _is_inadmissible(impact: Impact) -> bool:
 
 Told = tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]]
 """Collisions, or what returns them, which may know the sums over them: an attribute `sums`."""
+
+
+def changed_model(time: float) -> SceneError:
+    """Return the error of events that are asked for too late."""
+    return SceneError(
+        f"the model was changed after the step at t = {time:.6g} s: compiled steps tell their collisions by taking the "
+        'step once more; ask for events before the model changes, or take compiled="never"'
+    )
 
 
 def sums_of(told: Told) -> ImpactSums:

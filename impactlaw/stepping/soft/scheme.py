@@ -221,7 +221,8 @@ class SoftStepping:
         model = self._model
         if stage != VELOCITY:
             self._update_velocity(data)
-        if (data.ncon or data.nl) and self.collisions.bounces(data):
+        late = self._options.integrator == _DISCRETE  # makes the springs of contacts in mj_step2, not before
+        if not late and (data.ncon or data.nl) and self.collisions.bounces(data):
             mujoco.mj_fwdActuation(model, data)
             mujoco.mj_fwdAcceleration(model, data)
             mujoco.mj_fwdConstraint(model, data)

@@ -3,8 +3,9 @@
 REST_SPEED = 0.1
 """Closing speed, m/s, above which a soft contact collides."""
 
-ROUNDING = 1e-12
-"""Part of the largest contact velocity up to which a contact does not separate: a collision with E = 0 leaves it so."""
+ROUNDING = 1e-9
+"""Part of the largest contact velocity up to which a contact does not separate: soft contact at rest trembles by 1e-9
+m/s, and outcomes may leave S(v-) by as much, see `Violations.is_admissible`."""
 
 LOCKED = 1.0
 """Ratio of damping to inertia, h D / M, above which a joint has the inertia ``M + h D`` in a collision.

@@ -112,3 +112,16 @@ def test_a_strong_grip_is_that_of_mujoco(compiled):
         stepper.step(ours)
         mujoco.mj_step(model, plain)
     np.testing.assert_allclose(ours.qpos, plain.qpos, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("solref", [TABLE_TENNIS, ".02 1"])
+def test_springs_that_are_not_made_yet_are_not_looked_at(monkeypatch, solref):
+    """The integrator "discrete" makes them in `mj_step2`: before, ``efc_KBIP`` is what was in memory."""
+    model, data = model_of(solref, "discrete"), None
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft", compiled="never")
+    monkeypatch.setattr(stepper.stepping.collisions, "bounces", lambda data: 1 / 0)
+    data = mujoco.MjData(model)
+    data.qvel[2] = -1.0
+    for _ in range(200):
+        stepper.step(data)
+    assert data.ncon or abs(data.qvel[2]) > 0.01

@@ -17,11 +17,12 @@ from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers.friction.solve import THOROUGH
-from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums
+from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, changed_model
 from impactlaw.stepping.integration import restore_state
 from impactlaw.stepping.soft.compiled.entry import EXTRA
 from impactlaw.stepping.soft.scheme import SoftStepping
 
+_AGAIN = 1e-4  # part of their intensity by which collisions that are told may have another one
 _SAME = 1e-9  # part of the largest velocity by which two outcomes of a law may differ and be the same
 
 
@@ -114,4 +115,7 @@ class Replay:
             scheme.resume(row[-1], known)
             events += scheme.step(data)
             scheme.resume(np.nan, self._collider)
+        again, size = ImpactSums.of(events), self.sums.intensity
+        if again.collisions != self.sums.collisions or abs(again.intensity - size) > _AGAIN * size:
+            raise changed_model(float(data.time))
         return tuple(events)

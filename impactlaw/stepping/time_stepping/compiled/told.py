@@ -12,7 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums
+from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, changed_model
 from impactlaw.stepping.integration import restore_state
 from impactlaw.stepping.time_stepping.compiled.state import memory
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY
@@ -20,6 +20,9 @@ from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import last_motion
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
+from impactlaw.stepping.time_stepping.tolerances import SLOWEST
+
+_SAME = 1e-4  # part of the largest velocity by which the step once more may end with another one
 
 
 class Teller:
@@ -39,7 +42,10 @@ class Teller:
 
     def tell(self, state: np.ndarray, before: np.ndarray, numbers: np.ndarray) -> Replay:
         """Return what tells the collision of a step from its start, what was known then, and what is known now."""
-        return Replay(self, state, before, self.told(numbers))
+        begin, model = MEMORY.left, self.scheme.model
+        return Replay(
+            self, state, before, numbers[begin + model.nq : begin + model.nq + model.nv].copy(), self.told(numbers)
+        )
 
     def told(self, numbers: np.ndarray) -> ImpactSums | None:
         """Return the sums that a step has found; None if it was not to, or where only events tell."""
@@ -65,8 +71,10 @@ class Teller:
 class Replay:
     """The collisions of one step; see `Teller`."""
 
-    def __init__(self, teller: Teller, state: np.ndarray, numbers: np.ndarray, found: ImpactSums | None):
-        self._teller, self._state, self._numbers, self._found = teller, state, numbers, found
+    def __init__(
+        self, teller: Teller, state: np.ndarray, numbers: np.ndarray, after: np.ndarray, found: ImpactSums | None
+    ):
+        self._teller, self._state, self._numbers, self._after, self._found = teller, state, numbers, after, found
         self._impulses = memory.raw(numbers)
 
     def __call__(self) -> tuple[ImpactEvent, ...]:
@@ -92,4 +100,6 @@ class Replay:
         scheme.resume(data, known, gained, motion, solved=bool(counts[MEMORY.solved]))
         told = scheme.step(data)
         scheme.short_steps = kept
+        if np.abs(data.qvel - self._after).max() > _SAME * max(SLOWEST, np.abs(self._after).max()):
+            raise changed_model(float(data.time))
         return told() if callable(told) else told

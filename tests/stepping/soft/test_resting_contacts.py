@@ -1,0 +1,61 @@
+"""A body that rests on several soft contacts is hit: all take part, though MuJoCo's noise opens some of them."""
+
+import numpy as np
+import pytest
+from scenes import INTEGRATORS, compiled
+
+from impactlaw import Moreau, Stepper
+
+BOX = """<geom name="floor" type="plane" size="9 9 1"/>
+    <body pos="0 0 .1"><freejoint/><geom name="box" type="box" size=".1 .1 .1" mass="1"/></body>
+    <body pos="0 0 {height}"><freejoint/><geom name="ball" size=".1" mass="1"/></body>"""
+
+
+def hit(integrator, code, e, height, wobble=0.0):
+    """Return the velocity after the ball has hit the box at rest, the stepper, and the speed of the ball before."""
+    model, data = compiled(BOX.format(height=height), option=f'timestep="2e-3" integrator="{integrator}"')
+    stepper = Stepper(model, Moreau(e), contact_model="soft", compiled=code)
+    for _ in range(2000):
+        data.qvel[3] += wobble
+        speed = -data.qvel[8]
+        stepper.step(data)
+        if stepper.sums.energy_change < -0.5:
+            return data.qvel.copy(), stepper, speed
+    raise AssertionError("nothing collided")
+
+
+@pytest.mark.parametrize("code", ["auto", "never"])
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_a_box_on_four_corners_stays_where_it_is(integrator, code):
+    """The outcome is that of five contacts at once: the ball leaves with e times its speed."""
+    for e, height in ((0.0, 5.0), (0.5, 5.0), (0.5, 12.0)):
+        velocity, stepper, speed = hit(integrator, code, e, height)
+        assert [len(event.contacts) for event in stepper.events] == [5]
+        assert stepper.sums.inadmissible == 0
+        assert np.abs(velocity[[0, 1, 3, 4, 5]]).max() < 1e-8
+        assert abs(velocity[2]) < 1e-3
+        assert velocity[8] == pytest.approx(e * speed, abs=0.02 * speed)
+
+
+@pytest.mark.parametrize("code", ["auto", "never"])
+@pytest.mark.parametrize("wobble", [1e-13, 1e-11, 1e-9])
+def test_noise_does_not_decide(wobble, code):
+    still, _, _ = hit("Euler", code, 0.5, 5.0)
+    velocity, stepper, _ = hit("Euler", code, 0.5, 5.0, wobble)
+    assert velocity == pytest.approx(still, abs=1e-7)
+    assert stepper.sums.inadmissible == 0
+
+
+@pytest.mark.parametrize("code", ["auto", "never"])
+@pytest.mark.parametrize(("opening", "contacts"), [(1e-9, [2]), (1e-7, [1, 2])])
+def test_what_separates_is_hit_afterwards(opening, contacts, code):
+    """That is what opens faster than 1e-9 of the fastest contact velocity."""
+    world = """<geom name="wall" type="plane" size="9 9 1" zaxis="1 0 0"/>
+        <body pos=".0999 0 0"><joint type="slide" axis="1 0 0"/><geom name="a" size=".1" mass="1"/></body>
+        <body pos=".2998 0 0"><joint type="slide" axis="1 0 0"/><geom name="b" size=".1" mass="1"/></body>"""
+    model, data = compiled(world, option='timestep="1e-12" gravity="0 0 0"', geom='solref=".02 1"')
+    data.qvel[:] = opening, -5.0
+    stepper = Stepper(model, Moreau(0.0), contact_model="soft", compiled=code)
+    stepper.step(data)
+    assert [len(event.contacts) for event in stepper.events] == contacts
+    assert np.abs(data.qvel).max() < 1e-6
