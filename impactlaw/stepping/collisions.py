@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import singledispatch
 from typing import Literal, NamedTuple
 
 import mujoco
 import numpy as np
 
-from impactlaw.errors import InadmissibleImpactError
-from impactlaw.laws import Coulomb, Law
+from impactlaw.errors import InadmissibleImpactError, UnsolvableLawError
+from impactlaw.laws import Coulomb, Law, Target
+from impactlaw.laws.base import aim
 from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.mechanics.bilateral import Bilateral
 from impactlaw.mechanics.collision import Collision
@@ -114,6 +116,7 @@ class Collider:
         *,
         approach: np.ndarray,
         rounding: np.ndarray,
+        opening: float = 0.0,
         time: float,
         qpos: np.ndarray,
         events: list[ImpactEvent],
@@ -127,6 +130,7 @@ class Collider:
             velocity: v-, (nv,).
             approach: speed of closing, m/s, (h,), above which a contact collides.
             rounding: contact velocity, m/s, (h,), up to which a contact counts as not separating.
+            opening: a larger one, m/s, of contacts that tremble: the law takes them for closed and still.
             time: of the collision, s.
             qpos: configuration of the collision, (nq,).
             events: of the step so far.
@@ -148,7 +152,7 @@ class Collider:
             if final:
                 chosen = np.arange(len(gamma))
             else:
-                chosen = np.flatnonzero(gamma <= rounding)
+                chosen = np.flatnonzero(gamma <= np.maximum(rounding, opening))
                 if not approaching[chosen].all():
                     if coupled is None and work is not None:
                         work.couple(len(gamma) + (0 if closed.friction is None else len(closed.friction)))
@@ -159,12 +163,27 @@ class Collider:
             collision = closed.collision(chosen, metric, velocity)
             law = self.last_law if final else self.law
             limited = {"effort": work} if work is not None and isinstance(law, Coulomb) else {}
-            impact = self._admissible(law.resolve(collision, solver=self.solver, **limited), rounding[chosen], time)
+            if not final and np.any(gamma[chosen] > rounding[chosen]):
+                impact = self._as_closed(law, collision, limited)
+                if impact is None:
+                    opening = 0.0
+                    continue
+            else:
+                impact = law.resolve(collision, solver=self.solver, **limited)
+            impact = self._admissible(impact, rounding[chosen], time)
             events.append(ImpactEvent(time, closed.contacts.select(chosen), impact, qpos.copy()))
             before, velocity = velocity, impact.post_velocity
             if final or np.array_equal(before, velocity):  # a law that changes nothing changes nothing the next time
                 return velocity
             closed = closed._replace(drift_before=None)
+
+    def _as_closed(self, law: Law, collision: Collision, limited: dict[str, Work]) -> Impact | None:
+        """Return what the law makes of contacts that tremble; None where these oppose others, and not all can close."""
+        try:
+            impact = as_closed(law).resolve(collision, solver=self.solver, **limited)
+        except UnsolvableLawError:
+            return None
+        return None if isinstance(impact, FrictionImpact) and impact.restitution_scale == 0.0 else impact
 
     def _admissible(self, impact: Impact, rounding: np.ndarray, time: float) -> Impact:
         if self.on_inadmissible == "allow":
@@ -188,6 +207,34 @@ class Collider:
             f"kinetic {v.kinetic:.2g}, energetic {v.energetic:.2g} sqrt(J); choose a dissipative law, or "
             'on_inadmissible="project" or "allow"'
         )
+
+
+@dataclass(frozen=True)
+class _AsClosed(Law):
+    """A law whose contacts that open before the collision do not close after it."""
+
+    law: Law
+
+    @property
+    def contact_labels(self) -> frozenset[str]:
+        """Those of the law."""
+        return self.law.contact_labels
+
+    def target(self, collision: Collision) -> Target:
+        """Return what the law aims at, at least 0 where ``gamma- > 0``."""
+        wanted = aim(self.law, collision).contact_velocity
+        return Target(np.where(collision.pre_contact_velocity > 0.0, np.maximum(wanted, 0.0), wanted))
+
+
+@singledispatch
+def as_closed(law: Law) -> Law:
+    """Return the law for contacts of which some tremble; one with a rule of its own for impulses stays what it is."""
+    return _AsClosed(law) if law.has_target else law
+
+
+@as_closed.register
+def _(law: Coulomb) -> Law:
+    return replace(law, law=as_closed(law.law))
 
 
 def _sharp(impact: Impact, rounding: np.ndarray) -> np.ndarray:

@@ -35,7 +35,7 @@ from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.drifting import drifting
 from impactlaw.stepping.soft.driven import Constraints, is_dragged
 from impactlaw.stepping.soft.rebounds import bounces, hold_back
-from impactlaw.stepping.soft.tolerances import LOCKED, ROUNDING, WORK
+from impactlaw.stepping.soft.tolerances import LOCKED, OPENING, ROUNDING, WORK
 from impactlaw.stepping.work import Work
 
 POSITION, VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
@@ -195,6 +195,7 @@ class Collisions:
             data.qvel.copy(),
             approach=np.full(h, self.rest_speed),
             rounding=np.full(h, ROUNDING * np.abs(gamma).max()),
+            opening=OPENING * self.rest_speed,
             time=data.time,
             qpos=data.qpos,
             events=events,

@@ -3,9 +3,11 @@
 REST_SPEED = 0.1
 """Closing speed, m/s, above which a soft contact collides."""
 
-ROUNDING = 1e-9
-"""Part of the largest contact velocity up to which a contact does not separate: soft contact at rest trembles by 1e-9
-m/s, and outcomes may leave S(v-) by as much, see `Violations.is_admissible`."""
+ROUNDING = 1e-12
+"""Part of the largest contact velocity up to which a contact does not separate: a collision with E = 0 leaves it so."""
+
+OPENING = 0.1
+"""Part of `rest_speed` up to which a contact does not separate either: soft contact at rest trembles."""
 
 LOCKED = 1.0
 """Ratio of damping to inertia, h D / M, above which a joint has the inertia ``M + h D`` in a collision.

@@ -48,7 +48,7 @@ from impactlaw.stepping.soft.compiled.contacts.rows import everyone, reached_by,
 from impactlaw.stepping.soft.compiled.contacts.work import work_of_each
 from impactlaw.stepping.soft.compiled.shares import ENOUGH, Wanted, find_impulses
 from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, UNKNOWN
-from impactlaw.stepping.soft.tolerances import GAINED, ROUNDING
+from impactlaw.stepping.soft.tolerances import GAINED, OPENING, ROUNDING
 
 Array = np.ndarray[Any, Any]
 
@@ -58,6 +58,7 @@ restitution was scaled, those that ended the matter, and whether some of them ha
 SUMS = 7
 """Numbers of these sums."""
 
+_OPPOSED = -2  # how one has ended in which contacts that tremble oppose others, so that not all can stay closed
 _DRIVEN = -1  # how a collision has ended that is resolved once more, see `_collide`
 
 
@@ -104,7 +105,7 @@ def _ask(w, law, found, rows, members, velocity, last, before, restored):
         for r in range(first, first + rows.sizes[g]):
             for a in range(rows.adr[r], rows.adr[r] + rows.nnz[r]):
                 before[r] += rows.val[a] * velocity[rows.col[a]]
-            restored[r] = (e if r == first or last else law.sliding) * before[r]
+            restored[r] = e * min(before[r], 0.0) if r == first else (e if last else law.sliding) * before[r]
     return True
 
 
@@ -134,12 +135,16 @@ def _some_driven(w, v, z, islands):
     return some
 
 
-@linked(types.int64(WORLD, LAW, FOUND, FLOATS, FLOATS, _ISLANDS, types.float64, types.boolean, FLOATS, FLOATS))
-def _resolve(w, law, found, gamma, calm, islands, rounding, last, velocity, sums):
+@linked(
+    types.int64(
+        WORLD, LAW, FOUND, FLOATS, FLOATS, _ISLANDS, types.float64, types.float64, types.boolean, FLOATS, FLOATS
+    )
+)
+def _resolve(w, law, found, gamma, calm, islands, rounding, opening, last, velocity, sums):
     """Resolve one collision: change the velocity, (nv,), and add to the sums; return how it has ended.
 
     The last one is of all contacts, with E = 0. How it has ended is `_DRIVEN` where much of the energy of an island is
-    that of constraints that give way, see `_Islands`.
+    that of constraints that give way, see `_Islands`, `_OPPOSED` where contacts that open, up to `opening`, have to.
     """
     Mnnz, Madr, Mcol = layout_of(w)
     factor, root = data_floats(w, DATA.qLD, size(w, MODEL.nC)), numbers(w.nv)
@@ -149,12 +154,15 @@ def _resolve(w, law, found, gamma, calm, islands, rounding, last, velocity, sums
     jacobian = jacobian_of(w)
     basis = numbers((number(w, DATA.ne) + 1) * w.nv if len(law.bilateral) > 0 else 0)
     kept = span(w, law.bilateral, calm, jacobian, root, basis) if len(basis) > 0 else 0
-    reached = cleared(len(gamma))
+    reached, trembles = cleared(len(gamma)), False
     if last:
         for i in range(len(gamma)):
             reached[i] = True
     else:
-        within_reach(w, found, jacobian, gamma, law.rest_speed, rounding, cleared(size(w, MODEL.ntree)), reached)
+        separates = max(rounding, opening)
+        within_reach(w, found, jacobian, gamma, law.rest_speed, separates, cleared(size(w, MODEL.ntree)), reached)
+        for i in range(len(gamma)):
+            trembles = trembles or (reached[i] and gamma[i] > rounding)
     rows = read(w, found, jacobian, reached, root, law.frictional)
     free, moves = rows, True
     if kept > 0:
@@ -171,6 +179,8 @@ def _resolve(w, law, found, gamma, calm, islands, rounding, last, velocity, sums
     residual, share = find_impulses(w, rows, members, wanted, x, z)
     if not residual <= ENOUGH:
         return PYTHON
+    if share == 0.0 and trembles:
+        return _OPPOSED
     changed = norm(z)
     distant = work_of_each(rows, members, x, z, before, SIGNIFICANT * speed, numbers(len(members)))
     gained = dot(v, FIRST, z, FIRST, w.nv) + 0.5 * changed * changed
@@ -236,7 +246,7 @@ def _collide(w, law, islands, sums):
     n, speeds = number(w, DATA.nefc), data_floats(w, DATA.efc_vel, number(w, DATA.nefc))
     found = find(w, law.bilateral)
     gamma, qvel = numbers(len(found.row)), velocity_of(w)
-    lowest, rounding = normal_velocities(found, speeds, gamma), 0.0
+    lowest = normal_velocities(found, speeds, gamma)
     calm, jacobian = zeros(len(islands.label)), jacobian_of(w)
     if len(calm) > 0:
         _find_calm(w, found, gamma, jacobian, islands, calm)
@@ -246,13 +256,17 @@ def _collide(w, law, islands, sums):
         lowest = normal_velocities(found, speeds, gamma)
     if not lowest < -law.rest_speed:
         return FINE, False
+    rounding, opening = 0.0, OPENING * law.rest_speed
     for speed in gamma:
         rounding = max(rounding, ROUNDING * abs(speed))
     velocity, before, rows, status, changed = copied(qvel), numbers(w.nv), numbers(n), FINE, False
     while status == FINE:
         last = sums[COUNT] >= law.most
         put(before, velocity)
-        status = _resolve(w, law, found, gamma, calm, islands, rounding, last, velocity, sums)
+        status = _resolve(w, law, found, gamma, calm, islands, rounding, opening, last, velocity, sums)
+        if status == _OPPOSED:
+            status, opening = FINE, 0.0
+            continue
         if status == FINE:
             _tell(law.outcomes, velocity)
             sums[LAST] += last

@@ -17,6 +17,7 @@ from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers.friction.solve import THOROUGH
+from impactlaw.stepping.collisions import as_closed
 from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, changed_model
 from impactlaw.stepping.integration import restore_state
 from impactlaw.stepping.soft.compiled.entry import EXTRA
@@ -52,6 +53,7 @@ class _Known(Law):
 
     law: Law
     velocities: Iterator[np.ndarray]
+    closed: bool = False  # see `as_closed`
 
     def target(self, collision: Collision) -> Target:
         """Return the target of the law."""
@@ -60,7 +62,10 @@ class _Known(Law):
     def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
         """Return the impact with the velocity that is known."""
         limits = {"effort": _AsCompiled()} if isinstance(self.law, Coulomb) else {}
-        impact, velocity = self.law.resolve(collision, solver=solver, **limits), next(self.velocities, None)
+        impact = self.law.resolve(collision, solver=solver, **limits)
+        if self.closed and isinstance(impact, FrictionImpact) and impact.restitution_scale == 0.0:
+            return impact  # compiled code has gone on without it, too
+        velocity = next(self.velocities, None)
         if velocity is None:
             return impact
         if np.abs(impact.post_velocity - velocity).max() <= _SAME * np.abs(velocity).max():
@@ -74,6 +79,11 @@ class _Known(Law):
             return replace(FrictionImpact.observed(collision, velocity, near=impact), **kept)
         except SolverError:
             return impact
+
+
+@as_closed.register
+def _(law: _Known) -> Law:
+    return _Known(as_closed(law.law), law.velocities, closed=True)
 
 
 class Replay:
