@@ -11,13 +11,15 @@ from impactlaw.stepping.law_targets import LawTargets
 
 _UNIT = np.array([-1.0])
 _LIMIT_JOINT = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT)
+_LIMITS_OF_JOINTS = _LIMIT_JOINT, _LIMIT_JOINT + 2
 
 
 class Coefficients:
     """Restitution by the keys of contacts; a key is looked up when it is first met.
 
     The key of a contact is the lower number of its geoms, times ``2^32``, and the higher one; that of a limit, of a
-    joint or tendon, is ``-1 - (8 number + kind)`` with MuJoCo's kind of constraint.
+    joint or tendon, is ``-1 - (8 number + kind)`` with MuJoCo's kind of constraint, or with 2 more where it has one
+    degree of freedom, for its lower limit.
 
     Attributes:
         key: ascending, int64 (k,).
@@ -34,7 +36,7 @@ class Coefficients:
             label = f"{self._names[key >> 32]}/{self._names[key & 0xFFFFFFFF]}"
         else:
             number, kind = divmod(-1 - key, 8)
-            label = self._limits.labels[2 * (number if kind == _LIMIT_JOINT else self._joints + number)]
+            label = self._limits.labels[2 * (number if kind in _LIMITS_OF_JOINTS else self._joints + number)]
         e = float(self._targets.of_each((label,), _UNIT)[0])
         at = int(np.searchsorted(self.key, key))
         self.key, self.value = np.insert(self.key, at, key), np.insert(self.value, at, e)

@@ -196,10 +196,24 @@ def entries_of(Jnnz, Jadr, Jcol, J, tree, treenum, mark):
 
 
 @plain
-def _write_group(rows, g, r, row, size, kind, kinds, number, position, regularizer, loss, geoms, timestep):
+def _side(Jnnz, Jadr, J, row):
+    """Return 2 where a row has one entry, which is positive, else 0: so the two limits of a slide or hinge differ."""
+    entries, side = 0, 0
+    for k in range(Jadr[row], Jadr[row] + Jnnz[row]):
+        if J[k] != 0.0:
+            entries += 1
+            side = 2 if J[k] > 0.0 else 0
+    return side if entries == 1 else 0
+
+
+@plain
+def _write_group(
+    rows, g, r, row, size, kind, kinds, number, position, regularizer, loss, geoms, timestep, Jnnz, Jadr, J
+):  # fmt: skip
     """Write all of a group, which begins at one of MuJoCo's rows, but its rows."""
     rows.groups[0, g], rows.groups[1, g], rows.groups[2, g], rows.groups[3, g] = r, size, kind, -1
-    rows.key[g] = -1 - (np.int64(number[row]) * 8 + kinds[row])
+    side = _side(Jnnz, Jadr, J, row) if kinds[row] in _LIMIT else 0
+    rows.key[g] = -1 - (np.int64(number[row]) * 8 + kinds[row] + side)
     rows.amounts[0, g] = position[row] if kind == CONE else 0.0
     rows.amounts[1, g] = timestep * loss[row] if kind == BOX else regularizer[row] if kind == BILATERAL else 0.0
     if kind == CONE and kinds[row] >= 5:
@@ -247,7 +261,9 @@ def write_rows(
         if not near[row]:
             row += step
             continue
-        _write_group(rows, g, r, row, size, kind, kinds, number, position, regularizer, loss, geoms, timestep)
+        _write_group(
+            rows, g, r, row, size, kind, kinds, number, position, regularizer, loss, geoms, timestep, Jnnz, Jadr, J
+        )  # fmt: skip
         for k in range(step if frictional else 1):
             i, scale = row + k, 1.0 if k == 0 else friction[number[row], k - 1]
             if k > 0 and scale <= NO_FRICTION:

@@ -19,6 +19,10 @@ _ROUNDED = 1.0 + 1e-9
 A body that has stopped a little above the floor falls on at just this speed, and rounding must not decide which of its
 corners collide."""
 
+_OPEN = 0.1
+"""Part of the way of a timestep, at the speed that is the turn of the gradient, up to which contact that goes on is
+open: what flies from one side to the other in a step is farther away."""
+
 _JUST = 1.0 - 1e-9
 """Part of the way of a timestep that a contact has at most that closes within it, but for rounding."""
 
@@ -33,8 +37,9 @@ def aim(groups, amounts, rates, timestep, restitution, slowest, resolved, may, t
             continue
         gap, gamma, led = amounts[0, g], rates[1, groups[0, g]], rates[2, groups[0, g]]
         turn = gamma - rates[5, groups[0, g]]
-        if turn < 0.0 and abs(turn - rates[6, groups[0, g]]) <= -SMOOTH * turn and -resolved < gamma < 0.0:
-            target[g] = min(-0.5 * turn, -gamma) - max(gap, 0.0) / timestep
+        smooth = abs(turn - rates[6, groups[0, g]]) <= -SMOOTH * turn  # and turn < 0; not where some are NaN
+        if smooth and -resolved < gamma < 0.0 and gap <= -_OPEN * timestep * turn:
+            target[g] = max(min(-0.5 * turn, -gamma), -restitution * gamma) - max(gap, 0.0) / timestep
             continue
         threshold = max(slowest, min(_ROUNDED * (gamma - led), resolved))
         if may[g] and gamma < -threshold and (gap <= 0.0 or gap + timestep * led < 0.0):
@@ -79,9 +84,9 @@ def contact_targets(groups, amounts, rates, timestep, restitution, slowest, reso
     contacts, ``gap + h gamma_free < 0``. Then ``gamma^h = -e gamma-``. Any other may come as close as to touch,
     ``gamma^h = -gap / h`` while it is open and 0 when it is not. One that goes on, and approaches more slowly than
     ``resolved`` because its gradient turns by ``d < 0`` much as in the step before (`turns`), has ``-d / 2`` added to
-    that, at most ``-gamma-`` so that no energy comes of it, and does not collide. The threshold is what forces make of
-    a contact at rest within a step, ``h |J a|``, but at most ``resolved``, and at least ``slowest``: slower collisions
-    are not resolved.
+    that, between ``-e gamma-`` and ``-gamma-`` so that no energy comes of it, and does not collide. The threshold is
+    what forces make of a contact at rest within a step, ``h |J a|``, but at most ``resolved``, and at least
+    ``slowest``: slower collisions are not resolved.
 
     Args:
         groups: see `rows.Rows`, like the two that follow.

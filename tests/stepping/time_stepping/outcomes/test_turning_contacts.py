@@ -117,6 +117,26 @@ def test_an_elastic_ball_joint_keeps_bouncing():
     assert np.abs(change).max() < 1e-3
 
 
+@pytest.mark.parametrize("code", ["auto", "never"])
+@pytest.mark.parametrize("scene", ["joint", "tendon"])
+@pytest.mark.parametrize("e", [1.0, 0.9])
+def test_what_flies_from_limit_to_limit_in_a_step_collides(scene, e, code):
+    """Each collision turns the velocity as much as the one before."""
+    limit = 'limited="true" range="-5e-5 5e-5"'
+    joint = limit if scene == "joint" else ""
+    world = f'<body><joint name="x" type="slide" axis="1 0 0" {joint}/><geom size=".05" mass="1"/></body>'
+    rest = f'<tendon><fixed {limit}><joint joint="x" coef="1"/></fixed></tendon>' if scene == "tendon" else ""
+    model, data = compiled(world, rest, option='timestep="1e-3" gravity="0 0 0"')
+    data.qvel[0] = 0.04
+    stepper = stepping(model, Moreau(e), compiled=code)
+    for _ in range(20):
+        before = abs(data.qvel[0])
+        stepper.step(data)
+        speed = abs(data.qvel[0])
+        assert speed == pytest.approx(before, abs=1e-9) or speed == pytest.approx(e * before, abs=1e-9)
+    assert e == 1.0 or speed < 0.03
+
+
 @pytest.mark.parametrize(
     ("gamma", "reached", "turned", "collides", "target"),
     [
@@ -133,6 +153,16 @@ def test_an_elastic_ball_joint_keeps_bouncing():
 def test_what_turns_as_in_the_step_before_goes_on(gamma, reached, turned, collides, target):
     groups, amounts = np.array([[0], [1], [CONE], [0]], np.int32), np.zeros((2, 1))
     rates = np.array([1.0, gamma, gamma, 0.0, 0.0, reached, turned]).reshape(7, 1)
+    found, which = contact_targets(groups, amounts, rates, 1e-3, 0.5, REST_SPEED, RESOLVED, np.ones(1, bool))
+    assert which[0] == collides
+    assert found[0] == pytest.approx(target, abs=1e-15)
+
+
+@pytest.mark.parametrize(("gap", "collides", "target"), [(3e-6, False, 0.02 - 3e-3), (5e-6, True, 0.01)])
+def test_what_goes_on_is_closed(gap, collides, target):
+    """Its gap is up to a tenth of h d."""
+    groups, amounts = np.array([[0], [1], [CONE], [0]], np.int32), np.array([[gap], [0.0]])
+    rates = np.array([1.0, -0.02, -0.02, 0.0, 0.0, 0.02, -0.04]).reshape(7, 1)
     found, which = contact_targets(groups, amounts, rates, 1e-3, 0.5, REST_SPEED, RESOLVED, np.ones(1, bool))
     assert which[0] == collides
     assert found[0] == pytest.approx(target, abs=1e-15)
