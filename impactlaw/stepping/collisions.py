@@ -97,8 +97,9 @@ class Closed(NamedTuple):
 class Collider:
     """Resolves collisions by a law.
 
-    Only contacts with ``gamma- <= 0`` take part, since a law is a map from -T_C, and of those only the ones that an
-    impulse can reach. A contact that separates and is driven closed by the others collides next, at the same time.
+    Only contacts with ``gamma- <= 0`` take part, since a law is a map from -T_C, or such that tremble, and of those
+    only the ones that an impulse can reach. A contact that separates and is driven closed by the others collides next,
+    at the same time.
     """
 
     law: Law  # the law
@@ -178,12 +179,15 @@ class Collider:
             closed = closed._replace(drift_before=None)
 
     def _as_closed(self, law: Law, collision: Collision, limited: dict[str, Work]) -> Impact | None:
-        """Return what the law makes of contacts that tremble; None where these oppose others, and not all can close."""
+        """Return what the law makes of contacts that tremble; None where that is not possible, or leaves S(v-).
+
+        A push against what opens can create energy, if little; and what opens can oppose what closes.
+        """
         try:
             impact = as_closed(law).resolve(collision, solver=self.solver, **limited)
         except UnsolvableLawError:
             return None
-        return None if isinstance(impact, FrictionImpact) and impact.restitution_scale == 0.0 else impact
+        return impact if is_kept(impact) else None
 
     def _admissible(self, impact: Impact, rounding: np.ndarray, time: float) -> Impact:
         if self.on_inadmissible == "allow":
@@ -211,7 +215,7 @@ class Collider:
 
 @dataclass(frozen=True)
 class _AsClosed(Law):
-    """A law whose contacts that open before the collision do not close after it."""
+    """A law that takes contacts that open before the collision for still ones."""
 
     law: Law
 
@@ -221,9 +225,16 @@ class _AsClosed(Law):
         return self.law.contact_labels
 
     def target(self, collision: Collision) -> Target:
-        """Return what the law aims at, at least 0 where ``gamma- > 0``."""
-        wanted = aim(self.law, collision).contact_velocity
-        return Target(np.where(collision.pre_contact_velocity > 0.0, np.maximum(wanted, 0.0), wanted))
+        """Return what the law aims at for ``min(gamma-, 0)``."""
+        opens, surface = np.maximum(collision.pre_contact_velocity, 0.0), collision.surface_velocity
+        still = replace(collision, surface_velocity=-opens if surface is None else surface - opens)
+        return Target(aim(self.law, still).contact_velocity)
+
+
+def is_kept(impact: Impact) -> bool:
+    """Return whether all restitution is kept, and the outcome is in S(v-)."""
+    scaled = isinstance(impact, FrictionImpact) and impact.restitution_scale < 1.0
+    return not scaled and impact.violations.is_admissible()
 
 
 @singledispatch

@@ -1,10 +1,13 @@
 """A body that rests on several soft contacts is hit: all take part, though some tremble open."""
 
+import mujoco
 import numpy as np
 import pytest
 from scenes import INTEGRATORS, compiled
 
 from impactlaw import Moreau, Stepper
+from impactlaw.laws.fremond import Reversal
+from impactlaw.models.builder import cradle
 
 BOX = """<geom name="floor" type="plane" size="9 9 1"/>
     <body pos="0 0 .1"><freejoint/><geom name="box" type="box" size=".1 .1 .1" mass="1"/></body>
@@ -60,3 +63,18 @@ def test_what_separates_is_hit_afterwards(opening, contacts, code):
     stepper.step(data)
     assert [len(event.contacts) for event in stepper.events] == contacts
     assert np.abs(data.qvel).max() < 1e-6
+
+
+def test_a_law_of_all_contacts_is_not_told_that_one_trembles():
+    """Under the reversal law each contact aims at what its mirror image had: what opened would be what may close."""
+    model = cradle(5).compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    stepper = Stepper(model, Reversal(1.0), contact_model="soft", on_inadmissible="raise")
+    opened = 0.0
+    for _ in range(3000):
+        stepper.step(data)
+        for event in stepper.events:
+            opened = max(opened, event.impact.collision.pre_contact_velocity.max())
+            assert event.impact.violations.is_admissible()
+    assert opened > 1e-6

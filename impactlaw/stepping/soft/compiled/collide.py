@@ -58,7 +58,7 @@ restitution was scaled, those that ended the matter, and whether some of them ha
 SUMS = 7
 """Numbers of these sums."""
 
-_OPPOSED = -2  # how one has ended in which contacts that tremble oppose others, so that not all can stay closed
+_OPPOSED = -2  # how one has ended that leaves S(v-) with contacts that tremble
 _DRIVEN = -1  # how a collision has ended that is resolved once more, see `_collide`
 
 
@@ -144,7 +144,8 @@ def _resolve(w, law, found, gamma, calm, islands, rounding, opening, last, veloc
     """Resolve one collision: change the velocity, (nv,), and add to the sums; return how it has ended.
 
     The last one is of all contacts, with E = 0. How it has ended is `_DRIVEN` where much of the energy of an island is
-    that of constraints that give way, see `_Islands`, `_OPPOSED` where contacts that open, up to `opening`, have to.
+    that of constraints that give way, see `_Islands`, `_OPPOSED` where contacts that open, up to `opening`, take
+    restitution from it.
     """
     Mnnz, Madr, Mcol = layout_of(w)
     factor, root = data_floats(w, DATA.qLD, size(w, MODEL.nC)), numbers(w.nv)
@@ -179,7 +180,7 @@ def _resolve(w, law, found, gamma, calm, islands, rounding, opening, last, veloc
     residual, share = find_impulses(w, rows, members, wanted, x, z)
     if not residual <= ENOUGH:
         return PYTHON
-    if share == 0.0 and trembles:
+    if share < 1.0 and trembles:
         return _OPPOSED
     changed = norm(z)
     distant = work_of_each(rows, members, x, z, before, SIGNIFICANT * speed, numbers(len(members)))

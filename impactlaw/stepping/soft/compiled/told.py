@@ -17,7 +17,7 @@ from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers.friction.solve import THOROUGH
-from impactlaw.stepping.collisions import as_closed
+from impactlaw.stepping.collisions import as_closed, is_kept
 from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, changed_model
 from impactlaw.stepping.integration import restore_state
 from impactlaw.stepping.soft.compiled.entry import EXTRA
@@ -63,7 +63,7 @@ class _Known(Law):
         """Return the impact with the velocity that is known."""
         limits = {"effort": _AsCompiled()} if isinstance(self.law, Coulomb) else {}
         impact = self.law.resolve(collision, solver=solver, **limits)
-        if self.closed and isinstance(impact, FrictionImpact) and impact.restitution_scale == 0.0:
+        if self.closed and not is_kept(impact):
             return impact  # compiled code has gone on without it, too
         velocity = next(self.velocities, None)
         if velocity is None:
