@@ -9,6 +9,7 @@ from stepping.time_stepping.stepped import FLOOR, stepping
 from impactlaw import Moreau, Poisson
 from impactlaw.solvers.cones import CONE
 from impactlaw.stepping.time_stepping.problem.targets import contact_targets
+from impactlaw.stepping.time_stepping.problem.turns import keep_sticking, take_turns
 from impactlaw.stepping.time_stepping.tolerances import RESOLVED, REST_SPEED
 
 BOB = '<site name="hook"/><body pos="0 0 -1"><freejoint/><geom size=".05" mass="1"/><site name="bob"/></body>'
@@ -143,6 +144,7 @@ def test_what_flies_from_limit_to_limit_in_a_step_collides(scene, e, code):
         (-0.02, 0.02, -0.04, False, 0.02),  # goes on
         (-0.03, 0.02, -0.05, False, 0.025),  # the same, and minus half of the turn
         (-0.01, 0.03, -0.04, False, 0.01),  # not more than elastic: no energy comes of it
+        (-0.045, -0.01, -0.035, False, 0.0225),  # not less than e: what is elastic keeps its energy
         (-0.02, np.nan, np.nan, True, 0.01),  # no impulse in the step before: e = 0.5
         (-0.02, 0.0, np.nan, True, 0.01),  # an impulse in that alone
         (-0.02, 0.02, -0.02, True, 0.01),  # an edge: what turns all at once
@@ -166,3 +168,45 @@ def test_what_goes_on_is_closed(gap, collides, target):
     found, which = contact_targets(groups, amounts, rates, 1e-3, 0.5, REST_SPEED, RESOLVED, np.ones(1, bool))
     assert which[0] == collides
     assert found[0] == pytest.approx(target, abs=1e-15)
+
+
+def test_a_block_that_slides_to_rest_does_not_turn_back():
+    """Friction at its limit remembers no turn: what slides is not what turns."""
+    block = '<body pos="0 0 .1"><freejoint/><geom type="box" size=".1 .1 .1" mass="1"/></body>'
+    model, data = compiled(FLOOR + block, option='timestep="1e-3"', geom='friction=".3 0 0"')
+    data.qvel[0] = 0.04
+    stepper, speeds = stepping(model, Moreau(0.0)), []
+    for _ in range(40):
+        stepper.step(data)
+        speeds.append(data.qvel[0])
+    assert min(speeds) > -1e-12
+    assert speeds[9] == pytest.approx(0.04 - 0.3 * 9.81 * 0.01, abs=1e-9)
+    assert abs(speeds[-1]) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("now", "turned", "aimed"),
+    [
+        (0.01, 0.02, True),  # t = -0.01, d = 0.02 as in the step before
+        (0.01, 0.03, None),  # another turn
+        (0.01, np.nan, None),  # no turn yet
+        (0.08, 0.09, None),  # too fast
+    ],
+)
+def test_what_sticks_aims_at_minus_half_of_its_turn(now, turned, aimed):
+    groups = np.array([[0], [2], [CONE], [0]], np.int32)
+    rates = np.ones((7, 2))
+    rates[1], rates[5], rates[6] = [0.0, now], [0.0, -0.01], [0.0, turned]
+    sliding = np.zeros(2)
+    keep_sticking(groups, rates, RESOLVED, sliding)
+    assert sliding == pytest.approx([0.0, -0.0 if aimed is None else -0.5 * (now + 0.01)], abs=1e-15)
+
+
+def test_what_is_remembered_of_a_contact():
+    """Where it sticks, all that it aimed at; where it slides the normal velocity; where it does not push nothing."""
+    groups = np.array([[0, 2, 4], [2, 2, 2], [CONE] * 3, [0, 1, 2]], np.int32)
+    x, rates = np.array([1.0, 0.5, 1.0, 1.0, 0.0, 0.0]), np.ones((7, 6))
+    rates[1], rates[5] = np.arange(6.0), 0.5
+    take_turns(groups, rates, x, np.array([0.1, 0.2, 0.3]), np.array([0.0, 0.4, 0.0, 0.5, 0.0, 0.6]))
+    np.testing.assert_array_equal(rates[5], [0.1, 0.4, 0.2, np.nan, np.nan, np.nan])
+    np.testing.assert_array_equal(rates[6], np.arange(6.0) - 0.5)
