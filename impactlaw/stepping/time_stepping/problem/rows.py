@@ -102,6 +102,20 @@ class Rows(NamedTuple):
 
 
 @plain
+def find_group(key, known_key, at):
+    """Return which of the groups of another step has a key, -1 if none has.
+
+    The search begins at a place, after the last match: so groups of one key are matched in their order.
+    """
+    m = len(known_key)
+    for step in range(m):
+        j = at + step if at + step < m else at + step - m
+        if known_key[j] == key:
+            return j
+    return -1
+
+
+@plain
 def _group(kinds, dim, friction, number, row, frictional):
     """Return the kind of the group that begins at a row, and its rows, those without friction left out."""
     kind = kinds[row]

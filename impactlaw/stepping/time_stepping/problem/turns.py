@@ -13,6 +13,7 @@ import numpy as np
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.stepping.time_stepping.problem.rows import find_group
 
 SMOOTH = 0.25
 """Part of what a gradient turns in a step by which that changes at most from step to step where contact goes on."""
@@ -23,25 +24,21 @@ _STICKS = 1.0 - 1e-9
 @plain
 def write_recalled(groups, key, rates, known_groups, known_key, known_turns):
     """Do what `recall_turns` does."""
-    m, at = len(known_key), 0
+    at = 0
     for g in range(len(key)):
-        for step in range(m):
-            j = at + step if at + step < m else at + step - m
-            if known_key[j] != key[g]:
-                continue
-            if known_groups[1, j] == groups[1, g]:
-                for k in range(groups[1, g]):
-                    for i in range(2):
-                        rates[5 + i, groups[0, g] + k] = known_turns[i, known_groups[0, j] + k]
-            at = j + 1 if j + 1 < m else 0
-            break
+        j = find_group(key[g], known_key, at)
+        if j >= 0 and known_groups[1, j] == groups[1, g]:
+            for k in range(groups[1, g]):
+                for i in range(2):
+                    rates[5 + i, groups[0, g] + k] = known_turns[i, known_groups[0, j] + k]
+        at = (j + 1) % len(known_key) if j >= 0 else at
 
 
 @compiled()
 def recall_turns(groups, key, rates, known_groups, known_key, known_turns):
     """Write what `take_turns` has written in the step before, where the same group has as many rows, to `rates`.
 
-    Groups of one key are matched in their order, as by `contact_problem.recall`.
+    Groups of one key are matched in their order, see `rows.find_group`.
 
     Args:
         groups: see `rows.Rows`, like the two that follow.

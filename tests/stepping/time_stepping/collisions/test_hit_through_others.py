@@ -253,3 +253,23 @@ def test_contacts_of_a_face_are_left_out_together(seed, monkeypatch):
     assert len(stepper.events) == 2
     assert max(sizes) > 3
     assert not [one for one in zip(sizes, sizes[1:], sizes[2:], strict=False) if one[0] > one[1] > one[2]], sizes
+
+
+def test_after_collisions_one_after_another_no_turn_is_known(monkeypatch):
+    """The last of them has only a part of the contacts; the step ends with other velocities than the first aimed at."""
+    find, known = ContactProblem.find, []
+
+    def spy(self, data, rows, *arguments, phases):
+        found = find(self, data, rows, *arguments, phases=phases)
+        known.append((phases, len(rows.key), found.reached))
+        return found
+
+    monkeypatch.setattr(ContactProblem, "find", spy)
+    model = line([0.001, 0.0015])
+    data = mujoco.MjData(model)
+    data.qvel[0] = 1.0
+    Stepper(model, Moreau(1.0), scheme="time-stepping", compiled="never").step(data)
+    phases, groups, reached = known[-1]
+    assert phases
+    assert len(reached) == groups == 2
+    assert np.isnan(reached).all()

@@ -9,6 +9,7 @@ from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import clear, copied, integers, kernel, numbers, plain, put, zeros
 from impactlaw.solvers.cones.solve import linked_improve
 from impactlaw.stepping.time_stepping.problem.energy import is_met, row_velocities
+from impactlaw.stepping.time_stepping.problem.rows import find_group
 from impactlaw.stepping.time_stepping.problem.targets import write_offsets
 
 TOLERANCE = 1e-10
@@ -25,25 +26,21 @@ _CONVEX = np.bool_(False)
 def guess(groups, key, scale, known_groups, known_key, known_scale, known, x):
     """Write what `recall` returns, (n,)."""
     clear(x)
-    m, at = len(known_key), 0
+    at = 0
     for g in range(len(key)):
-        for step in range(m):
-            j = at + step if at + step < m else at + step - m
-            if known_key[j] != key[g]:
-                continue
-            if known_groups[1, j] == groups[1, g]:
-                for k in range(groups[1, g]):
-                    old = known_groups[0, j] + k
-                    x[groups[0, g] + k] = known[old] * known_scale[old] / scale[groups[0, g] + k]
-            at = j + 1 if j + 1 < m else 0
-            break
+        j = find_group(key[g], known_key, at)
+        if j >= 0 and known_groups[1, j] == groups[1, g]:
+            for k in range(groups[1, g]):
+                old = known_groups[0, j] + k
+                x[groups[0, g] + k] = known[old] * known_scale[old] / scale[groups[0, g] + k]
+        at = (j + 1) % len(known_key) if j >= 0 else at
 
 
 @compiled()
 def recall(groups, key, scale, known_groups, known_key, known_scale, known):
     """Return the impulses of the step before where the same group has as many rows, else zeros, (n,).
 
-    Groups of one key are matched in their order. The search goes on where the last match was: the order rarely changes.
+    Groups of one key are matched in their order, see `rows.find_group`.
     """
     x = np.empty(len(scale))
     guess(groups, key, scale, known_groups, known_key, known_scale, known, x)
