@@ -29,17 +29,33 @@ _SAFE = np.int64(8)  # rounds of slower methods that it has
 
 
 @plain
+def _root(s, work, points, low, high):
+    """Return where the parabola through the last three points, or the line through two, is 0, next to the last one.
+
+    Return the middle of the bounds where there is no such point between them.
+    """
+    slope, bend = (work[2] - work[1]) / (s[2] - s[1]), 0.0
+    if points > 2:
+        bend = (slope - (work[1] - work[0]) / (s[1] - s[0])) / (s[2] - s[0])
+    slope += bend * (s[2] - s[1])
+    square = slope * slope - 4.0 * bend * work[2]
+    root = s[2] - 2.0 * work[2] / (slope + np.copysign(np.sqrt(max(square, 0.0)), slope))
+    return root if square >= 0.0 and low < root < high else 0.5 * (low + high)
+
+
+@plain
 def _largest(
-    sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, allowed, tree, exact, rounds, left,
-    x, z, after, scaled, room,
+    sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, allowed, searches, tree, exact, rounds,
+    left, x, z, after, scaled, room,
 ):  # fmt: skip
     """Return the largest share up to s found with which contact creates no more energy than is allowed, J.
 
-    And what it creates with s, J, if that is more. For what is written see `solve_scaled`. The search is by regula
-    falsi (the Illinois method: M. Dowell and P. Jarratt, BIT 11, 1971), every third step by bisection.
+    And what it creates with s, J, if that is more. For what is written see `solve_scaled`. While contacts neither open
+    nor begin to slide, the energy is a parabola in s: the search is Muller's (Math. Tables Aids Comput. 10, 1956), with
+    bisection where three steps do not halve the bounds.
     """
-    low, high, most, gained, below, above, side = 0.0, s, s, 0.0, 0.0, 0.0, 0
-    for search in range(_SEARCHES):
+    low, high, most, gained, width, shares, works = 0.0, s, s, 0.0, s, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for search in range(searches):
         solve_scaled(
             sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds, left,
             x, z, after, scaled, room,
@@ -47,28 +63,31 @@ def _largest(
         work, total = contact_work(groups, rates, after, x)
         work -= allowed
         if work <= CREATED * total:
-            low, below, above, side = s, work, 0.5 * above if side < 0 else above, -1
+            low = s
             if s == most or work > -_CLOSE * total:
                 break
         else:
-            high, above, below, side = s, work, 0.5 * below if side > 0 else below, 1
-            gained = work if search == 0 else gained
+            high, gained = s, work if search == 0 else gained
         if left[0] <= 0.0:
             break
-        part = 0.5 if below == 0.0 or search % 3 == 0 else below / (below - above)
-        s = low + part * (high - low)
+        shares, works = (shares[1], shares[2], s), (works[1], works[2], work)
+        s = 0.5 * (low + high) if search == 0 else _root(shares, works, search + 1, low, high)
+        if search % 3 == 2:
+            s, width = s if high - low <= 0.5 * width else 0.5 * (low + high), high - low
     return low, gained
 
 
 @kernel
 def largest_share(
-    sparse, colind, value, groups, amounts, rates, target, sliding, collides, known, tree, exact, rounds, left
+    sparse, colind, value, groups, amounts, rates, target, sliding, collides, known, tree, exact, dissipative, rounds,
+    left,
 ):  # fmt: skip
     """Return the largest s found with which a collision creates no energy, and what it creates by itself with 1, J.
 
     The collision by itself starts from v- and knows no forces; its contacts do ``Lambda^T (gamma- + gamma+) / 2``. With
     friction, or a matrix E, that can be positive (T. R. Kane, *A dynamics puzzle*, 1984); with s = 0 it is not. Where
-    it is, s is such that the collision creates none with forces either, or no more than with s = 0.
+    it is, s is such that the collision creates none with forces either, or no more than with s = 0. If it need not be
+    `dissipative`, s is 1.
     """
     n = rates.shape[1]
     alone, x, z = numbers(5 * n).reshape((5, n)), copied(known), numbers(len(tree))
@@ -80,9 +99,11 @@ def largest_share(
         if groups[2, g] == BILATERAL and rates[3, row] != -rates[1, row]:  # else it is a stop, see `driven`
             alone[3, row] = rates[1, row]
     s, gained = _largest(
-        sparse, colind, value, groups, amounts, alone, target, sliding, collides, 1.0, 0.0, tree, exact, rounds, left,
-        x, z, after, scaled, room,
+        sparse, colind, value, groups, amounts, alone, target, sliding, collides, 1.0, 0.0,
+        _SEARCHES if dissipative else 1, tree, exact, rounds, left, x, z, after, scaled, room,
     )  # fmt: skip
+    if not dissipative:
+        return 1.0, gained
     if s == 1.0 or s == 0.0 or left[0] <= 0.0:
         return s, gained
     put(x, known)
@@ -92,8 +113,8 @@ def largest_share(
     )  # fmt: skip
     allowed = max(0.0, contact_work(groups, rates, after, x)[0])
     s, _ = _largest(
-        sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, allowed, tree, exact, rounds, left,
-        x, z, after, scaled, room,
+        sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, allowed, _SEARCHES, tree, exact, rounds,
+        left, x, z, after, scaled, room,
     )  # fmt: skip
     return s, gained
 
@@ -191,9 +212,8 @@ def scale_down(
         if work > CREATED * total:
             s, created = largest_share(
                 sparse, colind, value, groups, amounts, rates, target, sliding, collides, x, tree, exact,
-                min(rounds, _FEW), left,
+                dissipative, min(rounds, _FEW), left,
             )  # fmt: skip
-            s = s if dissipative else 1.0
     while s < 1.0 or (jammed and some):
         if jammed:
             s, left[0], rounds = 0.0, max(left[0], reserve), max(rounds, _SAFE)
