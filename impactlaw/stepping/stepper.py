@@ -249,6 +249,7 @@ class Stepper:
         """
         if not isinstance(data, mujoco.MjData) or not is_data_of(self._model, data):
             raise _other_model(data)
+        self._events = ()
         if self._left_out is not None and self._left_out.check() and isinstance(self._stepping, RigidStepping):
             self._stepping.learn_friction()
         if steps.__class__ is not int or steps < 1:
@@ -283,6 +284,7 @@ class Stepper:
             raise _other_model(data)
         if not self._is_soft:
             raise SceneError('only soft stepping can be cut in two halves; use step(), or contact_model="soft"')
+        self._events = ()
         if self._left_out is not None:
             self._left_out.check()
         self._events = self._stepping.finish(data)  # pyright: ignore[reportAttributeAccessIssue]

@@ -25,12 +25,19 @@ from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
 
+_NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+
 
 def update_frames(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Bring frames and velocities of bodies up to the state."""
     mj_kinematics(model, data)
     mj_comPos(model, data)
     mj_comVel(model, data)
+
+
+def frames_of(data: mujoco.MjData) -> tuple[bytes, ...]:
+    """Return one field of each of the stages of `update_frames`: a state can be loaded without them."""
+    return data.xipos.tobytes(), data.subtree_com.tobytes(), data.cvel.tobytes()
 
 
 def update_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -121,7 +128,7 @@ def to_midpoint(
     if model.nsensordata:
         without_far_limits(mujoco.mj_sensorVel, model, data)
     control = mujoco.get_mjcb_control()
-    if control is not None:
+    if control is not None and not model.opt.disableflags & _NO_ACTUATION:
         control(model, data)
     mj_fwdActuation(model, data)
     mj_fwdAcceleration(model, data)

@@ -40,6 +40,7 @@ from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem
 from impactlaw.stepping.time_stepping.events import Known, Metric, StepImpulses
 from impactlaw.stepping.time_stepping.free_motion import (
+    frames_of,
     free_step,
     limit_energy,
     look_farther,
@@ -103,7 +104,8 @@ class TimeStepping:
         self.inertial = InertialForces(model)
         self._second_look = SecondLook(model, self._sizes, self._borrowed, self._reader)
         self._state = empty_state(model)
-        self._left: tuple[bytes, bytes] = b"", b""
+        self._left: tuple[bytes, ...] = ()
+        self._frames: tuple[bytes, ...] = ()
         self._known: Known | None = None
         self._found: StepImpulses | None = None
         self._rows: Rows | None = None
@@ -175,7 +177,7 @@ class TimeStepping:
         """
         with self._borrowed:
             update_frames(self._model, data)
-        self._left = data.qpos.tobytes(), data.qvel.tobytes()
+        self._leave(data)
         self._known, self._gained, self.solved = known if len(known[1]) else None, gained[0].copy(), solved
         self._held = gained[1].copy()
         self.move_on(motion)
@@ -198,7 +200,8 @@ class TimeStepping:
     def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
         """Advance by one timestep and return what tells its collisions; data is back where it was after an error."""
         model = self._model
-        state = save_state(model, data, self._state)
+        state, motion = save_state(model, data, self._state), self.last_motion
+        kept = self._known, self._gained, self._held, self.solved, self.short_steps
         check_input(model, data, state)
         if self._friction:
             refuse_override(model)
@@ -210,6 +213,8 @@ class TimeStepping:
         except BaseException:
             restore_state(model, data, state)
             mujoco.mj_fwdPosition(model, data)
+            self._known, self._gained, self._held, self.solved, self.short_steps = kept
+            self.move_on(motion)
             raise
 
     def _events(self) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
@@ -223,8 +228,10 @@ class TimeStepping:
         model, h = self._model, self._model.opt.timestep
         self._found = self._rows = None
         self.shortfall = 0.0
-        if (data.qpos.tobytes(), data.qvel.tobytes()) != self._left:
+        same = (data.qpos.tobytes(), data.qvel.tobytes()) == self._left
+        if not same or frames_of(data) != self._frames:
             update_frames(model, data)
+        if not same:
             self._known, self._gained, self._held = None, np.zeros(model.nv), np.zeros(model.nv)
         if self._surfaces is not None:
             self._surfaces.begin(data, h)
@@ -251,7 +258,7 @@ class TimeStepping:
         if shift is not None:
             mj_integratePos(model, data.qpos, shift, h)
         if is_huge(data):
-            raise DivergenceError(f"position or velocity is not finite, or huge, at t = {data.time:.6g} s")
+            raise DivergenceError(f"position or velocity is not finite, or huge, at t = {data.time - h:.6g} s")
         if self._surfaces is not None:
             self._surfaces.end(data)
         update_frames(model, data)
@@ -312,4 +319,8 @@ class TimeStepping:
             mujoco.mj_energyPos(self._model, data)
             mujoco.mj_energyVel(self._model, data)
         data.qacc_warmstart[:] = data.qacc
-        self._left = data.qpos.tobytes(), data.qvel.tobytes()
+        self._leave(data)
+
+    def _leave(self, data: mujoco.MjData) -> None:
+        """Remember the state in which the next step goes on from this one, and its frames."""
+        self._left, self._frames = (data.qpos.tobytes(), data.qvel.tobytes()), frames_of(data)

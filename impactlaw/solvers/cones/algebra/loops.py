@@ -190,6 +190,15 @@ def put(to: Array, source: Array) -> None:
 
 
 @plain
+def is_equal(one: Array, other: Array) -> bool:
+    """Return whether two arrays of a length hold the same numbers."""
+    for i in range(len(one)):
+        if one[i] != other[i]:
+            return False
+    return True
+
+
+@plain
 def clear(v: Array) -> None:
     """Let the numbers of an array be 0."""
     for i in range(len(v)):

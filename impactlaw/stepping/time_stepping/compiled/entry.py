@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple, cast
 
 import numba
+import numpy as np
 from numba import types
 
 from impactlaw.linked import linked
@@ -12,8 +13,8 @@ from impactlaw.solvers.cones.algebra.loops import copied, indices, numbers, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.fields import SIZE, address_of, floats, keep, long_at, longs
 from impactlaw.stepping.compiled.pooled import copy_out, other_data
-from impactlaw.stepping.time_stepping.compiled.state.memory import go_back
-from impactlaw.stepping.time_stepping.compiled.state.status import CALLBACK, FINE
+from impactlaw.stepping.time_stepping.compiled.state.memory import go_back, impulses_of
+from impactlaw.stepping.time_stepping.compiled.state.status import CALLBACK, FINE, UNKNOWN
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
 from impactlaw.stepping.time_stepping.compiled.step import STATE, advance
 
@@ -55,8 +56,8 @@ def one_step(context):
     if mj.is_watched(longs(c[CONTEXT.callbacks], c[CONTEXT.callback_count])):
         c[CONTEXT.status] = CALLBACK
         return
-    memory = floats(c[CONTEXT.memory], c[CONTEXT.memories])
-    put(floats(c[CONTEXT.before], c[CONTEXT.memories]), memory)
+    memory, before = floats(c[CONTEXT.memory], c[CONTEXT.memories]), floats(c[CONTEXT.before], c[CONTEXT.memories])
+    put(before, memory)
     c[CONTEXT.status] = advance(
         c[CONTEXT.model],
         c[CONTEXT.data],
@@ -74,6 +75,8 @@ def one_step(context):
         floats(c[CONTEXT.state], c[CONTEXT.states]),
         False,
     )
+    if c[CONTEXT.status] == UNKNOWN:  # the impulses of the last step are still there
+        go_back(memory, before, impulses_of(before.view(np.int64)))
 
 
 class Worlds(NamedTuple):
@@ -104,7 +107,10 @@ WORLDS = Worlds()
 
 @linked("void(int64,int64,int64,int64)")
 def some_steps(model, data, world, context):
-    """Take the steps of one of many worlds; after a failure its state and memory are those of before."""
+    """Take the steps of one of many worlds; after a failure its state and memory are those of before.
+
+    So a world whose law does not know a contact yet takes the same steps, once it knows it, as one whose law did.
+    """
     c = longs(context, len(WORLDS))
     n, many = c[WORLDS.memories], c[WORLDS.states]
     memory = floats(c[WORLDS.memory_of] + 8 * n * world, n)
@@ -115,7 +121,7 @@ def some_steps(model, data, world, context):
     structure = indices(long_at(c[WORLDS.table] + 8 * SIZE.model) // 8)
     margins, state, first = numbers(c[WORLDS.margin_count]), numbers(many), numbers(many)
     other = other_data(model, data, longs(c[WORLDS.slots], 2 * c[WORLDS.slot_count]))
-    before = copied(memory)
+    before, impulses = copied(memory), copied(impulses_of(memory.view(np.int64)))
     mj.get_state(model, data, address_of(first), STATE)
     for step in range(c[WORLDS.steps]):
         report[0] = advance(
@@ -126,7 +132,7 @@ def some_steps(model, data, world, context):
         )  # fmt: skip
         if report[0] != FINE:
             mj.set_state(model, data, address_of(first), STATE)
-            go_back(memory, before)
+            go_back(memory, before, impulses)
             break
     if report[0] == FINE:  # else this data is that of the step that failed, or of another world
         if c[WORLDS.forces] != 0:

@@ -49,8 +49,11 @@ def narrow_limits(w, gained):
 
 
 @plain
-def passes_limit(w, middle, reach):
-    """Return whether velocities lead in a time, s, past a limit that was not found, from the middle, (nq,)."""
+def passes_limit(w, middle, reach, shift, opens):
+    """Return whether velocities lead in a time, s, past a limit that was not found, from the middle, (nq,).
+
+    Where it `opens` overlaps, joints move in a timestep by a velocity beside their own, the shift, (nv,).
+    """
     joints, qvel = size(w, MODEL.njnt), velocity_of(w)
     kind, dof = model_ints(w, MODEL.jnt_type, joints), model_ints(w, MODEL.jnt_dofadr, joints)
     place, margin = model_ints(w, MODEL.jnt_qposadr, joints), model_floats(w, MODEL.jnt_margin, joints)
@@ -59,6 +62,8 @@ def passes_limit(w, middle, reach):
         if limited[j] == 0 or (kind[j] != _SLIDE and kind[j] != _HINGE):
             continue
         now, moved = middle[place[j]], reach * qvel[dof[j]]
+        if opens:
+            moved += w.timestep * shift[dof[j]]
         lower, upper = now - ends[2 * j], ends[2 * j + 1] - now
         if (lower >= margin[j] and lower + moved < 0.0) or (upper >= margin[j] and upper - moved < 0.0):
             return True

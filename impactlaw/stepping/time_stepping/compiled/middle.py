@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.frames import make_orthogonal
-from impactlaw.solvers.cones.algebra.loops import clear, norm, plain, put
+from impactlaw.solvers.cones.algebra.loops import clear, is_equal, norm, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     contact_floats,
@@ -26,6 +26,7 @@ from impactlaw.stepping.time_stepping.compiled.borrow import widen_limits
 from impactlaw.stepping.time_stepping.compiled.ends import update_frames
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, narrow_limits
+from impactlaw.stepping.time_stepping.compiled.state.frames import are_left
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, forget
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
     begin_surfaces,
@@ -43,12 +44,12 @@ _CONTACT_FULL, _ROWS_FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoc
 
 
 @plain
-def to_middle(w, counts, left, gained, held, start, middle, bias, turning, gravity, margins, work, loaded):
+def to_middle(w, counts, left, frames, gained, held, start, middle, bias, turning, gravity, margins, work, loaded):
     """Take a step without contact, bodies left in its middle; return whether MuJoCo had no room for all contacts.
 
     Of limits of joints, those are found that can be reached.
     """
-    _begin(w, counts, left, gained, held, loaded)
+    _begin(w, counts, left, frames, gained, held, loaded)
     _set_margins(w, gained, work)
     narrow_limits(w, gained)
     put(start, velocity_of(w))
@@ -60,12 +61,12 @@ def to_middle(w, counts, left, gained, held, start, middle, bias, turning, gravi
 
 
 @plain
-def _begin(w, counts, left, gained, held, loaded):
+def _begin(w, counts, left, frames, gained, held, loaded):
     """Let data be current, and forget what is not of the last step."""
     nq = size(w, MODEL.nq)
     qpos, qvel = data_floats(w, DATA.qpos, nq), velocity_of(w)
-    same = counts[MEMORY.known] != 0 and _equal(left[:nq], qpos) and _equal(left[nq:], qvel)
-    if loaded or not same:
+    same = counts[MEMORY.known] != 0 and is_equal(left[:nq], qpos) and is_equal(left[nq:], qvel)
+    if loaded or not same or not are_left(w, frames):
         update_frames(w)
     if not same:
         forget(counts)
@@ -73,14 +74,6 @@ def _begin(w, counts, left, gained, held, loaded):
         clear(held)
     if w.surfaces != 0:
         begin_surfaces(w)
-
-
-@plain
-def _equal(one, other):
-    for i in range(len(one)):
-        if one[i] != other[i]:
-            return False
-    return True
 
 
 @plain

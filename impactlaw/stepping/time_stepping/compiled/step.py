@@ -36,6 +36,7 @@ from impactlaw.stepping.time_stepping.compiled.impulses.contact import count_ent
 from impactlaw.stepping.time_stepping.compiled.impulses.looks import find_impulses
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, passes_limit
 from impactlaw.stepping.time_stepping.compiled.middle import find_sizes, look_at_limits, look_farther, outrun, to_middle
+from impactlaw.stepping.time_stepping.compiled.state.frames import FRAME, keep_frames
 from impactlaw.stepping.time_stepping.compiled.state.law import LawTable
 from impactlaw.stepping.time_stepping.compiled.state.memory import (
     MEMORY,
@@ -81,7 +82,7 @@ def _end(w, start, middle, shift, opens):
 
 
 @plain
-def _finish(w, memory, counts, left, collided, missed):
+def _finish(w, memory, counts, left, frames, collided, missed):
     """Leave what a step leaves beside the state."""
     finish(w)
     if w.surfaces != 0:
@@ -90,6 +91,7 @@ def _finish(w, memory, counts, left, collided, missed):
     nq = size(w, MODEL.nq)
     put(left, data_floats(w, DATA.qpos, nq))
     put(left[nq:], velocity_of(w))
+    keep_frames(w, frames)
     memory[MEMORY.steps] += 1.0
     memory[MEMORY.impacts] += collided
     memory[MEMORY.collided] = collided
@@ -154,15 +156,18 @@ def _step(w, law, memory, margins, cone, loaded):
     counts, at = memory.view(np.int64), MEMORY.left + nq
     left, gained = memory[MEMORY.left : at + nv], memory[at + nv : at + 2 * nv]
     held, turning, gravity = memory[at + 2 * nv : at + 3 * nv], cleared(size(w, MODEL.ntree)), numbers(nv)
+    frames = memory[at + 3 * nv : at + 3 * nv + FRAME * size(w, MODEL.nbody)]
     start, middle, bias = numbers(nv), numbers(nq), zeros(nv)
     begun = copied(data_floats(w, DATA.qpos, nq))
     work = numbers(max(6 * size(w, MODEL.nbody) + max(nv, len(margins)), 3 * nv))
-    full = to_middle(w, counts, left, gained, held, start, middle, bias, turning, gravity, margins, work, loaded)
+    full = to_middle(
+        w, counts, left, frames, gained, held, start, middle, bias, turning, gravity, margins, work, loaded
+    )
     free, status, collided, missed, farther, allowed = copied(velocity_of(w)), FARTHER, False, 0.0, 0, 1.0
     narrow = True
     while status == FARTHER:
         n = number(w, DATA.nefc)
-        if narrow and passes_limit(w, middle, 2.0 * w.timestep):
+        if narrow and passes_limit(w, middle, 2.0 * w.timestep, free, False):
             full, narrow = look_at_limits(w, start, free, middle) or full, False
             continue
         if n == 0:
@@ -192,7 +197,7 @@ def _step(w, law, memory, margins, cone, loaded):
     if status == FINE:
         if setting(w, SETTING.inertial) != 0.0 and turning.any():
             limit_energy(w, begun, start, turning, gravity)
-        _finish(w, memory, counts, left, collided, missed)
+        _finish(w, memory, counts, left, frames, collided, missed)
     return status
 
 
@@ -262,12 +267,14 @@ def advance(
     if not norm(state) <= HUGE:
         return HUGE_INPUT
     nv = long_at(model + long_at(table + 8 * MODEL.nv))
+    nbody = long_at(model + long_at(table + 8 * MODEL.nbody))
+    nmocap = long_at(model + long_at(table + 8 * MODEL.nmocap))
     surfaces = 0
     if float_at(settings + 8 * SETTING.surfaces) != 0.0:
-        surfaces = address_of(memory) + 8 * (MEMORY.left + long_at(model + long_at(table + 8 * MODEL.nq)) + 3 * nv)
+        begin = MEMORY.left + long_at(model + long_at(table + 8 * MODEL.nq)) + 3 * nv + FRAME * nbody
+        surfaces = address_of(memory) + 8 * begin
     work = address_of(memory) + 8 * MEMORY.work
-    nbody, nmocap = long_at(table + 8 * MODEL.nbody), long_at(table + 8 * MODEL.nmocap)
-    sizes, damped = numbers(long_at(model + nbody) + long_at(model + nmocap)), is_damped(model, table)
+    sizes, damped = numbers(nbody + nmocap), is_damped(model, table)
     w = World(model, data, scratch, table, settings, address_of(sizes), bilateral, nv, h, damped, surfaces, work)
     find_sizes(w, sizes, carriers)
     memory.view(np.int64)[MEMORY.found_rows] = 0

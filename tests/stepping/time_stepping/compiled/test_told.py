@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 from impactlaw import Fremond, ImpactEvent, Law, Moreau, Newton, Stepper
+from impactlaw.errors import SceneError
 from impactlaw.models import load
 from impactlaw.stepping.impact_event import NOTHING, ImpactSums
 from impactlaw.stepping.time_stepping.compiled import told
+from impactlaw.stepping.time_stepping.scheme import TimeStepping
 from scripts.robots.agreement import compiled_stepper
 
 LAWS = [Moreau(0.0), Moreau(0.5), Newton({"*": 0.7}), Fremond.reversal()]
@@ -153,3 +155,27 @@ def test_nothing_of_no_collision():
     stepper, data = fall(Moreau(1.0))
     stepper.step(data)
     assert stepper.sums is NOTHING
+
+
+def test_another_solution_in_python_is_told_and_not_taken_for_a_changed_model(monkeypatch: pytest.MonkeyPatch):
+    """Problems of friction can have several solutions, of which compiled code and Python find different ones."""
+    model = mujoco.MjModel.from_xml_string(BALL)
+    stepper, data = compiled_stepper(model, Moreau(0.5)), mujoco.MjData(model)
+    data.qvel[2] = -1.0
+    stepper.step(data)
+    step = TimeStepping.step
+
+    def other(scheme: TimeStepping, data: mujoco.MjData) -> object:
+        events = step(scheme, data)
+        data.qvel[0] += 0.1
+        return events
+
+    monkeypatch.setattr(TimeStepping, "step", other)
+    assert len(stepper.events) == 1
+    stepper.step(data)
+    data.qvel[2] = -1.0
+    data.qpos[2] = 0.101
+    stepper.step(data)
+    model.geom_size[1] = 0.05
+    with pytest.raises(SceneError, match="changed"):
+        _ = stepper.events

@@ -95,3 +95,15 @@ def test_a_control_callback_is_called_once_a_step():
     finally:
         mujoco.set_mjcb_control(None)
     assert calls == pytest.approx([0, 0.002, 0.004, 0.006, 0.008])
+
+
+@pytest.mark.parametrize("actuation", ["enable", "disable"])
+def test_control_callback_is_called_as_by_mujoco(actuation):
+    model, data = compiled(FLOOR + falling(), f'<option><flag actuation="{actuation}"/></option>')
+    stepper, calls = stepping(model, Moreau(0.5)), []
+    mujoco.set_mjcb_control(lambda m, d: calls.append(d.time))
+    try:
+        run(stepper, data, 3)
+    finally:
+        mujoco.set_mjcb_control(None)
+    assert len(calls) == (3 if actuation == "enable" else 0)

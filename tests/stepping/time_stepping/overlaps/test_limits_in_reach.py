@@ -40,3 +40,22 @@ def test_link_that_contact_throws_comes_to_rest_at_its_limit_in_many_worlds_too(
         batch.step()
         assert np.abs(batch.bind("qpos")[:, 0]).max() < 0.004 + 2e-6
     assert np.abs(batch.bind("qvel")).max() < 1e-9
+
+
+_PUSHED = """<mujoco><option timestep="0.005" gravity="0 0 0"/><worldbody>
+  <body mocap="true" pos="0 0 -.03"><geom type="box" size=".1 .1 .03"/></body>
+  <body><joint type="slide" axis="0 0 1" limited="true" range="-1 .0103"/><geom size=".02" condim="1"/></body>
+  </worldbody></mujoco>"""
+
+
+def test_what_opens_an_overlap_does_not_pass_a_limit_that_was_left_out():
+    model = mujoco.MjModel.from_xml_string(_PUSHED)
+    for how in ("auto", "never"):
+        stepper = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=how)
+        data, opened = mujoco.MjData(model), []
+        for k in range(14):
+            data.mocap_pos[0, 2] = -0.03 + 1e-5 * k
+            stepper.step(data)
+            opened.append(data.qpos[0])
+        assert max(opened) <= 0.0103
+        assert opened[-1] > 0.0102

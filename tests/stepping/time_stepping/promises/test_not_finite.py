@@ -42,3 +42,25 @@ def test_an_explosion_within_a_step_raises_and_restores(quiet):
         run(stepper, data, 10)
     assert np.isfinite(data.qpos).all()
     assert np.isfinite(data.qvel).all()
+
+
+@pytest.mark.parametrize("compiled_code", ["auto", "never"])
+def test_step_that_raises_has_no_events_and_can_be_taken_again(compiled_code, quiet):
+    """A mocap body that moves has its motion in the step that is taken again, and throws the ball."""
+    world = """<body mocap="true"><geom type="box" size=".2 .2 .01"/></body>
+        <body pos="0 0 .0312"><joint type="slide" axis="0 0 1"/><geom size=".02" condim="1" mass="1e-4"/></body>"""
+    model, data = compiled(world, option='timestep="2e-3" gravity="0 0 0"')
+    stepper = stepping(model, Moreau(1.0), compiled=compiled_code)
+    stepper.step(data)
+    data.mocap_pos[0, 2] = 1e-3
+    data.qfrc_applied[0] = 9e9
+    with pytest.raises(DivergenceError, match=r"t = 0\.002"):
+        stepper.step(data)
+    data.qfrc_applied[0] = 0.0
+    stepper.step(data)
+    assert data.qvel[0] == pytest.approx(1.0)
+    assert len(stepper.events) == 1
+    data.qfrc_applied[0] = 9e9
+    with pytest.raises(DivergenceError):
+        stepper.step(data)
+    assert stepper.events == ()

@@ -82,7 +82,8 @@ def find_impulses(
         w, jacobian, chosen, start, still, free, known, rounds, law, phases, mark, room, floats(room.sums, SUMS)
     )  # fmt: skip
     while found.rows > 0 and found.solved.status == FINE:
-        if narrow and passes_limit(w, middle, h):
+        shift = answer_at(room.answer, found.groups, found.rows, w.nv).shift
+        if narrow and passes_limit(w, middle, h, shift, found.solved.opens):
             if look == 1:
                 _keep(w, memory, room, found)
             return Outcome(0, 0, _UNSEEN, False)

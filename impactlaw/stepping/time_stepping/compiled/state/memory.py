@@ -10,7 +10,9 @@ import mujoco
 import numpy as np
 from numba import types
 
-from impactlaw.solvers.cones.algebra.loops import kernel, plain
+from impactlaw.solvers.cones.algebra.loops import kernel, plain, put
+from impactlaw.stepping.compiled.fields import floats
+from impactlaw.stepping.time_stepping.compiled.state.frames import FRAME
 from impactlaw.stepping.time_stepping.compiled.state.room import keep_known, known_at
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import forget_surfaces, surface_room
 
@@ -42,7 +44,7 @@ class Memory(NamedTuple):
     sums: int = 20  # over the collisions of the last step, see `sums`, if they are asked for, five numbers
     # nothing but the number of places: here qpos and qvel begin that the last step has left, and after them the
     # velocity that forces have added without contact in the last step, what contact has added to that if nothing
-    # collided, and what is known of mocap bodies, see `surfaces`
+    # collided, frames, see `frames`, and what is known of mocap bodies, see `surfaces`
     left: int = 25
 
 
@@ -103,20 +105,27 @@ def remember(counts, groups, key, scale, impulses, turns):
 
 
 @kernel
-def go_back(memory, before):
-    """Let the memory be what it was, but for where impulses are kept; the impulses are forgotten."""
-    counts = memory.view(np.int64)
-    mine = counts[: MEMORY.other_capacity + 1].copy()
-    for i in range(len(memory)):
-        memory[i] = before[i]
-    for i in range(len(mine)):
-        counts[i] = mine[i]
-    forget(counts)
+def impulses_of(counts):
+    """Return the numbers that groups, keys, coefficients, impulses and turns of the last step are kept in."""
+    return floats(counts[MEMORY.block], 3 * counts[MEMORY.groups] + 4 * counts[MEMORY.rows])
+
+
+@plain
+def go_back(memory, before, impulses):
+    """Let the memory be what it was, with these `impulses_of`; where they are kept stays what it is."""
+    counts, was = memory.view(np.int64), before.view(np.int64)
+    counts[MEMORY.groups], counts[MEMORY.rows] = was[MEMORY.groups], was[MEMORY.rows]
+    put(memory[MEMORY.known :], before[MEMORY.known :])
+    if counts[MEMORY.capacity] < 8 * len(impulses):
+        counts[MEMORY.capacity] = 8 * len(impulses)
+        counts[MEMORY.block] = _realloc(counts[MEMORY.block], 8 * len(impulses))
+    put(impulses_of(counts), impulses)
 
 
 def make_memory(model: mujoco.MjModel, worlds: int) -> np.ndarray:
     """Return the memory of some worlds that have nothing to remember, (worlds, n)."""
-    memory = np.zeros((worlds, MEMORY.left + model.nq + 3 * model.nv + surface_room(model)))
+    more = model.nq + 3 * model.nv + FRAME * model.nbody + surface_room(model)
+    memory = np.zeros((worlds, MEMORY.left + more))
     begin(memory, slice(None), model)
     return memory
 

@@ -113,8 +113,8 @@ def largest_share(
     )  # fmt: skip
     allowed = max(0.0, contact_work(groups, rates, after, x)[0])
     s, _ = _largest(
-        sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, allowed, _SEARCHES, tree, exact, rounds,
-        left, x, z, after, scaled, room,
+        sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, allowed, _SEARCHES, tree, exact,
+        rounds, left, x, z, after, scaled, room,
     )  # fmt: skip
     return s, gained
 
