@@ -17,6 +17,7 @@ from impactlaw.laws import Law
 from impactlaw.settled import Settled, places
 from impactlaw.stepping.compatibility import FRICTION, check_count, check_law, check_model, check_scene_friction
 from impactlaw.stepping.compiled.engine import Pool, functions
+from impactlaw.stepping.integration import check_timestep
 from impactlaw.stepping.left_out import watched_fields
 from impactlaw.stepping.options import Options
 from impactlaw.stepping.plan import make_plan
@@ -57,7 +58,7 @@ class Batch:
         restitution: e of each world, (nsim,), to be written; NaN where a law has more than one.
 
     Raises:
-        SceneError: the scene, or the law, is not covered.
+        SceneError: the scene, or the law, is not covered, or the timestep is not positive.
         OptionError: a number of worlds or threads, or a speed, that cannot be.
         UnknownNameError: an option has no such value, or a law is none.
     """
@@ -82,6 +83,7 @@ class Batch:
         rest_speed: float | None = None,
     ):
         check_model(model)
+        check_timestep(model.opt.timestep)
         check_count("nsim", nsim)
         check_threads(nthread)
         options = _options(contact_model, friction, on_inadmissible, rest_speed)

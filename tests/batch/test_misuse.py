@@ -118,3 +118,12 @@ def test_counts_that_are_none(batch, wrong):
         Batch(model, Moreau(0.5), wrong, 1)
     with pytest.raises(OptionError, match="steps must be a whole number, 1 or more, got"):
         Stepper(model, Moreau(0.5)).step(data, wrong)
+
+
+@pytest.mark.parametrize("timestep", [0.0, -0.01, np.nan])
+def test_a_timestep_that_is_none(timestep):
+    model, _ = load("bouncing_ball")
+    model.opt.timestep = timestep
+    for contact_model in ("rigid", "soft"):
+        with pytest.raises(SceneError, match="timestep must be positive"):
+            Batch(model, Moreau(0.5), 3, 1, contact_model=contact_model)
