@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -14,6 +14,7 @@ from gymnasium.vector.utils import batch_space
 
 from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.law_options import check_reset, describe_law
+from impactlaw.envs.vector.asked_laws import Asked
 from impactlaw.envs.vector.laws_of_worlds import LawsOfWorlds
 from impactlaw.envs.vector.task import Task
 from impactlaw.errors import ActionError, CopyError, OptionError, SettledError
@@ -38,8 +39,8 @@ class VectorWorlds(VectorEnv):
     Args:
         task: what the worlds are for.
         num_envs: number of worlds.
-        law: the law of all worlds, or a list with one for each, laws or their names, or a `LawDistribution` from which
-            each world draws the law of each of its episodes.
+        law: the law of all worlds, or a list with one for each, as they were asked for, or a `LawDistribution` from
+            which each world draws the law of each of its episodes.
         contact_model: of `Batch`.
         nthread: number of threads; 0 for one per processor.
         max_episode_steps: steps after which an episode is truncated; None for no limit.
@@ -65,7 +66,7 @@ class VectorWorlds(VectorEnv):
         self,
         task: Task,
         num_envs: int,
-        law: str | Law | Sequence[str | Law] | LawDistribution,
+        law: Asked | list[Asked] | LawDistribution,
         *,
         contact_model: Literal["rigid", "soft"] = "rigid",
         nthread: int = 0,
@@ -149,7 +150,7 @@ class VectorWorlds(VectorEnv):
     def set_attr(self, name: str, values: Any) -> None:
         """Let "law" or "restitution" of all worlds be another, or one for each; it is in force from now on, and stays.
 
-        A restitution goes with the law in force. A `LawDistribution` draws no more.
+        A restitution goes with a law that was given by its name. A `LawDistribution` draws no more.
 
         Raises:
             SettledError: anything else is settled when the worlds are made.
@@ -168,7 +169,7 @@ class VectorWorlds(VectorEnv):
     @property
     def law(self) -> tuple[Law, ...]:
         """The law in force in each world; set it as `set_attr` does."""
-        return tuple(self._laws.in_force)
+        return self._laws.in_force
 
     @law.setter
     def law(self, law: Any) -> None:

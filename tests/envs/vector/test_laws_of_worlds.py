@@ -31,6 +31,7 @@ def test_a_law_that_is_set_is_in_force_and_stays(vec):
     assert changed[1] == own[1]
     assert abs(changed[0] - own[0]) > 0.1
     assert vec.get_attr("law") == (Moreau(0.1), Newton(0.8), Newton(0.5))
+    vec.set_attr("law", ["moreau", "newton", "newton"])
     vec.set_attr("restitution", 0.3)
     assert vec.get_attr("law") == (Moreau(0.3), Newton(0.3), Newton(0.3))
     assert list(vec.reset(seed=0)[1]["impact/restitution"]) == [0.3] * 3
@@ -41,7 +42,7 @@ def test_a_law_can_be_set_as_an_attribute(vec):
     vec.law = "maximal-dissipation"
     assert vec.get_attr("law") == vec.law == (MaximalDissipation(),) * 3
     assert list(bounce(vec)[1]["impact/restitution"]) == [0.0] * 3
-    vec.law = [Moreau(0.1), Newton(0.8), Newton(0.5)]
+    vec.law = ["moreau", "newton", "newton"]
     vec.restitution = [0.3, 0.4, 0.5]
     assert vec.law == (Moreau(0.3), Newton(0.4), Newton(0.5))
     assert vec.get_attr("restitution") == vec.restitution == (0.3, 0.4, 0.5)
