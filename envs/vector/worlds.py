@@ -17,7 +17,7 @@ from impactlaw.envs.law_options import check_reset, describe_law
 from impactlaw.envs.vector.asked_laws import Asked
 from impactlaw.envs.vector.laws_of_worlds import LawsOfWorlds
 from impactlaw.envs.vector.task import Task
-from impactlaw.errors import ActionError, CopyError, OptionError, SettledError
+from impactlaw.errors import ActionError, CopyError, OptionError, SettledError, UnsupportedError
 from impactlaw.laws import Law
 from impactlaw.settled import Settled
 from impactlaw.stepping.compatibility import check_count
@@ -162,6 +162,19 @@ class VectorWorlds(VectorEnv):
             raise SettledError(f"{name} of worlds is settled when they are made; only law and restitution can be set")
         self._laws.set(name, values)
 
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """Return an attribute as `get_attr` does, as gymnasium's vector environments do by this name.
+
+        Raises:
+            UnsupportedError: it is a method: no world is an environment that has one.
+        """
+        if args or kwargs or callable(getattr(self, name)):
+            raise UnsupportedError(
+                f"worlds are no environments that have a method {name} each: call that of all worlds, if there is one, "
+                "or put single environments into a SyncVectorEnv of gymnasium"
+            )
+        return self.get_attr(name)
+
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """Return "law" or "restitution" in force in each world, or another attribute of all, once for each."""
         return getattr(self, name) if name in _OPTIONS else (getattr(self, name),) * self.num_envs
@@ -215,7 +228,7 @@ class VectorWorlds(VectorEnv):
         reward[going] = np.where(found.diverged, 0.0, found.reward)
         terminated[going], truncated[going] = found.terminated & ~found.diverged, found.diverged
         for name, value in (found.info | told).items():
-            info[name] = np.zeros(self.num_envs, float if value.dtype.kind == "f" else int)
+            info[name] = np.zeros((self.num_envs, *value.shape[1:]), float if value.dtype.kind == "f" else int)
             info[name][going] = value
             info[f"_{name}"] = ~self._over
         self._elapsed[going] += 1
@@ -228,7 +241,9 @@ class VectorWorlds(VectorEnv):
         return self._task.observe(), reward, terminated, truncated, info
 
     def _counts(self) -> dict[str, np.ndarray]:
-        return {"impact/inadmissible": self.batch.inadmissible_count, "impact/short": self.batch.short_steps}
+        batch = self.batch
+        counted = batch.impact_count, batch.inadmissible_count, batch.short_steps
+        return dict(zip(("impact/count", "impact/inadmissible", "impact/short"), counted, strict=True))
 
     def _checked(self, actions: Any) -> np.ndarray:
         """Return actions of all worlds; refuse what is no numbers, or has the wrong shape."""
