@@ -136,6 +136,8 @@ class Batch:
 
     @restitution.setter
     def restitution(self, value: object) -> None:
+        if value is self._laws.restitution:  # written in place, as by *=
+            return
         raise SettledError(
             f"restitution of Batch is settled when it is made, and cannot be set to {value!r:.100} later; write into "
             "it, as restitution[:] = ..."
@@ -170,7 +172,7 @@ class Batch:
             SceneError: there is not one law for each of these worlds, or compiled code does not take it.
             RestitutionError: a law does not fit the scene.
             UnknownNameError: a law is none, or is keyed by contacts that the scene cannot have.
-            OptionError: there are no such worlds.
+            OptionError: there are no such worlds, or one is named twice.
         """
         worlds = world_numbers(ids, self.nsim, ascending=False).tolist()
         laws = one_each(law, len(worlds))
