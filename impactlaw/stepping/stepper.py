@@ -309,6 +309,6 @@ def _other_model(data: object) -> SceneError:
 
 _CROWDED = (
     "a step that ended at t = {:.6g} s had too many collisions to locate them all: time stepping has resolved them at "
-    "once; Stepper.unlocated counts such steps, Stepper(..., max_events=...) with more than 100 locates more; in an "
-    'environment use a smaller model.opt.timestep, or scheme="time-stepping", which is for so many'
+    "once, and Stepper.unlocated counts such steps; max_events=1000, or another number above 100, locates more, a "
+    'smaller timestep has fewer, and scheme="time-stepping" is for so many'
 )
