@@ -72,7 +72,7 @@ def test_a_bare_environment_has_no_wrapper():
         with pytest.raises(WrapperError, match=r"ImpactLaw is for a gymnasium.Env, got a .*impactlaw.envs.put_law"):
             ImpactLaw(env, "moreau", 0.5)
     several = gymnasium.make_vec("Hopper-v5", 1)
-    with pytest.raises(WrapperError, match="SyncVectorEnv; .* each has an ImpactLaw of its own"):
+    with pytest.raises(WrapperError, match=r"SyncVectorEnv; .* each has an ImpactLaw of its own"):
         ImpactLaw(several, "moreau", 0.5)
     several.close()
 
