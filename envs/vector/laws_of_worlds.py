@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
@@ -110,9 +111,9 @@ class LawsOfWorlds:
 
     def info(self) -> dict[str, np.ndarray]:
         """Return the laws in force, as a vector environment tells them."""
-        every = np.ones(len(self._own), bool)
         told = {name: value.copy() for name, value in self._named.items()}
-        return told | {f"_{name}": every for name in told}
+        has_one = ~np.isnan(told["impact/restitution"])
+        return told | {"_impact/law": np.ones(len(has_one), bool), "_impact/restitution": has_one}
 
     def _of_episode(self, world: int, given: Mapping[str, Any]) -> Asked:
         if self._distribution is not None:
@@ -126,7 +127,7 @@ class LawsOfWorlds:
             self._name(world, one.law)
 
     def _name(self, world: int, law: Law) -> None:
-        for name, value in describe_law(law).items():
+        for name, value in ({"impact/restitution": math.nan} | describe_law(law)).items():
             kind: Any = object if isinstance(value, str) else float
             self._named.setdefault(name, np.zeros(len(self._own), kind))[world] = value
 

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from impactlaw.envs.law_distribution import LawDistribution
-from impactlaw.envs.law_options import check_reset, describe_law
+from impactlaw.envs.law_options import check_reset
 from impactlaw.envs.vector.asked_laws import Asked
 from impactlaw.envs.vector.laws_of_worlds import LawsOfWorlds
 from impactlaw.envs.vector.task import Task
@@ -34,7 +34,8 @@ class VectorWorlds(VectorEnv):
     Where the simulation leaves the finite numbers, the episode is truncated where the step began, and
     ``info["impact/diverged"]`` is 1.
     World i of ``reset(seed=s)`` starts as a single environment after ``reset(seed=s + i)``. ``info`` has "impact/law"
-    and "impact/restitution" of all worlds, at resets and steps: the laws that the worlds were given by the environment.
+    and "impact/restitution" of all worlds, NaN where a law has not just one, at resets and steps: the laws that the
+    worlds were given by the environment.
 
     Args:
         task: what the worlds are for.
@@ -191,7 +192,7 @@ class VectorWorlds(VectorEnv):
     @property
     def restitution(self) -> tuple[float, ...]:
         """The restitution in force in each world, NaN where it has not just one; set it as `set_attr` does."""
-        return tuple(float(describe_law(law)["impact/restitution"]) for law in self._laws.in_force)
+        return tuple(self._laws.info()["impact/restitution"].tolist())
 
     @restitution.setter
     def restitution(self, restitution: Any) -> None:

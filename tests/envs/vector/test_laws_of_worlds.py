@@ -75,6 +75,16 @@ def test_options_of_a_reset_are_for_one_episode(vec):
     assert list(vec.reset()[1]["impact/restitution"]) == [0.8] * 3
 
 
+def test_a_law_without_one_coefficient_has_none_in_info(vec):
+    """As in a vector environment of single ones, in which that law has no such entry."""
+    vec.law = ["moreau", Newton({("ball", "paddle"): 0.3}, default=0.5), "maximal-dissipation"]
+    for info in (vec.reset(seed=0)[1], vec.step(np.zeros((3, 1)))[4]):
+        np.testing.assert_array_equal(info["impact/restitution"], [0.8, np.nan, 0.0])
+        assert info["_impact/restitution"].tolist() == [True, False, True]
+        assert info["_impact/law"].all()
+    np.testing.assert_array_equal(vec.restitution, [0.8, np.nan, 0.0])
+
+
 def test_options_of_single_environments_make_these(tmp_path):
     with pytest.warns(UncompiledWarning, match="single environments have log:") as warned:
         vec = gymnasium.make_vec(NAME, 2, log=str(tmp_path / "run-{env}.rrd"))
