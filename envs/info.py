@@ -27,8 +27,8 @@ def impact_info(sums: ImpactSums, *, short: int = 0, diverged: bool = False) -> 
     | ``impact/short`` | timesteps that did not meet the law, or did not locate each collision (event-driven) | int |
     | ``impact/diverged`` | 1 if the simulation left the finite numbers, which ends the episode | int |
 
-    Environments add ``impact/law``, the law in force as text, and ``impact/restitution``, its coefficient, NaN where it
-    has not just one (`describe_law`).
+    Environments add ``impact/law``, the law in force as text, and ``impact/restitution``, its coefficient, where it has
+    just one (`describe_law`).
 
     Args:
         sums: over the collisions of the step.

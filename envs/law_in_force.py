@@ -32,7 +32,7 @@ class LawInForce:
 
     @law.setter
     def law(self, law: str | Law | Mapping[str, Any]) -> None:
-        with _way_out(_takes_restitution(law)):
+        with way_out(goes_with_restitution(law)):
             self._set(law=law, restitution=None)
 
     @property
@@ -42,7 +42,7 @@ class LawInForce:
 
     @restitution.setter
     def restitution(self, restitution: Any) -> None:
-        with _way_out(not _takes_restitution(self._options.law)):
+        with way_out(not goes_with_restitution(self._options.law)):
             self._set(restitution=restitution)
 
     @property
@@ -67,16 +67,17 @@ class LawInForce:
         self._options = standing
 
 
-def _takes_restitution(law: Any) -> bool:
+def goes_with_restitution(law: Any) -> bool:
+    """Return whether a law, as it was given, is a name that a restitution goes with."""
     return isinstance(law, str) and law in LAWS and takes_restitution(law)
 
 
 @contextmanager
-def _way_out(is_needed: bool) -> Iterator[None]:
+def way_out(is_needed: bool, owner: str = "env") -> Iterator[None]:
     """Let an error say, too, how a law and its restitution are set together."""
     try:
         yield
     except RestitutionError as error:
         if not is_needed:
             raise
-        raise RestitutionError(f"{error}; set a law with its restitution, such as env.law = Newton(0.7)") from None
+        raise RestitutionError(f"{error}; set a law with its restitution, such as {owner}.law = Newton(0.7)") from None

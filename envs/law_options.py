@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -175,14 +174,17 @@ def choose_law(model: mujoco.MjModel, law: str | Law | Mapping[str, Any], restit
 
 
 def describe_law(law: Law) -> dict[str, str | float]:
-    """Return what ``info`` says of a law: its text, and its coefficient of restitution, NaN where it has not one."""
+    """Return what ``info`` says of a law: its text, and its coefficient of restitution, where it has just one.
+
+    NaN in its place would make two equal episodes differ, for gymnasium's `check_env`, too.
+    """
     inner = law.normal_law
     e = 0.0 if isinstance(inner, MaximalDissipation) else getattr(inner, "restitution", None)
     if isinstance(e, dict) and not e:
         e = getattr(inner, "default", None)
     text = law_name(law) or ""
     text = text if len(text) <= _LONGEST else f"{type(law).__name__}(...)"
-    return {"impact/law": text, "impact/restitution": e if isinstance(e, float) else math.nan}
+    return {"impact/law": text} | ({"impact/restitution": e} if isinstance(e, float) else {})
 
 
 def portable_options(options: Mapping[str, Any]) -> dict[str, Any]:

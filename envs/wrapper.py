@@ -119,6 +119,12 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         logged = {"log": log, "log_every": log_every}
         given = {"law": law, "restitution": restitution, **settled, **logged}
         RecordConstructorArgs.__init__(self, **portable_options(given))
+        if not isinstance(env, gymnasium.Env):
+            raise WrapperError(
+                f"ImpactLaw is for a gymnasium.Env, got a {type(env).__module__}.{type(env).__name__}; a bare "
+                "environment of dm_control gets its law by impactlaw.envs.put_law, and of several environments each "
+                "has an ImpactLaw of its own"
+            )
         super().__init__(env)
         for name, value in (settled | logged).items():
             setattr(self, name, value)

@@ -13,6 +13,7 @@ import tyro
 from impactlaw.comparison import Comparison
 from impactlaw.errors import ImpactLawError, RecordingError, SceneError, StudyError
 from impactlaw.signals import ended_by_signals
+from impactlaw.wording import in_options, warnings_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,13 +27,12 @@ class Compare(Comparison):
         """Simulate, write the files and print the table."""
         from impactlaw.comparison.compare import compare, format_table
         from impactlaw.comparison.new_files import new_files_in
-        from impactlaw.comparison.wording import in_options, refusals_in_options
 
         out = Path("out") / Path(self.scene).stem if self.out is None else self.out
-        with refusals_in_options(), new_files_in(out) as folder:
+        with new_files_in(out) as folder:
             table = compare(self, folder)
             written = sorted(path.name for path in folder.iterdir())
-        print(in_options(format_table(table)))
+        print(in_options(format_table(table), self))
         print(f"\nin {out}: {', '.join(written)}")
 
 
@@ -225,6 +225,7 @@ def main() -> None:
     Where nobody reads the output any more, as behind ``| head``, the rest is left out and the exit code is 1; so it is,
     with one line, where it cannot be written, as on a full disk. After Ctrl-C it is 130, after SIGTERM 143.
     """
+    command: Any = None
     try:
         with ended_by_signals():
             command = tyro.cli(
@@ -233,10 +234,11 @@ def main() -> None:
                 description="Exact, chosen multi-contact impact laws for MuJoCo scenes.",
                 config=(tyro.conf.OmitSubcommandPrefixes,),
             )
-            command()
+            with warnings_of(command):
+                command()
             print(end="", flush=True)  # does nothing where there is no standard output
     except ImpactLawError as error:
-        print(f"impactlaw: {error}", file=sys.stderr)
+        print(f"impactlaw: {in_options(str(error), command)}", file=sys.stderr)
         sys.exit(2)
     except OSError as error:
         if error.filename is not None:  # not the output

@@ -5,6 +5,8 @@ from __future__ import annotations
 from operator import attrgetter
 from typing import Any
 
+import numpy as np
+
 from impactlaw.errors import SettledError
 
 
@@ -24,9 +26,11 @@ class Settled(property):
         self.__init__(self._instead, name)
 
     def __set__(self, instance: Any, value: Any) -> None:
-        """Set it."""
+        """Set it; an array that was written in place, as by ``*=``, is the same one."""
         place = f"_settled_{self._name}"
         if hasattr(instance, place):
+            if isinstance(value, np.ndarray) and value is getattr(instance, place):
+                return
             raise SettledError(
                 f"{self._name} of {type(instance).__name__} is settled when it is made, and cannot be set to {value!r} "
                 f"later; {self._instead}"

@@ -56,7 +56,7 @@ def split_info(info):
     """The environment's own part of info, and what the law did; its name and restitution are looked at here."""
     info = dict(info)
     assert isinstance(info.pop("impact/law"), str)
-    assert type(info.pop("impact/restitution")) is float
+    assert type(info.pop("impact/restitution", 0.0)) is float
     return (
         {key: value for key, value in info.items() if not key.startswith("impact/")},
         {key: value for key, value in info.items() if key.startswith("impact/")},

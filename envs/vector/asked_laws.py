@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -13,10 +14,32 @@ from impactlaw.errors import OptionError, RestitutionError
 from impactlaw.laws import Law
 
 
+class Asked(NamedTuple):
+    """The law of a world, and what it was asked for by.
+
+    Attributes:
+        given: a law, which has its restitution, or the name of one, which other restitutions go with.
+        law: the law.
+    """
+
+    given: Any
+    law: Law
+
+    def other(self, model: mujoco.MjModel, options: Mapping[str, Any]) -> Asked:
+        """Return what is asked for by "law" and "restitution", or by one of them.
+
+        Raises:
+            UnknownNameError: no such law.
+            RestitutionError: the restitution does not fit the law.
+        """
+        given = options.get("law", self.given)
+        return Asked(given, choose_law(model, given, options.get("restitution")))
+
+
 def asked_laws(
     model: mujoco.MjModel, law: Any, restitution: Any, count: int, *, usual: float | None = None
-) -> Law | list[Law] | LawDistribution:
-    """Return the law of so many worlds.
+) -> Asked | list[Asked] | LawDistribution:
+    """Return the law of so many worlds, one for all or one for each.
 
     Args:
         model: of all worlds.
@@ -61,10 +84,10 @@ def each(what: str, value: Any, count: int) -> list[Any]:
     return values
 
 
-def _chosen(model: mujoco.MjModel, law: Any, restitution: Any, usual: float | None) -> Law:
+def _chosen(model: mujoco.MjModel, law: Any, restitution: Any, usual: float | None) -> Asked:
     try:
-        return choose_law(model, law, restitution)
+        return Asked(law, choose_law(model, law, restitution))
     except RestitutionError:
         if restitution is not None or usual is None or not isinstance(law, str):
             raise
-        return choose_law(model, law, usual)
+        return Asked(law, choose_law(model, law, usual))

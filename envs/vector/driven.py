@@ -67,7 +67,7 @@ class Driven:
         if not np.isfinite(action).all():
             raise ActionError(f"actions are finite numbers, got {action[~np.isfinite(action).all(axis=1)][0]}")
         part = np.clip(action.astype(float), self.action_space.low, self.action_space.high)[:, 0]
-        before, count = [field[worlds] for field in self._fields], self._batch.impact_count[worlds]
+        before = [field[worlds] for field in self._fields]
         diverged = np.zeros(len(worlds), bool)
         for _ in range(self._env.frame_skip):
             going = worlds[~diverged]
@@ -76,8 +76,7 @@ class Driven:
         for now, was in zip(self._fields, before, strict=True):
             now[worlds[diverged]] = was[diverged]
         reward, over = self._env.rate(self._qpos[worlds], self._qvel[worlds], self._goal[worlds])
-        told = {"impact/count": self._batch.impact_count[worlds] - count}
-        return Outcome(np.asarray(reward), np.asarray(over), diverged, told)
+        return Outcome(np.asarray(reward), np.asarray(over), diverged, {})
 
     def _drive(self, worlds: np.ndarray, part: np.ndarray) -> None:
         """Move the driven bodies by a timestep, but in the first one of an episode; see `ImpactEnv`."""

@@ -12,9 +12,10 @@ import numpy as np
 from impactlaw.batch import Batch
 from impactlaw.envs.episode_seeds import LAWS, EpisodeSeeds
 from impactlaw.envs.law_distribution import LawDistribution
+from impactlaw.envs.law_in_force import goes_with_restitution, way_out
 from impactlaw.envs.law_options import choose_law, describe_law
-from impactlaw.envs.vector.asked_laws import each, several
-from impactlaw.errors import OptionError, RestitutionError, UnknownNameError
+from impactlaw.envs.vector.asked_laws import Asked, each
+from impactlaw.errors import OptionError, UnknownNameError
 from impactlaw.laws import Law
 
 _OF_BATCH = ("friction", "on_inadmissible", "rest_speed")
@@ -25,7 +26,7 @@ class LawsOfWorlds:
 
     Args:
         model: of all worlds.
-        law: as `VectorWorlds` takes it.
+        law: of all worlds, or of each, or what each draws the law of each episode from.
         count: number of worlds.
         contact_model: of `Batch`.
         nthread: number of threads; 0 for one per processor.
@@ -33,13 +34,12 @@ class LawsOfWorlds:
 
     Attributes:
         batch: the worlds.
-        in_force: the law in force in each world.
     """
 
     def __init__(
         self,
         model: mujoco.MjModel,
-        law: str | Law | Sequence[str | Law] | LawDistribution,
+        law: Asked | list[Asked] | LawDistribution,
         count: int,
         *,
         contact_model: Literal["rigid", "soft"],
@@ -48,19 +48,25 @@ class LawsOfWorlds:
     ):
         self._model = model
         self._distribution = law if isinstance(law, LawDistribution) else None
-        first = _first_laws(law, model, count)
+        first = _examples(law, model)[0] if isinstance(law, LawDistribution) else law
+        laws = first.law if isinstance(first, Asked) else [one.law for one in first]
         _check_options(options)
-        self.batch = Batch(model, first, count, nthread, contact_model=contact_model, **options)
-        self._own = [first] * count if isinstance(first, Law) else first
-        self.in_force = list(self._own)
+        self.batch = Batch(model, laws, count, nthread, contact_model=contact_model, **options)
+        self._own = [first] * count if isinstance(first, Asked) else list(first)
+        self._now = list(self._own)
         self._seeds = [EpisodeSeeds(LAWS) for _ in range(count)]
         self._named: dict[str, np.ndarray] = {}
         if self._distribution is None:
             for world, one in enumerate(self._own):
-                self._name(world, one)
+                self._name(world, one.law)
         else:
             for one in _examples(self._distribution, model):
-                self.batch.set_law(one, [0])  # which refuses what compiled code does not take
+                self.batch.set_law(one.law, [0])  # which refuses what compiled code does not take
+
+    @property
+    def in_force(self) -> tuple[Law, ...]:
+        """The law in force in each world."""
+        return tuple(one.law for one in self._now)
 
     def seed(self, world: int, seed: int) -> None:
         """Let the laws that a world draws begin anew."""
@@ -68,15 +74,16 @@ class LawsOfWorlds:
 
     def begin(self, worlds: Sequence[int], given: Mapping[str, Any]) -> None:
         """Let worlds have the laws of the episodes that begin: as given, drawn, or their own; or none, if one fails."""
-        laws = {world: self._of_episode(world, given) for world in worlds}
+        asked = {world: self._of_episode(world, given) for world in worlds}
         drawn = self._distribution is not None
-        changed = [world for world, law in laws.items() if drawn or law is not self.in_force[world]]
-        self._use(changed, [laws[world] for world in changed])
+        changed = [world for world, one in asked.items() if drawn or one is not self._now[world]]
+        self._use(changed, [asked[world] for world in changed])
 
     def set(self, name: str, values: Any) -> None:
         """Let "law" or "restitution" of all worlds be another, or one for each, from now on; none is drawn any more.
 
-        A restitution goes with the law that is in force.
+        A restitution goes with a law that was given by its name: the one in force, and the one that stands, if an
+        episode has another one.
 
         Raises:
             OptionError: there is not one for each world.
@@ -85,38 +92,42 @@ class LawsOfWorlds:
             SceneError: compiled code does not take a law; all stay what they were.
         """
         every = each(f"values of {name}", values, len(self._own))
-        pairs = zip(self.in_force, every, strict=True)
-        chosen = [self._asked(law, {name: value}) for law, value in pairs]
-        self._use(range(len(chosen)), chosen)
-        self._own, self._distribution = chosen, None
+        now, own = zip(*(self._changed(world, name, value) for world, value in enumerate(every)), strict=True)
+        self._use(range(len(now)), now)
+        self._own, self._distribution = list(own), None
+
+    def _changed(self, world: int, name: str, value: Any) -> tuple[Asked, Asked]:
+        """Return what is in force in a world, and what stands there, where one of its options is another."""
+        own, now, options = self._own[world], self._now[world], {name: value}
+        together = name == "law" or own is now or self._distribution is not None
+        asked = (now,) if together else (now, own)
+        if name == "law":
+            is_needed = goes_with_restitution(value)
+        else:
+            is_needed = not all(goes_with_restitution(one.given) for one in asked)
+        with way_out(is_needed, "vec"):
+            changed = [one.other(self._model, options) for one in asked]
+        return changed[0], changed[-1]
 
     def info(self) -> dict[str, np.ndarray]:
         """Return the laws in force, as a vector environment tells them."""
-        every = np.ones(len(self._own), bool)
         told = {name: value.copy() for name, value in self._named.items()}
-        return told | {f"_{name}": every for name in told}
+        has_one = ~np.isnan(told["impact/restitution"])
+        return told | {"_impact/law": np.ones(len(has_one), bool), "_impact/restitution": has_one}
 
-    def _of_episode(self, world: int, given: Mapping[str, Any]) -> Law:
+    def _of_episode(self, world: int, given: Mapping[str, Any]) -> Asked:
         if self._distribution is not None:
             given = self._distribution.draw(self._seeds[world].generator, given) | dict(given)
-        return self._asked(self._own[world], given) if given else self._own[world]
+        return self._own[world].other(self._model, given) if given else self._own[world]
 
-    def _asked(self, own: Law, given: Mapping[str, Any]) -> Law:
-        """Return the law that options ask for; a world's own with another restitution if they name none."""
-        if "law" not in given:
-            if not own.name or math.isnan(float(describe_law(own)["impact/restitution"])):
-                raise RestitutionError(f"{own!r:.100} has its restitution already: set a law instead")
-            return choose_law(self._model, own.name, given.get("restitution"))
-        return choose_law(self._model, given["law"], given.get("restitution"))
-
-    def _use(self, worlds: Sequence[int], laws: Sequence[Law]) -> None:
-        self.batch.set_law(laws, worlds)
-        for world, law in zip(worlds, laws, strict=True):
-            self.in_force[world] = law
-            self._name(world, law)
+    def _use(self, worlds: Sequence[int], asked: Sequence[Asked]) -> None:
+        self.batch.set_law([one.law for one in asked], worlds)
+        for world, one in zip(worlds, asked, strict=True):
+            self._now[world] = one
+            self._name(world, one.law)
 
     def _name(self, world: int, law: Law) -> None:
-        for name, value in describe_law(law).items():
+        for name, value in ({"impact/restitution": math.nan} | describe_law(law)).items():
             kind: Any = object if isinstance(value, str) else float
             self._named.setdefault(name, np.zeros(len(self._own), kind))[world] = value
 
@@ -135,15 +146,9 @@ def _check_options(options: Any) -> None:
             raise UnknownNameError("option of a batch", name, _OF_BATCH)
 
 
-def _first_laws(law: Any, model: mujoco.MjModel, count: int) -> Law | list[Law]:
-    """Return the law that so many worlds begin with, or one for each."""
-    if isinstance(law, LawDistribution):
-        return _examples(law, model)[0]
-    return [choose_law(model, one) for one in each("laws", law, count)] if several(law) else choose_law(model, law)
-
-
-def _examples(laws: LawDistribution, model: mujoco.MjModel) -> list[Law]:
+def _examples(laws: LawDistribution, model: mujoco.MjModel) -> list[Asked]:
     """Return one law of each kind; refuse friction that is to be drawn, too."""
     if laws.friction is not None:
         raise OptionError("friction of many worlds is settled when they are made (batch_options): leave it out of laws")
-    return [choose_law(model, given["law"], given.get("restitution")) for given in laws.examples()]
+    examples = [(given["law"], given.get("restitution")) for given in laws.examples()]
+    return [Asked(law, choose_law(model, law, e)) for law, e in examples]

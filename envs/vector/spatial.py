@@ -78,6 +78,8 @@ class Spatial(Robot):
         self._felt, self._force = batch.bind("cfrc_ext"), np.zeros((batch.nsim, self.model.nbody, 6))
         parts = () if self._ant else ("cinert", "cvel", "qfrc_actuator")
         self._parts = [batch.bind(name) for name in parts if getattr(self._env, f"_include_{name}_in_observation")]
+        tendons = () if self._ant else ("length", "velocity")
+        self._tendons = {f"tendon_{name}": batch.bind(f"ten_{name}") for name in tendons}
         self._where = np.zeros((batch.nsim, 2))
 
     def start(self, world: int, rng: np.random.Generator) -> None:
@@ -125,6 +127,7 @@ class Spatial(Robot):
             "x_velocity": velocity[:, 0], "y_velocity": velocity[:, 1],
             "reward_forward": forward, "reward_ctrl": -control, "reward_contact": -contact, "reward_survive": alive,
         }  # fmt: skip
+        info |= {name: value[worlds] for name, value in self._tendons.items()}
         reward = forward + alive - (control + contact)
         return Outcome(reward, ~healthy & env._terminate_when_unhealthy, diverged, info)
 

@@ -19,7 +19,7 @@ class Outcome(NamedTuple):
         reward: (n,).
         terminated: whether their episodes end, bool (n,).
         diverged: whether the simulation has left the finite numbers, bool (n,): they are where the step began.
-        info: what else there is to know, (n,) each.
+        info: what else there is to know, (n, ..) each.
     """
 
     reward: np.ndarray

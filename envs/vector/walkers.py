@@ -52,7 +52,8 @@ class Planar(Robot):
         reward = forward + self._healthy * healthy - cost
         info = {"x_position": qpos[:, 0], "x_velocity": velocity, "reward_forward": forward, "reward_ctrl": -cost}
         if not self._cheetah:
-            info["reward_survive"] = self._healthy * healthy
+            height = qpos[:, 1] - self._first[0][1]
+            info |= {"reward_survive": self._healthy * healthy, "z_distance_from_origin": height}
         return Outcome(reward, ~healthy & self._ends, diverged, info)
 
     def _is_healthy(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:

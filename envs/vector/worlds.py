@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -13,10 +13,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from impactlaw.envs.law_distribution import LawDistribution
-from impactlaw.envs.law_options import check_reset, describe_law
+from impactlaw.envs.law_options import check_reset
+from impactlaw.envs.vector.asked_laws import Asked
 from impactlaw.envs.vector.laws_of_worlds import LawsOfWorlds
 from impactlaw.envs.vector.task import Task
-from impactlaw.errors import ActionError, CopyError, OptionError, SettledError
+from impactlaw.errors import ActionError, CopyError, OptionError, SettledError, UnsupportedError
 from impactlaw.laws import Law
 from impactlaw.settled import Settled
 from impactlaw.stepping.compatibility import check_count
@@ -33,13 +34,14 @@ class VectorWorlds(VectorEnv):
     Where the simulation leaves the finite numbers, the episode is truncated where the step began, and
     ``info["impact/diverged"]`` is 1.
     World i of ``reset(seed=s)`` starts as a single environment after ``reset(seed=s + i)``. ``info`` has "impact/law"
-    and "impact/restitution" of all worlds, at resets and steps: the laws that the worlds were given by the environment.
+    and "impact/restitution" of all worlds, NaN where a law has not just one, at resets and steps: the laws that the
+    worlds were given by the environment.
 
     Args:
         task: what the worlds are for.
         num_envs: number of worlds.
-        law: the law of all worlds, or a list with one for each, laws or their names, or a `LawDistribution` from which
-            each world draws the law of each of its episodes.
+        law: the law of all worlds, or a list with one for each, as they were asked for, or a `LawDistribution` from
+            which each world draws the law of each of its episodes.
         contact_model: of `Batch`.
         nthread: number of threads; 0 for one per processor.
         max_episode_steps: steps after which an episode is truncated; None for no limit.
@@ -65,7 +67,7 @@ class VectorWorlds(VectorEnv):
         self,
         task: Task,
         num_envs: int,
-        law: str | Law | Sequence[str | Law] | LawDistribution,
+        law: Asked | list[Asked] | LawDistribution,
         *,
         contact_model: Literal["rigid", "soft"] = "rigid",
         nthread: int = 0,
@@ -149,7 +151,7 @@ class VectorWorlds(VectorEnv):
     def set_attr(self, name: str, values: Any) -> None:
         """Let "law" or "restitution" of all worlds be another, or one for each; it is in force from now on, and stays.
 
-        A restitution goes with the law in force. A `LawDistribution` draws no more.
+        A restitution goes with a law that was given by its name. A `LawDistribution` draws no more.
 
         Raises:
             SettledError: anything else is settled when the worlds are made.
@@ -161,6 +163,19 @@ class VectorWorlds(VectorEnv):
             raise SettledError(f"{name} of worlds is settled when they are made; only law and restitution can be set")
         self._laws.set(name, values)
 
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """Return an attribute as `get_attr` does, as gymnasium's vector environments do by this name.
+
+        Raises:
+            UnsupportedError: it is a method: no world is an environment that has one.
+        """
+        if args or kwargs or callable(getattr(self, name)):
+            raise UnsupportedError(
+                f"worlds are no environments that have a method {name} each: call that of all worlds, if there is one, "
+                "or put single environments into a SyncVectorEnv of gymnasium"
+            )
+        return self.get_attr(name)
+
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """Return "law" or "restitution" in force in each world, or another attribute of all, once for each."""
         return getattr(self, name) if name in _OPTIONS else (getattr(self, name),) * self.num_envs
@@ -168,7 +183,7 @@ class VectorWorlds(VectorEnv):
     @property
     def law(self) -> tuple[Law, ...]:
         """The law in force in each world; set it as `set_attr` does."""
-        return tuple(self._laws.in_force)
+        return self._laws.in_force
 
     @law.setter
     def law(self, law: Any) -> None:
@@ -177,7 +192,7 @@ class VectorWorlds(VectorEnv):
     @property
     def restitution(self) -> tuple[float, ...]:
         """The restitution in force in each world, NaN where it has not just one; set it as `set_attr` does."""
-        return tuple(float(describe_law(law)["impact/restitution"]) for law in self._laws.in_force)
+        return tuple(self._laws.info()["impact/restitution"].tolist())
 
     @restitution.setter
     def restitution(self, restitution: Any) -> None:
@@ -214,7 +229,7 @@ class VectorWorlds(VectorEnv):
         reward[going] = np.where(found.diverged, 0.0, found.reward)
         terminated[going], truncated[going] = found.terminated & ~found.diverged, found.diverged
         for name, value in (found.info | told).items():
-            info[name] = np.zeros(self.num_envs, float if value.dtype.kind == "f" else int)
+            info[name] = np.zeros((self.num_envs, *value.shape[1:]), float if value.dtype.kind == "f" else int)
             info[name][going] = value
             info[f"_{name}"] = ~self._over
         self._elapsed[going] += 1
@@ -227,7 +242,9 @@ class VectorWorlds(VectorEnv):
         return self._task.observe(), reward, terminated, truncated, info
 
     def _counts(self) -> dict[str, np.ndarray]:
-        return {"impact/inadmissible": self.batch.inadmissible_count, "impact/short": self.batch.short_steps}
+        batch = self.batch
+        counted = batch.impact_count, batch.inadmissible_count, batch.short_steps
+        return dict(zip(("impact/count", "impact/inadmissible", "impact/short"), counted, strict=True))
 
     def _checked(self, actions: Any) -> np.ndarray:
         """Return actions of all worlds; refuse what is no numbers, or has the wrong shape."""

@@ -17,6 +17,7 @@ from impactlaw.laws import Law
 from impactlaw.settled import Settled, places
 from impactlaw.stepping.compatibility import FRICTION, check_count, check_law, check_model, check_scene_friction
 from impactlaw.stepping.compiled.engine import Pool, functions
+from impactlaw.stepping.integration import check_timestep
 from impactlaw.stepping.left_out import watched_fields
 from impactlaw.stepping.options import Options
 from impactlaw.stepping.plan import make_plan
@@ -57,7 +58,7 @@ class Batch:
         restitution: e of each world, (nsim,), to be written; NaN where a law has more than one.
 
     Raises:
-        SceneError: the scene, or the law, is not covered.
+        SceneError: the scene, or the law, is not covered, or the timestep is not positive.
         OptionError: a number of worlds or threads, or a speed, that cannot be.
         UnknownNameError: an option has no such value, or a law is none.
     """
@@ -82,6 +83,7 @@ class Batch:
         rest_speed: float | None = None,
     ):
         check_model(model)
+        check_timestep(model.opt.timestep)
         check_count("nsim", nsim)
         check_threads(nthread)
         options = _options(contact_model, friction, on_inadmissible, rest_speed)
@@ -134,6 +136,8 @@ class Batch:
 
     @restitution.setter
     def restitution(self, value: object) -> None:
+        if value is self._laws.restitution:  # written in place, as by *=
+            return
         raise SettledError(
             f"restitution of Batch is settled when it is made, and cannot be set to {value!r:.100} later; write into "
             "it, as restitution[:] = ..."
@@ -168,7 +172,7 @@ class Batch:
             SceneError: there is not one law for each of these worlds, or compiled code does not take it.
             RestitutionError: a law does not fit the scene.
             UnknownNameError: a law is none, or is keyed by contacts that the scene cannot have.
-            OptionError: there are no such worlds.
+            OptionError: there are no such worlds, or one is named twice.
         """
         worlds = world_numbers(ids, self.nsim, ascending=False).tolist()
         laws = one_each(law, len(worlds))

@@ -21,9 +21,10 @@ def world_numbers(ids: Sequence[int] | None, count: int, *, ascending: bool = Tr
         return np.zeros(0, np.int32)
     whole = worlds.ndim == 1 and worlds.dtype.kind in "iu"
     there = whole and worlds.min() >= 0 and worlds.max() < count
-    if not there or (ascending and (worlds[1:] <= worlds[:-1]).any()):
-        order = ", ascending and each once" if ascending else ""
-        raise OptionError(f"ids are numbers of worlds from 0 to {count - 1}{order}, got {ids!r:.100}")
+    order = worlds if ascending or not there else np.sort(worlds)
+    if not there or (order[1:] <= order[:-1]).any():
+        how = ", ascending and each once" if ascending else ", each once"
+        raise OptionError(f"ids are numbers of worlds from 0 to {count - 1}{how}, got {ids!r:.100}")
     return worlds.astype(np.int32)
 
 

@@ -41,6 +41,7 @@ class Laws:
 
     Attributes:
         settings: see `OneWorld`, (nsim, n).
+        restitution: e of each world, (nsim,), NaN where a law has more than one; a view of the settings.
         places: address of keys, address of values, and how many, int64 (nsim, 3).
         given: the law of each world.
     """
@@ -48,15 +49,11 @@ class Laws:
     def __init__(self, one: OneWorld, worlds: int, settings: int):
         self._one = one
         self.settings = np.zeros((worlds, settings))
+        self.restitution = self.settings[:, one.restitution_at]
         self.places = np.zeros((worlds, 3), np.int64)
         self.given: list[Any] = [None] * worlds
         self._by_contact = np.zeros(worlds, dtype=bool)
         self._tables: list[Coefficients | None] = [None] * worlds
-
-    @property
-    def restitution(self) -> np.ndarray:
-        """E of each world, (nsim,), NaN where a law has more than one."""
-        return self.settings[:, self._one.restitution_at]
 
     def set(self, laws: Sequence[Law], worlds: Sequence[int]) -> None:
         """Give some worlds a law each, or none of them if one is refused."""

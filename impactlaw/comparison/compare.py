@@ -16,7 +16,7 @@ from impactlaw.comparison import Comparison
 from impactlaw.comparison.pictures import draw, freedom_names
 from impactlaw.comparison.runs import Run, run_law, run_soft
 from impactlaw.comparison.soft_contact import tuned_contacts
-from impactlaw.errors import RestitutionError, SceneError
+from impactlaw.errors import OptionError, RestitutionError, SceneError
 from impactlaw.laws import LAWS, Fremond, Law, make_law, takes_restitution
 from impactlaw.laws.base import coefficient
 from impactlaw.laws.restitution.from_scene import scene_law, scene_number, scene_restitution
@@ -36,7 +36,8 @@ def compare(study: Comparison, folder: Path) -> pd.DataFrame:
     the same restitution ("mujoco-tuned", see `impactlaw.comparison.soft_contact`).
 
     Raises:
-        SceneError: no such scene, or not one for rigid stepping.
+        SceneError: no such scene, or not one for rigid stepping, or a duration that is none, or less than a timestep.
+        OptionError: a law is named twice.
         UnknownNameError: no such scene or law.
         RestitutionError: a coefficient is not in [0, 1], or none of the laws takes one.
     """
@@ -45,7 +46,7 @@ def compare(study: Comparison, folder: Path) -> pd.DataFrame:
     if study.timestep is not None:
         model.opt.timestep = _positive("timestep", study.timestep)
     duration = study.duration if study.duration is not None else scene_number(model, "duration") or 2.0
-    steps = max(1, round(_positive("duration", duration) / model.opt.timestep))
+    steps = _steps(duration, model.opt.timestep)
     restitution = study.restitution if study.restitution is not None else scene_restitution(model)
     restitution = coefficient(1.0 if restitution is None else restitution)
     laws = choose_laws(model, study.laws, restitution)
@@ -87,6 +88,9 @@ def choose_laws(model: mujoco.MjModel, names: Sequence[str] | None, restitution:
     if not names:
         known = ", ".join([*(name for name in LAWS if name != Fremond.name), "scene"])
         raise RestitutionError(f"laws is empty: there is nothing to compare; choose from {known}")
+    twice = [name for i, name in enumerate(names) if name in names[:i]]
+    if twice:
+        raise OptionError(f"laws has {twice[0]!r} twice: runs are named by their laws")
 
     def law(name: str) -> Law:
         return scene_law(model) if name == "scene" else make_law(name, restitution if takes_restitution(name) else None)
@@ -142,6 +146,13 @@ def _positive(name: str, value: float) -> float:
     return value
 
 
+def _steps(duration: float, timestep: float) -> int:
+    """Return how many steps there are; refuse a duration without any."""
+    if _positive("duration", duration) < timestep:
+        raise SceneError(f"duration must be a timestep, {timestep:g} s, or more, got {duration:g} s")
+    return round(duration / timestep)
+
+
 def tabulate(runs: Sequence[Run]) -> pd.DataFrame:
     """Return one row per run.
 
@@ -179,8 +190,4 @@ def _row(run: Run, lowest: float) -> dict[str, object]:
 
 def describe_violations(impact: Impact) -> str:
     """Return "yes", or the consistencies an outcome violates and by how much, in sqrt(J)."""
-    v = impact.violations
-    if v.is_admissible():
-        return "yes"
-    parts = (("kinematic", v.kinematic), ("kinetic", v.kinetic), ("energetic", v.energetic))
-    return ", ".join(f"{name} {value:.2g}" for name, value in parts if value > 1e-9 * v.pre_speed)
+    return "yes" if impact.violations.is_admissible() else str(impact.violations)

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from impactlaw.mechanics.admissible.violations import CRUSHED
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -63,10 +65,10 @@ def _violation(recording: Recording) -> str:
     worst = recording.worst_violation()
     if worst is None or worst.distance == 0:
         return "no violation: every outcome lies in S(v-)"
-    return (
-        f"worst violation: {worst.kind}, {worst.distance:.3g} sqrt(J), {worst.relative:.3g} of |v-|, "
-        f"in collision {worst.index} at t = {worst.time:.6g} s"
-    )
+    size = f"{worst.distance:.3g} sqrt(J), {worst.relative:.3g} of |v-|"
+    if worst.kind == "kinematic" and np.isinf(worst.distance):
+        size = CRUSHED
+    return f"worst violation: {worst.kind}, {size}, in collision {worst.index} at t = {worst.time:.6g} s"
 
 
 def _collisions(collisions: pd.DataFrame, limit: int) -> str:

@@ -207,9 +207,8 @@ class Collider:
         ratio = 1 + impact.energy_change / before if before > 0 else np.inf
         raise InadmissibleImpactError(
             f"{self.law!r} leaves the set of possible velocities at t = {time:.6g} s for contacts "
-            f"{', '.join(collision.labels)}: energy ratio T+/T- = {ratio:.6g}, violations kinematic {v.kinematic:.2g}, "
-            f"kinetic {v.kinetic:.2g}, energetic {v.energetic:.2g} sqrt(J); choose a dissipative law, or "
-            'on_inadmissible="project" or "allow"'
+            f"{', '.join(collision.labels)}: energy ratio T+/T- = {ratio:.6g}, violations in sqrt(J): {v}; choose a "
+            'dissipative law, or on_inadmissible="project" or "allow"'
         )
 
 

@@ -60,7 +60,8 @@ def check_resolved(model: mujoco.MjModel, gap_tolerance: float) -> None:
     if gap_tolerance < _RESOLVED * extent:
         raise SceneError(
             f"a gap tolerance of {gap_tolerance:g} m is below the rounding of positions in a scene of {extent:.2g} m; "
-            f"pass gap_tolerance={1e-9 * extent:.0e}, or at least {_rounded_up(_RESOLVED * extent)}"
+            f"pass gap_tolerance={1e-9 * extent:.0e}, or at least {_rounded_up(_RESOLVED * extent)}, or use "
+            'scheme="time-stepping"'
         )
 
 

@@ -17,6 +17,7 @@ from impactlaw.solvers import load_solvers
 from impactlaw.stepping.compatibility import check_count, check_friction, check_law, check_model, check_scene_friction
 from impactlaw.stepping.event_driven.scheme import RigidStepping
 from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, Told, sums_of, together
+from impactlaw.stepping.integration import check_timestep
 from impactlaw.stepping.left_out import LeftOut
 from impactlaw.stepping.options import Options, select
 from impactlaw.stepping.plan import make_plan
@@ -91,8 +92,8 @@ class Stepper:
             (soft).
 
     Raises:
-        SceneError: the scene holds something rigid stepping does not cover, or an option means nothing to this way to
-            step; the message says what to do.
+        SceneError: the scene holds something rigid stepping does not cover, or its timestep is not positive, or an
+            option means nothing to this way to step; the message says what to do.
         RestitutionError: law="scene" and the scene carries none, or the law is for more contacts than the scene can
             have, or for other velocities, or for friction where there is none.
         UnknownNameError: no such option, or the law is keyed by contacts that the scene cannot have.
@@ -145,6 +146,7 @@ class Stepper:
         )
         options.check()
         check_model(model)
+        check_timestep(model.opt.timestep)
         if options.way != "time-stepping":  # that has solvers of its own
             load_solvers()
         for name, value in options._asdict().items():
@@ -309,6 +311,6 @@ def _other_model(data: object) -> SceneError:
 
 _CROWDED = (
     "a step that ended at t = {:.6g} s had too many collisions to locate them all: time stepping has resolved them at "
-    "once; Stepper.unlocated counts such steps, Stepper(..., max_events=...) with more than 100 locates more; in an "
-    'environment use a smaller model.opt.timestep, or scheme="time-stepping", which is for so many'
+    "once, and Stepper.unlocated counts such steps; max_events=1000, or another number above 100, locates more, a "
+    'smaller timestep has fewer, and scheme="time-stepping" is for so many'
 )

@@ -57,6 +57,7 @@ def run(
     missing = {cell.key: cell for cell in cells if store.row(cell.key) is None}
     untrained = {t.key: t for cell in missing.values() if (t := cell.training) and store.policy(t.key) is None}
     _check(missing.values())
+    store.make()
     if missing:
         done = len({cell.key for cell in cells}) - len(missing)
         with (

@@ -20,11 +20,18 @@ class Store:
 
     def __init__(self, folder: Path):
         self.folder = folder
+
+    def make(self) -> None:
+        """Make the folder, if it is not there.
+
+        Raises:
+            StudyError: it cannot be made.
+        """
         try:
             for name in ("cells", "policies"):
-                (folder / name).mkdir(parents=True, exist_ok=True)
+                (self.folder / name).mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise StudyError(f"cannot write into {folder}: {error.strerror}") from None
+            raise StudyError(f"cannot write into {self.folder}: {error.strerror}") from None
 
     def row(self, key: str) -> dict[str, Any] | None:
         """Return the row of a finished cell, or None."""

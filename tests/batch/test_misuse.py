@@ -5,7 +5,7 @@ import pytest
 
 from impactlaw import Moreau, Stepper
 from impactlaw.batch import Batch
-from impactlaw.errors import OptionError, SceneError, SettledError, UnknownNameError, UnsupportedError
+from impactlaw.errors import OptionError, RestitutionError, SceneError, SettledError, UnknownNameError, UnsupportedError
 from impactlaw.models import load
 
 
@@ -25,8 +25,12 @@ def test_worlds_that_there_are_not(batch, method, ids):
 
 def test_laws_of_worlds_that_there_are_not(batch):
     for ids in ([3], [-1], [0.5]):
-        with pytest.raises(OptionError, match=r"numbers of worlds from 0 to 2, got"):
+        with pytest.raises(OptionError, match=r"numbers of worlds from 0 to 2, each once, got"):
             batch.set_law(Moreau(0.1), ids)
+    for ids in ([0, 0], [2, 1, 2]):
+        with pytest.raises(OptionError, match=r"numbers of worlds from 0 to 2, each once, got"):
+            batch.set_law([Moreau(0.1)] * len(ids), ids)
+    np.testing.assert_array_equal(batch.restitution, 0.5)
     batch.set_law([Moreau(0.1), Moreau(0.2)], [2, 0])
     np.testing.assert_array_equal(batch.restitution, [0.2, 0.5, 0.1])
 
@@ -84,9 +88,25 @@ def test_attributes_that_are_set_have_an_effect_or_are_refused(batch):
     np.testing.assert_array_equal(batch.restitution, 0.25)
     batch.law = [Moreau(0.1), Moreau(0.2), Moreau(0.3)]
     assert batch.law == (Moreau(0.1), Moreau(0.2), Moreau(0.3))
-    for name in ("model", "nsim", "contact_model", "state", "restitution"):
+    for name in ("model", "nsim", "contact_model"):
         with pytest.raises(SettledError, match=f"{name} of Batch is settled"):
             setattr(batch, name, getattr(batch, name))
+    for name in ("state", "restitution"):
+        with pytest.raises(SettledError, match=f"{name} of Batch is settled"):
+            setattr(batch, name, getattr(batch, name).copy())
+
+
+def test_arrays_can_be_written_in_place(batch):
+    """Their values changed, and an error said that they cannot be set."""
+    batch.restitution *= 2.0
+    np.testing.assert_array_equal(batch.restitution, 1.0)
+    batch.state += 0.0
+    batch.bind("qvel")[:] = -1.0
+    batch.step(nstep=200)
+    assert (batch.impact_count > 0).all()
+    batch.restitution *= 2.0
+    with pytest.raises(RestitutionError, match="restitution of world 0"):
+        batch.step()
 
 
 def test_fields_that_worlds_cannot_have(batch):
@@ -118,3 +138,12 @@ def test_counts_that_are_none(batch, wrong):
         Batch(model, Moreau(0.5), wrong, 1)
     with pytest.raises(OptionError, match="steps must be a whole number, 1 or more, got"):
         Stepper(model, Moreau(0.5)).step(data, wrong)
+
+
+@pytest.mark.parametrize("timestep", [0.0, -0.01, np.nan])
+def test_a_timestep_that_is_none(timestep):
+    model, _ = load("bouncing_ball")
+    model.opt.timestep = timestep
+    for contact_model in ("rigid", "soft"):
+        with pytest.raises(SceneError, match="timestep must be positive"):
+            Batch(model, Moreau(0.5), 3, 1, contact_model=contact_model)

@@ -67,6 +67,16 @@ def test_what_is_no_dm_control_environment():
         put_law(gymnasium.make("Hopper-v5"), "moreau", 0.5)
 
 
+def test_a_bare_environment_has_no_wrapper():
+    for env in (suite.load("hopper", "hop"), None):
+        with pytest.raises(WrapperError, match=r"ImpactLaw is for a gymnasium.Env, got a .*impactlaw.envs.put_law"):
+            ImpactLaw(env, "moreau", 0.5)
+    several = gymnasium.make_vec("Hopper-v5", 1)
+    with pytest.raises(WrapperError, match=r"SyncVectorEnv; .* each has an ImpactLaw of its own"):
+        ImpactLaw(several, "moreau", 0.5)
+    several.close()
+
+
 def test_composer_is_followed_from_model_to_model():
     env, bare = drop(), drop()
     placed = put_law(env, "moreau", 0.9)

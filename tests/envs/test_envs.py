@@ -14,7 +14,17 @@ from own_envs import IDS, INFO, bare, every_env
 
 import impactlaw.envs
 from impactlaw.errors import ActionError, ImpactLawError, RestitutionError, SceneError, UnknownNameError
-from impactlaw.laws import MaximalDissipation, Moreau, Newton, Reversal
+from impactlaw.laws import (
+    AnyOutcome,
+    Compliant,
+    Fremond,
+    MaximalDissipation,
+    Moreau,
+    Newton,
+    Poisson,
+    Reversal,
+    Scattered,
+)
 
 
 def rollout(env, steps, seed=0, actions_seed=0):
@@ -87,9 +97,16 @@ def test_package_exports_the_environments():
 
 
 @every_env
-@pytest.mark.parametrize("kwargs", [{}, {"law": "moreau", "restitution": 0.5}], ids=["own law", "moreau"])
-def test_check_env(name, kwargs):
-    check_env(bare(name, **kwargs), skip_render_check=True)  # any warning is an error here
+@pytest.mark.parametrize(
+    "law",
+    [
+        None, Moreau(0.5), MaximalDissipation(), Poisson(0.5), Poisson(lambda speed: 0.5), Compliant(0.5),
+        Reversal(1.0), Fremond([[0.5]]), Scattered(Newton(0.5), 0.1), AnyOutcome(),
+    ],
+    ids=lambda law: type(law).__name__,
+)  # fmt: skip
+def test_check_env(name, law):
+    check_env(bare(name, law=law), skip_render_check=True)  # any warning is an error here
 
 
 @every_env

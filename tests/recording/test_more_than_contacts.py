@@ -7,6 +7,7 @@ import pytest
 import scenes
 
 from impactlaw import Moreau, Newton, Stepper
+from impactlaw.comparison.compare import describe_violations
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.recording import Recorder, describe, read_log
 from impactlaw.recording.layout import COLLISION_COLUMNS, EXTRA_COLUMNS, MARKS
@@ -185,3 +186,18 @@ def test_a_run_without_any_of_it_has_none_of_the_columns(tmp_path):
     recording, events = recorded(tmp_path / "run.rrd", model, data, 40, Newton(0.5))
     assert len(events) == 1
     assert not set(EXTRA_COLUMNS) & set(recording.collisions)
+
+
+def test_what_surfaces_crush_is_told_in_words(tmp_path):
+    """It was an infinite distance."""
+    plate = '<body name="plate" mocap="true" pos="0 0 .25"><geom name="plate" type="box" size=".2 .2 .02"/></body>'
+    model, data = compiled(PLANE + plate + ball(place="0 0 .1"), condim=1)
+
+    def press(data):
+        data.mocap_pos[0, 2] -= 0.01
+
+    recording, events = recorded(tmp_path / "run.rrd", model, data, 20, Moreau(0.5), press)
+    assert recording.worst_violation().distance == math.inf
+    crushed = "no velocity opens all contacts, surfaces crush what is between them"
+    assert f"worst violation: kinematic, {crushed}, in collision" in describe(recording)
+    assert str(events[-1].impact.violations) == describe_violations(events[-1].impact) == crushed

@@ -61,6 +61,19 @@ def test_a_policy_of_the_folder_where_one_is_acts_in_workers(tmp_path):
         ({"quick": True, "jobs": 0}, "jobs must be 1 or more, or -1"),
         ({"quick": True, "jobs": -5}, "jobs must be 1 or more, or -1"),
         ({"quick": True, "backend": "nope"}, "unknown backend 'nope'"),
+        (
+            {
+                "tasks": ("Hoper-v5",),
+                "act": ("moreau:0.5",),
+                "schemes": ("soft",),
+                "policies": ("studies.acting:stay",),
+            },
+            "there is no task 'Hoper-v5'",
+        ),
+        (
+            {"tasks": (TASK,), "act": ("mujoco",), "train": ("newton:0.5",), "policies": ("scripted",)},
+            "never under MuJoCo's own",
+        ),
         ({"quick": True, "backend": "multiprocessing"}, "does not give results as they are done"),
     ],
 )

@@ -123,5 +123,5 @@ def _check_apart(collision: Collision, rows: np.ndarray, owner: np.ndarray) -> N
         a, b = (collision.labels[owner[i]] for i in pairs[0])
         raise RestitutionError(
             f"Routh's law is for one contact at a time, but {a} and {b} collide together and influence each other: how "
-            "their impulses grow together is not known; take Coulomb(Poisson(e)), which is for any number"
+            "their impulses grow together is not known; take Poisson's law, which is for any number"
         )

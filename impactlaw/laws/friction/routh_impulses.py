@@ -77,7 +77,7 @@ def phases_of(G: np.ndarray, slip: np.ndarray, mu: np.ndarray, approach: float) 
     if not stopped:
         raise SolverError(
             f"slip of a contact with friction {mu.max():g} does not settle within {taken} steps of its impact: the "
-            "contact jams; take Coulomb around Newton or Poisson"
+            "contact jams; take Newton's law or Poisson's"
         )
     yield Phase(np.inf, settled_friction(G, mu))
 

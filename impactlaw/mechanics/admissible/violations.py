@@ -12,13 +12,17 @@ import numpy as np
 from impactlaw.errors import InvalidCollisionError, UnsolvableLawError
 from impactlaw.solvers import Problem, beyond_rounding, nonnegative_combination, solve_with_jump
 
+CRUSHED = "no velocity opens all contacts, surfaces crush what is between them"
+"""What an infinite kinematic violation says."""
+
 
 @dataclass(frozen=True)
 class Violations:
     """Distances, in the kinetic metric (sqrt(J)), from v+ to the three sets whose intersection is S(v-).
 
     Attributes:
-        kinematic: to the tangent cone ``{v : J v >= 0}``; positive when contacts penetrate.
+        kinematic: to the tangent cone ``{v : J v >= 0}``; positive when contacts penetrate, infinite when that is
+            empty: surfaces crush what is between them.
         kinetic: to ``v- + M^-1 J^T Lambda, Lambda >= 0``; positive when contacts pull, or something else acted.
         energetic: to the ball ``|v| <= |v-|``; positive when kinetic energy grew by more than the work of surfaces.
         pre_speed: ``|v-|``, the scale that `is_admissible` compares with.
@@ -34,6 +38,13 @@ class Violations:
         if not isinstance(tol, Real):
             raise InvalidCollisionError(f"tol must be a number, a part of |v-|, got {tol!r}")
         return max(self.kinematic, self.kinetic, self.energetic) <= tol * self.pre_speed
+
+    def __str__(self) -> str:
+        """Return which there are, and how large they are, in sqrt(J)."""
+        if self.kinematic == np.inf:
+            return CRUSHED
+        parts = (("kinematic", self.kinematic), ("kinetic", self.kinetic), ("energetic", self.energetic))
+        return ", ".join(f"{name} {value:.2g}" for name, value in parts if value > 1e-9 * self.pre_speed) or "none"
 
 
 def measured(c: Any, jump: np.ndarray, after: np.ndarray, kinetic: float, gain: float, speed: float) -> Violations:
@@ -81,5 +92,5 @@ def _penetration(c: Any, jump: np.ndarray, after: np.ndarray) -> float:
         problem = Problem(Y, bound, back, larger_speed(c, jump), norms=c.gradient_norms)
         jump = solve_with_jump(problem, c.labels, shared=False).jump
     except UnsolvableLawError:
-        return np.inf  # surfaces crush what is between them
+        return np.inf  # crushed
     return sqrt(jump @ jump)

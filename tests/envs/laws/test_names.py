@@ -23,9 +23,9 @@ pytestmark = theirs
     [
         (Moreau(0.5), 0.5),
         (Newton({}, default=0.25), 0.25),
-        (Newton({"paddle/ball": 0.25}, default=0.5), math.nan),
-        (Newton(lambda speed: 0.5), math.nan),
-        (Fremond([[0.5]]), math.nan),
+        (Newton({"paddle/ball": 0.25}, default=0.5), None),
+        (Newton(lambda speed: 0.5), None),
+        (Fremond([[0.5]]), None),
         (Fremond.reversal(0.75), 0.75),
         (Coulomb(Moreau(0.5)), 0.5),
         (MaximalDissipation(), 0.0),
@@ -36,7 +36,7 @@ def test_info_names_law_and_restitution(law, e):
     env = juggler(law=law)
     for info in (env.reset(seed=0)[1], env.step(np.zeros(1))[4]):
         assert info["impact/law"] == " ".join(repr(law).split())
-        np.testing.assert_equal(info["impact/restitution"], e)
+        assert info.get("impact/restitution") == e
 
 
 def test_a_law_of_many_numbers_is_named_in_short():

@@ -26,7 +26,7 @@ def juggler(**options):
 def drawn(env, n, seed=0, **options):
     """Law and restitution of n episodes, the first one seeded."""
     infos = [env.reset(seed=seed if i == 0 else None, **options)[1] for i in range(n)]
-    return [(info["impact/law"], info["impact/restitution"]) for info in infos]
+    return [(info["impact/law"], info.get("impact/restitution")) for info in infos]
 
 
 def es(env, n, seed=0):
@@ -62,7 +62,7 @@ def test_laws_are_drawn_and_those_that_take_no_restitution_get_none():
     assert all(20 < len(found) < 65 for found in seen.values())
     assert set(seen["MaximalDissipation"]) == {0.0}
     assert set(seen["Newton"]) == {0.3}
-    assert np.isnan(seen["AnyOutcome"]).all()
+    assert set(seen["AnyOutcome"]) == {None}
     assert len(set(seen["Moreau"])) == len(seen["Moreau"])
 
 

@@ -9,7 +9,7 @@ import pytest
 import impactlaw.envs  # noqa: F401  (registers the environments)
 from impactlaw import Newton
 from impactlaw.envs import LawDistribution
-from impactlaw.errors import OptionError, UncompiledWarning
+from impactlaw.errors import OptionError, RestitutionError, UncompiledWarning
 from impactlaw.laws import Reversal
 
 NAME = "impactlaw/Juggler-v0"
@@ -65,6 +65,9 @@ def test_a_restitution_goes_with_the_law_in_force():
     single.unwrapped.restitution = 0.5
     vec.restitution = 0.5
     assert {repr(law) for law in vec.law} == {repr(single.unwrapped.law)} == {"Moreau(restitution=0.5)"}
+    for env in (single, vec):
+        info = env.reset(seed=0)[1]
+        assert np.all(info["impact/law"] == "Newton(restitution=0.5, default=None)")
     drawn = gymnasium.make_vec(NAME, 8, law=LawDistribution(("moreau", "reversal"), (0.4, 1.0)))
     drawn.reset(seed=0)
     kinds = [type(law) for law in drawn.law]
@@ -72,3 +75,20 @@ def test_a_restitution_goes_with_the_law_in_force():
     drawn.restitution = 0.5
     assert [type(law) for law in drawn.law] == kinds
     assert set(drawn.restitution) == {0.5}
+
+
+@pytest.mark.parametrize("given", [Newton(0.3), "maximal-dissipation", "scene"], ids=repr)
+def test_a_restitution_for_a_law_that_has_its_own_is_refused(given):
+    """As in a single environment: a `Law` that was set was replaced without a word."""
+    single = gymnasium.make(NAME, scheme="time-stepping").unwrapped
+    vec = gymnasium.make_vec(NAME, 2)
+    for env in (single, vec):
+        env.law = given
+        before = env.law
+        with pytest.raises(RestitutionError, match=r"set a law with its restitution, such as (env|vec)\.law"):
+            env.restitution = 0.5
+        env.reset(seed=0, options={"law": "moreau", "restitution": 0.2})
+        with pytest.raises(RestitutionError, match=r"set a law with its restitution, such as (env|vec)\.law"):
+            env.restitution = 0.5
+        env.reset(seed=0)
+        assert repr(env.law) == repr(before)

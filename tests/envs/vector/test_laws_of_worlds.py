@@ -31,6 +31,7 @@ def test_a_law_that_is_set_is_in_force_and_stays(vec):
     assert changed[1] == own[1]
     assert abs(changed[0] - own[0]) > 0.1
     assert vec.get_attr("law") == (Moreau(0.1), Newton(0.8), Newton(0.5))
+    vec.set_attr("law", ["moreau", "newton", "newton"])
     vec.set_attr("restitution", 0.3)
     assert vec.get_attr("law") == (Moreau(0.3), Newton(0.3), Newton(0.3))
     assert list(vec.reset(seed=0)[1]["impact/restitution"]) == [0.3] * 3
@@ -41,7 +42,7 @@ def test_a_law_can_be_set_as_an_attribute(vec):
     vec.law = "maximal-dissipation"
     assert vec.get_attr("law") == vec.law == (MaximalDissipation(),) * 3
     assert list(bounce(vec)[1]["impact/restitution"]) == [0.0] * 3
-    vec.law = [Moreau(0.1), Newton(0.8), Newton(0.5)]
+    vec.law = ["moreau", "newton", "newton"]
     vec.restitution = [0.3, 0.4, 0.5]
     assert vec.law == (Moreau(0.3), Newton(0.4), Newton(0.5))
     assert vec.get_attr("restitution") == vec.restitution == (0.3, 0.4, 0.5)
@@ -72,6 +73,16 @@ def test_options_of_a_reset_are_for_one_episode(vec):
     info = vec.reset(options={"law": "moreau", "restitution": 0.2, "reset_mask": mask})[1]
     assert list(info["impact/law"]) == ["Moreau(restitution=0.2)"] + ["Newton(restitution=0.5, default=None)"] * 2
     assert list(vec.reset()[1]["impact/restitution"]) == [0.8] * 3
+
+
+def test_a_law_without_one_coefficient_has_none_in_info(vec):
+    """As in a vector environment of single ones, in which that law has no such entry."""
+    vec.law = ["moreau", Newton({("ball", "paddle"): 0.3}, default=0.5), "maximal-dissipation"]
+    for info in (vec.reset(seed=0)[1], vec.step(np.zeros((3, 1)))[4]):
+        np.testing.assert_array_equal(info["impact/restitution"], [0.8, np.nan, 0.0])
+        assert info["_impact/restitution"].tolist() == [True, False, True]
+        assert info["_impact/law"].all()
+    np.testing.assert_array_equal(vec.restitution, [0.8, np.nan, 0.0])
 
 
 def test_options_of_single_environments_make_these(tmp_path):

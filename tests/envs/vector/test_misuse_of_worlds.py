@@ -19,6 +19,7 @@ from impactlaw.errors import (
     SceneError,
     SettledError,
     UnknownNameError,
+    UnsupportedError,
 )
 from impactlaw.laws import MaximalDissipation, Reversal
 
@@ -230,11 +231,23 @@ def test_worlds_are_not_copied(vec):
         copy.copy(vec)
 
 
-@pytest.mark.parametrize("law", [Newton({("ball", "paddle"): 0.3}, default=0.5), Coulomb(Moreau(0.3))], ids=repr)
+@pytest.mark.parametrize(
+    "law", [Newton(0.3), Newton({("ball", "paddle"): 0.3}, default=0.5), Coulomb(Moreau(0.3))], ids=repr
+)
 def test_a_restitution_for_a_law_that_has_its_own(vec, law):
     vec.law = law
-    with pytest.raises(RestitutionError, match="has its restitution already"):
+    with pytest.raises(RestitutionError, match=r"already has its restitution.* such as vec.law = Newton\(0.7\)"):
         vec.restitution = 0.5
-    with pytest.raises(RestitutionError, match="has its restitution already"):
+    with pytest.raises(RestitutionError, match="already has its restitution"):
         vec.reset(options={"restitution": 0.5})
     assert all(repr(one) == repr(law) for one in vec.law)
+
+
+def test_what_is_called_in_every_world(vec):
+    assert vec.call("law") == vec.get_attr("law") == vec.law
+    assert vec.call("frame_skip") == (vec.frame_skip,) * 3
+    for name, given in (("reset", {}), ("render", {}), ("close", {}), ("law", {"seed": 1})):
+        with pytest.raises(UnsupportedError, match=rf"have a method {name} each: call that of all worlds"):
+            vec.call(name, **given)
+    with pytest.raises(AttributeError, match="lw"):
+        vec.call("lw")

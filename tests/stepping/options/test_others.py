@@ -78,6 +78,8 @@ def test_a_timestep_that_is_none(way, timestep):
         stepper.step(data)
     assert data.time == 0.0
     assert np.isfinite(data.qpos).all()
+    with pytest.raises(SceneError, match="timestep must be positive"):
+        Stepper(model, Moreau(0.5), **WAYS[way])
 
 
 @every_way

@@ -1,0 +1,56 @@
+"""What errors and warnings advise, in the words of a command: its own options, and which ones only Python has."""
+
+from __future__ import annotations
+
+import re
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+_QUOTES = "\"'"
+_NOTE = " ({}: {} of impactlaw.Stepper, in Python)"
+
+
+def in_options(text: str, command: object) -> str:
+    """Return a text in which options of a stepper, such as ``scheme="soft"``, are those of a command.
+
+    Those that the command does not have stay as they are, and the text says whose they are.
+
+    Args:
+        text: an error or a warning.
+        command: whose fields are its options.
+    """
+    from impactlaw.stepping.options import Options
+
+    only = dict[str, None]()
+
+    def flag(match: re.Match[str]) -> str:
+        name, value = match.groups()
+        if value is None and "_" not in name:  # a word
+            return match[0]
+        option = next((option for option in (name, f"{name}s") if hasattr(command, option)), None)
+        if option is None:
+            only[name] = None
+            return match[0]
+        return f"--{option.replace('_', '-')}" + (f" {value.strip(_QUOTES)}" if value else "")
+
+    text = re.sub(rf"""\b({"|".join(Options._fields)})\b(?:=("[^"]*"|'[^']*'|[\w.+-]+))?""", flag, text)
+    return text + (_NOTE.format(", ".join(only), "options" if len(only) > 1 else "an option") if only else "")
+
+
+@contextmanager
+def warnings_of(command: object) -> Iterator[None]:
+    """Let warnings of this package be one line each on standard error, by `in_options`."""
+    with warnings.catch_warnings():
+        show = warnings.showwarning
+
+        def tell(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+            if category.__module__ != "impactlaw.errors":
+                show(message, category, *where, **more)
+                return
+            print(f"impactlaw: {in_options(str(message), command)}", file=sys.stderr)
+
+        warnings.showwarning = tell
+        yield
