@@ -15,8 +15,10 @@ from impactlaw.scene.options import BorrowedOptions
 
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _HUGE = mujoco.mjMAXVAL  # MuJoCo takes larger numbers for a mistake
-_EULER, _RK4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
-_NONE, _EXPLICIT = int(mujoco.mjtDisableBit.mjDSBL_DAMPER), int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
+_EULER, _RK4, _IMPLICIT = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("EULER", "RK4", "IMPLICIT"))
+NO_DAMPING = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP) | int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
+"""Flags either of which keeps Euler's integrator from damping implicitly."""
+_ROUNDING = 1e-9  # part of the inertia of a joint up to which what damping adds is rounding
 _INPUT = ("time", "qpos", "qvel", "act", "ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "mocap_quat")
 
 
@@ -85,27 +87,57 @@ def advance(model: mujoco.MjModel, data: mujoco.MjData, options: BorrowedOptions
         )
 
 
-def implicit_damping(model: mujoco.MjModel) -> np.ndarray | None:
-    """Return coefficients of joint damping D that the integrator advances by ``(M + h D)^-1``, (nv,); None if by M."""
-    integrator = int(model.opt.integrator)
-    if integrator == _RK4 or model.opt.disableflags & (_NONE | (_EXPLICIT if integrator == _EULER else 0)):
+def damps(model: mujoco.MjModel) -> bool:
+    """Return whether some joint has damping that MuJoCo's Euler integrator advances implicitly."""
+    return bool(
+        np.count_nonzero(model.dof_damping)
+        or np.count_nonzero(model.dof_dampingpoly)
+        or (model.jnt_actuatorid != -1).any()
+    )
+
+
+def implicit_inertia(model: mujoco.MjModel, data: mujoco.MjData, duration: float) -> np.ndarray | None:
+    """Return the diagonal of ``tau D``, which MuJoCo's last step has added to M, (nv,); None if it has added nothing.
+
+    Its integrators advance by ``(M + tau D)^-1``, where D are derivatives of forces by velocity: Euler those of what
+    damps joints, the implicit ones also those of tendons, servos and drag. Read is what that step has left in data: the
+    factor of the matrix, or D itself.
+
+    Args:
+        model: the scene.
+        data: after `mj_step`.
+        duration: tau of that step, s.
+    """
+    integrator, off = int(model.opt.integrator), model.opt.disableflags
+    if integrator == _RK4 or (integrator == _EULER and (off & NO_DAMPING or not damps(model))):
         return None
-    return model.dof_damping if np.count_nonzero(model.dof_damping) else None
+    if integrator == _IMPLICIT:
+        added = -duration * data.qDeriv[model.D_rowadr + model.D_diag]
+    elif not data.qHDiagInv.all():  # there was no step yet
+        added = duration * model.dof_damping
+    else:
+        diagonal = model.M_rowadr + model.M_rownnz - 1
+        squares = data.qH * data.qH
+        squares[diagonal] = 1.0
+        scale = np.repeat(1.0 / data.qHDiagInv, model.M_rownnz)
+        added = np.bincount(model.M_colind, squares * scale, model.nv) - data.M[diagonal]
+    added[added <= _ROUNDING * model.dof_M0] = 0.0
+    return added if np.count_nonzero(added) else None
 
 
-def locked_joints(model: mujoco.MjModel, timestep: float, ratio: float) -> np.ndarray | None:
-    """Return which degrees of freedom damping all but locks in a timestep h, s, bool (nv,); None if it locks none.
+def locked_joints(model: mujoco.MjModel, added: np.ndarray | None, ratio: float) -> np.ndarray | None:
+    """Return which degrees of freedom damping all but locks in a timestep h, bool (nv,); None if it locks none.
 
-    These are those with ``h D > ratio M``, M at the configuration in which the scene was compiled.
+    These are those with ``h D > ratio M``, M at the configuration in which the scene was compiled, and h D as
+    `implicit_inertia` has it.
 
     MuJoCo's semi-implicit integrators advance by ``(M + h D)^-1``, but an impulse moves bodies by ``M^-1``. Where
     ``h D`` is many times M, what contact does to such a joint is gone after a step, and until then its damping is a
     force that others answer to: friction, welds, and servos can feed a motion that way.
     """
-    damping = implicit_damping(model)
-    if damping is None:
+    if added is None:
         return None
-    locked = timestep * damping > ratio * model.dof_M0
+    locked = added > ratio * model.dof_M0
     return locked if np.count_nonzero(locked) else None
 
 

@@ -47,6 +47,7 @@ class _Data(NamedTuple):
     qLDiagInv: int
     qH: int
     qHDiagInv: int
+    qDeriv: int
     contact: int
     efc_type: int
     efc_id: int
@@ -78,6 +79,7 @@ class _Model(NamedTuple):
     neq: int
     nmocap: int
     nC: int
+    nD: int
     nsensordata: int
     body_margin: int
     geom_margin: int
@@ -100,6 +102,8 @@ class _Model(NamedTuple):
     M_rownnz: int
     M_rowadr: int
     M_colind: int
+    D_rowadr: int
+    D_diag: int
     dof_treeid: int
     dof_bodyid: int
     dof_M0: int

@@ -11,7 +11,7 @@ import scipy
 
 from impactlaw.scene.contacts import mass_matrix, update_positions
 from impactlaw.scene.moving_surfaces import Surfaces
-from impactlaw.stepping.integration import implicit_damping, restore_state, save_state
+from impactlaw.stepping.integration import implicit_inertia, locked_joints, restore_state, save_state
 
 
 class Configuration:
@@ -32,6 +32,7 @@ class Configuration:
         self.model, self.surfaces = model, surfaces
         self._current = self._factored = False
         self._added: np.ndarray | None = None  # to the diagonal of M by implicit damping, (nv,)
+        self._damping: np.ndarray | None = None  # D of the last phase, (nv,)
         self._stiffness: np.ndarray | None = None  # to M by equality constraints that give way, (nv, nv)
         self._root: np.ndarray | None = None  # of M with both, where there are such constraints, (nv, nv)
         self._diagonal = model.M_rowadr + model.M_rownnz - 1
@@ -62,9 +63,14 @@ class Configuration:
         Contact that is held meanwhile acts within that integration. By M alone it would throw joints whose ``tau D`` is
         larger than M, and the forces that the next phase feels would not settle.
         """
-        damping = implicit_damping(self.model)
-        self._added = None if damping is None else duration * damping
-        self._factored = False
+        self._added, self._factored = implicit_inertia(self.model, self.data, duration), False
+        if duration > 0.0:
+            self._damping = None if self._added is None else self._added / duration
+
+    def is_locked(self, timestep: float, ratio: float) -> bool:
+        """Return whether damping all but locks a joint in a timestep, s; see `integration.locked_joints`."""
+        added = None if self._damping is None else timestep * self._damping
+        return locked_joints(self.model, added, ratio) is not None
 
     def refactor(self) -> None:
         """Forget the factors of M: others were written over them."""

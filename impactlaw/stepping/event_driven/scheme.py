@@ -48,7 +48,7 @@ from impactlaw.stepping.event_driven.overlap import clearance, overlaps, push_ou
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 from impactlaw.stepping.impact_event import ImpactEvent, Told
-from impactlaw.stepping.integration import check_input, empty_state, has_room, locked_joints
+from impactlaw.stepping.integration import check_input, empty_state, has_room
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.work import Work
 
@@ -265,7 +265,7 @@ class RigidStepping:
 
     def _check_held(self, state: ContactState) -> None:
         """Raise `UnfinishedStepError` where contact is not held: joints are locked, or something overlaps too far."""
-        if state.pattern and locked_joints(self._model, self._options.timestep, _LOCKED) is not None:
+        if state.pattern and self._configuration.is_locked(self._options.timestep, _LOCKED):
             raise UnfinishedStepError(
                 'contact is not held beside joints that damping all but locks; use RK4, or scheme="time-stepping"'
             )

@@ -7,11 +7,12 @@ from types import TracebackType
 import mujoco
 import numpy as np
 
+from impactlaw.stepping.integration import NO_DAMPING, damps
+
 EULER, RK4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
 _BODY = int(mujoco.mjtTrn.mjTRN_BODY)
 FAST = int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
 OFF = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET) | int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
-NO_DAMPING = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP) | int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
 ON = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE) | int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 ELLIPTIC, NEWTON = int(mujoco.mjtCone.mjCONE_ELLIPTIC), int(mujoco.mjtSolver.mjSOL_NEWTON)
 _MARGINS = ("body_margin", "geom_margin", "geom_gap", "pair_margin", "pair_gap", "jnt_margin", "tendon_margin")
@@ -56,7 +57,7 @@ class BorrowedModel:
         opt.cone, opt.solver, opt.noslip_iterations = ELLIPTIC, NEWTON, 0
         if integrator in (EULER, RK4):
             opt.integrator, self.integrator = EULER, mujoco.mj_Euler
-            self.damped = not flags & NO_DAMPING and _damps(model)
+            self.damped = not flags & NO_DAMPING and damps(model)
         else:
             opt.integrator, self.integrator = FAST, mujoco.mj_implicit
             self.damped = True
@@ -99,12 +100,3 @@ class BorrowedModel:
     def __setstate__(self, state: dict[str, mujoco.MjModel]) -> None:
         """Begin anew."""
         self.__init__(state["model"])
-
-
-def _damps(model: mujoco.MjModel) -> bool:
-    """Return whether MuJoCo's Euler integrator damps some joint implicitly."""
-    return bool(
-        np.count_nonzero(model.dof_damping)
-        or np.count_nonzero(model.dof_dampingpoly)
-        or (model.jnt_actuatorid != -1).any()
-    )

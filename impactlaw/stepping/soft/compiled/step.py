@@ -89,10 +89,11 @@ def _collide(w, law, sums):
     """Resolve the collisions of now, if there are any; see `collide.collide`."""
     if _touches(w) == 0 or _is_huge(w):
         return FINE, False
-    if not locks(w):
+    added = numbers(w.nv)
+    if not locks(w, added):
         return collide(w, law, sums)
     kept = numbers(size(w, MODEL.nC) + w.nv)
-    lock(w, kept)
+    lock(w, added, kept)
     status, changed = collide(w, law, sums)
     unlock(w, kept)
     return status, changed

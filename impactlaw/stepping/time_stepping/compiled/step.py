@@ -22,8 +22,9 @@ from impactlaw.solvers.cones.algebra.loops import (
 )
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, nonzeros_of, number, size, velocity_of
+from impactlaw.stepping.compiled.damping import is_damped
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, floats, int_at, keep, long_at
-from impactlaw.stepping.time_stepping.compiled.borrow import borrow, is_damped
+from impactlaw.stepping.time_stepping.compiled.borrow import borrow
 from impactlaw.stepping.time_stepping.compiled.ends import (
     finish,
     limit_energy,
