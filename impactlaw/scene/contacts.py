@@ -97,9 +97,18 @@ def update_positions(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     mujoco.mj_makeM(model, data)
 
 
+def acted_on(data: mujoco.MjData) -> np.ndarray:
+    """Return the indices of the contacts between geoms that MuJoCo's constraint solver acts on now, int (h,).
+
+    Those of flexes are MuJoCo's alone.
+    """
+    found = data.contact
+    return np.flatnonzero((found.efc_address >= 0) & (found.geom >= 0).all(axis=1))
+
+
 def active_contacts(model: mujoco.MjModel, data: mujoco.MjData, names: tuple[str, ...]) -> Contacts:
-    """Return the contacts that MuJoCo's constraint solver acts on now, as the position stage has found them."""
-    return _read(data, np.flatnonzero(data.contact.efc_address >= 0), names)
+    """Return the contacts that are `acted_on`, as the position stage has found them."""
+    return _read(data, acted_on(data), names)
 
 
 def closes(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray, speed: float) -> bool:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from impactlaw.scene.contacts import Contacts, constraint_rows, sorted_geoms
+from impactlaw.scene.contacts import Contacts, acted_on, constraint_rows, sorted_geoms
 from impactlaw.scene.moving_surfaces import TORSION, Surfaces
 from impactlaw.scene.tolerances import MIN_FRICTION, NO_FRICTION, ORTHOGONAL
 
@@ -146,12 +146,12 @@ class FrictionRows(NamedTuple):
 def active_friction(
     model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts, surfaces: Surfaces | None
 ) -> FrictionRows | None:
-    """Return the rows of friction of the contacts that MuJoCo's solver acts on, `contacts.active_contacts`, or None.
+    """Return the rows of friction of `contacts.active_contacts`, or None.
 
     They are those of MuJoCo's constraints, or, with pyramidal cones, half of the difference of two of these; where
     MuJoCo's tangents are not in the tangent plane, those of others that are.
     """
-    found, index = data.contact, np.flatnonzero(data.contact.efc_address >= 0)
+    found, index = data.contact, acted_on(data)
     _, order, swapped = sorted_geoms(found.geom[index])
     index = index[order]
     mu = found.friction[index]

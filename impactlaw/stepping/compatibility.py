@@ -27,11 +27,11 @@ _NAMED = 5  # contacts that an error names
 _OF_CONTACT = [
     int(getattr(mujoco.mjtSensor, f"mjSENS_{name}"))
     for name in (
-        "TOUCH", "CONTACT", "FORCE", "TORQUE", "JOINTLIMITPOS", "JOINTLIMITVEL", "JOINTLIMITFRC", "TENDONLIMITPOS",
-        "TENDONLIMITVEL", "TENDONLIMITFRC",
+        "TOUCH", "CONTACT", "TACTILE", "FORCE", "TORQUE", "JOINTLIMITPOS", "JOINTLIMITVEL", "JOINTLIMITFRC",
+        "TENDONLIMITPOS", "TENDONLIMITVEL", "TENDONLIMITFRC", "PLUGIN",
     )
 ]  # fmt: skip
-"""Kinds of sensors that MuJoCo reads off contacts and constraint rows of a step."""
+"""Kinds of sensors that MuJoCo reads off contacts and constraint rows of a step; plugins, such as touch grids, may."""
 
 FRICTION = ("coulomb", "convex", "ignore")
 """Options of friction: exact cones, their convex relaxation, none."""

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.laws.restitution.on_contacts import Chosen
-from impactlaw.scene.contacts import active_contacts, row_velocities, sorted_geoms
+from impactlaw.scene.contacts import acted_on, active_contacts, row_velocities, sorted_geoms
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.soft.tolerances import STILL, UNDERDAMPED
@@ -79,7 +79,7 @@ def _normals(
     first, found = data.ne + data.nf, data.contact
     limit_rows = np.arange(first, first + data.nl)
     labels = tuple(limits.labels[limits.code(data, row)] for row in limit_rows.tolist())
-    index = np.flatnonzero(found.efc_address >= 0)
+    index = acted_on(data)
     if not len(index):
         return limit_rows, labels, np.zeros(data.nl)
     contacts = active_contacts(model, data, names)

@@ -117,11 +117,11 @@ def write_margins(
         body_margin[i] = reach
         far = max(far, reach)
     for i in range(len(geom_margin)):
-        geom_margin[i] = body_margin[body_of_geom[i]] + geom_gap[i]
+        geom_margin[i], geom_gap[i] = body_margin[body_of_geom[i]] + geom_gap[i], 0.0
     for i in range(len(geom_margin)):
         body_margin[body_of_geom[i]] = max(body_margin[body_of_geom[i]], geom_margin[i])
     for i in range(len(pair_margin)):
-        pair_margin[i] = 2.0 * far + pair_gap[i]
+        pair_margin[i], pair_gap[i] = 2.0 * far + pair_gap[i], 0.0
     joint_margin[:] = ALWAYS
     tendon_margin[:] = ALWAYS
 
@@ -139,7 +139,7 @@ def set_margins(
     Args:
         body_margin: to be written, like the other margins, (nbody,).
         geom_margin: (ngeom,).
-        geom_gap: what lies within it on top of what is to be found, m, (ngeom,).
+        geom_gap: what MuJoCo would look for beyond margins, m, (ngeom,): it becomes a part of them, and 0.
         pair_margin: (npair,).
         pair_gap: the same of pairs, m, (npair,).
         joint_margin: (njnt,).

@@ -54,3 +54,15 @@ def test_sensors_of_contact_are_told():
     Stepper(model, Moreau(0.5), scheme="time-stepping")
     Stepper(model, Moreau(0.5), contact_model="soft")
     Stepper(compiled(leg.format("false"), SENSORS.format(""))[0], Moreau(0.5))  # nothing to meet
+
+
+def test_touch_grids_are_told():
+    """A plugin may read contacts: MuJoCo's touch grid does."""
+    plugin = '<extension><plugin plugin="mujoco.sensor.touch_grid"/></extension>'
+    grid = """<sensor><plugin name="grid" plugin="mujoco.sensor.touch_grid" objtype="site" objname="s">
+        <config key="size" value="2 2"/><config key="fov" value="45 45"/><config key="gamma" value="0"/>
+        <config key="nchannel" value="1"/></plugin></sensor>"""
+    pad = '<geom type="plane" size="1 1 1"/><body pos="0 0 1"><freejoint/><geom size=".1"/><site name="s"/></body>'
+    model, _ = compiled(pad, plugin + grid)
+    with pytest.warns(UnreadSensorsWarning, match="grid read"):
+        Stepper(model, Moreau(0.5))

@@ -41,3 +41,13 @@ def test_adhesion_presses_a_box_to_a_wall_by_friction():
     data.ctrl[0] = 1.0
     run(stepping(model, Moreau(0)), data, 300)
     assert data.qpos[:3] == pytest.approx([0, 0, 0], abs=1e-6)
+
+
+@pytest.mark.parametrize("how", ["auto", "never"])
+@pytest.mark.parametrize(("away", "pulled"), [(0.018, True), (0.021, False), (0.035, False)])
+def test_adhesion_reaches_as_far_as_the_gaps_of_both(away, pulled, how):
+    world = f"""<geom type="box" size="1 1 .1" pos="0 0 .1" gap=".01" adhesion="15"/><body pos="0 0 {-0.1 - away}">
+        <freejoint/><geom size=".1" mass="1" gap=".01" adhesion="15"/></body>"""
+    model, data = compiled(world, option='gravity="0 0 0"')
+    run(stepping(model, Moreau(0), compiled=how), data, 10)
+    assert (data.qvel[2] > 0.1) == pulled

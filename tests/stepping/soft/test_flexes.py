@@ -1,0 +1,28 @@
+"""Contacts of flexes are MuJoCo's; the law is for those of geoms beside them."""
+
+import mujoco
+import pytest
+
+from impactlaw import Moreau, Stepper
+
+_SCENE = """<mujoco><option timestep=".001" cone="{cone}"/><worldbody>
+  <geom name="floor" type="plane" size="9 9 1"/>
+  <flexcomp type="grid" count="5 5 1" spacing=".08 .08 .08" dim="2" radius=".01" mass=".2" name="cloth" pos="0 0 .1">
+    <edge equality="true"/><contact selfcollide="none"/></flexcomp>
+  <body pos="3 0 .2"><freejoint/><geom name="ball" size=".06" mass=".3"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
+@pytest.mark.parametrize("contacts", [None, "ball/floor"])
+def test_ball_bounces_beside_a_cloth_that_falls_and_rests(contacts: str | None, cone: str) -> None:
+    model = mujoco.MjModel.from_xml_string(_SCENE.format(cone=cone))
+    stepper, data = Stepper(model, Moreau(0.5), contact_model="soft", contacts=contacts), mujoco.MjData(model)
+    collisions = []
+    for _ in range(400):
+        stepper.step(data)
+        collisions += stepper.events
+    assert [event.contacts.labels for event in collisions] == [("floor/ball",)] * 2
+    for event in collisions:
+        before, after = event.impact.pre_velocity[-4], event.impact.post_velocity[-4]
+        assert after == pytest.approx(-0.5 * before, rel=1e-9)
+    assert (data.flexvert_xpos[:, 2] < 0.02).all()
