@@ -63,7 +63,7 @@ _realloc: Any = _external("realloc", types.int64, types.int64)
 
 @kernel
 def last_step(counts):
-    """Return groups, keys, coefficients, impulses and turns of the last step; see `contact_problem.recall`."""
+    """Return groups, keys, coefficients, impulses and turns of the last step; see `contact_problem.guess`."""
     return known_at(counts[MEMORY.block], counts[MEMORY.groups], counts[MEMORY.rows])
 
 
@@ -104,7 +104,10 @@ def remember(counts, groups, key, scale, impulses, turns):
 
 @kernel
 def go_back(memory, before):
-    """Let the memory be what it was, but for where impulses are kept; the impulses are forgotten."""
+    """Let the memory be what it was, but for where impulses are kept; the impulses are forgotten.
+
+    The steps that are taken back have written their own over those from before.
+    """
     counts = memory.view(np.int64)
     mine = counts[: MEMORY.other_capacity + 1].copy()
     for i in range(len(memory)):
@@ -139,7 +142,7 @@ def free(memory: np.ndarray) -> None:
 
 
 class Known(NamedTuple):
-    """What `contact_problem.recall` and `turns.recall_turns` take: groups, keys, coefficients, impulses and turns."""
+    """What `contact_problem.guess` and `turns.recall_turns` take: groups, keys, coefficients, impulses and turns."""
 
     groups: np.ndarray
     key: np.ndarray
