@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
@@ -18,7 +19,8 @@ from impactlaw.envs.vector.asked_laws import Asked, each
 from impactlaw.errors import OptionError, UnknownNameError
 from impactlaw.laws import Law
 
-_OF_BATCH = ("friction", "on_inadmissible", "rest_speed")
+OF_BATCH = ("friction", "on_inadmissible", "rest_speed")
+"""Options of `Batch` that worlds can be given."""
 
 
 class LawsOfWorlds:
@@ -30,7 +32,7 @@ class LawsOfWorlds:
         count: number of worlds.
         contact_model: of `Batch`.
         nthread: number of threads; 0 for one per processor.
-        options: of `Batch`: "friction", "on_inadmissible", "rest_speed".
+        options: of `Batch`, see `OF_BATCH`.
 
     Attributes:
         batch: the worlds.
@@ -54,7 +56,7 @@ class LawsOfWorlds:
         self.batch = Batch(model, laws, count, nthread, contact_model=contact_model, **options)
         self._own = [first] * count if isinstance(first, Asked) else list(first)
         self._now = list(self._own)
-        self._seeds = [EpisodeSeeds(LAWS) for _ in range(count)]
+        self._sources = [EpisodeSeeds(LAWS) for _ in range(count)]
         self._named: dict[str, np.ndarray] = {}
         if self._distribution is None:
             for world, one in enumerate(self._own):
@@ -68,16 +70,25 @@ class LawsOfWorlds:
         """The law in force in each world."""
         return tuple(one.law for one in self._now)
 
-    def seed(self, world: int, seed: int) -> None:
-        """Let the laws that a world draws begin anew."""
-        self._seeds[world].begin(seed)
+    def begin(self, worlds: Sequence[int], given: Mapping[str, Any], seeds: Sequence[int | None]) -> None:
+        """Let worlds have the laws of the episodes that begin: as given, drawn, or their own.
 
-    def begin(self, worlds: Sequence[int], given: Mapping[str, Any]) -> None:
-        """Let worlds have the laws of the episodes that begin: as given, drawn, or their own; or none, if one fails."""
-        asked = {world: self._of_episode(world, given) for world in worlds}
+        If one fails, all stay what they were, and nothing is drawn.
+
+        Args:
+            worlds: their numbers.
+            given: "law" and "restitution", if they are given.
+            seeds: of each of these worlds, from which its laws are drawn anew; None to go on.
+        """
         drawn = self._distribution is not None
+        sources = {world: copy.deepcopy(self._sources[world]) for world in worlds} if drawn else {}
+        for source, seed in zip(sources.values(), seeds, strict=False):  # none, if no laws are drawn
+            source.begin(seed)
+        asked = {world: self._of_episode(world, given, sources.get(world)) for world in worlds}
         changed = [world for world, one in asked.items() if drawn or one is not self._now[world]]
         self._use(changed, [asked[world] for world in changed])
+        for world, source in sources.items():
+            self._sources[world] = source
 
     def set(self, name: str, values: Any) -> None:
         """Let "law" or "restitution" of all worlds be another, or one for each, from now on; none is drawn any more.
@@ -115,9 +126,9 @@ class LawsOfWorlds:
         has_one = ~np.isnan(told["impact/restitution"])
         return told | {"_impact/law": np.ones(len(has_one), bool), "_impact/restitution": has_one}
 
-    def _of_episode(self, world: int, given: Mapping[str, Any]) -> Asked:
-        if self._distribution is not None:
-            given = self._distribution.draw(self._seeds[world].generator, given) | dict(given)
+    def _of_episode(self, world: int, given: Mapping[str, Any], source: EpisodeSeeds | None) -> Asked:
+        if self._distribution is not None and source is not None:
+            given = self._distribution.draw(source.generator, given) | dict(given)
         return self._own[world].other(self._model, given) if given else self._own[world]
 
     def _use(self, worlds: Sequence[int], asked: Sequence[Asked]) -> None:
@@ -140,10 +151,10 @@ def _check_options(options: Any) -> None:
         UnknownNameError: there is no such option.
     """
     if not isinstance(options, Mapping):
-        raise OptionError(f"batch_options is a mapping of {', '.join(_OF_BATCH)} to values, got {options!r:.100}")
+        raise OptionError(f"batch_options is a mapping of {', '.join(OF_BATCH)} to values, got {options!r:.100}")
     for name in options:
-        if name not in _OF_BATCH:
-            raise UnknownNameError("option of a batch", name, _OF_BATCH)
+        if name not in OF_BATCH:
+            raise UnknownNameError("option of a batch", name, OF_BATCH)
 
 
 def _examples(laws: LawDistribution, model: mujoco.MjModel) -> list[Asked]:

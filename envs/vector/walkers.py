@@ -10,6 +10,7 @@ from gymnasium import spaces
 
 from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.vector.asked_laws import asked_laws
+from impactlaw.envs.vector.laws_of_worlds import OF_BATCH
 from impactlaw.envs.vector.spatial import Robot, Spatial
 from impactlaw.envs.vector.task import Outcome
 from impactlaw.envs.vector.worlds import VectorWorlds
@@ -18,9 +19,8 @@ from impactlaw.laws import Law
 
 _IS = {"scheme": "time-stepping", "log": None, "render_mode": None}
 """What rigid worlds are."""
-_OF_BATCH = ("friction", "on_inadmissible", "rest_speed")
 _PICTURES = ("width", "height", "camera_id", "camera_name")
-_OF_SINGLE = (*_IS, *_OF_BATCH, *_PICTURES, "log_every", "contacts", "limits", "impulse_in_cfrc_ext")
+_OF_SINGLE = (*_IS, *OF_BATCH, *_PICTURES, "log_every", "contacts", "limits", "impulse_in_cfrc_ext")
 
 
 class Planar(Robot):
@@ -116,7 +116,7 @@ def _of_robots(name: str, options: dict[str, Any], contact_model: str) -> dict[s
     left = {option: value for option, value in options.items() if option not in _IS or value != _IS[option]}
     single = [f"{option}={left[option]!r:.50}" for option in _OF_SINGLE if option in left]
     if single:
-        batch = [option for option in _OF_BATCH if option in left]
+        batch = [option for option in OF_BATCH if option in left]
         instead = f"{', '.join(batch)} can be given in batch_options; " if batch else ""
         raise OptionError(
             f"these worlds are time stepped, or soft, and not drawn or recorded, and do not take {', '.join(single)}: "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -117,11 +117,7 @@ class VectorWorlds(VectorEnv):
         given = dict(options or {})
         mask = given.pop("reset_mask", np.ones(self.num_envs, bool))
         chosen, seeds = self._chosen(mask), self._seeds(seed)
-        for i in chosen:
-            if seeds[i] is not None:
-                self._rngs[i] = seeding.np_random(seeds[i])[0]
-                self._laws.seed(i, seeds[i])
-        self._begin(chosen, given)
+        self._begin(chosen, [seeds[i] for i in chosen], given)
         self._begun = True
         return self._task.observe(), self._laws.info()
 
@@ -202,11 +198,15 @@ class VectorWorlds(VectorEnv):
         """Refuse to be copied, as the batch does: the copy would step the same worlds."""
         raise CopyError("worlds cannot be copied: they are in memory that compiled code holds; make other ones")
 
-    def _begin(self, worlds: np.ndarray, given: Mapping[str, Any] = MappingProxyType({})) -> None:
-        self._laws.begin(worlds.tolist(), given)  # first: what is refused changes nothing
+    def _begin(
+        self, worlds: np.ndarray, seeds: Sequence[int | None], given: Mapping[str, Any] = MappingProxyType({})
+    ) -> None:
+        self._laws.begin(worlds.tolist(), given, seeds)  # first: what is refused changes nothing
         self.batch.reset(worlds.tolist(), self._task.keyframe)
-        for i in worlds:
-            self._task.start(int(i), self._rngs[i])
+        for i, seed in zip(worlds.tolist(), seeds, strict=True):
+            if seed is not None:
+                self._rngs[i] = seeding.np_random(seed)[0]
+            self._task.start(i, self._rngs[i])
         self._elapsed[worlds], self._over[worlds] = 0, False
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -236,7 +236,7 @@ class VectorWorlds(VectorEnv):
         if self._limit is not None:
             truncated[going] |= self._elapsed[going] >= self._limit
         if len(over):
-            self._begin(over)
+            self._begin(over, [None] * len(over))
         info |= self._laws.info()
         self._over = terminated | truncated
         return self._task.observe(), reward, terminated, truncated, info

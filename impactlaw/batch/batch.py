@@ -9,13 +9,13 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
-from impactlaw.batch.given import check_name, check_threads, keyframes, one_each, world_numbers
+from impactlaw.batch.given import check_callbacks, check_name, check_threads, keyframes, one_each, world_numbers
 from impactlaw.batch.rows import Fields
 from impactlaw.compiled import compile_together
-from impactlaw.errors import CopyError, SceneError, SettledError, UnknownNameError, WorldsFailedError
+from impactlaw.errors import CopyError, SceneError, SettledError, WorldsFailedError
 from impactlaw.laws import Law
 from impactlaw.settled import Settled, places
-from impactlaw.stepping.compatibility import FRICTION, check_count, check_law, check_model, check_scene_friction
+from impactlaw.stepping.compatibility import check_count, check_friction, check_law, check_model, check_scene_friction
 from impactlaw.stepping.compiled.engine import Pool, functions
 from impactlaw.stepping.integration import check_timestep
 from impactlaw.stepping.left_out import watched_fields
@@ -58,7 +58,8 @@ class Batch:
         restitution: e of each world, (nsim,), to be written; NaN where a law has more than one.
 
     Raises:
-        SceneError: the scene, or the law, is not covered, or the timestep is not positive.
+        SceneError: the scene, or the law, is not covered, the timestep is not positive, or a callback of MuJoCo is set.
+        RestitutionError: as by `set_law`.
         OptionError: a number of worlds or threads, or a speed, that cannot be.
         UnknownNameError: an option has no such value, or a law is none.
     """
@@ -67,7 +68,7 @@ class Batch:
     state = Settled("write into it, as state[:] = ...")
     __slots__ = (
         *places("model", "nsim", "contact_model", "state"),
-        *("_left_out", "_pool", "_fields", "_functions", "_worlds", "_laws", "__weakref__"),
+        *("_left_out", "_friction", "_pool", "_fields", "_functions", "_worlds", "_laws", "__weakref__"),
     )
 
     def __init__(
@@ -78,19 +79,20 @@ class Batch:
         nthread: int = 0,
         *,
         contact_model: Literal["rigid", "soft"] = "rigid",
-        friction: Literal["coulomb", "convex", "ignore"] = "coulomb",
+        friction: Literal["coulomb", "convex", "ignore"] | None = None,
         on_inadmissible: Literal["raise", "project", "allow"] | None = None,
         rest_speed: float | None = None,
     ):
         check_model(model)
         check_timestep(model.opt.timestep)
+        check_callbacks()
         check_count("nsim", nsim)
         check_threads(nthread)
         options = _options(contact_model, friction, on_inadmissible, rest_speed)
-        self.model, self.nsim, self.contact_model = model, nsim, contact_model
-        plan = make_plan(model, contact_model, scheme=options.scheme, friction=friction)
+        self.model, self.nsim, self.contact_model, self._friction = model, nsim, contact_model, friction
+        plan = make_plan(model, contact_model, scheme=options.scheme, friction=friction or "coulomb")
         check_scene_friction(model, plan)
-        self._left_out = watched_fields(plan, friction)
+        self._left_out = watched_fields(plan, friction or "coulomb")
         first = one_each(law, nsim)[0]
         try:
             self._pool = Pool(model, nsim, nthread, persistent=False)
@@ -170,7 +172,7 @@ class Batch:
 
         Raises:
             SceneError: there is not one law for each of these worlds, or compiled code does not take it.
-            RestitutionError: a law does not fit the scene.
+            RestitutionError: a law does not fit the scene, or has friction that contradicts that of the batch.
             UnknownNameError: a law is none, or is keyed by contacts that the scene cannot have.
             OptionError: there are no such worlds, or one is named twice.
         """
@@ -178,6 +180,7 @@ class Batch:
         laws = one_each(law, len(worlds))
         for own in laws[:1] if isinstance(law, Law) else laws:
             check_law(self.model, own)
+            check_friction(own, self._friction)
         self._laws.set(laws, worlds)
 
     def bind(self, name: str) -> np.ndarray:
@@ -225,12 +228,14 @@ class Batch:
 
         Raises:
             OptionError: there are no such worlds, or nstep is no count.
+            SceneError: a callback of MuJoCo is set.
             WorldsFailedError: some could not be stepped; these are as they were before the call.
             RestitutionError: a law does not know the restitution of a contact, and its world is as it was; or what was
                 written to `restitution` is none.
         """
         check_count("nstep", nstep)
         worlds = world_numbers(ids, self.nsim)
+        check_callbacks()
         self._laws.check()
         self._worlds.start(worlds, nstep)
         failed, left = dict[int, tuple[str, bool]](), None if ids is None else worlds
@@ -260,9 +265,11 @@ class Batch:
 
         Raises:
             OptionError: there are no such worlds or keyframes.
+            SceneError: a callback of MuJoCo is set.
             WorldsFailedError: MuJoCo cannot do that in some.
         """
         worlds = world_numbers(ids, self.nsim)
+        check_callbacks()
         key = keyframes(keyframe, len(worlds), self.model.nkey)
         level = int(mujoco.mjtStage.mjSTAGE_ACC)
         if self._functions.mjb_reset(self._pool.handle, worlds.ctypes.data, len(worlds), key.ctypes.data, level):
@@ -274,9 +281,11 @@ class Batch:
 
         Raises:
             OptionError: there are no such worlds.
+            SceneError: a callback of MuJoCo is set.
             WorldsFailedError: MuJoCo cannot do that in some.
         """
         worlds = world_numbers(ids, self.nsim)
+        check_callbacks()
         level = int(mujoco.mjtStage.mjSTAGE_ACC)
         if self._functions.mjb_forward(self._pool.handle, worlds.ctypes.data, len(worlds), level):
             raise WorldsFailedError(worlds.tolist(), self._pool.error(int(worlds[0])))
@@ -301,8 +310,6 @@ def _options(contact_model: Any, friction: Any, on_inadmissible: Any, rest_speed
         OptionError: rest_speed is not a speed.
         SceneError: an option means nothing to the contact model.
     """
-    if friction not in FRICTION:
-        raise UnknownNameError("friction option", friction, FRICTION)
     soft = contact_model == "soft"
     options = Options(
         contact_model=contact_model, scheme=None if soft else "time-stepping", friction=friction, overlap=None,

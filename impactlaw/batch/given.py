@@ -10,6 +10,7 @@ import numpy as np
 
 from impactlaw.errors import OptionError, SceneError, UnknownNameError
 from impactlaw.laws import Law
+from impactlaw.stepping.compiled.libmujoco import is_called_back
 
 
 def world_numbers(ids: Sequence[int] | None, count: int, *, ascending: bool = True) -> np.ndarray:
@@ -63,3 +64,12 @@ def check_threads(nthread: object) -> None:
     """Refuse what is no number of threads."""
     if not isinstance(nthread, numbers.Integral) or nthread < 0:
         raise OptionError(f"nthread is a whole number of threads, or 0 for one per processor, got {nthread!r}")
+
+
+def check_callbacks() -> None:
+    """Refuse callbacks of MuJoCo: rigid steps of a batch leave some out, and all else would call them in threads."""
+    if is_called_back():
+        raise SceneError(
+            "a callback of MuJoCo is set (mjcb_control or another one), which a batch cannot call; take it off, or use "
+            "Stepper"
+        )

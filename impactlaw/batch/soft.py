@@ -19,7 +19,6 @@ from impactlaw.solvers import load_solvers
 from impactlaw.stepping.compiled.engine import Pool, delete_others, fill_context, when_gone
 from impactlaw.stepping.compiled.law_table import Coefficients
 from impactlaw.stepping.compiled.layout import table
-from impactlaw.stepping.compiled.libmujoco import callbacks, is_called_back
 from impactlaw.stepping.impact_event import sums_of
 from impactlaw.stepping.integration import restore_state, save_state
 from impactlaw.stepping.options import Options
@@ -32,7 +31,7 @@ from impactlaw.stepping.way import Way
 
 _DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
 _HOW, _ASKED, _TAKEN = 0, 1, 2  # places in the report of a world
-_IMPACTS, _INADMISSIBLE, _SHORT, _LEFT = 0, 1, 2, 3  # places in what is remembered of a world
+_IMPACTS, _INADMISSIBLE, _SHORT = 0, 1, 2  # places in what is remembered of a world
 _FAILED = -1  # how a world has ended whose step in Python has failed: later rounds of the call are not for it
 _HUGE = "MuJoCo met a state that is not finite, or huge"
 
@@ -80,15 +79,14 @@ class SoftWorlds:
         if why is not None:
             raise SceneError(f"a batch takes no soft steps of this scene: {why}; use Stepper")
         self.laws, self._data, self._expanded = Laws(self._one, worlds, len(SETTING)), mujoco.MjData(model), False
-        self._memory, self._report = np.zeros((worlds, 4)), np.zeros((worlds, 3), np.int64)
+        self._memory, self._report = np.zeros((worlds, 3)), np.zeros((worlds, 3), np.int64)
         self._failed: dict[int, tuple[str, bool]] = {}
-        self._counted = self._memory[:, :_LEFT].copy()
-        self._first, self._table, self._callbacks = np.zeros_like(fields.state), table(), callbacks()
+        self._counted = self._memory.copy()
+        self._first, self._table = np.zeros_like(fields.state), table()
         self._bilateral = constraint_kinds(model) if scheme.collisions.bilateral.any() else np.zeros(0, np.uint8)
         self._slots = np.zeros((pool.threads + 1, 2), np.int64)
         when_gone(self, delete_others, self._slots)
         self.context = np.zeros(len(WORLDS), np.int64)
-        self._memory[:, _LEFT] = np.nan
         arrays = {
             "table": self._table, "bilateral": self._bilateral, "slots": self._slots, "laws_of": self.laws.places,
             "settings_of": self.laws.settings, "states_of": self._first, "memory_of": self._memory,
@@ -126,16 +124,15 @@ class SoftWorlds:
 
     def start(self, worlds: np.ndarray, steps: int) -> None:
         """Let the next call take so many steps of some worlds."""
-        if is_called_back():
-            raise SceneError("a callback of MuJoCo is set, which the threads of a batch would call; use Stepper")
         self.context[WORLDS.steps] = steps
         self._report[worlds] = FINE, 0, 0
-        self._failed, self._counted = {}, self._memory[:, :_LEFT].copy()
+        self._failed, self._counted = {}, self._memory.copy()
 
     def go_on(self, worlds: np.ndarray) -> np.ndarray:
         """Do what compiled code has left, and return the worlds that are to be stepped once more, int32 (k,)."""
         how = self._report[worlds, _HOW]
-        self._forget(worlds[how == DIVERGED])
+        diverged = worlds[how == DIVERGED]
+        self._memory[diverged] = self._counted[diverged]
         left, python = worlds[how == UNKNOWN], worlds[how == PYTHON]
         try:
             for world in left.tolist():
@@ -160,16 +157,11 @@ class SoftWorlds:
         """Let worlds be as they were before the call, if it has begun."""
         begun = worlds[self._report[worlds, _TAKEN] > 0]
         self._fields.state[begun] = self._first[begun]
-        self._forget(worlds)
-
-    def _forget(self, worlds: np.ndarray) -> None:
-        """Let worlds that have been put back have no steps of the call to remember."""
-        self._memory[worlds, :_LEFT] = self._counted[worlds]
-        self._memory[worlds, _LEFT] = np.nan
+        self._memory[worlds] = self._counted[worlds]
 
     def begin(self, worlds: np.ndarray) -> None:
         """Let worlds have nothing to remember."""
-        self._memory[worlds] = 0.0, 0.0, 0.0, np.nan
+        self._memory[worlds] = 0.0
 
     def _step_in_python(self, world: int) -> None:
         """Take one step of a world in Python; if that fails the world is as it was before the call."""
@@ -179,8 +171,7 @@ class SoftWorlds:
             self._pool.write_model(world, model)
             scheme = _OneSoftWorld(Way(model, self._plan, self._options, None), Moreau(0.0)).scheme
         scheme.set_law(self._one.way.law_for(self._law_of(world)))
-        scheme.resume(float(self._memory[world, _LEFT]), scheme.collisions.collider)
-        mujoco.mj_resetData(model, data)  # with no contacts of another world
+        mujoco.mj_resetData(model, data)  # with nothing that an error in another world has left
         restore_state(model, data, self._fields.state[world])
         missed = scheme.short_steps + scheme.unlocated
         try:
@@ -194,7 +185,6 @@ class SoftWorlds:
         self._memory[world, _IMPACTS] += sums.collisions > 0
         self._memory[world, _INADMISSIBLE] += sums.inadmissible > 0
         self._memory[world, _SHORT] += scheme.short_steps + scheme.unlocated - missed
-        self._memory[world, _LEFT] = np.nan if data.ncon + data.nl else data.time
         self._report[world, _HOW] = FINE
         self._report[world, _TAKEN] += 1
         self._fields.state[world] = save_state(model, data)

@@ -70,6 +70,7 @@ class LeftOut:
         model, rubs = self._model, False
         if not self._plan.detection and self._parents != model.opt.disableflags & _FILTER_PARENT:
             self._compare("opt.disableflags")
+            self._keep()
         for name, kept in self._kept:
             if getattr(model, name).tobytes() != kept:
                 self._compare(name)

@@ -15,10 +15,11 @@ import numpy as np
 from scipy import sparse
 
 from impactlaw import ImpactLawError, Moreau, Stepper
+from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
 from impactlaw.stepping.time_stepping import contact_impulses
-from impactlaw.stepping.time_stepping.problem.solution.contact_problem import recall
-from impactlaw.stepping.time_stepping.problem.targets import offsets
+from impactlaw.stepping.time_stepping.problem.solution.contact_problem import guess
+from impactlaw.stepping.time_stepping.problem.targets import write_offsets
 from scripts.robots import starts
 from scripts.robots.scenes import Loaded, Scene
 
@@ -121,11 +122,27 @@ def problem_of(scene: str, given: dict[str, Any]) -> Problem:
         kind=groups[2].copy(),
         bound=amounts[1].copy(),
         compliance=rates[4].copy(),
-        offset=offsets(groups, rates, given["target"], given["sliding"]),
-        guess=recall(groups, given["key"], rates[0], *known),
+        offset=_offsets(groups, rates, given["target"], given["sliding"]),
+        guess=_recall(groups, given["key"], rates[0], *known),
         exact=given["exact"],
         rounds=given["rounds"],
     )
+
+
+@compiled()
+def _offsets(groups, rates, target, sliding):
+    """Return what `write_offsets` writes, (n,)."""
+    b = np.empty(rates.shape[1])
+    write_offsets(groups, rates, target, sliding, b)
+    return b
+
+
+@compiled()
+def _recall(groups, key, scale, known_groups, known_key, known_scale, known):
+    """Return what `guess` writes, (n,)."""
+    x = np.empty(len(scale))
+    guess(groups, key, scale, known_groups, known_key, known_scale, known, x)
+    return x
 
 
 def _is_worth_solving(problem: Problem) -> bool:

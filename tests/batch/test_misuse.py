@@ -1,11 +1,19 @@
 """A batch that is told nonsense says so, steps nothing, and does not end the process as MuJoCo would."""
 
+import mujoco
 import numpy as np
 import pytest
 
-from impactlaw import Moreau, Stepper
+from impactlaw import Coulomb, Moreau, Stepper
 from impactlaw.batch import Batch
-from impactlaw.errors import OptionError, RestitutionError, SceneError, SettledError, UnknownNameError, UnsupportedError
+from impactlaw.errors import (
+    OptionError,
+    RestitutionError,
+    SceneError,
+    SettledError,
+    UnknownNameError,
+    UnsupportedError,
+)
 from impactlaw.models import load
 
 
@@ -147,3 +155,44 @@ def test_a_timestep_that_is_none(timestep):
     for contact_model in ("rigid", "soft"):
         with pytest.raises(SceneError, match="timestep must be positive"):
             Batch(model, Moreau(0.5), 3, 1, contact_model=contact_model)
+
+
+@pytest.mark.parametrize("contact_model", ["rigid", "soft"])
+@pytest.mark.parametrize("name", ["control", "passive", "act_bias"])
+def test_callbacks_of_mujoco(name, contact_model):
+    model = load("box_drop")[0]
+    batch = Batch(model, Moreau(0.5), 2, 1, contact_model=contact_model)
+    state, heard = batch.state.copy(), []
+    getattr(mujoco, f"set_mjcb_{name}")(lambda *given: heard.append(given))
+    try:
+        for use in (batch.step, batch.forward, batch.reset, lambda: Batch(model, Moreau(0.5), 2, 1)):
+            with pytest.raises(SceneError, match=r"a callback of MuJoCo is set .* use Stepper"):
+                use()
+    finally:
+        getattr(mujoco, f"set_mjcb_{name}")(None)
+    assert not heard
+    np.testing.assert_array_equal(batch.state, state)
+    batch.step()
+    np.testing.assert_array_equal(batch.bind("time"), model.opt.timestep)
+
+
+@pytest.mark.parametrize("contact_model", ["rigid", "soft"])
+@pytest.mark.parametrize(
+    ("friction", "law", "words"),
+    [
+        ("ignore", Coulomb(Moreau(0.5)), "would lose its friction"),
+        ("coulomb", Coulomb(Moreau(0.5), cone="convex"), "contradicts the law"),
+        ("convex", Coulomb(Moreau(0.5)), "contradicts the law"),
+    ],
+)
+def test_laws_whose_friction_is_not_that_of_the_batch(contact_model, friction, law, words):
+    model = load("box_drop")[0]
+    options = {"contact_model": contact_model, "friction": friction}
+    for laws in (law, [Moreau(0.5), law]):
+        with pytest.raises(RestitutionError, match=words):
+            Batch(model, laws, 2, 1, **options)
+    batch = Batch(model, Moreau(0.5), 2, 1, **options)
+    with pytest.raises(RestitutionError, match=words):
+        batch.set_law([Moreau(0.1), law])
+    assert batch.law == (Moreau(0.5), Moreau(0.5))
+    Batch(model, law, 2, 1, contact_model=contact_model)

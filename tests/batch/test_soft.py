@@ -187,13 +187,14 @@ def test_what_mujoco_cannot_make_a_batch_of_is_refused(contact_model):
         Batch(sleeping, Moreau(0.5), 2, contact_model=contact_model)
 
 
-def test_callbacks_are_refused():
-    batch = Batch(compiled(), Moreau(0.5), 2, 1, contact_model="soft")
-    mujoco.set_mjcb_control(lambda model, data: None)
-    try:
-        with pytest.raises(SceneError, match="callback"):
-            batch.step()
-    finally:
-        mujoco.set_mjcb_control(None)
+@pytest.mark.parametrize("height", [0.1, 0.08])
+def test_a_state_that_is_written_between_rk4_steps_is_taken_as_it_is(height):
+    """The last step has ended without contact; where the ball is put it touches the floor at the start of the next."""
+    xml = """<mujoco><option integrator="RK4"/><worldbody><geom type="plane" size="1 1 1"/>
+      <body pos="0 0 1"><freejoint/><geom size=".1" condim="1"/></body></worldbody></mujoco>"""
+    batch = Batch(mujoco.MjModel.from_xml_string(xml), Moreau(1.0), 2, 1, contact_model="soft")
     batch.step()
-    assert batch.bind("time").tolist() == [0.005, 0.005]
+    batch.bind("qpos")[1, 2], batch.bind("qvel")[1, 2] = height - 1e-6, -3.0
+    batch.step()
+    assert batch.impact_count.tolist() == [0, 1]
+    assert batch.bind("qvel")[1, 2] == pytest.approx(3.0, abs=0.03)

@@ -11,6 +11,8 @@ from impactlaw import Moreau, Stepper
 from impactlaw.batch import Batch
 from impactlaw.cli import main
 from impactlaw.errors import SceneError
+from impactlaw.stepping import left_out
+from impactlaw.stepping.plan import make_plan
 
 WAYS = {
     "soft": {"contact_model": "soft"},
@@ -289,3 +291,19 @@ def test_a_child_that_comes_to_meet_its_parent(way):
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT)
     with pytest.raises(SceneError, match=r"geoms can meet since model.opt.disableflags was changed"):
         stepper.step(data)
+
+
+@every_way
+def test_a_flag_that_is_changed_once_is_looked_at_once(way, monkeypatch):
+    model, data = block('contype="0" conaffinity="0"')
+    stepper, made = Stepper(model, Moreau(0.5), **WAYS[way]), []
+
+    def counted(*given, **options):
+        made.append(given)
+        return make_plan(*given, **options)
+
+    monkeypatch.setattr(left_out, "make_plan", counted)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT)
+    for _ in range(3):
+        stepper.step(data)
+    assert len(made) == 1

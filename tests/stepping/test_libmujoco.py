@@ -1,11 +1,26 @@
-"""Which library of MuJoCo compiled code calls."""
+"""Which library of MuJoCo compiled code calls, and whom MuJoCo calls back meanwhile."""
 
 from __future__ import annotations
+
+import ctypes
 
 import mujoco
 import pytest
 
-from impactlaw.stepping.compiled.libmujoco import find_library
+from impactlaw import Moreau, Stepper
+from impactlaw.models import load
+from impactlaw.stepping.compiled.layout import table
+from impactlaw.stepping.compiled.libmujoco import find_library, is_called_back, library, without_callbacks
+from impactlaw.stepping.time_stepping.make import warm_up
+
+CALLBACKS = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter", "sensor")
+
+
+@pytest.fixture(autouse=True)
+def _clean():
+    yield
+    for name in CALLBACKS:
+        getattr(mujoco, f"set_mjcb_{name}")(None)
 
 
 @pytest.mark.parametrize("form", ["libmujoco.so.{}", "libmujoco.{}.dylib"])
@@ -19,3 +34,53 @@ def test_the_library_is_that_of_the_bindings_beside_one_that_another_version_has
 def test_a_library_without_a_version_in_its_name_is_found(tmp_path):
     (tmp_path / "mujoco.dll").touch()
     assert find_library(tmp_path).name == "mujoco.dll"
+
+
+def test_callbacks_are_taken_off_and_put_back():
+    functions = [lambda *given, name=name: name for name in CALLBACKS]
+    for name, function in zip(CALLBACKS, functions, strict=True):
+        getattr(mujoco, f"set_mjcb_{name}")(function)
+    with pytest.raises(KeyError), without_callbacks():
+        assert not is_called_back()
+        assert all(getattr(mujoco, f"get_mjcb_{name}")() is None for name in CALLBACKS)
+        raise KeyError
+    assert [getattr(mujoco, f"get_mjcb_{name}")() for name in CALLBACKS] == functions
+    with without_callbacks():
+        pass
+    assert is_called_back()
+
+
+def test_a_callback_that_was_set_from_c_is_put_back():
+    function = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(lambda model, data: None)
+    place = ctypes.c_size_t.in_dll(library(), "mjcb_control")
+    place.value = address = ctypes.cast(function, ctypes.c_void_p).value
+    with without_callbacks():
+        assert place.value == 0
+    assert place.value == address
+
+
+@pytest.mark.parametrize("name", ["control", "passive", "contactfilter"])
+@pytest.mark.parametrize(
+    "way",
+    [
+        {},
+        {"scheme": "time-stepping"},
+        {"scheme": "time-stepping", "compiled": "never"},
+        {"contact_model": "soft"},
+        {"contact_model": "soft", "compiled": "never"},
+    ],
+    ids=str,
+)
+def test_steppers_are_made_while_a_callback_is_set_that_is_for_another_scene(way, name):
+    """It is not called with the scenes in which this package tries compiled code for the first time."""
+    (model, data), heard = load("box_drop"), []
+    warm_up.cache_clear(), table.cache_clear()
+
+    def callback(model: mujoco.MjModel, *given: object) -> int:
+        heard.append(model.names)
+        return 0
+
+    getattr(mujoco, f"set_mjcb_{name}")(callback)
+    Stepper(model, Moreau(0.5), **way).step(data)
+    assert set(heard) <= {model.names}
+    assert getattr(mujoco, f"get_mjcb_{name}")() is callback

@@ -127,7 +127,6 @@ class _Model(NamedTuple):
     opt_disableflags: int
     opt_enableflags: int
     stat_meansize: int
-    stat_meansize: int
 
 
 class _Contact(NamedTuple):

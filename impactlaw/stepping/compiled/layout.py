@@ -14,6 +14,7 @@ import numpy as np
 
 from impactlaw.errors import ImpactLawError
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, SIZE
+from impactlaw.stepping.compiled.libmujoco import without_callbacks
 
 _NUMBERS: dict[str, Any] = {
     "mjtNum": ctypes.c_double,
@@ -29,8 +30,6 @@ _NUMBERS: dict[str, Any] = {
     "unsigned char": ctypes.c_uint8,
     "unsigned int": ctypes.c_uint,
 }
-_INNER = {"opt": "mjOption", "stat": "mjStatistic"}
-"""Structures inside of mjModel, whose fields are named by both."""
 _INNER = {"opt": "mjOption", "stat": "mjStatistic"}
 """Structures inside of mjModel, whose fields are named by both."""
 
@@ -111,9 +110,10 @@ _SCENE = (
 
 def _check(offsets: np.ndarray) -> None:
     """Compare addresses with those of MuJoCo's own bindings."""
-    model: Any = mujoco.MjModel.from_xml_string(_SCENE)
-    data: Any = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    with without_callbacks():
+        model: Any = mujoco.MjModel.from_xml_string(_SCENE)
+        data: Any = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
     pointers = [(data._address, DATA, data), (model._address, MODEL, model)]
     wrong = []
     for address, fields, owner in pointers:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -112,17 +114,39 @@ get_state, set_state = _external("mj_getState"), _external("mj_setState")
 is_sparse, make_data = _external("mj_isSparse", types.int32), _external("mj_makeData", types.int64)
 
 
+_CALLBACKS = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter", "sensor")
+
+
 @cache
 def callbacks() -> np.ndarray:
     """Return where MuJoCo keeps its callbacks, int64."""
-    names = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter", "sensor")
-    places = [ctypes.addressof(ctypes.c_void_p.in_dll(library(), f"mjcb_{name}")) for name in names]
+    places = [ctypes.addressof(ctypes.c_void_p.in_dll(library(), f"mjcb_{name}")) for name in _CALLBACKS]
     return np.array(places, dtype=np.int64)
 
 
 def is_called_back() -> bool:
     """Return whether a callback of MuJoCo is set."""
     return any(ctypes.c_size_t.from_address(place).value for place in callbacks().tolist())
+
+
+@contextmanager
+def without_callbacks() -> Iterator[None]:
+    """Let MuJoCo call nobody back meanwhile: a callback is for the scene of its user, not for one of this package.
+
+    MuJoCo's compiler calls them, too. Those that were set from C are unknown to MuJoCo's bindings, which therefore do
+    not put them back.
+    """
+    places = [ctypes.c_size_t.from_address(place) for place in callbacks().tolist()]
+    addresses = [place.value for place in places]
+    functions = [getattr(mujoco, f"get_mjcb_{name}")() for name in _CALLBACKS]
+    try:
+        for name in _CALLBACKS:
+            getattr(mujoco, f"set_mjcb_{name}")(None)
+        yield
+    finally:
+        for name, function, place, address in zip(_CALLBACKS, functions, places, addresses, strict=True):
+            getattr(mujoco, f"set_mjcb_{name}")(function)
+            place.value = address
 
 
 @plain

@@ -82,7 +82,6 @@ class SoftStepping:
         self._before = np.empty(mujoco.mj_stateSize(model, _STATE))
         self._velocity_before = self._before[1 + model.nq :][: model.nv]
         self._trial: mujoco.MjData | None = None
-        self._left_at = np.nan
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the options, which are part of the model."""
@@ -119,10 +118,6 @@ class SoftStepping:
             return "the law is for some contacts only"
         return None if self.collisions.collider.solver == "auto" else "a solver was chosen"
 
-    def resume(self, left: float, collider: Collider) -> None:
-        """Go on as if the last step had ended at a time, s, and with another collider; NaN if something touched."""
-        self._left_at, self.collisions.collider = left, collider
-
     def set_law(self, law: Law) -> None:
         """Let the collisions of the next steps be by another law."""
         self.collisions.collider = replace(self.collisions.collider, law=law)
@@ -145,22 +140,10 @@ class SoftStepping:
         if not self.collides:
             mj_step(model, data)
             events = ()
-        elif (
-            integrator != _RK4
-            or data.ncon
-            or data.nl
-            or time != self._left_at
-            or (surfaces is not None and not surfaces.still)
-            or get_mjcb_control() is not None
-        ):
+        else:
             events = self._step_from_start(data, integrator)
-        else:  # the last stage of the step before, or mj_forward, has met no contact, so there is none at the start
-            mj_getState(model, data, self._before, _STATE)
-            mj_step(model, data)
-            events = self._collide_at_end(data) if data.ncon or data.nl else ()
         if data.time <= time or count is not None:
             _refuse_reset(data, time, count)
-        self._left_at = data.time
         if surfaces is not None:
             surfaces.end(data)
         return events
@@ -206,9 +189,9 @@ class SoftStepping:
             mujoco.mj_compareFwdInv(model, data)
         if integrator == _RK4 and not held:  # its stages would compute forces of their own
             mj_getState(model, data, self._before, _STATE)
-            geoms, rows = data.contact.geom.copy(), _rows(data)
+            met = _met(data) if contacts else None
             mj_RungeKutta(model, data, 4)
-            if not (np.array_equal(data.contact.geom, geoms) and np.array_equal(_rows(data), rows)):
+            if (contacts or data.ncon or data.nl) and _met(data) != met:
                 events += self._collide_at_end(data)
         elif integrator in (_EULER, _RK4):
             mj_Euler(model, data)
@@ -283,9 +266,9 @@ def _update(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     mujoco.mj_fwdConstraint(model, data)
 
 
-def _rows(data: mujoco.MjData) -> np.ndarray:
-    """Return what tells constraint rows apart, int (nefc,)."""
-    return 8 * data.efc_id + data.efc_type
+def _met(data: mujoco.MjData) -> tuple[bytes, bytes]:
+    """Return what tells contacts apart, and constraint rows."""
+    return data.contact.geom.tobytes(), (8 * data.efc_id + data.efc_type).tobytes()
 
 
 def _refuse_reset(data: mujoco.MjData, time: float, count: int | None) -> None:

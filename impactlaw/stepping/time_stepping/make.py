@@ -36,14 +36,17 @@ def warm_up(calls: str = _SOLVER) -> None:
     """
     announce("impactlaw.stepping.time_stepping")
     compile_together(calls)
+    from impactlaw.stepping.compiled.libmujoco import without_callbacks
     from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
-    model = mujoco.MjModel.from_xml_string(_SCENE)
-    data, plan = mujoco.MjData(model), make_plan(model, scheme="time-stepping")
-    data.qvel[:] = 0.0, 0.0, -1.0, 9.0, 9.0, 9.0
-    stepping = TimeStepping(model, Moreau(0.5), plan, friction="coulomb", on_inadmissible="project", rest_speed=None)
-    stepping.step(data)
-    stepping.step(data)
+    options: dict[str, Any] = {"friction": "coulomb", "on_inadmissible": "project", "rest_speed": None}
+    with without_callbacks():
+        model = mujoco.MjModel.from_xml_string(_SCENE)
+        data, plan = mujoco.MjData(model), make_plan(model, scheme="time-stepping")
+        data.qvel[:] = 0.0, 0.0, -1.0, 9.0, 9.0, 9.0
+        stepping = TimeStepping(model, Moreau(0.5), plan, **options)
+        stepping.step(data)
+        stepping.step(data)
 
 
 def make_time_stepping(

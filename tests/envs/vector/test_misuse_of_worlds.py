@@ -251,3 +251,19 @@ def test_what_is_called_in_every_world(vec):
             vec.call(name, **given)
     with pytest.raises(AttributeError, match="lw"):
         vec.call("lw")
+
+
+@pytest.mark.parametrize("law", ["newton", LawDistribution(("moreau",), (0.2, 0.9))], ids=["one law", "drawn laws"])
+def test_a_reset_that_is_refused_draws_nothing(law):
+    """Neither the generators of the worlds nor those of their laws begin anew, or go on."""
+    made = [gymnasium.make_vec(NAME, 2, vectorization_mode=WORLDS, law=law, nthread=1) for _ in range(2)]
+    for vec in made:
+        vec.reset(seed=0)
+    for options in ({"seed": 5, "options": {"law": "moro"}}, {"options": {"law": "moro"}}):
+        with pytest.raises(UnknownNameError, match="moro"):
+            made[0].reset(**options)
+        (one, told), (other, known) = (vec.reset() for vec in made)
+        np.testing.assert_array_equal(one, other)
+        np.testing.assert_array_equal(told["impact/restitution"], known["impact/restitution"])
+    for vec in made:
+        vec.close()

@@ -183,19 +183,28 @@ def norm(v: Array) -> float:
 
 
 @plain
+def any_of(marks: Array) -> bool:
+    """Return whether some are True."""
+    for mark in marks:
+        if mark:
+            return True
+    return False
+
+
+@plain
+def equal(v: Array, w: Array) -> bool:
+    """Return whether the numbers of two arrays of one length are the same."""
+    for i in range(len(v)):
+        if v[i] != w[i]:
+            return False
+    return True
+
+
+@plain
 def put(to: Array, source: Array) -> None:
     """Write the numbers of one array to another."""
     for i in range(len(source)):
         to[i] = source[i]
-
-
-@plain
-def is_equal(one: Array, other: Array) -> bool:
-    """Return whether two arrays of a length hold the same numbers."""
-    for i in range(len(one)):
-        if one[i] != other[i]:
-            return False
-    return True
 
 
 @plain

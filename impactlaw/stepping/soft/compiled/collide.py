@@ -17,6 +17,7 @@ from impactlaw.solvers.cones.algebra.loops import (
     cleared,
     copied,
     dot,
+    equal,
     indices,
     kernel,
     norm,
@@ -212,14 +213,6 @@ def _tell(outcomes, velocity):
 
 
 @plain
-def _same(one, other):
-    for i in range(len(one)):
-        if one[i] != other[i]:
-            return False
-    return True
-
-
-@plain
 def _find_calm(w, found, gamma, jacobian, islands, calm):
     """Write how fast constraints may move and keep that in a collision, of each tree, zeros, (ntree,).
 
@@ -271,7 +264,7 @@ def _collide(w, law, islands, sums):
         if status == FINE:
             _tell(law.outcomes, velocity)
             sums[LAST] += last
-        if status != FINE or _same(before, velocity):
+        if status != FINE or equal(before, velocity):
             break
         changed = True
         if last:

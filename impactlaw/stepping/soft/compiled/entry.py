@@ -15,10 +15,8 @@ from impactlaw.stepping.soft.compiled.collide import SUMS
 from impactlaw.stepping.soft.compiled.step import advance
 from impactlaw.stepping.soft.compiled.world import CALLBACK, FINE
 
-EXTRA = SUMS + 1
-"""Numbers that follow a state."""
-LEFT, TOTAL = 3, 5
-"""Places among the numbers: when the last step has ended, twice, and where the sums over all steps begin."""
+TOTAL = 3
+"""Where the sums over all steps begin among the numbers."""
 
 
 class Context(NamedTuple):
@@ -29,8 +27,7 @@ class Context(NamedTuple):
         data: of the world.
         trial: other data.
         table: offsets of fields.
-        numbers: restitution, tangential restitution, rest speed, the time at which the last step has ended
-            (see `step.advance`), and the sums over all steps that are taken, written.
+        numbers: restitution, tangential restitution, rest speed, and the sums over all steps that are taken, written.
         exact: exact Coulomb friction.
         frictional: contacts have friction.
         most: collisions, see `world.Law`.
@@ -39,8 +36,8 @@ class Context(NamedTuple):
         values: their restitution.
         callbacks: addresses of MuJoCo's callbacks, and how many.
         steps: to take.
-        states: room for the state at the start of each step, followed by its sums, see `collide`, and by the time at
-            which the step before has ended, see `step.advance`; and how many numbers a state has.
+        states: room for the state at the start of each step, followed by its sums, see `collide`; and how many numbers
+            a state has.
         status: how the last step has ended, written.
         taken: steps that are over, written.
         asked: key of a contact that is not known, written.
@@ -83,16 +80,16 @@ CONTEXT = Context()
 def steps(context):
     """Take steps until one ends in another way than it should."""
     c = longs(context, len(CONTEXT))
+    numbers, width = floats(c[CONTEXT.numbers], TOTAL + SUMS), c[CONTEXT.state_size]
     c[CONTEXT.taken] = 0
+    clear(numbers[TOTAL:])
     if is_watched(longs(c[CONTEXT.callbacks], c[CONTEXT.callback_count])):
         c[CONTEXT.status] = CALLBACK
         return
-    numbers, width = floats(c[CONTEXT.numbers], TOTAL + SUMS), c[CONTEXT.state_size]
-    clear(numbers[TOTAL:])
     outcomes = floats(c[CONTEXT.outcomes], c[CONTEXT.outcome_count])
     while c[CONTEXT.taken] < c[CONTEXT.steps]:
         i = c[CONTEXT.taken]
-        state = c[CONTEXT.states] + 8 * (width + EXTRA) * i
+        state = c[CONTEXT.states] + 8 * (width + SUMS) * i
         sums = floats(state + 8 * width, SUMS)
         c[CONTEXT.status] = advance(
             c[CONTEXT.model], c[CONTEXT.data], c[CONTEXT.trial], c[CONTEXT.table],
@@ -100,14 +97,12 @@ def steps(context):
             numbers[2], c[CONTEXT.most],
             longs(c[CONTEXT.keys], c[CONTEXT.known]), floats(c[CONTEXT.values], c[CONTEXT.known]),
             c[CONTEXT.asked : CONTEXT.asked + 1], outcomes,
-            flags(c[CONTEXT.bilateral], c[CONTEXT.constraints]), numbers[LEFT:TOTAL],
-            floats(state, width), sums,
+            flags(c[CONTEXT.bilateral], c[CONTEXT.constraints]), floats(state, width), sums,
             c[CONTEXT.collides] != 0,
         )  # fmt: skip
         if c[CONTEXT.status] != FINE:
             return
         numbers[TOTAL:] += sums
-        floats(state + 8 * (width + SUMS), 1)[0] = numbers[LEFT + 1]
         c[CONTEXT.taken] += 1
 
 

@@ -11,7 +11,7 @@ from numba import types
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import numbers
 from impactlaw.stepping.compiled import libmujoco as mj
-from impactlaw.stepping.compiled.fields import DATA, address_of, flags, floats, ints, keep, longs
+from impactlaw.stepping.compiled.fields import address_of, flags, floats, keep, longs
 from impactlaw.stepping.compiled.pooled import copy_out, other_data
 from impactlaw.stepping.soft.compiled.collide import COUNT, LAST, SCALED, SHORT, SUMS
 from impactlaw.stepping.soft.compiled.step import STATE, advance
@@ -31,8 +31,8 @@ class Worlds(NamedTuple):
         settings_of: see `world.Settings`.
         laws_of: address of keys, address of values, and how many, int64 (nsim, 3).
         states_of: room for the state at the start of the call, and how many numbers a state has.
-        memory_of: steps so far with a collision, with one whose restitution was scaled, those in which one had none
-            left, and the time at which the last step has ended without contact, s, or NaN, (nsim, 4), written.
+        memory_of: steps so far with a collision, with one whose restitution was scaled, and those in which one had none
+            left, (nsim, 3), written.
         status_of: how the call has ended, the key that was asked for, and steps taken, int64 (nsim, 3), written; a
             call goes on after so many steps.
         outputs: see `pooled.copy_out`, and how many.
@@ -70,13 +70,9 @@ def some_steps(model, data, world, context):
     where = longs(c[WORLDS.laws_of] + 24 * world, 3)
     keys, values = longs(where[0], where[2]), floats(where[1], where[2])
     settings = floats(c[WORLDS.settings_of] + 8 * len(SETTING) * world, len(SETTING))
-    memory = floats(c[WORLDS.memory_of] + 32 * world, 4)
-    state, sums, none, left = numbers(width), numbers(SUMS), numbers(0), numbers(2)
+    memory = floats(c[WORLDS.memory_of] + 24 * world, 3)
+    state, sums, none = numbers(width), numbers(SUMS), numbers(0)
     other = other_data(model, data, longs(c[WORLDS.slots], 2 * c[WORLDS.slot_count]))
-    left[0] = memory[3]
-    ncon, nl = longs(c[WORLDS.table], DATA.ncon + 1)[DATA.ncon], longs(c[WORLDS.table], DATA.nl + 1)[DATA.nl]
-    contacts, limits = ints(data + ncon, 1), ints(data + nl, 1)
-    contacts[0] = limits[0] = 0  # what this data has met before was in another world
     if report[2] == 0:
         mj.get_state(model, data, address_of(first), STATE)
     while report[2] < c[WORLDS.steps]:
@@ -85,7 +81,7 @@ def some_steps(model, data, world, context):
             settings[SETTING.restitution], settings[SETTING.sliding], settings[SETTING.exact] != 0.0,
             settings[SETTING.last_exact] != 0.0, c[WORLDS.frictional] != 0,
             settings[SETTING.rest_speed], np.int64(settings[SETTING.most]), keys, values, report[1:2], none,
-            flags(c[WORLDS.bilateral], c[WORLDS.constraints]), left, state, sums, c[WORLDS.collides] != 0,
+            flags(c[WORLDS.bilateral], c[WORLDS.constraints]), state, sums, c[WORLDS.collides] != 0,
         )  # fmt: skip
         if report[0] != FINE:
             break
@@ -93,7 +89,6 @@ def some_steps(model, data, world, context):
         memory[0] += sums[COUNT] > 0.0
         memory[1] += sums[SCALED] > 0.0
         memory[2] += sums[LAST] + sums[SHORT] > 0.0
-        memory[3] = left[0] if contacts[0] + limits[0] == 0 else np.nan
     if report[0] == FINE:  # else this data is that of the step that failed, or of another world
         if c[WORLDS.forces] != 0:
             mj.rne_post_constraint(model, data)

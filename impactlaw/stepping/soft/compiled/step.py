@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import clear, indices, kernel, numbers, once, plain, put, zeros
+from impactlaw.solvers.cones.algebra.loops import clear, indices, kernel, norm, numbers, once, plain, put, zeros
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     contact_ints,
@@ -58,23 +58,12 @@ def _bad_states(w):
 
 @plain
 def _is_huge(w):
-    qpos, total = data_floats(w, DATA.qpos, size(w, MODEL.nq)), 0.0
-    for i in range(len(qpos)):
-        total += qpos[i] * qpos[i]
-    qvel, speed = velocity_of(w), 0.0
-    for i in range(len(qvel)):
-        speed += qvel[i] * qvel[i]
-    return not (np.sqrt(total) <= _HUGE and np.sqrt(speed) <= _HUGE)
+    return not (norm(data_floats(w, DATA.qpos, size(w, MODEL.nq))) <= _HUGE and norm(velocity_of(w)) <= _HUGE)
 
 
 @plain
 def _touches(w):
     return number(w, DATA.ncon) + number(w, DATA.nl)
-
-
-@plain
-def _forget_contacts(w):
-    ints(w.data + offset(w, DATA.ncon), 1)[0] = ints(w.data + offset(w, DATA.nl), 1)[0] = 0
 
 
 @kernel
@@ -192,11 +181,11 @@ def _from_start(w, law, trial, integrator, state, sums):
 
 @linked(
     "int64(int64,int64,int64,int64,float64,float64,boolean,boolean,boolean,float64,int64,int64[::1],float64[::1],int64[::1],"
-    "float64[::1],uint8[::1],float64[::1],float64[::1],float64[::1],boolean)"
+    "float64[::1],uint8[::1],float64[::1],float64[::1],boolean)"
 )
 def advance(
     model, data, trial, table, restitution, sliding, exact, last_exact, frictional, rest_speed, most, keys, values,
-    asked, outcomes, bilateral, left, state, sums, collides,
+    asked, outcomes, bilateral, state, sums, collides,
 ):  # fmt: skip
     """Take one step and return how it has ended; see `world`.
 
@@ -217,8 +206,6 @@ def advance(
         asked: see there.
         outcomes: see there.
         bilateral: see there.
-        left: time at which the last step has ended, s, (2,), written; and the same for the scheme in Python, which
-            has not looked yet: NaN where something touches at the start of the step.
         state: room for the state, where that of the start is in the end.
         sums: over collisions, see `collide`, written.
         collides: whether anything can.
@@ -237,22 +224,14 @@ def advance(
     clear(outcomes[:1])
     bad = _bad_states(w)
     mj.get_state(model, data, address_of(state), STATE)
-    status, left[1] = FINE, np.nan
+    status = FINE
     if not collides:
         mj.whole_step(model, data)
-    elif integrator != _RK4 or _touches(w) or time != left[0]:
-        status = _from_start(w, law, trial, integrator, state, sums)
     else:
-        left[1] = time
-        mj.whole_step(model, data)
-        if _touches(w):
-            status = _collide_at_end(w, law, trial, state, sums)
+        status = _from_start(w, law, trial, integrator, state, sums)
     if status != FINE:
         mj.set_state(model, data, address_of(state), STATE)
-        if left[1] == time:  # what takes the step again is to see what this has seen
-            _forget_contacts(w)
         return status
-    left[0] = float_at(time_at)
-    if left[0] <= time or _bad_states(w) != bad:
+    if float_at(time_at) <= time or _bad_states(w) != bad:
         return DIVERGED
     return FINE

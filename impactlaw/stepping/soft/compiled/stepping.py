@@ -20,7 +20,7 @@ from impactlaw.stepping.impact_event import ImpactEvent, Told, together
 from impactlaw.stepping.integration import empty_state, restore_state
 from impactlaw.stepping.soft.compiled import world
 from impactlaw.stepping.soft.compiled.collide import LAST, SHORT, SUMS
-from impactlaw.stepping.soft.compiled.entry import CONTEXT, EXTRA, LEFT, TOTAL, entry
+from impactlaw.stepping.soft.compiled.entry import CONTEXT, TOTAL, entry
 from impactlaw.stepping.soft.compiled.law import coefficients, reason, settings
 from impactlaw.stepping.soft.compiled.told import Replay
 from impactlaw.stepping.soft.compiled.world import SETTING
@@ -42,8 +42,8 @@ class CompiledSoftStepping:
         model: Any = scheme.model
         self._model, self._trial, self._table, self._callbacks = model, mujoco.MjData(model), table(), callbacks()
         self._room, self._steps = len(empty_state(model)), 1
-        self._states = np.zeros((1, self._room + EXTRA))
-        self._numbers = np.array([np.nan, 0.0, scheme.collisions.rest_speed, np.nan, np.nan, *np.zeros(SUMS)])
+        self._states = np.zeros((1, self._room + SUMS))
+        self._numbers = np.array([np.nan, 0.0, scheme.collisions.rest_speed, *np.zeros(SUMS)])
         self._context = np.zeros(len(CONTEXT), np.int64)
         self._entry = None if is_called_back() else Entry(entry.address, self._context)
         self._fields, self._total = memoryview(self._context.data), memoryview(self._numbers.data)[TOTAL:]
@@ -114,7 +114,7 @@ class CompiledSoftStepping:
                 return together(parts)
             self._entry = Entry(entry.address, self._context)
         if steps > self._steps:
-            self._steps, self._states = steps, np.zeros((steps, self._room + EXTRA))
+            self._steps, self._states = steps, np.zeros((steps, self._room + SUMS))
             self._write_context()
         fields, simulation = self._fields, data
         fields[_DATA] = simulation._address  # pyright: ignore[reportAttributeAccessIssue]
@@ -151,19 +151,16 @@ class CompiledSoftStepping:
         return steps
 
     def _in_python(self, data: mujoco.MjData, steps: int, parts: list[Any]) -> None:
-        self._scheme.resume(float(self._numbers[LEFT]), self._scheme.collisions.collider)
         for _ in range(steps):
             events = self._scheme.step(data)
             if events:
                 parts.append(events)
-        self._numbers[LEFT] = data.time
 
     def outcomes(self, row: np.ndarray) -> np.ndarray:
         """Take a step once more from what is kept of it, and return the velocities after its collisions, (k, nv)."""
-        nv, most = self._model.nv, int(row[-EXTRA]) + self._scheme.collisions.collider.most
+        nv, most = self._model.nv, int(row[-SUMS]) + self._scheme.collisions.collider.most
         found, data = np.zeros(1 + most * nv), mujoco.MjData(self._model)
-        restore_state(self._model, data, row[:-EXTRA])
-        self._numbers[LEFT] = row[-1]
+        restore_state(self._model, data, row[:-SUMS])
         self._context[CONTEXT.outcomes], self._context[CONTEXT.outcome_count] = found.ctypes.data, len(found)
         self.step(data)
         self._context[CONTEXT.outcome_count] = 0

@@ -20,7 +20,7 @@ from impactlaw.solvers.friction.solve import THOROUGH
 from impactlaw.stepping.collisions import as_closed, is_kept
 from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, changed_model
 from impactlaw.stepping.integration import restore_state
-from impactlaw.stepping.soft.compiled.entry import EXTRA
+from impactlaw.stepping.soft.compiled.collide import SUMS
 from impactlaw.stepping.soft.scheme import SoftStepping
 
 _AGAIN = 1e-4  # part of their intensity by which collisions that are told may have another one
@@ -112,19 +112,18 @@ class Replay:
     def _events(self) -> tuple[ImpactEvent, ...]:
         scheme, data = copy.copy(self._scheme), mujoco.MjData(self._scheme.model)
         scheme.collisions = copy.copy(scheme.collisions)  # what is told once more is not counted once more
-        scheme.resume(np.nan, self._collider)
+        scheme.collisions.collider = self._collider
         compiled = self._compile(scheme, warn=False)
         events: list[ImpactEvent] = []
-        for row in self._rows[self._rows[:, -EXTRA] > 0]:
+        for row in self._rows[self._rows[:, -SUMS] > 0]:
             velocities, by = iter(compiled.outcomes(row)), self._collider
-            mujoco.mj_resetData(scheme.model, data)  # with no contacts of a step before
-            restore_state(scheme.model, data, row[:-EXTRA])
+            restore_state(scheme.model, data, row[:-SUMS])
             known = replace(
                 by, law=_Known(by.law, velocities), last_law=_Known(by.last_law, velocities), on_inadmissible="allow"
             )  # compiled code has judged them: impulses that are fitted here to large ones are less sharp
-            scheme.resume(row[-1], known)
+            scheme.collisions.collider = known
             events += scheme.step(data)
-            scheme.resume(np.nan, self._collider)
+            scheme.collisions.collider = self._collider
         again, size = ImpactSums.of(events), self.sums.intensity
         if again.collisions != self.sums.collisions or abs(again.intensity - size) > _AGAIN * size:
             raise changed_model(float(data.time))

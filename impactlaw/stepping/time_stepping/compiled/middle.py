@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.frames import make_orthogonal
-from impactlaw.solvers.cones.algebra.loops import clear, is_equal, norm, plain, put
+from impactlaw.solvers.cones.algebra.loops import clear, equal, norm, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     contact_floats,
@@ -65,7 +65,7 @@ def _begin(w, counts, left, frames, gained, held, loaded):
     """Let data be current, and forget what is not of the last step."""
     nq = size(w, MODEL.nq)
     qpos, qvel = data_floats(w, DATA.qpos, nq), velocity_of(w)
-    same = counts[MEMORY.known] != 0 and is_equal(left[:nq], qpos) and is_equal(left[nq:], qvel)
+    same = counts[MEMORY.known] != 0 and equal(left[:nq], qpos) and equal(left[nq:], qvel)
     if loaded or not same or not are_left(w, frames):
         update_frames(w)
     if not same:

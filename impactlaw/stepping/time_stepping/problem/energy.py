@@ -45,15 +45,22 @@ def move_rows(sparse, rates, Jnnz, Jadr, Jcol, J, moved):
 
 
 @plain
+def add_work(groups, base, after, x, scale, g, work, total):
+    """Add ``Lambda^T (gamma + gamma+) / 2`` of a group from velocities gamma, and the sizes of its terms, to sums."""
+    for k in range(groups[0, g], groups[0, g] + groups[1, g]):
+        impulse = 0.5 * x[k] * scale[k]
+        work += impulse * (base[k] + after[k])
+        total += abs(impulse) * (abs(base[k]) + abs(after[k]))
+    return work, total
+
+
+@plain
 def _work_since(groups, base, after, x, scale):
     """Return ``Lambda^T (gamma + gamma+) / 2`` of all contacts from velocities gamma, and the sum of sizes of terms."""
     work, total = 0.0, 0.0
     for g in range(groups.shape[1]):
         if groups[2, g] == CONE:
-            for k in range(groups[0, g], groups[0, g] + groups[1, g]):
-                impulse = 0.5 * x[k] * scale[k]
-                work += impulse * (base[k] + after[k])
-                total += abs(impulse) * (abs(base[k]) + abs(after[k]))
+            work, total = add_work(groups, base, after, x, scale, g, work, total)
     return work, total
 
 

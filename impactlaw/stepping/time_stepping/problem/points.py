@@ -21,7 +21,7 @@ from impactlaw.solvers.cones.algebra.loops import plain
 _PARALLEL = 1e-9  # difference of normals of one face
 _LEVEL = 1e-10  # m: points are in one plane that are as near to it
 _SEEN = 1e-6  # m: smaller gaps change the lever of a single point by less than matters
-_CLOSED = 1e-4  # m: gaps up to which; of corners farther apart, a body meets one at a time
+_CLOSED = 1e-4  # m: gaps up to which points are put into one plane; corners farther away meet one at a time
 
 
 @plain

@@ -108,7 +108,15 @@ def contact_targets(groups, amounts, rates, timestep, restitution, slowest, reso
 
 @plain
 def write_offsets(groups, rates, target, sliding, b):
-    """Write what `offsets` returns, (n,)."""
+    """Write b of the problem ``u = Y Y^T x + c x + b``, (n,): velocities without contact, less those aimed at.
+
+    Args:
+        groups: see `rows.Rows`.
+        rates: see `rows.Rows`.
+        target: ``gamma^h``, (g,).
+        sliding: sliding velocities aimed at, (n,).
+        b: written.
+    """
     for g in range(groups.shape[1]):
         f = groups[0, g]
         if groups[2, g] == CONE:
@@ -117,21 +125,6 @@ def write_offsets(groups, rates, target, sliding, b):
                 b[k] = rates[0, k] * (rates[2, k] - sliding[k])
         else:
             b[f] = rates[2, f] - rates[3, f]
-
-
-@compiled()
-def offsets(groups, rates, target, sliding):
-    """Return b of the problem ``u = Y Y^T x + c x + b``, (n,): velocities without contact, less those aimed at.
-
-    Args:
-        groups: see `rows.Rows`.
-        rates: see `rows.Rows`.
-        target: ``gamma^h``, (g,).
-        sliding: sliding velocities aimed at, (n,).
-    """
-    b = np.empty(rates.shape[1])
-    write_offsets(groups, rates, target, sliding, b)
-    return b
 
 
 @plain

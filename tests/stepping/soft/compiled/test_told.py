@@ -1,7 +1,8 @@
-"""Events of compiled soft steps where friction holds a box with large impulses that have many solutions."""
+"""What compiled soft steps tell: of a box that friction holds with large impulses, which have many solutions, say."""
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 from scenes import compiled
@@ -51,3 +52,19 @@ def test_events_of_a_squeezed_box_are_told(seed, steps):
             stepper.sums.energy_change, abs=1e-9
         )
     assert told > 0
+
+
+def test_a_callback_that_is_set_after_a_collision_lets_nothing_be_told_once_more():
+    model, data = compiled('<geom type="plane" size="1 1 1"/><body pos="0 0 .11"><freejoint/><geom size=".1"/></body>')
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft")
+    while not stepper.sums.collisions:
+        stepper.step(data)
+    mujoco.set_mjcb_control(lambda model, data: None)
+    try:
+        for _ in range(3):
+            stepper.step(data)
+            assert stepper.sums.collisions == 0
+            assert stepper.events == ()
+    finally:
+        mujoco.set_mjcb_control(None)
+    assert stepper.short_steps == stepper.unlocated == 0

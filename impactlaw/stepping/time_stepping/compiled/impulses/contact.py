@@ -175,7 +175,7 @@ def attempt(w, jacobian, chosen, start, moved, free, known, rounds, law, phases,
         add_surfaces(w, rows.groups, rows.sparse, rows.rates)
     before = start
     if len(moved) > 0:
-        before, (nnz, adr, col, J) = velocities_at(room, 12, 1), jacobian
+        before, (nnz, adr, col, J) = velocities_at(room, 11, 1), jacobian
         for i in range(w.nv):
             before[i] = start[i] + moved[i]
         add_before(rows.sparse, rows.rates, nnz, adr, col, J, moved)

@@ -116,8 +116,8 @@ def _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, 
     if not gains > found.solved.rounding or _size(w, own) < SMALL_PART * gains:
         return found
     h, after, mean, last = w.timestep, velocity_of(w), velocities_at(room, 1, 1), velocities_at(room, 4, 1)
-    begin, end = velocities_at(room, 6, 1), velocities_at(room, 7, 1)
-    used, moved, best = velocities_at(room, 8, 1), velocities_at(room, 9, 1), velocities_at(room, 10, 2)
+    begin, end = velocities_at(room, 5, 1), velocities_at(room, 6, 1)
+    used, moved, best = velocities_at(room, 7, 1), velocities_at(room, 8, 1), velocities_at(room, 9, 2)
     clear(mean)
     forces_at(w, mean, gravity)
     settled = half(w, start, gravity, -h, turning, mean, last, begin)

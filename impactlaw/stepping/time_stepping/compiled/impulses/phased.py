@@ -6,7 +6,7 @@ import numpy as np
 from numba import types
 
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import clear, copied, kernel, numbers, once, plain, put, zeros
+from impactlaw.solvers.cones.algebra.loops import any_of, clear, copied, kernel, numbers, once, plain, put, zeros
 from impactlaw.stepping.compiled.access import model_ints, velocity_of
 from impactlaw.stepping.compiled.fields import MODEL, address_of, floats, keep
 from impactlaw.stepping.time_stepping.compiled.impulses.answer import (
@@ -66,14 +66,6 @@ def _leave_out(later, more):
     for g in range(len(later)):
         if not later[g]:
             later[g], at = more[at], at + 1
-
-
-@plain
-def _some(marks):
-    some = False
-    for mark in marks:
-        some = some or mark
-    return some
 
 
 @once
@@ -137,7 +129,7 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
         put(whole.shift, met.shift)
         missed, fastest, share = max(missed, solved.missed), max(fastest, solved.fastest), min(share, solved.share)
         work, rounding = work + solved.work, rounding + solved.rounding
-        if not _some(later):
+        if not any_of(later):
             break
         reached = reached_by(now.groups, now.sparse, now.colind, model_ints(w, MODEL.dof_treeid, w.nv), later)
         rates = later_rates(now.groups, now.sparse, now.colind, now.value, now.rates, met.z)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from impactlaw.solvers.cones.algebra.loops import is_equal, plain, put
+from impactlaw.solvers.cones.algebra.loops import equal, plain, put
 from impactlaw.stepping.compiled.access import data_floats, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL
 
@@ -15,9 +15,9 @@ def are_left(w, kept):
     """Return whether frames and velocities of bodies are still those that the last step has left."""
     n = size(w, MODEL.nbody)
     return (
-        is_equal(data_floats(w, DATA.xipos, 3 * n), kept[: 3 * n])
-        and is_equal(data_floats(w, DATA.subtree_com, 3 * n), kept[3 * n : 6 * n])
-        and is_equal(data_floats(w, DATA.cvel, 6 * n), kept[6 * n :])
+        equal(data_floats(w, DATA.xipos, 3 * n), kept[: 3 * n])
+        and equal(data_floats(w, DATA.subtree_com, 3 * n), kept[3 * n : 6 * n])
+        and equal(data_floats(w, DATA.cvel, 6 * n), kept[6 * n :])
     )
 
 

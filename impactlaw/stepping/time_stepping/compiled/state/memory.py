@@ -65,7 +65,7 @@ _realloc: Any = _external("realloc", types.int64, types.int64)
 
 @kernel
 def last_step(counts):
-    """Return groups, keys, coefficients, impulses and turns of the last step; see `contact_problem.recall`."""
+    """Return groups, keys, coefficients, impulses and turns of the last step; see `contact_problem.guess`."""
     return known_at(counts[MEMORY.block], counts[MEMORY.groups], counts[MEMORY.rows])
 
 
@@ -148,7 +148,7 @@ def free(memory: np.ndarray) -> None:
 
 
 class Known(NamedTuple):
-    """What `contact_problem.recall` and `turns.recall_turns` take: groups, keys, coefficients, impulses and turns."""
+    """What `contact_problem.guess` and `turns.recall_turns` take: groups, keys, coefficients, impulses and turns."""
 
     groups: np.ndarray
     key: np.ndarray

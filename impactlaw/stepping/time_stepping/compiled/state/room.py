@@ -59,7 +59,7 @@ class Answer(NamedTuple):
     bound: Array
 
 
-VELOCITIES = 13
+VELOCITIES = 12
 """Velocities, (nv,) each, that there is room for."""
 
 

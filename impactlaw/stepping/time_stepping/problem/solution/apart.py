@@ -5,7 +5,7 @@ from __future__ import annotations
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import cleared, indices, integers, kernel, numbers, plain, zeros
 from impactlaw.solvers.cones.rows import impulse_jump
-from impactlaw.stepping.time_stepping.problem.energy import CREATED, find_islands, row_velocities
+from impactlaw.stepping.time_stepping.problem.energy import CREATED, add_work, find_islands, row_velocities
 from impactlaw.stepping.time_stepping.problem.phases import some_groups
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import TOLERANCE, UNSOLVED
 from impactlaw.stepping.time_stepping.problem.solution.scaling import (
@@ -18,22 +18,11 @@ from impactlaw.stepping.time_stepping.problem.solution.scaling import (
 
 
 @plain
-def _work(groups, rates, after, x, g):
-    """Return what `energy.contact_work` returns for one contact."""
-    work, total = 0.0, 0.0
-    for k in range(groups[0, g], groups[0, g] + groups[1, g]):
-        impulse = 0.5 * x[k] * rates[0, k]
-        work += impulse * (rates[1, k] + after[k])
-        total += abs(impulse) * (abs(rates[1, k]) + abs(after[k]))
-    return work, total
-
-
-@plain
 def _may_gain(groups, rates, after, x):
     """Return whether some contact adds energy: if none does, no island does."""
     for g in range(groups.shape[1]):
         if groups[2, g] == CONE:
-            work, total = _work(groups, rates, after, x, g)
+            work, total = add_work(groups, rates[1], after, x, rates[0], g, 0.0, 0.0)
             if work > CREATED * total:
                 return True
     return False
@@ -90,7 +79,7 @@ def _solve_parts(
     every, keep, sums = jammed or residual > UNSOLVED, cleared(len(label)), zeros(2 * count).reshape((2, count))
     for g in range(len(label)):
         if groups[2, g] == CONE and label[g] >= 0:
-            work, total = _work(groups, rates, after, x, g)
+            work, total = add_work(groups, rates[1], after, x, rates[0], g, 0.0, 0.0)
             sums[0, label[g]] += work
             sums[1, label[g]] += total
     share, created, solved = 1.0, 0.0, True

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import clear, copied, integers, kernel, numbers, plain, put, zeros
 from impactlaw.solvers.cones.solve import linked_improve
@@ -24,7 +23,10 @@ _CONVEX = np.bool_(False)
 
 @plain
 def guess(groups, key, scale, known_groups, known_key, known_scale, known, x):
-    """Write what `recall` returns, (n,)."""
+    """Write the impulses of the step before where the same group has as many rows, else zeros, (n,).
+
+    Groups of one key are matched in their order, see `rows.find_group`.
+    """
     clear(x)
     at = 0
     for g in range(len(key)):
@@ -34,17 +36,6 @@ def guess(groups, key, scale, known_groups, known_key, known_scale, known, x):
                 old = known_groups[0, j] + k
                 x[groups[0, g] + k] = known[old] * known_scale[old] / scale[groups[0, g] + k]
         at = (j + 1) % len(known_key) if j >= 0 else at
-
-
-@compiled()
-def recall(groups, key, scale, known_groups, known_key, known_scale, known):
-    """Return the impulses of the step before where the same group has as many rows, else zeros, (n,).
-
-    Groups of one key are matched in their order, see `rows.find_group`.
-    """
-    x = np.empty(len(scale))
-    guess(groups, key, scale, known_groups, known_key, known_scale, known, x)
-    return x
 
 
 @plain

@@ -9,7 +9,7 @@ no impulse, and where it is, it does no work: contact moves it as it likes until
 from __future__ import annotations
 
 from impactlaw.solvers.cones import BILATERAL
-from impactlaw.solvers.cones.algebra.loops import indices, kernel, plain, put, zeros
+from impactlaw.solvers.cones.algebra.loops import any_of, indices, kernel, plain, put, zeros
 from impactlaw.stepping.time_stepping.problem.drifts import square_of
 from impactlaw.stepping.time_stepping.problem.energy import find_islands
 from impactlaw.stepping.time_stepping.problem.solution.apart import solve_contacts
@@ -39,15 +39,6 @@ def _let_go(sparse, value, groups, rates, turned, x):
             rates[4, row] = _GONE * (square_of(sparse, value, row) + rates[4, row])
             turned[g] = 2
             some = True
-    return some
-
-
-@plain
-def _some_of(marks):
-    """Return whether some are True."""
-    some = False
-    for mark in marks:
-        some = some or mark
     return some
 
 
@@ -138,7 +129,7 @@ def solve_undriven(
     held, soft, rest = room[2 * n : 3 * n], room[3 * n : 4 * n], room[: 2 * n]
     put(held, rates[3])
     put(soft, rates[4])
-    if _some_of(bound):
+    if any_of(bound):
         _stop(
             sparse, colind, value, groups, amounts, rates, target, sliding, collides, bound, tree, exact, rounds, left,
             x, z, after, scaled, turned, rest,
