@@ -189,11 +189,6 @@ def _go_on(
     """
     n, total = len(x), 0
     inside, point = numbers(n), numbers(n)
-    if left[0] < np.inf and len(K.width) == 1 and least > _HOPEFUL * scale:
-        total, hopeless = out_of_reach(P, K, scale)
-        spend(left, total * step, step, n)
-        if hopeless:
-            return total, least, True
     for k in range(len(_BEGINS)):
         taken = 0
         if _BEGINS[k] == _FROM_REST:
@@ -214,7 +209,11 @@ def _go_on(
             put(x, point)
         if least <= (_NEAR * tolerance if P.exact else tolerance) or left[0] <= 0.0:
             return total, least, True
-    return total, least, False
+    if left[0] == np.inf or len(K.width) > 1 or least <= _HOPEFUL * scale:
+        return total, least, False
+    taken, hopeless = out_of_reach(P, K, scale)
+    spend(left, taken * step, step, n)
+    return total + taken, least, hopeless
 
 
 @once
