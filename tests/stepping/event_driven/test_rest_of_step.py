@@ -249,8 +249,8 @@ def test_a_quadruped_that_has_come_to_rest_is_event_driven_again():
     data.qpos[2] += 0.05
     stepper = Stepper(model, Moreau(0.0), scheme="event-driven", overlap="push-out")
     unlocated = []
-    for _ in range(500):
+    for _ in range(550):  # it rests from step 236 to 401 on, for drops that differ by 1 mm
         stepper.step(data)
         unlocated.append(stepper.unlocated)
     assert unlocated[300] > 0  # some steps are time stepped
-    assert unlocated[400] == unlocated[-1]
+    assert unlocated[450] == unlocated[-1]
