@@ -33,13 +33,16 @@ class Target(NamedTuple):
     coefficient: float | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Law(ABC):
     """An impact law ``0 <= Lambda  ⊥  gamma+ - gamma^h >= 0``, ``v+ = v- + M^-1 J^T Lambda``.
 
     A law is a frozen dataclass with one method, `target`, which gives ``gamma^h``
     (Aeberhard and Glocker, "Perfect multi-contact collisions", extended Newton impact law). To be found by `make_law`,
     it has a name and a description, and one line in `impactlaw.laws.registry`.
+
+    It is for contacts that close or are still, ``gamma- <= 0``: where one opens before, a law that reverses velocities
+    aims at penetration. Steppers leave such contacts out.
 
     Attributes:
         name: by which `make_law` knows the law.

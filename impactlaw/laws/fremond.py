@@ -117,11 +117,8 @@ class Reversal(RestitutionLaw):
     def restitution_matrix(self, collision: Collision) -> Any:
         """Return ``e`` times the anti-identity on every block of connected contacts, shape (h, h); sparse if J is."""
         h, mirror = len(collision.labels), _mirror(collision)
-        if is_sparse(collision.jacobian):
-            return scipy.sparse.csr_array((np.full(h, self.restitution), mirror, np.arange(h + 1)), shape=(h, h))
-        E = np.zeros((h, h))
-        E[np.arange(h), mirror] = self.restitution
-        return E
+        E = scipy.sparse.csr_array((np.full(h, self.restitution), mirror, np.arange(h + 1)), shape=(h, h))
+        return E if is_sparse(collision.jacobian) else E.toarray()
 
     def target(self, collision: Collision) -> Target:
         """Return ``gamma^h_i = -e gamma-_j``, j the mirror image of i in its block."""

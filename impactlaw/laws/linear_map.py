@@ -39,5 +39,8 @@ class LinearMap(Law):
             raise RestitutionError(
                 f"linear map is {h.shape} but the velocity has {len(collision.pre_velocity)} entries"
             )
-        u = h @ collision.pre_velocity
+        v, metric = collision.pre_velocity, collision.metric
+        u = h @ v
+        if collision.bilateral_jacobian is not None:
+            u = v + metric.unwhiten(collision._bilateral.project(metric.whiten(u - v)[None])[0])
         return Target(collision.contact_velocity_after(u), u)

@@ -17,9 +17,11 @@ from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers import Problem, solve_with_jump
 from impactlaw.solvers.least_squares import least_squares
 from impactlaw.solvers.problem import row_lengths
-from impactlaw.solvers.tolerances import CERTIFIED, GOOD, RANKS
+from impactlaw.solvers.tolerances import CERTIFIED, GOOD
 
 _REFINEMENTS = 3
+_RANKS = (1e-13, 1e-11, 1e-9)
+"""Singular values, relative to the largest, up to which a direction is rounding: tried in turn, for one decides."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -62,7 +64,7 @@ class Poisson(ContactCoefficients, Law):
         impact = Impact(collision, after, impulse, wanted, least_impulse=least, compression=compression)
         error = _error(impact)
         if error > GOOD and isinstance(start.gradients, np.ndarray):
-            for rank in RANKS:
+            for rank in _RANKS:
                 jump, more = _refined(start, kick + answer.jump, answer.impulse, rank)
                 other = replace(impact, post_velocity=v + metric.unwhiten(jump), found_impulse=least + more)
                 if _error(other) < error:

@@ -55,6 +55,11 @@ class Scattered(DrawnLaw):
                 raise RestitutionError("a covariance must be symmetric and positive semidefinite")
         object.__setattr__(self, "covariance", covariance)
 
+    def seeded(self, seed: int) -> Scattered:
+        """Return the law with this seed, and so the law in the middle, if they have none of their own."""
+        own, inner = super().seeded(seed), self.law.seeded(seed)
+        return own if inner is self.law else replace(own, law=inner)
+
     @property
     def contact_labels(self) -> frozenset[str]:
         """Labels that the law in the middle is keyed with."""

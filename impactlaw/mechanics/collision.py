@@ -42,7 +42,7 @@ class Collision:
             both are kept as CSR arrays, and so are ``Y`` and ``G``.
         pre_velocity: ``v-``, shape (nv,).
         labels: one name per contact, for messages and for restitution keyed by contact; ``"0", "1", ...`` if not given.
-        metric: the factored mass matrix, when the caller already has it.
+        metric: the factored mass matrix, when the caller already has it: taken if its mass_matrix is this very array.
         bilateral_jacobian: ``J_eq``, shape (m, nv), redundant rows allowed; None if there are no such constraints.
         surface_velocity: ``w-``, shape (h,), m/s: the part of ``gamma-`` that is not the bodies' own, positive where
             a surface recedes; None if all surfaces rest.
@@ -67,7 +67,8 @@ class Collision:
 
     def __post_init__(self):
         sparse = is_sparse(self.mass_matrix) or is_sparse(self.jacobian)
-        metric = self.metric or (SparseMetric if sparse else KineticMetric)(self.mass_matrix)
+        known = self.metric is not None and self.metric.mass_matrix is self.mass_matrix
+        metric = self.metric if known else (SparseMetric if sparse else KineticMetric)(self.mass_matrix)
         nv = metric.mass_matrix.shape[0]
         velocity = finite_array(self.pre_velocity, "pre_velocity", (nv,), " like mass_matrix")
         jacobian = (finite_sparse if sparse else finite_array)(self.jacobian, "jacobian")
@@ -162,10 +163,8 @@ class Collision:
         if friction is None or not len(friction):
             return self
         longest, along = np.zeros((2, len(self.labels))), row_lengths(self.whitened_friction)
-        for row, coefficient in zip(
-            longest, (friction.coefficient, np.minimum(friction.coefficient, 1.0)), strict=True
-        ):
-            np.maximum.at(row, friction.contact, along * coefficient)
+        np.maximum.at(longest[0], friction.contact, along * friction.coefficient)
+        np.maximum.at(longest[1], friction.contact, along * np.minimum(friction.coefficient, 1.0))
         idle, unmoved = self.gradient_norms <= IDLE * longest
         if (idle & ~unmoved).any():
             named = ", ".join(compress(self.labels, idle & ~unmoved))
@@ -218,12 +217,16 @@ class Collision:
     @cached_property
     def pre_contact_velocity(self) -> np.ndarray:
         """``gamma- = J v- + w-``, shape (h,), m/s; read-only: a law that works in place would change the audit."""
-        gamma = self.jacobian @ self.pre_velocity
-        if self.bilateral_jacobian is not None:  # contacts that cannot move have no velocity, but its rounding error
-            z, lengths = self.whitened_velocity, row_lengths(self.metric.whiten_gradients(self.jacobian))
-            still = (self.gradient_norms == 0) & (np.abs(gamma) <= FIXED * lengths * sqrt(z @ z))
-            gamma[still] = 0.0
+        gamma = self._own_velocity(self.pre_velocity)
         return _kept(gamma if self.surface_velocity is None else gamma + self.surface_velocity)
+
+    def _own_velocity(self, velocity: np.ndarray) -> np.ndarray:
+        """Return ``J v``, (h,): contacts that cannot move have none, but its rounding error."""
+        gamma = self.jacobian @ velocity
+        if self.bilateral_jacobian is not None and not self.gradient_norms.all():
+            lengths = row_lengths(self.metric.whiten_gradients(self.jacobian))
+            gamma[(self.gradient_norms == 0) & (np.abs(gamma) <= FIXED * lengths * self.metric.norm(velocity))] = 0.0
+        return gamma
 
     @cached_property
     def pre_sliding_velocity(self) -> np.ndarray:
@@ -265,7 +268,7 @@ class Collision:
 
     def contact_velocity_after(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``J v + w+``, shape (h,), m/s, for a velocity after the impact, shape (nv,)."""
-        gamma = self.jacobian @ velocity
+        gamma = self._own_velocity(velocity)
         if self.surface_velocity is None:
             return gamma
         return gamma + (self.surface_velocity if self.post_surface_velocity is None else self.post_surface_velocity)

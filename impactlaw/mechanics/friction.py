@@ -49,9 +49,8 @@ class Friction:
         if jacobian.ndim != 2:
             raise InvalidCollisionError(f"friction jacobian must have shape (k, nv), got {jacobian.shape}")
         k = len(jacobian)
-        contact = np.asarray(self.contact)
-        if k == 0:
-            contact = contact.astype(int)
+        contact = np.array(self.contact, dtype=int if k == 0 else None)
+        contact.flags.writeable = False
         if contact.shape != (k,) or contact.dtype.kind not in "iu":
             raise InvalidCollisionError(f"friction contact must be {k} integers, one per row, got {self.contact!r}")
         if k and (contact[0] < 0 or (contact[1:] < contact[:-1]).any()):

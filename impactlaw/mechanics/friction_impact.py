@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError, SolverError
-from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.collision import Collision, checked
 from impactlaw.mechanics.friction import Friction
 from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers import Answer, Problem, beyond_rounding  # noqa: F401 (of the constructor)
@@ -84,7 +84,7 @@ class FrictionImpact(Impact):
             InvalidCollisionError: post_velocity does not fit, or the collision has no friction.
             SolverError: no nearest impulse was found.
         """
-        v, rows = Impact.observed(collision, post_velocity).post_velocity, cone_gradients(collision)
+        v, rows = checked(collision).velocity(post_velocity, "post_velocity"), cone_gradients(collision)
         jump = collision.metric.whiten(v - collision.pre_velocity)
         guess = None if near is None or len(near.cone_impulse) != len(rows) else near.cone_impulse
         answer = solve_cones(ConeProblem(rows, -(rows @ jump), collision.cone_rows.sizes, exact=False), guess)

@@ -5,6 +5,7 @@ from impactlaw.solvers.infeasibility import farkas_ray
 from impactlaw.solvers.problem import Problem, Solution, Solver, Status
 from impactlaw.solvers.solve import (
     SOLVERS,
+    check_solver,
     load_solvers,
     nonnegative_combination,
     share,
@@ -22,6 +23,7 @@ __all__ = [
     "Solver",
     "Status",
     "beyond_rounding",
+    "check_solver",
     "farkas_ray",
     "load_solvers",
     "nonnegative_combination",

@@ -6,12 +6,12 @@ from importlib import import_module
 from math import prod
 
 import numpy as np
-import scipy
 
 from impactlaw.errors import DivergenceError, SolverError, UnknownNameError, UnsolvableLawError
 from impactlaw.solvers.certificate import LARGEST_POLISHED, Answer, better, judge, judge_active, polish
 from impactlaw.solvers.infeasibility import farkas_ray
 from impactlaw.solvers.least_norm import share_impulse
+from impactlaw.solvers.least_squares import row_span
 from impactlaw.solvers.methods.closed_form import closed_form
 from impactlaw.solvers.methods.dual_active_set import dual_active_set
 from impactlaw.solvers.methods.least_distance import least_distance
@@ -22,7 +22,7 @@ from impactlaw.solvers.methods.projected_gauss_seidel import projected_gauss_sei
 from impactlaw.solvers.one_thread import one_thread
 from impactlaw.solvers.problem import Problem, Solution, Solver, Status, sparse
 from impactlaw.solvers.sparsity import as_dense, groups, has_structure
-from impactlaw.solvers.tolerances import CERTIFIED, GOOD, GOOD_LARGE, RANKS, TIGHT
+from impactlaw.solvers.tolerances import CERTIFIED, GOOD, GOOD_LARGE, RANK, TIGHT
 
 SOLVERS: dict[str, Solver] = {
     "closed-form": closed_form,
@@ -36,8 +36,20 @@ SOLVERS: dict[str, Solver] = {
 """The registry: a new solver is one file and one line here."""
 
 _ITERATIVE = {"osqp", "projected-gauss-seidel"}
+_DEPENDENT = {"primal-dual-active-set", *_ITERATIVE}
+"""Solvers whose contacts that carry an impulse can depend on each other."""
 _TAKE_SPARSE = {"primal-dual-active-set", *_ITERATIVE}
 _MANY = 64  # contacts from which linear algebra starts threads where it may
+
+
+def check_solver(name: str) -> None:
+    """Refuse a name of no solver.
+
+    Raises:
+        UnknownNameError: it is neither in `SOLVERS` nor "auto".
+    """
+    if name != "auto" and name not in SOLVERS:
+        raise UnknownNameError("solver", name, [*SOLVERS, "auto"])
 
 
 def load_solvers() -> None:
@@ -68,8 +80,7 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
         SolverError: no solver's answer passed the certificate.
         DivergenceError: the problem is not finite.
     """
-    if solver != "auto" and solver not in SOLVERS:
-        raise UnknownNameError("solver", solver, [*SOLVERS, "auto"])
+    check_solver(solver)
     c = problem.bound
     if not np.count_nonzero(c > 0):  # every law comes here: a quarter of the time of any()
         return Answer(np.zeros(len(c)), np.zeros(problem.gradients.shape[1]), -c / problem.lengths, 0.0)
@@ -100,8 +111,6 @@ def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bo
         return _solve_apart(problem, labels, solver, parts)
     answer, last = _attempt(problem, solver, labels)
     if not _certified(problem, answer):
-        if solver not in _ITERATIVE:
-            answer = _attempt_in_row_space(problem, solver, answer)
         if solver == "auto":  # a problem that no solver solves may be made of rounding errors: then no impulse is right
             answer = better(answer, judge(problem, np.zeros_like(problem.bound)))
         if answer is None or not _certified(problem, answer):
@@ -114,7 +123,7 @@ def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bo
                 "try another solver, or check the scene for contacts of very different scale, or opposite to each other"
             )
     assert answer is not None
-    return share(problem, answer) if shared else answer
+    return share(problem, answer, independent=solver not in _DEPENDENT) if shared else answer
 
 
 def nonnegative_combination(gradients: np.ndarray, point: np.ndarray) -> np.ndarray:
@@ -122,10 +131,10 @@ def nonnegative_combination(gradients: np.ndarray, point: np.ndarray) -> np.ndar
     return solve(Problem(gradients, gradients @ point, point), ("",) * gradients.shape[0])
 
 
-def _attempt(problem: Problem, solver: str, labels: tuple[str, ...] | None) -> tuple[Answer | None, Solution | None]:
+def _attempt(problem: Problem, solver: str, labels: tuple[str, ...]) -> tuple[Answer | None, Solution | None]:
     """Ask one solver after the other until an answer is good; return the best answer, and what the last one returned.
 
-    With labels, what is proved unsolvable is refused.
+    What is proved unsolvable is refused.
     """
     best = last = None
     dear = problem.is_sparse and prod(problem.gradients.shape) > LARGEST_POLISHED
@@ -134,29 +143,13 @@ def _attempt(problem: Problem, solver: str, labels: tuple[str, ...] | None) -> t
         if form is None:
             continue
         last = SOLVERS[name](form)
-        if last.status is Status.INFEASIBLE and labels is not None:
+        if last.status is Status.INFEASIBLE:
             _refuse(problem, labels)
         if last.status is Status.SOLVED or name in _ITERATIVE:
             best = better(best, polish(problem, last.impulse))
             if problem.allows(best.residual, GOOD_LARGE if dear else GOOD):
                 break
     return best, last
-
-
-def _attempt_in_row_space(problem: Problem, solver: str, best: Answer | None) -> Answer | None:
-    """Solve again without directions along which the gradients may be rounding; return the best answer."""
-    dense = as_dense(problem)
-    if dense is None:
-        return best
-    _, singular, V = scipy.linalg.svd(dense.unit[0], full_matrices=False, check_finite=False)
-    ranks = {int(np.count_nonzero(singular > small * singular[0])) for small in RANKS}
-    for rank in sorted(ranks - {len(singular)}, reverse=True):
-        basis = V[:rank]
-        d = None if dense.preimage is None else basis @ dense.preimage
-        part, _ = _attempt(Problem(dense.gradients @ basis.T, dense.bound, d, dense.scale), solver, None)
-        if part is not None:
-            best = better(best, judge(dense, part.impulse, part.jump @ basis))
-    return best
 
 
 def _certified(problem: Problem, answer: Answer | None) -> bool:
@@ -182,7 +175,7 @@ def _solve_moving(problem: Problem, labels: tuple[str, ...], solver: str) -> Ans
     if wanted.any():
         raise UnsolvableLawError([labels[i] for i in np.flatnonzero(wanted)], wanted.astype(float))
     part = Problem(problem.gradients[moving], problem.bound[moving], problem.preimage, problem.speed)
-    answer = solve_with_jump(part, tuple(np.array(labels)[moving]), solver=solver)
+    answer = _solve_part(part, np.flatnonzero(moving), labels, solver)
     impulse, slack = np.zeros_like(problem.bound), -problem.bound
     impulse[moving], slack[moving] = answer.impulse, answer.slack
     return Answer(impulse, answer.jump, slack, answer.residual)
@@ -192,11 +185,25 @@ def _solve_apart(problem: Problem, labels: tuple[str, ...], solver: str, parts: 
     """Solve each group of contacts on its own: errors are relative to the speed, and groups may differ in that."""
     impulse, jump = np.zeros_like(problem.bound), np.zeros(problem.gradients.shape[1])
     for rows in parts:
-        part = Problem(problem.gradients[rows], problem.bound[rows])
-        answer = solve_with_jump(part, tuple(labels[i] for i in rows), solver=solver)
+        Y, d = problem.gradients[rows], problem.preimage
+        if d is not None:
+            span, _ = row_span(Y, RANK)
+            d = d @ span.T @ span
+        part = Problem(Y, problem.bound[rows], d)
+        answer = _solve_part(part, rows, labels, solver)
         impulse[rows] = answer.impulse
         jump += answer.jump
     return judge(problem, impulse, jump)
+
+
+def _solve_part(part: Problem, rows: np.ndarray, labels: tuple[str, ...], solver: str) -> Answer:
+    """Solve the problem of some rows; what proves that there is no solution is for all contacts."""
+    try:
+        return solve_with_jump(part, tuple(labels[i] for i in rows), solver=solver)
+    except UnsolvableLawError as error:
+        ray = np.zeros(len(labels))
+        ray[rows] = error.ray
+        raise UnsolvableLawError(error.contacts, ray) from None
 
 
 def _refuse(problem: Problem, labels: tuple[str, ...]) -> None:
@@ -209,18 +216,24 @@ def _refuse(problem: Problem, labels: tuple[str, ...]) -> None:
         raise UnsolvableLawError([labels[i] for i in np.flatnonzero(ray)], ray)
 
 
-def share(problem: Problem, answer: Answer) -> Answer:
+def share(problem: Problem, answer: Answer, *, independent: bool = False) -> Answer:
     """Share the impulse among redundant contacts (least norm), unless that costs digits of the certificate.
 
-    The contacts that carry an impulse are independent, active-set solvers see to it, so that nothing is to share
+    Where contacts that carry an impulse are independent, to which most active-set solvers see, nothing is to share
     unless one more contact is tight.
+
+    Args:
+        problem: what was solved.
+        answer: its answer.
+        independent: whether these contacts are known to be.
     """
     impulse = answer.impulse
     if not problem.can_move or not impulse.any():  # `_solve_moving` has shared it
         return answer
     tight = answer.slack <= TIGHT * problem.scale
     if not problem.is_sparse:
-        if np.count_nonzero(tight) <= np.count_nonzero(impulse):
+        alone = np.count_nonzero(tight) <= np.count_nonzero(impulse)
+        if alone and (independent or judge_active(problem, impulse > 0) is not None):
             return answer
         if has_structure(problem):
             problem = problem.with_gradients(sparse(problem.gradients))

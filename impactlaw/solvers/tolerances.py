@@ -14,7 +14,6 @@ TIGHT = 1e-9  # slack of a contact that may share the impulse of others
 
 # --- When gradients, as rows of length one, depend on each other. -----------------------------------------------------
 RANK = 1e-11  # singular value, relative to the largest, up to which a direction is rounding
-RANKS = (1e-13, 1e-11, 1e-9)  # the same, tried in turn where it decides about an answer
 INDEPENDENT = 0.03  # sine of the angle to the span of other gradients: below, G = Y Y^T has lost more than 3 digits
 COUPLED = 1e-15  # cosine of the angle between two gradients that is the rounding of 0
 NO_IMPULSE = 1e-12  # part of the largest impulse, or of a ray's largest entry, that is rounding

@@ -171,8 +171,9 @@ class Collider:
                     continue
             else:
                 impact = law.resolve(collision, solver=self.solver, **limited)
-            impact = self._admissible(impact, rounding[chosen], time)
-            events.append(ImpactEvent(time, closed.contacts.select(chosen), impact, qpos.copy()))
+            by_law, impact = impact, self._admissible(impact, rounding[chosen], time)
+            where = closed.contacts.select(chosen), impact, qpos.copy()
+            events.append(ImpactEvent(time, *where, projected=impact is not by_law))
             before, velocity = velocity, impact.post_velocity
             if final or np.array_equal(before, velocity):  # a law that changes nothing changes nothing the next time
                 return velocity

@@ -24,12 +24,14 @@ class ImpactEvent:
         contacts: the contacts that collided: labels, geoms, gaps, positions, normals.
         impact: the outcome; ``impact.collision`` holds mass matrix, Jacobian and velocity before.
         qpos: the configuration it happened at, (nq,).
+        projected: whether the outcome by the law left S(v-), and this is another one.
     """
 
     time: float
     contacts: Contacts
     impact: Impact
     qpos: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    projected: bool = False
 
 
 class ImpactSums(NamedTuple):
@@ -49,7 +51,7 @@ class ImpactSums(NamedTuple):
         for event in events:
             impact = event.impact
             distant, work = int(impact.has_distant_effect), impact.surface_work
-            inadmissible = int(_is_inadmissible(impact))
+            inadmissible = int(event.projected or _is_inadmissible(impact))
             total = total.with_more(cls(1, impact.energy_change, work, impact.intensity, distant, inadmissible))
         return total
 
@@ -70,9 +72,7 @@ NOTHING = ImpactSums()
 
 
 def _is_inadmissible(impact: Impact) -> bool:
-    """Whether the outcome by the law left S(v-): it was projected, scaled or let through."""
-    if impact.target_contact_velocity is None:
-        return True
+    """Whether the outcome by the law left S(v-): it was scaled or let through."""
     scaled = isinstance(impact, FrictionImpact) and impact.restitution_scale < 1.0
     return scaled or not impact.violations.is_admissible()
 

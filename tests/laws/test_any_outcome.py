@@ -150,3 +150,13 @@ def test_a_law_has_the_seed_of_an_episode_unless_it_has_its_own():
 def test_wrong_numbers(make, message):
     with pytest.raises(RestitutionError, match=message):
         make()
+
+
+def test_a_zero_has_no_sign():
+    one, other = (Collision(np.eye(2), [[1.0, zero], [0.0, 1.0]], [-1.0, -1.0]) for zero in (0.0, -0.0))
+    np.testing.assert_array_equal(AnyOutcome().resolve(one).post_velocity, AnyOutcome().resolve(other).post_velocity)
+
+
+def test_the_law_in_the_middle_gets_the_seed_too():
+    law = Scattered(AnyOutcome(), 0.1).seeded(5)
+    assert law.seed == law.law.seed == 5

@@ -6,10 +6,20 @@ from certificates import assert_certified, exact_velocity, is_ray, least_impulse
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from problems import LAWS, PROBLEMS, SWAPPED, box, energy, launched, rod
-from scipy.optimize import linprog
+from scipy.optimize import linprog, nnls
 
-from impactlaw import Collision, Fremond, ImpactLawError, LinearMap, MaximalDissipation, Moreau, Newton
-from impactlaw.errors import UnsolvableLawError
+from impactlaw import (
+    Collision,
+    Coulomb,
+    Fremond,
+    Friction,
+    ImpactLawError,
+    LinearMap,
+    MaximalDissipation,
+    Moreau,
+    Newton,
+)
+from impactlaw.errors import UnknownNameError, UnsolvableLawError
 
 EXACT = {"rtol": 0, "atol": 1e-12}
 
@@ -258,3 +268,36 @@ def test_units_and_coordinates_do_not_matter(seed, e, factor):
     order = rng.permutation(h)
     shuffled = law.resolve(Collision(M, J[order], v))
     np.testing.assert_allclose(shuffled.impulse, lam[order], **close)
+
+
+def test_laws_are_equal_only_if_they_are():
+    first, second = Fremond([[1.0]]), Fremond([[0.0]])
+    assert first != second
+    assert len({first, second}) == 2
+    assert Coulomb(first) != Coulomb(second)
+    assert Moreau(0.5) == Moreau(0.5)
+    assert LinearMap([[1.0]]) != LinearMap([[2.0]])
+
+
+def test_a_linear_map_beside_constraints_leads_to_the_nearest_velocity():
+    """Those are ``v- + P M^-1 J^T Lambda``, P the projection onto what the constraints allow."""
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        rows, J, v = rng.normal(size=(1, 4)), rng.normal(size=(2, 4)), rng.normal(size=4)
+        v -= rows[0] * (rows[0] @ v) / (rows[0] @ rows[0])
+        v = -v if (J @ v > 0).all() else v
+        free = np.eye(4) - rows.T @ rows / (rows @ rows.T)
+        h = rng.normal(size=(4, 4))
+        impact = LinearMap(h).resolve(Collision(np.eye(4), J, v, bilateral_jacobian=rows))
+        found, residual = nnls((J @ free).T, free @ (h @ v - v))
+        reached = v + free @ J.T @ found
+        if (J @ reached >= -1e-9).all():
+            gap = np.linalg.norm(free @ (h @ v - impact.post_velocity))
+            assert gap <= residual + 1e-9
+
+
+def test_an_unknown_solver_is_refused_with_friction_too():
+    friction = Friction([[1.0, 0.0]], [0], [0.5])
+    collision = Collision(np.eye(2), [[0.0, 1.0]], [1.0, -1.0], friction=friction)
+    with pytest.raises(UnknownNameError, match="bogus"):
+        Coulomb(Moreau(0.5)).resolve(collision, solver="bogus")

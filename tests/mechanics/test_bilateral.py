@@ -237,3 +237,19 @@ def test_zeros_are_nothing():
     assert same.surface_velocity is None
     assert same.post_surface_velocity is None
     np.testing.assert_array_equal(Newton(0.5).resolve(same).post_velocity, Newton(0.5).resolve(c).post_velocity)
+
+
+def test_contacts_that_constraints_hold_have_no_velocity_but_rounding():
+    """The first contact can move by rounding alone, and S(v-) is there even if the constraints drift."""
+    M = np.array([[2.0, 0.3, 0.0], [0.3, 1.0, 0.2], [0.0, 0.2, 1.5]])
+    rows = np.array([[0.3, 0.7, 0.1], [0.2, -0.1, 0.4]])
+    J = np.vstack([[0.7, -0.3] @ rows, [1.0, 0.0, -0.4]])
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        v = rng.normal(size=3)
+        v -= J[0] * (J[0] @ v) / (J[0] @ J[0])
+        collision = Collision(M, J, v, bilateral_jacobian=rows)
+        impact = MaximalDissipation().resolve(collision)
+        assert impact.residual < 1e-9
+        assert impact.violations.is_admissible()
+        assert np.isfinite(collision.admissible_set.project(v)).all()

@@ -1,11 +1,13 @@
 """A collision: its quantities, the kinetic metric, and what is not a collision."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy
 from problems import PROBLEMS, launched, random_collision, spd
 
-from impactlaw import Collision, ImpactLawError
+from impactlaw import Collision, Friction, ImpactLawError
 from impactlaw.errors import InvalidCollisionError
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 
@@ -154,3 +156,16 @@ def test_attributes_are_computed_once():
     c = launched(3, 1)
     assert c.delassus is c.delassus
     assert (type(c).delassus.__doc__ or "").startswith("``G = Y Y^T``")
+
+
+def test_a_metric_of_another_mass_matrix_is_not_taken():
+    collision = Collision(np.eye(1), [[1.0]], [-1.0])
+    assert replace(collision, mass_matrix=[[100.0]]).kinetic_energy == pytest.approx(50.0)
+    assert replace(collision, pre_velocity=[-2.0]).metric is collision.metric
+
+
+def test_friction_keeps_a_copy_of_what_it_is_given():
+    contact = np.array([0, 0])
+    friction = Friction(np.eye(2), contact, [1.0, 1.0])
+    contact[:] = 5
+    assert friction.contact.tolist() == [0, 0]

@@ -6,6 +6,7 @@ from certificates import least_norm_error
 from problems import box, launched, random_collision
 
 from impactlaw import Collision, Impact, MaximalDissipation, Moreau, Newton
+from impactlaw.solvers import SOLVERS
 
 EXACT = {"rtol": 0, "atol": 1e-12}
 
@@ -111,3 +112,10 @@ def test_least_norm_of_random_collisions():
         may = carries | (slack <= 1e-9 * 1.5 * c.pre_speed)
         assert least_norm_error(impact.impulse, may, c.whitened_jacobian) < 1e-8
     assert checked > 100
+
+
+@pytest.mark.parametrize("solver", ["auto", *(name for name in SOLVERS if name != "closed-form")])
+def test_parallel_gradients_share_under_every_solver(solver):
+    """Of ``Lambda_1 + 2 Lambda_2 = 1.5`` the least one is (0.3, 0.6); closed form is for one contact."""
+    impact = Moreau(0.5).resolve(Collision([[1.0]], [[1.0], [2.0]], [-1.0]), solver=solver)
+    np.testing.assert_allclose(impact.impulse, [0.3, 0.6], rtol=1e-6)

@@ -188,3 +188,31 @@ def test_impulse_of_an_impact_is_not_shared_with_another():
     first, second = Moreau(0.5).resolve(c), Moreau(0.5).resolve(c)
     assert not np.shares_memory(first.impulse, second.impulse)
     assert isinstance(first, Impact)
+
+
+@pytest.mark.parametrize(
+    ("gradients", "velocity", "E", "solver"),
+    [
+        ([[0.0], [1.0], [-1.0]], [1.0], np.diag([0.0, -2.0, 2.0]), "auto"),
+        ([[1.0, 0.0], [0.0, 1.0], [0.0, -1.0]], [-1.0, 1.0], np.diag([0.0, -2.0, 2.0]), "dual-active-set"),
+    ],
+)
+def test_a_proof_has_an_entry_for_each_contact(gradients, velocity, E, solver):
+    with pytest.raises(UnsolvableLawError) as refused:
+        Fremond(E).resolve(Collision(np.eye(len(velocity)), gradients, velocity), solver=solver)
+    assert refused.value.contacts == ("1", "2")
+    assert refused.value.ray.shape == (3,)
+    assert refused.value.ray[0] == 0.0
+
+
+def test_groups_of_very_different_speeds_are_not_called_unsolvable():
+    """A law of one coefficient always has a solution, whatever the solver."""
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        Q, a = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.uniform(0, 2 * np.pi, size=2)
+        Y = np.column_stack([np.cos(a), np.sin(a), 0 * a])
+        Y = np.vstack([Y, -(0.7 * Y[0] + 1.3 * Y[1])]) @ Q.T
+        J = np.block([[Y, np.zeros((3, 3))], [np.zeros((3, 3)), Y]])
+        v = Q @ np.array([*1e-2 * rng.normal(size=2), 1e3])
+        collision = Collision(np.eye(6), J, np.concatenate([v, -v]))
+        assert Moreau(0.5).resolve(collision, solver="nnls").residual < 1e-9

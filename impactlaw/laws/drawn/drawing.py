@@ -49,5 +49,6 @@ class DrawnLaw(Law):
         """Return the generator that belongs to a collision: J, v- and the law's seed are its seed."""
         J: Any = collision.jacobian
         J = np.ascontiguousarray(J.toarray() if is_sparse(J) else J)
-        digest = hashlib.sha256(collision.pre_velocity.tobytes() + J.tobytes()).digest()
+        known = collision.pre_velocity + 0.0, J + 0.0  # of which no zero has a sign
+        digest = hashlib.sha256(b"".join(part.tobytes() for part in known)).digest()
         return np.random.default_rng([self.seed or 0, int.from_bytes(digest[:8], "little")])

@@ -15,6 +15,7 @@ from impactlaw.laws.poisson import Poisson
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
 from impactlaw.mechanics.impact import Impact
+from impactlaw.solvers import check_solver
 from impactlaw.solvers.friction.problem import ConeAnswer
 from impactlaw.solvers.friction.solve import Effort, shared
 
@@ -87,6 +88,11 @@ class Coulomb(Law):
         """Labels that the inner law is keyed with."""
         return self.law.contact_labels
 
+    @property
+    def contact_count(self) -> int | None:
+        """Number of contacts that the inner law is for; None if for any."""
+        return self.law.contact_count
+
     def seeded(self, seed: int) -> Coulomb:
         """Return the law with this seed in the inner law, if that draws its outcomes and has none."""
         inner = self.law.seeded(seed)
@@ -103,9 +109,11 @@ class Coulomb(Law):
         without it no effort is spared.
 
         Raises:
+            UnknownNameError: no such solver.
             UnsolvableLawError: surfaces move against each other so that no velocity is left.
             SolverError: no answer passed its certificate, or coefficients of friction are too large (1e10).
         """
+        check_solver(solver)
         collision = checked(collision).without_idle_friction
         if collision.friction is None or not len(collision.friction):
             return self.law.resolve(collision, solver=solver)

@@ -27,7 +27,7 @@ def canonical(label: object) -> str:
     if isinstance(label, str):
         if label.count("/") > 1 and is_pattern(label):
             return label
-        return min([label, *(f"{second}/{first}" for first, second in _pairs(label))])
+        return min(_forms(label))
     raise RestitutionError(f'a contact is named "first/second" or ("first", "second"), got {label!r}')
 
 
@@ -116,6 +116,8 @@ class OfContacts:
         """Return the value of a contact where the law is keyed by labels: its default, or None, if it has none."""
         table = self._values
         found = table.get(canonical(label))
+        if found is None and is_pattern(label):  # names can have the characters of patterns
+            found = next((table[form] for form in _forms(label) if form in table), None)
         if found is not None or not self._patterns:
             return self.default if found is None else found
         fitting = [key for key in self._patterns if matches(key, label)]
@@ -136,10 +138,18 @@ def check_labels(used: Iterable[str], known: tuple[str, ...], *, patterns: bool 
             nearest ones.
     """
     exact = {canonical(label) for label in known}
+    exact |= {form for label in known if is_pattern(label) for form in _forms(label)}
     for label in sorted(used):
         a_pattern = patterns and is_pattern(label)
         if label not in exact and not (a_pattern and any(matches(label, one) for one in known)):
             raise UnknownNameError("contact pattern" if a_pattern else "contact", label, known)
+
+
+def _forms(label: str) -> Iterator[str]:
+    """Yield what names the same contact: the label, and its two names the other way round, in each way to cut it."""
+    yield label
+    for first, second in _pairs(label):
+        yield f"{second}/{first}"
 
 
 def _pairs(label: str) -> Iterator[tuple[str, str]]:

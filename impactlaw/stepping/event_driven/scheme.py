@@ -132,6 +132,8 @@ class RigidStepping:
         """Advance by one timestep and return the collisions; data is back where it was if an error is raised."""
         self._configuration.bind(data)
         state, events = self._configuration.save(self._before), []
+        surfaces = self._surfaces
+        motion = None if surfaces is None else surfaces.last_motion
         check_input(self._model, data, state)
         waits = self._rest is not None and self._rest.waits()
         try:
@@ -148,6 +150,8 @@ class RigidStepping:
                         self._begun = _Begun(state, self._options.timestep, 0)
                 return self._finish(data, self._rest, events, opens=not isinstance(error.__cause__, mujoco.FatalError))
         except BaseException:
+            if surfaces is not None and motion is not None:
+                surfaces.go_on(motion)
             self._configuration.restore(state)
             update_positions(self._model, data)  # surfaces stay where they were put
             raise

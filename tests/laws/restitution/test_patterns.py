@@ -9,7 +9,7 @@ from scenes import compiled, run
 from impactlaw import Batch, Collision, Compliant, Fremond, Newton, Poisson, Stepper
 from impactlaw.errors import RestitutionError, UnknownNameError
 from impactlaw.laws import Routh, portable, restored
-from impactlaw.laws.restitution.labels import matches
+from impactlaw.laws.restitution.labels import check_labels, matches
 
 BALLS = (
     '<geom name="floor" type="plane" size="5 5 1"/>'
@@ -129,3 +129,11 @@ def test_in_a_batch():
     qvel[:] = -1.0
     batch.step()
     np.testing.assert_allclose(qvel, [[0.5, 0.5, 0.0]] * 2, atol=1e-8)
+
+
+@pytest.mark.parametrize("key", [("floor", "robot/box[0]"), ("robot/box[0]", "floor")])
+def test_names_with_slashes_and_brackets_are_found_in_either_order(key):
+    label = "robot/box[0]/floor"
+    collision = Collision([[1.0]], [[1.0]], [-1.0], labels=[label])
+    assert Newton({key: 0.5}).resolve(collision).post_velocity == pytest.approx([0.5])
+    check_labels(Newton({key: 0.5}).contact_labels, (label,))
