@@ -126,9 +126,13 @@ def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bo
     return share(problem, answer, independent=solver not in _DEPENDENT) if shared else answer
 
 
-def nonnegative_combination(gradients: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Return the ``Lambda >= 0`` of least norm that minimises ``|Y^T Lambda - point|``, (h,), for Y, (h, nv)."""
-    return solve(Problem(gradients, gradients @ point, point), ("",) * gradients.shape[0])
+def nonnegative_combination(gradients: np.ndarray, point: np.ndarray, *, shared: bool = True) -> np.ndarray:
+    """Return the ``Lambda >= 0`` of least norm that minimises ``|Y^T Lambda - point|``, (h,), for Y, (h, nv).
+
+    If it is not to be `shared`, it is any that does.
+    """
+    problem, labels = Problem(gradients, gradients @ point, point), ("",) * gradients.shape[0]
+    return solve_with_jump(problem, labels, shared=shared).impulse
 
 
 def _attempt(problem: Problem, solver: str, labels: tuple[str, ...]) -> tuple[Answer | None, Solution | None]:

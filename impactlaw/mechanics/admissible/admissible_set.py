@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError, SolverError
 from impactlaw.mechanics.admissible.capped_polyhedron import CappedPolyhedron
-from impactlaw.mechanics.admissible.cone import cone_facets, nearest_in_cone
+from impactlaw.mechanics.admissible.cone import cone_facets
 from impactlaw.mechanics.admissible.sampling import check_number, generator_of, uniform_samples
 from impactlaw.mechanics.admissible.violations import measured, pushed
 from impactlaw.mechanics.tolerances import POINT, SET_CERTIFIED, SET_RANK, TIGHT
@@ -133,7 +133,7 @@ class AdmissibleSet:
         """``R^T (p - v-)`` in the basis, shape (r,): minus the part of v- in the span of the contacts with impulse."""
         z = self._basis @ self.collision.relative_velocity
         Y = self._unit_gradients @ self._basis.T
-        span = scipy.linalg.orth(Y[nearest_in_cone(Y, -z) > 0].T, rcond=SET_RANK)
+        span = scipy.linalg.orth(Y[nonnegative_combination(Y, -z, shared=False) > 0].T, rcond=SET_RANK)
         return -span @ (span.T @ z)
 
     @cached_property

@@ -9,8 +9,9 @@ from math import comb, sqrt
 import numpy as np
 
 from impactlaw.errors import SolverError
-from impactlaw.mechanics.admissible.cone import EnumerationError, nearest_in_cone
+from impactlaw.mechanics.admissible.cone import EnumerationError
 from impactlaw.mechanics.tolerances import NEAR, SET_RANK, SET_ROUNDING, TIGHT, VANISHING
+from impactlaw.solvers import nonnegative_combination
 
 MAX_FACES = 100_000
 """Most sets of constraints that `CappedPolyhedron.farthest` looks at."""
@@ -180,7 +181,7 @@ class CappedPolyhedron:
     def _pushing(self, x: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the constraints that hold x against the pull, and the part of the pull that they leave."""
         tight = np.flatnonzero(self.normals @ x - self.offsets <= TIGHT)
-        push = nearest_in_cone(self.normals[tight], -pull)
+        push = nonnegative_combination(self.normals[tight], -pull, shared=False)
         return tight[push > 0], pull + push @ self.normals[tight]
 
 

@@ -1,4 +1,4 @@
-"""The cone of the gap gradients, ``{Y^T Lambda : Lambda >= 0}``: nearest points and facets."""
+"""The cone of the gap gradients, ``{Y^T Lambda : Lambda >= 0}``, by its facets."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import scipy
 
 from impactlaw.errors import ImpactLawError
 from impactlaw.mechanics.tolerances import ON_FACET
-from impactlaw.solvers import Problem, solve_with_jump
 
 MAX_FACETS = 20_000
 """Most facets that a group of dependent gradients may have (upper bound theorem) before they are not listed."""
@@ -17,12 +16,6 @@ MAX_FACETS = 20_000
 
 class EnumerationError(ImpactLawError):
     """A set has too many faces to list them: too many redundant gradients of too high a rank."""
-
-
-def nearest_in_cone(generators: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Return ``Lambda >= 0`` that minimises ``|Y^T Lambda - point|``, shape (h,), for unit rows Y."""
-    problem = Problem(generators, generators @ point, point)
-    return solve_with_jump(problem, ("",) * len(generators), shared=False).impulse
 
 
 def cone_facets(generators: np.ndarray) -> np.ndarray:

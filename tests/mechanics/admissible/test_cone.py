@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from impactlaw.mechanics.admissible.cone import nearest_in_cone
+from impactlaw.solvers import nonnegative_combination
 
 
 @settings(max_examples=200, deadline=None)
@@ -17,7 +17,7 @@ def test_nearest_in_cone_satisfies_its_optimality_conditions(data):
     rows = rows[np.any(rows != 0, axis=1)]
     rows /= np.linalg.norm(rows, axis=1)[:, None]
     point = data.draw(arrays(float, n, elements=st.floats(-1, 1)))
-    weights = nearest_in_cone(rows, point)
+    weights = nonnegative_combination(rows, point, shared=False)
     assert_nearest_in_cone(rows, point, weights)
 
 
@@ -31,5 +31,5 @@ def test_nearest_in_cone_of_opposite_rows():
         h = rng.integers(r + 1, 9)
         rows = rows[rng.integers(0, r, h)] * rng.choice([1, -1], (h, 1))
         point = rng.normal(size=rows.shape[1])
-        weights = nearest_in_cone(rows, point)
+        weights = nonnegative_combination(rows, point, shared=False)
         assert_nearest_in_cone(rows, point, weights)
