@@ -96,7 +96,9 @@ def damps(model: mujoco.MjModel) -> bool:
     )
 
 
-def implicit_inertia(model: mujoco.MjModel, data: mujoco.MjData, duration: float) -> np.ndarray | None:
+def implicit_inertia(
+    model: mujoco.MjModel, data: mujoco.MjData, duration: float, inertia: np.ndarray | None = None
+) -> np.ndarray | None:
     """Return the diagonal of ``tau D``, which MuJoCo's last step has added to M, (nv,); None if it has added nothing.
 
     Its integrators advance by ``(M + tau D)^-1``, where D are derivatives of forces by velocity: Euler those of what
@@ -107,6 +109,7 @@ def implicit_inertia(model: mujoco.MjModel, data: mujoco.MjData, duration: float
         model: the scene.
         data: after `mj_step`.
         duration: tau of that step, s.
+        inertia: the diagonal of its M, (nv,); that in data if not given.
     """
     integrator, off = int(model.opt.integrator), model.opt.disableflags
     if integrator == _RK4 or (integrator == _EULER and (off & NO_DAMPING or not damps(model))):
@@ -120,7 +123,8 @@ def implicit_inertia(model: mujoco.MjModel, data: mujoco.MjData, duration: float
         squares = data.qH * data.qH
         squares[diagonal] = 1.0
         scale = np.repeat(1.0 / data.qHDiagInv, model.M_rownnz)
-        added = np.bincount(model.M_colind, squares * scale, model.nv) - data.M[diagonal]
+        added = np.bincount(model.M_colind, squares * scale, model.nv)
+        added -= data.M[diagonal] if inertia is None else inertia
     added[added <= _ROUNDING * model.dof_M0] = 0.0
     return added if np.count_nonzero(added) else None
 

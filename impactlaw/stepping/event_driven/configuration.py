@@ -31,7 +31,8 @@ class Configuration:
     def __init__(self, model: mujoco.MjModel, surfaces: Surfaces | None = None):
         self.model, self.surfaces = model, surfaces
         self._current = self._factored = False
-        self._added: np.ndarray | None = None  # to the diagonal of M by implicit damping, (nv,)
+        self._known: np.ndarray | None = None  # what implicit damping adds to the diagonal of M, (nv,) ...
+        self._phase: tuple[float, np.ndarray] | None = None  # ... or what tells it: duration and M of the phase
         self._damping: np.ndarray | None = None  # D of the last phase, (nv,)
         self._stiffness: np.ndarray | None = None  # to M by equality constraints that give way, (nv, nv)
         self._root: np.ndarray | None = None  # of M with both, where there are such constraints, (nv, nv)
@@ -45,7 +46,7 @@ class Configuration:
         """Work on this data, whatever has happened to it."""
         self.data = data
         self._current = self._factored = False
-        self._added = self._stiffness = None
+        self._phase = self._known = self._stiffness = None
 
     def comply(self, stiffness: np.ndarray | None) -> None:
         """Let M be ``M + J_eq^T D J_eq``: equality constraints answer to contact, and give way as MuJoCo's do.
@@ -63,12 +64,25 @@ class Configuration:
         Contact that is held meanwhile acts within that integration. By M alone it would throw joints whose ``tau D`` is
         larger than M, and the forces that the next phase feels would not settle.
         """
-        self._added, self._factored = implicit_inertia(self.model, self.data, duration), False
-        if duration > 0.0:
-            self._damping = None if self._added is None else self._added / duration
+        self._phase, self._factored = (duration, self.data.M[self._diagonal]), False
+
+    def _find_added(self) -> None:
+        """Find what implicit damping adds to M, from what the phase has left in data, before the next one."""
+        if self._phase is not None:
+            duration, inertia = self._phase
+            self._known, self._phase = implicit_inertia(self.model, self.data, duration, inertia), None
+            if duration > 0.0:
+                self._damping = None if self._known is None else self._known / duration
+
+    @property
+    def _added(self) -> np.ndarray | None:
+        """What implicit damping adds to the diagonal of M, (nv,), or None: most phases never ask."""
+        self._find_added()
+        return self._known
 
     def is_locked(self, timestep: float, ratio: float) -> bool:
         """Return whether damping all but locks a joint in a timestep, s; see `integration.locked_joints`."""
+        self._find_added()
         added = None if self._damping is None else timestep * self._damping
         return locked_joints(self.model, added, ratio) is not None
 
