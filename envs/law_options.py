@@ -110,6 +110,10 @@ class LawOptions:
         asked, seed = replace(self, **given) if given else self, seeds.draw()
         return replace(asked, seed=seed) if asked.draws else asked
 
+    def seeded(self, seeds: EpisodeSeeds) -> LawOptions:
+        """Return these with a seed, if the law needs one."""
+        return replace(self, seed=seeds.draw()) if self.draws else self
+
     def settings(self, law: Law) -> dict[str, Any] | None:
         """Return reset options that make the same, and the contact model, as plain values; None for a law without."""
         plain = as_plain(law)
