@@ -110,7 +110,14 @@ def transfer_matrix(
     if table.empty:
         raise StudyError("the table is empty")
     rows = _row_names(table)
-    cube = table.assign(row=rows).pivot(index=["row", "acted_under"], columns="seed", values="score")
+    table = table.assign(row=rows)
+    twice = table[table.duplicated(["row", "acted_under", "seed"])]
+    if len(twice):
+        row, acted, seed = twice[["row", "acted_under", "seed"]].iloc[0]
+        raise StudyError(
+            f"the table has more than one cell of {row} under {acted}, seed {seed}: take that of one study, or drop rows"
+        )
+    cube = table.pivot(index=["row", "acted_under"], columns="seed", values="score")
     rows, columns = list(dict.fromkeys(rows)), list(table["acted_under"].unique())
     cube = cube.reindex([(row, column) for row in rows for column in columns])
     scores = cube.to_numpy().reshape(len(rows), len(columns), -1)
@@ -186,7 +193,6 @@ def _texts(value: pd.DataFrame, half: pd.DataFrame, digits: int) -> pd.DataFrame
 
 
 def _markdown(what: str, table: pd.DataFrame) -> str:
-    head = [f"{what} of, under", *table.columns]
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    lines += ["| " + " | ".join([str(name), *row]) + " |" for name, row in zip(table.index, table.values, strict=True)]
-    return "\n".join(lines)
+    rows = [[f"{what} of, under", *table.columns], *([name, *row] for name, row in table.T.items())]
+    head, *lines = ("| " + " | ".join(str(cell).replace("|", r"\|") for cell in row) + " |" for row in rows)
+    return "\n".join([head, "|" + "---|" * len(rows[0]), *lines])
