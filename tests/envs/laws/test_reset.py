@@ -99,7 +99,9 @@ def starts(env, options):
     return [(observation.tolist(), info["impact/law"]) for observation, info in found]
 
 
-@pytest.mark.parametrize("options", [{"law": "moro"}, {"restitution": 2.0}, {"law": Newton({("nobody", "floor"): 0.5})}])
+@pytest.mark.parametrize(
+    "options", [{"law": "moro"}, {"restitution": 2.0}, {"law": Newton({("nobody", "floor"): 0.5})}]
+)
 @pytest.mark.parametrize("make", [juggler, hopper, lambda: ImpactLaw(gymnasium.make("Hopper-v5"), "any-outcome")])
 @pytest.mark.parametrize("around", [lambda env: env, RandomLaw])
 def test_a_reset_that_is_refused_leaves_all_generators_where_they_were(make, around, options):
