@@ -87,7 +87,7 @@ def run_law(
     recorder: Recorder | None = None,
     progress: Callable[[], object] = lambda: None,
 ) -> Run:
-    """Simulate the scene rigidly under a law. A collision that the law does not resolve ends the run with the reason."""
+    """Simulate the scene rigidly under a law. What the law does not resolve ends the run, which tells the reason."""
     data = _copy(model, start)
     stepper = Stepper(model, law, **(options or {}))
     trajectory = _Trajectory(model)

@@ -95,7 +95,7 @@ def transfer_matrix(
 
     Raises:
         StudyError: the table is none of a study, has none or several of what was asked for, cells are missing, or
-            confidence is not between 0 and 1.
+            there twice, or confidence is not between 0 and 1.
     """
     if not 0 < confidence < 1:
         raise StudyError(f"confidence lies between 0 and 1, got {confidence!r}")
@@ -111,12 +111,7 @@ def transfer_matrix(
         raise StudyError("the table is empty")
     rows = _row_names(table)
     table = table.assign(row=rows)
-    twice = table[table.duplicated(["row", "acted_under", "seed"])]
-    if len(twice):
-        row, acted, seed = twice[["row", "acted_under", "seed"]].iloc[0]
-        raise StudyError(
-            f"the table has more than one cell of {row} under {acted}, seed {seed}: take that of one study, or drop rows"
-        )
+    _check_once(table)
     cube = table.pivot(index=["row", "acted_under"], columns="seed", values="score")
     rows, columns = list(dict.fromkeys(rows)), list(table["acted_under"].unique())
     cube = cube.reindex([(row, column) for row in rows for column in columns])
@@ -136,6 +131,16 @@ def transfer_matrices(table: pd.DataFrame, *, confidence: float = 0.95) -> Itera
 def _check_columns(table: pd.DataFrame) -> None:
     if lacking := sorted(_COLUMNS - set(getattr(table, "columns", ()))):
         raise StudyError(f"this is not the table of a study: it has no column {', '.join(lacking)}")
+
+
+def _check_once(table: pd.DataFrame) -> None:
+    cell = ["row", "acted_under", "seed"]
+    twice = table.loc[table.duplicated(cell), cell]
+    if len(twice):
+        row, acted, seed = twice.to_numpy()[0]
+        raise StudyError(
+            f"the table has more than one cell of {row} under {acted}, seed {seed}; take the table of one study"
+        )
 
 
 def _matrix(

@@ -44,7 +44,7 @@ def test_info_names_law_and_restitution(law, e):
 def test_the_law_of_the_scene_is_among_those_that_an_error_names(make, law):
     env = make(law="maximal-dissipation")
     for ask in (lambda: make(law=law or "scen"), lambda: env.reset(options={"law": law})):
-        with pytest.raises(UnknownNameError, match="known: .*scene|did you mean 'scene'"):
+        with pytest.raises(UnknownNameError, match=r"known: .*scene|did you mean 'scene'"):
             ask()
 
 
