@@ -193,8 +193,8 @@ def _fields(path: str) -> set[str]:
     except (ValueError, IndexError):
         found = {path}
     raise OptionError(
-        f"log={path!r} can have the fields {{env}} and {{episode}}, such as run-{{env}}-{{episode}}.rrd; braces that are "
-        "part of a name are written twice"
+        f"log={path!r} can have the fields {{env}} and {{episode}}, such as run-{{env}}-{{episode}}.rrd; braces that "
+        "are part of a name are written twice"
     )
 
 

@@ -47,7 +47,7 @@ def _extent(recording: Recording) -> str:
     time, energy = recording.series("energy/total")
     if len(recording.episodes) > 1:
         seconds = sum(float(episode.time[-1] - episode.time[0]) for episode in recording.episodes)
-        return f"{len(time)} states, {seconds:.6g} s, {counted} in {len(recording.episodes)} episodes"
+        return f"{len(time)} states in {len(recording.episodes)} episodes, {seconds:.6g} s, {counted}"
     return f"{len(time)} states up to t = {time[-1]:.6g} s, {counted}; energy {energy[0]:.6g} J -> {energy[-1]:.6g} J"
 
 

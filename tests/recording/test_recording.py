@@ -137,7 +137,7 @@ def test_episodes_follow_each_other(tmp_path, scene):
     assert recording.series("energy/total")[0].tolist() == times
     assert recording.collisions["time"].tolist() == times
     assert recording.collisions["episode"].tolist() == [0] * 5 + [1] * 3
-    assert f"8 states, {4 * times[0] + 2 * times[0]:.6g} s, 8 collisions in 2 episodes" in describe(recording)
+    assert f"8 states in 2 episodes, {6 * times[0]:.6g} s, 8 collisions" in describe(recording)
 
 
 @pytest.mark.parametrize(
