@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from impactlaw.cli import main
-from impactlaw.comparison.compare import Comparison, compare
+from impactlaw.comparison.compare import Comparison, compare, format_table
 from impactlaw.recording import read_log
 
 
@@ -21,6 +21,7 @@ def test_recordings_begin_with_the_start(tmp_path):
 def test_a_law_that_does_not_fit_a_collision_is_refused_and_the_others_run(tmp_path):
     table = compare(Comparison(scene="ball_chain", laws=("moreau", "routh"), duration=0.05), tmp_path).set_index("run")
     assert "one contact at a time" in table.loc["routh", "refused"]
+    assert "routh was refused: " in format_table(table.reset_index())  # which has no collision to tell of
     assert table["refused"].drop("routh").tolist() == ["", "", ""]
     assert {f"{run}.rrd" for run in table.index} <= {path.name for path in tmp_path.iterdir()}
 
