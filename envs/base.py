@@ -15,6 +15,7 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
+from gymnasium.utils.seeding import np_random
 
 from impactlaw.envs.arguments import box, check_arguments
 from impactlaw.envs.episode_seeds import OUTCOMES, EpisodeSeeds
@@ -127,7 +128,7 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
             law=self.LAW if law is None else law, restitution=restitution, contact_model=contact_model, scheme=scheme,
             friction=friction, usual_scheme="event-driven", overlap=None,
         )  # fmt: skip
-        self._seeds = EpisodeSeeds(OUTCOMES)
+        self.seeds = EpisodeSeeds(OUTCOMES)
         self._stepper = self._options.stepper(self.model)
         self._named = describe_law(self.law)
         self.render_mode = render_mode
@@ -203,9 +204,11 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
             SceneError: the option means nothing to the contact model.
         """
         check_reset(options)
-        super().reset(seed=seed)
-        self._seeds.begin(seed)
-        self.use(self._options.for_reset(options, self._seeds))
+        if seed is not None:
+            np_random(seed)  # refuses what is no seed
+        with self.seeds.begun(seed):
+            self.use(self._options.for_reset(options, self.seeds))
+        super().reset(seed=seed)  # after all that can be refused, which leaves the generators as they were
         generator = self.np_random.bit_generator.state
         mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key(START).id)
         self.driven = 0.0, 0.0

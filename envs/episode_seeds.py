@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 
 
@@ -20,6 +23,17 @@ class EpisodeSeeds:
         """Begin anew where a reset has a seed."""
         if seed is not None:
             self.generator = np.random.default_rng([seed, self._stream])
+
+    @contextmanager
+    def begun(self, seed: int | None) -> Iterator[None]:
+        """Begin, for a context; if that fails, the generator is as it was before."""
+        before, state = self.generator, self.generator.bit_generator.state
+        try:
+            self.begin(seed)
+            yield
+        except BaseException:
+            self.generator, before.bit_generator.state = before, state
+            raise
 
     def draw(self) -> int:
         """Return a seed."""

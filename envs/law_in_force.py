@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
+from impactlaw.envs.episode_seeds import EpisodeSeeds
 from impactlaw.envs.law_options import LawOptions
 from impactlaw.errors import RestitutionError
 from impactlaw.laws import LAWS, Law, takes_restitution
@@ -19,6 +20,8 @@ class LawInForce:
     _options: LawOptions
     _in_force: LawOptions
     _stepper: Stepper
+    seeds: EpisodeSeeds
+    """Of outcomes, for laws that draw them."""
 
     @property
     def law(self) -> Law:
@@ -63,7 +66,8 @@ class LawInForce:
         else:  # this episode has something of its own, so that `use` does not look at what stands
             standing.stepper(self._stepper.model)
             in_force = replace(self._in_force, **changes)
-        self.use(in_force)
+        with self.seeds.begun(None):
+            self.use(in_force.seeded(self.seeds))
         self._options = standing
 
 

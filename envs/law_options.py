@@ -13,9 +13,9 @@ import mujoco
 from impactlaw.envs.episode_seeds import EpisodeSeeds
 from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.errors import OptionError, RestitutionError, SceneError, UnknownNameError
-from impactlaw.laws import Law, MaximalDissipation, make_law, portable
+from impactlaw.laws import LAWS, Law, make_law, portable
 from impactlaw.laws.restitution.from_scene import scene_law, scene_restitution
-from impactlaw.recording.properties import law_name
+from impactlaw.recording.properties import law_name, law_restitution
 from impactlaw.stepping.stepper import Stepper
 
 RESET = ("law", "restitution", "friction", "scheme")
@@ -110,6 +110,10 @@ class LawOptions:
         asked, seed = replace(self, **given) if given else self, seeds.draw()
         return replace(asked, seed=seed) if asked.draws else asked
 
+    def seeded(self, seeds: EpisodeSeeds) -> LawOptions:
+        """Return these with a seed, if the law needs one."""
+        return replace(self, seed=seeds.draw()) if self.draws else self
+
     def settings(self, law: Law) -> dict[str, Any] | None:
         """Return reset options that make the same, and the contact model, as plain values; None for a law without."""
         plain = as_plain(law)
@@ -166,6 +170,10 @@ def choose_law(model: mujoco.MjModel, law: str | Law | Mapping[str, Any], restit
         return scene_law(model)
     try:
         return make_law(law, restitution)
+    except UnknownNameError:
+        if isinstance(law, Mapping) or str(law).endswith(".json"):  # a name in it
+            raise
+        raise UnknownNameError("law", law, (*LAWS, "scene")) from None
     except RestitutionError:
         own = scene_restitution(model)
         if restitution is not None or own is None:
@@ -178,10 +186,7 @@ def describe_law(law: Law) -> dict[str, str | float]:
 
     NaN in its place would make two equal episodes differ, for gymnasium's `check_env`, too.
     """
-    inner = law.normal_law
-    e = 0.0 if isinstance(inner, MaximalDissipation) else getattr(inner, "restitution", None)
-    if isinstance(e, dict) and not e:
-        e = getattr(inner, "default", None)
+    e = law_restitution(law)
     text = law_name(law) or ""
     text = text if len(text) <= _LONGEST else f"{type(law).__name__}(...)"
     return {"impact/law": text} | ({"impact/restitution": e} if isinstance(e, float) else {})

@@ -87,6 +87,6 @@ class RandomLaw(gymnasium.Wrapper, RecordConstructorArgs):
         if options is not None and not isinstance(options, Mapping):
             raise OptionError(f"options of a reset are a mapping, got {options!r}")
         law_holder(self.env)
-        self._seeds.begin(seed)
-        drawn = self._laws.draw(self._seeds.generator, options or ())
-        return self.env.reset(seed=seed, options=drawn | dict(options or {}))
+        with self._seeds.begun(seed):
+            drawn = self._laws.draw(self._seeds.generator, options or ())
+            return self.env.reset(seed=seed, options=drawn | dict(options or {}))

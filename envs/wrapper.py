@@ -11,7 +11,6 @@ import gymnasium
 import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 
-from impactlaw.envs.episode_seeds import OUTCOMES, EpisodeSeeds
 from impactlaw.envs.law_options import RESET, LawOptions, check_reset, portable_options
 from impactlaw.envs.logs.episode_log import episode_log
 from impactlaw.envs.placing.gymnasium_steps import ignores_options, place
@@ -130,7 +129,6 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
             setattr(self, name, value)
         options = LawOptions(law=law, restitution=restitution, **settled)
         self._placed: PlacedLaw | None = place(env, options, episode_log(log, log_every))
-        self._seeds = EpisodeSeeds(OUTCOMES)
         self._observation: Any = None
 
     @property
@@ -196,18 +194,21 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
             OptionError: the options are not a mapping.
             RestitutionError: the restitution does not fit the law.
             SceneError: the option means nothing to the contact model.
+            WrapperError: the law was removed, and the options ask for one.
         """
         placed = self._placed
         if placed is None:
+            if any(name in RESET for name in options or ()):
+                self._present()
             return self.env.reset(seed=seed, options=options)
         if ignores_options(self.env) or not isinstance(options, Mapping | None):
             check_reset(options)
-        self._seeds.begin(seed)
-        placed.prepare_reset(options, self._seeds)
-        drawn = self.env.unwrapped.np_random if seed is None else None
-        generator = drawn.bit_generator.state if isinstance(drawn, np.random.Generator) else None  # only numpy's own
-        others = {name: value for name, value in (options or {}).items() if name not in RESET}
-        self._observation, info = self.env.reset(seed=seed, options=others if options and others else None)
+        with placed.seeds.begun(seed):
+            placed.prepare_reset(options)
+            drawn = self.env.unwrapped.np_random if seed is None else None
+            generator = drawn.bit_generator.state if isinstance(drawn, np.random.Generator) else None  # only numpy's
+            others = {name: value for name, value in (options or {}).items() if name not in RESET}
+            self._observation, info = self.env.reset(seed=seed, options=others if options and others else None)
         placed.clear()
         placed.begin_episode(self.env.spec.id if self.env.spec else None, seed, generator)
         return self._observation, info | placed.info()
@@ -273,16 +274,17 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what the environment inside is stepped by: most of them are copied without it."""
-        placed = None if self._placed is None else self._placed.options
-        return self.__dict__ | {"_placed": placed, "_observation": None}
+        placed = None if self._placed is None else (*self._placed.options, self._placed.seeds)
+        return self.__dict__ | {"_placed": placed}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Put the law into the copy."""
         self.__dict__.update(state)
         if state["_placed"] is not None:
-            standing, in_force = state["_placed"]
+            standing, in_force, seeds = state["_placed"]
             self._placed = place(self.env, standing, None, replace=True)
             self._placed.use(in_force)
+            self._placed.seeds = seeds
 
 
 def _is_bad(action: Any) -> bool:

@@ -86,18 +86,19 @@ class Identify:
 
     def __call__(self) -> None:
         """Read the file, print the table and write law and picture."""
+        from impactlaw.comparison.new_files import new_files_in
         from impactlaw.errors import MeasurementError
         from impactlaw.identification.report import draw, format_study, study, write_law
 
         out = Path("out") / self.file.stem / "law.json" if self.out is None else self.out
         if out.suffix != ".json":
             raise MeasurementError(f"the law is written as JSON, but {out} does not end with .json")
-        if self.folds is not None and self.folds < 2:
-            raise MeasurementError(f"folds must be 2 or more, got {self.folds}")
         found = study(self.file, family=self.family, folds=self.folds, contacts=self.contacts)
         assert found.best.law is not None
-        write_law(found.best.law, out, self.file.name)
-        draw(found, out.with_suffix(".png"), f"{self.file.name}: {len(found.measured.collisions)} collisions")
+        with new_files_in(out.parent) as folder:
+            write_law(found.best.law, folder / out.name, self.file.name)
+            title = f"{self.file.name}: {len(found.measured.collisions)} collisions"
+            draw(found, folder / out.with_suffix(".png").name, title)
         print(format_study(found))
         print(f"written: {out}, {out.with_suffix('.png')}")
 

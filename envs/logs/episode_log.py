@@ -59,8 +59,10 @@ class EpisodeLog:
         first = self._named(0)
         if not first.parent.is_dir():
             raise RecordingError(f"cannot write the recording {first}: there is no folder {first.parent}")
+        if first.is_dir():
+            raise RecordingError(f"{first} is a folder: log is the path of a file, such as {first / 'run.rrd'}")
         if not self._fields and first.exists():
-            raise _exists(first)
+            raise self._exists(first)
 
     def pause(self) -> None:
         """Record nothing until the next episode begins: a reset is on its way."""
@@ -154,12 +156,19 @@ class EpisodeLog:
         if models > 1:
             path = named.with_name(f"{named.stem}-{models}{named.suffix}")
         if not _made(path):
-            raise _exists(path)
+            raise self._exists(path)
         self._last, self._models = named, models
         return path
 
     def _named(self, env: int) -> Path:
-        return Path(self._path.format(env=env, episode=self._episode) if self._fields else self._path)
+        return Path(self._path.format(env=env, episode=max(self._episode, 0)))
+
+    def _exists(self, path: Path) -> RecordingError:
+        given = Path(self._path)
+        return RecordingError(
+            f"{path} is there already, and environments do not write over recordings: delete it, choose another name, "
+            f'or number them, as log="{given.with_name(f"{given.stem}-{{env}}{given.suffix}")}"'
+        )
 
 
 def episode_log(path: str | Path | None, every: int) -> EpisodeLog | None:
@@ -183,7 +192,10 @@ def _fields(path: str) -> set[str]:
             return found
     except (ValueError, IndexError):
         found = {path}
-    raise OptionError(f"log={path!r} can have the fields {{env}} and {{episode}}, such as run-{{env}}-{{episode}}.rrd")
+    raise OptionError(
+        f"log={path!r} can have the fields {{env}} and {{episode}}, such as run-{{env}}-{{episode}}.rrd; braces that "
+        "are part of a name are written twice"
+    )
 
 
 def _made(path: Path) -> bool:
@@ -195,10 +207,3 @@ def _made(path: Path) -> bool:
     except OSError as error:
         raise RecordingError(f"cannot write the recording {path}: {error.strerror}") from None
     return True
-
-
-def _exists(path: Path) -> RecordingError:
-    return RecordingError(
-        f"{path} is there already, and environments do not write over recordings: delete it, choose another name, or "
-        f'number them, as log="{path.stem}-{{env}}{path.suffix}"'
-    )

@@ -8,7 +8,7 @@ from typing import Any
 
 import mujoco
 
-from impactlaw.envs.episode_seeds import EpisodeSeeds
+from impactlaw.envs.episode_seeds import OUTCOMES, EpisodeSeeds
 from impactlaw.envs.info import impact_info, steps_short
 from impactlaw.envs.law_in_force import LawInForce
 from impactlaw.envs.law_options import LawOptions, describe_law
@@ -48,6 +48,7 @@ class PlacedLaw(LawInForce, ABC):
         self._removed, self._stepped, self._log = False, False, log
         self._met: list[Told]
         self._options = self._in_force = options
+        self.seeds = EpisodeSeeds(OUTCOMES)
         self._forces: ContactForces | None = None
         self.clear()
         self._named: tuple[Law | None, dict[str, Any]] = None, {}
@@ -70,9 +71,9 @@ class PlacedLaw(LawInForce, ABC):
         if self._forces is not None:
             self._forces.clear()
 
-    def prepare_reset(self, options: Mapping[str, Any] | None, seeds: EpisodeSeeds) -> None:
+    def prepare_reset(self, options: Mapping[str, Any] | None) -> None:
         """Let what a reset asks for be in force in the episode that it begins, and record nothing meanwhile."""
-        self.use(self._options.for_reset(options, seeds))
+        self.use(self._options.for_reset(options, self.seeds))
         if self._log is not None:
             self._log.pause()
 

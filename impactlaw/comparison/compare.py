@@ -110,7 +110,8 @@ def format_table(table: pd.DataFrame) -> str:
     shown = table.drop(columns=["law", "refused"]).copy()
     shown["v+"] = [_short(v) for v in table["v+"]]
     shown["T+/T-"] = table["T+/T-"].astype(float).round(4) + 0.0
-    shown["antidissipative"] = [_first(labels.split(_BETWEEN) if labels else []) for labels in table["antidissipative"]]
+    antidissipative = table["antidissipative"].fillna("")
+    shown["antidissipative"] = [_first(labels.split(_BETWEEN) if labels else []) for labels in antidissipative]
     formats = {
         "events": "{:.0f}",
         "T+/T-": "{:.4f}",

@@ -6,7 +6,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from impactlaw.errors import SceneError
@@ -48,8 +48,9 @@ def new_files_in(folder: Path) -> Iterator[Path]:
                 path.replace(folder / path.name)
         except BaseException:
             shutil.rmtree(temporary, ignore_errors=True)
-            for path in made:
-                path.rmdir()
+            with suppress(OSError):  # somebody else has put something there
+                for path in made:
+                    path.rmdir()
             raise
         temporary.rmdir()
 

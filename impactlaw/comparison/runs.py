@@ -12,7 +12,13 @@ import numpy as np
 
 from impactlaw.comparison.soft_collisions import SoftCollisions
 from impactlaw.comparison.soft_contact import deepest_gap, soft_outcome
-from impactlaw.errors import InadmissibleImpactError, UnsolvableLawError
+from impactlaw.errors import (
+    DivergenceError,
+    InadmissibleImpactError,
+    RestitutionError,
+    SolverError,
+    UnsolvableLawError,
+)
 from impactlaw.laws import Law
 from impactlaw.mechanics.impact import Impact
 from impactlaw.recording import Recorder
@@ -39,8 +45,12 @@ class Run:
     seconds_per_step: float  # mean wall time of a step, the slowest one left out
     first: Impact | None  # the first collision's outcome; None if there was none
     qpos: np.ndarray | None  # the configuration it happened at, (nq,)
-    refusal: str = ""  # why the law was refused, or an empty string
+    refusal: str = ""  # why the run ended before its time, or an empty string
     law: str | None = None  # the law in one line; None for soft contacts
+
+
+_ENDS = InadmissibleImpactError, UnsolvableLawError, RestitutionError, SolverError, DivergenceError
+_BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")]
 
 
 class _Trajectory:
@@ -77,18 +87,20 @@ def run_law(
     recorder: Recorder | None = None,
     progress: Callable[[], object] = lambda: None,
 ) -> Run:
-    """Simulate the scene rigidly under a law. A law that is not admissible there ends the run with its refusal."""
+    """Simulate the scene rigidly under a law. What the law does not resolve ends the run, which tells the reason."""
     data = _copy(model, start)
     stepper = Stepper(model, law, **(options or {}))
     trajectory = _Trajectory(model)
     trajectory.add(data)
+    if recorder is not None:
+        recorder.step(data)
     first: ImpactEvent | None = None
     events, spent, refusal = 0, [], ""
     for _ in range(steps):
         begin = time.perf_counter()
         try:
             stepper.step(data)
-        except (InadmissibleImpactError, UnsolvableLawError) as error:
+        except _ENDS as error:
             refusal = str(error)
             break
         spent.append(time.perf_counter() - begin)
@@ -125,15 +137,21 @@ def run_soft(
 ) -> Run:
     """Simulate the scene with MuJoCo's contacts, and audit what they make of the reference's first collision.
 
-    What is recorded are the run's own collisions, see `SoftCollisions`.
+    What is recorded are the run's own collisions, see `SoftCollisions`. The run ends where MuJoCo finds numbers that
+    are not finite: it would go on from the scene's initial state.
     """
-    data, seen, spent = _copy(model, start), _copy(model, start), []
+    data, seen, spent, refusal = _copy(model, start), _copy(model, start), [], ""
     trajectory, collisions = _Trajectory(model), SoftCollisions(model)
     trajectory.add(seen)
     collisions.look(seen)
+    if recorder is not None:
+        recorder.step(seen)
     for _ in range(steps):
         begin = time.perf_counter()
         mujoco.mj_step(model, data)
+        if data.warning.number[_BAD].any():
+            refusal = "MuJoCo's simulation left the finite numbers; take a shorter timestep"
+            break
         spent.append(time.perf_counter() - begin)
         _assign(model, data, seen)  # looking at contacts must not disturb the solver
         trajectory.add(seen)
@@ -154,6 +172,7 @@ def run_soft(
         seconds_per_step=_mean(spent),
         first=first,
         qpos=None if reference is None else reference.qpos,
+        refusal=refusal,
     )
 
 

@@ -9,10 +9,15 @@ import numpy as np
 from impactlaw.errors import MeasurementError
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction import Friction
+from impactlaw.recording.layout import MOST_COUPLED
 
 _RANK = 1e-9  # eigenvalue of G, relative to the largest one, that is rounding
 _REACHED = 1e-6  # part of the contact velocities that may change, or move surfaces, outside of the range of G
 _CONSTANT = 1e-3  # misfit, relative to the jumps, up to which one G explains all collisions
+_WAY_OUT = (
+    "write a table that has it in a column delassus, or mass_matrix and jacobian (recordings have it of up to "
+    f"{MOST_COUPLED} contacts and rows of friction)"
+)
 
 
 def collision_of(
@@ -91,11 +96,11 @@ def symmetric_least_squares(L: np.ndarray, D: np.ndarray, labels: tuple[str, ...
     if rank < len(rows):
         raise MeasurementError(
             f"{len(L)} collisions of contacts {', '.join(labels)} are too few, or too alike, to tell their Delassus "
-            "matrix; record it in a column delassus"
+            f"matrix; {_WAY_OUT}"
         )
     if np.linalg.norm(A @ x - D.ravel()) > _CONSTANT * np.linalg.norm(D):
         raise MeasurementError(
             f"no Delassus matrix explains all collisions of contacts {', '.join(labels)}: it changes with the "
-            "configuration; record it in a column delassus"
+            f"configuration; {_WAY_OUT}"
         )
     return np.einsum("p,pij->ij", x, basis)

@@ -199,10 +199,10 @@ def _labels(row: dict[Any, Any], i: int, h: int) -> tuple[str, ...]:
 
 
 def _given(row: dict[Any, Any], name: str) -> bool:
-    value = row.get(name)
+    value = _parsed(row.get(name))
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return False
-    return np.size(value) > 0
+    return len(value) > 0 if isinstance(value, list) else np.size(value) > 0
 
 
 def _parsed(value: Any) -> Any:

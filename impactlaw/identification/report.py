@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,7 +43,7 @@ class Study:
     """All that was found in a file.
 
     Attributes:
-        measured: what was read.
+        measured: what was read, of the set of contacts that was asked for.
         audit: of it.
         rows: of the families.
         best: the one with the least error on unseen collisions; of equally good ones that with fewer parameters.
@@ -67,22 +66,27 @@ def study(
         MeasurementError: the file cannot be read, its collisions are too few or no collisions, or no family fits.
         UnknownNameError: no such family.
     """
-    measured = read_collisions(path)
+    names = [family] if family is not None else list(FAMILIES)
+    measured = _chosen(path, names[0], contacts)
     n = len(measured.collisions)
     if n < 2:
-        raise MeasurementError(f"{path} has 1 collision: a law is identified from 2 or more")
+        these = "" if contacts is None else f" of the contacts {', '.join(measured.collisions[0].labels)}"
+        raise MeasurementError(f"{path} has 1 collision{these}: a law is identified from 2 or more")
     if not any((v != c.pre_velocity).any() for c, v in zip(*measured, strict=True)):
         raise MeasurementError(f"{path}: no collision changes a velocity: they tell nothing of a law")
     found = audit(*measured)
     if found.admissible < _WORST:
         raise MeasurementError(f"{path}: {refusal(found)}")
-    names = [family] if family is not None else list(FAMILIES)
-    folds = _number_of_folds(path, measured, names[0], folds, contacts)
+    folds = max(2, min(_FOLDS, n)) if folds is None else folds
+    try:
+        check_folds(folds, n)
+    except MeasurementError as error:
+        raise MeasurementError(f"{path}: {error}") from None
     rows = []
     with tqdm(names, desc="families", leave=False, disable=None) as bar:
         for name in bar:
             bar.set_postfix_str(name)
-            rows.append(_row(name, measured, folds, contacts))
+            rows.append(_row(name, measured, folds))
     fitted = [row for row in rows if row.law is not None and row.held_out is not None]
     if not fitted:
         raise MeasurementError(f"{path}: {rows[0].reason}" if family else f"{path}: no family fits: {rows[0].reason}")
@@ -92,28 +96,23 @@ def study(
     return Study(measured, found, tuple(rows), best, folds)
 
 
-def _number_of_folds(
-    path: Path, measured: Collisions, family: str, folds: int | None, contacts: Sequence[str] | None
-) -> int:
-    """Return how many folds the collisions of the set of contacts are split into; refuse a given number that is not."""
+def _chosen(path: Path, family: str, contacts: Sequence[str] | None) -> Collisions:
+    """Return the collisions of the set of contacts; all if None."""
+    read = read_collisions(path)
     try:
-        n = len(checked(*measured, family, contacts))
-        wanted = max(2, min(_FOLDS, n)) if folds is None else folds
-        check_folds(wanted, n)
+        chosen = checked(*read, family, contacts)
     except MeasurementError as error:
         raise MeasurementError(f"{path}: {error}") from None
-    return wanted
+    return Collisions(list(chosen.collisions), list(chosen.post_velocities))
 
 
-def _row(name: str, measured: Collisions, folds: int, contacts: Sequence[str] | None) -> Row:
+def _row(name: str, measured: Collisions, folds: int) -> Row:
     try:
-        law = fit(*measured, name, contacts=contacts)
+        law = fit(*measured, name)
         if law.rank == 0:
             return Row(name, None, None, "the collisions tell none of its numbers, or none of a contact (rank 0)")
-        return Row(name, law, cross_validate(*measured, name, folds=folds, contacts=contacts))
+        return Row(name, law, cross_validate(*measured, name, folds=folds))
     except ImpactLawError as error:
-        if name not in FAMILIES:
-            raise
         return Row(name, None, None, str(error))
 
 
@@ -186,16 +185,16 @@ def write_law(law: Identified, path: Path, source: str) -> None:
 def draw(found: Study, path: Path, title: str) -> None:
     """Write a picture: contact velocities predicted by the best law over those observed, and errors of all families."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
 
     figure = Figure(figsize=(9.0, 4.0), layout="constrained")
     figure.suptitle(title.replace("$", r"\$"), fontsize=10)
     left, right = figure.subplots(1, 2)
     law = found.best.law
     assert law is not None
-    for c, seen in zip(*found.measured, strict=True):
-        with suppress(ImpactLawError):  # a collision of another set of contacts
-            (after,) = outcomes(law.law, [c], law.parameters.get("friction"), law.largest)
-            left.plot(c.contact_velocity_after(seen), c.contact_velocity_after(after), ".", color="C0", markersize=3)
+    predicted = outcomes(law.law, found.measured.collisions, law.parameters.get("friction"), law.largest)
+    for c, seen, after in zip(*found.measured, predicted, strict=True):
+        left.plot(c.contact_velocity_after(seen), c.contact_velocity_after(after), ".", color="C0", markersize=3)
     ends = np.array(left.get_xlim())
     left.plot(ends, ends, color="0.6", linewidth=0.8)
     left.set_xlabel("contact velocity observed, m/s or rad/s")
@@ -203,4 +202,8 @@ def draw(found: Study, path: Path, title: str) -> None:
     rows = sorted((row for row in found.rows if row.held_out is not None), key=lambda row: -row.error)
     right.barh([row.family for row in rows], [row.error for row in rows], color="C0")
     right.set_xlabel("error on unseen collisions, of |v-|")
-    figure.savefig(path, dpi=80)
+    right.xaxis.set_major_locator(MaxNLocator(4))
+    try:
+        figure.savefig(path, dpi=80)
+    except OSError as error:
+        raise MeasurementError(f"cannot write {path}: {error.strerror}") from None

@@ -139,12 +139,12 @@ class CollisionLog:
             stream.send_columns(layout.MARKS, time_columns(clocks, steps), columns, strict=True)
         if self._rows:
             clocks, records, texts, levels = zip(*self._rows, strict=True)
+            kinds = COLLISION_COLUMNS | layout.EXTRA_COLUMNS
             cells = {
                 name: [record.get(name) for record in records]
-                for name in COLLISION_COLUMNS | layout.EXTRA_COLUMNS
+                for name in kinds
                 if any(name in record for record in records)
             }
-            kinds = COLLISION_COLUMNS | layout.EXTRA_COLUMNS
             columns = [Column(f"{layout.COLLISION}:{name}", kinds[name], values) for name, values in cells.items()]
             index = time_columns(clocks, cells["step"])
             for name in layout.PLOTTED:

@@ -36,16 +36,17 @@ class EpisodeMarks:
     def end_step(self, clock: float, frame: int, action: Any, reward: Any, ended: tuple[bool, bool]) -> None:
         """Take up an environment step that ends with this frame."""
         terminated, truncated = ended
-        told = np.asarray(action)
         try:
-            numbers, gained = told.ravel().astype(float).tolist(), float(reward)
+            told = np.asarray(action)
+            numbers, gained = _as_floats(told), float(reward)
         except (TypeError, ValueError):
             raise RecordingError(
-                f"a recording takes numbers as an action, got {action!r:.100}, and one number as a reward, got "
-                f"{reward!r:.100}: put a wrapper around the environment, inside of what records, that makes them so"
+                f"a recording takes real numbers as an action, whole ones up to 2^53, got {action!r:.100}, and one "
+                f"number as a reward, got {reward!r:.100}: put a wrapper around the environment, inside of what "
+                "records, that makes them so"
             ) from None
         step = {
-            "action": numbers,
+            "action": numbers.tolist(),
             "kind": json.dumps([told.dtype.str, told.shape]),
             "reward": gained,
             "terminated": bool(terminated),
@@ -61,6 +62,18 @@ class EpisodeMarks:
                 columns = [Column(f"{kind}:{name}", what, [c[name] for c in cells]) for name, what in names.items()]
                 stream.send_columns(path, time_columns(clocks, frames), columns, strict=True)
                 rows.clear()
+
+
+def _as_floats(told: np.ndarray) -> np.ndarray:
+    """Return the same numbers as float64, flat; refuse those that are no longer the same as it."""
+    if told.dtype.kind not in "biuf":
+        raise TypeError
+    numbers = told.ravel().astype(float)
+    if told.dtype.kind in "iu":
+        with np.errstate(invalid="ignore"):
+            if (numbers.astype(told.dtype) != told.ravel()).any():
+                raise ValueError
+    return numbers
 
 
 @dataclass(frozen=True, eq=False)

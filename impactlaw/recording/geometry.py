@@ -54,8 +54,14 @@ def colors(model: mujoco.MjModel) -> np.ndarray:
 
 
 def body_names(model: mujoco.MjModel) -> list[str]:
-    """Return the name of each body, ``body<id>`` where it has none."""
-    return [model.body(i).name or f"body{i}" for i in range(model.nbody)]
+    """Return the name of each body, ``body<id>`` where it has none, and "_" after that while another body has it."""
+    given, names = {model.body(i).name for i in range(model.nbody)}, []
+    for i in range(model.nbody):
+        name = f"body{i}"
+        while name in given:
+            name += "_"
+        names.append(model.body(i).name or name)
+    return names
 
 
 def _primitives(model: mujoco.MjModel, kind: str, geoms: np.ndarray) -> Any:

@@ -10,6 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from impactlaw.laws import Law, MaximalDissipation
 from impactlaw.laws.restitution.coefficients import described
 from impactlaw.recording.layout import FORMAT
 
@@ -21,8 +22,8 @@ def run_properties(
     model: mujoco.MjModel, *, law: Any, restitution: Any, scene: str | Path | None, seed: int | None
 ) -> dict[str, Any]:
     """Return the properties of a run, all of them values that JSON has."""
-    if restitution is None and law is not None and not isinstance(law, str):
-        restitution = next((getattr(law, name) for name in ("restitution", "matrix", "h") if hasattr(law, name)), None)
+    if restitution is None and isinstance(law, Law):
+        restitution = law_restitution(law)
     model_name = model.names[: model.names.index(b"\0")].decode()
     return {
         "format": FORMAT,
@@ -39,6 +40,15 @@ def run_properties(
 def law_name(law: Any) -> str | None:
     """Return the law in one line: its repr, or the name it goes by."""
     return law if law is None or isinstance(law, str) else " ".join(repr(law).split())
+
+
+def law_restitution(law: Law) -> Any:
+    """Return the restitution of a law's normal part, as it has that: a coefficient, several, a matrix; None if none."""
+    inner = law.normal_law
+    if isinstance(inner, MaximalDissipation):
+        return 0.0
+    found = next((getattr(inner, name) for name in ("restitution", "matrix", "h") if hasattr(inner, name)), None)
+    return getattr(inner, "default", None) if isinstance(found, dict) and not found else found
 
 
 def _plain(value: Any) -> Any:

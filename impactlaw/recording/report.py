@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from impactlaw.recording.reader import Recording
 
 _COLUMNS = ["time", "contacts", "induced_impulse", "intensity", "energy_change", "distant"]
+_ROUNDING = 1e-9  # violation, relative to |v-|
 
 
 def describe(recording: Recording, *, limit: int = 50) -> str:
@@ -44,8 +45,9 @@ def _extent(recording: Recording) -> str:
     if "energy/total" not in recording.series_names:
         return f"no complete steps, {counted}"
     time, energy = recording.series("energy/total")
-    episodes = len(recording.episodes)
-    counted += f" in {episodes} episodes" if episodes > 1 else ""
+    if len(recording.episodes) > 1:
+        seconds = sum(float(episode.time[-1] - episode.time[0]) for episode in recording.episodes)
+        return f"{len(time)} states in {len(recording.episodes)} episodes, {seconds:.6g} s, {counted}"
     return f"{len(time)} states up to t = {time[-1]:.6g} s, {counted}; energy {energy[0]:.6g} J -> {energy[-1]:.6g} J"
 
 
@@ -65,6 +67,8 @@ def _violation(recording: Recording) -> str:
     worst = recording.worst_violation()
     if worst is None or worst.distance == 0:
         return "no violation: every outcome lies in S(v-)"
+    if worst.relative < _ROUNDING:
+        return "no violation beyond rounding: every outcome lies in S(v-)"
     size = f"{worst.distance:.3g} sqrt(J), {worst.relative:.3g} of |v-|"
     if worst.kind == "kinematic" and np.isinf(worst.distance):
         size = CRUSHED

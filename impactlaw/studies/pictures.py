@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from impactlaw.comparison.pictures import plain
 from impactlaw.studies.transfer import TransferMatrix
 
 _CELL = 1.15, 0.62  # inches
@@ -23,7 +24,7 @@ def draw(matrix: TransferMatrix, path: Path) -> None:
     below = 0.065 * max(len(str(name)) for name in matrix.score.columns)
     width = len(shown) * max(columns * _CELL[0], 3.2) + beside + 2 * _MARGIN
     figure = Figure(figsize=(width, rows * _CELL[1] + below + 2 * _MARGIN), layout="constrained")
-    figure.suptitle(matrix.title(), fontsize=11)
+    figure.suptitle(plain(matrix.title()), fontsize=11)
     panels = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
     _panel(panels[0], matrix.score, shown["score"], "score", "viridis")
     if "regret" in shown:
@@ -37,8 +38,9 @@ def _panel(axes: Any, value: pd.DataFrame, shown: pd.DataFrame, title: str, colo
     image = axes.imshow(numbers, cmap=colours, aspect="auto")
     axes.set_title(title, fontsize=10)
     axes.set_xlabel("acted under")
-    axes.set_xticks(range(value.shape[1]), value.columns, rotation=30, ha="right", rotation_mode="anchor", fontsize=9)
-    axes.set_yticks(range(value.shape[0]), value.index, fontsize=9)
+    below, beside = ([plain(str(name)) for name in names] for names in (value.columns, value.index))
+    axes.set_xticks(range(len(below)), below, rotation=30, ha="right", rotation_mode="anchor", fontsize=9)
+    axes.set_yticks(range(len(beside)), beside, fontsize=9)
     for i, j in np.ndindex(*numbers.shape):
         colour = image.cmap(image.norm(numbers[i, j]))
         dark = np.dot(colour[:3], (0.299, 0.587, 0.114)) < 0.5

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,10 @@ class Store:
         if not path.exists():
             return None
         try:
-            return json.loads(path.read_text(encoding="utf-8"))["row"]
+            row = json.loads(path.read_text(encoding="utf-8"))["row"]
+            if not isinstance(row, dict):
+                raise TypeError("its row has no names")
+            return row
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise StudyError(f"{path} is not a cell of a study ({error}); remove it, and it is made again") from None
 
@@ -66,6 +70,9 @@ def write(path: Path, content: bytes) -> None:
         unfinished.replace(path)
     except OSError as error:
         raise StudyError(f"cannot write {path}: {error.strerror}") from None
+    finally:
+        with suppress(OSError):
+            unfinished.unlink()
 
 
 def _json(value: Any) -> bytes:

@@ -95,7 +95,7 @@ def transfer_matrix(
 
     Raises:
         StudyError: the table is none of a study, has none or several of what was asked for, cells are missing, or
-            confidence is not between 0 and 1.
+            there twice, or confidence is not between 0 and 1.
     """
     if not 0 < confidence < 1:
         raise StudyError(f"confidence lies between 0 and 1, got {confidence!r}")
@@ -110,7 +110,9 @@ def transfer_matrix(
     if table.empty:
         raise StudyError("the table is empty")
     rows = _row_names(table)
-    cube = table.assign(row=rows).pivot(index=["row", "acted_under"], columns="seed", values="score")
+    table = table.assign(row=rows)
+    _check_once(table)
+    cube = table.pivot(index=["row", "acted_under"], columns="seed", values="score")
     rows, columns = list(dict.fromkeys(rows)), list(table["acted_under"].unique())
     cube = cube.reindex([(row, column) for row in rows for column in columns])
     scores = cube.to_numpy().reshape(len(rows), len(columns), -1)
@@ -129,6 +131,16 @@ def transfer_matrices(table: pd.DataFrame, *, confidence: float = 0.95) -> Itera
 def _check_columns(table: pd.DataFrame) -> None:
     if lacking := sorted(_COLUMNS - set(getattr(table, "columns", ()))):
         raise StudyError(f"this is not the table of a study: it has no column {', '.join(lacking)}")
+
+
+def _check_once(table: pd.DataFrame) -> None:
+    cell = ["row", "acted_under", "seed"]
+    twice = table.loc[table.duplicated(cell), cell]
+    if len(twice):
+        row, acted, seed = twice.to_numpy()[0]
+        raise StudyError(
+            f"the table has more than one cell of {row} under {acted}, seed {seed}; take the table of one study"
+        )
 
 
 def _matrix(
@@ -186,7 +198,6 @@ def _texts(value: pd.DataFrame, half: pd.DataFrame, digits: int) -> pd.DataFrame
 
 
 def _markdown(what: str, table: pd.DataFrame) -> str:
-    head = [f"{what} of, under", *table.columns]
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    lines += ["| " + " | ".join([str(name), *row]) + " |" for name, row in zip(table.index, table.values, strict=True)]
-    return "\n".join(lines)
+    rows = [[f"{what} of, under", *table.columns], *([name, *row] for name, row in table.T.items())]
+    head, *lines = ("| " + " | ".join(str(cell).replace("|", r"\|") for cell in row) + " |" for row in rows)
+    return "\n".join([head, "|" + "---|" * len(rows[0]), *lines])

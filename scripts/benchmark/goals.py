@@ -160,7 +160,8 @@ def _task_goals(table: Table) -> Iterator[Goal]:
     for task, rows in table.groupby("task", sort=False):
         measured = ", ".join(f"{row['scheme']} {row['steps_per_second']:.0f}" for row in records(rows))
         least = STEPS_PER_SECOND[str(task)]
-        met = bool(rows.steps_per_second.max() >= least)
+        alone = rows[~rows.scheme.str.endswith("worlds")]
+        met = bool(alone.steps_per_second.max() >= least)
         yield Goal(f"{task} >= {least} environment steps a second", measured, met)
 
 

@@ -90,7 +90,7 @@ def compare(scene: scenes.Scene, e: float, study: Agreement) -> dict[str, Any]:
     try:
         loaded = scenes.load(scene)
         model, one = loaded.model, start(loaded, scene.raised)
-        ours = Stepper(model, Moreau(e), scheme="time-stepping", on_inadmissible="project")
+        ours = compiled_stepper(model, Moreau(e), on_inadmissible="project")
         python = Stepper(model, Moreau(e), scheme="time-stepping", on_inadmissible="project", compiled="never")
         other, begun, found = mujoco.MjData(model), time.perf_counter(), []
         given = controls(model, "random", one.ctrl.copy(), study.states // HELD + 1, 0)

@@ -36,3 +36,12 @@ def test_results_do_not_replace_a_folder_and_none_of_them_is_moved(tmp_path):
         for name in ("a.csv", "table.csv", "z.csv"):
             (folder / name).write_text("new")
     assert [path.name for path in tmp_path.iterdir()] == ["table.csv"]
+
+
+def test_the_error_is_told_where_somebody_else_has_put_something_into_the_new_folder(tmp_path):
+    kept = tmp_path / "out" / "results"
+    with pytest.raises(SceneError, match="this is wrong"), new_files_in(kept) as folder:
+        (folder / "table.csv").write_text("half")
+        (tmp_path / "out" / "study").mkdir()
+        raise SceneError("this is wrong")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["study"]

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 from identification.tables import chain_rows, run_cli, table
+from matplotlib.axes import Axes
 
 from impactlaw import Collision, Fremond, Moreau, Newton, Stepper, make_law
 from impactlaw.errors import MeasurementError
@@ -156,3 +157,46 @@ def test_folds_are_those_of_the_contacts_that_are_chosen(tmp_path):
     assert study(path, family="newton", contacts=("a/b", "b/c")).folds == 3
     with pytest.raises(MeasurementError, match="3 collisions cannot be split into 4 folds"):
         study(path, family="newton", contacts=("a/b", "b/c"), folds=4)
+
+
+def drops(bounce, n, contacts, wrong=1.0):
+    speeds = np.random.default_rng(n).uniform(1.0, 2.0, n)
+    names = ("contacts", "pre_contact_velocity", "post_contact_velocity")
+    return [dict(zip(names, (contacts, -v, wrong * bounce * v), strict=True)) for v in speeds]
+
+
+def test_counts_audit_and_picture_are_those_of_the_contacts_that_are_chosen(tmp_path, monkeypatch, capsys):
+    """The others gain energy: most of all collisions are no collisions."""
+    path = table(tmp_path / "data.csv", drops(0.8, 40, "a/floor", wrong=5.0) + drops(0.2, 10, "b/floor"))
+    words = ("--family", "newton", "--out", tmp_path / "law.json")
+    code, _, said = run_cli(monkeypatch, capsys, "identify", path, *words)
+    assert (code, "only 20% of 50 collisions" in said) == (2, True)
+    drawn = []
+    monkeypatch.setattr(Axes, "plot", lambda self, x, *_, **__: drawn.append(len(x)))
+    code, said, _ = run_cli(monkeypatch, capsys, "identify", path, *words, "--contacts", "b/floor")
+    assert (code, said.splitlines()[0]) == (0, "10 collisions, 100% admissible within 0.1 |v-|; 5 folds")
+    assert "restitution 0.2000" in said
+    assert drawn == [1] * 10 + [2]  # and the diagonal
+
+
+def test_one_collision_of_the_contacts_that_are_chosen_is_too_few(tmp_path):
+    path = table(tmp_path / "data.csv", drops(0.8, 4, "a/floor") + drops(0.2, 1, "b/floor"))
+    with pytest.raises(MeasurementError, match="has 1 collision of the contacts b/floor: a law is identified from 2"):
+        study(path, contacts=("b/floor",))
+
+
+def test_law_and_picture_are_both_written_or_none_of_them(tmp_path, monkeypatch, capsys):
+    path = table(tmp_path / "data.csv", drops(0.8, 10, "a/floor"))
+    (tmp_path / "out" / "law.png").mkdir(parents=True)
+    code, _, said = run_cli(monkeypatch, capsys, "identify", path, "--out", tmp_path / "out" / "law.json")
+    assert (code, said.count("\n")) == (2, 1)
+    assert "there is a folder of that name" in said
+    assert [one.name for one in (tmp_path / "out").iterdir()] == ["law.png"]
+
+
+def test_an_empty_cell_of_a_recording_is_empty_in_csv_too(tmp_path):
+    """As that of a matrix of too many contacts to be recorded: it follows from impulses."""
+    rows = [row | {"delassus": "[]"} for row in chain_rows()]
+    expected = [[1.5, -0.5], [-0.5, 0.5 + 1 / 1.5]]
+    collisions, _ = read_collisions(table(tmp_path / "data.csv", rows))
+    np.testing.assert_allclose(collisions[0].delassus, expected, rtol=0, atol=1e-9)

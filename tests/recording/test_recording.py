@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from impactlaw.errors import RecordingError, UnknownNameError
-from impactlaw.laws import Fremond, LinearMap, MaximalDissipation, Moreau, Newton
+from impactlaw.laws import AnyOutcome, Coulomb, Fremond, LinearMap, MaximalDissipation, Moreau, Newton
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.impact import Impact
 from impactlaw.models import load
@@ -137,7 +137,7 @@ def test_episodes_follow_each_other(tmp_path, scene):
     assert recording.series("energy/total")[0].tolist() == times
     assert recording.collisions["time"].tolist() == times
     assert recording.collisions["episode"].tolist() == [0] * 5 + [1] * 3
-    assert "in 2 episodes" in describe(recording)
+    assert f"8 states in 2 episodes, {6 * times[0]:.6g} s, 8 collisions" in describe(recording)
 
 
 @pytest.mark.parametrize(
@@ -145,7 +145,10 @@ def test_episodes_follow_each_other(tmp_path, scene):
     [
         (Moreau(0.1), None, "Moreau(restitution=0.1)", 0.1),
         ("moreau", 0.1, "moreau", 0.1),
-        (MaximalDissipation(), None, "MaximalDissipation()", None),
+        (MaximalDissipation(), None, "MaximalDissipation()", 0.0),
+        (Newton({}, default=0.5), None, "Newton(restitution={}, default=0.5)", 0.5),
+        (Coulomb(Moreau(0.5)), None, " ".join(repr(Coulomb(Moreau(0.5))).split()), 0.5),
+        (AnyOutcome(), None, "AnyOutcome(seed=None)", None),
         (Newton((0.1, 1 / 3)), None, "Newton(restitution=(0.1, 0.3333333333333333), default=None)", [0.1, 1 / 3]),
         ("newton", {("a", "b"): np.float64(0.1)}, "newton", {"a, b": 0.1}),
         (Fremond(np.eye(2)), None, "Fremond(matrix=array([[1., 0.], [0., 1.]]))", [[1.0, 0.0], [0.0, 1.0]]),
@@ -189,9 +192,51 @@ def test_summaries(cradle_log):
 def test_description(cradle_log):
     recording = read_log(cradle_log[0])
     text = describe(recording)
-    for part in ("newtons_cradle", "Reversal(restitution=1.0)", "450 states", "ball4/ball5", "worst violation", "yes"):
+    for part in (
+        "newtons_cradle",
+        "Reversal(restitution=1.0)",
+        "450 states up to t = ",
+        "ball4/ball5",
+        "yes",
+        "no violation beyond",
+    ):
         assert part in text
     assert "... and 1 more" in describe(recording, limit=len(recording.collisions) - 1)
+
+
+def test_the_worst_violation_is_told_where_it_is_more_than_rounding(tmp_path, scene):
+    model, data = scene
+    contacts, impact = random_event(np.random.default_rng(0), 2)
+    wrong = Impact.observed(impact.collision, impact.post_velocity + 1e-6)
+    with Recorder(model, tmp_path / "run.rrd") as recorder:
+        recorder.step(data, [ImpactEvent(data.time, contacts, wrong)])
+    assert "worst violation: " in describe(read_log(tmp_path / "run.rrd"))
+
+
+@pytest.mark.parametrize(
+    "action", [2**53, np.array([-(2**53), 3]), np.uint64(2**63), True, np.float32(0.1), np.nan, []]
+)
+def test_actions_that_float64_can_hold_come_back(action, tmp_path, scene):
+    path = tmp_path / "run.rrd"
+    with Recorder(scene[0], path) as recorder:
+        recorder.step(scene[1])
+        recorder.end_step(action, 1.0)
+    (found,) = read_log(path).episode(0).actions
+    np.testing.assert_array_equal(found, action)
+    assert found.dtype == np.asarray(action).dtype
+
+
+@pytest.mark.parametrize(
+    "action", [2**53 + 1, np.array([0, 2**62 + 1]), np.uint64(2**64 - 1), [1 + 2j], None, "3", [None]]
+)
+def test_actions_that_would_change_in_a_recording_are_refused(action, tmp_path, scene):
+    path = tmp_path / "run.rrd"
+    with Recorder(scene[0], path) as recorder:
+        recorder.step(scene[1])
+        with pytest.raises(RecordingError, match=r"takes real numbers as an action, whole ones up to 2\^53, got"):
+            recorder.end_step(action, 1.0)
+        recorder.end_step([0.5], 1.0)
+    assert read_log(path).episode(0).actions.tolist() == [[0.5]]
 
 
 def test_csv_keeps_every_digit(tmp_path, cradle_log):

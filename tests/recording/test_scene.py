@@ -204,3 +204,16 @@ def test_size_on_the_humanoid(tmp_path):
                 recorder.step(data)
             sizes.append((tmp_path / "run.rrd").stat().st_size)
     assert np.diff(sizes).max() / BATCH < 700 + 8 * (model.nq + model.nv)  # positions and velocities, exactly
+
+
+def test_a_body_without_a_name_does_not_take_that_of_another_one(tmp_path):
+    balls = [f'<body {name} pos="0 0 {z}"><freejoint/><geom size=".1"/></body>' for z, name in enumerate(NAMES, 1)]
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{''.join(balls)}</worldbody></mujoco>")
+    with Recorder(model, tmp_path / "run.rrd") as recorder:
+        recorder.step(mujoco.MjData(model))
+    recording = read_log(tmp_path / "run.rrd")
+    heights = {name: recording.series(f"position/{name}")[1][0, 2] for name in ("body2", "body2_", "body2__")}
+    assert heights == {"body2": 1.0, "body2__": 2.0, "body2_": 3.0}
+
+
+NAMES = 'name="body2"', "", 'name="body2_"'

@@ -216,3 +216,13 @@ def test_goals_of_worlds():
     lines = goals.goals({"worlds": worlds, "vector": vector, "compiling": compiling})
     assert [line.met for line in lines] == [True, False, True, False, False, True, True]
     assert [line.measured for line in lines] == ["1.20", "0.30", "0.95", "1.70", "3.3", "50.0 s", "1.8 s"]
+
+
+def test_steps_of_many_worlds_do_not_meet_the_goal_of_one_environment():
+    rates = ("event-driven", 10.0), ("time-stepping", 20.0), ("256 worlds", 99_000.0)
+    rows = [{"task": "Juggler", "scheme": scheme, "steps_per_second": rate} for scheme, rate in rates]
+    (line,) = goals.goals({"tasks": pd.DataFrame(rows)})
+    assert not line.met
+    rows[1]["steps_per_second"] = 5000.0
+    (line,) = goals.goals({"tasks": pd.DataFrame(rows)})
+    assert line.met

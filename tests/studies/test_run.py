@@ -13,6 +13,7 @@ import pytest
 
 from impactlaw.errors import StudyError
 from impactlaw.studies import Study, run
+from impactlaw.studies.store import write
 
 TASK = "impactlaw/Billiards-v0"  # the shortest episodes
 FAST = Study(
@@ -140,9 +141,17 @@ def test_a_cell_that_fails_is_named_and_the_others_are_kept(tmp_path):
 def test_a_broken_file_is_named(tmp_path):
     run(FAST, tmp_path, backend="sequential", jobs=1)
     path = next((tmp_path / "cells").iterdir())
-    path.write_text("{")
-    with pytest.raises(StudyError, match=path.name):
-        run(FAST, tmp_path, backend="sequential", jobs=1)
+    for text in ("{", "[]", '{"row": [1]}'):
+        path.write_text(text)
+        with pytest.raises(StudyError, match=path.name):
+            run(FAST, tmp_path, backend="sequential", jobs=1)
+
+
+def test_a_file_that_cannot_be_written_leaves_none_of_another_name(tmp_path):
+    (tmp_path / "table.parquet").mkdir()
+    with pytest.raises(StudyError, match=r"cannot write .*table\.parquet"):
+        write(tmp_path / "table.parquet", b"x")
+    assert [path.name for path in tmp_path.iterdir()] == ["table.parquet"]
 
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path):

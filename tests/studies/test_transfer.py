@@ -115,3 +115,22 @@ def test_what_is_no_table_is_refused(what):
     for asked in (transfer_matrix, lambda table: next(transfer_matrices(table))):
         with pytest.raises(StudyError, match="not the table of a study"):
             asked(what)
+
+
+def test_names_with_the_mark_between_cells_stay_one_cell():
+    drawn = table().replace({"a": "moreau|reversal:0.5", "x": "moreau|reversal:0.5"})
+    lines = transfer_matrix(drawn).to_markdown().splitlines()
+    assert r"| moreau\|reversal:0.5 | **12.0 ± 5.0** | 2.0 ± 2.5 |" in lines
+    assert r"| score of, under | moreau\|reversal:0.5 | y |" in lines
+
+
+def test_cells_that_are_there_twice_are_refused():
+    with pytest.raises(StudyError, match="more than one cell of a under x, seed 0"):
+        transfer_matrix(pd.concat([table(), table()]))
+
+
+def test_dollars_in_names_begin_no_formula(tmp_path):
+    """A name that is no formula of matplotlib raised where it was drawn."""
+    odd = table(policy="mine$\\frac$:act").replace({"x": "out/$\\frac$/law.json", "a": "$\\frac$.json"})
+    draw(transfer_matrix(odd), tmp_path / "picture.png")
+    assert (tmp_path / "picture.png").stat().st_size > 0

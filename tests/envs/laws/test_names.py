@@ -12,7 +12,7 @@ from wrapped import theirs
 
 from impactlaw import Coulomb, Fremond, Moreau, Newton
 from impactlaw.envs import ImpactLaw
-from impactlaw.errors import ImpactLawError
+from impactlaw.errors import ImpactLawError, UnknownNameError
 from impactlaw.laws import MaximalDissipation
 
 pytestmark = theirs
@@ -37,6 +37,15 @@ def test_info_names_law_and_restitution(law, e):
     for info in (env.reset(seed=0)[1], env.step(np.zeros(1))[4]):
         assert info["impact/law"] == " ".join(repr(law).split())
         assert info.get("impact/restitution") == e
+
+
+@pytest.mark.parametrize("make", [juggler, lambda law: ImpactLaw(gymnasium.make("Hopper-v5"), law)])
+@pytest.mark.parametrize("law", [None, "scen"])
+def test_the_law_of_the_scene_is_among_those_that_an_error_names(make, law):
+    env = make(law="maximal-dissipation")
+    for ask in (lambda: make(law=law or "scen"), lambda: env.reset(options={"law": law})):
+        with pytest.raises(UnknownNameError, match=r"known: .*scene|did you mean 'scene'"):
+            ask()
 
 
 def test_a_law_of_many_numbers_is_named_in_short():

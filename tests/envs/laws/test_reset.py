@@ -10,8 +10,8 @@ from envs_with_laws import every_maker, juggler, kept, limp_hopper
 from wrapped import hopper, shimmy_task, theirs
 
 from impactlaw import Moreau, Newton
-from impactlaw.envs import ImpactLaw
-from impactlaw.errors import RestitutionError, SceneError, UnknownNameError
+from impactlaw.envs import ImpactLaw, RandomLaw
+from impactlaw.errors import ImpactLawError, RestitutionError, SceneError, UnknownNameError, WrapperError
 from impactlaw.laws import MaximalDissipation
 
 pytestmark = theirs
@@ -84,6 +84,64 @@ def test_options_of_a_reset_that_do_not_fit(make, options, error, message):
         env.reset(seed=0, options=options)
     assert target.law is before
     env.step(np.zeros(env.action_space.shape))
+
+
+def starts(env, options):
+    """What the second and third reset give, and between them perhaps one that is refused."""
+    env.reset(seed=3)
+    found = [env.reset()]
+    if options is not None:
+        with pytest.raises(ImpactLawError):
+            env.reset(options=options)
+        with pytest.raises(ImpactLawError):
+            env.reset(seed=99, options=options)
+    found.append(env.reset())
+    return [(observation.tolist(), info["impact/law"]) for observation, info in found]
+
+
+@pytest.mark.parametrize(
+    "options", [{"law": "moro"}, {"restitution": 2.0}, {"law": Newton({("nobody", "floor"): 0.5})}]
+)
+@pytest.mark.parametrize("make", [juggler, hopper, lambda: ImpactLaw(gymnasium.make("Hopper-v5"), "any-outcome")])
+@pytest.mark.parametrize("around", [lambda env: env, RandomLaw])
+def test_a_reset_that_is_refused_leaves_all_generators_where_they_were(make, around, options):
+    assert starts(around(make()), options) == starts(around(make()), None)
+
+
+@pytest.mark.parametrize("make", [juggler, hopper])
+def test_what_is_no_seed_is_refused_by_gymnasium_or_numpy_and_changes_nothing(make):
+    env = make()
+    env.reset(seed=3)
+    with pytest.raises((ValueError, gymnasium.error.Error), match=r"negative|zero"):
+        env.reset(seed=-1, options={"restitution": 0.25})
+    assert env.get_wrapper_attr("law") == make().get_wrapper_attr("law")
+
+
+@pytest.mark.parametrize("make", [juggler, hopper])
+def test_outcomes_of_a_law_that_is_set_follow_from_the_seed_of_the_episode(make):
+    def laws():
+        env = make()
+        env.reset(seed=3)
+        env.set_wrapper_attr("law", "any-outcome")
+        first = env.get_wrapper_attr("law")
+        env.step(np.zeros(env.action_space.shape))
+        env.set_wrapper_attr("law", "any-outcome")
+        second = env.get_wrapper_attr("law")
+        env.reset()
+        return [first, second, env.get_wrapper_attr("law")]
+
+    one = laws()
+    assert one == laws()
+    assert len(set(map(repr, one))) == 3
+    assert "None" not in repr(one)
+
+
+def test_a_law_that_a_reset_asks_for_where_it_was_removed_is_refused():
+    env = hopper()
+    env.remove()
+    with pytest.raises(WrapperError, match="was removed"):
+        env.reset(options={"law": "moreau", "restitution": 0.5})
+    env.reset(seed=0, options={})
 
 
 def test_scheme_means_nothing_to_soft_contact():

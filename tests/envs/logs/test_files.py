@@ -36,7 +36,7 @@ def test_vector_environments_write_a_file_each(mode, tmp_path):
 def test_vector_environments_that_would_share_a_file_are_refused(tmp_path):
     vector = gymnasium.make_vec(JUGGLER, num_envs=2, vectorization_mode="sync", log=str(tmp_path / "run.rrd"))
     for _ in range(2):  # the second environment says so each time, and begins no other file
-        with pytest.raises(RecordingError, match=r'run\.rrd is there already, .*log="run-\{env\}\.rrd"'):
+        with pytest.raises(RecordingError, match=r'run\.rrd is there already, .*log=".*run-\{env\}\.rrd"'):
             vector.reset(seed=0)
     vector.close()
     assert files(tmp_path) == ["run.rrd"]
@@ -164,3 +164,42 @@ def test_log_every_means_nothing_without_log():
     for make in makers(log_every=3).values():
         with pytest.raises(OptionError, match="without log"):
             make()
+
+
+@every_maker
+def test_braces_that_are_written_twice_are_part_of_the_name(name, tmp_path):
+    (tmp_path / "a{b}").mkdir()
+    for given in ("c{{d}}.rrd", "a{{b}}/c{{d}}-{episode}.rrd"):
+        env = makers(log=tmp_path / given)[name]()
+        play(env, 1, 2)
+        env.close()
+    assert files(tmp_path) == ["a{b}", "c{d}.rrd"]
+    assert files(tmp_path / "a{b}") == ["c{d}-0.rrd"]
+
+
+@every_maker
+def test_folders_of_episodes(name, tmp_path):
+    for number in "01":
+        (tmp_path / number).mkdir()
+    env = makers(log=tmp_path / "{episode}" / "run.rrd")[name]()
+    play(env, 2, 2)
+    env.close()
+    assert files(tmp_path / "1") == ["run.rrd"]
+
+
+def test_a_folder_is_no_log(tmp_path):
+    for make in makers(log=tmp_path).values():
+        with pytest.raises(RecordingError, match=r"is a folder: log is the path of a file, such as .*run\.rrd"):
+            make()
+
+
+def test_the_name_that_an_error_offers_is_in_the_same_folder_and_can_be_taken(tmp_path):
+    path = tmp_path / "a{{b}}.rrd"
+    (tmp_path / "a{b}.rrd").write_text("")
+    with pytest.raises(RecordingError) as refused:
+        hopper(log=path)
+    offered = str(refused.value).partition('log="')[2].rstrip('"')
+    env = hopper(log=offered)
+    play(env, 1, 2)
+    env.close()
+    assert files(tmp_path) == ["a{b}-0.rrd", "a{b}.rrd"]

@@ -234,3 +234,14 @@ def test_a_log_per_model(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["run-2.rrd", "run.rrd"]
     for path in tmp_path.iterdir():
         assert len(read_log(path).collisions) > 0
+
+
+@pytest.mark.parametrize("where", ["inside", "outside"])
+def test_a_copy_whose_first_step_leaves_the_finite_numbers_observes_what_was_there_before(where):
+    env = gymnasium.make("Hopper-v5")
+    env = ImpactLaw(TimeLimit(env, 10), "moreau", 0.5) if where == "outside" else TimeLimit(hopper(), 10)
+    env.reset(seed=0)
+    env.step(np.zeros(3))
+    twin = copy.deepcopy(env)
+    bad = np.full(3, np.nan)
+    np.testing.assert_array_equal(twin.step(bad)[0], env.step(bad)[0])
