@@ -35,7 +35,6 @@ SCENES = {
         ("override", (), "pair_friction"),
         ("sticky", (), "the scene has adhesion; use --scheme time-stepping or contact_model"),
         ("huge", (), "or use --scheme time-stepping (gap_tolerance: an option of impactlaw.Stepper, in Python)"),
-        ("stack", ("--laws", "routh", "--timestep", "0.01"), "take Poisson's law, which is for any number"),
         ("stack", ("--laws", "routh", "--friction", "convex"), "--friction convex contradicts it"),
     ],
 )
@@ -45,6 +44,14 @@ def test_refusals_name_options_of_the_command(scene, words, advice, command, tmp
     assert code == 2, err
     assert advice in err
     assert len(err.splitlines()) == 1, err
+
+
+def test_the_table_tells_what_ended_a_run_in_options_of_the_command(command, tmp_path):
+    write("stack", tmp_path)
+    words = "--laws", "routh", "poisson", "--timestep", "0.01", "--duration", "0.1"
+    code, out, err = command("compare", "scene.xml", *words)
+    assert code == 0, err
+    assert "take Poisson's law, which is for any number" in " ".join(out.split())
 
 
 def write(scene, folder):

@@ -58,7 +58,9 @@ class CollisionRecord:
         groups = in_order(self.seen.rows, self.seen.reached(self.collides, self.pushed))
         contacts = self.seen.contacts(groups)
         collision = self.seen.collision(groups, self.velocity, contacts.labels, friction=True)
-        return (ImpactEvent(self.time, contacts, self._impact(collision, groups), self.qpos),)
+        impact = self._impact(collision, groups)
+        projected = self.share < 1.0 or impact.target_contact_velocity is None
+        return (ImpactEvent(self.time, contacts, impact, self.qpos, projected=projected),)
 
     def _impact(self, collision: Collision, groups: np.ndarray) -> Impact:
         target = np.where(self.collides, self.target, 0.0)[groups]
