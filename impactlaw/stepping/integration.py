@@ -16,6 +16,7 @@ from impactlaw.scene.options import BorrowedOptions
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _HUGE = mujoco.mjMAXVAL  # MuJoCo takes larger numbers for a mistake
 _EULER, _RK4, _IMPLICIT = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("EULER", "RK4", "IMPLICIT"))
+_NO_DAMPER = int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
 NO_DAMPING = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP) | int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
 """Flags either of which keeps Euler's integrator from damping implicitly."""
 _ROUNDING = 1e-9  # part of the inertia of a joint up to which what damping adds is rounding
@@ -96,8 +97,20 @@ def damps(model: mujoco.MjModel) -> bool:
     )
 
 
+def joint_inertia(model: mujoco.MjModel) -> np.ndarray | None:
+    """Return ``h D`` of the damping of joints, which the integrator adds to M in a timestep h, (nv,); None if nothing.
+
+    It is a part of `implicit_inertia` that the model alone tells.
+    """
+    integrator = int(model.opt.integrator)
+    off = model.opt.disableflags & (NO_DAMPING if integrator == _EULER else _NO_DAMPER)
+    if integrator == _RK4 or off or not np.count_nonzero(model.dof_damping):
+        return None
+    return model.opt.timestep * model.dof_damping
+
+
 def implicit_inertia(
-    model: mujoco.MjModel, data: mujoco.MjData, duration: float, inertia: np.ndarray | None = None
+    model: mujoco.MjModel, data: mujoco.MjData, duration: float, inertia: np.ndarray
 ) -> np.ndarray | None:
     """Return the diagonal of ``tau D``, which MuJoCo's last step has added to M, (nv,); None if it has added nothing.
 
@@ -109,22 +122,21 @@ def implicit_inertia(
         model: the scene.
         data: after `mj_step`.
         duration: tau of that step, s.
-        inertia: the diagonal of its M, (nv,); that in data if not given.
+        inertia: the diagonal of its M, (nv,).
     """
     integrator, off = int(model.opt.integrator), model.opt.disableflags
     if integrator == _RK4 or (integrator == _EULER and (off & NO_DAMPING or not damps(model))):
         return None
     if integrator == _IMPLICIT:
         added = -duration * data.qDeriv[model.D_rowadr + model.D_diag]
-    elif not data.qHDiagInv.all():  # there was no step yet
+    elif not data.qHDiagInv.all():  # trees sleep, and have had no step
         added = duration * model.dof_damping
     else:
         diagonal = model.M_rowadr + model.M_rownnz - 1
         squares = data.qH * data.qH
         squares[diagonal] = 1.0
         scale = np.repeat(1.0 / data.qHDiagInv, model.M_rownnz)
-        added = np.bincount(model.M_colind, squares * scale, model.nv)
-        added -= data.M[diagonal] if inertia is None else inertia
+        added = np.bincount(model.M_colind, squares * scale, model.nv) - inertia
     added[added <= _ROUNDING * model.dof_M0] = 0.0
     return added if np.count_nonzero(added) else None
 

@@ -47,7 +47,6 @@ class _Data(NamedTuple):
     qLDiagInv: int
     qH: int
     qHDiagInv: int
-    qDeriv: int
     contact: int
     efc_type: int
     efc_id: int
@@ -79,7 +78,6 @@ class _Model(NamedTuple):
     neq: int
     nmocap: int
     nC: int
-    nD: int
     nsensordata: int
     body_margin: int
     geom_margin: int
@@ -102,8 +100,6 @@ class _Model(NamedTuple):
     M_rownnz: int
     M_rowadr: int
     M_colind: int
-    D_rowadr: int
-    D_diag: int
     dof_treeid: int
     dof_bodyid: int
     dof_M0: int

@@ -30,7 +30,7 @@ from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.solvers.friction.solve import THOROUGH
 from impactlaw.stepping.collisions import Closed, Collider, kinetic_metric
 from impactlaw.stepping.impact_event import ImpactEvent
-from impactlaw.stepping.integration import implicit_inertia, is_huge, locked_joints
+from impactlaw.stepping.integration import is_huge, joint_inertia, locked_joints
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.drifting import drifting
 from impactlaw.stepping.soft.driven import Constraints, is_dragged
@@ -204,8 +204,7 @@ class Collisions:
 
     def _metric(self, data: mujoco.MjData) -> KineticMetric:
         """Return the kinetic metric; joints that damping all but locks have the inertia with which they are moved."""
-        metric = kinetic_metric(self._model, data)
-        added = implicit_inertia(self._model, data, self._model.opt.timestep)
+        metric, added = kinetic_metric(self._model, data), joint_inertia(self._model)
         locked = locked_joints(self._model, added, LOCKED)
         if added is None or locked is None:
             return metric

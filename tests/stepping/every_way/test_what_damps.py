@@ -7,8 +7,6 @@ import pytest
 from impactlaw import Moreau, Stepper
 
 _WAYS = {
-    "soft": {"contact_model": "soft"},
-    "soft in Python": {"contact_model": "soft", "compiled": "never"},
     "event-driven": {},
     "time stepping": {"scheme": "time-stepping"},
 }

@@ -78,11 +78,10 @@ def _collide(w, law, sums):
     """Resolve the collisions of now, if there are any; see `collide.collide`."""
     if _touches(w) == 0 or _is_huge(w):
         return FINE, False
-    added = numbers(w.nv)
-    if not locks(w, added):
+    if not locks(w):
         return collide(w, law, sums)
     kept = numbers(size(w, MODEL.nC) + w.nv)
-    lock(w, added, kept)
+    lock(w, kept)
     status, changed = collide(w, law, sums)
     unlock(w, kept)
     return status, changed

@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+from dm_control import suite
 from scenes import compiled
 
 from impactlaw import Moreau, Stepper
@@ -68,3 +69,17 @@ def test_a_callback_that_is_set_after_a_collision_lets_nothing_be_told_once_more
     finally:
         mujoco.set_mjcb_control(None)
     assert stepper.short_steps == stepper.unlocated == 0
+
+
+def test_events_of_damped_joints_are_told_from_the_state_alone():
+    """What damping adds to M in a collision must not depend on the steps before: data of the step once more is new."""
+    model = suite.load("humanoid", "stand").physics.model.ptr
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    stepper, told = Stepper(model, Moreau(0.5), contact_model="soft"), 0
+    for k in range(200):
+        if k % 10 == 0:
+            data.ctrl[:] = np.clip(data.ctrl + 0.1 * rng.normal(size=model.nu), -1, 1)
+        stepper.step(data)
+        assert len(stepper.events) == stepper.sums.collisions
+        told += len(stepper.events)
+    assert told > 20
