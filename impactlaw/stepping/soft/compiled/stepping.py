@@ -16,13 +16,13 @@ from impactlaw.stepping.compiled.engine import Entry, fill_context
 from impactlaw.stepping.compiled.fields import DATA
 from impactlaw.stepping.compiled.layout import table
 from impactlaw.stepping.compiled.libmujoco import callbacks, is_called_back
-from impactlaw.stepping.impact_event import ImpactEvent, Told, together
+from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, Told, together
 from impactlaw.stepping.integration import empty_state, restore_state
 from impactlaw.stepping.soft.compiled import world
 from impactlaw.stepping.soft.compiled.collide import LAST, SHORT, SUMS
 from impactlaw.stepping.soft.compiled.entry import CONTEXT, TOTAL, entry
 from impactlaw.stepping.soft.compiled.law import coefficients, reason, settings
-from impactlaw.stepping.soft.compiled.told import Replay
+from impactlaw.stepping.soft.compiled.told import Replay, sums_in
 from impactlaw.stepping.soft.compiled.world import SETTING
 from impactlaw.stepping.soft.scheme import SoftStepping
 
@@ -165,6 +165,10 @@ class CompiledSoftStepping:
         self.step(data)
         self._context[CONTEXT.outcome_count] = 0
         return found[1:].reshape(most, nv)[: int(found[0])]
+
+    def sums(self) -> ImpactSums:
+        """Return the sums over the collisions of the steps that compiled code took last."""
+        return sums_in(self._total)
 
     def _fail(self, data: mujoco.MjData, message: str) -> None:
         """Raise what MuJoCo has said, with data where it was."""

@@ -9,6 +9,7 @@ from dm_control import suite
 from scenes import compiled
 
 from impactlaw import Moreau, Stepper
+from impactlaw.errors import SceneError
 
 
 def gripper(rng):
@@ -83,3 +84,28 @@ def test_events_of_damped_joints_are_told_from_the_state_alone():
         assert len(stepper.events) == stepper.sums.collisions
         told += len(stepper.events)
     assert told > 20
+
+
+def test_another_solution_in_python_is_told_and_not_taken_for_a_changed_model():
+    """A quadruped that falls over its own legs: of eight collisions in one step, Python scales all of one more."""
+    model = suite.load("quadruped", "walk").physics.model.ptr
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    stepper, others = Stepper(model, Moreau(0.5), contact_model="soft"), 0
+    for k in range(490):
+        if k % 10 == 0:
+            data.ctrl[:] = np.clip(data.ctrl + 0.1 * rng.normal(size=model.nu), -1, 1)
+        stepper.step(data)
+        events = stepper.events
+        assert bool(events) == bool(stepper.sums.collisions)
+        others += len(events) != stepper.sums.collisions
+    assert others <= 1
+
+
+def test_events_that_are_asked_for_after_the_model_has_changed_are_refused():
+    model, data = compiled('<geom type="plane" size="1 1 1"/><body pos="0 0 .11"><freejoint/><geom size=".1"/></body>')
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft")
+    while not stepper.sums.collisions:
+        stepper.step(data)
+    model.geom_size[1] = 0.05
+    with pytest.raises(SceneError, match="changed"):
+        _ = stepper.events
