@@ -213,8 +213,10 @@ def most_contacts(model: mujoco.MjModel) -> float:
     return len(geoms) + len(Limits(model).names)
 
 
-def check_friction(law: Law, friction: str | None) -> None:
-    """Refuse a law with friction where something else decides about friction."""
+def check_friction(law: Law, friction: str | None, solver: str | None = None) -> None:
+    """Refuse a law with friction where something else decides about friction, or about how its impulses are found."""
+    if isinstance(law, Routh) and solver not in (None, "auto"):
+        raise RestitutionError(f"Routh's law finds its impulses itself: solver={solver!r} contradicts it; leave it out")
     if isinstance(law, Routh) and friction == "convex":
         raise RestitutionError("Routh's law has exact Coulomb friction: friction='convex' contradicts it; leave it out")
     if not isinstance(law, Coulomb) or friction is None:

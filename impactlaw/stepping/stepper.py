@@ -299,7 +299,7 @@ class Stepper:
             known = "scene", 'a Law, such as impactlaw.make_law("moreau", 0.5)'
             raise UnknownNameError("law of a stepper", law, known)
         check_law(self.model, law, self._chosen)
-        check_friction(law, self.friction)
+        check_friction(law, self.friction, self.solver)
         return law
 
 

@@ -5,7 +5,7 @@ import pytest
 from laws.frictional import delassus_with_friction, one_contact
 from scenes import compiled, run
 
-from impactlaw import Collision, Coulomb, Friction, Newton, Poisson, Routh, Stepper
+from impactlaw import Collision, Coulomb, Friction, Moreau, Newton, Poisson, Routh, Stepper
 from impactlaw.errors import RestitutionError, SolverError, UnknownNameError, UnsolvableLawError
 
 
@@ -295,3 +295,14 @@ def test_convex_friction_is_refused():
     model, _ = compiled('<geom name="floor" type="plane" size="5 5 1"/>')
     with pytest.raises(RestitutionError, match="contradicts it"):
         Stepper(model, Routh(0.5), friction="convex")
+
+
+@pytest.mark.parametrize("model", ["rigid", "soft"])
+def test_a_named_solver_is_refused_before_the_first_collision(model):
+    scene, _ = compiled('<geom name="floor" type="plane" size="5 5 1"/>')
+    with pytest.raises(RestitutionError, match="finds its impulses itself: solver='nnls'"):
+        Stepper(scene, Routh(0.5), contact_model=model, solver="nnls")
+    stepper = Stepper(scene, Moreau(0.5), contact_model=model, solver="nnls")
+    with pytest.raises(RestitutionError, match="finds its impulses itself"):
+        stepper.law = Routh(0.5)
+    assert stepper.law == Moreau(0.5)

@@ -56,7 +56,7 @@ def test_labels():
     assert Collision(np.eye(2), np.eye(2), [0, 0], labels=["a/b", "b/c"]).labels == ("a/b", "b/c")
 
 
-@pytest.mark.parametrize("labels", ["ab", (1, 2), ("a/b", None)])
+@pytest.mark.parametrize("labels", ["ab", (1, 2), ("a/b", None), 5])
 def test_labels_are_texts(labels):
     """Messages join them; two letters of one text are no two labels."""
     with pytest.raises(InvalidCollisionError, match="labels are texts, one for each contact"):
