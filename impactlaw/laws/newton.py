@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from impactlaw.laws.base import RestitutionLaw, Target
-from impactlaw.laws.restitution.coefficients import Coefficient, Coefficients, ContactCoefficients  # noqa: F401 (of the constructor)
+from impactlaw.laws.restitution.coefficients import Coefficient, Coefficients, ContactCoefficients  # noqa: F401  (types of inherited fields)
 from impactlaw.mechanics.collision import Collision
 
 

@@ -10,7 +10,7 @@ import scipy
 from impactlaw.errors import SolverError, UnsolvableLawError
 from impactlaw.laws.base import Law, Target, checked, jump_problem
 from impactlaw.laws.maximal_dissipation import MaximalDissipation
-from impactlaw.laws.restitution.coefficients import Coefficient, Coefficients, ContactCoefficients  # noqa: F401 (of the constructor)
+from impactlaw.laws.restitution.coefficients import Coefficient, Coefficients, ContactCoefficients  # noqa: F401  (types of inherited fields)
 from impactlaw.laws.tolerances import JAMMED_PART, KICK_ROUNDING
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.impact import Impact

@@ -12,7 +12,7 @@ from impactlaw.errors import InvalidCollisionError, SolverError
 from impactlaw.mechanics.collision import Collision, checked
 from impactlaw.mechanics.friction import Friction
 from impactlaw.mechanics.impact import Impact
-from impactlaw.solvers import Answer, Problem, beyond_rounding  # noqa: F401 (of the constructor)
+from impactlaw.solvers import Answer, Problem, beyond_rounding  # noqa: F401  (types of inherited fields)
 from impactlaw.solvers.friction.problem import ConeProblem, project
 from impactlaw.solvers.friction.solve import solve_cones
 from impactlaw.solvers.problem import Status

@@ -10,7 +10,7 @@ import numpy as np
 from impactlaw.errors import RestitutionError, UnknownNameError, UnsolvableLawError
 from impactlaw.laws.base import Law, Target, checked
 from impactlaw.laws.friction.routh_impulses import impulses, phases_of
-from impactlaw.laws.restitution.coefficients import Coefficient, Coefficients, ContactCoefficients  # noqa: F401 (of the constructor)
+from impactlaw.laws.restitution.coefficients import Coefficient, Coefficients, ContactCoefficients  # noqa: F401  (types of inherited fields)
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact
