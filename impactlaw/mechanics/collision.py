@@ -17,7 +17,7 @@ from impactlaw.mechanics.bilateral import Bilateral, Reached, velocity_with
 from impactlaw.mechanics.block_metric import SparseMetric
 from impactlaw.mechanics.friction import ConeRows, Friction
 from impactlaw.mechanics.kinetic_metric import KineticMetric
-from impactlaw.mechanics.tolerances import FIXED, IDLE
+from impactlaw.mechanics.tolerances import FIXED, IDLE, LOST
 from impactlaw.solvers.problem import row_lengths
 from impactlaw.solvers.sparsity import MOST_DENSE
 
@@ -157,7 +157,7 @@ class Collision:
         Any normal impulse would do there, and with it any friction.
 
         Raises:
-            SolverError: only by its coefficients friction is so much longer than a gap gradient that this is rounding.
+            SolverError: only by its coefficients friction is so much longer than a gap gradient that this is lost.
         """
         friction = self.friction
         if friction is None or not len(friction):
@@ -165,11 +165,11 @@ class Collision:
         longest, along = np.zeros((2, len(self.labels))), row_lengths(self.whitened_friction)
         np.maximum.at(longest[0], friction.contact, along * friction.coefficient)
         np.maximum.at(longest[1], friction.contact, along * np.minimum(friction.coefficient, 1.0))
-        idle, unmoved = self.gradient_norms <= IDLE * longest
-        if (idle & ~unmoved).any():
-            named = ", ".join(compress(self.labels, idle & ~unmoved))
+        lost, short = self.gradient_norms <= LOST * longest
+        if (lost & ~short).any():
+            named = ", ".join(compress(self.labels, lost & ~short))
             raise SolverError(f"coefficients of friction of contacts {named} are too large to be resolved; 100 will do")
-        rows = idle[friction.contact]
+        rows = (self.gradient_norms <= IDLE * longest[1])[friction.contact]
         return replace(self, friction=friction.without(rows)) if rows.any() else self
 
     def _whitened(self, rows: np.ndarray) -> np.ndarray:

@@ -11,6 +11,8 @@ from impactlaw.errors import SolverError
 from impactlaw.laws.friction.scaled import Attempt, Outcome
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_gradients
 from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem
+from impactlaw.solvers.friction.solve import shared
+from impactlaw.solvers.tolerances import CERTIFIED
 
 _STIFF = 10.0  # length of a known share's row under the relaxation, so that few moves of its offset will do
 _SHIFTS = 60  # moves of it
@@ -51,7 +53,13 @@ class TwoPhases(Attempt):
             more = answer.impulse
         impulse = self._unit_impulse * (self._compression.impulse + kick + more)
         jump, answer = impulse @ self._unrounded, answer._replace(residual=answer.residual * self._unit_speed)
-        return Outcome(FrictionImpact.of_cones(self.collision, impulse, jump, scale=s, exact=self.exact), answer)
+        impact = FrictionImpact.of_cones(self.collision, impulse, jump, scale=s, exact=self.exact)
+        if impact.residual > CERTIFIED:
+            raise SolverError(
+                f"masses or coefficients of friction of contacts {', '.join(self.collision.labels)} are too different: "
+                f"two phases of Poisson's law reached relative residual {impact.residual:.1e}, above {CERTIFIED:g}"
+            )
+        return Outcome(impact, answer)
 
     def __post_init__(self):
         """Scale the problem so that the longest row of a contact and the largest velocity are 1, and round it."""
@@ -74,7 +82,9 @@ class TwoPhases(Attempt):
 
     @cached_property
     def _compression(self) -> ConeAnswer:
-        return self._phase(self._rows, self._before, self._sizes)
+        problem = ConeProblem(self._rows, self._before, self._sizes, exact=self.exact, speed=self._speed)
+        answer = self.solved(problem)
+        return shared(problem, answer) if problem.is_redundant else answer
 
     @cached_property
     def _share(self) -> np.ndarray:

@@ -71,7 +71,7 @@ def sliding(G, slip, mu, approach, far):
             end, done2, impulse2 = _stepped(Gn, Gt, mu, middle, 0.5 * ds)
             error = np.sqrt(((whole - end) ** 2).sum()) / (_TOLERANCE * first + _RELATIVE * size)
             next_ds = ds * min(4.0, max(0.2, 0.9 * (error + 1e-30) ** -0.2))
-            if error <= 1.0:
+            if not error > 1.0:
                 break
         slip = end
         ends[count], means[count] = at + done1, impulse1 / done1

@@ -18,7 +18,6 @@ from impactlaw.solvers.cones.algebra.blocks import flops
 from impactlaw.solvers.cones.algebra.loops import (
     FIRST,
     Array,
-    clear,
     copied,
     numbers,
     once,
@@ -144,11 +143,9 @@ def solve_island(
     patience = _PATIENCE if n < LARGE else _HASTE
     warm, inside = norm_of(x, FIRST, n) > 0.0, rounds > 0 and not large
     for k in range(4):
-        if (k < 2) != warm and (k < 3 or rounds < 2 or large or inside):
+        if (k < 2) != warm:
             continue
         put(point, start)
-        if k > 1:
-            clear(point)
         kind = CONVEX if not P.exact else ALART_CURNIER if k % 2 == 0 else DE_SAXCE
         ease = 0.0 if k % 2 == 0 else _FIRST_EASE / scale
         taken, r = newton(P, K, G, point, tolerance, _FIRST_STEPS[k], kind, 1.0, delta, ease, patience)

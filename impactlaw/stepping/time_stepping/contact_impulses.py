@@ -148,7 +148,7 @@ class ContactProblem:
         known = known or (rows.groups, rows.key, rows.scale, np.zeros(len(rows.scale)), rows.rates[5:])
         now, place, may = rows, np.arange(len(rows.scale)), np.ones(len(rows.key), dtype=bool)
         impulse, before, after = np.zeros(len(rows.scale)), step.velocity, step.free
-        missed = fastest = work = rounding = 0.0
+        missed = fastest = work = rounding = residual = 0.0
         records: tuple[CollisionRecord, ...] = ()
         shift = reached = sliding = np.zeros(0)
         cut, more = False, phases
@@ -156,10 +156,11 @@ class ContactProblem:
             met = self._meet(step, now, before, known, rounds, may, more=more and phase < PHASES - 1)
             cut = cut or met.cut or met.gives_up(step.left)
             more = more and met.solved
-            x, change, shift, reached, miss, fast, _, _, done, part, z, sliding = met.answer
+            x, change, shift, reached, miss, fast, _, _, done, part, rest, z, sliding = met.answer
             impulse[place[met.place]] += x
             after = after + change
-            missed, fastest, work, rounding = max(missed, miss), max(fastest, fast), work + done, rounding + part
+            missed, fastest, residual = max(missed, miss), max(fastest, fast), max(residual, rest)
+            work, rounding = work + done, rounding + part
             if np.count_nonzero(met.collides):
                 records += (self._record(step, met, before, after),)
             if not np.count_nonzero(met.later):
@@ -171,7 +172,9 @@ class ContactProblem:
             before = step.velocity + (after - step.free)
         if phases:
             reached = np.full(len(rows.key), np.nan)
-        return StepImpulses(impulse, after, shift, missed, fastest, work, rounding, records, cut, reached, sliding)
+        return StepImpulses(
+            impulse, after, shift, missed, fastest, residual, work, rounding, records, cut, reached, sliding
+        )  # fmt: skip
 
     def _meet(
         self, step: _Step, rows: Rows, before: np.ndarray, known: Known, rounds: int, may: np.ndarray, *, more: bool
@@ -202,7 +205,7 @@ class ContactProblem:
         if not np.count_nonzero(met.collides) or self.targets.restitution == 0.0:
             return np.zeros_like(met.collides)
         return struck_later(
-            rows.groups, rows.sparse, rows.colind, rows.value, rows.amounts, rows.rates, met.answer[10], met.answer[0],
+            rows.groups, rows.sparse, rows.colind, rows.value, rows.amounts, rows.rates, met.answer[11], met.answer[0],
             met.collides, self._rest_speed, RESOLVED,
         )  # fmt: skip
 

@@ -94,6 +94,7 @@ class StepImpulses:
     shift: np.ndarray  # velocity that opens overlaps beside it, (nv,), or (0,)
     shortfall: float  # largest amount by which a contact velocity misses its target, m/s or rad/s
     fastest: float  # largest velocity of a row, m/s or rad/s
+    residual: float  # natural map that is left, of friction too, relative to the largest velocity
     work: float  # of contact, J
     rounding: float  # what of it is rounding, J
     collisions: tuple[CollisionRecord, ...]  # of the step, one after another

@@ -42,7 +42,7 @@ _FREE, _BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 _HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 _ROUND = 1e-9  # relative difference of moments of inertia that is rounding
 
-INERTIA = ("body_mass", "body_inertia", "body_ipos", "tendon_armature")
+INERTIA = ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat", "tendon_armature")
 """Fields of mjModel that may make such forces act where there were none."""
 
 

@@ -16,7 +16,14 @@ from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.targets import keep_closing
 from impactlaw.stepping.time_stepping.problem.turns import recall_turns
-from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LOOKS, PHASE_LOOK_ROWS, PHASE_LOOKS, is_met
+from impactlaw.stepping.time_stepping.tolerances import (
+    FEW_ROUNDS,
+    LOOKS,
+    PHASE_LOOK_ROWS,
+    PHASE_LOOKS,
+    SHORTFALL_LIMIT,
+    is_met,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +48,13 @@ class Look:
 
     @property
     def met(self) -> bool:
-        """Whether the law is met."""
+        """Whether the law of the normal directions is met."""
         return self.impulses is None or is_met(self.impulses.shortfall, self.impulses.fastest)
+
+    @property
+    def rubs(self) -> bool:
+        """Whether friction is met, too."""
+        return self.impulses is None or self.impulses.residual <= SHORTFALL_LIMIT
 
 
 @dataclass(frozen=True, eq=False)

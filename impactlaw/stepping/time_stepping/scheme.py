@@ -299,7 +299,7 @@ class TimeStepping:
         )
         met = look.met and not self._overflown
         self.solved = met and not look.loses and not outruns
-        self.short_steps += not self.solved
+        self.short_steps += not (self.solved and look.rubs)
         self._rows, self._known = (look.rows, look.known) if found else (None, None)
         if found:
             rows = look.rows

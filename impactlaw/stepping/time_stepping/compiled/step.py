@@ -62,7 +62,7 @@ from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World
 from impactlaw.stepping.time_stepping.problem.energy import is_met
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.problem.turns import write_turns
-from impactlaw.stepping.time_stepping.tolerances import FARTHER_LOOKS, FEW_ROUNDS, HUGE, MANY_ROUNDS
+from impactlaw.stepping.time_stepping.tolerances import FARTHER_LOOKS, FEW_ROUNDS, HUGE, MANY_ROUNDS, SHORTFALL_LIMIT
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
@@ -146,7 +146,7 @@ def _constrain(
     if status == FINE and touched and met:  # what is squeezed cannot be opened
         look_again(w, rows)
     if status == FINE:
-        memory[MEMORY.short_steps] += counts[MEMORY.solved] == 0
+        memory[MEMORY.short_steps] += counts[MEMORY.solved] == 0 or solved.residual > SHORTFALL_LIMIT
         memory[MEMORY.inadmissible] += solved.collided and (solved.share < 1.0 or solved.created > 0.0)
     return status, solved.collided, solved.missed
 

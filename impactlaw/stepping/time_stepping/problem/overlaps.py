@@ -54,7 +54,9 @@ def _leave_out(sparse, colind, value, groups, rates, need, z):
         for a in range(sparse[1, normal], sparse[1, normal] + sparse[0, normal]):
             z[colind[a]] = value[a]
             G += value[a] * value[a]
-        for row in range(normal + 1, normal + min(3, groups[1, g])):  # not rows of torsion and rolling
+        for row in range(normal + 1, normal + groups[1, g]):
+            if sparse[2, row] - sparse[2, normal] > 2:  # torsion and rolling
+                break
             velocity = 0.0
             for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
                 velocity += value[a] * z[colind[a]]

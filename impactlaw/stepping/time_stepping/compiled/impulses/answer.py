@@ -36,10 +36,10 @@ class Solved(NamedTuple):
     work: float  # of contact, J
     rounding: float  # what of it is rounding, J
     status: int  # see `status`
-    sharp: bool  # whether the impulses solve the problem as it was given, as well as solvers can
+    residual: float  # natural map that is left, of friction too, relative to the largest velocity
 
 
-NO_ANSWER = Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, FINE, False)
+NO_ANSWER = Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, FINE, 0.0)
 SOLVED = typeof(NO_ANSWER)
 
 
@@ -103,7 +103,7 @@ def solve(w, rows, metric, known, rounds, law, answer, scaled):
     if collided:
         status, sliding = _collide(w, rows, tree, law, answer), setting(w, SETTING.sliding)
     if status != FINE:
-        return Solved(collided, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, status, False)
+        return Solved(collided, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, status, 0.0)
     for r in range(len(answer.sliding)):
         answer.sliding[r] = -sliding * rows.rates[1, r] if sliding != 0.0 else 0.0
     if not collided:
@@ -111,7 +111,7 @@ def solve(w, rows, metric, known, rounds, law, answer, scaled):
     known_groups, known_key, known_scale, impulses, _ = known
     Mnnz, Madr, Mcol = layout_of(w)
     project = scaled and setting(w, SETTING.dissipative) > 0.0
-    opens, missed, fastest, share, created, work, rounding, sharp = linked_resolve(
+    opens, missed, fastest, share, created, work, rounding, residual = linked_resolve(
         rows.sparse, rows.colind, rows.value, rows.groups, rows.key, rows.amounts, rows.rates, answer.target,
         answer.sliding, answer.collides, answer.bound, known_groups, known_key, known_scale, impulses, w.timestep,
         setting(w, SETTING.exact) != 0.0, project, _APART, rounds, floats(w.work, 1), tree, factor, inverse, Mnnz, Madr,
@@ -121,7 +121,7 @@ def solve(w, rows, metric, known, rounds, law, answer, scaled):
         status = NOT_FINITE
     elif scaled and created > 0.0 and setting(w, SETTING.dissipative) < 0.0:
         status = CREATES
-    return Solved(collided, opens, missed, fastest, share, created, work, rounding, status, sharp)
+    return Solved(collided, opens, missed, fastest, share, created, work, rounding, status, residual)
 
 
 @plain

@@ -24,9 +24,10 @@ from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SMALL_PART
 from impactlaw.stepping.time_stepping.problem.energy import is_met
+from impactlaw.stepping.time_stepping.problem.solution.contact_problem import TOLERANCE
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LOOKS, PHASE_LOOK_ROWS, PHASE_LOOKS
 
-_UNSEEN = Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, UNSEEN, True)
+_UNSEEN = Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, UNSEEN, 0.0)
 _FEW, _AT_ONCE = np.int64(FEW_ROUNDS), np.bool_(False)
 
 
@@ -43,7 +44,7 @@ def _again(w, law, start, moved, free, jacobian, chosen, mark, room, found, phas
 @plain
 def _keep(w, memory, room, found):
     """Keep what the first look has found: what is taken again for a limit goes on from there."""
-    if found.solved.sharp:
+    if found.solved.residual <= TOLERANCE and found.solved.share == 1.0:
         rows = rows_at(room.rows, found.groups, found.rows, room.entries)
         last = answer_at(room.answer, found.groups, found.rows, w.nv)
         remember_so_far(memory.view(np.int64), rows.groups, rows.key, rows.rates[0], last.x, rows.rates[5:])

@@ -109,7 +109,8 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
     """
     now, n = rows, len(rows.rates[0])
     place, may, x, velocity = np.arange(n), np.ones(len(rows.key), np.bool_), zeros(n), copied(free)
-    missed, fastest, share, created, work, rounding, collided, opens = 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, False, False
+    missed, fastest, share, created, work, rounding, residual = 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0
+    collided = opens = False
     more, cut, before, moved = True, False, start, numbers(w.nv)
     block = np.empty(answer_size(len(rows.key), n, w.nv))
     clear(sums)
@@ -121,14 +122,14 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
         more, cut = more and is_met(solved.missed, solved.fastest), cut or waiting or lost(w, solved)
         collided, created, opens = collided or solved.collided, created + solved.created, solved.opens
         if solved.status != FINE:
-            return Solved(collided, False, 0.0, 0.0, 1.0, created, 0.0, 0.0, solved.status, False), cut
+            return Solved(collided, False, 0.0, 0.0, 1.0, created, 0.0, 0.0, solved.status, 0.0), cut
         for r in range(len(where)):
             x[place[where[r]]] += met.x[r]
         for i in range(w.nv):
             velocity[i] += met.change[i]
         put(whole.shift, met.shift)
         missed, fastest, share = max(missed, solved.missed), max(fastest, solved.fastest), min(share, solved.share)
-        work, rounding = work + solved.work, rounding + solved.rounding
+        work, rounding, residual = work + solved.work, rounding + solved.rounding, max(residual, solved.residual)
         if not any_of(later):
             break
         reached = reached_by(now.groups, now.sparse, now.colind, model_ints(w, MODEL.dof_treeid, w.nv), later)
@@ -143,4 +144,4 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
     whole.reached[:] = np.nan
     keep(block)
     put(velocity_of(w), velocity)
-    return Solved(collided, opens, missed, fastest, share, created, work, rounding, FINE, False), cut
+    return Solved(collided, opens, missed, fastest, share, created, work, rounding, FINE, residual), cut

@@ -7,7 +7,7 @@ from impactlaw.solvers.cones.algebra.loops import cleared, indices, integers, ke
 from impactlaw.solvers.cones.rows import impulse_jump
 from impactlaw.stepping.time_stepping.problem.energy import CREATED, add_work, find_islands, row_velocities
 from impactlaw.stepping.time_stepping.problem.phases import some_groups
-from impactlaw.stepping.time_stepping.problem.solution.contact_problem import TOLERANCE, UNSOLVED
+from impactlaw.stepping.time_stepping.problem.solution.contact_problem import UNSOLVED
 from impactlaw.stepping.time_stepping.problem.solution.scaling import (
     RESERVE,
     has_restitution,
@@ -47,7 +47,7 @@ def _solve_part(
     found = judge(
         table, columns, values, kinds, gaps, own, wanted, aimed, tree, exact, left, impulse, z, after, reached, room
     )  # fmt: skip
-    s, created, solved, _ = scale_down(
+    s, created, residual = scale_down(
         table, columns, values, kinds, gaps, own, wanted, aimed, hits, tree, exact, dissipative, rounds, left,
         RESERVE * n / len(x), found, impulse, z, after, reached, room,
     )  # fmt: skip
@@ -57,7 +57,7 @@ def _solve_part(
             scaled[g], at = reached[at], at + 1
     for r in range(n):
         x[place[r]], sliding[place[r]] = impulse[r], aimed[r]
-    return s, created, solved
+    return s, created, residual
 
 
 @kernel
@@ -75,30 +75,30 @@ def _solve_parts(
         freedom[i] = i
     count = find_islands(sparse, colind, value, groups, rates, freedom, label)
     if count <= 1:
-        return False, 1.0, 0.0, False, False
+        return False, 1.0, 0.0, residual
     every, keep, sums = jammed or residual > UNSOLVED, cleared(len(label)), zeros(2 * count).reshape((2, count))
     for g in range(len(label)):
         if groups[2, g] == CONE and label[g] >= 0:
             work, total = add_work(groups, rates[1], after, x, rates[0], g, 0.0, 0.0)
             sums[0, label[g]] += work
             sums[1, label[g]] += total
-    share, created, solved = 1.0, 0.0, True
+    share, created, left_over = 1.0, 0.0, 0.0 if every else residual
     for i in range(count):
         if not every and not sums[0, i] > CREATED * sums[1, i]:
             continue
         for g in range(len(label)):
             keep[g] = label[g] == i
-        s, more, well = _solve_part(
+        s, more, rest = _solve_part(
             sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, keep, tree, exact,
             dissipative, rounds, left, x, scaled,
         )  # fmt: skip
-        share, created, solved = min(share, s), created + more, solved and well
+        share, created, left_over = min(share, s), created + more, max(left_over, rest)
     for g in range(len(label)):
         if every and label[g] < 0 and collides[g]:
             scaled[g] = min(target[g], 0.0)
     impulse_jump(sparse[0], sparse[1], colind, value, x, z)
     row_velocities(sparse, colind, value, rates, z, after)
-    return True, share, created, solved, residual <= TOLERANCE and share == 1.0
+    return True, share, created, left_over
 
 
 @plain
@@ -110,8 +110,8 @@ def solve_contacts(
 
     ``0 <= Lambda  ⊥  J v+ - s gamma^h >= 0`` where contacts collide, with friction in its cones. What is written is
     what `solve_scaled` writes, and what is left of the sliding velocities aimed at. Return s, the energy that the
-    collision would create with s = 1, J, whether that or less is solved, and whether s is 1 and the solution as good as
-    `TOLERANCE`. There is one s for each island, unless contacts are judged `together`; what is returned is the least.
+    collision would create with s = 1, J, and the natural map that is left, relative to the largest velocity. There is
+    one s for each island, unless contacts are judged `together`; what is returned is the least.
 
     With friction there may be no solution where bodies jam. Then s = 0, which mostly has one, or there is no friction.
     The same holds where what was found creates energy.
@@ -122,12 +122,12 @@ def solve_contacts(
     )  # fmt: skip
     some = not together and has_restitution(groups, target, sliding, collides)
     if some and (found[2] or _may_gain(groups, rates, after, x)):
-        several, share, created, solved, sharp = _solve_parts(
+        several, share, created, residual = _solve_parts(
             sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative,
             rounds, left, found, x, z, after, scaled,
         )  # fmt: skip
         if several:
-            return share, created, solved, sharp
+            return share, created, residual
     return scale_down(
         sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, dissipative, rounds,
         left, RESERVE, found, x, z, after, scaled, room,

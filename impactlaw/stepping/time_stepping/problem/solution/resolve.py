@@ -10,7 +10,7 @@ from impactlaw.solvers.cones.algebra.loops import counts, numbers, plain
 from impactlaw.stepping.compiled.whitening import unwhitened
 from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, is_held, is_met, lose_energy
 from impactlaw.stepping.time_stepping.problem.overlaps import move_apart, overlap_targets
-from impactlaw.stepping.time_stepping.problem.solution.contact_problem import guess, shortfall
+from impactlaw.stepping.time_stepping.problem.solution.contact_problem import UNSOLVED, guess, shortfall
 from impactlaw.stepping.time_stepping.problem.solution.driven import solve_undriven
 
 _ARRAYS = (
@@ -18,7 +18,7 @@ _ARRAYS = (
     "float64[::1],boolean[::1],boolean[::1],int32[:,::1],int64[::1],float64[::1],float64[::1],float64,boolean,boolean,"
     "boolean,int64,float64[::1],int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1]"
 )
-_FOUND = "boolean,float64,float64,float64,float64,float64,float64,boolean"
+_FOUND = "boolean,float64,float64,float64,float64,float64,float64,float64"
 
 
 @plain
@@ -41,11 +41,12 @@ def _resolve(
     after, root, w = room[:n], room[n : n + nv], room[n + nv : n + 2 * nv]
     need, push, rest = room[n + 2 * nv :][:g], room[n + 2 * nv + g :][:g], room[n + 2 * nv + 2 * g :]
     guess(groups, key, rates[0], known_groups, known_key, known_scale, known, x)
-    share, created, solved, sharp = solve_undriven(
+    share, created, residual = solve_undriven(
         sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, bound, tree, exact, dissipative,
         together, rounds, left, x, z, after, reached, turned, rest,
     )  # fmt: skip
     missed, fastest = shortfall(groups, rates, after, reached)
+    solved = residual <= UNSOLVED
     if _some_held(groups, amounts, rates) or not solved or not is_met(missed, fastest):
         lose_energy(
             sparse, colind, value, groups, amounts, rates, reached, tree, dissipative and not solved, x, z, after
@@ -58,7 +59,7 @@ def _resolve(
     if overlaps:
         move_apart(sparse, colind, value, groups, rates, need, timestep, factor, root, Mnnz, Madr, Mcol, push, w, shift)
     work, total = contact_work(groups, rates, after, x)
-    return overlaps, missed, fastest, share, created, work, CREATED * total, sharp
+    return overlaps, missed, fastest, share, created, work, CREATED * total, residual
 
 
 @compiled(f"Tuple(({_FOUND}))({_ARRAYS},float64[::1],float64[::1],float64[::1],float64[::1],float64[::1])")
@@ -71,8 +72,7 @@ def resolve(
 
     Written are impulses, change of velocity, the velocity that opens overlaps if some has to be opened, targets, the
     whitened change of velocity, and the sliding velocities reached for, over those given. Return whether some
-    overlap has to be opened, the numbers of `resolve_step`, and whether the impulses solve the problem as it was given,
-    as well as solvers can.
+    overlap has to be opened, and the numbers of `resolve_step`.
     """
     turned, room = counts(len(target)), numbers(5 * len(x) + 2 * len(target) + 2 * len(z))
     return _resolve(
@@ -88,7 +88,7 @@ linked_resolve = by_address(resolve)
 
 @compiled(
     "Tuple((float64[::1],float64[::1],float64[::1],float64[::1],float64,float64,float64,float64,float64,float64,"
-    f"float64[::1],float64[::1]))({_ARRAYS})"
+    f"float64,float64[::1],float64[::1]))({_ARRAYS})"
 )
 def resolve_step(
     sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, bound,
@@ -107,15 +107,17 @@ def resolve_step(
         Impulses (n,), in units of the problem; the change of velocity (nv,); the velocity that opens overlaps (nv,),
         empty if none has to be; the targets reached for (g,); the largest amount by which a contact velocity misses its
         target, and the largest velocity of a row, m/s or rad/s; the least share s of restitution; the energy that the
-        collision would create without it, J; the work of contact, J, with what of it is rounding; the whitened change
-        of velocity (nv,); and the sliding velocities reached for (n,).
+        collision would create without it, J; the work of contact, J, with what of it is rounding; the natural map that
+        is left, of friction too, relative to the largest velocity; the whitened change of velocity (nv,); and the
+        sliding velocities reached for (n,).
     """
     x, z = np.empty(rates.shape[1]), np.empty(len(tree))
     change, shift, reached = np.empty(len(tree)), np.empty(len(tree)), np.empty(len(target))
     aimed = sliding.copy()
-    overlaps, missed, fastest, s, created, work, rounding, _ = linked_resolve(
+    overlaps, missed, fastest, s, created, work, rounding, residual = linked_resolve(
         sparse, colind, value, groups, key, amounts, rates, target, aimed, collides, bound,
         known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
         factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z,
     )  # fmt: skip
-    return x, change, shift if overlaps else shift[:0], reached, missed, fastest, s, created, work, rounding, z, aimed
+    shift = shift if overlaps else shift[:0]
+    return x, change, shift, reached, missed, fastest, s, created, work, rounding, residual, z, aimed

@@ -9,7 +9,6 @@ from impactlaw.solvers.cones.algebra.loops import clear, copied, kernel, numbers
 from impactlaw.solvers.cones.solve import linked_improve
 from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, creates, row_velocities
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import (
-    TOLERANCE,
     UNSOLVED,
     shortfall,
     solve_scaled,
@@ -206,7 +205,7 @@ def scale_down(
         What `apart.solve_contacts` does.
     """
     (residual, failed, jammed), s, created = found, 1.0, 0.0
-    some, sharp = has_restitution(groups, target, sliding, collides), residual <= TOLERANCE
+    some = has_restitution(groups, target, sliding, collides)
     if some and not jammed:
         work, total = contact_work(groups, rates, after, x)
         if work > CREATED * total:
@@ -235,4 +234,4 @@ def scale_down(
         if collides[g] and s < 1.0:
             for k in range(groups[0, g] + 1, groups[0, g] + groups[1, g]):
                 sliding[k] *= s
-    return s, created, residual <= UNSOLVED, sharp and s == 1.0
+    return s, created, residual
