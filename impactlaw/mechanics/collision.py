@@ -17,7 +17,7 @@ from impactlaw.mechanics.bilateral import Bilateral, Reached, velocity_with
 from impactlaw.mechanics.block_metric import SparseMetric
 from impactlaw.mechanics.friction import ConeRows, Friction
 from impactlaw.mechanics.kinetic_metric import KineticMetric
-from impactlaw.mechanics.tolerances import FIXED, IDLE, LOST
+from impactlaw.mechanics.tolerances import FIXED, IDLE
 from impactlaw.solvers.problem import row_lengths
 from impactlaw.solvers.sparsity import MOST_DENSE
 
@@ -73,7 +73,7 @@ class Collision:
         velocity = finite_array(self.pre_velocity, "pre_velocity", (nv,), " like mass_matrix")
         jacobian = (finite_sparse if sparse else finite_array)(self.jacobian, "jacobian")
         h = of_shape(jacobian, "jacobian", ("h", nv), " like mass_matrix").shape[0]
-        labels = (tuple(self.labels) or tuple(map(str, range(h)))) if np.iterable(self.labels) else (self.labels,)
+        labels = tuple(self.labels) or tuple(map(str, range(h)))
         if isinstance(self.labels, str) or not all(issubclass(kind, str) for kind in set(map(type, labels))):
             raise InvalidCollisionError(f"labels are texts, one for each contact, got {self.labels!r:.100}")
         if len(labels) != h:
@@ -157,7 +157,7 @@ class Collision:
         Any normal impulse would do there, and with it any friction.
 
         Raises:
-            SolverError: only by its coefficients friction is so much longer than a gap gradient that this is lost.
+            SolverError: only by its coefficients friction is so much longer than a gap gradient that this is rounding.
         """
         friction = self.friction
         if friction is None or not len(friction):
@@ -165,11 +165,11 @@ class Collision:
         longest, along = np.zeros((2, len(self.labels))), row_lengths(self.whitened_friction)
         np.maximum.at(longest[0], friction.contact, along * friction.coefficient)
         np.maximum.at(longest[1], friction.contact, along * np.minimum(friction.coefficient, 1.0))
-        lost, short = self.gradient_norms <= LOST * longest
-        if (lost & ~short).any():
-            named = ", ".join(compress(self.labels, lost & ~short))
+        idle, unmoved = self.gradient_norms <= IDLE * longest
+        if (idle & ~unmoved).any():
+            named = ", ".join(compress(self.labels, idle & ~unmoved))
             raise SolverError(f"coefficients of friction of contacts {named} are too large to be resolved; 100 will do")
-        rows = (self.gradient_norms <= IDLE * longest[1])[friction.contact]
+        rows = idle[friction.contact]
         return replace(self, friction=friction.without(rows)) if rows.any() else self
 
     def _whitened(self, rows: np.ndarray) -> np.ndarray:

@@ -4,7 +4,6 @@ SYMMETRY = 1e-10  # asymmetry of M above which it is taken for a mistake, not fo
 SIGNIFICANT = 1e-9  # part of |v-| below which a velocity or a scaled impulse is rounding when signs are asked for
 
 IDLE = 1e-10  # part of a contact's longest gradient of friction up to which its gap gradient is rounding
-LOST = 1e-7  # the same, of friction times its coefficient, up to which gap velocities are lost in its rounding
 
 # --- Bilateral constraints and moving surfaces. -----------------------------------------------------------------------
 FIXED = 1e-12  # part of a gradient or velocity that is rounding after a projection that takes off the rest

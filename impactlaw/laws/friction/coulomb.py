@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import compress
 from typing import Literal
 
 import numpy as np
 
-from impactlaw.errors import RestitutionError, UnknownNameError
+from impactlaw.errors import RestitutionError, SolverError, UnknownNameError
 from impactlaw.laws.base import Law, Target, aim, checked, coefficient
 from impactlaw.laws.friction.poisson_phases import TwoPhases
 from impactlaw.laws.friction.scaled import Attempt, Outcome, resolve_scaled
 from impactlaw.laws.poisson import Poisson
+from impactlaw.laws.tolerances import LOST
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
 from impactlaw.mechanics.impact import Impact
@@ -111,7 +113,7 @@ class Coulomb(Law):
         Raises:
             UnknownNameError: no such solver.
             UnsolvableLawError: surfaces move against each other so that no velocity is left.
-            SolverError: no answer passed its certificate, or coefficients of friction are too large (1e10).
+            SolverError: no answer passed its certificate, or coefficients of friction are too large (from 1e7 on).
         """
         check_solver(solver)
         collision = checked(collision).without_idle_friction
@@ -120,9 +122,22 @@ class Coulomb(Law):
         limits = {"exact": self.cone == "exact", "effort": effort, "solver": solver, "whole": collision}
         if isinstance(self.law, Poisson):
             collision = collision.after_surface_jump
-            return resolve_scaled(TwoPhases(self.law, collision, self.law.coefficients(collision), **limits))
-        wanted = self.target(collision).contact_velocity
-        return resolve_scaled(_Aimed(self.law, collision, wanted, e=self.tangential_restitution, **limits))
+            attempt = TwoPhases(self.law, collision, self.law.coefficients(collision), **limits)
+        else:
+            wanted = self.target(collision).contact_velocity
+            attempt = _Aimed(self.law, collision, wanted, e=self.tangential_restitution, **limits)
+        return _checked(resolve_scaled(attempt))
+
+
+def _checked(impact: FrictionImpact) -> FrictionImpact:
+    """Return the impact; refuse one whose gap velocities are lost in the rounding of large coefficients of friction."""
+    c, target = impact.collision, impact.target_contact_velocity
+    slack = impact.post_contact_velocity if target is None else impact.post_contact_velocity - target
+    lost = slack < -LOST * max(c.pre_speed, impact.intensity) * c.gradient_norms
+    if np.count_nonzero(lost):
+        named = ", ".join(compress(c.labels, lost))
+        raise SolverError(f"coefficients of friction of contacts {named} are too large to be resolved; 100 will do")
+    return impact
 
 
 @dataclass(eq=False)

@@ -162,3 +162,17 @@ def test_units_of_mass_and_speed_change_nothing(cone):
         ]
         size = np.linalg.norm(v)
         np.testing.assert_allclose(outcomes[1:], np.broadcast_to(outcomes[0], (4, len(v))), rtol=0, atol=1e-9 * size)
+
+
+@pytest.mark.parametrize("friction", [0.5, 1e-9])
+def test_redundant_contacts_in_any_order(friction):
+    """A box falls flat on its four corners: of all impulses of compression, the least ones are multiplied by e."""
+    e, outcomes = np.array([0.9, 0.5, 0.3, 0.1]), []
+    corners = [np.array([x, y, -1.0]) for x in (-1, 1) for y in (-1, 1)]
+    for order in ([0, 1, 2, 3], [3, 1, 0, 2], [2, 3, 1, 0]):
+        rows = [[np.concatenate([d, np.cross(corners[i], d)]) for d in np.eye(3)] for i in order]
+        tangents = Friction(np.vstack([row[:2] for row in rows]), np.repeat(range(4), 2), np.full(8, friction))
+        mass, velocity = np.diag([1, 1, 1, 2 / 3, 2 / 3, 2 / 3]), [0.3, 0.1, -1.0, 0, 0, 0]
+        c = Collision(mass, np.array([row[2] for row in rows]), velocity, friction=tangents)
+        outcomes.append(Coulomb(Poisson(e[order])).resolve(c).post_velocity)
+    np.testing.assert_allclose(outcomes[1:], [outcomes[0]] * 2, rtol=0, atol=1e-7)

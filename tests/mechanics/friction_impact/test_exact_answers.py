@@ -213,3 +213,15 @@ def test_a_solution_far_from_the_guess_is_found():
     assert impact.energy_change < 0.0
     assert impact.residual < 1e-9
     assert FrictionImpact.observed(collision, impact.post_velocity).violations.is_admissible(1e-8)
+
+
+@pytest.mark.parametrize("mu", [3e9, 9e9])
+def test_coefficients_that_hide_where_a_box_is_going_are_refused(mu):
+    """It passed through the floor: in units of friction, its four corners had stopped."""
+    corners = [np.array([x, y, -1.0]) for x in (-1, 1) for y in (-1, 1)]
+    rows = [[np.concatenate([d, np.cross(r, d)]) for d in np.eye(3)] for r in corners]
+    friction = Friction(np.vstack([row[:2] for row in rows]), np.repeat(range(4), 2), np.full(8, mu))
+    mass, velocity = np.diag([1, 1, 1, 2 / 3, 2 / 3, 2 / 3]), [0.0, 0.0, -0.5, 0.1, 0.1, 0]
+    c = Collision(mass, np.array([row[2] for row in rows]), velocity, friction=friction)
+    with pytest.raises(SolverError, match=r"friction( cones)? of contacts .* (are too large|were found)"):
+        Coulomb(Moreau(0.0)).resolve(c)

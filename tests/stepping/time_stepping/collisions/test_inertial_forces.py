@@ -42,6 +42,16 @@ def test_inertia_that_is_changed_later(compiled_steps):
     assert abs(_gain(stepper, data)) < 5e-4
 
 
+@both
+def test_a_ball_whose_place_on_its_body_is_changed_later(compiled_steps):
+    model, data = compiled(f'<body><freejoint/>{BALL}<body name="fixed">{BALL}</body></body>', option=OPTION)
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled_steps)
+    stepper.step(data)
+    model.body_pos[model.body("fixed").id] = 0.3, 0.2, 0.0
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    assert abs(_gain(stepper, data)) < 2e-3
+
+
 def test_inertia_of_the_worlds_of_a_batch():
     model, _ = compiled(f"<body><freejoint/>{BALL}</body>", option=OPTION)
     batch = Batch(model, Moreau(0.5), 2, 1)

@@ -99,3 +99,36 @@ def test_heap_whose_contact_points_jump_comes_to_rest(seed):
     assert np.abs(data.qvel).max() < 1e-9
     assert data.contact.dist.min() > -1e-7
     assert stepper.short_steps <= 1
+
+
+def _boxed_pile(seed: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Return bodies of many shapes and masses that fall into a narrow box."""
+    rng = np.random.default_rng(seed)
+    walls = "".join(
+        f'<geom type="box" size=".3 .02 .3" pos="{0.25 * x} {0.25 * y} .2" euler="0 0 {angle}"/>'
+        for x, y, angle in ((1, 0, 90), (0, 1, 0), (-1, 0, 90), (0, -1, 0))
+    )
+    sizes = {"box": ".06 .05 .04", "sphere": ".05", "capsule": ".03 .08", "cylinder": ".05 .04"}
+    bodies = ""
+    for i in range(8):
+        shape, (x, y), (a, b) = rng.choice(list(sizes)), rng.uniform(-0.1, 0.1, 2), rng.uniform(0, 90, 2)
+        bodies += f"""<body pos="{x} {y} {0.08 + 0.11 * i}" euler="{a} {b} 0"><freejoint/>
+            <geom type="{shape}" size="{sizes[shape]}" mass="{10 ** rng.uniform(-2, 1)}"/></body>"""
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco><option timestep="5e-3"/>
+        <default><geom condim="6" friction="3 .01 .001"/></default>
+        <worldbody><geom type="plane" size="2 2 .1"/>{walls}{bodies}</worldbody></mujoco>""")
+    data = mujoco.MjData(model)
+    data.qvel[:] = 0.5 * rng.normal(size=model.nv)
+    return model, data
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_steps_whose_friction_is_not_found_are_counted(compiled):
+    """Large friction jams bodies between walls: normal velocities are met, but that of sliding is not."""
+    model, data = _boxed_pile(0)
+    stepper, missed = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled), 0.0
+    for _ in range(70):
+        stepper.step(data)
+        missed = max(missed, stepper.shortfall)
+    assert missed < 1e-12
+    assert stepper.short_steps > 2
