@@ -48,6 +48,7 @@ from impactlaw.stepping.integration import check_timestep
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.collisions import NOTHING, VELOCITY, Collisions
 from impactlaw.stepping.soft.look_not_ahead import look_not_ahead
+from impactlaw.stepping.soft.one_inertia import one_inertia
 
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
 _ENERGY, _COMPARE = int(mujoco.mjtEnableBit.mjENBL_ENERGY), int(mujoco.mjtEnableBit.mjENBL_FWDINV)
@@ -180,10 +181,11 @@ class SoftStepping:
         if integrator == _DISCRETE:  # has no function of its own but mj_step2, which calls no control callback
             self._finish_step(data, stage)
             return events
-        mj_forwardSkip(model, data, stage, 0)
-        held = contacts > 0 and self.collisions.bounces(data) and self.collisions.hold_back(data)
-        if held:
-            mj_forwardSkip(model, data, VELOCITY, 0)
+        with one_inertia(model, data):
+            mj_forwardSkip(model, data, stage, 0)
+            held = contacts > 0 and self.collisions.bounces(data) and self.collisions.hold_back(data)
+            if held:
+                mj_forwardSkip(model, data, VELOCITY, 0)
         mj_checkAcc(model, data)
         if options.enableflags & _COMPARE:
             mujoco.mj_compareFwdInv(model, data)
@@ -193,11 +195,16 @@ class SoftStepping:
             mj_RungeKutta(model, data, 4)
             if (contacts or data.ncon or data.nl) and _met(data) != met:
                 events += self._collide_at_end(data)
-        elif integrator in (_EULER, _RK4):
-            mj_Euler(model, data)
         else:
-            mj_implicit(model, data)
+            self._integrate(data)
         return events
+
+    def _integrate(self, data: mujoco.MjData) -> None:
+        """Advance by Euler or an implicit integrator, as `mj_step2` does."""
+        if self._options.integrator in (_EULER, _RK4):
+            mj_Euler(self._model, data)
+        else:
+            mj_implicit(self._model, data)
 
     def _finish_step(self, data: mujoco.MjData, stage: int) -> None:
         """Do what follows the velocity stage, which is brought up to date if it is not among those that are."""
@@ -206,11 +213,18 @@ class SoftStepping:
             self._update_velocity(data)
         late = self._options.integrator == _DISCRETE  # makes the springs of contacts in mj_step2, not before
         if not late and (data.ncon or data.nl) and self.collisions.bounces(data):
-            mujoco.mj_fwdActuation(model, data)
-            mujoco.mj_fwdAcceleration(model, data)
-            mujoco.mj_fwdConstraint(model, data)
+            _find_forces(model, data)
             self.collisions.hold_back(data)
-        mujoco.mj_step2(model, data)
+        with one_inertia(model, data) as acts:
+            if acts:
+                _find_forces(model, data)
+                data.flg_rnepost = 0
+                mujoco.mj_sensorAcc(model, data)
+        if not acts:
+            mujoco.mj_step2(model, data)
+            return
+        mj_checkAcc(model, data)
+        self._integrate(data)
 
     def _look(self, data: mujoco.MjData) -> None:
         """Do what `mj_step1` does, except for the control callback: `mj_forwardSkip` calls it."""
@@ -261,6 +275,11 @@ def _update(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Do what `mj_forward` does, except for sensors, energies and the control callback."""
     mujoco.mj_fwdPosition(model, data)
     mujoco.mj_fwdVelocity(model, data)
+    _find_forces(model, data)
+
+
+def _find_forces(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Find accelerations, and forces of contact."""
     mujoco.mj_fwdActuation(model, data)
     mujoco.mj_fwdAcceleration(model, data)
     mujoco.mj_fwdConstraint(model, data)

@@ -1,4 +1,4 @@
-"""Joints that damping all but locks: in a collision they have the inertia with which the step moves them."""
+"""Joints that damping all but locks: contact acts on the inertia with which the step moves them, see `one_inertia`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from impactlaw.stepping.compiled.access import data_floats, layout_of, model_flo
 from impactlaw.stepping.compiled.fields import DATA, MODEL, float_at
 from impactlaw.stepping.soft.tolerances import LOCKED
 
+_PGS = int(mujoco.mjtSolver.mjSOL_PGS)
 _EULER, _RK4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
 _NONE, _EXPLICIT = int(mujoco.mjtDisableBit.mjDSBL_DAMPER), int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
 
@@ -46,24 +47,39 @@ def locks(w):
 
 
 @plain
+def takes_forces(w):
+    """Return whether MuJoCo's solver finds forces from the mass matrix of data alone; see `one_inertia.one_inertia`."""
+    return option(w, MODEL.opt_solver) != _PGS and option(w, MODEL.opt_noslip_iterations) == 0
+
+
+@plain
+def room(w):
+    """Return how many numbers `lock` keeps."""
+    return 2 * size(w, MODEL.nC) + w.nv
+
+
+@plain
 def lock(w, kept):
-    """Let the factor of the mass matrix be that of M, plus h D for such joints; keep what it was, (nC + nv,)."""
+    """Let the mass matrix and its factor be those of M, plus h D for such joints; keep what they were, (`room`,)."""
     h, entries = float_at(w.model + offset(w, MODEL.opt_timestep)), size(w, MODEL.nC)
     damping, inertia = model_floats(w, MODEL.dof_damping, w.nv), model_floats(w, MODEL.dof_M0, w.nv)
+    matrix = data_floats(w, DATA.M, entries)
     factor, inverse = data_floats(w, DATA.qLD, entries), data_floats(w, DATA.qLDiagInv, w.nv)
     nnz, adr, col = layout_of(w)
-    put(kept, factor)
-    put(kept[entries:], inverse)
-    put(factor, data_floats(w, DATA.M, entries))
+    put(kept, matrix)
+    put(kept[entries:], factor)
+    put(kept[2 * entries :], inverse)
     for i in range(w.nv):
         if h * damping[i] > LOCKED * inertia[i]:
-            factor[adr[i] + nnz[i] - 1] += h * damping[i]
+            matrix[adr[i] + nnz[i] - 1] += h * damping[i]
+    put(factor, matrix)
     _factorize(factor, inverse, nnz, adr, col)
 
 
 @plain
 def unlock(w, kept):
-    """Let the factor of the mass matrix be what it was."""
+    """Let them be what they were."""
     entries = size(w, MODEL.nC)
-    put(data_floats(w, DATA.qLD, entries), kept[:entries])
-    put(data_floats(w, DATA.qLDiagInv, w.nv), kept[entries:])
+    put(data_floats(w, DATA.M, entries), kept[:entries])
+    put(data_floats(w, DATA.qLD, entries), kept[entries : 2 * entries])
+    put(data_floats(w, DATA.qLDiagInv, w.nv), kept[2 * entries :])

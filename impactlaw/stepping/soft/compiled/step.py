@@ -34,7 +34,7 @@ from impactlaw.stepping.compiled.fields import (
 )
 from impactlaw.stepping.soft.compiled.collide import collide
 from impactlaw.stepping.soft.compiled.contacts.found import find, normal_velocities
-from impactlaw.stepping.soft.compiled.locked import lock, locks, unlock
+from impactlaw.stepping.soft.compiled.locked import lock, locks, room, takes_forces, unlock
 from impactlaw.stepping.soft.compiled.rebounds import bounces, hold_back
 from impactlaw.stepping.soft.compiled.world import DIVERGED, FINE, PYTHON, Law, World
 from impactlaw.stepping.soft.look_not_ahead import NO_CONTACT
@@ -78,13 +78,7 @@ def _collide(w, law, sums):
     """Resolve the collisions of now, if there are any; see `collide.collide`."""
     if _touches(w) == 0 or _is_huge(w):
         return FINE, False
-    if not locks(w):
-        return collide(w, law, sums)
-    kept = numbers(size(w, MODEL.nC) + w.nv)
-    lock(w, kept)
-    status, changed = collide(w, law, sums)
-    unlock(w, kept)
-    return status, changed
+    return collide(w, law, sums)
 
 
 @plain
@@ -152,13 +146,22 @@ def _collide_at_end(w, law, trial, state, sums):
 def _from_start(w, law, trial, integrator, state, sums):
     """Do what `mj_step` does, with the law before the forces."""
     mj.first_half(w.model, w.data)
+    locked = _touches(w) > 0 and locks(w)
+    kept = numbers(room(w) if locked else 0)
+    if locked:
+        lock(w, kept)
     status, changed = _collide(w, law, sums)
+    if locked and (status != FINE or not takes_forces(w)):
+        unlock(w, kept)
+        locked = False
     if status != FINE:
         return status
     mj.rest_of_forward(w.model, w.data, np.int32(_POSITION if changed else _VELOCITY), np.int32(0))
     held = bounces(w) and hold_back(w, law)
     if held:
         mj.rest_of_forward(w.model, w.data, np.int32(_VELOCITY), np.int32(0))
+    if locked:
+        unlock(w, kept)
     mj.check_acc(w.model, w.data)
     if option(w, MODEL.opt_enableflags) & _COMPARE:
         mj.compare_fwd_inv(w.model, w.data)
