@@ -24,7 +24,7 @@ def impact_info(sums: ImpactSums, *, short: int = 0, diverged: bool = False) -> 
     | ``impact/intensity`` | sum of \|v+ - v-\| in the kinetic metric | float, sqrt(J) |
     | ``impact/distant`` | collisions with a distant effect (an antidissipative contact) | int |
     | ``impact/inadmissible`` | collisions whose outcome by the law left S(v-): projected, scaled or let through | int |
-    | ``impact/short`` | timesteps that did not meet the law, or did not locate each collision (event-driven) | int |
+    | ``impact/short`` | timesteps that missed the law or friction, or the time of a collision (event-driven) | int |
     | ``impact/diverged`` | 1 if the simulation left the finite numbers, which ends the episode | int |
 
     Environments add ``impact/law``, the law in force as text, and ``impact/restitution``, its coefficient, where it has

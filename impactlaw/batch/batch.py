@@ -162,7 +162,7 @@ class Batch:
 
     @property
     def shortfall(self) -> np.ndarray:
-        """Largest amount by which each world has missed its law so far, m/s or rad/s, (nsim,)."""
+        """Largest amount by which normal velocities of each world missed their law so far, m/s or rad/s, (nsim,)."""
         return self._worlds.shortfall
 
     def set_law(self, law: Law | Sequence[Law], ids: Sequence[int] | None = None) -> None:

@@ -86,10 +86,10 @@ class Stepper:
         events: the collisions of the last step, in order.
         plan: what a step does in this scene and what it leaves out (`impactlaw.stepping.plan`).
         unlocated: steps so far that had more than max_events collisions, or were time stepped in part or as a whole.
-        shortfall: by how much a contact velocity of the last step missed its law (time stepping).
-        short_steps: steps so far in which that was too much (time stepping, and what it takes of event-driven steps);
-            in which contacts lost their restitution; or in which bodies jammed, and MuJoCo's contacts were left alone
-            (soft).
+        shortfall: by how much a normal contact velocity of the last step missed its law (time stepping).
+        short_steps: steps so far in which that was too much, or friction was not found (time stepping, and what it
+            takes of event-driven steps); in which contacts lost their restitution; or in which bodies jammed, and
+            MuJoCo's contacts were left alone (soft).
 
     Raises:
         SceneError: the scene holds something rigid stepping does not cover, or its timestep is not positive, or an
@@ -208,7 +208,7 @@ class Stepper:
 
     @property
     def shortfall(self) -> float:
-        """Largest amount by which a contact velocity of the last step misses its law, m/s or rad/s.
+        """Largest amount by which a normal contact velocity of the last step misses its law, m/s or rad/s.
 
         Under other schemes than time stepping it is 0: they certify every collision, or refuse it.
         """
@@ -218,10 +218,11 @@ class Stepper:
     def short_steps(self) -> int:
         """Steps so far that did not meet their law.
 
-        Time stepping: their shortfall was above 1e-6 of the largest contact velocity, or 1e-8 m/s; or contacts lost
-        their restitution: those that are hit through others, one after another, were too many for a step, or friction
-        jams bodies. Event-driven: so it was in what time stepping has taken of a step. Soft: friction or constraints
-        jam bodies, no matter what the law is, and MuJoCo's contacts were left alone.
+        Time stepping: their shortfall was above 1e-6 of the largest contact velocity, or 1e-8 m/s; or friction was not
+        found, since its natural map stayed above 1e-6 of the largest velocity; or contacts lost their restitution:
+        those that are hit through others, one after another, were too many for a step, or friction jams bodies.
+        Event-driven: so it was in what time stepping has taken of a step. Soft: friction or constraints jam bodies, no
+        matter what the law is, and MuJoCo's contacts were left alone.
         """
         return getattr(self._stepping, "short_steps", 0)
 

@@ -71,11 +71,12 @@ class TimeStepping:
     Of its own is ``touching``, the gap, m or rad, up to which bodies at rest touch.
 
     Attributes:
-        shortfall: largest amount by which a contact velocity of the last step misses its law, m/s or rad/s.
-        short_steps: steps so far in which that is above `SHORTFALL_LIMIT` of the largest contact velocity, or for which
+        shortfall: largest amount by which a normal contact velocity of the last step misses its law, m/s or rad/s.
+        short_steps: steps so far in which that is above `SHORTFALL_LIMIT` of the largest contact velocity, or in which
+            friction was not found (its natural map is above `SHORTFALL_LIMIT` of the largest velocity), or for which
             MuJoCo had no room for all contacts, or in which contacts have lost their restitution: those hit through
             others, and bodies that jam; or in which contacts were left out that collisions close.
-        solved: whether the last step with contact was none of them.
+        solved: whether the last step with contact was none of them, friction that was not found aside.
         unlocated: always 0: no collision is located.
         inertial: Coriolis and gyroscopic forces.
     """
