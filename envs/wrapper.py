@@ -32,8 +32,9 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
     ``ImpactLaw(gymnasium.make("Hopper-v5"), law="moreau", restitution=0.5)``. It covers gymnasium's MuJoCo environments
     (v4, v5 and what derives from `MujocoEnv`), the robots of gymnasium-robotics, and dm_control's suite and composer
     tasks through shimmy (bare ones: `put_law`). Observations, rewards and spaces stay the environment's; steps in which
-    nothing collides stay bit for bit what they were, unless contacts are tuned to bounce by themselves. What a reset
-    simulates is under the law too where the environment simulates it in the same way as its steps.
+    nothing collides stay bit for bit what they were, unless contacts are tuned to bounce by themselves, or bodies touch
+    where joints are damped by more than their inertia in a timestep. What a reset simulates is under the law too where
+    the environment simulates it in the same way as its steps.
 
     ``info`` holds the entries of `impact_info`, summed over the timesteps of an environment step, zeros at a reset, and
     names the law and the restitution in force; `events` holds the collisions themselves. The wrapper may be anywhere

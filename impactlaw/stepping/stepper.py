@@ -39,7 +39,8 @@ class Stepper:
     Time stepping solves one problem a step for impacts and held contact together (`impactlaw.stepping.time_stepping`):
     of first order in collisions, at a bounded price, and after the constructor nothing about contact raises. With
     ``contact_model="soft"`` MuJoCo keeps contact and friction, and the law takes over collisions only; a step without
-    one is `mj_step`, bit for bit, unless contacts are tuned to bounce by themselves (`impactlaw.stepping.soft`).
+    one is `mj_step`, bit for bit, unless contacts are tuned to bounce by themselves, or bodies touch where joints are
+    damped by more than their inertia in a timestep (`impactlaw.stepping.soft`).
 
     Args:
         model: the compiled scene. Its options are read at every step, so they may be changed between steps (contacts

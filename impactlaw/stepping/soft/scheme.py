@@ -6,8 +6,9 @@ integrates from; equality constraints keep their velocity. Contacts have the fri
 unless the stepper was made with ``friction="ignore"``.
 
 A step without a collision is `mj_step`, bit for bit, unless a contact would throw back by itself what the law has let
-go (`rebounds`). What else MuJoCo's contacts do between collisions is theirs, and a contact that first touches inside of
-a step is seen at its end, up to one step too deep.
+go (`rebounds`), or something touches where damping all but locks a joint (`one_inertia`). What else MuJoCo's contacts
+do between collisions is theirs, and a contact that first touches inside of a step is seen at its end, up to one step
+too deep.
 
 MuJoCo gives mocap bodies no velocity. The law does, from their motion (`Surfaces`): ``gamma = J v + w``
 decides what collides and how. Between collisions MuJoCo's contacts meet them at rest, where they are at the end of the
@@ -152,7 +153,8 @@ class SoftStepping:
     def finish(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
         """Do what follows `mj_step1` in a step, and return the collisions.
 
-        Without a collision or a rebound this is `mj_step2`, bit for bit; but RK4, which that replaces by Euler, stays.
+        Without a collision, a rebound or `one_inertia` this is `mj_step2`, bit for bit; but RK4, which that replaces by
+        Euler, stays.
 
         Raises:
             DivergenceError: MuJoCo met a state that is not finite, or huge; it resets the simulation then.
