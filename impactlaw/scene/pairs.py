@@ -46,7 +46,7 @@ def geom_pairs(model: mujoco.MjModel) -> GeomPairs:
     pairs = np.sort(np.column_stack([model.pair_geom1, model.pair_geom2]), axis=1).reshape(-1, 2)
     geoms = np.concatenate([np.column_stack([first, second]), pairs]).astype(int)
     dim, mu = pair_friction(model, geoms, overridden=True)
-    return GeomPairs(geoms, ((np.arange(5) < dim[:, None] - 1) & (mu > MIN_FRICTION)).any(axis=1))
+    return GeomPairs(geoms, np.any((np.arange(5) < dim[:, None] - 1) & (mu > MIN_FRICTION), axis=1))
 
 
 def thickness(model: mujoco.MjModel) -> np.ndarray:
