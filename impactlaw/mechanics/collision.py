@@ -73,7 +73,7 @@ class Collision:
         velocity = finite_array(self.pre_velocity, "pre_velocity", (nv,), " like mass_matrix")
         jacobian = (finite_sparse if sparse else finite_array)(self.jacobian, "jacobian")
         h = of_shape(jacobian, "jacobian", ("h", nv), " like mass_matrix").shape[0]
-        labels = tuple(self.labels) or tuple(map(str, range(h)))
+        labels = (tuple(self.labels) or tuple(map(str, range(h)))) if np.iterable(self.labels) else (self.labels,)
         if isinstance(self.labels, str) or not all(issubclass(kind, str) for kind in set(map(type, labels))):
             raise InvalidCollisionError(f"labels are texts, one for each contact, got {self.labels!r:.100}")
         if len(labels) != h:
