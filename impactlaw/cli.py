@@ -195,6 +195,7 @@ class Plan:
     def __call__(self) -> None:
         """Print the plan."""
         from impactlaw.models import load
+        from impactlaw.stepping.cautions import cautions
         from impactlaw.stepping.compatibility import check_rigid, check_scene_friction, check_time_stepping
         from impactlaw.stepping.plan import format_plan, make_plan
 
@@ -207,6 +208,8 @@ class Plan:
         plan = make_plan(model, self.contact_model, scheme=self.scheme, friction=friction)
         check_scene_friction(model, plan)
         print(format_plan(plan))
+        for caution in cautions(model) if plan.scheme == "time-stepping" else ():
+            print(f"caution   {caution}")
 
 
 Command = (

@@ -66,6 +66,10 @@ class ManyCollisionsWarning(UserWarning):
     """A step had more collisions than are located one by one: the others are time stepped."""
 
 
+class HeldJointsWarning(UserWarning):
+    """Joints of a scene may be held still under rigid time stepping, where MuJoCo's own contacts give way."""
+
+
 class UnreadSensorsWarning(UserWarning):
     """Sensors of a scene measure forces of contacts and limits, which event-driven steps do not leave in data."""
 

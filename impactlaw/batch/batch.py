@@ -15,6 +15,7 @@ from impactlaw.compiled import compile_together
 from impactlaw.errors import CopyError, SceneError, SettledError, WorldsFailedError
 from impactlaw.laws import Law
 from impactlaw.settled import Settled, places
+from impactlaw.stepping.cautions import warn_of_held_joints
 from impactlaw.stepping.compatibility import check_count, check_friction, check_law, check_model, check_scene_friction
 from impactlaw.stepping.compiled.engine import Pool, functions
 from impactlaw.stepping.integration import check_timestep
@@ -90,6 +91,8 @@ class Batch:
         check_threads(nthread)
         options = _options(contact_model, friction, on_inadmissible, rest_speed)
         self.model, self.nsim, self.contact_model, self._friction = model, nsim, contact_model, friction
+        if contact_model == "rigid":
+            warn_of_held_joints(model, stacklevel=3)
         plan = make_plan(model, contact_model, scheme=options.scheme, friction=friction or "coulomb")
         check_scene_friction(model, plan)
         self._left_out = watched_fields(plan, friction or "coulomb")

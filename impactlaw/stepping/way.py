@@ -12,6 +12,7 @@ from impactlaw.errors import UncompiledWarning, UnreadSensorsWarning
 from impactlaw.laws import Coulomb, Law, MaximalDissipation
 from impactlaw.laws.restitution.on_contacts import Chosen, restricted
 from impactlaw.scene.tolerances import GAP_TOLERANCE
+from impactlaw.stepping.cautions import warn_of_held_joints
 from impactlaw.stepping.collisions import Collider
 from impactlaw.stepping.compatibility import unread_sensors
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
@@ -49,6 +50,7 @@ class Way:
         if self.options.way == "time-stepping":
             from impactlaw.stepping.time_stepping.make import make_time_stepping
 
+            warn_of_held_joints(self.model, stacklevel=4)
             return make_time_stepping(
                 self.model,
                 self.law_for(law),

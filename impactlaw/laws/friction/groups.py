@@ -52,9 +52,7 @@ def apart(collision: Collision, law: Law) -> list[tuple[np.ndarray, Collision]]:
             jacobian=part.jacobian[:, dofs],
             pre_velocity=part.pre_velocity[dofs],
             bilateral_jacobian=None if bilateral is None or not equal.any() else bilateral[equal][:, dofs],
-            friction=None
-            if part.friction is None
-            else replace(part.friction, jacobian=part.friction.jacobian[:, dofs]),
+            friction=replace(part.friction, jacobian=part.friction.jacobian[:, dofs]),
         )
         parts.append((contacts, alone))
     return parts

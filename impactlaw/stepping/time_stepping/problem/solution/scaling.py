@@ -126,6 +126,13 @@ def _fails(groups, rates, after, reached, x, residual):
 
 
 @plain
+def _judged(groups, rates, after, reached, x, residual, left):
+    """Return the natural map, whether impulses fail, and whether bodies jam."""
+    failed = _fails(groups, rates, after, reached, x, residual)
+    return residual, failed, failed or (residual > _JAMMED and left[0] > 0.0)
+
+
+@plain
 def has_restitution(groups, target, sliding, collides):
     """Return whether some contact that collides has restitution."""
     some = False
@@ -150,8 +157,7 @@ def solve_whole(
         sparse, colind, value, groups, amounts, rates, target, sliding, collides, 1.0, tree, exact, rounds, left,
         x, z, after, scaled, room,
     )  # fmt: skip
-    failed = _fails(groups, rates, after, scaled, x, residual)
-    return residual, failed, failed or (residual > _JAMMED and left[0] > 0.0)
+    return _judged(groups, rates, after, scaled, x, residual, left)
 
 
 @plain
@@ -167,8 +173,7 @@ def judge(
         _ANY, _NONE, left, x, z,
     )  # fmt: skip
     row_velocities(sparse, colind, value, rates, z, after)
-    failed = _fails(groups, rates, after, scaled, x, residual)
-    return residual, failed, failed or (residual > _JAMMED and left[0] > 0.0)
+    return _judged(groups, rates, after, scaled, x, residual, left)
 
 
 @plain

@@ -1,0 +1,105 @@
+"""What of a scene holds its joints still under rigid contact, where MuJoCo's own contacts would give way."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from itertools import product
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from impactlaw.errors import HeldJointsWarning
+from impactlaw.scene.contacts import geom_names
+
+_DEEP = 1e-3  # m; what overlaps less is mostly opened
+_FEW = 2  # degrees of freedom between two links up to which a motion that opens them may be none
+_NAMED = 3  # that a line names
+_FIXED, _AFFINE = int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtBias.mjBIAS_AFFINE)
+_NO_BIAS = int(mujoco.mjtBias.mjBIAS_NONE)
+_JOINTS = int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+_HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+def warn_of_held_joints(model: mujoco.MjModel, *, stacklevel: int) -> None:
+    """Warn of what `cautions` returns."""
+    for caution in cautions(model):
+        warnings.warn(caution, HeldJointsWarning, stacklevel=stacklevel)
+
+
+def cautions(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Return a line for each thing that may hold joints of a scene still under rigid time stepping."""
+    return *_overlaps(model), *_weak_servos(model)
+
+
+def _overlaps(model: mujoco.MjModel) -> Iterator[str]:
+    """Yield a line if links of one mechanism overlap where the scene begins, which no motion may open."""
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_collision(model, data)
+    deepest: dict[tuple[int, int], float] = {}
+    for contact in data.contact:
+        one, other = map(int, contact.geom)
+        if contact.dist < -_DEEP and min(one, other) >= 0 and _are_linked(model, *model.geom_bodyid[[one, other]]):
+            deepest[one, other] = max(deepest.get((one, other), 0.0), -contact.dist)
+    if deepest:
+        names, pairs = geom_names(model), sorted(deepest, key=lambda pair: -deepest[pair])
+        told = ", ".join(f"{names[a]}/{names[b]} by {1e3 * deepest[a, b]:.2g} mm" for a, b in pairs[:_NAMED])
+        yield (
+            f"links of one mechanism overlap: {told}{_others(len(pairs))}; where no motion opens that, they hold each "
+            "other: leave out their collisions, by <exclude> or contype and conaffinity"
+        )
+
+
+def _are_linked(model: mujoco.MjModel, one: int, other: int) -> bool:
+    """Return whether few degrees of freedom, but some, are between two bodies of one mechanism."""
+    if model.body_rootid[one] != model.body_rootid[other] or model.body_rootid[one] == 0:
+        return False
+    count = 0
+    while one != other:  # a parent has a smaller number
+        count += int(model.body_dofnum[max(one, other)])
+        one, other = min(one, other), int(model.body_parentid[max(one, other)])
+    return 1 <= count <= _FEW
+
+
+def _weak_servos(model: mujoco.MjModel) -> Iterator[str]:
+    """Yield a line if actuators of joints are weaker than the dry friction of these, which is exact."""
+    weak: list[str] = []
+    for joint in range(model.njnt):
+        loss = float(model.dof_frictionloss[model.jnt_dofadr[joint]])
+        if loss == 0.0 or model.jnt_type[joint] not in (_HINGE, _SLIDE):
+            continue
+        moves = np.isin(model.actuator_trntype, _JOINTS) & (model.actuator_trnid[:, 0] == joint)
+        most = sum(_strongest(model, i, joint) for i in np.flatnonzero(moves))
+        if moves.any() and most < loss:
+            weak.append(f"{model.joint(joint).name or joint} ({most:.2g} of {loss:.2g})")
+    if weak:
+        yield (
+            "actuators cannot overcome the frictionloss of their joints, which is exact: "
+            f'{", ".join(weak[:_NAMED])}{_others(len(weak))}; take contact_model="soft", or a smaller frictionloss'
+        )
+
+
+def _strongest(model: mujoco.MjModel, actuator: np.intp, joint: int) -> float:
+    """Return the largest force of an actuator on its joint, N or N m; infinite where that is not known."""
+    gear, limit = abs(float(model.actuator_gear[actuator, 0])), np.inf
+    if model.actuator_forcelimited[actuator]:
+        limit = float(np.abs(model.actuator_forcerange[actuator]).max())
+    bias: Any = model.actuator_biasprm[actuator] if model.actuator_biastype[actuator] == _AFFINE else np.zeros(3)
+    known = model.actuator_gaintype[actuator] == _FIXED and model.actuator_biastype[actuator] in (_AFFINE, _NO_BIAS)
+    ranged = bool(model.jnt_limited[joint]) or bias[1] == 0.0
+    if known and ranged and model.actuator_ctrllimited[actuator] and bias[2] == 0.0:
+        positions = model.jnt_range[joint] if model.jnt_limited[joint] else np.zeros(1)
+        gain = model.actuator_gainprm[actuator, 0]
+        extremes = product(model.actuator_ctrlrange[actuator], positions)
+        forces = [gain * control + bias[0] + bias[1] * gear * position for control, position in extremes]
+        limit = min(limit, float(np.abs(forces).max()))
+    return gear * limit
+
+
+def _others(count: int) -> str:
+    """Return how many more there are than a line names."""
+    return f", and {count - _NAMED} more" if count > _NAMED else ""
