@@ -77,13 +77,12 @@ def test_servos_that_dry_friction_holds_are_told(actuator, told):
             Stepper(model, Moreau(0.0), scheme="time-stepping")
 
 
-@pytest.mark.parametrize(("shift", "loss"), [(0.0, 0), (0.05, 30), (0.05, 0)])
-def test_what_is_told_is_so(shift, loss):
-    """A finger in its palm, and one with dry friction, stand still; one beside its palm moves."""
+@pytest.mark.parametrize("loss", [0, 30])
+def test_what_is_told_is_so(loss):
     motor = '<motor joint="finger" forcelimited="true" forcerange="-9 9"/>'
-    model, data = gripper(shift, f'frictionloss="{loss}" damping="1"', motor)
+    model, data = gripper(0.05, f'frictionloss="{loss}" damping="1"', motor)
     held = bool(cautions(model))
-    assert held == (shift == 0.0 or loss > 0)
+    assert held == (loss > 0)
     with pytest.warns(HeldJointsWarning) if held else nullcontext():
         stepper = Stepper(model, Moreau(0.0), scheme="time-stepping")
     data.ctrl[0] = 5.0
